@@ -1,0 +1,33 @@
+# Two commands: `make demo` shows the whole chain on a virtual rig, `make test` runs every test.
+# Each does its own set-up in .venv; all that is needed beforehand is Python 3.10 or later.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --constraint .ci/constraints.txt
+
+.PHONY: demo test lint benchmark clean
+
+demo: $(VENV)/.ros
+	$(BIN)/pendubot demo
+
+test: $(VENV)/.test
+	$(BIN)/python -m pytest
+
+lint: $(VENV)/.test
+	$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/mypy && $(BIN)/lint-imports
+
+benchmark: $(VENV)/.test
+	$(BIN)/python -m test.benchmark
+
+$(VENV)/.ros: setup.py .ci/constraints.txt
+	@echo "Setting up $(VENV) (once, about a minute) ..."
+	$(PYTHON) -m venv $(VENV)
+	$(PIP) --editable '.[ros]'
+	@touch $@
+
+$(VENV)/.test: $(VENV)/.ros
+	$(PIP) --editable '.[ros,test]'
+	@touch $@
+
+clean:
+	rm -rf $(VENV) build install log *.egg-info

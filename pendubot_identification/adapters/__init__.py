@@ -1,0 +1,1 @@
+"""All input and output: serial port, pseudo-terminal, bags, CSV, YAML."""

@@ -1,0 +1,1 @@
+"""The ``pendubot`` command line: the same work without ROS."""

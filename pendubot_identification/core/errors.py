@@ -1,0 +1,33 @@
+"""What a user can do wrong. Each message says what was found, what was expected and what to do."""
+
+
+class PendubotError(Exception):
+    """Base of every error that a user can cause; its text is one sentence for that user."""
+
+
+class ParameterError(PendubotError):
+    """A setting, bound or parameter vector that makes no sense."""
+
+
+class TrajectoryError(PendubotError):
+    """Samples that cannot be used: not finite, out of order, too few, a window that holds nothing."""
+
+
+class ExcitationError(PendubotError):
+    """A motion from which some parameters cannot be told."""
+
+
+class BagError(PendubotError):
+    """A bag that is missing, unreadable, or lacks what is asked of it."""
+
+
+class CsvError(PendubotError):
+    """A CSV file that cannot be imported."""
+
+
+class ResultError(PendubotError):
+    """A result file that cannot be read or written."""
+
+
+class LinkError(PendubotError):
+    """A serial port that is missing, busy or forbidden."""

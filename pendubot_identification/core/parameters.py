@@ -1,0 +1,148 @@
+"""The parameter vector theta: names, units, meaning, bounds and physical checks (the paper's Section 2)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import astuple, dataclass, fields
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .errors import ParameterError
+
+Vector = NDArray[np.float64]
+
+
+class Specification(NamedTuple):
+    """One parameter: its name, unit, meaning, and the default search interval."""
+
+    name: str
+    unit: str
+    meaning: str
+    lower: float
+    upper: float
+
+
+#: In the order of theta. The intervals hold every bench-top rig that we know of; all seven are positive by
+#: their physics where link 2's centre of mass lies beyond the elbow.
+SPECIFICATIONS = (
+    Specification('P1', 'kg m^2', 'm1 d1^2 + m2 l1^2 + I1', 0.0, 1.0),
+    Specification('P2', 'kg m^2', 'm2 d2^2 + I2', 0.0, 1.0),
+    Specification('P3', 'kg m^2', 'm2 l1 d2', 0.0, 1.0),
+    Specification('P4', 'kg m', 'm1 d1 + m2 l1', 0.0, 5.0),
+    Specification('P5', 'kg m', 'm2 d2', 0.0, 5.0),
+    Specification('b1', 'N m s/rad', 'viscous friction of the shoulder', 0.0, 1.0),
+    Specification('b2', 'N m s/rad', 'viscous friction of the elbow', 0.0, 1.0),
+)
+NAMES = tuple(s.name for s in SPECIFICATIONS)
+UNITS = tuple(s.unit for s in SPECIFICATIONS)
+
+
+@dataclass(frozen=True, slots=True)
+class Parameters:
+    """The seven parameters of the paper's equation (2), in SI units and in the order of theta.
+
+    P1, P2, P3 [kg m^2], P4, P5 [kg m] (times g they are torques), b1, b2 [N m s/rad].
+    """
+
+    P1: float
+    P2: float
+    P3: float
+    P4: float
+    P5: float
+    b1: float
+    b2: float
+
+    @classmethod
+    def from_vector(cls, theta: ArrayLike) -> Parameters:
+        """Make parameters of a vector of shape (7,).
+
+        Raises:
+            ParameterError: the vector has another length.
+        """
+        values = np.asarray(theta, dtype=float).ravel()
+        if values.size != len(fields(cls)):
+            raise ParameterError(
+                f'a parameter vector of {values.size} values was given, {len(NAMES)} are expected: '
+                f'{", ".join(NAMES)}'
+            )
+        return cls(*map(float, values))
+
+    def vector(self) -> Vector:
+        """Return theta, shape (7,)."""
+        return np.array(astuple(self))
+
+    def unphysical(self) -> tuple[str, ...]:
+        """Name what no real pendubot can have; empty for a physical vector.
+
+        M(q) is positive definite for every q exactly when P1 > 0, P2 > 0 and P1 P2 > P3^2.
+        """
+        problems = [f'{name} = {value:.4g} is not finite' for name, value in self._items() if not np.isfinite(value)]
+        problems += [f'{name} = {getattr(self, name):.4g} is not positive' for name in ('P1', 'P2') if getattr(self, name) <= 0]
+        if self.P1 * self.P2 <= self.P3**2:
+            problems.append(
+                f'M(q) is not positive definite for every q: P1 P2 = {self.P1 * self.P2:.4g} '
+                f'does not exceed P3^2 = {self.P3**2:.4g}'
+            )
+        problems += [f'friction {name} = {getattr(self, name):.4g} is negative' for name in ('b1', 'b2') if getattr(self, name) < 0]
+        return tuple(problems)
+
+    def _items(self) -> list[tuple[str, float]]:
+        return list(zip(NAMES, astuple(self), strict=True))
+
+
+#: The paper's Table 8, the values of the virtual rig.
+PAPER = Parameters(P1=0.002207, P2=0.000400, P3=0.000101, P4=0.022447, P5=0.003326, b1=0.006592, b2=0.00009)
+
+
+@dataclass(frozen=True, slots=True)
+class Bounds:
+    """A box of parameter vectors: ``lower`` and ``upper``, each of shape (D,).
+
+    Raises:
+        ParameterError: lengths differ, a bound is not finite, or a lower bound is not below its upper one.
+    """
+
+    lower: Vector
+    upper: Vector
+    names: tuple[str, ...] = NAMES
+
+    def __post_init__(self) -> None:
+        lower, upper = (np.array(side, dtype=float) for side in (self.lower, self.upper))
+        if lower.shape != upper.shape or lower.shape != (len(self.names),):
+            raise ParameterError(
+                f'{lower.size} lower and {upper.size} upper bounds were given, {len(self.names)} of each are '
+                f'expected: {", ".join(self.names)}'
+            )
+        for name, low, high in zip(self.names, lower, upper, strict=True):
+            if not (np.isfinite(low) and np.isfinite(high)):
+                raise ParameterError(f'the bounds of {name}, {low:g} to {high:g}, must be finite numbers')
+            if low >= high:
+                raise ParameterError(
+                    f'the bounds of {name} are inverted or empty: {low:g} to {high:g}; give the smaller one first'
+                )
+        lower.setflags(write=False)
+        upper.setflags(write=False)
+        object.__setattr__(self, 'lower', lower)
+        object.__setattr__(self, 'upper', upper)
+
+    def replaced(self, name: str, low: float, high: float) -> Bounds:
+        """Return these bounds with those of one parameter replaced."""
+        if name not in self.names:
+            raise ParameterError(f'there is no parameter {name!r}; the parameters are {", ".join(self.names)}')
+        index = self.names.index(name)
+        lower, upper = self.lower.copy(), self.upper.copy()
+        lower[index], upper[index] = low, high
+        return Bounds(lower, upper, self.names)
+
+    def at_bound(self, theta: Sequence[float] | Vector, tolerance: float = 1e-9) -> NDArray[np.bool_]:
+        """Tell, per component, whether theta lies on a bound (within ``tolerance`` of the interval's width)."""
+        margin = tolerance * (self.upper - self.lower)
+        values = np.asarray(theta, dtype=float)
+        return np.asarray((values <= self.lower + margin) | (values >= self.upper - margin))
+
+
+def default_bounds() -> Bounds:
+    """Return the search box of :data:`SPECIFICATIONS`."""
+    return Bounds(np.array([s.lower for s in SPECIFICATIONS]), np.array([s.upper for s in SPECIFICATIONS]))

@@ -1,0 +1,1 @@
+"""Thin programs around the core: parameters in, one call, messages out."""

@@ -1,0 +1,70 @@
+"""Installs by colcon (ament_python) and by pip; exact versions stand in .ci/constraints.txt."""
+
+from glob import glob
+from pathlib import Path
+
+from setuptools import find_packages, setup
+
+NAME = 'pendubot_identification'
+SHARE = f'share/{NAME}'
+
+PROGRAMS = {
+    'pendubot': 'cli.main',
+    'bridge': 'nodes.bridge',
+    'recorder': 'nodes.recorder',
+    'identifier': 'nodes.identifier',
+    'exciter': 'nodes.exciter',
+    'virtual_board': 'nodes.virtual_board',
+}
+
+BAGS = [(f'{SHARE}/{folder}', sorted(glob(f'{folder}/*.*'))) for folder in ['bags', *sorted(glob('bags/*/'))]]
+
+setup(
+    name=NAME,
+    version='0.1.0',
+    packages=find_packages(include=[NAME, f'{NAME}.*']),
+    package_data={NAME: ['py.typed']},
+    data_files=[
+        ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
+        (SHARE, ['package.xml']),
+        (f'{SHARE}/config', sorted(glob('config/*.yaml'))),
+        (f'{SHARE}/launch', sorted(glob('launch/*.launch.py'))),
+        *BAGS,
+    ],
+    python_requires='>=3.10',
+    install_requires=[
+        'setuptools',
+        'numpy>=1.26',
+        'scipy>=1.11',
+        'pyserial>=3.5',
+        'mcap>=1.2',
+        'rosbags>=0.10',
+        'PyYAML>=6.0',
+        'tqdm>=4.66',
+    ],
+    extras_require={
+        'ros': ['ros-rclpy[fastrtps]==7.1.6', 'ros-jazzy-rclpy', 'ros-jazzy-common-interfaces'],
+        'test': [
+            'colcon-common-extensions',
+            'hypothesis',
+            'import-linter',
+            'mypy',
+            'pytest',
+            'pytest-timeout',
+            'ruff',
+            'sympy',
+            'types-PyYAML',
+        ],
+    },
+    zip_safe=True,
+    author='The pendubot_identification authors',
+    maintainer='The pendubot_identification authors',
+    maintainer_email='maintainers@pendubot-identification.invalid',
+    description='Bridge, recorder and identifier for a pendubot: from the board to its parameters.',
+    long_description=Path(__file__).with_name('README.md').read_text(encoding='utf-8'),
+    long_description_content_type='text/markdown',
+    license='Apache-2.0',
+    entry_points={
+        'console_scripts': [f'{name} = {NAME}.{module}:main' for name, module in PROGRAMS.items()],
+    },
+)

@@ -1,0 +1,33 @@
+"""What every test shares: a private ROS domain, temporary logs, and where the real recordings lie, if they do."""
+
+import os
+import tempfile
+from pathlib import Path
+
+import pytest
+
+# Before anything imports rclpy: tests must neither hear nor disturb other ROS programs on this machine.
+os.environ.setdefault('ROS_DOMAIN_ID', str(1 + os.getpid() % 100))
+os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+os.environ.setdefault('ROS_LOG_DIR', tempfile.mkdtemp(prefix='pendubot-test-log-'))
+
+ROOT = Path(__file__).resolve().parent.parent
+RECORDINGS = ROOT.parent / 'shared' / 'recordings'
+
+
+def pytest_collection_modifyitems(items):
+    """A test that needs the real recordings is skipped, and says so, where they are not."""
+    if not (RECORDINGS / 'manifest.csv').exists():
+        for item in items:
+            if 'recordings' in item.keywords:
+                item.add_marker(pytest.mark.skip(reason=f'no real recordings in {RECORDINGS}'))
+
+
+@pytest.fixture(scope='session')
+def ros():
+    """An initialised rclpy, for tests with a node of their own."""
+    import rclpy
+
+    rclpy.init()
+    yield rclpy
+    rclpy.try_shutdown()

@@ -1,0 +1,106 @@
+"""Real programs in real processes, and waiting for what they say or publish instead of sleeping."""
+
+import os
+import queue
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+MODULES = {
+    'bridge': 'pendubot_identification.nodes.bridge',
+    'recorder': 'pendubot_identification.nodes.recorder',
+    'identifier': 'pendubot_identification.nodes.identifier',
+    'exciter': 'pendubot_identification.nodes.exciter',
+    'virtual_board': 'pendubot_identification.nodes.virtual_board',
+    'pendubot': 'pendubot_identification.cli.main',
+}
+
+
+def run_program(name, *args, timeout=120, env=None):
+    """Run a program to its end; returns the completed process with text output."""
+    return subprocess.run(
+        [sys.executable, '-m', MODULES[name], *map(str, args)],
+        capture_output=True,
+        text=True,
+        timeout=timeout,
+        env=env,
+        stdin=subprocess.DEVNULL,
+    )
+
+
+class Program:
+    """A program running in its own process; its output is collected, and can be waited for line by line."""
+
+    def __init__(self, name, *args, env=None):
+        self.name = name
+        self.lines = []
+        self._queue = queue.Queue()
+        self.process = subprocess.Popen(
+            [sys.executable, '-u', '-m', MODULES[name], *map(str, args)],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            stdin=subprocess.DEVNULL,
+            text=True,
+            bufsize=1,
+            env={**os.environ, **(env or {})},
+            start_new_session=True,
+        )
+        threading.Thread(target=self._collect, daemon=True).start()
+
+    def _collect(self):
+        for line in self.process.stdout:
+            self.lines.append(line.rstrip('\n'))
+            self._queue.put(line)
+        self._queue.put(None)
+
+    def wait_for(self, text, timeout=20.0):
+        """Return the first not yet waited-for line that holds ``text``; fails with all output after ``timeout``."""
+        deadline = time.monotonic() + timeout
+        while True:
+            try:
+                line = self._queue.get(timeout=max(0.0, deadline - time.monotonic()))
+            except queue.Empty:
+                raise AssertionError(f'{self.name} did not say {text!r} within {timeout} s:\n' + '\n'.join(self.lines)) from None
+            if line is None:
+                raise AssertionError(f'{self.name} ended without saying {text!r}:\n' + '\n'.join(self.lines))
+            if text in line:
+                return line.rstrip('\n')
+
+    def stop(self, number=signal.SIGINT, timeout=10.0):
+        """Send a signal and return the exit status."""
+        if self.process.poll() is None:
+            self.process.send_signal(number)
+        return self.process.wait(timeout)
+
+    def kill(self):
+        self.process.kill()
+        self.process.wait(10)
+
+    @property
+    def output(self):
+        return '\n'.join(self.lines)
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        if self.process.poll() is None:
+            self.process.terminate()
+            try:
+                self.process.wait(5)
+            except subprocess.TimeoutExpired:
+                self.kill()
+
+
+def spin_until(node, condition, timeout=10.0):
+    """Spin a node until ``condition()`` is true; returns whether it became so."""
+    import rclpy
+
+    deadline = time.monotonic() + timeout
+    while not condition():
+        if time.monotonic() > deadline:
+            return False
+        rclpy.spin_once(node, timeout_sec=0.05)
+    return True
