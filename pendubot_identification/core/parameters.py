@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import astuple, dataclass, fields
+from dataclasses import asdict, astuple, dataclass, fields
 from typing import NamedTuple
 
 import numpy as np
@@ -64,8 +65,7 @@ class Parameters:
         values = np.asarray(theta, dtype=float).ravel()
         if values.size != len(fields(cls)):
             raise ParameterError(
-                f'a parameter vector of {values.size} values was given, {len(NAMES)} are expected: '
-                f'{", ".join(NAMES)}'
+                f'a parameter vector of {values.size} values was given, {len(NAMES)} are expected: {", ".join(NAMES)}'
             )
         return cls(*map(float, values))
 
@@ -78,18 +78,16 @@ class Parameters:
 
         M(q) is positive definite for every q exactly when P1 > 0, P2 > 0 and P1 P2 > P3^2.
         """
-        problems = [f'{name} = {value:.4g} is not finite' for name, value in self._items() if not np.isfinite(value)]
-        problems += [f'{name} = {getattr(self, name):.4g} is not positive' for name in ('P1', 'P2') if getattr(self, name) <= 0]
+        values = asdict(self)
+        problems = [f'{name} = {value:.4g} is not finite' for name, value in values.items() if not math.isfinite(value)]
+        problems += [f'{name} = {values[name]:.4g} is not positive' for name in ('P1', 'P2') if values[name] <= 0]
         if self.P1 * self.P2 <= self.P3**2:
             problems.append(
                 f'M(q) is not positive definite for every q: P1 P2 = {self.P1 * self.P2:.4g} '
                 f'does not exceed P3^2 = {self.P3**2:.4g}'
             )
-        problems += [f'friction {name} = {getattr(self, name):.4g} is negative' for name in ('b1', 'b2') if getattr(self, name) < 0]
+        problems += [f'friction {name} = {values[name]:.4g} is negative' for name in ('b1', 'b2') if values[name] < 0]
         return tuple(problems)
-
-    def _items(self) -> list[tuple[str, float]]:
-        return list(zip(NAMES, astuple(self), strict=True))
 
 
 #: The paper's Table 8, the values of the virtual rig.

@@ -44,7 +44,7 @@ class Trajectory:
                 continue
             if values.shape != (n, 2):
                 raise TrajectoryError(
-                    f'{self.name}: {label} has shape {values.shape}; ({n}, 2) is expected, two joints for each of the {n} stamps'
+                    f'{self.name}: {label} has shape {values.shape}; ({n}, 2) is expected, two joints per stamp'
                 )
             bad = np.flatnonzero(~np.isfinite(values).all(axis=1))
             if bad.size:
@@ -87,7 +87,7 @@ class Trajectory:
         high = np.inf if end is None else end
         if not low < high:
             raise TrajectoryError(
-                f'{self.name}: the window {low:g}:{high:g} is empty or reversed; give START:END in seconds with START before END'
+                f'{self.name}: the window {low:g}:{high:g} is empty or reversed; give START:END in seconds, START first'
             )
         elapsed = self.t - self.t[0]
         part = self[(elapsed >= low - 1e-9) & (elapsed < high - 1e-9)]

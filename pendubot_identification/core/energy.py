@@ -1,0 +1,66 @@
+"""The paper's energy criterion, its equations (3) to (6): work done on the rig against the energy it gained."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .dynamics import energy_terms
+from .errors import TrajectoryError
+from .signals import SMOOTHING, with_velocities
+from .trajectory import Trajectory
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Regression:
+    """Residuals linear in theta: eps = y - phi theta.
+
+    Attributes:
+        phi: regressor, shape (N, 7).
+        y: right-hand side, shape (N,); here the work done by the torques [J].
+        t: the time [s] to which each residual belongs, shape (N,).
+    """
+
+    phi: Array
+    y: Array
+    t: Array
+
+
+def energy_regression(trajectory: Trajectory, window: float | None = None, smoothing: float = SMOOTHING) -> Regression:
+    """Return the energy balance of a motion over [t1, t2] for every t2.
+
+        eps = integral of (tau1 - b1 q1') q1' + (tau2 - b2 q2') q2' dt - (E(t2) - E(t1))
+
+    Args:
+        trajectory: the motion; its own velocities, if any, are not used.
+        window: t2 - t1 [s]; None takes t1 = the first sample for every t2 (cumulative), which is what the size of
+            the paper's J fits. A pendubot's tau2 is zero; a rig with an elbow motor brings its torque.
+        smoothing: the differentiator's window [s], see :func:`.signals.differentiate`.
+
+    Raises:
+        TrajectoryError: the motion is shorter than the window, or has a gap.
+    """
+    motion = with_velocities(trajectory, smoothing)
+    assert motion.qd is not None  # for the type checker; with_velocities has just made them
+    # A held torque does the work tau[k] (q[k+1] - q[k]) on its joint, whatever the motion in between.
+    work = _accumulated((motion.tau[:-1] * np.diff(motion.q, axis=0)).sum(axis=1))
+    squares = motion.qd**2
+    dissipated = _accumulated((squares[1:] + squares[:-1]) / 2 * motion.interval)
+    phi = np.column_stack([energy_terms(motion.q, motion.qd), dissipated])
+    if window is None:
+        return Regression(phi[1:] - phi[0], work[1:], motion.t[1:])
+    span = max(1, round(window / motion.interval))
+    if span >= len(motion):
+        raise TrajectoryError(
+            f'{trajectory.name}: {motion.duration:.3f} s are shorter than the sliding window of {window:g} s; choose a '
+            'longer part of the recording or a shorter sliding window'
+        )
+    return Regression(phi[span:] - phi[:-span], work[span:] - work[:-span], motion.t[span:])
+
+
+def _accumulated(increments: Array) -> Array:
+    return np.concatenate([np.zeros_like(increments[:1]), np.cumsum(increments, axis=0)])

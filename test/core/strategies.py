@@ -1,0 +1,35 @@
+"""Random but physical pendubots and states, for property tests."""
+
+import numpy as np
+from hypothesis import strategies as st
+
+from pendubot_identification.core.parameters import Parameters
+
+
+@st.composite
+def physical_parameters(draw):
+    """Parameters of a rig that could be built: from masses, lengths and inertias, not from P1 .. P5 themselves."""
+    mass, length, fraction = st.floats(0.05, 3.0), st.floats(0.05, 0.8), st.floats(0.2, 1.0)
+    m1, m2, l1, l2 = draw(mass), draw(mass), draw(length), draw(length)
+    d1, d2 = draw(fraction) * l1, draw(fraction) * l2
+    i1, i2 = m1 * l1**2 * draw(st.floats(0.02, 0.3)), m2 * l2**2 * draw(st.floats(0.02, 0.3))
+    friction = st.floats(0.0, 0.05)
+    return Parameters(
+        P1=m1 * d1**2 + m2 * l1**2 + i1,
+        P2=m2 * d2**2 + i2,
+        P3=m2 * l1 * d2,
+        P4=m1 * d1 + m2 * l1,
+        P5=m2 * d2,
+        b1=draw(friction),
+        b2=draw(friction),
+    )
+
+
+def pairs(bound):
+    value = st.floats(-bound, bound)
+    return st.tuples(value, value).map(np.array)
+
+
+angles = pairs(7.0)
+velocities = pairs(20.0)
+torques = pairs(5.0)

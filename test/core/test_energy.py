@@ -1,0 +1,83 @@
+"""The energy criterion against the motion that it describes, and against a plain reading of the paper's equations."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pendubot_identification.core.dynamics import energy
+from pendubot_identification.core.energy import energy_regression
+from pendubot_identification.core.errors import TrajectoryError
+from pendubot_identification.core.excitation import PulseTrain
+from pendubot_identification.core.parameters import PAPER, default_bounds
+from pendubot_identification.core.quadratic import Quadratic
+from pendubot_identification.core.simulation import simulate
+from pendubot_identification.core.trajectory import Trajectory
+
+
+def swing(interval=0.001, n=3000, elbow=0.0, seed=1):
+    """A smooth, exact motion; with ``elbow``, of a rig with a motor there as well."""
+    t = np.arange(n) * interval
+    tau = np.column_stack([0.15 * np.sin(4 * t + seed), elbow * np.sin(7 * t)])
+    return simulate(PAPER, t, tau)
+
+
+@pytest.mark.parametrize('elbow', [0.0, 0.02])
+@pytest.mark.parametrize('window', [None, 0.3])
+def test_true_parameters_balance_the_energy_of_a_fine_recording(elbow, window):
+    regression = energy_regression(swing(elbow=elbow), window)
+    residual = regression.y - regression.phi @ PAPER.vector()
+    assert np.abs(residual).max() < 1e-3 * np.abs(regression.y).max()
+    estimate = Quadratic.reduce(regression.phi, regression.y).minimum(default_bounds())
+    np.testing.assert_allclose(estimate, PAPER.vector(), rtol=0.02)
+
+
+def test_is_the_papers_sum_written_out():
+    motion = swing(interval=0.01, n=120)
+    theta = PAPER.vector() * [1.1, 0.9, 1.2, 0.8, 1.1, 1.3, 0.7]
+    qd = np.gradient(motion.q, 0.01, axis=0)
+    total = 0.0
+    for n in range(1, 120):
+        work = loss = 0.0
+        for k in range(n):
+            work += motion.tau[k] @ (motion.q[k + 1] - motion.q[k])
+            loss += 0.01 * theta[5:] @ (qd[k] ** 2 + qd[k + 1] ** 2) / 2
+        gained = energy(theta, motion.q[n], qd[n]) - energy(theta, motion.q[0], qd[0])
+        total += (work - loss - gained) ** 2
+    regression = energy_regression(motion)
+    J = Quadratic.reduce(regression.phi, regression.y)(theta)
+    assert J == pytest.approx(total / 119, rel=1e-9)
+
+
+@settings(deadline=None, max_examples=20)
+@given(st.integers(2, 40))
+def test_a_sliding_window_is_the_difference_of_two_cumulative_sums(samples):
+    motion = swing(interval=0.01, n=150)
+    whole, part = energy_regression(motion), energy_regression(motion, samples * 0.01)
+    theta = np.ones(7)
+    eps = np.concatenate([[0.0], whole.y - whole.phi @ theta])
+    np.testing.assert_allclose(part.y - part.phi @ theta, eps[samples:] - eps[:-samples], atol=1e-9)
+
+
+def test_logged_velocities_are_not_used():
+    motion = swing(interval=0.01, n=100)
+    wrong = Trajectory(motion.t, motion.q, motion.tau, motion.qd * 3 + 1)
+    np.testing.assert_array_equal(energy_regression(motion).phi, energy_regression(wrong).phi)
+
+
+def test_a_recording_shorter_than_the_sliding_window_is_refused():
+    with pytest.raises(TrajectoryError, match='shorter than the sliding window of 5 s'):
+        energy_regression(swing(n=500), 5.0)
+
+
+def test_pulses_are_reproducible_bounded_and_as_wide_as_told():
+    pulses = PulseTrain(period=1.0, width=0.05, amplitude_min=-0.5, amplitude_max=1.0, hold=0.01, seed=3)
+    t = np.arange(1000) * 0.001
+    tau = np.array([pulses.torque(x) for x in t])
+    np.testing.assert_array_equal(tau, [PulseTrain(1.0, 0.05, -0.5, 1.0, 0.01, 3).torque(x) for x in t])
+    assert np.flatnonzero(tau).tolist() == list(range(50))
+    assert len(np.unique(tau[:50])) == 5
+    assert tau.min() >= -0.5
+    assert tau.max() <= 1.0
+    assert pulses.torque(-0.1) == 0.0
+    assert pulses.torque(0.0) != pulses.torque(1.0), 'every pulse is drawn anew'
