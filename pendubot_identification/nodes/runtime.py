@@ -81,7 +81,9 @@ class Setting:
         if isinstance(self.default, int) and not math.isinf(self.minimum + self.maximum):
             descriptor.integer_range = [IntegerRange(from_value=int(self.minimum), to_value=int(self.maximum), step=0)]
         elif isinstance(self.default, float) and not math.isinf(self.minimum + self.maximum):
-            descriptor.floating_point_range = [FloatingPointRange(from_value=self.minimum, to_value=self.maximum, step=0.0)]
+            descriptor.floating_point_range = [
+                FloatingPointRange(from_value=self.minimum, to_value=self.maximum, step=0.0)
+            ]
         elif not isinstance(self.default, str):
             descriptor.additional_constraints = self.range()
         return descriptor
@@ -160,7 +162,10 @@ def help_text(node_class: type[SettingsNode]) -> str:
             constraint = s.range()
         lines.append(f'  {s.name}{unit}, default {s.default!r}' + (f', {constraint}' if constraint else ''))
         lines.append(textwrap.indent(textwrap.fill(s.description, 94), '      '))
-    lines += ['', 'exit status: 0 success or ended by a signal, 1 a failure explained in one line, 2 wrong usage']
+    lines += [
+        '',
+        'exit status: 0 success or ended by a signal, 1 a failure explained in one line, 2 wrong usage',
+    ]
     return '\n'.join(lines)
 
 
@@ -222,7 +227,9 @@ def run(node_class: type[SettingsNode], args: Sequence[str] | None = None) -> in
         return _explain(node_class.PROGRAM, str(error), '--debug' in own)
     except Exception as error:
         return _explain(
-            node_class.PROGRAM, f'{type(error).__name__}: {error}; run again with --debug to see where', '--debug' in own
+            node_class.PROGRAM,
+            f'{type(error).__name__}: {error}; run again with --debug to see where',
+            '--debug' in own,
         )
     finally:
         if node is not None:

@@ -1,0 +1,195 @@
+"""``pendubot demo``: the whole chain, live, on the virtual rig; the one subcommand that needs ROS."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from pendubot_identification.core.errors import PendubotError
+
+DESCRIPTION = """\
+Run the complete job on the virtual rig: a virtual board on a pseudo-terminal, the bridge, the exciter and the recorder
+in processes of their own; then the identifier on the recorded bag; then a subscriber that joins late and receives the
+parameters. Needs ROS 2 (rclpy); it talks in a ROS domain of its own and reaches no real rig.
+"""
+SAMPLES = 1800
+RATE = 100
+
+
+def add_parser(subparsers: Any) -> None:
+    """Add this subcommand."""
+    parser = subparsers.add_parser(
+        'demo',
+        help='the whole chain on a virtual rig (needs ROS)',
+        description=DESCRIPTION,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument(
+        '--output', type=Path, metavar='DIR', help='new folder for bag and result (default: a temporary one)'
+    )
+    parser.add_argument('--seed', type=int, default=1, help='of the torque (default %(default)s)')
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Excite, record, identify, receive, and show the parameters beside the truth."""
+    folder = _folder(args.output)
+    domain = os.environ.setdefault('ROS_DOMAIN_ID', str(1 + os.getpid() % 100))
+    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    try:
+        import rclpy
+    except ImportError as error:
+        raise PendubotError(
+            f'rclpy cannot be imported ({error}), and the demo needs ROS 2: source your ROS workspace, or install the '
+            "package with pip install '.[ros]'; pendubot simulate and pendubot identify need no ROS"
+        ) from error
+    from tqdm import tqdm
+
+    port, bag, result = folder / 'board', folder / 'bag', folder / 'result.yaml'
+    print(f'virtual rig in ROS domain {domain}, files in {folder}')
+    rclpy.init()
+    try:
+        with ExitStack() as stack:
+            board = stack.enter_context(_program(folder, 'virtual_board', '--link', port, '--rate', RATE))
+            board.wait_until(port.exists, 'opened no port')
+            print(f'virtual board on {port}: {RATE} Hz, 4000 counts per turn, the parameters of the paper')
+            stack.enter_context(_program(folder, 'bridge', *_parameters(port=port)))
+            recorder = stack.enter_context(_program(folder, 'recorder', *_parameters(output=bag, max_messages=SAMPLES)))
+            stack.enter_context(
+                _program(folder, 'exciter', *_parameters(arm='true', duration=2.0 * SAMPLES / RATE, seed=args.seed))
+            )
+            with tqdm(total=SAMPLES, unit=' samples', desc='exciting and recording') as bar:
+                recorder.wait_until(lambda: recorder.ended, 'did not finish its bag', 60.0, _counting(rclpy, bar))
+        print(f'recorded {bag}')
+        with _program(folder, 'identifier', *_parameters(bags=f"['{bag}']", output=result)) as identifier:
+            begin = time.monotonic()
+            identifier.wait_until(result.exists, 'wrote no result', 60.0)
+            print(f'MDE, 10 runs: identified in {time.monotonic() - begin:.1f} s, start of the node included')
+            theta, label = _late_subscriber(rclpy)
+    finally:
+        rclpy.try_shutdown()
+    return _show(folder, theta, label)
+
+
+def _show(folder: Path, theta: list[float], label: str) -> int:
+    from pendubot_identification.adapters.result_file import read_result
+    from pendubot_identification.core.parameters import PAPER
+    from pendubot_identification.report.tables import criterion_table, parameter_table, summary
+
+    result = read_result(folder / 'result.yaml')
+    if theta != [entry['value'] for entry in result['parameters'].values()]:
+        raise PendubotError(f'/pendubot/params said {theta}, the result file something else; please report this')
+    print(f'a subscriber that joined afterwards received /pendubot/params ({label})\n')
+    print(parameter_table(result, asdict(PAPER)))
+    print(f'\nfirst {SAMPLES // 2} samples estimate, the others validate')
+    print(criterion_table(result, beside_paper=True))
+    print(summary(result))
+    print(
+        "\nThe errors are the criterion's: encoder counts and central differences move its minimum away from the\n"
+        'truth, and MDE finds that minimum exactly. docs/criterion.md says how far, and why.\n'
+        f'\ntry: pendubot identify {folder / "bag"}'
+    )
+    return 0
+
+
+def _folder(wanted: Path | None) -> Path:
+    if wanted is None:
+        return Path(tempfile.mkdtemp(prefix='pendubot-demo-'))
+    try:
+        wanted.mkdir(parents=True)
+    except FileExistsError:
+        raise PendubotError(f'{wanted} exists already and was left as it is; name a folder that does not') from None
+    except OSError as error:
+        raise PendubotError(f'{wanted} cannot be made ({error.strerror}); name a folder that can') from error
+    return wanted.absolute()
+
+
+def _parameters(**values: object) -> list[str]:
+    return ['--ros-args', *(word for name, value in values.items() for word in ('-p', f'{name}:={value}'))]
+
+
+class _Program:
+    """A program of this package in a process of its own, its output in a file beside the bag."""
+
+    def __init__(self, name: str, process: subprocess.Popen[bytes], log: Path) -> None:
+        self.name, self.process, self.log = name, process, log
+
+    @property
+    def ended(self) -> bool:
+        return self.process.poll() == 0
+
+    def wait_until(
+        self,
+        condition: Callable[[], bool],
+        otherwise: str,
+        timeout: float = 20.0,
+        meanwhile: Callable[[], object] | None = None,
+    ) -> None:
+        """Wait for a condition, failing where the program does or where it takes too long."""
+        deadline = time.monotonic() + timeout
+        while not condition():
+            if self.process.poll() or time.monotonic() > deadline:
+                last = self.log.read_text(errors='replace').strip().splitlines()[-1:] or ['it said nothing']
+                raise PendubotError(f'{self.name} {otherwise}: {last[0]} (all it said: {self.log})')
+            if meanwhile is None:
+                time.sleep(0.02)
+            else:
+                meanwhile()
+
+
+@contextmanager
+def _program(folder: Path, name: str, *arguments: object) -> Iterator[_Program]:
+    log = folder / f'{name}.log'
+    with log.open('wb') as output:
+        process = subprocess.Popen(
+            [sys.executable, '-m', f'pendubot_identification.nodes.{name}', *map(str, arguments)],
+            stdin=subprocess.DEVNULL,
+            stdout=output,
+            stderr=subprocess.STDOUT,
+        )
+        try:
+            yield _Program(name, process, log)
+        finally:
+            process.send_signal(signal.SIGINT)
+            try:
+                process.wait(10.0)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+
+
+def _counting(rclpy: Any, bar: Any) -> Callable[[], None]:
+    """Return what moves the bar by the joint states that come in while it waits."""
+    from sensor_msgs.msg import JointState
+
+    node = rclpy.create_node('demo_progress')
+    node.create_subscription(JointState, '/joint_states', lambda _: bar.update(min(1, bar.total - bar.n)), 1000)
+    return lambda: rclpy.spin_once(node, timeout_sec=0.1)
+
+
+def _late_subscriber(rclpy: Any) -> tuple[list[float], str]:
+    """Join now, after the identification, and return the parameters that were latched."""
+    from rclpy.qos import DurabilityPolicy, QoSProfile
+    from std_msgs.msg import Float64MultiArray
+
+    received: list[Any] = []
+    node = rclpy.create_node('demo_controller')
+    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    node.create_subscription(Float64MultiArray, '/pendubot/params', received.append, latched)
+    deadline = time.monotonic() + 10.0
+    while not received and time.monotonic() < deadline:
+        rclpy.spin_once(node, timeout_sec=0.1)
+    node.destroy_node()
+    if not received:
+        raise PendubotError('a subscriber that joined after the identification received nothing on /pendubot/params')
+    return list(received[0].data), received[0].layout.dim[0].label

@@ -1,0 +1,61 @@
+"""``pendubot``: identification without ROS, one small function a subcommand."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import traceback
+from collections.abc import Sequence
+
+from pendubot_identification import __version__
+from pendubot_identification.core.errors import PendubotError
+
+from . import demo, identify, import_csv, info, simulate
+
+DESCRIPTION = """\
+Identify the parameters of a pendubot from recorded bags, without ROS.
+
+  pendubot identify BAG                  parameters from a bag: first half estimates, second half validates
+  pendubot import-csv FILE --output BAG  a bag from your own recording
+  pendubot demo                          the whole chain on a virtual rig (this alone needs ROS)
+"""
+EPILOG = 'exit status: 0 success, 1 a failure explained in one line, 2 wrong usage'
+
+
+def parser() -> argparse.ArgumentParser:
+    """Return the parser of the whole command line."""
+    top = argparse.ArgumentParser(
+        prog='pendubot', description=DESCRIPTION, epilog=EPILOG, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    top.add_argument('--version', action='version', version=f'%(prog)s {__version__}')
+    top.add_argument('--debug', action='store_true', help='show the traceback of a failure')
+    subparsers = top.add_subparsers(title='subcommands', metavar='SUBCOMMAND', required=True)
+    for subcommand in (identify, import_csv, simulate, info, demo):
+        subcommand.add_parser(subparsers)
+    return top
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line and return the exit status."""
+    args = parser().parse_args(argv)
+    try:
+        return int(args.run(args))
+    except PendubotError as error:
+        message = str(error)
+    except KeyboardInterrupt:
+        print('pendubot: interrupted', file=sys.stderr)
+        return 1
+    except BrokenPipeError:
+        # Whoever read the output has seen enough; nothing is left to be flushed at exit.
+        sys.stdout = None
+        return 0
+    except Exception as error:
+        message = f'{type(error).__name__}: {error}; run again as pendubot --debug to see where'
+    if args.debug:
+        traceback.print_exc()
+    print(f'pendubot: {message}', file=sys.stderr)
+    return 1
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())

@@ -1,0 +1,71 @@
+"""``pendubot simulate``: a bag from the virtual rig, faster than real time."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+DESCRIPTION = """\
+Write a bag of the virtual rig (the paper's parameters) under the paper's pulse train, as its encoders would have read
+it, much faster than real time and without ROS. The same options give the same bag.
+"""
+
+
+def add_parser(subparsers: Any) -> None:
+    """Add this subcommand."""
+    parser = subparsers.add_parser(
+        'simulate',
+        help='write a bag of the virtual rig',
+        description=DESCRIPTION,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument('--output', type=Path, required=True, metavar='BAG', help='the folder of the new bag')
+    parser.add_argument('--samples', type=int, default=1800, help='default: %(default)s')
+    parser.add_argument('--rate', type=float, default=100.0, metavar='HZ', help='sampling rate (default %(default)s)')
+    parser.add_argument(
+        '--counts', type=int, default=4000, help='encoder counts per turn, 0: exact (default %(default)s)'
+    )
+    parser.add_argument(
+        '--period', type=float, default=1.0, metavar='S', help='from pulse to pulse (default %(default)s)'
+    )
+    parser.add_argument('--width', type=float, default=0.05, help='pulse length over period (default %(default)s)')
+    parser.add_argument(
+        '--hold', type=float, default=0.01, metavar='S', help='of each random torque (default %(default)s)'
+    )
+    parser.add_argument(
+        '--amplitude', type=float, nargs=2, default=[-1.0, 1.0], metavar=('MIN', 'MAX'), help='torque [N m]'
+    )
+    parser.add_argument('--seed', type=int, default=1, help='of the torque (default %(default)s)')
+    parser.add_argument(
+        '--parameters', type=Path, metavar='RESULT.yaml', help="a result's parameters in the paper's place"
+    )
+    parser.add_argument('--force', action='store_true', help='overwrite an existing bag')
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Simulate and write."""
+    import numpy as np
+
+    from pendubot_identification.adapters.joint_states import write_trajectory
+    from pendubot_identification.adapters.result_file import read_parameters
+    from pendubot_identification.core.errors import ParameterError
+    from pendubot_identification.core.excitation import PulseTrain
+    from pendubot_identification.core.parameters import PAPER
+    from pendubot_identification.core.simulation import quantised, simulate
+
+    if args.samples < 1 or not (np.isfinite(args.rate) and args.rate > 0) or args.counts < 0:
+        raise ParameterError(
+            f'{args.samples} samples at {args.rate:g} Hz with {args.counts} counts per turn make no recording; at '
+            'least one sample, a rate above 0 and counts of at least 0 are expected'
+        )
+    low, high = args.amplitude
+    pulses = PulseTrain(args.period, args.width, low, high, args.hold, args.seed)
+    parameters = PAPER if args.parameters is None else read_parameters(args.parameters)
+    t = np.arange(args.samples) / args.rate
+    tau = np.column_stack([[pulses.torque(at) for at in t], np.zeros(args.samples)])
+    motion = simulate(parameters, t, tau)
+    write_trajectory(args.output, quantised(motion, args.counts) if args.counts else motion, overwrite=args.force)
+    print(f'{args.samples} samples, {motion.duration:.2f} s, written to {args.output}')
+    return 0

@@ -1,0 +1,120 @@
+"""``exciter``: makes the rig move by the paper's pulse train, one torque for every sample that the bridge publishes."""
+
+from __future__ import annotations
+
+import threading
+import time
+from typing import Any
+
+from rclpy.qos import QoSProfile
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64
+from std_srvs.srv import Trigger
+
+from pendubot_identification.core.excitation import PulseTrain
+
+from .runtime import Setting, SettingsNode, run
+
+#: Without joint states for this long [s] the excitation ends: nobody is watching the rig.
+SILENCE = 2.0
+
+
+class Exciter(SettingsNode):
+    """Arms, excites for the duration, and ends with zero torque and disarmed, however it ends."""
+
+    PROGRAM = 'exciter'
+    SUMMARY = (
+        'Publishes a train of random torque pulses on /pendubot/effort_command, one torque for every message on '
+        '/joint_states. At the end, and on SIGINT or SIGTERM, it commands zero torque and disarms the bridge.'
+    )
+    SETTINGS = (
+        Setting('period', 1.0, 'time from one pulse to the next', 's', 0.01, 3600.0),
+        Setting('width', 0.05, 'length of a pulse as a fraction of the period (the paper: 0.05)', '', 1e-3, 1.0),
+        Setting('amplitude_min', -1.0, 'least torque within a pulse', 'N m', -1000.0, 1000.0),
+        Setting('amplitude_max', 1.0, 'greatest torque within a pulse', 'N m', -1000.0, 1000.0),
+        Setting('hold', 0.01, 'time for which each random torque is held', 's', 1e-4, 60.0),
+        Setting('seed', 1, 'same seed, same torques', '', 0, 2**31 - 1),
+        Setting('duration', 18.0, 'length of the excitation; 0: until stopped', 's', 0.0, 86400.0),
+        Setting('arm', False, 'whether it arms the bridge itself; otherwise it waits until you call /bridge/arm'),
+    )
+
+    def __init__(self) -> None:
+        super().__init__()
+        values = self.settings()
+        self._pulses = _pulses(values)
+        self._duration = values['duration'] or float('inf')
+        self._running = not values['arm']
+        self._asked = False
+        self._start: float | None = None
+        self._heard = time.monotonic()
+        self._effort = self.create_publisher(Float64, '/pendubot/effort_command', QoSProfile(depth=1))
+        self._arm = self.create_client(Trigger, '/bridge/arm')
+        self._disarm = self.create_client(Trigger, '/bridge/disarm')
+        self.create_subscription(JointState, '/joint_states', self._on_joint_state, QoSProfile(depth=100))
+        self.create_timer(0.1, self._supervise)
+
+    def check(self, values: dict[str, Any]) -> None:
+        """Refuse pulses that make no sense together, such as amplitudes the wrong way round."""
+        _pulses(values)
+
+    def close(self) -> None:
+        """Command zero torque and disarm; wait, for a second at most, until the bridge has answered."""
+        self._running = False
+        self._effort.publish(Float64(data=0.0))
+        if self._start is not None and self._disarm.service_is_ready():
+            answered = threading.Event()
+            self._disarm.call_async(Trigger.Request()).add_done_callback(lambda _: answered.set())
+            if not answered.wait(1.0):
+                self.get_logger().warning("the bridge did not answer to disarm; the board's watchdog stops the motor")
+
+    def _on_joint_state(self, message: JointState) -> None:
+        self._heard = time.monotonic()
+        if not self._running:
+            return
+        stamp = message.header.stamp.sec + message.header.stamp.nanosec * 1e-9
+        if self._start is None:
+            self._start = stamp
+            self.get_logger().info(f'exciting for {self._duration:g} s')
+        if stamp - self._start < self._duration:
+            self._effort.publish(Float64(data=self._pulses.torque(stamp - self._start)))
+        else:
+            self._running = False
+            self.get_logger().info('excitation done')
+            self.end(0)
+
+    def _supervise(self) -> None:
+        """Arm once joint states come in, and give up when they no longer do."""
+        silent = time.monotonic() - self._heard
+        if self._start is not None and self._running and silent > SILENCE:
+            self._running = False
+            self.get_logger().error(
+                f'no joint states for {silent:.1f} s; stopped: look at the bridge, then start again'
+            )
+            self.end(1)
+        elif silent > SILENCE:
+            self.get_logger().info('waiting for /joint_states: start the bridge', throttle_duration_sec=5.0)
+        elif not self._running and not self._asked and self._arm.service_is_ready() and not self.ended.is_set():
+            self._asked = True
+            self._arm.call_async(Trigger.Request()).add_done_callback(self._on_armed)
+
+    def _on_armed(self, future: Any) -> None:
+        response = future.result()
+        if response.success:
+            self._running = True
+        else:
+            self.get_logger().error(f'the bridge did not arm: {response.message}')
+            self.end(1)
+
+
+def _pulses(values: dict[str, Any]) -> PulseTrain:
+    names = ('period', 'width', 'amplitude_min', 'amplitude_max', 'hold', 'seed')
+    return PulseTrain(**{name: values[name] for name in names})
+
+
+def main() -> int:
+    """Run the program."""
+    return run(Exciter)
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())

@@ -1,0 +1,147 @@
+"""``identifier``: parameters from windows of recorded bags, latched on /pendubot/params."""
+
+from __future__ import annotations
+
+import threading
+from pathlib import Path
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray
+from std_msgs.msg import Float64MultiArray
+from std_srvs.srv import Trigger
+
+from pendubot_identification.adapters.datasets import load_datasets
+from pendubot_identification.adapters.result_file import refuse_existing, result_data, write_result
+from pendubot_identification.core.errors import PendubotError
+from pendubot_identification.core.identification import CRITERIA, MODELS, OPTIMIZERS, Level, Settings, identify
+from pendubot_identification.core.mde import MDESettings
+from pendubot_identification.report.tables import whole
+
+from .messages import LATCHED, diagnostics_message, identification_values, parameters_message
+from .runtime import Setting, SettingsNode, run
+
+
+class Identifier(SettingsNode):
+    """Identifies at the start where bags are named, and again at every call of ~/identify; stays alive."""
+
+    PROGRAM = 'identifier'
+    SUMMARY = (
+        'Estimates the parameters of a rig from recorded bags and publishes them, latched, on /pendubot/params, with '
+        'everything that says how far to trust them on /pendubot/identification. Set its parameters and call '
+        '~/identify to identify again.'
+    )
+    SETTINGS = (
+        Setting(
+            'bags', [''], 'bags that estimate, each BAG[@START:END] in seconds from its first sample', dynamic=True
+        ),
+        Setting('validate', [''], 'bags that only judge; by default what the windows leave', dynamic=True),
+        Setting('criterion', 'energy', 'what is minimised', choices=CRITERIA, dynamic=True),
+        Setting('sliding', 0.0, 'sliding window of the energy balance; 0: cumulative', 's', 0.0, 3600.0, dynamic=True),
+        Setting('smoothing', 0.02, "the differentiator's window", 's', 0.0, 10.0, dynamic=True),
+        Setting('model', 'viscous', 'which parameters there are', choices=MODELS, dynamic=True),
+        Setting('optimizer', 'mde', 'what minimises', choices=OPTIMIZERS, dynamic=True),
+        Setting('runs', 10, 'independent runs of MDE', '', 1, 1000, dynamic=True),
+        Setting('generations', 4000, 'generations of a run', '', 1, 10_000_000, dynamic=True),
+        Setting('population', 30, 'vectors of a run (NP)', '', 5, 10_000, dynamic=True),
+        Setting('seed', 1, 'same seed, same result', '', 0, 2**31 - 1, dynamic=True),
+        Setting('output', '', 'result file to write; empty: none', dynamic=True),
+        Setting('force', False, 'whether an existing result file is overwritten', dynamic=True),
+    )
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._params = self.create_publisher(Float64MultiArray, '/pendubot/params', LATCHED)
+        self._identification = self.create_publisher(DiagnosticArray, '/pendubot/identification', LATCHED)
+        self.create_service(Trigger, '~/identify', self._on_identify)
+        self._worker: threading.Thread | None = None
+        if _named(self.settings()['bags']):
+            self._start()
+        else:
+            self.get_logger().info('waiting: set the parameter bags and call ~/identify')
+
+    def close(self) -> None:
+        """Leave a computation that is under way: it holds nothing that could be lost."""
+
+    def _on_identify(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        if self._worker is not None and self._worker.is_alive():
+            response.message = 'an identification is under way; wait for its result on /pendubot/identification'
+        elif not _named(self.settings()['bags']):
+            response.message = 'no bags are named; set the parameter bags, such as ["swing@0:9"]'
+        else:
+            self._start()
+            response.success = True
+            response.message = 'started; the result comes on /pendubot/params and /pendubot/identification'
+        return response
+
+    def _start(self) -> None:
+        """Identify in a thread of its own, so that the node answers meanwhile."""
+        self._worker = threading.Thread(target=self._work, args=(self.settings(),), daemon=True)
+        self._worker.start()
+
+    def _work(self, values: dict[str, Any]) -> None:
+        try:
+            self._identify(values)
+        except Exception as error:
+            known = isinstance(error, PendubotError)
+            self._failed(str(error) if known else f'{type(error).__name__}: {error}')
+
+    def _identify(self, values: dict[str, Any]) -> None:
+        settings = _settings(values)
+        output = Path(values['output']) if values['output'] else None
+        if output is not None and not values['force']:
+            refuse_existing(output)
+        data = load_datasets(_named(values['bags']), _named(values['validate']))
+        result = identify(data.training, data.validation, settings, self._progress, data.notes)
+        plain = result_data(result, data.sources)
+        if output is not None:
+            write_result(output, plain, overwrite=values['force'])
+        # The judgement first, so that whoever hears the parameters can already know how good they are.
+        self._publish(result.level, _headline(result.level, result.warnings), identification_values(plain))
+        self._params.publish(parameters_message(result))
+        say = self.get_logger().info if result.level is Level.OK else self.get_logger().warning
+        say(f'identified\n{whole(plain)}')
+
+    def _progress(self, generation: int, best: float) -> None:
+        self.get_logger().info(f'generation {generation}: J = {best:.6e}', throttle_duration_sec=1.0)
+
+    def _failed(self, sentence: str) -> None:
+        self.get_logger().error(sentence)
+        self._publish(Level.ERROR, sentence, {})
+
+    def _publish(self, level: Level, headline: str, values: dict[str, Any]) -> None:
+        stamp = self.get_clock().now().to_msg()
+        self._identification.publish(diagnostics_message(stamp, 'pendubot identification', level, headline, values))
+
+    def check(self, values: dict[str, Any]) -> None:
+        """Refuse settings that make no sense together."""
+        _settings(values)
+
+
+def _settings(values: dict[str, Any]) -> Settings:
+    return Settings(
+        criterion=values['criterion'],
+        model=values['model'],
+        optimizer=values['optimizer'],
+        sliding=values['sliding'] or None,
+        smoothing=values['smoothing'],
+        mde=MDESettings(values['population'], values['generations']),
+        runs=values['runs'],
+        seed=values['seed'],
+    )
+
+
+def _named(bags: list[str]) -> list[str]:
+    return [bag for bag in bags if bag]
+
+
+def _headline(level: Level, warnings: tuple[str, ...]) -> str:
+    return 'identified' if level is Level.OK else '; '.join(warnings)
+
+
+def main() -> int:
+    """Run the program."""
+    return run(Identifier)
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())
