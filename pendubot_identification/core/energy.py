@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from .dynamics import energy_terms
 from .errors import TrajectoryError
-from .signals import SMOOTHING, with_velocities
+from .signals import SMOOTHING, differentiate, held, resample
 from .trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -44,15 +44,14 @@ def energy_regression(trajectory: Trajectory, window: float | None = None, smoot
     Raises:
         TrajectoryError: the motion is shorter than the window, or has a gap.
     """
-    motion = with_velocities(trajectory, smoothing)
-    assert motion.qd is not None  # for the type checker; with_velocities has just made them
-    # A held torque does the work tau[k] (q[k+1] - q[k]) on its joint, whatever the motion in between.
-    work = _accumulated((motion.tau[:-1] * np.diff(motion.q, axis=0)).sum(axis=1))
-    squares = motion.qd**2
+    motion = resample(trajectory)
+    q, qd = differentiate(motion.q, motion.interval, smoothing)
+    work = _work(trajectory, motion)
+    squares = qd**2
     dissipated = _accumulated((squares[1:] + squares[:-1]) / 2 * motion.interval)
-    phi = np.column_stack([energy_terms(motion.q, motion.qd), dissipated])
+    phi = np.column_stack([energy_terms(q, qd), dissipated])
     if window is None:
-        return Regression(phi[1:] - phi[0], work[1:], motion.t[1:])
+        return Regression(phi[1:] - phi[0], work[1:] - work[0], motion.t[1:])
     span = max(1, round(window / motion.interval))
     if span >= len(motion):
         raise TrajectoryError(
@@ -60,6 +59,17 @@ def energy_regression(trajectory: Trajectory, window: float | None = None, smoot
             'longer part of the recording or a shorter sliding window'
         )
     return Regression(phi[span:] - phi[:-span], work[span:] - work[:-span], motion.t[span:])
+
+
+def _work(recorded: Trajectory, motion: Trajectory) -> Array:
+    """Return the work done [J] from the recording's start until each time of the resampled motion.
+
+    A held torque does the work tau[k] (q[k+1] - q[k]) on its joint, whatever the motion in between. It is summed
+    over the samples as they were recorded: on a grid of other times a torque of one sample may be held for none.
+    """
+    done = _accumulated((recorded.tau[:-1] * np.diff(recorded.q, axis=0)).sum(axis=1))
+    k = held(recorded.t, motion.t)
+    return np.asarray(done[k] + (recorded.tau[k] * (motion.q - recorded.q[k])).sum(axis=1))
 
 
 def _accumulated(increments: Array) -> Array:

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 from scipy.signal import savgol_filter
 
 from .errors import TrajectoryError
@@ -13,8 +14,8 @@ from .trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
-#: Stamps that stray from a uniform grid by less than this fraction of the interval need no resampling.
-JITTER = 0.02
+#: Stamps that stray from a uniform grid by less than this fraction of the interval are taken to lie on it.
+JITTER = 0.1
 #: A hole longer than this [s], and than five intervals, is not interpolated: the motion in it is unknown.
 LONGEST_GAP = 0.1
 #: The default differentiator's window [s]: what the paper's central differences span at its 100 Hz. Faster sampling
@@ -25,13 +26,14 @@ DEGREE = 3
 
 
 def resample(trajectory: Trajectory, interval: float | None = None) -> Trajectory:
-    """Return the trajectory on a uniform grid; itself where its stamps are uniform already.
+    """Return the trajectory on a uniform grid.
 
-    Positions (and velocities) are interpolated linearly, torques held, as the board holds them.
+    Stamps that jitter by little more than a clock's mapping does are moved onto the grid and nothing else changes.
+    Otherwise positions and velocities are interpolated by cubic splines, and torques held, as the board holds them.
 
     Args:
         trajectory: any trajectory of at least two samples.
-        interval: the grid's spacing [s]; by default the median interval of the stamps.
+        interval: the grid's spacing [s]; by default what the stamps themselves suggest.
 
     Raises:
         TrajectoryError: a gap too long to be bridged.
@@ -45,16 +47,21 @@ def resample(trajectory: Trajectory, interval: float | None = None) -> Trajector
             f'{trajectory.name}: {gaps[widest]:.3f} s without a sample begin at {t[widest] - t[0]:.3f} s, where '
             f'{step:.4g} s is the usual interval; choose a window on one side of the gap'
         )
+    even = np.linspace(t[0], t[-1], len(t))
+    if interval is None and np.abs(even - t).max() < JITTER * step:
+        return replace(trajectory, t=even)
     grid = t[0] + step * np.arange(int((t[-1] - t[0]) / step + 1e-6) + 1)
-    if len(grid) == len(t) and np.abs(grid - t).max() < JITTER * step:
-        return trajectory
-    held = np.searchsorted(t, grid + 1e-9, side='right') - 1
-    qd = None if trajectory.qd is None else _interpolated(grid, t, trajectory.qd)
-    return replace(trajectory, t=grid, q=_interpolated(grid, t, trajectory.q), tau=trajectory.tau[held], qd=qd)
+    qd = None if trajectory.qd is None else CubicSpline(t, trajectory.qd)(grid)
+    return replace(trajectory, t=grid, q=CubicSpline(t, trajectory.q)(grid), tau=trajectory.tau[held(t, grid)], qd=qd)
 
 
-def _interpolated(grid: Array, t: Array, values: Array) -> Array:
-    return np.column_stack([np.interp(grid, t, column) for column in values.T])
+def held(t: Array, at: Array) -> NDArray[np.intp]:
+    """Return, for each of the times ``at`` [s], the number of the sample at ``t`` whose torque is then applied.
+
+    A time that lies before a sample by no more than the jitter belongs to that sample already.
+    """
+    tolerance = JITTER * float(np.median(np.diff(t)))
+    return np.maximum(np.searchsorted(t, at + tolerance, side='right') - 1, 0)
 
 
 def differentiate(q: Array, interval: float, window: float) -> tuple[Array, Array]:
@@ -79,10 +86,3 @@ def differentiate(q: Array, interval: float, window: float) -> tuple[Array, Arra
         raise TrajectoryError(f'{len(q)} samples are fewer than the {length} of the smoothing window of {window:g} s')
     smooth = savgol_filter(q, length, DEGREE, axis=0)
     return smooth, savgol_filter(q, length, DEGREE, deriv=1, delta=interval, axis=0)
-
-
-def with_velocities(trajectory: Trajectory, window: float) -> Trajectory:
-    """Return the trajectory on a uniform grid with velocities of its own; see :func:`differentiate`."""
-    uniform = resample(trajectory)
-    q, qd = differentiate(uniform.q, uniform.interval, window)
-    return replace(uniform, q=q, qd=qd)

@@ -59,6 +59,20 @@ def test_a_sliding_window_is_the_difference_of_two_cumulative_sums(samples):
     np.testing.assert_allclose(part.y - part.phi @ theta, eps[samples:] - eps[:-samples], atol=1e-9)
 
 
+@pytest.mark.parametrize('jitter', [3e-5, 3e-3])
+def test_jitter_of_the_stamps_does_not_move_a_pulse(jitter):
+    """Board clocks drift against the host's, and stamps jitter: a pulse of one sample must not be missed or doubled."""
+    t = np.arange(900) * 0.0100003
+    pulses = PulseTrain(seed=4)
+    tau = np.column_stack([[pulses.torque(x) for x in np.arange(900) * 0.01], np.zeros(900)])
+    stamped = t + np.random.default_rng(1).uniform(-jitter, jitter, 900)
+    motion = simulate(PAPER, stamped, tau)
+    for window in (None, 0.5):
+        regression = energy_regression(motion, window)
+        residual = regression.y - regression.phi @ PAPER.vector()
+        assert np.sqrt(np.mean(residual**2)) < 0.2 * np.sqrt(np.mean(regression.y**2))
+
+
 def test_logged_velocities_are_not_used():
     motion = swing(interval=0.01, n=100)
     wrong = Trajectory(motion.t, motion.q, motion.tau, motion.qd * 3 + 1)

@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pendubot_identification.core.errors import TrajectoryError
-from pendubot_identification.core.signals import differentiate, resample, with_velocities
+from pendubot_identification.core.signals import differentiate, held, resample
 from pendubot_identification.core.trajectory import Trajectory
 
 
@@ -46,15 +46,23 @@ def test_smoothing_lowers_the_noise_of_encoder_counts():
     assert smooth < rough / 5
 
 
-def test_uniform_stamps_are_left_alone_and_jittering_ones_resampled():
+def test_stamps_that_hardly_jitter_are_moved_onto_the_grid_and_nothing_else_changes():
+    t = np.arange(900) * 0.010001 + np.random.default_rng(1).uniform(-4e-4, 4e-4, 900)
+    motion = Trajectory(t, wave(t)[0], np.arange(1800.0).reshape(900, 2))
+    even = resample(motion)
+    np.testing.assert_allclose(np.diff(even.t), even.interval, rtol=1e-9)
+    np.testing.assert_array_equal(even.q, motion.q)
+    np.testing.assert_array_equal(even.tau, motion.tau)
+
+
+def test_jittering_stamps_are_resampled():
     t = np.arange(300) * 0.01
-    uniform = Trajectory(t, *[wave(t)[0]] * 2)
-    assert resample(uniform) is uniform
     jittered = np.sort(t + np.random.default_rng(1).uniform(-0.003, 0.003, 300))
     tau = np.arange(600.0).reshape(300, 2)
-    grid = resample(Trajectory(jittered, wave(jittered)[0], tau))
+    grid = resample(Trajectory(jittered, wave(jittered)[0], tau, wave(jittered)[1]))
     np.testing.assert_allclose(np.diff(grid.t), grid.interval, rtol=1e-9)
-    np.testing.assert_allclose(grid.q, wave(grid.t)[0], atol=2e-3)
+    np.testing.assert_allclose(grid.q[2:-2], wave(grid.t)[0][2:-2], atol=1e-5)
+    np.testing.assert_allclose(grid.qd[2:-2], wave(grid.t)[1][2:-2], atol=1e-4)
     assert set(grid.tau[:, 0]) <= set(tau[:, 0]), 'torques are held, not interpolated'
 
 
@@ -62,13 +70,14 @@ def test_uniform_stamps_are_left_alone_and_jittering_ones_resampled():
 def test_a_held_torque_is_the_one_that_was_applied(seed):
     rng = np.random.default_rng(seed)
     t = np.cumsum(rng.uniform(0.005, 0.015, 80))
-    tau = rng.normal(size=(80, 2))
-    grid = resample(Trajectory(t, np.zeros((80, 2)), tau))
-    for at, held in zip(grid.t, grid.tau, strict=True):
-        np.testing.assert_array_equal(held, tau[np.flatnonzero(t <= at + 1e-9)[-1]])
+    at = rng.uniform(t[0], t[-1], 50)
+    k = held(t, at)
+    tolerance = 0.1 * np.median(np.diff(t)) + 1e-12
+    assert (t[k] <= at + tolerance).all()
+    assert (at[k < 79] < t[np.minimum(k + 1, 79)][k < 79]).all()
 
 
 def test_a_long_gap_is_named():
     t = np.r_[np.arange(100), np.arange(150, 250)] * 0.01
     with pytest.raises(TrajectoryError, match='0.510 s without a sample begin at 0.990 s'):
-        with_velocities(Trajectory(t, *[wave(t)[0]] * 2), 0.0)
+        resample(Trajectory(t, *[wave(t)[0]] * 2))
