@@ -1,0 +1,111 @@
+"""Reading a motion from a CSV file."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pendubot_identification.core.errors import CsvError
+from pendubot_identification.core.trajectory import Trajectory
+
+REQUIRED = ('t', 'q1', 'q2', 'tau1')
+OPTIONAL = ('tau2', 'dq1', 'dq2')
+
+Zero = Literal['horizontal', 'hanging']
+Elbow = Literal['relative', 'absolute']
+
+
+def import_csv(
+    path: Path,
+    columns: Mapping[str, str] | None = None,
+    *,
+    degrees: bool = False,
+    zero: Zero = 'horizontal',
+    elbow: Elbow = 'relative',
+) -> Trajectory:
+    """Read a motion from a CSV file with a line of column names.
+
+    Args:
+        path: the file; separated by commas, semicolons or tabs.
+        columns: the file's name for any of t [s], q1, q2, dq1, dq2, tau1, tau2 [N m] that it calls otherwise. Where
+            tau2 is absent the elbow is not driven; where dq1 or dq2 is absent there are no velocities.
+        degrees: angles and velocities are in degrees, not radians.
+        zero: where the file's angles are zero: with link 1 horizontal or hanging.
+        elbow: whether the file's q2 and dq2 are relative to link 1 or, like q1, to the world.
+
+    Raises:
+        CsvError: the file cannot be read, a column is missing, a value is not a number.
+        TrajectoryError: stamps that repeat or run backwards.
+    """
+    values = _read(Path(path), _wanted(columns or {}))
+    unit = math.pi / 180 if degrees else 1.0
+    t = values['t']
+    q = unit * np.column_stack([values['q1'], values['q2']])
+    tau = np.column_stack([values['tau1'], values.get('tau2', np.zeros_like(t))])
+    qd = unit * np.column_stack([values['dq1'], values['dq2']]) if {'dq1', 'dq2'} <= values.keys() else None
+    if elbow == 'absolute':
+        # Both angles are from the same zero, so it must not be shifted first.
+        q[:, 1] -= q[:, 0]
+        if qd is not None:
+            qd[:, 1] -= qd[:, 0]
+    if zero == 'hanging':
+        q[:, 0] -= math.pi / 2
+    return Trajectory(t=t - t[0], q=q, tau=tau, qd=qd, name=str(path))
+
+
+def _wanted(columns: Mapping[str, str]) -> dict[str, tuple[str, bool]]:
+    """Return for every quantity its column's name and whether it must be there."""
+    if unknown := [name for name in columns if name not in REQUIRED + OPTIONAL]:
+        raise CsvError(
+            f'{unknown[0]!r} is no quantity of a motion; columns can be named for {", ".join(REQUIRED + OPTIONAL)}'
+        )
+    return {name: (columns.get(name, name), name in REQUIRED or name in columns) for name in REQUIRED + OPTIONAL}
+
+
+def _read(path: Path, wanted: Mapping[str, tuple[str, bool]]) -> dict[str, NDArray[np.float64]]:
+    """Return the wanted columns that are there, each of shape (N,)."""
+    try:
+        text = path.read_text(encoding='utf-8-sig')
+    except OSError as error:
+        raise CsvError(f'{path} cannot be read: {error.strerror}; check its name and permissions') from error
+    except UnicodeDecodeError as error:
+        raise CsvError(f'{path} is no text in UTF-8; export it as CSV in that encoding') from error
+    lines = text.splitlines()
+    header = lines[0] if lines else ''
+    reader = csv.reader(lines, delimiter=max(',;\t', key=header.count))
+    names = [name.strip() for name in next(reader, [])]
+    there: dict[str, int] = {}
+    for quantity, (column, required) in wanted.items():
+        if column in names:
+            there[quantity] = names.index(column)
+        elif required:
+            raise CsvError(
+                f'{path} has no column {column!r} for {quantity}; its columns are {", ".join(names) or "none"}: '
+                f'name the right one with --columns {quantity}=NAME'
+            )
+    values: dict[str, list[float]] = {quantity: [] for quantity in there}
+    for row in reader:
+        if not any(cell.strip() for cell in row):
+            continue
+        for quantity, k in there.items():
+            values[quantity].append(_number(row[k] if k < len(row) else '', path, reader.line_num, names[k]))
+    if not values['t']:
+        raise CsvError(f'{path} holds no row of numbers; export the recording again')
+    return {quantity: np.array(column) for quantity, column in values.items()}
+
+
+def _number(cell: str, path: Path, line: int, column: str) -> float:
+    try:
+        number = float(cell)
+    except ValueError:
+        number = math.nan
+    if not math.isfinite(number):
+        what = repr(cell.strip()) if cell.strip() else 'nothing'
+        raise CsvError(f'{path}, line {line}, column {column!r}: {what} is no finite number; mend or remove that row')
+    return number

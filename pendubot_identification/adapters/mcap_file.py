@@ -1,0 +1,166 @@
+"""Reading one .mcap file: through its index where it was closed, in the order of writing as far as it is whole."""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from mcap.exceptions import UnsupportedCompressionError
+from mcap.reader import make_reader
+from mcap.records import Channel, Chunk, ChunkIndex, DataEnd, Message, Schema
+from mcap.stream_reader import StreamReader, breakup_chunk
+
+from pendubot_identification.core.errors import BagError
+
+MAGIC = b'\x89MCAP0\r\n'
+
+
+class McapFile:
+    """One .mcap file, closed or not.
+
+    Attributes:
+        path: of the file.
+        closed: whether whoever wrote it came to the end.
+        note: what could be read, in a sentence, where it was not closed; else empty.
+        topics: the schema's name and the number of messages of each topic.
+        first_ns, last_ns: earliest and latest log time [ns since the epoch]; None where there is no message.
+
+    Raises:
+        BagError: the file is missing, empty, no MCAP file, or compressed in a way that cannot be read here.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.note = ''
+        self.topics: dict[str, tuple[str, int]] = {}
+        self.first_ns: int | None = None
+        self.last_ns: int | None = None
+        self._channels: dict[int, Channel] = {}
+        self._schemas: dict[int, Schema] = {}
+        self._chunks: list[ChunkIndex] = []
+        counts: Counter[int] = Counter()
+        self._check_magic()
+        self.closed = self._read_summary(counts)
+        if self.first_ns is None:
+            self._scan(counts)
+        for channel_id, channel in self._channels.items():
+            schema = self._schemas.get(channel.schema_id)
+            _, before = self.topics.get(channel.topic, ('', 0))
+            self.topics[channel.topic] = (schema.name if schema else '', before + counts[channel_id])
+
+    def messages(self, topic: str, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[Message]:
+        """Return the messages of a topic in the order of writing, without those logged outside the times [ns].
+
+        Only what holds messages of the topic and of these times is read, where the file has an index.
+
+        Raises:
+            BagError: a part of a closed file is damaged.
+        """
+        low = 0 if start_ns is None else start_ns
+        high = 2**64 if end_ns is None else end_ns
+        channels = {k for k, channel in self._channels.items() if channel.topic == topic}
+        records = self._indexed(channels, low, high) if self._chunks else self._whole_records()
+        for record in records:
+            if isinstance(record, Message) and record.channel_id in channels and low <= record.log_time < high:
+                yield record
+
+    def encoding(self, topic: str) -> str:
+        """Return how a topic's messages are encoded: ``cdr`` in every bag of ROS 2."""
+        return next(c.message_encoding for c in self._channels.values() if c.topic == topic)
+
+    def _check_magic(self) -> None:
+        try:
+            with self.path.open('rb') as file:
+                magic = file.read(len(MAGIC))
+        except OSError as error:
+            raise BagError(f'{self.path} cannot be read: {error.strerror}; check its name and permissions') from error
+        if not magic:
+            raise BagError(f'{self.path} is empty: its recording ended before anything was written; record it again')
+        if magic != MAGIC:
+            raise BagError(f'{self.path} is no MCAP file; give a bag folder or a .mcap file as rosbag2 writes them')
+
+    def _read_summary(self, counts: Counter[int]) -> bool:
+        """Take what the end of the file says of the rest; return whether the file has an end."""
+        try:
+            with self.path.open('rb') as file:
+                file.seek(-len(MAGIC), os.SEEK_END)
+                if file.tell() == 0 or file.read() != MAGIC:
+                    return False
+                file.seek(0)
+                summary = make_reader(file).get_summary()
+        except Exception:
+            return False
+        if summary is None or summary.statistics is None or not summary.channels:
+            return True
+        statistics = summary.statistics
+        self._channels, self._schemas = dict(summary.channels), dict(summary.schemas)
+        self._chunks = sorted(summary.chunk_indexes, key=lambda chunk: chunk.chunk_start_offset)
+        if statistics.message_count:
+            self.first_ns, self.last_ns = statistics.message_start_time, statistics.message_end_time
+            counts.update(statistics.channel_message_counts)
+        return True
+
+    def _scan(self, counts: Counter[int]) -> None:
+        """Learn by reading everything what no index says."""
+        ended = False
+        for record in self._whole_records():
+            if isinstance(record, Schema):
+                self._schemas[record.id] = record
+            elif isinstance(record, Channel):
+                self._channels[record.id] = record
+            elif isinstance(record, Message):
+                counts[record.channel_id] += 1
+                time = record.log_time
+                self.first_ns = time if self.first_ns is None else min(self.first_ns, time)
+                self.last_ns = time if self.last_ns is None else max(self.last_ns, time)
+            ended = ended or isinstance(record, DataEnd)
+        self.closed = self.closed and ended
+        if not self.closed:
+            seconds = ((self.last_ns or 0) - (self.first_ns or 0)) / 1e9
+            self.note = (
+                f'{self.path.name} was never closed, or is cut or damaged: its first {sum(counts.values())} messages, '
+                f'{seconds:.3f} s, are whole and are used'
+            )
+
+    def _whole_records(self) -> Iterator[Any]:
+        """Every record up to the first that is cut or damaged."""
+        size = self.path.stat().st_size
+        with self.path.open('rb') as file:
+            try:
+                # No record is longer than the file: a damaged length must not ask for gigabytes.
+                for record in StreamReader(file, emit_chunks=True, record_size_limit=size).records:
+                    if isinstance(record, Chunk):
+                        yield from breakup_chunk(record, validate_crc=True)
+                    else:
+                        yield record
+            except UnsupportedCompressionError as error:
+                raise self._unsupported(error) from error
+            # Whatever the library and the decompressors raise here means that the rest is cut or damaged.
+            except Exception:
+                return
+
+    def _indexed(self, channels: set[int], low: int, high: int) -> Iterator[Any]:
+        with self.path.open('rb') as file:
+            for index in self._chunks:
+                relevant = not index.message_index_offsets or channels & index.message_index_offsets.keys()
+                if not relevant or index.message_end_time < low or index.message_start_time >= high:
+                    continue
+                try:
+                    file.seek(index.chunk_start_offset)
+                    chunk: Any = next(StreamReader(file, skip_magic=True, emit_chunks=True).records)
+                    records = breakup_chunk(chunk, validate_crc=True)
+                except UnsupportedCompressionError as error:
+                    raise self._unsupported(error) from error
+                except Exception as error:
+                    raise BagError(
+                        f'{self.path} is damaged {index.chunk_start_offset} bytes from its start, '
+                        f'{(index.message_start_time - (self.first_ns or 0)) / 1e9:.3f} s after its first message; '
+                        'copy it again from where it was recorded, or choose a window without that time'
+                    ) from error
+                yield from records
+
+    def _unsupported(self, error: Exception) -> BagError:
+        return BagError(f'{self.path} cannot be read: {error}; install that package with pip')
