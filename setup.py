@@ -1,7 +1,6 @@
 """Installs by colcon (ament_python) and by pip; exact versions stand in .ci/constraints.txt."""
 
 from glob import glob
-from pathlib import Path
 
 from setuptools import find_packages, setup
 
@@ -37,7 +36,7 @@ setup(
         'numpy>=1.26',
         'scipy>=1.11',
         'pyserial>=3.5',
-        'mcap>=1.2',
+        'mcap>=1.5',
         'rosbags>=0.10',
         'PyYAML>=6.0',
         'tqdm>=4.66',
@@ -61,8 +60,6 @@ setup(
     maintainer='The pendubot_identification authors',
     maintainer_email='maintainers@pendubot-identification.invalid',
     description='Bridge, recorder and identifier for a pendubot: from the board to its parameters.',
-    long_description=Path(__file__).with_name('README.md').read_text(encoding='utf-8'),
-    long_description_content_type='text/markdown',
     license='Apache-2.0',
     entry_points={
         'console_scripts': [f'{name} = {NAME}.{module}:main' for name, module in PROGRAMS.items()],

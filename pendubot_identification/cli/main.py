@@ -8,6 +8,7 @@ import traceback
 from collections.abc import Sequence
 
 from pendubot_identification import __version__
+from pendubot_identification.adapters.resources import resource
 from pendubot_identification.core.errors import PendubotError
 
 from . import demo, identify, import_csv, info, simulate
@@ -19,13 +20,17 @@ Identify the parameters of a pendubot from recorded bags, without ROS.
   pendubot import-csv FILE --output BAG  a bag from your own recording
   pendubot demo                          the whole chain on a virtual rig (this alone needs ROS)
 """
+SAMPLE = 'bags/paper_experiment'
 EPILOG = 'exit status: 0 success, 1 a failure explained in one line, 2 wrong usage'
 
 
 def parser() -> argparse.ArgumentParser:
     """Return the parser of the whole command line."""
     top = argparse.ArgumentParser(
-        prog='pendubot', description=DESCRIPTION, epilog=EPILOG, formatter_class=argparse.RawDescriptionHelpFormatter
+        prog='pendubot',
+        description=DESCRIPTION,
+        epilog=f'sample bag: {resource(SAMPLE)}\n{EPILOG}',
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     top.add_argument('--version', action='version', version=f'%(prog)s {__version__}')
     top.add_argument('--debug', action='store_true', help='show the traceback of a failure')
@@ -40,8 +45,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     args = parser().parse_args(argv)
     try:
         return int(args.run(args))
-    except PendubotError as error:
-        message = str(error)
     except KeyboardInterrupt:
         print('pendubot: interrupted', file=sys.stderr)
         return 1
@@ -50,11 +53,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         sys.stdout = None
         return 0
     except Exception as error:
-        message = f'{type(error).__name__}: {error}; run again as pendubot --debug to see where'
-    if args.debug:
-        traceback.print_exc()
-    print(f'pendubot: {message}', file=sys.stderr)
-    return 1
+        if args.debug:
+            traceback.print_exc()
+        known = isinstance(error, PendubotError)
+        sentence = str(error) if known else f'{type(error).__name__}: {error}; run pendubot --debug ... to see where'
+        print(f'pendubot: {sentence}', file=sys.stderr)
+        return 1
 
 
 if __name__ == '__main__':

@@ -38,8 +38,8 @@ class Exciter(SettingsNode):
         Setting('arm', False, 'whether it arms the bridge itself; otherwise it waits until you call /bridge/arm'),
     )
 
-    def __init__(self) -> None:
-        super().__init__()
+    def __init__(self, ended: threading.Event) -> None:
+        super().__init__(ended)
         values = self.settings()
         self._pulses = _pulses(values)
         self._duration = values['duration'] or float('inf')

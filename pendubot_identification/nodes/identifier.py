@@ -48,8 +48,8 @@ class Identifier(SettingsNode):
         Setting('force', False, 'whether an existing result file is overwritten', dynamic=True),
     )
 
-    def __init__(self) -> None:
-        super().__init__()
+    def __init__(self, ended: threading.Event) -> None:
+        super().__init__(ended)
         self._params = self.create_publisher(Float64MultiArray, '/pendubot/params', LATCHED)
         self._identification = self.create_publisher(DiagnosticArray, '/pendubot/identification', LATCHED)
         self.create_service(Trigger, '~/identify', self._on_identify)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import signal
 import sys
 import textwrap
@@ -14,13 +15,14 @@ from typing import Any
 
 import rclpy
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
-from rclpy.exceptions import ParameterException
+from rclpy.exceptions import ParameterException, ParameterUninitializedException
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
+from pendubot_identification.adapters.resources import resource
 from pendubot_identification.core.errors import ParameterError, PendubotError
 
 
@@ -46,26 +48,34 @@ class Setting:
         Raises:
             ParameterError: the value makes no sense.
         """
-        if self.choices and value not in self.choices:
-            raise ParameterError(f'{self.name} is {value!r}; it must be one of {", ".join(self.choices)}')
-        if not isinstance(self.default, str):
-            for number in value if isinstance(self.default, list) else [value]:
-                if isinstance(number, str):
-                    continue
-                if not (math.isfinite(number) and self.minimum <= number <= self.maximum):
-                    raise ParameterError(f'{self.name} is {number:g}{self._unit()}; {self.range()} is expected')
+        for entry in value if isinstance(value, list) else [value]:
+            allowed = not self.choices or entry in self.choices
+            if isinstance(entry, (int, float)):
+                allowed = allowed and math.isfinite(entry) and self.minimum <= entry <= self.maximum
+            if not allowed:
+                raise self.refusal(entry)
 
-    def range(self) -> str:
-        """Say the range in words."""
-        low, high = self.minimum, self.maximum
-        if math.isinf(low) and math.isinf(high):
-            return 'any finite number'
-        if math.isinf(high):
-            return f'a number of at least {low:g}'
-        return f'at most {high:g}' if math.isinf(low) else f'a number from {low:g} to {high:g}'
+    def refusal(self, value: object) -> ParameterError:
+        """Return the error that says what was given and what is expected."""
+        return ParameterError(f'{self.name} is {value}; {self.expected()} is expected')
 
-    def _unit(self) -> str:
-        return f' {self.unit}' if self.unit else ''
+    def expected(self) -> str:
+        """Say in words what values there are."""
+        if self.choices:
+            return f'one of {", ".join(self.choices)}'
+        one, many = {
+            bool: ('true or false', 'a list of true or false'),
+            int: ('a whole number', 'a list of whole numbers'),
+            float: ('a number with a decimal point', 'a list of numbers with decimal points'),
+            str: ('a text', 'a list of texts'),
+        }[type(self.default[0] if isinstance(self.default, list) else self.default)]
+        words = many if isinstance(self.default, list) else one
+        low, high = math.isfinite(self.minimum), math.isfinite(self.maximum)
+        if low and high:
+            words += f' from {self.minimum:.10g} to {self.maximum:.10g}'
+        elif low or high:
+            words += f' of at least {self.minimum:.10g}' if low else f' of at most {self.maximum:.10g}'
+        return words + (f' {self.unit}' if self.unit else '')
 
     def descriptor(self) -> ParameterDescriptor:
         """Make the ROS descriptor: description with unit, range, and whether it can change."""
@@ -75,17 +85,16 @@ class Setting:
             read_only=not self.dynamic,
         )
         if self.choices:
-            descriptor.additional_constraints = 'one of ' + ', '.join(self.choices)
-        if isinstance(self.default, bool):
+            descriptor.additional_constraints = self.expected()
+        if isinstance(self.default, bool) or (math.isinf(self.minimum) and math.isinf(self.maximum)):
             return descriptor
-        if isinstance(self.default, int) and not math.isinf(self.minimum + self.maximum):
-            descriptor.integer_range = [IntegerRange(from_value=int(self.minimum), to_value=int(self.maximum), step=0)]
-        elif isinstance(self.default, float) and not math.isinf(self.minimum + self.maximum):
-            descriptor.floating_point_range = [
-                FloatingPointRange(from_value=self.minimum, to_value=self.maximum, step=0.0)
-            ]
+        if isinstance(self.default, int):
+            low, high = max(self.minimum, -(2**63)), min(self.maximum, 2**63 - 1)
+            descriptor.integer_range = [IntegerRange(from_value=int(low), to_value=int(high), step=0)]
+        elif isinstance(self.default, float):
+            descriptor.floating_point_range = [FloatingPointRange(from_value=self.minimum, to_value=self.maximum)]
         elif not isinstance(self.default, str):
-            descriptor.additional_constraints = self.range()
+            descriptor.additional_constraints = self.expected()
         return descriptor
 
 
@@ -93,28 +102,38 @@ class SettingsNode(Node):
     """A node whose parameters are a table of :class:`Setting` and which ends cleanly.
 
     A subclass states ``PROGRAM``, ``SUMMARY`` and ``SETTINGS``, opens what it needs in ``__init__`` and gives it
-    back in :meth:`close`, which runs while ROS still works: commands sent there arrive.
+    back in :meth:`close`, which runs while ROS still works: commands sent there arrive. ``ended`` is set when the
+    program is to end.
     """
 
     PROGRAM: str
     SUMMARY: str
     SETTINGS: tuple[Setting, ...]
 
-    def __init__(self) -> None:
+    def __init__(self, ended: threading.Event) -> None:
         super().__init__(self.PROGRAM)
         self.exit_status = 0
-        self.ended = threading.Event()
+        self.ended = ended
         for setting in self.SETTINGS:
             try:
                 self.declare_parameter(setting.name, setting.default, setting.descriptor())
             except ParameterException as error:
-                raise ParameterError(f'{setting.name}: {error}; {setting.range()} is expected') from error
+                # rclpy names the value only in its sentence.
+                given = re.search(r"to '(.*)' of type|\((.*)\) for parameter", str(error), re.DOTALL)
+                value = 'of another type' if given is None else given.group(given.lastindex or 0)
+                raise setting.refusal(value) from error
         self._check(self.settings())
         self.add_on_set_parameters_callback(self._on_set)
 
     def settings(self) -> dict[str, Any]:
         """Return the present value of every setting, arrays as lists."""
-        values = {s.name: self.get_parameter(s.name).value for s in self.SETTINGS}
+        values = {}
+        for setting in self.SETTINGS:
+            try:
+                values[setting.name] = self.get_parameter(setting.name).value
+            except ParameterUninitializedException as error:
+                # What ROS makes of an empty list: it has no type.
+                raise setting.refusal('empty') from error
         return {k: list(v) if not isinstance(v, str) and isinstance(v, Iterable) else v for k, v in values.items()}
 
     def check(self, values: dict[str, Any]) -> None:
@@ -156,13 +175,11 @@ def help_text(node_class: type[SettingsNode]) -> str:
         'parameters:',
     ]
     for s in node_class.SETTINGS:
-        unit = f' [{s.unit}]' if s.unit else ''
-        constraint = f'one of {", ".join(s.choices)}' if s.choices else ''
-        if not isinstance(s.default, (str, bool, list)) and not math.isinf(max(s.minimum, -s.maximum)):
-            constraint = s.range()
-        lines.append(f'  {s.name}{unit}, default {s.default!r}' + (f', {constraint}' if constraint else ''))
+        lines.append(f'  {s.name}, default {s.default!r}, {s.expected()}')
         lines.append(textwrap.indent(textwrap.fill(s.description, 94), '      '))
     lines += [
+        '',
+        f'commented parameter file: {resource(f"config/{node_class.PROGRAM}.yaml")}',
         '',
         'exit status: 0 success or ended by a signal, 1 a failure explained in one line, 2 wrong usage',
     ]
@@ -176,75 +193,62 @@ def run(node_class: type[SettingsNode], args: Sequence[str] | None = None) -> in
     :meth:`SettingsNode.close` can still use services and publishers.
     """
     argv = list(sys.argv if args is None else [node_class.PROGRAM, *args])
-    own = remove_ros_args(argv)[1:]
-    if '--help' in own or '-h' in own:
+    if '--help' in argv or '-h' in argv:
         print(help_text(node_class))
         return 0
+    try:
+        own = remove_ros_args(argv)[1:]
+    except Exception as error:
+        reason = str(error).split(', at ')[0]
+        print(f'{node_class.PROGRAM}: ROS refused the arguments ({reason}); see --help', file=sys.stderr)
+        return 2
     if unknown := [a for a in own if a != '--debug']:
         print(f'{node_class.PROGRAM}: unknown argument {unknown[0]!r}; see --help', file=sys.stderr)
         return 2
-    node: SettingsNode | None = None
-    failure: list[BaseException] = []
-    stopped = threading.Event()
-    executor: SingleThreadedExecutor | None = None
-
-    def spin() -> None:
-        try:
-            executor.spin()  # type: ignore[union-attr]
-        except ExternalShutdownException:
-            pass
-        except BaseException as error:
-            failure.append(error)
-        finally:
-            stopped.set()
-            if node is not None:
-                node.ended.set()
-
-    interrupted = threading.Event()
-
-    def on_signal(*_: object) -> None:
-        interrupted.set()
-        if node is not None:
-            node.ended.set()
-
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, on_signal)
     try:
-        try:
-            rclpy.init(args=argv, signal_handler_options=SignalHandlerOptions.NO)
-        except Exception as error:
-            raise ParameterError(f'ROS refused the arguments: {str(error).splitlines()[0]}') from error
-        node = node_class()
-        executor = SingleThreadedExecutor()
-        executor.add_node(node)
-        threading.Thread(target=spin, daemon=True).start()
-        if not interrupted.is_set():
-            node.ended.wait()
-        if failure:
-            raise failure[0]
-        return node.exit_status
-    except PendubotError as error:
-        return _explain(node_class.PROGRAM, str(error), '--debug' in own)
+        rclpy.init(args=argv, signal_handler_options=SignalHandlerOptions.NO)
+        return _run_until_ended(node_class)
     except Exception as error:
-        return _explain(
-            node_class.PROGRAM,
-            f'{type(error).__name__}: {error}; run again with --debug to see where',
-            '--debug' in own,
-        )
+        if '--debug' in own:
+            traceback.print_exc()
+        known = isinstance(error, PendubotError)
+        sentence = str(error) if known else f'{type(error).__name__}: {error}; run again with --debug to see where'
+        print(f'{node_class.PROGRAM}: {sentence}', file=sys.stderr)
+        return 1
     finally:
-        if node is not None:
-            try:
-                node.close()
-            finally:
-                if executor is not None:
-                    executor.shutdown(timeout_sec=2.0)
-                    stopped.wait(2.0)
-                node.destroy_node()
         rclpy.try_shutdown()
 
 
-def _explain(program: str, sentence: str, debug: bool) -> int:
-    if debug:
-        traceback.print_exc()
-    print(f'{program}: {sentence}', file=sys.stderr)
-    return 1
+def _run_until_ended(node_class: type[SettingsNode]) -> int:
+    ended = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: ended.set())
+    node = node_class(ended)
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    failures: list[BaseException] = []
+
+    def spin() -> None:
+        try:
+            executor.spin()
+        except ExternalShutdownException:
+            pass
+        except BaseException as error:
+            failures.append(error)
+        finally:
+            ended.set()
+
+    thread = threading.Thread(target=spin, daemon=True)
+    thread.start()
+    try:
+        ended.wait()
+    finally:
+        try:
+            node.close()
+        finally:
+            executor.shutdown(timeout_sec=2.0)
+            thread.join(2.0)
+            node.destroy_node()
+    if failures:
+        raise failures[0]
+    return node.exit_status

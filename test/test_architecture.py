@@ -1,0 +1,44 @@
+"""The layers of the design, the style and the types, held by the tools themselves."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from test.conftest import ROOT
+
+BIN = Path(sys.executable).parent
+
+
+def run(*command):
+    return subprocess.run([str(BIN / command[0]), *command[1:]], cwd=ROOT, capture_output=True, text=True, timeout=300)
+
+
+@pytest.mark.parametrize(
+    'command', [('lint-imports', '--no-cache'), ('ruff', 'check', '.'), ('ruff', 'format', '--check', '.'), ('mypy',)]
+)
+def test_the_tools_find_nothing(command):
+    result = run(*command)
+    assert result.returncode == 0, result.stdout + result.stderr
+
+
+def test_an_import_of_ros_in_the_core_would_be_found(tmp_path):
+    """The contract is able to fail: the same check on a copy of the package that breaks it."""
+    import shutil
+
+    shutil.copytree(ROOT / 'pendubot_identification', tmp_path / 'pendubot_identification')
+    shutil.copy(ROOT / 'pyproject.toml', tmp_path)
+    module = tmp_path / 'pendubot_identification' / 'core' / 'energy.py'
+    module.write_text(module.read_text() + '\nimport rclpy\n')
+    result = subprocess.run(
+        [str(BIN / 'lint-imports'), '--no-cache'], cwd=tmp_path, capture_output=True, text=True, timeout=300
+    )
+    assert result.returncode == 1
+    assert 'pendubot_identification.core.energy -> rclpy' in result.stdout.replace('  ', ' ')
+
+
+def test_nodes_are_thin():
+    for path in (ROOT / 'pendubot_identification' / 'nodes').glob('*.py'):
+        if path.name != 'runtime.py':
+            assert len(path.read_text().splitlines()) <= 200, f'{path.name} has outgrown a shell around the core'

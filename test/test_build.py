@@ -1,0 +1,62 @@
+"""colcon, from PyPI, builds and installs the package, and every program runs from there."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from test.conftest import ROOT
+
+PROGRAMS = ('pendubot', 'bridge', 'recorder', 'identifier', 'exciter', 'virtual_board')
+PARTS = (
+    *('package.xml', 'setup.py', 'setup.cfg', 'pyproject.toml', 'README.md', 'LICENSE'),
+    *('resource', 'config', 'launch', 'bags', 'pendubot_identification'),
+)
+
+
+@pytest.mark.build
+@pytest.mark.ros
+@pytest.mark.parametrize('options', [[], ['--symlink-install']], ids=['copied', 'symlinked'])
+def test_colcon_builds_and_every_program_runs_from_there(tmp_path, options):
+    source = tmp_path / 'src' / 'pendubot_identification'
+    source.mkdir(parents=True)
+    for part in PARTS:
+        copy = shutil.copytree if (ROOT / part).is_dir() else shutil.copy
+        copy(ROOT / part, source / part)
+    env = {**os.environ, 'PATH': f'{Path(sys.executable).parent}:{os.environ["PATH"]}'}
+    built = subprocess.run(
+        ['colcon', 'build', *options], cwd=tmp_path, env=env, capture_output=True, text=True, timeout=300
+    )
+    assert built.returncode == 0, built.stdout + built.stderr
+
+    programs = tmp_path / 'install' / 'pendubot_identification' / 'lib' / 'pendubot_identification'
+
+    def sourced(command):
+        return subprocess.run(
+            ['bash', '-c', f'source "{tmp_path}/install/setup.bash" && {command}'],
+            cwd=tmp_path,
+            env=env,
+            capture_output=True,
+            text=True,
+            timeout=120,
+        )
+
+    for program in PROGRAMS:
+        answer = sourced(f'"{programs / program}" --help')
+        assert answer.returncode == 0, answer.stderr
+        assert answer.stdout.startswith('usage: '), answer.stdout
+        if program in ('bridge', 'recorder', 'identifier', 'exciter'):
+            named = answer.stdout.split('commented parameter file: ')[1].split()[0]
+            assert Path(named).is_relative_to(tmp_path), f'{named} is of another install'
+            assert Path(named).is_file()
+    sample = Path(sourced(f'"{programs / "pendubot"}" --help').stdout.split('sample bag: ')[1].split()[0])
+    assert sample.is_relative_to(tmp_path)
+    result = sourced(f'"{programs / "pendubot"}" identify "{sample}" --optimizer lsq --output result.yaml')
+    assert result.returncode == 0, result.stderr
+    assert (tmp_path / 'result.yaml').is_file()
+    share = tmp_path / 'install' / 'pendubot_identification' / 'share'
+    assert (share / 'ament_index/resource_index/packages/pendubot_identification').exists()
+    assert (share / 'pendubot_identification/launch/rig.launch.py').exists()

@@ -1,0 +1,45 @@
+"""The parameter files in config/: every parameter of its node, with the node's own default, and nothing else."""
+
+import pytest
+import yaml
+
+from test.conftest import ROOT
+
+pytestmark = pytest.mark.ros
+
+
+def node_classes():
+    from pendubot_identification.nodes.bridge import Bridge
+    from pendubot_identification.nodes.exciter import Exciter
+    from pendubot_identification.nodes.identifier import Identifier
+    from pendubot_identification.nodes.recorder import Recorder
+
+    return {c.PROGRAM: c for c in (Bridge, Exciter, Identifier, Recorder)}
+
+
+def test_there_is_one_for_each_node():
+    assert {path.stem for path in (ROOT / 'config').glob('*.yaml')} == set(node_classes())
+
+
+@pytest.mark.parametrize('program', ['bridge', 'exciter', 'identifier', 'recorder'])
+def test_holds_every_parameter_with_its_default_and_a_comment(program):
+    path = ROOT / 'config' / f'{program}.yaml'
+    parameters = yaml.safe_load(path.read_text())[program]['ros__parameters']
+    assert parameters == {s.name: s.default for s in node_classes()[program].SETTINGS}
+    lines = path.read_text().splitlines()
+    for name in parameters:
+        k = next(k for k, line in enumerate(lines) if line.strip().startswith(f'{name}:'))
+        above = lines[k - 1].strip()
+        assert above.startswith('#') or above.split(':')[0] in parameters, f'{name} has no comment'
+
+
+@pytest.mark.parametrize('program', ['bridge', 'exciter', 'identifier', 'recorder'])
+def test_every_parameter_has_a_descriptor_with_meaning_unit_and_range(program):
+    for setting in node_classes()[program].SETTINGS:
+        descriptor = setting.descriptor()
+        assert descriptor.description
+        assert setting.unit == '' or f'[{setting.unit}]' in descriptor.description
+        if isinstance(setting.default, (int, float)) and not isinstance(setting.default, bool):
+            ranges = [*descriptor.integer_range, *descriptor.floating_point_range]
+            assert ranges, f'{setting.name} has no range'
+            assert ranges[0].from_value <= setting.default <= ranges[0].to_value
