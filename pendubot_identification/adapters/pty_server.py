@@ -1,0 +1,137 @@
+"""Serves a virtual board on a pseudo-terminal, in real time: to a host it is a serial port."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import pty
+import select
+import threading
+import time
+import tty
+from pathlib import Path
+from types import TracebackType
+from typing import TextIO
+
+from pendubot_identification.core.errors import LinkError
+from pendubot_identification.core.virtual_board import VirtualBoard
+
+TRACE_HEADER = 't_us,enc1,enc2,torque,status'
+
+
+class PtyServer:
+    """A pty with a virtual board behind it; a context manager.
+
+    Args:
+        board: the board.
+        link: where to put a symbolic link to the pty, so that a host finds it under a name that stays.
+        trace: where to write a CSV file of every sample as the board took it (t_us, counts, micro-N m, status).
+
+    Attributes:
+        path: where a host opens it.
+
+    Raises:
+        LinkError: the link's place is taken by something else, or the link or the trace cannot be made.
+    """
+
+    def __init__(self, board: VirtualBoard, link: Path | None = None, trace: Path | None = None) -> None:
+        self._board = board
+        self._link = link
+        self._trace = _create(trace) if trace else None
+        self._master, slave = pty.openpty()
+        tty.setraw(slave)
+        self._slave_path = os.ttyname(slave)
+        # Not kept open here: so the kernel says whether a host is there, and nothing piles up for one that is not.
+        os.close(slave)
+        os.set_blocking(self._master, False)
+        self._hangup = select.poll()
+        self._hangup.register(self._master, 0)
+        if link is not None:
+            try:
+                _replace_link(link, self._slave_path)
+            except LinkError:
+                self._close()
+                raise
+        self.path = str(link or self._slave_path)
+
+    def __enter__(self) -> PtyServer:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._close()
+        if self._link is not None and self._link.is_symlink() and os.readlink(self._link) == self._slave_path:
+            self._link.unlink()
+
+    def serve(self, stop: threading.Event, duration: float = float('inf')) -> None:
+        """Serve until ``stop`` is set or ``duration`` [s] is over.
+
+        Samples are due at multiples of the period from the start, so that neither lateness nor drift adds up.
+        """
+        period = self._board.settings.sample_period_us * 1000
+        start = due = time.monotonic_ns()
+        while not stop.is_set() and due - start < duration * 1e9:
+            wait = max(0, due - time.monotonic_ns()) * 1e-9
+            self._receive(wait)
+            if time.monotonic_ns() >= due:
+                self._send(self._board.advance())
+                self._write_trace()
+                due += period
+
+    def _host_is_there(self) -> bool:
+        return not any(events & select.POLLHUP for _, events in self._hangup.poll(0))
+
+    def _receive(self, wait: float) -> None:
+        """Wait for so long [s], or until the host says something."""
+        if not self._host_is_there():
+            time.sleep(wait)
+        elif not select.select([self._master], [], [], wait)[0]:
+            return
+        # A host that left has perhaps said something before; else reading fails, and that is no news.
+        with contextlib.suppress(OSError):
+            self._board.receive(os.read(self._master, 4096))
+
+    def _send(self, data: bytes) -> None:
+        sent = 0
+        if self._host_is_there():
+            # A host that does not read is not waited for, as little as a UART would.
+            with contextlib.suppress(BlockingIOError):
+                sent = os.write(self._master, data)
+        if sent < len(data):
+            self._board.note_overrun()
+
+    def _write_trace(self) -> None:
+        s = self._board.last
+        if self._trace is not None and s is not None:
+            self._trace.write(f'{s.t_us},{s.enc1},{s.enc2},{s.torque},{s.status}\n')
+
+    def _close(self) -> None:
+        os.close(self._master)
+        if self._trace is not None:
+            self._trace.close()
+
+
+def _create(trace: Path) -> TextIO:
+    try:
+        # Line by line: whoever reads along, or after a kill, finds every sample.
+        file = trace.open('x', buffering=1, encoding='ascii')
+    except FileExistsError as error:
+        raise LinkError(f'{trace} exists already; remove it or name another trace file') from error
+    except OSError as error:
+        raise LinkError(f'the trace {trace} cannot be written ({error.strerror}); name another place') from error
+    file.write(TRACE_HEADER + '\n')
+    return file
+
+
+def _replace_link(link: Path, target: str) -> None:
+    """Put a symbolic link there, in the place of one that a board before this one may have left."""
+    stale = link.is_symlink() and (not link.exists() or os.readlink(link).startswith('/dev/pts/'))
+    if not stale and (link.exists() or link.is_symlink()):
+        raise LinkError(f'{link} exists and is no link to a pty; remove it or name another --link')
+    try:
+        if stale:
+            link.unlink()
+        link.symlink_to(target)
+    except OSError as error:
+        raise LinkError(f'the link {link} cannot be made ({error.strerror}); name another --link') from error

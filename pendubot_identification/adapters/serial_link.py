@@ -1,0 +1,187 @@
+"""A serial port that is kept open: a thread reads it, and opens it again whenever it can."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import fcntl
+import os
+import select
+import termios
+import threading
+import time
+from collections.abc import Callable
+
+import serial
+
+from pendubot_identification.core.errors import LinkError
+
+#: A port that failed or is missing is tried again this often [s].
+RETRY = 0.04
+
+#: How long [s] closing may have to wait for the thread.
+_READ_TIMEOUT = 0.05
+#: A kernel buffer that takes nothing for so long [s] belongs to a device that is gone.
+_WRITE_TIMEOUT = 0.02
+
+_MISSING = (errno.ENOENT, errno.ENXIO, errno.ENODEV)
+_BUSY = (errno.EBUSY, errno.EAGAIN)
+_FORBIDDEN = (errno.EACCES, errno.EPERM)
+
+
+class SerialLink:
+    """A port, read by a thread of its own from :meth:`start` until :meth:`close`.
+
+    Args:
+        port: path of a serial port or pty, or any URL that pyserial understands.
+        baud: bits per second.
+        on_bytes: called by the thread with what arrived and when [ns, time.monotonic_ns].
+        on_opened: called by the thread after the port was opened.
+        on_closed: called by the thread with a sentence when the port was lost, or could not be opened for another
+            reason than the last time.
+    """
+
+    def __init__(
+        self,
+        port: str,
+        baud: int,
+        on_bytes: Callable[[bytes, int], None],
+        on_opened: Callable[[], None],
+        on_closed: Callable[[str], None],
+    ) -> None:
+        self._port = port
+        self._baud = baud
+        self._on_bytes = on_bytes
+        self._on_opened = on_opened
+        self._on_closed = on_closed
+        self._device: serial.SerialBase | None = None
+        self._lock = threading.Lock()
+        self._stopping = threading.Event()
+        self._thread = threading.Thread(target=self._run, name='serial link', daemon=True)
+
+    def start(self) -> None:
+        """Begin to open and read."""
+        self._thread.start()
+
+    def write(self, data: bytes) -> bool:
+        """Write at once, from any thread; return whether all of it went out. A closed port takes nothing."""
+        with self._lock:
+            if self._device is None:
+                return False
+            try:
+                return self._device.write(data) == len(data)
+            except (OSError, termios.error):
+                return False
+
+    def close(self) -> None:
+        """Stop the thread and close the port; what was written still goes out."""
+        self._stopping.set()
+        if self._thread.is_alive():
+            self._thread.join(2.0)
+
+    def _run(self) -> None:
+        told = None
+        while not self._stopping.is_set():
+            try:
+                device = open_port(self._port, self._baud)
+            except LinkError as error:
+                if str(error) != told:
+                    told = str(error)
+                    self._on_closed(told)
+                self._stopping.wait(RETRY)
+                continue
+            with self._lock:
+                self._device = device
+            self._on_opened()
+            reason = self._read(device)
+            with self._lock:
+                self._device = None
+                device.close()
+            if not self._stopping.is_set():
+                self._on_closed(f'the port {self._port} was lost ({reason}); it is opened again when it returns')
+                # That it is missing now is no further news.
+                told = _sentence(self._port, errno.ENOENT, '')
+
+    def _read(self, device: serial.SerialBase) -> str:
+        """Read until the port fails, and return why, or until the link is closed."""
+        wait_and_read = _reader(device)
+        while not self._stopping.is_set():
+            try:
+                data, arrival = wait_and_read()
+            except (OSError, termios.error) as error:
+                return str(error)
+            if data:
+                self._on_bytes(data, arrival)
+        return 'closed'
+
+
+def _reader(device: serial.SerialBase) -> Callable[[], tuple[bytes, int]]:
+    """Return what waits for bytes and returns all that are there, with the time of their arrival."""
+
+    def through_pyserial() -> tuple[bytes, int]:
+        data = device.read(1)
+        arrival = time.monotonic_ns()
+        return (data + device.read(device.in_waiting) if data else b''), arrival
+
+    if not isinstance(device, serial.Serial):
+        return through_pyserial
+
+    # A thousand times a second pyserial's own reading costs as much as all the rest of the bridge.
+    descriptor = device.fd
+    poll = select.poll()
+    poll.register(descriptor, select.POLLIN)
+
+    def directly() -> tuple[bytes, int]:
+        ready = poll.poll(_READ_TIMEOUT * 1000)
+        arrival = time.monotonic_ns()
+        if not ready:
+            return b'', arrival
+        try:
+            data = os.read(descriptor, 4096)
+        except BlockingIOError:
+            return b'', arrival
+        if not data:
+            raise OSError(errno.ENODEV, 'the device is gone')
+        return data, arrival
+
+    return directly
+
+
+def open_port(port: str, baud: int) -> serial.SerialBase:
+    """Open a port for this program alone, with nothing of what came before.
+
+    Raises:
+        LinkError: it is missing, busy, forbidden, or no serial port.
+    """
+    try:
+        device = serial.serial_for_url(port, baud, timeout=_READ_TIMEOUT, write_timeout=_WRITE_TIMEOUT, exclusive=True)
+    except (OSError, termios.error, ValueError) as error:
+        raise LinkError(_sentence(port, getattr(error, 'errno', None), str(error))) from error
+    try:
+        _keep_to_ourselves(device)
+    except (OSError, termios.error) as error:
+        device.close()
+        raise LinkError(_sentence(port, getattr(error, 'errno', None), str(error))) from error
+    return device
+
+
+def _keep_to_ourselves(device: serial.SerialBase) -> None:
+    if not isinstance(device, serial.Serial):
+        return
+    # pyserial's lock only binds those who ask for it; this binds everybody. Not on a pty: there the flag outlives
+    # its holder as long as the other end is open, and would lock out the next bridge after a crash.
+    if not os.ttyname(device.fd).startswith('/dev/pts/'):
+        fcntl.ioctl(device.fd, termios.TIOCEXCL)
+    # Not every driver has it; without it frames only come in larger pieces.
+    with contextlib.suppress(AttributeError, NotImplementedError, ValueError, OSError):
+        device.set_low_latency_mode(True)
+
+
+def _sentence(port: str, number: int | None, text: str) -> str:
+    if number in _MISSING:
+        return f'the port {port} is missing; plug the board in, or set port to where it is'
+    if number in _BUSY:
+        return f'the port {port} is busy: another program holds it; end that program'
+    if number in _FORBIDDEN:
+        return f'the port {port} is forbidden to this user; add the user to the group dialout and log in again'
+    return f'the port {port} cannot be opened ({text}); set port to a serial port or a pyserial URL'

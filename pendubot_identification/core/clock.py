@@ -1,0 +1,129 @@
+"""The board's clock mapped to the host's by the smallest delays seen.
+
+A sample's delay (arrival on the host's clock minus sampling on the board's) is a constant offset, plus the drift
+between the two clocks, plus transport and scheduling, which are never negative. So the true line lies under all
+points (board time, delay), and touches those that were not held up: it is the lower convex hull's edge.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from itertools import pairwise
+from typing import NamedTuple
+
+WRAP = 1 << 32
+
+
+class _Point(NamedTuple):
+    board_us: int
+    delay_ns: int
+
+
+class BoardClock:
+    """Maps a board's microsecond counter (u32, wrapping) to host time.
+
+    Args:
+        window: how far back delays are remembered [s].
+        bucket: of each such stretch of board time [s] only the smallest delay is remembered.
+        settle: as long as less than this was seen [s], no skew is assumed; a slope through less is noise.
+        max_skew_ppm: no two crystals differ by more; a larger slope is clamped.
+
+    Stamps strictly increase as long as samples are stamped, whatever happens to the mapping.
+    """
+
+    def __init__(
+        self, window: float = 60.0, bucket: float = 0.5, settle: float = 2.0, max_skew_ppm: float = 1000.0
+    ) -> None:
+        self._bucket_us = round(bucket * 1e6)
+        self._settle_us = settle * 1e6
+        self._window_us = window * 1e6
+        self._max_slope = max_skew_ppm * 1e-3
+        self._minima: deque[_Point] = deque(maxlen=math.ceil(window / bucket) + 1)
+        self._last_stamp: int | None = None
+        self.restart()
+
+    def restart(self) -> None:
+        """Begin anew with another clock, of a board that restarted; stamps go on increasing."""
+        self._minima.clear()
+        self._origin_us: int | None = None
+        self._board_us = 0
+        self._arrival_ns = 0
+        self._bucket_end = 0
+        self._slope = 0.0  # ns of delay per us of board time; 1e-3 is 1 ppm
+        self._intercept = 0.0  # delay [ns] at the board's first sample, where the line is at its lowest
+
+    @property
+    def skew_ppm(self) -> float:
+        """How much faster the host's clock runs than the board's [ppm]."""
+        return self._slope * 1e3
+
+    def unwrap(self, t_us: int, arrival_ns: int) -> int:
+        """Return the board time [us], not wrapped, that ``t_us`` stands for: the nearest to what arrival suggests."""
+        if self._origin_us is None:
+            return t_us
+        expected = self._board_us + (arrival_ns - self._arrival_ns) // 1000
+        return expected + (t_us - expected + WRAP // 2) % WRAP - WRAP // 2
+
+    def observe(self, t_us: int, arrival_ns: int) -> int:
+        """Learn from a sample's arrival [ns, host]; return its board time [us], not wrapped."""
+        board_us = self.unwrap(t_us, arrival_ns)
+        delay_ns = arrival_ns - 1000 * board_us
+        if self._origin_us is None:
+            self._origin_us = board_us
+        self._board_us, self._arrival_ns = board_us, arrival_ns
+        point = _Point(board_us, delay_ns)
+        if not self._minima or board_us >= self._bucket_end:
+            self._bucket_end = board_us + self._bucket_us
+            while self._minima and self._minima[0].board_us < board_us - self._window_us:
+                self._minima.popleft()
+            self._refit(point)
+            self._minima.append(point)
+        elif delay_ns < self._minima[-1].delay_ns:
+            self._minima[-1] = point
+        self._intercept = min(self._intercept, self._below(point))
+        return board_us
+
+    def stamp(self, t_us: int, arrival_ns: int) -> int:
+        """Return the host time [ns] at which the board took the sample ``t_us``, which arrived at ``arrival_ns``."""
+        return self.map(self.observe(t_us, arrival_ns))
+
+    def map(self, board_us: int) -> int:
+        """Return the host time [ns], above every earlier stamp, of a board time that :meth:`observe` returned."""
+        delay = self._intercept + self._slope * (board_us - (self._origin_us or 0))
+        stamp = 1000 * board_us + round(delay)
+        if self._last_stamp is not None:
+            stamp = max(stamp, self._last_stamp + 1)
+        self._last_stamp = stamp
+        return stamp
+
+    def _below(self, point: _Point) -> float:
+        """Return where a line of the present slope through this point starts."""
+        return point.delay_ns - self._slope * (point.board_us - (self._origin_us or 0))
+
+    def _refit(self, newest: _Point) -> None:
+        """Lay the line anew, once a bucket, along the hull's edge that spans the middle of the window.
+
+        Of all lines under the points that edge is nearest to them on average.
+        """
+        if self._minima and self._minima[-1].board_us - self._minima[0].board_us >= self._settle_us:
+            hull = _lower_hull(self._minima)
+            middle = (self._minima[0].board_us + self._minima[-1].board_us) / 2
+            left, right = next(edge for edge in pairwise(hull) if edge[1].board_us >= middle)
+            slope = (right.delay_ns - left.delay_ns) / (right.board_us - left.board_us)
+            self._slope = max(-self._max_slope, min(self._max_slope, slope))
+        self._intercept = min(self._below(point) for point in (*self._minima, newest))
+
+
+def _lower_hull(points: deque[_Point]) -> list[_Point]:
+    """Return the lower convex hull of points in increasing board time (Andrew's monotone chain)."""
+    hull: list[_Point] = []
+    for p in points:
+        while len(hull) >= 2:
+            a, b = hull[-2], hull[-1]
+            cross = (b.board_us - a.board_us) * (p.delay_ns - a.delay_ns)
+            if cross - (b.delay_ns - a.delay_ns) * (p.board_us - a.board_us) > 0:
+                break
+            hull.pop()
+        hull.append(p)
+    return hull

@@ -1,0 +1,304 @@
+"""The bytes between board and host, version 1: frames in, frozen messages out.
+
+A frame is ``COBS(body + crc) + 0x00``: little-endian, crc the CRC-32 (IEEE) of the body. Nothing here reads or
+writes; bytes come in as arguments, in pieces of any size.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Iterable
+from dataclasses import dataclass
+from enum import IntEnum, IntFlag
+
+VERSION = 1
+
+#: The longest frame is HELLO's: 48 bytes of body, 4 of CRC, and one that COBS adds; the delimiter not counted.
+MAX_FRAME = 53
+
+_HEADER = struct.Struct('<BBHI')
+_CRC = struct.Struct('<I')
+
+
+class Status(IntFlag):
+    """The status bits of a STATE."""
+
+    ARMED = 1 << 0
+    WATCHDOG = 1 << 1
+    EMERGENCY_STOP = 1 << 2
+    SATURATED = 1 << 3
+    ENCODER_1 = 1 << 4
+    ENCODER_2 = 1 << 5
+    OVER_CURRENT = 1 << 6
+    OVER_TEMPERATURE = 1 << 7
+    UNDERVOLTAGE = 1 << 8
+    DAMAGED_FRAME = 1 << 9
+    OVERRUN = 1 << 10
+
+
+#: The bits that keep the motor off while they stand.
+FAULTS = (
+    Status.EMERGENCY_STOP
+    | Status.ENCODER_1
+    | Status.ENCODER_2
+    | Status.OVER_CURRENT
+    | Status.OVER_TEMPERATURE
+    | Status.UNDERVOLTAGE
+)
+
+
+class Mode(IntEnum):
+    """What a COMMAND asks for."""
+
+    DISARM = 0
+    TORQUE = 1
+
+
+@dataclass(frozen=True, slots=True)
+class State:
+    """One sample, board to host; ``torque`` is applied from this sample until the next.
+
+    ``t_us`` is the board's clock (wraps at 2^32), ``enc1`` and ``enc2`` are counts, not wrapped per turn, ``torque``
+    is in micro-N m, ``current`` in mA, ``vbus`` in 10 mV, ``cmd_seq`` names the last COMMAND obeyed, 0 before any.
+    """
+
+    seq: int
+    t_us: int
+    enc1: int
+    enc2: int
+    torque: int
+    current: int
+    vbus: int
+    cmd_seq: int
+    status: int
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """Host to board: ``torque`` [micro-N m] held for ``watchdog_ms`` (mode 1), or disarm and unlock (mode 0)."""
+
+    seq: int
+    t_us: int
+    mode: int
+    watchdog_ms: int
+    torque: int
+    flags: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Hello:
+    """Board to host, at boot and when asked: who it is and in what units it counts.
+
+    ``cpr1`` and ``cpr2`` are counts per turn, ``torque_limit`` is in micro-N m.
+    """
+
+    seq: int
+    t_us: int
+    boot_id: int
+    reset_cause: int
+    watchdog_max_ms: int
+    cpr1: int
+    cpr2: int
+    torque_limit: int
+    sample_period_us: int
+    firmware: str
+
+
+@dataclass(frozen=True, slots=True)
+class HelloRequest:
+    """Host to board: say HELLO."""
+
+    seq: int
+    t_us: int
+
+
+@dataclass(frozen=True, slots=True)
+class Damaged:
+    """Bytes that were dropped: the reason (``overlong``, ``cobs``, ``length``, ``crc``, ``version``, ``type``).
+
+    An ``overlong`` stretch is told once, as soon as it is longer than any frame; it ends at the next 0x00.
+    """
+
+    reason: str
+
+
+Message = State | Command | Hello | HelloRequest
+Event = Message | Damaged
+
+_STATE = struct.Struct('<iiihHHH')
+_COMMAND = struct.Struct('<BBHi')
+_HELLO = struct.Struct('<IBBHIIiI16s')
+
+_TYPES: dict[type, int] = {State: 0x01, Command: 0x02, Hello: 0x03, HelloRequest: 0x04}
+_SIZES = {0x01: _STATE.size, 0x02: _COMMAND.size, 0x03: _HELLO.size, 0x04: 0}
+
+
+def encode(message: Message) -> bytes:
+    """Return a message's frame, delimiter included.
+
+    Raises:
+        struct.error: a field does not fit into its place on the wire.
+    """
+    m = message
+    if isinstance(m, State):
+        payload = _STATE.pack(m.enc1, m.enc2, m.torque, m.current, m.vbus, m.cmd_seq, m.status)
+    elif isinstance(m, Command):
+        payload = _COMMAND.pack(m.mode, m.flags, m.watchdog_ms, m.torque)
+    elif isinstance(m, Hello):
+        name = m.firmware.encode('ascii', 'replace')
+        payload = _HELLO.pack(
+            m.boot_id,
+            m.reset_cause,
+            0,
+            m.watchdog_max_ms,
+            m.cpr1,
+            m.cpr2,
+            m.torque_limit,
+            m.sample_period_us,
+            name,
+        )
+    else:
+        payload = b''
+    return frame(_HEADER.pack(_TYPES[type(m)], VERSION, m.seq, m.t_us) + payload)
+
+
+def frame(body: bytes) -> bytes:
+    """Wrap a body: CRC appended, COBS, delimiter. For bodies of frames only, which are far below 254 bytes."""
+    blocks = (body + _CRC.pack(zlib.crc32(body))).split(b'\0')
+    return b''.join(bytes((len(block) + 1,)) + block for block in blocks) + b'\0'
+
+
+def _uncobs(data: bytes) -> bytes | None:
+    """Undo COBS, or return None where the code bytes do not add up or a zero stands among the data."""
+    if 0 in data:
+        return None
+    out = bytearray()
+    at = 0
+    while True:
+        end = at + data[at]
+        out += data[at + 1 : end]
+        if end >= len(data):
+            # A frame is shorter than 254 bytes, so that a code byte can only mean "and then a zero".
+            return bytes(out) if end == len(data) else None
+        out.append(0)
+        at = end
+
+
+def _parse(data: bytes, accepted: frozenset[int]) -> Event:
+    content = _uncobs(data)
+    if content is None:
+        return Damaged('cobs')
+    if len(content) < _HEADER.size + _CRC.size:
+        return Damaged('length')
+    body = content[: -_CRC.size]
+    if zlib.crc32(body) != int.from_bytes(content[-_CRC.size :], 'little'):
+        return Damaged('crc')
+    kind, version, seq, t_us = _HEADER.unpack_from(body)
+    if version != VERSION:
+        return Damaged('version')
+    if kind not in accepted:
+        return Damaged('type')
+    if len(body) != _HEADER.size + _SIZES[kind]:
+        return Damaged('length')
+    if kind == _TYPES[State]:
+        return State(seq, t_us, *_STATE.unpack_from(body, _HEADER.size))
+    if kind == _TYPES[Command]:
+        mode, flags, watchdog_ms, torque = _COMMAND.unpack_from(body, _HEADER.size)
+        return Command(seq, t_us, mode, watchdog_ms, torque, flags)
+    if kind == _TYPES[Hello]:
+        boot_id, cause, _, watchdog_max_ms, cpr1, cpr2, limit, period_us, name = _HELLO.unpack_from(body, _HEADER.size)
+        firmware = name.rstrip(b'\0').decode('ascii', 'backslashreplace')
+        return Hello(seq, t_us, boot_id, cause, watchdog_max_ms, cpr1, cpr2, limit, period_us, firmware)
+    return HelloRequest(seq, t_us)
+
+
+class Decoder:
+    """Turns bytes into events, the same for every way in which the bytes are cut into pieces.
+
+    Args:
+        accept: the messages that this end may hear; any other counts as damaged.
+
+    It holds at most one frame. Nothing between two delimiters is no damage: it says nothing.
+    """
+
+    def __init__(self, accept: Iterable[type] = (State, Hello)) -> None:
+        self._accepted = frozenset(_TYPES[kind] for kind in accept)
+        self._pending = b''
+        self._overlong = False
+
+    def feed(self, data: bytes) -> list[Event]:
+        """Take the next bytes; return the events that they complete, in order."""
+        events: list[Event] = []
+        *ended, rest = bytes(data).split(b'\0')
+        for piece in ended:
+            self._append(piece, events)
+            if self._pending:
+                events.append(_parse(self._pending, self._accepted))
+            self._pending = b''
+            self._overlong = False
+        self._append(rest, events)
+        return events
+
+    def _append(self, piece: bytes, events: list[Event]) -> None:
+        if self._overlong:
+            return
+        if len(self._pending) + len(piece) > MAX_FRAME:
+            self._overlong = True
+            self._pending = b''
+            events.append(Damaged('overlong'))
+        else:
+            self._pending += piece
+
+
+class Sequence:
+    """Accounts for the sequence numbers (u16, wrapping) of one direction.
+
+    Attributes:
+        lost: frames that are missing; one that comes too late stays lost, since it is not used.
+        duplicates: frames that came twice in a row.
+        out_of_order: frames that came after a later one.
+    """
+
+    def __init__(self) -> None:
+        self.lost = 0
+        self.duplicates = 0
+        self.out_of_order = 0
+        self._last: int | None = None
+        self._gap = False
+        self._presumed = 0
+
+    def begin(self) -> None:
+        """Forget the last number: the sender begins anew. What an unconfirmed gap seemed to hide was not lost."""
+        self.lost -= self._presumed
+        self._presumed = 0
+        self._last = None
+
+    def allow_gap(self) -> None:
+        """Take whatever comes next as later than the last: after a silence the numbers may have gone half round."""
+        self._gap = True
+
+    def confirm_gap(self) -> None:
+        """Note that the sender is the same as before the gap: what was missing stays lost."""
+        self._presumed = 0
+
+    def follows(self, seq: int) -> bool:
+        """Tell whether this is the very next number (or the first)."""
+        return self._last is None or seq == (self._last + 1) & 0xFFFF
+
+    def accept(self, seq: int) -> bool:
+        """Count a frame; return whether it is a new one, to be used."""
+        step = 1 if self._last is None else (seq - self._last) & 0xFFFF
+        if not self._gap and step == 0:
+            self.duplicates += 1
+            return False
+        if not self._gap and step >= 0x8000:
+            self.out_of_order += 1
+            return False
+        missing = (step - 1) & 0xFFFF
+        if self._gap:
+            self._presumed = missing
+        self._gap = False
+        self._last = seq
+        self.lost += missing
+        return True

@@ -1,0 +1,195 @@
+"""``bridge``: from the board's bytes to ``/joint_states``, and from effort commands to the board."""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import fields
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.qos import QoSProfile
+from rclpy.task import Future
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64
+from std_srvs.srv import Trigger
+
+from pendubot_identification.adapters.serial_link import SerialLink
+from pendubot_identification.core.errors import ParameterError
+from pendubot_identification.core.health import Health
+from pendubot_identification.core.host import Armed, ArmingFailed, Host, HostConfig, HostEvent, Level, Report, Sample
+from pendubot_identification.nodes.runtime import Setting, SettingsNode, run
+
+SECOND = 1_000_000_000
+
+
+class Bridge(SettingsNode):
+    """Three threads share one :class:`Host` under a lock: the port's reader, which publishes with nothing in between;
+    the housekeeper, for what time alone brings; and the executor, for commands and services.
+    """
+
+    PROGRAM = 'bridge'
+    SUMMARY = (
+        "Publishes the board's samples as /joint_states, stamped with the board's sampling time, and sends torques "
+        'from /pendubot/effort_command to it once armed by ~/arm. Waits for the port, and opens it again when lost.'
+    )
+    SETTINGS = (
+        Setting('port', '/dev/pendubot', "the board's serial port: a path or a pyserial URL"),
+        Setting('baud', 921600, 'speed of the port', 'bit/s', 1200, 12_000_000),
+        Setting('joint_names', ['shoulder', 'elbow'], 'names of the two joints in /joint_states'),
+        Setting('sign', [1, 1], '1 or -1 for each joint: which way its encoder counts', '', -1, 1),
+        Setting('zero', [-math.pi / 2, 0.0], 'position of each joint at count 0', 'rad', -100.0, 100.0),
+        Setting('counts_per_turn', [0, 0], 'of each encoder; 0 asks the board', 'counts', 0, 1 << 31),
+        Setting(
+            'torque_limit', 2.0, 'largest torque that is ever sent; the board has its own limit', 'N m', 0.0, 1000.0
+        ),
+        Setting('watchdog_ms', 100, 'without a command for so long the board stops its motor', 'ms', 10, 65535),
+        Setting('command_timeout', 0.1, 'without an effort command for so long the torque is 0', 's', 0.001, 3600.0),
+        Setting('max_speed', 100.0, 'a sample that would need a higher speed is not published', 'rad/s', 0.1, 1e6),
+    )
+
+    def __init__(self, ended: threading.Event) -> None:
+        super().__init__(ended)
+        s = self.settings()
+        frozen: dict[str, Any] = {name: tuple(v) if isinstance(v, list) else v for name, v in s.items()}
+        self._host = Host(HostConfig(**{each.name: frozen[each.name] for each in fields(HostConfig)}))
+        self._lock = threading.Lock()
+        self._closing = threading.Event()
+        self._arming: list[Future] = []
+        self._health = Health()
+        self._port: str = s['port']
+        # Stamps are the board's time on the monotonic clock, which no time server sets back.
+        self._epoch_ns = time.time_ns() - time.monotonic_ns()
+        self._message = JointState(name=s['joint_names'], position=[0.0] * 2, velocity=[0.0] * 2, effort=[0.0] * 2)
+        self._joint_states = self.create_publisher(JointState, '/joint_states', QoSProfile(depth=1000))
+        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        self.create_subscription(Float64, '/pendubot/effort_command', self._on_effort, 1)
+        # Arming takes a while: a group of its own, so that effort commands are discarded meanwhile, not kept for later.
+        group = ReentrantCallbackGroup()
+        self.create_service(Trigger, '~/arm', self._on_arm, callback_group=group)
+        self.create_service(Trigger, '~/disarm', self._on_disarm, callback_group=group)
+        self._link = SerialLink(
+            self._port,
+            s['baud'],
+            on_bytes=lambda data, arrival: self._step(lambda now: self._host.receive(data, now), arrival),
+            on_opened=lambda: self._step(self._host.opened),
+            on_closed=lambda reason: self._step(lambda now: self._host.closed(reason, now)),
+        )
+        self._housekeeper = threading.Thread(target=self._keep_house, name='housekeeper', daemon=True)
+        self._link.start()
+        self._housekeeper.start()
+
+    def check(self, values: dict[str, Any]) -> None:
+        """Refuse settings that make no sense together."""
+        for name in ('joint_names', 'sign', 'zero', 'counts_per_turn'):
+            if len(values[name]) != 2:
+                raise ParameterError(f'{name} has {len(values[name])} values; two are expected, shoulder and elbow')
+        if 0 in values['sign']:
+            raise ParameterError('sign holds a 0; 1 or -1 is expected for each joint')
+        if len(set(values['joint_names'])) != 2 or '' in values['joint_names']:
+            raise ParameterError(f'joint_names are {values["joint_names"]}; two different names are expected')
+        if not values['port']:
+            raise ParameterError('port is empty; set it to a path or a pyserial URL')
+
+    def close(self) -> None:
+        """Disarm the board, whatever the reason of the end, and give the port back."""
+        self._closing.set()
+        self._step(self._host.disarm)
+        self._housekeeper.join(2.0)
+        self._link.close()
+
+    def _step(self, action: Callable[[int], list[HostEvent]], now: int | None = None) -> None:
+        """Let the host do something, from any thread; a failure ends the program, which disarms."""
+        try:
+            with self._lock:
+                events = action(time.monotonic_ns() if now is None else now)
+                if data := self._host.data_to_send():
+                    self._link.write(data)
+                for event in events:
+                    if isinstance(event, Report):
+                        self._health.note(event)
+            for event in events:
+                self._handle(event)
+        except Exception as error:
+            if not self._closing.is_set():
+                self.get_logger().fatal(f'{type(error).__name__}: {error}; ending')
+                self.end(1)
+
+    def _handle(self, event: HostEvent) -> None:
+        if isinstance(event, Sample):
+            self._publish(event)
+        elif isinstance(event, Report):
+            # rclpy wants every place that logs to keep to one severity.
+            if event.level is Level.ERROR:
+                self.get_logger().error(event.text)
+            elif event.level is Level.WARN:
+                self.get_logger().warning(event.text)
+            else:
+                self.get_logger().info(event.text)
+        else:
+            waiting, self._arming = self._arming, []
+            for future in waiting:
+                future.set_result(event)
+            if self.executor is not None:
+                self.executor.wake()
+
+    def _publish(self, sample: Sample) -> None:
+        m = self._message
+        m.header.stamp.sec, m.header.stamp.nanosec = divmod(sample.stamp_ns + self._epoch_ns, SECOND)
+        m.position[0], m.position[1] = sample.q
+        m.velocity[0], m.velocity[1] = sample.qd
+        m.effort[0] = sample.effort
+        self._joint_states.publish(m)
+
+    def _keep_house(self) -> None:
+        due = time.monotonic() + 1.0
+        while not self._closing.wait(self._host.poll_interval):
+            self._step(self._host.poll)
+            if time.monotonic() >= due:
+                due += 1.0
+                self._diagnose()
+
+    def _diagnose(self) -> None:
+        with self._lock:
+            diagnosis = self._health.diagnose(self._host, time.monotonic_ns())
+        status = DiagnosticStatus(
+            level=bytes([diagnosis.level]),
+            name='bridge',
+            message=diagnosis.message,
+            hardware_id=self._port,
+            values=[KeyValue(key=key, value=value) for key, value in diagnosis.values.items()],
+        )
+        array = DiagnosticArray(status=[status])
+        array.header.stamp = self.get_clock().now().to_msg()
+        self._diagnostics.publish(array)
+
+    def _on_effort(self, message: Float64) -> None:
+        self._step(lambda now: self._host.effort(message.data, now))
+
+    async def _on_arm(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        future = Future()
+        self._arming.append(future)
+        self._step(self._host.arm)
+        outcome: Armed | ArmingFailed = await future
+        response.success = isinstance(outcome, Armed)
+        response.message = outcome.reason if isinstance(outcome, ArmingFailed) else 'armed'
+        self.get_logger().info(f'arming: {response.message}')
+        return response
+
+    def _on_disarm(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._step(self._host.disarm)
+        response.success = self._host.link == 'up'
+        response.message = 'disarmed' if response.success else f'no board to tell: {self._host.condition().text}'
+        return response
+
+
+def main() -> int:
+    """Run the bridge; return the exit status."""
+    return run(Bridge)
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())

@@ -1,0 +1,110 @@
+"""``virtual_board``: a pendubot rig that is not there, on a pseudo-terminal. Needs no ROS."""
+
+from __future__ import annotations
+
+import argparse
+import secrets
+import signal
+import sys
+import threading
+from collections.abc import Sequence
+from dataclasses import fields
+from pathlib import Path
+
+from pendubot_identification.adapters.pty_server import PtyServer
+from pendubot_identification.core.errors import ParameterError, PendubotError
+from pendubot_identification.core.parameters import PAPER
+from pendubot_identification.core.simulation import Plant
+from pendubot_identification.core.virtual_board import BoardSettings, Faults, VirtualBoard
+
+EPILOG = f"""\
+faults: {', '.join(each.name for each in fields(Faults))}
+  (those named _at are seconds after the start, the others probabilities for each frame or sample)
+
+example:
+  virtual_board --link /tmp/pendubot --rate 100 --fault bit_flip=0.001 --fault reset_at=20
+  bridge --ros-args -p port:=/tmp/pendubot
+
+exit status: 0 success or ended by a signal, 1 a failure explained in one line, 2 wrong usage"""
+
+
+def parser() -> argparse.ArgumentParser:
+    """Return the parser of the command line."""
+    p = argparse.ArgumentParser(
+        prog='virtual_board',
+        description="A virtual board with the paper's pendubot behind it: it speaks the serial protocol on a pty, in "
+        'real time, with encoders, torque limit, watchdog and arming like the real one.',
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        epilog=EPILOG,
+    )
+    p.add_argument('--link', type=Path, metavar='PATH', help='make a symbolic link to the pty here')
+    p.add_argument('--rate', type=float, default=100.0, metavar='HZ', help='sampling rate (default %(default)s)')
+    p.add_argument(
+        '--counts', type=int, default=4000, metavar='N', help='encoder counts per turn (default %(default)s)'
+    )
+    p.add_argument(
+        '--torque-limit', type=float, default=2.0, metavar='NM', help="the board's limit [N m] (default %(default)s)"
+    )
+    p.add_argument('--seed', type=int, help='of everything random (default: a new one every time, printed)')
+    p.add_argument('--trace', type=Path, metavar='FILE', help='write every sample as the board took it, as CSV')
+    p.add_argument(
+        '--fault',
+        action='append',
+        default=[],
+        metavar='NAME=VALUE',
+        help='something that goes wrong, see below; repeatable',
+    )
+    p.add_argument('--duration', type=float, default=float('inf'), metavar='S', help='end after so many seconds')
+    return p
+
+
+def make_board(options: argparse.Namespace) -> VirtualBoard:
+    """Return the board that the options describe.
+
+    Raises:
+        ParameterError: a value that makes no sense.
+    """
+    if not 1.0 <= options.rate <= 10_000.0:
+        raise ParameterError(f'--rate is {options.rate:g} Hz; a number from 1 to 10000 is expected')
+    if options.seed < 0:
+        raise ParameterError(f'--seed is {options.seed}; a number of at least 0 is expected')
+    settings = BoardSettings(
+        counts=options.counts, torque_limit=options.torque_limit, sample_period_us=round(1e6 / options.rate)
+    )
+    return VirtualBoard(Plant(PAPER), settings, Faults(**dict(map(_fault, options.fault))), options.seed)
+
+
+def _fault(text: str) -> tuple[str, float]:
+    name, _, value = text.partition('=')
+    names = [each.name for each in fields(Faults)]
+    if name not in names:
+        raise ParameterError(f'there is no fault {name!r}; the faults are {", ".join(names)}')
+    try:
+        return name, float(value)
+    except ValueError:
+        raise ParameterError(f'the fault {text!r} has no number; write {name}=VALUE') from None
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Serve a virtual board until a signal comes; return the exit status."""
+    argv = list(sys.argv[1:] if args is None else args)
+    # A launch file adds these to every program; this one has no use for them.
+    options = parser().parse_args(argv[: argv.index('--ros-args')] if '--ros-args' in argv else argv)
+    if options.seed is None:
+        # A real board has another boot_id each time it starts; the same one would claim that it never stopped.
+        options.seed = secrets.randbits(32)
+    stop = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stop.set())
+    try:
+        with PtyServer(make_board(options), options.link, options.trace) as server:
+            print(f'seed {options.seed}\nvirtual board on {server.path}', flush=True)
+            server.serve(stop, options.duration)
+    except PendubotError as error:
+        print(f'virtual_board: {error}', file=sys.stderr)
+        return 1
+    return 0
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())

@@ -1,0 +1,266 @@
+"""pendubot identify from outside: results, files, and one sentence for each thing that a user can do wrong."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from pendubot_identification.adapters.csv_import import import_csv
+from pendubot_identification.adapters.joint_states import write_trajectory
+from pendubot_identification.adapters.result_file import read_parameters
+from pendubot_identification.cli.main import main
+from pendubot_identification.core.parameters import NAMES, PAPER
+from pendubot_identification.core.trajectory import Trajectory
+from test.conftest import RECORDINGS, ROOT
+
+SAMPLE = ROOT / 'bags' / 'paper_experiment'
+FAST = ('--optimizer', 'lsq')
+
+
+@pytest.fixture(scope='session')
+def bag(tmp_path_factory):
+    path = tmp_path_factory.mktemp('bags') / 'swing'
+    assert main(['simulate', '--output', str(path)]) == 0
+    return path
+
+
+def identify(capsys, *arguments):
+    status = main(['identify', *map(str, arguments)])
+    captured = capsys.readouterr()
+    return status, captured.out, captured.err
+
+
+def refused(capsys, *arguments):
+    """Assert exit 1 with one line, no traceback and nothing printed; return the sentence."""
+    status, out, err = identify(capsys, *arguments)
+    assert status == 1
+    assert out == ''
+    line = err.strip().splitlines()[-1]
+    assert line.startswith('pendubot: ')
+    assert 'Traceback' not in err
+    return line
+
+
+def test_the_sample_bag_is_the_papers_experiment(capsys, tmp_path):
+    """1800 samples at 100 Hz; every one of ten runs of MDE reaches the exact minimum to a relative 1e-6."""
+    output = tmp_path / 'result.yaml'
+    status, out, _ = identify(capsys, SAMPLE, '--output', output)
+    assert status == 0
+    result = yaml.safe_load(output.read_text())
+    assert [b['samples'] for b in result['bags']] == [900, 900]
+    assert result['J']['runs_at_least_squares'] == 10
+    assert max(result['J']['training_runs']) <= result['J']['least_squares'] * (1 + 1e-6)
+    assert len(result['J']['validation_runs']) == 10
+    for name in NAMES:
+        assert name in out
+        assert result['parameters'][name]['unit']
+    assert read_parameters(output).unphysical() == ()
+    np.testing.assert_allclose(result['parameters']['P1']['value'], PAPER.P1, rtol=0.2)
+    np.testing.assert_allclose(result['parameters']['P4']['value'], PAPER.P4, rtol=0.1)
+    assert sum(f.stat().st_size for f in SAMPLE.iterdir()) < 2e6
+
+
+def test_json_is_the_result_and_nothing_else(capsys, bag):
+    status, out, _ = identify(capsys, bag, '--json', *FAST)
+    assert status == 0
+    result = json.loads(out)
+    assert result['schema'] == 1
+    assert list(result['parameters']) == list(NAMES)
+    assert len(result['covariance']) == 7
+    assert result['made_by']['optimizer'] == 'lsq'
+    assert all(len(b['sha256']) == 64 for b in result['bags'])
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'roles'),
+    [
+        (['{}'], {'training': [900], 'validation': [900]}),
+        (['{}@0:9'], {'training': [900], 'validation': [900]}),
+        (['{}@5:9'], {'training': [400], 'validation': [500, 900]}),
+        (['{}@:9', '--validate', '{}@12:'], {'training': [900], 'validation': [600]}),
+        (['{}@0:6', '{}@12:'], {'training': [600, 600], 'validation': [600]}),
+        (['{}', '{}'], {'training': [1800, 1800], 'validation': []}),
+        (['{}@0:'], {'training': [1800], 'validation': []}),
+    ],
+)
+def test_windows_divide_a_bag_as_documented(capsys, bag, arguments, roles):
+    status, out, _ = identify(capsys, *(a.format(bag) for a in arguments), '--json', *FAST)
+    assert status == 0
+    bags = json.loads(out)['bags']
+    for role, samples in roles.items():
+        assert [b['samples'] for b in bags if b['role'] == role] == samples
+
+
+def test_same_seed_same_result(capsys, bag):
+    options = (bag, '--json', '--generations', '40', '--runs', '3')
+    first, again, other = (identify(capsys, *options, '--seed', s)[1] for s in (4, 4, 5))
+    assert first == again
+    assert first != other
+
+
+def test_a_bag_that_was_killed_is_used_and_named(capsys, bag, tmp_path):
+    cut = tmp_path / 'killed'
+    cut.mkdir()
+    (file,) = bag.glob('*.mcap')
+    (cut / 'killed_0.mcap').write_bytes(file.read_bytes()[: file.stat().st_size * 2 // 3])
+    status, out, _ = identify(capsys, cut, *FAST)
+    assert status == 0
+    assert 'never closed' in out
+
+
+def test_works_where_ros_cannot_be_imported(bag, tmp_path):
+    """rclpy and the messages are made impossible to import; so are the wheels' hooks, which -S leaves out."""
+    blocker = tmp_path / 'without_ros.py'
+    blocker.write_text(
+        'import sys\n'
+        'class Blocker:\n'
+        '    def find_spec(self, name, path=None, target=None):\n'
+        "        if name.split('.')[0] in ('rclpy', 'rosidl_pycommon') or name.split('.')[0].endswith('_msgs'):\n"
+        "            raise ModuleNotFoundError(f'no module named {name!r}: there is no ROS here')\n"
+        'sys.meta_path.insert(0, Blocker())\n'
+        'from pendubot_identification.cli.main import main\n'
+        'raise SystemExit(main(sys.argv[1:]))\n'
+    )
+    env = {k: v for k, v in os.environ.items() if not k.startswith(('ROS', 'AMENT', '_ROS'))}
+    env['PYTHONPATH'] = os.pathsep.join([str(ROOT), *(p for p in sys.path if p.endswith('site-packages'))])
+
+    def without_ros(*arguments):
+        command = [sys.executable, '-S', str(blocker), *map(str, arguments)]
+        return subprocess.run(command, capture_output=True, text=True, env=env, timeout=120)
+
+    result = without_ros('identify', bag, '--output', tmp_path / 'result.yaml')
+    assert result.returncode == 0, result.stderr
+    assert '10 of 10 runs' in result.stdout
+    demo = without_ros('demo')
+    assert demo.returncode == 1
+    assert 'the demo needs ROS 2' in demo.stderr
+    assert 'Traceback' not in demo.stderr
+
+
+@pytest.mark.recordings
+@pytest.mark.parametrize('rig', ['dfki_C1_sysid', 'dfki_A0_sysid'])
+def test_the_real_recordings_of_each_rig_pooled(capsys, tmp_path, rig):
+    roles = {}
+    for row in (RECORDINGS / 'manifest.csv').read_text().splitlines()[1:]:
+        name, group, role, *_ = row.split(',')
+        if group == rig:
+            path = tmp_path / Path(name).stem
+            write_trajectory(path, import_csv(RECORDINGS / name))
+            roles.setdefault(role, []).append(path)
+    output = tmp_path / 'result.yaml'
+    status, _, _ = identify(capsys, *roles['train'], '--validate', *roles['test'], '--output', output)
+    assert status == 0
+    result = yaml.safe_load(output.read_text())
+    assert result['J']['runs_at_least_squares'] == 10
+    assert result['J']['validation'] > 0
+    assert result['level'] in ('WARN', 'ERROR'), 'this criterion does not foresee this rig, and says so'
+    assert result['warnings']
+
+
+def broken(bag, tmp_path, **changes):
+    """Return a bag like the given one but for some arrays."""
+    from pendubot_identification.adapters.bag_reader import read_trajectory
+
+    t = read_trajectory(bag).trajectory
+    values = {'t': t.t, 'q': t.q, 'tau': t.tau} | changes
+    path = tmp_path / 'broken'
+    write_trajectory(path, Trajectory(**values))
+    return path
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'sentence'),
+    [
+        (['/nowhere'], 'there is no bag /nowhere'),
+        (['{root}/README.md'], 'is no MCAP file'),
+        (['{root}/docs'], 'is no bag that can be read here'),
+        (['{bag}', '--topic', '/imu'], 'holds nothing on /imu; its topics are /joint_states'),
+        (['{bag}', '--joints', 'a,b'], "has no joint 'a'; its joints are shoulder, elbow"),
+        (['{bag}', '--joints', 'a'], 'names 1 joints; two are expected'),
+        (['{bag}@9:2'], 'reversed'),
+        (['{bag}@3:3'], 'empty or reversed'),
+        (['{bag}@50:60'], 'holds no sample'),
+        (['{bag}@1:1.1'], '10 samples over 0.090 s are too few'),
+        (['{bag}@one:2'], 'must be numbers of seconds'),
+        (['{bag}', '--bounds', 'P1=2:1'], 'bounds of P1 are inverted'),
+        (['{bag}', '--bounds', 'P1=2'], 'NAME=LOW:HIGH is expected'),
+        (['{bag}', '--bounds', 'P8=0:1'], "no parameter 'P8'"),
+        (['{bag}', '--population', '4'], 'NP is 4; at least 5'),
+        (['{bag}', '--generations', '0'], 'at least 1'),
+        (['{bag}', '--runs', '0'], '0 runs'),
+        (['{bag}', '--seed', '-1'], 'seed is -1'),
+        (['{bag}', '--sliding', '-3'], 'sliding window is -3 s'),
+        (['{bag}', '--sliding', '100'], 'shorter than the sliding window'),
+        (['{bag}', '--output', '{root}/README.md'], 'exists already'),
+        (['{bag}', '--output', '/nowhere/result.yaml', '--optimizer', 'lsq'], 'cannot be written'),
+    ],
+)
+def test_what_a_user_did_wrong_is_one_sentence(capsys, bag, arguments, sentence):
+    assert sentence in refused(capsys, *(a.format(bag=bag, root=ROOT) for a in arguments))
+
+
+def test_a_motion_without_excitation_names_what_cannot_be_told(capsys, bag, tmp_path):
+    still = np.tile([-np.pi / 2, 0.0], (1800, 1))
+    assert 'none of P1, P2' in refused(capsys, broken(bag, tmp_path, q=still))
+
+
+def test_not_a_number_in_the_samples(capsys, tmp_path, bag):
+    from pendubot_identification.adapters.bag_writer import BagWriter
+    from pendubot_identification.adapters.joint_states import encode_joint_state
+
+    for label, values, stamps in (
+        ('nan', [np.nan, 0.0], range(200)),
+        ('backwards', [0.0, 0.0], [*range(100), 50, *range(101, 200)]),
+        ('repeats', [0.0, 0.0], [*range(100), 99, *range(101, 200)]),
+    ):
+        path = tmp_path / label
+        with BagWriter(path) as writer:
+            channel = writer.add_topic('/joint_states', 'sensor_msgs/msg/JointState')
+            for k, stamp in enumerate(stamps):
+                data = encode_joint_state(10**18 + stamp * 10**7, ['shoulder', 'elbow'], values, [], [0.0, 0.0])
+                writer.write(channel, data, 10**18 + k * 10**7)
+        expected = {'nan': 'not a finite number', 'backwards': 'runs backwards', 'repeats': 'repeats'}[label]
+        assert expected in refused(capsys, path)
+
+
+def test_wrong_usage_exits_2(capsys):
+    for arguments in ([], ['identify'], ['identify', 'x', '--criterion', 'magic'], ['fly']):
+        with pytest.raises(SystemExit) as stopped:
+            main(arguments)
+        assert stopped.value.code == 2
+    capsys.readouterr()
+
+
+def test_help_of_every_subcommand_is_worth_reading(capsys):
+    for arguments in (['--help'], *([c, '--help'] for c in ('identify', 'import-csv', 'simulate', 'info', 'demo'))):
+        with pytest.raises(SystemExit) as stopped:
+            main(arguments)
+        assert stopped.value.code == 0
+        assert len(capsys.readouterr().out.splitlines()) > 8
+
+
+def test_debug_shows_where(capsys):
+    assert main(['--debug', 'identify', '/nowhere']) == 1
+    assert 'Traceback' in capsys.readouterr().err
+
+
+def test_simulate_is_reproducible_and_refuses_nonsense(capsys, bag, tmp_path):
+    assert main(['simulate', '--output', str(tmp_path / 'swing')]) == 0
+    (first,), (second,) = bag.glob('*.mcap'), (tmp_path / 'swing').glob('*.mcap')
+    assert first.read_bytes() == second.read_bytes()
+    for options in (
+        ['--samples', '0'],
+        ['--rate', 'nan'],
+        ['--width', '2'],
+        ['--amplitude', '1', '-1'],
+        ['--hold', '0'],
+    ):
+        assert main(['simulate', '--output', str(tmp_path / 'never'), *options]) == 1
+    assert main(['simulate', '--output', str(bag)]) == 1
+    assert not (tmp_path / 'never').exists()
+    assert 'exists already' in capsys.readouterr().err

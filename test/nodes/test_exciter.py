@@ -1,0 +1,110 @@
+"""The exciter with a real bridge and the virtual board: what the board applied is what was drawn."""
+
+import csv
+import signal
+
+import pytest
+
+from pendubot_identification.core.excitation import PulseTrain
+from test.processes import Program, run_program, spin_until
+
+pytestmark = pytest.mark.ros
+
+
+def parameters(**values):
+    return ['--ros-args', *(word for name, value in values.items() for word in ('-p', f'{name}:={value}'))]
+
+
+@pytest.fixture
+def rig(tmp_path):
+    """A virtual board and its bridge; gives the trace of what the board did."""
+    trace = tmp_path / 'trace.csv'
+    with Program('virtual_board', '--link', tmp_path / 'board', '--trace', trace) as board:
+        board.wait_for('virtual board on')
+        with Program('bridge', *parameters(port=tmp_path / 'board')) as bridge:
+            yield lambda: list(csv.DictReader(trace.open())), bridge
+
+
+def torques(rows):
+    return [int(row['torque']) for row in rows]
+
+
+def test_excites_by_the_pulse_train_then_ends_disarmed(rig):
+    trace, _ = rig
+    pulses = dict(period=0.2, width=0.5, amplitude_min=-0.3, amplitude_max=0.4, hold=0.02, seed=7)
+    with Program('exciter', *parameters(arm='true', duration=2.0, **pulses)) as exciter:
+        exciter.wait_for('excitation done')
+        assert exciter.process.wait(10) == 0
+    applied = torques(trace())
+    drawn = {round(1e6 * PulseTrain(**pulses).torque(k * 0.01)) for k in range(200)}
+    assert set(applied) <= drawn | {0}
+    assert len(set(applied)) > 20
+    assert applied[-1] == 0
+    assert int(trace()[-1]['status']) & 1 == 0, 'disarmed at the end'
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_leaves_zero_torque_and_a_disarmed_board(rig, number):
+    trace, _ = rig
+    with Program('exciter', *parameters(arm='true', duration=0.0, width=1.0, amplitude_min=0.1)) as exciter:
+        exciter.wait_for('exciting')
+        assert exciter.stop(number) == 0
+    rows = trace()
+    assert torques(rows)[-1] == 0
+    assert int(rows[-1]['status']) & 1 == 0
+
+
+def test_moves_nothing_before_it_is_armed(rig, ros):
+    from std_srvs.srv import Trigger
+
+    trace, _ = rig
+    node = ros.create_node('operator')
+    try:
+        client = node.create_client(Trigger, '/bridge/arm')
+        with Program('exciter', *parameters(duration=60.0, width=1.0, amplitude_min=0.1)) as exciter:
+            exciter.wait_for('exciting')
+            assert set(torques(trace())) == {0}
+            assert client.wait_for_service(10.0)
+            future = client.call_async(Trigger.Request())
+            assert spin_until(node, future.done)
+            assert future.result().success
+            assert spin_until(node, lambda: any(torques(trace())))
+    finally:
+        node.destroy_node()
+
+
+def test_stops_when_the_bridge_is_gone(rig):
+    _, bridge = rig
+    with Program('exciter', *parameters(arm='true', duration=0.0)) as exciter:
+        exciter.wait_for('exciting')
+        bridge.kill()
+        exciter.wait_for('no joint states for')
+        assert exciter.process.wait(10) == 1
+
+
+def test_says_why_the_bridge_did_not_arm(tmp_path):
+    link = tmp_path / 'board'
+    with Program('virtual_board', '--link', link, '--fault', 'emergency_stop_at=0') as board:
+        board.wait_for('virtual board on')
+        with (
+            Program('bridge', *parameters(port=link)),
+            Program('exciter', *parameters(arm='true')) as exciter,
+        ):
+            exciter.wait_for('the bridge did not arm')
+            assert exciter.process.wait(10) == 1
+
+
+@pytest.mark.parametrize(
+    ('values', 'sentence'),
+    [
+        ({'amplitude_min': 1.0, 'amplitude_max': -1.0}, 'amplitude_min 1 is not below amplitude_max -1'),
+        ({'width': 2.0}, 'width is 2.0; a number with a decimal point from 0.001 to 1 is expected'),
+        ({'period': 'soon'}, 'period is soon'),
+        ({'period': '.nan'}, 'period is nan'),
+    ],
+)
+def test_settings_without_sense_are_refused_in_a_sentence(values, sentence):
+    refused = run_program('exciter', *parameters(**values))
+    assert refused.returncode == 1
+    assert sentence in refused.stderr
+    assert refused.stderr.count('\n') == 1

@@ -1,0 +1,166 @@
+"""The identifier in its own process: latched results, running again, failing without dying."""
+
+import numpy as np
+import pytest
+import yaml
+
+from pendubot_identification.cli.main import main
+from pendubot_identification.core.parameters import NAMES, PAPER
+from test.processes import Program, run_program, spin_until
+
+pytestmark = pytest.mark.ros
+
+
+@pytest.fixture(scope='module')
+def bag(tmp_path_factory):
+    path = tmp_path_factory.mktemp('bags') / 'swing'
+    assert main(['simulate', '--output', str(path)]) == 0
+    return path
+
+
+class Listener:
+    """A node that joins when it is made, and hears what was latched."""
+
+    def __init__(self, ros):
+        from diagnostic_msgs.msg import DiagnosticArray
+        from rclpy.qos import DurabilityPolicy, QoSProfile
+        from std_msgs.msg import Float64MultiArray
+
+        self.ros = ros
+        self.node = ros.create_node('listener')
+        self.params, self.status = [], []
+        latched = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        self.node.create_subscription(Float64MultiArray, '/pendubot/params', self.params.append, latched)
+        self.node.create_subscription(DiagnosticArray, '/pendubot/identification', self.status.append, latched)
+
+    def hears(self, condition, timeout=20.0):
+        return spin_until(self.node, lambda: condition(self), timeout)
+
+    def call(self, kind, name, request):
+        client = self.node.create_client(kind, name)
+        assert client.wait_for_service(10.0)
+        future = client.call_async(request)
+        assert spin_until(self.node, future.done)
+        return future.result()
+
+    def set(self, name, value):
+        from rcl_interfaces.srv import SetParameters
+        from rclpy.parameter import Parameter
+
+        request = SetParameters.Request(parameters=[Parameter(name, value=value).to_parameter_msg()])
+        return self.call(SetParameters, '/identifier/set_parameters', request).results[0]
+
+    def identify(self):
+        from std_srvs.srv import Trigger
+
+        return self.call(Trigger, '/identifier/identify', Trigger.Request())
+
+
+@pytest.fixture
+def listener(ros):
+    listener = Listener(ros)
+    yield listener
+    listener.node.destroy_node()
+
+
+def parameters(**values):
+    return ['--ros-args', *(word for name, value in values.items() for word in ('-p', f'{name}:={value}'))]
+
+
+def test_a_subscriber_that_joins_late_receives_the_result(ros, bag, tmp_path):
+    output = tmp_path / 'result.yaml'
+    with Program('identifier', *parameters(bags=f"['{bag}@0:9']", validate=f"['{bag}@9:18']", output=output)) as node:
+        node.wait_for('identified')
+        late = Listener(ros)
+        try:
+            assert late.hears(lambda heard: heard.params and heard.status)
+            (params,), (status,) = late.params, late.status[0].status
+        finally:
+            late.node.destroy_node()
+        assert node.stop() == 0
+    result = yaml.safe_load(output.read_text())
+    assert params.layout.dim[0].label == 'P1,P2,P3,P4,P5,b1,b2'
+    assert params.layout.dim[0].size == len(params.data) == 7
+    assert list(params.data) == [result['parameters'][name]['value'] for name in NAMES]
+    np.testing.assert_allclose(params.data[0], PAPER.P1, rtol=0.2)
+    values = {v.key: v.value for v in status.values}
+    assert status.level == bytes([{'OK': 0, 'WARN': 1, 'ERROR': 2}[result['level']]])
+    assert float(values['P1']) == params.data[0]
+    assert float(values['P1.std_error']) == result['parameters']['P1']['std_error']
+    assert values['P1.unit'] == 'kg m^2'
+    assert float(values['J.training']) == result['J']['training']
+    assert float(values['J.validation']) == result['J']['validation']
+    assert values['made_by.criterion'] == 'energy'
+    assert values['bags.0.bag'] == f'{bag}@0:9'
+    assert values['warnings.0'] in status.message
+
+
+def test_identifies_again_with_the_parameters_of_the_moment(listener, bag):
+    with Program('identifier', *parameters(optimizer='lsq')) as node:
+        node.wait_for('waiting: set the parameter bags')
+        assert not listener.identify().success, 'no bags are named yet'
+        assert listener.set('bags', [f'{bag}@0:9']).successful
+        assert listener.identify().success
+        assert listener.hears(lambda heard: len(heard.params) == 1)
+        assert listener.set('sliding', 0.5).successful
+        assert listener.identify().success
+        assert listener.hears(lambda heard: len(heard.params) == 2)
+        assert list(listener.params[0].data) != list(listener.params[1].data)
+
+
+def test_answers_while_it_computes(listener, bag):
+    with Program('identifier', *parameters(bags=f"['{bag}']", generations=10_000_000)) as node:
+        node.wait_for('generation')
+        answer = listener.identify()
+        assert not answer.success
+        assert 'under way' in answer.message
+        assert not listener.params
+        assert node.stop() == 0
+
+
+def test_a_failure_is_published_and_the_node_lives_on(listener, bag):
+    with Program('identifier', *parameters(bags="['/nowhere']")) as node:
+        node.wait_for('there is no bag /nowhere')
+        assert listener.hears(lambda heard: heard.status)
+        (status,) = listener.status[0].status
+        assert status.level == b'\x02'
+        assert 'there is no bag /nowhere' in status.message
+        assert not listener.params
+        assert listener.set('bags', [str(bag)]).successful
+        assert listener.set('optimizer', 'lsq').successful
+        assert listener.identify().success
+        assert listener.hears(lambda heard: heard.params)
+
+
+def test_an_unphysical_result_is_published_at_level_error(listener, tmp_path, bag):
+    from pendubot_identification.adapters.bag_reader import read_trajectory
+    from pendubot_identification.adapters.joint_states import write_trajectory
+    from pendubot_identification.core.trajectory import Trajectory
+
+    t = read_trajectory(bag).trajectory
+    write_trajectory(tmp_path / 'wrong_sign', Trajectory(t.t, t.q, -t.tau))
+    with Program('identifier', *parameters(bags=f"['{tmp_path / 'wrong_sign'}']", optimizer='lsq')):
+        assert listener.hears(lambda heard: heard.params and heard.status)
+    (status,) = listener.status[0].status
+    assert status.level == b'\x02'
+    assert 'not physical' in status.message
+
+
+@pytest.mark.parametrize(
+    ('name', 'value', 'reason'),
+    [
+        ('criterion', 'magic', 'one of energy'),
+        ('population', 4, '4'),
+        ('runs', 0, '0'),
+        ('smoothing', -1.0, '-1'),
+    ],
+)
+def test_settings_without_sense_are_refused_with_a_reason(listener, name, value, reason):
+    with Program('identifier'):
+        answer = listener.set(name, value)
+        assert not answer.successful
+        assert reason in answer.reason
+    refused = run_program('identifier', *parameters(**{name: value}))
+    assert refused.returncode == 1
+    assert refused.stderr.count('\n') == 1
+    assert name in refused.stderr
