@@ -62,7 +62,9 @@ class Program:
             try:
                 line = self._queue.get(timeout=max(0.0, deadline - time.monotonic()))
             except queue.Empty:
-                raise AssertionError(f'{self.name} did not say {text!r} within {timeout} s:\n' + '\n'.join(self.lines)) from None
+                raise AssertionError(
+                    f'{self.name} did not say {text!r} within {timeout} s:\n' + '\n'.join(self.lines)
+                ) from None
             if line is None:
                 raise AssertionError(f'{self.name} ended without saying {text!r}:\n' + '\n'.join(self.lines))
             if text in line:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 
-from .host import SECOND, Host, Level, Report
+from .host import SECOND, Host, Report
+from .level import Level
 from .protocol import Status
 
 #: While one of these grows something is wrong, even if all seems well at the moment.

@@ -9,10 +9,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from enum import Enum, IntEnum, auto
+from enum import Enum, auto
 
 from .clock import WRAP, BoardClock
 from .joints import BELIEVED_AFTER, Joints, Pair
+from .level import Level
 from .protocol import (
     FAULTS,
     Command,
@@ -42,14 +43,6 @@ DISARM_INTERVAL = 50 * MS
 CLOCK_BACK_US = 10_000
 #: A wrap moves the clock on by about what passed here, plus what may have waited in a buffer.
 WRAP_SLACK_US = 10_000_000
-
-
-class Level(IntEnum):
-    """How bad it is; the numbers are those of diagnostic_msgs/DiagnosticStatus."""
-
-    OK = 0
-    WARN = 1
-    ERROR = 2
 
 
 @dataclass(frozen=True, slots=True)

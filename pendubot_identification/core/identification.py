@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from enum import IntEnum
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .energy import Regression, energy_regression
 from .errors import ExcitationError, ParameterError
+from .level import Level
 from .mde import MDE, MDESettings
 from .optimizer import OptimizationResult, Progress, minimize
 from .parameters import NAMES, UNITS, Bounds, Parameters, default_bounds
@@ -33,14 +33,6 @@ SILENT = 1e-6
 ILL_CONDITIONED = 1e3
 #: Motion of either joint below this [rad] is noise.
 STILL = 0.02
-
-
-class Level(IntEnum):
-    """How far a result may be trusted, with the numbers of diagnostic_msgs/DiagnosticStatus."""
-
-    OK = 0
-    WARN = 1
-    ERROR = 2
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import fields
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.qos import QoSProfile
 from rclpy.task import Future
@@ -20,8 +20,11 @@ from std_srvs.srv import Trigger
 from pendubot_identification.adapters.serial_link import SerialLink
 from pendubot_identification.core.errors import ParameterError
 from pendubot_identification.core.health import Health
-from pendubot_identification.core.host import Armed, ArmingFailed, Host, HostConfig, HostEvent, Level, Report, Sample
-from pendubot_identification.nodes.runtime import Setting, SettingsNode, run
+from pendubot_identification.core.host import Armed, ArmingFailed, Host, HostConfig, HostEvent, Report, Sample
+from pendubot_identification.core.level import Level
+
+from .diagnostics import diagnostics_message
+from .runtime import Setting, SettingsNode, run
 
 SECOND = 1_000_000_000
 
@@ -155,16 +158,12 @@ class Bridge(SettingsNode):
     def _diagnose(self) -> None:
         with self._lock:
             diagnosis = self._health.diagnose(self._host, time.monotonic_ns())
-        status = DiagnosticStatus(
-            level=bytes([diagnosis.level]),
-            name='bridge',
-            message=diagnosis.message,
-            hardware_id=self._port,
-            values=[KeyValue(key=key, value=value) for key, value in diagnosis.values.items()],
+        stamp = self.get_clock().now().to_msg()
+        self._diagnostics.publish(
+            diagnostics_message(
+                stamp, 'bridge', diagnosis.level, diagnosis.message, diagnosis.values, hardware_id=self._port
+            )
         )
-        array = DiagnosticArray(status=[status])
-        array.header.stamp = self.get_clock().now().to_msg()
-        self._diagnostics.publish(array)
 
     def _on_effort(self, message: Float64) -> None:
         self._step(lambda now: self._host.effort(message.data, now))

@@ -13,11 +13,13 @@ from std_srvs.srv import Trigger
 from pendubot_identification.adapters.datasets import load_datasets
 from pendubot_identification.adapters.result_file import refuse_existing, result_data, write_result
 from pendubot_identification.core.errors import PendubotError
-from pendubot_identification.core.identification import CRITERIA, MODELS, OPTIMIZERS, Level, Settings, identify
+from pendubot_identification.core.identification import CRITERIA, MODELS, OPTIMIZERS, Settings, identify
+from pendubot_identification.core.level import Level
 from pendubot_identification.core.mde import MDESettings
 from pendubot_identification.report.tables import whole
 
-from .messages import LATCHED, diagnostics_message, identification_values, parameters_message
+from .diagnostics import diagnostics_message
+from .messages import LATCHED, identification_values, parameters_message
 from .runtime import Setting, SettingsNode, run
 
 

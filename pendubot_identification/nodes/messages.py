@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from builtin_interfaces.msg import Time
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 
-from pendubot_identification.core.identification import Identification, Level
+from pendubot_identification.core.identification import Identification
 from pendubot_identification.core.parameters import NAMES
 
 #: A subscriber that joins later still receives the last message.
@@ -22,21 +20,6 @@ def parameters_message(result: Identification) -> Float64MultiArray:
     theta = result.parameters.vector().tolist()
     message = Float64MultiArray(data=theta)
     message.layout.dim = [MultiArrayDimension(label=','.join(NAMES), size=len(theta), stride=len(theta))]
-    return message
-
-
-def diagnostics_message(
-    stamp: Time, name: str, level: Level, summary: str, values: Mapping[str, Any]
-) -> DiagnosticArray:
-    """Return one status with its values by name; numbers keep their full precision."""
-    status = DiagnosticStatus(
-        level=bytes([level]),
-        name=name,
-        message=summary,
-        values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
-    )
-    message = DiagnosticArray(status=[status])
-    message.header.stamp = stamp
     return message
 
 

@@ -66,11 +66,11 @@ def test_many_states_at_once_agree_with_one_at_a_time(parameters, count):
 
 
 def test_agrees_with_lagranges_equations_at_random_states():
-    """Masses, lengths, inertias; positions of the centres of mass; kinetic less potential energy; sympy does the rest."""
+    """From masses, lengths, inertias: kinetic less potential energy; sympy does the rest."""
     sympy = pytest.importorskip('sympy')
     mechanics = pytest.importorskip('sympy.physics.mechanics')
     q1, q2 = mechanics.dynamicsymbols('q1 q2')
-    m1, m2, l1, d1, d2, i1, i2, t = sympy.symbols('m1 m2 l1 d1 d2 I1 I2 t', positive=True)
+    m1, m2, l1, d1, d2, i1, i2 = sympy.symbols('m1 m2 l1 d1 d2 I1 I2', positive=True)
     u1, u2 = q1.diff(), q2.diff()
     c1 = d1 * sympy.Matrix([sympy.cos(q1), sympy.sin(q1)])
     elbow = l1 * sympy.Matrix([sympy.cos(q1), sympy.sin(q1)])

@@ -46,7 +46,7 @@ def test_is_the_papers_sum_written_out():
         total += (work - loss - gained) ** 2
     regression = energy_regression(motion)
     J = Quadratic.reduce(regression.phi, regression.y)(theta)
-    assert J == pytest.approx(total / 119, rel=1e-9)
+    np.testing.assert_allclose(J, total / 119, rtol=1e-9)
 
 
 @settings(deadline=None, max_examples=20)

@@ -79,5 +79,5 @@ def test_a_held_torque_is_the_one_that_was_applied(seed):
 
 def test_a_long_gap_is_named():
     t = np.r_[np.arange(100), np.arange(150, 250)] * 0.01
-    with pytest.raises(TrajectoryError, match='0.510 s without a sample begin at 0.990 s'):
+    with pytest.raises(TrajectoryError, match=r'0\.510 s without a sample begin at 0.990 s'):
         resample(Trajectory(t, *[wave(t)[0]] * 2))

@@ -39,7 +39,7 @@ def test_a_window_without_sense_is_refused(window, sentence):
 def test_stamps_that_repeat_or_run_backwards_are_refused():
     with pytest.raises(TrajectoryError, match='sample 2 repeats'):
         motion(t=[0, 1, 1, 2])
-    with pytest.raises(TrajectoryError, match='sample 2 runs backwards by 0.5 s'):
+    with pytest.raises(TrajectoryError, match=r'sample 2 runs backwards by 0.5 s'):
         motion(t=[0, 1, 0.5, 2])
 
 
@@ -58,5 +58,5 @@ def test_shapes_must_belong_together():
 
 
 def test_too_short_is_said():
-    with pytest.raises(TrajectoryError, match='20 samples over 0.190 s are too few; at least 50'):
+    with pytest.raises(TrajectoryError, match=r'20 samples over 0.190 s are too few; at least 50'):
         motion(n=20).require_samples()

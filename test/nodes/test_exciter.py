@@ -31,7 +31,7 @@ def torques(rows):
 
 def test_excites_by_the_pulse_train_then_ends_disarmed(rig):
     trace, _ = rig
-    pulses = dict(period=0.2, width=0.5, amplitude_min=-0.3, amplitude_max=0.4, hold=0.02, seed=7)
+    pulses = {'period': 0.2, 'width': 0.5, 'amplitude_min': -0.3, 'amplitude_max': 0.4, 'hold': 0.02, 'seed': 7}
     with Program('exciter', *parameters(arm='true', duration=2.0, **pulses)) as exciter:
         exciter.wait_for('excitation done')
         assert exciter.process.wait(10) == 0
