@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --constraint .ci/constraints.txt
 
-.PHONY: demo test lint benchmark clean
+.PHONY: demo test lint benchmark sample-bag clean
 
 demo: $(VENV)/.ros
 	$(BIN)/pendubot demo
@@ -19,14 +19,21 @@ lint: $(VENV)/.test
 benchmark: $(VENV)/.test
 	$(BIN)/python -m test.benchmark
 
+# Records bags/paper_experiment anew, live, by the chain itself.
+sample-bag: $(VENV)/.ros
+	rm -rf build/sample
+	$(BIN)/pendubot demo --output build/sample
+	rm -rf bags/paper_experiment
+	cp -r build/sample/paper_experiment bags/
+
 $(VENV)/.ros: setup.py .ci/constraints.txt
 	@echo "Setting up $(VENV) (once, about a minute) ..."
-	$(PYTHON) -m venv $(VENV)
-	$(PIP) --editable '.[ros]'
+	@$(PYTHON) -m venv $(VENV)
+	@$(PIP) --editable '.[ros]'
 	@touch $@
 
 $(VENV)/.test: $(VENV)/.ros
-	$(PIP) --editable '.[ros,test]'
+	@$(PIP) --editable '.[ros,test]'
 	@touch $@
 
 clean:

@@ -22,6 +22,7 @@ Run the complete job on the virtual rig: a virtual board on a pseudo-terminal, t
 in processes of their own; then the identifier on the recorded bag; then a subscriber that joins late and receives the
 parameters. Needs ROS 2 (rclpy); it talks in a ROS domain of its own and reaches no real rig.
 """
+BAG = 'paper_experiment'
 SAMPLES = 1800
 RATE = 100
 
@@ -55,7 +56,7 @@ def run(args: argparse.Namespace) -> int:
         ) from error
     from tqdm import tqdm
 
-    port, bag, result = folder / 'board', folder / 'bag', folder / 'result.yaml'
+    port, bag, result = folder / 'board', folder / BAG, folder / 'result.yaml'
     print(f'virtual rig in ROS domain {domain}, files in {folder}')
     rclpy.init()
     try:
@@ -68,7 +69,8 @@ def run(args: argparse.Namespace) -> int:
             stack.enter_context(
                 _program(folder, 'exciter', *_parameters(arm='true', duration=2.0 * SAMPLES / RATE, seed=args.seed))
             )
-            with tqdm(total=SAMPLES, unit=' samples', desc='exciting and recording') as bar:
+            print(f'exciting and recording for {SAMPLES / RATE:g} s')
+            with tqdm(total=SAMPLES, unit=' samples', disable=None, leave=False) as bar:
                 recorder.wait_until(lambda: recorder.ended, 'did not finish its bag', 60.0, _counting(rclpy, bar))
         print(f'recorded {bag}')
         with _program(folder, 'identifier', *_parameters(bags=f"['{bag}']", output=result)) as identifier:
@@ -97,7 +99,7 @@ def _show(folder: Path, theta: list[float], label: str) -> int:
     print(
         "\nThe errors are the criterion's: encoder counts and central differences move its minimum away from the\n"
         'truth, and MDE finds that minimum exactly. docs/criterion.md says how far, and why.\n'
-        f'\ntry: pendubot identify {folder / "bag"}'
+        f'\ntry: pendubot identify {folder / BAG}'
     )
     return 0
 

@@ -1,0 +1,66 @@
+"""The complete main job in real processes: from the board's bytes to a latched parameter vector."""
+
+import re
+import subprocess
+import sys
+
+import pytest
+import yaml
+
+from pendubot_identification.adapters.bag_reader import read_trajectory
+from pendubot_identification.core.parameters import NAMES, PAPER
+from test.processes import Program, run_program
+
+pytestmark = pytest.mark.ros
+
+
+def parameters(**values):
+    return ['--ros-args', *(word for name, value in values.items() for word in ('-p', f'{name}:={value}'))]
+
+
+def test_the_demo_ends_in_a_table_of_estimates_beside_the_truth(tmp_path):
+    folder = tmp_path / 'demo'
+    demo = subprocess.run(
+        [sys.executable, '-m', 'pendubot_identification.cli.main', 'demo', '--output', str(folder)],
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    assert demo.returncode == 0, demo.stdout + demo.stderr
+    rows = re.findall(r'^(P[1-5]|b[12]) .* ([0-9.]+) +[+-]?[0-9.]+ %$', demo.stdout, re.MULTILINE)
+    assert [name for name, _ in rows] == list(NAMES)
+    assert [float(true) for _, true in rows] == PAPER.vector().tolist()
+    assert 'a subscriber that joined afterwards received /pendubot/params (P1,P2,P3,P4,P5,b1,b2)' in demo.stdout
+    assert '10 of 10 runs of MDE reached it' in demo.stdout
+    for paper in ('2.37e-03', '2.39e-03', '3.03e-03'):
+        assert paper in demo.stdout
+    result = yaml.safe_load((folder / 'result.yaml').read_text())
+    assert [bag['samples'] for bag in result['bags']] == [900, 900]
+    motion = read_trajectory(folder / 'paper_experiment').trajectory
+    assert abs(motion.tau).max() > 0.5, 'the rig was excited'
+    assert not motion.tau[:, 1].any(), 'a pendubot has no motor at the elbow'
+
+
+def test_a_demo_never_overwrites(tmp_path):
+    again = run_program('pendubot', 'demo', '--output', tmp_path)
+    assert again.returncode == 1
+    assert 'exists already' in again.stderr
+
+
+def test_a_recording_killed_midway_identifies_and_is_named(tmp_path):
+    bag, link = tmp_path / 'killed', tmp_path / 'board'
+    with Program('virtual_board', '--link', link) as board:
+        board.wait_for('virtual board on')
+        with (
+            Program('bridge', *parameters(port=link)),
+            Program('recorder', *parameters(output=bag)) as recorder,
+            Program('exciter', *parameters(arm='true', duration=5.0, period=0.5)) as exciter,
+        ):
+            recorder.wait_for('recording /joint_states')
+            exciter.wait_for('excitation done')
+            recorder.kill()
+    result = run_program('pendubot', 'identify', bag)
+    assert result.returncode == 0, result.stderr
+    assert 'was never closed' in result.stdout
+    assert '10 of 10 runs' in result.stdout
+    assert 'whole and are used' in run_program('pendubot', 'info', bag).stdout
