@@ -27,13 +27,15 @@ class BoardClock:
         window: how far back delays are remembered [s].
         bucket: of each such stretch of board time [s] only the smallest delay is remembered.
         settle: as long as less than this was seen [s], no skew is assumed; a slope through less is noise.
-        max_skew_ppm: no two crystals differ by more; a larger slope is clamped.
+        max_skew_ppm: no two crystals differ by more; a larger slope is clamped. The bound grows to this with what was
+            seen, in proportion to the window: a busy second delays everything by milliseconds, and early on that
+            looks like skew.
 
     Stamps strictly increase as long as samples are stamped, whatever happens to the mapping.
     """
 
     def __init__(
-        self, window: float = 60.0, bucket: float = 0.5, settle: float = 2.0, max_skew_ppm: float = 1000.0
+        self, window: float = 60.0, bucket: float = 0.5, settle: float = 5.0, max_skew_ppm: float = 1000.0
     ) -> None:
         self._bucket_us = round(bucket * 1e6)
         self._settle_us = settle * 1e6
@@ -106,12 +108,14 @@ class BoardClock:
 
         Of all lines under the points that edge is nearest to them on average.
         """
-        if self._minima and self._minima[-1].board_us - self._minima[0].board_us >= self._settle_us:
+        seen_us = self._minima[-1].board_us - self._minima[0].board_us if self._minima else 0
+        if seen_us >= self._settle_us:
             hull = _lower_hull(self._minima)
             middle = (self._minima[0].board_us + self._minima[-1].board_us) / 2
             left, right = next(edge for edge in pairwise(hull) if edge[1].board_us >= middle)
             slope = (right.delay_ns - left.delay_ns) / (right.board_us - left.board_us)
-            self._slope = max(-self._max_slope, min(self._max_slope, slope))
+            bound = self._max_slope * min(1.0, seen_us / self._window_us)
+            self._slope = max(-bound, min(bound, slope))
         self._intercept = min(self._below(point) for point in (*self._minima, newest))
 
 
