@@ -35,7 +35,7 @@ class BoardClock:
     """
 
     def __init__(
-        self, window: float = 60.0, bucket: float = 0.5, settle: float = 5.0, max_skew_ppm: float = 1000.0
+        self, window: float = 60.0, bucket: float = 0.5, settle: float = 10.0, max_skew_ppm: float = 1000.0
     ) -> None:
         self._bucket_us = round(bucket * 1e6)
         self._settle_us = settle * 1e6
