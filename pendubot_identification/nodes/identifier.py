@@ -6,16 +6,19 @@ import threading
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
 
 from pendubot_identification.adapters.datasets import load_datasets
+from pendubot_identification.adapters.joint_states import JOINT_NAMES, JOINT_STATES_TOPIC
 from pendubot_identification.adapters.result_file import refuse_existing, result_data, write_result
-from pendubot_identification.core.errors import PendubotError
+from pendubot_identification.core.errors import ParameterError, PendubotError
 from pendubot_identification.core.identification import CRITERIA, MODELS, OPTIMIZERS, Settings, identify
 from pendubot_identification.core.level import Level
 from pendubot_identification.core.mde import MDESettings
+from pendubot_identification.core.parameters import Bounds, default_bounds
 from pendubot_identification.report.tables import whole
 
 from .diagnostics import diagnostics_message
@@ -37,6 +40,8 @@ class Identifier(SettingsNode):
             'bags', [''], 'bags that estimate, each BAG[@START:END] in seconds from its first sample', dynamic=True
         ),
         Setting('validate', [''], 'bags that only judge; by default what the windows leave', dynamic=True),
+        Setting('topic', JOINT_STATES_TOPIC, 'topic with the joint states', dynamic=True),
+        Setting('joint_names', list(JOINT_NAMES), 'their joint names: shoulder, elbow', dynamic=True),
         Setting('criterion', 'energy', 'what is minimised', choices=CRITERIA, dynamic=True),
         Setting('sliding', 0.0, 'sliding window of the energy balance; 0: cumulative', 's', 0.0, 3600.0, dynamic=True),
         Setting('smoothing', 0.02, "the differentiator's window", 's', 0.0, 10.0, dynamic=True),
@@ -46,6 +51,12 @@ class Identifier(SettingsNode):
         Setting('generations', 4000, 'generations of a run', '', 1, 10_000_000, dynamic=True),
         Setting('population', 30, 'vectors of a run (NP)', '', 5, 10_000, dynamic=True),
         Setting('seed', 1, 'same seed, same result', '', 0, 2**31 - 1, dynamic=True),
+        Setting(
+            'lower_bounds', default_bounds().lower.tolist(), 'of P1 P2 P3 P4 P5 b1 b2, in their units', dynamic=True
+        ),
+        Setting(
+            'upper_bounds', default_bounds().upper.tolist(), 'of P1 P2 P3 P4 P5 b1 b2, in their units', dynamic=True
+        ),
         Setting('output', '', 'result file to write; empty: none', dynamic=True),
         Setting('force', False, 'whether an existing result file is overwritten', dynamic=True),
     )
@@ -92,7 +103,12 @@ class Identifier(SettingsNode):
         output = Path(values['output']) if values['output'] else None
         if output is not None and not values['force']:
             refuse_existing(output)
-        data = load_datasets(_named(values['bags']), _named(values['validate']))
+        data = load_datasets(
+            _named(values['bags']),
+            _named(values['validate']),
+            topic=values['topic'],
+            joint_names=values['joint_names'],
+        )
         result = identify(data.training, data.validation, settings, self._progress, data.notes)
         plain = result_data(result, data.sources)
         if output is not None:
@@ -117,6 +133,8 @@ class Identifier(SettingsNode):
     def check(self, values: dict[str, Any]) -> None:
         """Refuse settings that make no sense together."""
         _settings(values)
+        if len(values['joint_names']) != 2:
+            raise ParameterError(f'joint_names are {values["joint_names"]}; two are expected, shoulder and elbow')
 
 
 def _settings(values: dict[str, Any]) -> Settings:
@@ -129,6 +147,7 @@ def _settings(values: dict[str, Any]) -> Settings:
         mde=MDESettings(values['population'], values['generations']),
         runs=values['runs'],
         seed=values['seed'],
+        bounds=Bounds(np.array(values['lower_bounds']), np.array(values['upper_bounds'])),
     )
 
 
