@@ -44,6 +44,7 @@ class PtyServer:
         # Not kept open here: so the kernel says whether a host is there, and nothing piles up for one that is not.
         os.close(slave)
         os.set_blocking(self._master, False)
+        self._cut = False
         self._hangup = select.poll()
         self._hangup.register(self._master, 0)
         if link is not None:
@@ -75,8 +76,10 @@ class PtyServer:
             wait = max(0, due - time.monotonic_ns()) * 1e-9
             self._receive(wait)
             if time.monotonic_ns() >= due:
-                self._send(self._board.advance())
+                data = self._board.advance()
+                # First, so that the trace holds every sample that a host has.
                 self._write_trace()
+                self._send(data)
                 due += period
 
     def _host_is_there(self) -> bool:
@@ -94,11 +97,16 @@ class PtyServer:
 
     def _send(self, data: bytes) -> None:
         sent = 0
+        if self._cut:
+            # What is left of the frame that was cut short would take this one, which tells of it, along.
+            data = b'\0' + data
         if self._host_is_there():
             # A host that does not read is not waited for, as little as a UART would.
             with contextlib.suppress(BlockingIOError):
                 sent = os.write(self._master, data)
-        if sent < len(data):
+        complete = sent == len(data)
+        self._cut = not complete and (self._cut or sent > 0)
+        if not complete:
             self._board.note_overrun()
 
     def _write_trace(self) -> None:

@@ -33,6 +33,8 @@ MS = 1_000_000
 SECOND = 1_000 * MS
 
 HELLO_INTERVAL = 200 * MS
+#: So many requests without an answer are reported.
+UNANSWERED = 5
 ARMING_TIMEOUT = 500 * MS
 #: Link lost: nothing valid for the longer of this and five sample periods.
 SILENCE = 100 * MS
@@ -179,6 +181,7 @@ class Host:
         self._closed_because = 'the port was not opened yet'
         self._open = False
         self._up = False
+        self._fell_silent = False
         self._last_valid = 0
         self._last_poll: int | None = None
         self._held_up = False
@@ -188,6 +191,7 @@ class Host:
         self._hello_refused = False
         self._asking = False
         self._last_request = 0
+        self._unanswered = 0
         self._state: State | None = None
         self._state_arrival = 0
         self._last_jump = -10 * SECOND
@@ -199,6 +203,7 @@ class Host:
         self._last_disarm = 0
         self._torque = 0
         self._last_effort = 0
+        self._last_clamp = -10 * SECOND
         self._last_sent = 0
         self._effort_stopped = False
         self._effort_not_finite = False
@@ -255,7 +260,7 @@ class Host:
         if not self._open:
             return Report(Level.ERROR, self._closed_because)
         if not self._up:
-            return Report(Level.ERROR, 'nothing valid comes from the board')
+            return Report(Level.ERROR, 'no valid sample comes from the board')
         if status & FAULTS:
             return Report(Level.ERROR, _names(status & FAULTS))
         if self._hello is None:
@@ -278,8 +283,9 @@ class Host:
         """Note that the port was opened; ask who is there: it need not be the board that was there before."""
         self._decoder = Decoder()
         self._sequence.allow_gap()
-        self._open, self._up = True, False
+        self._open, self._up, self._fell_silent = True, False, False
         self._hello = None
+        self._unanswered = 0
         self._out.clear()
         self._ask(now)
         return self._news()
@@ -301,9 +307,12 @@ class Host:
             if isinstance(event, Damaged):
                 self._damaged[event.reason] = self._damaged.get(event.reason, 0) + 1
                 continue
-            if not self._up and self._hello is not None:
-                self._report(Level.OK, 'the board is heard again')
-            self._up, self._last_valid = True, now
+            self._last_valid = now
+            # A board that stopped sampling may still answer: after a silence only a sample shows that it is back.
+            if isinstance(event, State) or not self._fell_silent:
+                if self._fell_silent:
+                    self._report(Level.OK, 'the board is heard again')
+                self._up, self._fell_silent = True, False
             if isinstance(event, State):
                 self._on_state(event, now)
             elif isinstance(event, Hello):
@@ -317,13 +326,15 @@ class Host:
         held_up = not self._held_up and self._last_poll is not None and now - self._last_poll > SILENCE // 2
         self._last_poll, self._held_up = now, held_up
         if self._up and not held_up and now - self._last_valid > self._silence_ns:
-            self._up = False
+            self._up, self._fell_silent = False, True
             self._tally['link_losses'] += 1
             self._report(Level.ERROR, f'link lost: nothing valid for {(now - self._last_valid) / SECOND:.2f} s')
             self._stop('the link was lost', now)
             self._sequence.allow_gap()
             self._ask(now)
         elif self._open and self._asking and now - self._last_request >= HELLO_INTERVAL:
+            if self._unanswered == UNANSWERED:
+                self._report(Level.WARN, f'the board did not answer {UNANSWERED} requests; check port, baud and wiring')
             self._ask(now)
         if self._phase is _Phase.ARMING and now - self._arming_since >= ARMING_TIMEOUT:
             self._stop('the board did not say within 0.5 s that it is armed', now)
@@ -376,7 +387,12 @@ class Host:
             return self._news()
         limit = min(self.config.torque_limit, self._hello.torque_limit / 1e6)
         clamped = max(-limit, min(limit, torque))
-        self._tally['clamped'] += clamped != torque
+        if clamped != torque:
+            self._tally['clamped'] += 1
+            # A controller that stays at the limit, or comes back to it at once, is one occurrence.
+            if now - self._last_clamp > SECOND:
+                self._report(Level.WARN, f'an effort command of {torque:g} N m came; at most {limit:g} N m are sent')
+            self._last_clamp = now
         self._torque = round(clamped * 1e6)
         self._last_effort = now
         if self._effort_stopped:
@@ -395,20 +411,27 @@ class Host:
         self._sequence.accept(hello.seq)
         self._sequence.confirm_gap()
         self._boot_id = hello.boot_id
-        self._asking = False
-        if min(hello.cpr1, hello.cpr2) == 0 and self._counts_per_turn is None:
-            self._asking = True
+        self._unanswered = 0
+        nonsense = self._nonsense(hello)
+        self._asking = nonsense is not None
+        if nonsense is not None:
             if not self._hello_refused:
-                self._hello_refused = True
-                self._report(Level.ERROR, 'the board says 0 counts per turn; set counts_per_turn, or mend its firmware')
+                self._report(Level.ERROR, nonsense)
+            self._hello_refused = True
             return
-        if self._hello is None:
-            self._report(
-                Level.OK,
-                f'board {hello.firmware!r}: {hello.cpr1} and {hello.cpr2} counts per turn, a sample every '
-                f'{hello.sample_period_us / 1000:g} ms, torque up to {hello.torque_limit / 1e6:g} N m',
-            )
+        self._hello_refused = False
+        if self._hello is None or _introduction(hello) != _introduction(self._hello):
+            self._report(Level.OK, _introduction(hello))
         self._hello = hello
+
+    def _nonsense(self, hello: Hello) -> str | None:
+        """Return why nobody can work with what the board says, or None."""
+        said = (hello.cpr1, hello.cpr2)
+        if 0 in (given or own for given, own in zip(self.config.counts_per_turn, said, strict=True)):
+            return 'the board says 0 counts per turn; set counts_per_turn, or mend its firmware'
+        if hello.torque_limit < 0:
+            return f'the board says a torque limit of {hello.torque_limit / 1e6:g} N m; mend its firmware'
+        return None
 
     def _on_state(self, state: State, now: int) -> None:
         if self._has_restarted(state, now):
@@ -534,6 +557,7 @@ class Host:
 
     def _ask(self, now: int) -> None:
         self._asking = True
+        self._unanswered += 1
         self._last_request = now
         self._send(HelloRequest(self._next_seq(), now // 1000 % WRAP))
 
@@ -559,6 +583,14 @@ class Host:
     def _news(self) -> list[HostEvent]:
         events, self._events = self._events, []
         return events
+
+
+def _introduction(hello: Hello) -> str:
+    """Return in a sentence what a board says about itself."""
+    return (
+        f'board {hello.firmware!r}: {hello.cpr1} and {hello.cpr2} counts per turn, a sample every '
+        f'{hello.sample_period_us / 1000:g} ms, torque up to {hello.torque_limit / 1e6:g} N m'
+    )
 
 
 def _names(status: Status) -> str:

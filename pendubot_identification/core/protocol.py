@@ -289,7 +289,7 @@ class Sequence:
     def accept(self, seq: int) -> bool:
         """Count a frame; return whether it is a new one, to be used."""
         step = 1 if self._last is None else (seq - self._last) & 0xFFFF
-        if not self._gap and step == 0:
+        if step == 0:
             self.duplicates += 1
             return False
         if not self._gap and step >= 0x8000:

@@ -112,32 +112,35 @@ class Bridge(SettingsNode):
                 if data := self._host.data_to_send():
                     self._link.write(data)
                 for event in events:
+                    # Told in here, so that what one thread reports cannot overtake what another did before.
                     if isinstance(event, Report):
                         self._health.note(event)
+                        self._log(event)
             for event in events:
-                self._handle(event)
+                if isinstance(event, Sample):
+                    self._publish(event)
+                elif isinstance(event, (Armed, ArmingFailed)):
+                    self._answer(event)
         except Exception as error:
             if not self._closing.is_set():
                 self.get_logger().fatal(f'{type(error).__name__}: {error}; ending')
                 self.end(1)
 
-    def _handle(self, event: HostEvent) -> None:
-        if isinstance(event, Sample):
-            self._publish(event)
-        elif isinstance(event, Report):
-            # rclpy wants every place that logs to keep to one severity.
-            if event.level is Level.ERROR:
-                self.get_logger().error(event.text)
-            elif event.level is Level.WARN:
-                self.get_logger().warning(event.text)
-            else:
-                self.get_logger().info(event.text)
+    def _log(self, report: Report) -> None:
+        # rclpy wants every place that logs to keep to one severity.
+        if report.level is Level.ERROR:
+            self.get_logger().error(report.text)
+        elif report.level is Level.WARN:
+            self.get_logger().warning(report.text)
         else:
-            waiting, self._arming = self._arming, []
-            for future in waiting:
-                future.set_result(event)
-            if self.executor is not None:
-                self.executor.wake()
+            self.get_logger().info(report.text)
+
+    def _answer(self, outcome: Armed | ArmingFailed) -> None:
+        waiting, self._arming = self._arming, []
+        for future in waiting:
+            future.set_result(outcome)
+        if self.executor is not None:
+            self.executor.wake()
 
     def _publish(self, sample: Sample) -> None:
         m = self._message
@@ -171,7 +174,9 @@ class Bridge(SettingsNode):
     async def _on_arm(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         future = Future()
         self._arming.append(future)
-        self._step(self._host.arm)
+        # Not while it is closing: the last that the board hears has to be the disarm.
+        ending: list[HostEvent] = [ArmingFailed('the bridge is ending')]
+        self._step(lambda now: ending if self._closing.is_set() else self._host.arm(now))
         outcome: Armed | ArmingFailed = await future
         response.success = isinstance(outcome, Armed)
         response.message = outcome.reason if isinstance(outcome, ArmingFailed) else 'armed'

@@ -35,7 +35,11 @@ class Exciter(SettingsNode):
         Setting('hold', 0.01, 'time for which each random torque is held', 's', 1e-4, 60.0),
         Setting('seed', 1, 'same seed, same torques', '', 0, 2**31 - 1),
         Setting('duration', 18.0, 'length of the excitation; 0: until stopped', 's', 0.0, 86400.0),
-        Setting('arm', False, 'whether it arms the bridge itself; otherwise it waits until you call /bridge/arm'),
+        Setting(
+            'arm',
+            False,
+            'whether it arms the bridge itself; otherwise its torques are discarded until you call /bridge/arm',
+        ),
     )
 
     def __init__(self, ended: threading.Event) -> None:
@@ -45,6 +49,7 @@ class Exciter(SettingsNode):
         self._duration = values['duration'] or float('inf')
         self._running = not values['arm']
         self._asked = False
+        self._watching = False
         self._start: float | None = None
         self._heard = time.monotonic()
         self._effort = self.create_publisher(Float64, '/pendubot/effort_command', QoSProfile(depth=1))
@@ -69,6 +74,7 @@ class Exciter(SettingsNode):
 
     def _on_joint_state(self, message: JointState) -> None:
         self._heard = time.monotonic()
+        self._watching = True
         if not self._running:
             return
         stamp = message.header.stamp.sec + message.header.stamp.nanosec * 1e-9
@@ -93,7 +99,9 @@ class Exciter(SettingsNode):
             self.end(1)
         elif silent > SILENCE:
             self.get_logger().info('waiting for /joint_states: start the bridge', throttle_duration_sec=5.0)
-        elif not self._running and not self._asked and self._arm.service_is_ready() and not self.ended.is_set():
+        elif self._asked or self._running or self.ended.is_set():
+            return
+        elif self._watching and self._arm.service_is_ready():
             self._asked = True
             self._arm.call_async(Trigger.Request()).add_done_callback(self._on_armed)
 

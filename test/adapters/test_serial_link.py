@@ -1,5 +1,6 @@
 """A real port object on a real pseudo-terminal: read at once, opened again, held alone, explained when missing."""
 
+import contextlib
 import errno
 import fcntl
 import os
@@ -16,7 +17,7 @@ from pendubot_identification.adapters.pty_server import PtyServer
 from pendubot_identification.adapters.serial_link import SerialLink, open_port
 from pendubot_identification.core.errors import LinkError
 from pendubot_identification.core.parameters import PAPER
-from pendubot_identification.core.protocol import Decoder, Hello, HelloRequest, State, encode
+from pendubot_identification.core.protocol import Decoder, Hello, HelloRequest, State, Status, encode
 from pendubot_identification.core.simulation import Plant
 from pendubot_identification.core.virtual_board import BoardSettings, VirtualBoard
 
@@ -229,6 +230,33 @@ def test_the_virtual_board_is_served_in_real_time_and_survives_its_hosts(serve, 
         assert any(isinstance(e, Hello) for e in events)
         elapsed_ms = (ear.arrivals[-1] - ear.arrivals[0]) / 1e6
         assert elapsed_ms == pytest.approx(len(states), abs=50)
+
+
+def test_a_host_that_does_not_read_is_told_of_the_overrun(serve, port, tmp_path):
+    trace = tmp_path / 'trace.csv'
+    serve(port, trace)
+    decoder, states = Decoder(), []
+
+    def overruns():
+        return trace.read_text().endswith(f',{Status.OVERRUN}\n')
+
+    def gaps():
+        with contextlib.suppress(BlockingIOError):
+            states.extend(e for e in decoder.feed(os.read(device, 4096)) if isinstance(e, State))
+        return [after for before, after in pairwise(states) if after.seq - before.seq > 1]
+
+    device = os.open(port, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+    try:
+        for condition in (lambda: not overruns(), overruns, gaps):
+            deadline = time.monotonic() + 10.0
+            while not condition():
+                assert time.monotonic() < deadline
+                time.sleep(0.001)
+        (first,) = gaps()
+    finally:
+        os.close(device)
+    assert first.status & Status.OVERRUN
+    assert states[-1] == first or not states[-1].status & Status.OVERRUN
 
 
 def test_the_trace_holds_every_sample(serve, port, tmp_path):

@@ -135,6 +135,37 @@ def test_a_board_without_counts_per_turn_is_reported_once_and_asked_again():
     assert wire.host.condition().level > Level.OK
 
 
+@pytest.mark.parametrize(
+    ('change', 'text'), [({'cpr2': 0}, '0 counts per turn'), ({'torque_limit': -5}, 'torque limit')]
+)
+def test_a_hello_that_makes_no_sense_is_reported_and_changes_nothing(change, text):
+    wire = Wire()
+    wire.state(1, 10_000)
+    (report,) = wire.host.receive(encode(replace(HELLO, seq=2, **change)), wire.now)
+    assert (report.level, text in report.text) == (Level.ERROR, True)
+    assert wire.host.hello == HELLO
+    assert len(only(wire.state(3, 20_000), Sample)) == 1
+
+
+def test_counts_per_turn_given_for_one_encoder_replace_what_the_board_does_not_know():
+    wire = Wire(HostConfig(counts_per_turn=(1000, 0)), replace(HELLO, cpr1=0))
+    (sample,) = only(wire.state(1, 10_000, enc1=250, enc2=500), Sample)
+    assert sample.q == pytest.approx((0.0, math.pi / 2))
+
+
+def test_a_board_that_changes_its_counts_per_turn_introduces_itself_again():
+    wire = Wire()
+    assert wire.host.receive(encode(replace(HELLO, seq=1)), wire.now) == []
+    (report,) = wire.host.receive(encode(replace(HELLO, seq=2, cpr1=8000)), wire.now)
+    assert '8000' in report.text
+
+
+def test_a_board_that_does_not_answer_is_reported_once():
+    wire = Wire(hello=None)
+    reports = [(k, report) for k in range(1, 21) for report in wire.wait(200)]
+    assert [(k, report.level) for k, report in reports] == [(5, Level.WARN)]
+
+
 # Published
 
 
@@ -306,6 +337,18 @@ def test_torque_is_clamped_to_the_smaller_limit(configured, limit):
     assert rig.host.counters().clamped == 2
 
 
+def test_a_torque_over_the_limit_is_reported_once_while_it_goes_on():
+    rig = Rig(HostConfig(torque_limit=0.3, command_timeout=10.0)).armed()
+    for _ in range(200):
+        rig.effort(7.0)
+        rig.effort(-0.1)
+        rig.step(1)
+    assert rig.reports() == ['an effort command of 7 N m came; at most 0.3 N m are sent']
+    rig.step(101)
+    rig.effort(-7.0)
+    assert len(rig.reports()) == 2
+
+
 @pytest.mark.parametrize('torque', [math.nan, math.inf, -math.inf])
 def test_a_torque_that_is_not_finite_is_never_sent_disarms_and_is_reported_once(torque):
     rig = Rig().armed()
@@ -370,6 +413,33 @@ def test_a_silent_link_is_lost_after_100_ms_disarms_and_stays_so():
     assert not rig.board.armed
     counters = rig.host.counters()
     assert (counters.link_losses, counters.lost) == (1, 62)
+
+
+def test_a_board_that_answers_but_does_not_sample_is_lost_once():
+    wire = Wire()
+    wire.state(1, 10_000)
+    reports = []
+    for seq in range(2, 22):
+        for _ in range(20):
+            reports += wire.wait(10)
+        reports += wire.host.receive(encode(replace(HELLO, seq=seq)), wire.now)
+    assert ['link lost' in report.text for report in reports] == [True]
+    assert wire.host.condition() == Report(Level.ERROR, 'no valid sample comes from the board')
+    events = wire.state(22, 20_000)
+    assert [report.text for report in only(events, Report)] == ['the board is heard again']
+    assert wire.host.link == 'up'
+
+
+def test_a_frame_that_comes_again_after_a_silence_is_not_published_twice():
+    wire = Wire()
+    wire.state(1, 10_000)
+    wire.wait(200)
+    wire.wait(10)
+    assert wire.host.link == 'silent'
+    assert only(wire.state(1, 10_000), Sample) == []
+    assert len(only(wire.state(9, 300_000), Sample)) == 1
+    counters = wire.host.counters()
+    assert (counters.published, counters.duplicates, counters.lost) == (2, 1, 7)
 
 
 def test_a_slow_board_may_be_silent_for_five_periods():

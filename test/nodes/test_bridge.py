@@ -228,6 +228,21 @@ def test_a_signal_disarms_and_ends_with_0(rig, number):
     assert 'Traceback' not in bridge.output
 
 
+def test_nobody_arms_it_again_while_it_ends(rig):
+    r = rig(1000)
+    r.start_board()
+    bridge = r.start_bridge()
+    r.until_samples()
+    assert r.call('arm').success
+    client = r.node.create_client(r.trigger, '/bridge/arm')
+    assert client.wait_for_service(10)
+    bridge.process.send_signal(signal.SIGTERM)
+    r.until(lambda: client.call_async(r.trigger.Request()) and bridge.process.poll() is not None)
+    assert bridge.process.returncode == 0
+    r.until(lambda: not r.trace()[-1, 4] & ARMED)
+    assert not (r.trace()[:, 4] & WATCHDOG).any()
+
+
 def test_when_the_bridge_is_killed_the_boards_watchdog_stops_the_torque(rig):
     r = rig()
     r.start_board()

@@ -73,6 +73,25 @@ def test_moves_nothing_before_it_is_armed(rig, ros):
         node.destroy_node()
 
 
+def test_arms_only_once_joint_states_come(ros):
+    from sensor_msgs.msg import JointState
+    from std_srvs.srv import Trigger
+
+    node, asked = ros.create_node('bridge'), []
+    try:
+        node.create_service(Trigger, '~/arm', lambda _, answer: asked.append(1) or answer)
+        joint_states = node.create_publisher(JointState, '/joint_states', 10)
+        with Program('exciter', *parameters(arm='true')) as exciter:
+            # It says so after two seconds without any, when it has long found the service.
+            assert spin_until(node, lambda: 'waiting for /joint_states' in exciter.output)
+            assert node.count_clients('/bridge/arm')
+            assert not asked
+            assert spin_until(node, lambda: joint_states.publish(JointState()) or asked)
+            exciter.wait_for('the bridge did not arm')
+    finally:
+        node.destroy_node()
+
+
 def test_stops_when_the_bridge_is_gone(rig):
     _, bridge = rig
     with Program('exciter', *parameters(arm='true', duration=0.0)) as exciter:
