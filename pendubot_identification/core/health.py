@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 
-from .host import SECOND, Host, Report
+from .host import SECOND, Host
 from .level import Level
+from .news import Report
 from .protocol import Status
 
 #: While one of these grows something is wrong, even if all seems well at the moment.

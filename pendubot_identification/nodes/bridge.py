@@ -20,8 +20,9 @@ from std_srvs.srv import Trigger
 from pendubot_identification.adapters.serial_link import SerialLink
 from pendubot_identification.core.errors import ParameterError
 from pendubot_identification.core.health import Health
-from pendubot_identification.core.host import Armed, ArmingFailed, Host, HostConfig, HostEvent, Report, Sample
+from pendubot_identification.core.host import Host, HostConfig
 from pendubot_identification.core.level import Level
+from pendubot_identification.core.news import Armed, ArmingFailed, HostEvent, Report, Sample
 
 from .diagnostics import diagnostics_message
 from .runtime import Setting, SettingsNode, run

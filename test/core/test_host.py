@@ -7,8 +7,9 @@ from itertools import pairwise
 import pytest
 
 from pendubot_identification.core.health import Health
-from pendubot_identification.core.host import Armed, ArmingFailed, Host, HostConfig, Report, Sample
+from pendubot_identification.core.host import Host, HostConfig
 from pendubot_identification.core.level import Level
+from pendubot_identification.core.news import Armed, ArmingFailed, Report, Sample
 from pendubot_identification.core.parameters import PAPER
 from pendubot_identification.core.protocol import Command, Decoder, Hello, HelloRequest, Mode, State, Status, encode
 from pendubot_identification.core.simulation import Plant
