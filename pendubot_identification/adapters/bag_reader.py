@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+import os
 import re
 from array import array
 from collections.abc import Iterator, Sequence
@@ -52,7 +53,7 @@ class BagWindow:
             BagError: the text is malformed, or the window empty or reversed.
         """
         # A bag's own name may hold an @.
-        if '@' not in text or Path(text).exists():
+        if '@' not in text or os.path.exists(text):
             return cls(Path(text))
         path, _, window = text.rpartition('@')
         match = re.fullmatch(r'([^:]*):([^:]*)', window)
@@ -286,9 +287,10 @@ def _mcap_files(path: Path) -> list[Path]:
     Raises:
         BagError: there is no such bag, or it is none.
     """
-    if path.is_file():
+    # Path's own methods raise where a name is too long or a folder above is closed.
+    if os.path.isfile(path):
         return [path]
-    if not path.is_dir():
+    if not os.path.isdir(path):
         raise BagError(f'there is no bag {path}; give a bag folder or a .mcap file')
     found = {file.name: file for file in path.glob('*.mcap')}
     listed = _listed_files(path)

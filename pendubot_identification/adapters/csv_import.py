@@ -17,6 +17,9 @@ from pendubot_identification.core.trajectory import Trajectory
 REQUIRED = ('t', 'q1', 'q2', 'tau1')
 OPTIONAL = ('tau2', 'dq1', 'dq2')
 
+#: Rows further apart [s] have a time in some other unit.
+LONGEST_INTERVAL = 1.0
+
 Zero = Literal['horizontal', 'hanging']
 Elbow = Literal['relative', 'absolute']
 
@@ -56,7 +59,13 @@ def import_csv(
             qd[:, 1] -= qd[:, 0]
     if zero == 'hanging':
         q[:, 0] -= math.pi / 2
-    return Trajectory(t=t - t[0], q=q, tau=tau, qd=qd, name=str(path))
+    trajectory = Trajectory(t=t - t[0], q=q, tau=tau, qd=qd, name=str(path))
+    if len(t) > 1 and trajectory.interval > LONGEST_INTERVAL:
+        raise CsvError(
+            f'{path}: its rows are {trajectory.interval:g} s apart, which no recording of a pendubot is; t must be in '
+            'seconds: divide milliseconds by 1000'
+        )
+    return trajectory
 
 
 def _wanted(columns: Mapping[str, str]) -> dict[str, tuple[str, bool]]:
@@ -82,6 +91,10 @@ def _read(path: Path, wanted: Mapping[str, tuple[str, bool]]) -> dict[str, NDArr
     names = [name.strip() for name in next(reader, [])]
     there: dict[str, int] = {}
     for quantity, (column, required) in wanted.items():
+        if names.count(column) > 1:
+            raise CsvError(
+                f'{path} has {names.count(column)} columns {column!r}; rename all but the one for {quantity}'
+            )
         if column in names:
             there[quantity] = names.index(column)
         elif required:
@@ -90,11 +103,14 @@ def _read(path: Path, wanted: Mapping[str, tuple[str, bool]]) -> dict[str, NDArr
                 f'name the right one with --columns {quantity}=NAME'
             )
     values: dict[str, list[float]] = {quantity: [] for quantity in there}
-    for row in reader:
-        if not any(cell.strip() for cell in row):
-            continue
-        for quantity, k in there.items():
-            values[quantity].append(_number(row[k] if k < len(row) else '', path, reader.line_num, names[k]))
+    try:
+        for row in reader:
+            if not any(cell.strip() for cell in row):
+                continue
+            for quantity, k in there.items():
+                values[quantity].append(_number(row[k] if k < len(row) else '', path, reader.line_num, names[k]))
+    except csv.Error as error:
+        raise CsvError(f'{path}, line {reader.line_num}: {error}; mend or remove that row') from error
     if not values['t']:
         raise CsvError(f'{path} holds no row of numbers; export the recording again')
     return {quantity: np.array(column) for quantity, column in values.items()}
@@ -107,5 +123,6 @@ def _number(cell: str, path: Path, line: int, column: str) -> float:
         number = math.nan
     if not math.isfinite(number):
         what = repr(cell.strip()) if cell.strip() else 'nothing'
-        raise CsvError(f'{path}, line {line}, column {column!r}: {what} is no finite number; mend or remove that row')
+        do = 'write decimals with a point' if ',' in cell else 'mend or remove that row'
+        raise CsvError(f'{path}, line {line}, column {column!r}: {what} is no finite number; {do}')
     return number

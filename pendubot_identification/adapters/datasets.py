@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from pendubot_identification.core.errors import TrajectoryError
+from pendubot_identification.core.signals import resample
 from pendubot_identification.core.trajectory import MINIMUM_SAMPLES, Trajectory
 
 from .bag_reader import BagWindow, RecordedTrajectory, read_trajectory
@@ -65,11 +66,20 @@ def load_datasets(
             validation = [r.trajectory for r in judges]
     pairs = [('training', r, t) for r, t in zip(recordings, training, strict=True)]
     pairs += [('validation', r, t) for r, t in zip(judges, validation, strict=True)]
+    notes = [r.note for _, r, _ in pairs if r.note]
+    for k, (role, first, motion) in enumerate(pairs):
+        for _, second, other in pairs[k + 1 :]:
+            common = first.sha256 == second.sha256 and motion.t[0] <= other.t[-1] and other.t[0] <= motion.t[-1]
+            if common and role == 'training':
+                notes.append(
+                    f'{first.window} and {second.window} share samples: they count twice, and standard errors and J on '
+                    'validation look better than they are'
+                )
     return Datasets(
         training=tuple(training),
         validation=tuple(validation),
         sources=tuple(Source(str(r.window), role, len(t), t.duration, r.sha256, r.closed) for role, r, t in pairs),
-        notes=tuple(dict.fromkeys(r.note for _, r, _ in pairs if r.note)),
+        notes=tuple(dict.fromkeys(notes)),
     )
 
 
@@ -78,9 +88,10 @@ def _read(window: BagWindow, topic: str, joint_names: Sequence[str]) -> Recorded
 
 
 def _read_rest(window: BagWindow, topic: str, joint_names: Sequence[str]) -> RecordedTrajectory | None:
-    """Return what lies outside the windows, or None where that is too little to judge by."""
+    """Return what lies outside the windows, or None where that is too little to judge by, or has gaps."""
     try:
         recording = _read(window, topic, joint_names)
+        resample(recording.trajectory)
     except TrajectoryError:
         return None
     return recording if len(recording.trajectory) >= MINIMUM_SAMPLES else None

@@ -94,6 +94,11 @@ def write_trajectory(
     Raises:
         BagError: the name is taken, or the system refuses to write.
     """
+    if (last := start_ns / 1e9 + float(trajectory.t.max(initial=0.0))) >= 2**31:
+        raise BagError(
+            f'{trajectory.name}: its last stamp would be {last:.6g} s after 1970, and a stamp of ROS ends in 2038; '
+            'mend its times'
+        )
     order = np.arange(len(trajectory))
     stamps = start_ns + np.rint(trajectory.t * 1e9).astype(np.int64)
     # Times that increase by less than a nanosecond must still give stamps that increase.

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import os
+import struct
+import zlib
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from mcap.exceptions import UnsupportedCompressionError
 from mcap.reader import make_reader
@@ -16,6 +18,9 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 from pendubot_identification.core.errors import BagError
 
 MAGIC = b'\x89MCAP0\r\n'
+
+#: What stands before the last magic: where the summary starts, where its offsets start, and its CRC (0: none).
+FOOTER = struct.Struct('<QQL')
 
 
 class McapFile:
@@ -87,7 +92,7 @@ class McapFile:
         try:
             with self.path.open('rb') as file:
                 file.seek(-len(MAGIC), os.SEEK_END)
-                if file.tell() == 0 or file.read() != MAGIC:
+                if file.tell() == 0 or file.read() != MAGIC or not _summary_is_whole(file):
                     return False
                 file.seek(0)
                 summary = make_reader(file).get_summary()
@@ -164,3 +169,12 @@ class McapFile:
 
     def _unsupported(self, error: Exception) -> BagError:
         return BagError(f'{self.path} cannot be read: {error}; install that package with pip')
+
+
+def _summary_is_whole(file: BinaryIO) -> bool:
+    """Tell whether an MCAP file's summary is what was written: an index with a wrong time would hide messages."""
+    end = file.seek(-len(MAGIC) - FOOTER.size, os.SEEK_END)
+    start, _, crc = FOOTER.unpack(file.read(FOOTER.size))
+    file.seek(start)
+    # The CRC covers all from the summary's start to the CRC itself.
+    return crc == 0 or start == 0 or zlib.crc32(file.read(end + FOOTER.size - 4 - start)) == crc

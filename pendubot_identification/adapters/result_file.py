@@ -121,7 +121,7 @@ def read_parameters(path: Path) -> Parameters:
     try:
         return Parameters(**{name: float(data['parameters'][name]['value']) for name in NAMES})
     except (KeyError, TypeError, ValueError) as error:
-        raise ResultError(f'{path} lacks a value for {error}; identify again') from error
+        raise ResultError(f'{path} lacks a number for one of {", ".join(NAMES)}; identify again') from error
 
 
 def _number(value: float) -> float | None:

@@ -99,7 +99,7 @@ def _show(folder: Path, theta: list[float], label: str) -> int:
     print(
         "\nThe errors are the criterion's: encoder counts and central differences move its minimum away from the\n"
         'truth, and MDE finds that minimum exactly. docs/criterion.md says how far, and why.\n'
-        f'\ntry: pendubot identify {folder / BAG}'
+        f'\ntry: {sys.argv[0]} identify {folder / BAG}'
     )
     return 0
 

@@ -79,8 +79,9 @@ def run(args: argparse.Namespace) -> int:
 
     from pendubot_identification.adapters.datasets import load_datasets
     from pendubot_identification.adapters.result_file import refuse_existing, result_data, write_result
-    from pendubot_identification.core.identification import Settings, identify
+    from pendubot_identification.core.identification import identify
     from pendubot_identification.core.mde import MDESettings
+    from pendubot_identification.core.settings import Settings
     from pendubot_identification.report.tables import whole
 
     settings = Settings(
@@ -138,7 +139,9 @@ def _bounds(texts: list[str]) -> Any:
 def _joints(text: str) -> list[str]:
     from pendubot_identification.core.errors import ParameterError
 
-    names = [name.strip() for name in text.split(',')]
-    if len(names) != 2 or not all(names):
-        raise ParameterError(f'--joints {text!r} names {len(names)} joints; two are expected, such as shoulder,elbow')
+    names = [name.strip() for name in text.split(',') if name.strip()]
+    if len(names) != 2 or len(set(names)) != 2:
+        raise ParameterError(
+            f'--joints {text!r} names {len(set(names))} joints; two are expected, such as shoulder,elbow'
+        )
     return names

@@ -55,8 +55,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     except Exception as error:
         if args.debug:
             traceback.print_exc()
-        known = isinstance(error, PendubotError)
-        sentence = str(error) if known else f'{type(error).__name__}: {error}; run pendubot --debug ... to see where'
+        sentence = f'{type(error).__name__}: {error}; run pendubot --debug ... to see where'
+        if isinstance(error, PendubotError):
+            sentence = str(error)
+        elif isinstance(error, OSError):
+            sentence = f'the system refused: {error}; mend that and try again'
+        elif isinstance(error, MemoryError):
+            sentence = f'not enough memory ({error}); ask for less'
         print(f'pendubot: {sentence}', file=sys.stderr)
         return 1
 

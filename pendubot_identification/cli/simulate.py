@@ -55,10 +55,10 @@ def run(args: argparse.Namespace) -> int:
     from pendubot_identification.core.parameters import PAPER
     from pendubot_identification.core.simulation import quantised, simulate
 
-    if args.samples < 1 or not (np.isfinite(args.rate) and args.rate > 0) or args.counts < 0:
+    if args.samples < 1 or not 1 <= args.rate <= 100_000 or args.counts < 0:
         raise ParameterError(
             f'{args.samples} samples at {args.rate:g} Hz with {args.counts} counts per turn make no recording; at '
-            'least one sample, a rate above 0 and counts of at least 0 are expected'
+            'least one sample, a rate from 1 to 100000 Hz and counts of at least 0 are expected'
         )
     low, high = args.amplitude
     pulses = PulseTrain(args.period, args.width, low, high, args.hold, args.seed)

@@ -14,6 +14,9 @@ from .trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
+#: No joint of a bench-top rig turns faster [rad/s]: an angle in degrees, wrapped at a turn, or a jump of an encoder.
+TOP_SPEED = 100.0
+
 
 @dataclass(frozen=True, slots=True)
 class Regression:
@@ -42,17 +45,29 @@ def energy_regression(trajectory: Trajectory, window: float | None = None, smoot
         smoothing: the differentiator's window [s], see :func:`.signals.differentiate`.
 
     Raises:
-        TrajectoryError: the motion is shorter than the window, or has a gap.
+        TrajectoryError: the motion is shorter than the window, has a gap, or is faster than a rig can be.
     """
     motion = resample(trajectory)
     q, qd = differentiate(motion.q, motion.interval, smoothing)
+    if (fastest := np.abs(qd).max(axis=0)).max() > TOP_SPEED:
+        joint = int(fastest.argmax())
+        raise TrajectoryError(
+            f'{trajectory.name}: the {("shoulder", "elbow")[joint]} turns at {fastest[joint]:.0f} rad/s, '
+            f'{motion.t[np.abs(qd[:, joint]).argmax()] - motion.t[0]:.3f} s after its start, and at most {TOP_SPEED:g} '
+            'is plausible; are its angles in radians, unwrapped, and without jumps?'
+        )
     work = _work(trajectory, motion)
     squares = qd**2
     dissipated = _accumulated((squares[1:] + squares[:-1]) / 2 * motion.interval)
     phi = np.column_stack([energy_terms(q, qd), dissipated])
     if window is None:
         return Regression(phi[1:] - phi[0], work[1:] - work[0], motion.t[1:])
-    span = max(1, round(window / motion.interval))
+    if window < motion.interval / 2:
+        raise TrajectoryError(
+            f'{trajectory.name}: the sliding window of {window:g} s is shorter than the sampling interval of '
+            f'{motion.interval:.4g} s; choose a longer one'
+        )
+    span = max(1, round(min(window / motion.interval, len(motion))))
     if span >= len(motion):
         raise TrajectoryError(
             f'{trajectory.name}: {motion.duration:.3f} s are shorter than the sliding window of {window:g} s; choose a '

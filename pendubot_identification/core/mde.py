@@ -21,6 +21,8 @@ Indices = NDArray[np.intp]
 
 #: Generations whose random numbers are drawn at once. Part of what a seed means, so not a setting.
 BLOCK = 16
+#: Of all runs together; each takes about 10 kB, for the random numbers of a block.
+MOST_VECTORS = 100_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,6 +86,11 @@ class MDE:
     def __init__(self, bounds: Bounds, settings: MDESettings | None = None, *, runs: int = 10, seed: int = 1) -> None:
         if runs < 1:
             raise ParameterError(f'{runs} runs were asked for; at least 1 is needed')
+        vectors = runs * (settings or MDESettings()).population
+        if vectors > MOST_VECTORS:
+            raise ParameterError(
+                f'{vectors} vectors in all runs were asked for; at most {MOST_VECTORS} fit into a usual memory'
+            )
         if seed < 0:
             raise ParameterError(f'the seed is {seed}; a whole number of at least 0 is expected')
         self.bounds = bounds

@@ -36,9 +36,14 @@ def resample(trajectory: Trajectory, interval: float | None = None) -> Trajector
         interval: the grid's spacing [s]; by default what the stamps themselves suggest.
 
     Raises:
-        TrajectoryError: a gap too long to be bridged.
+        TrajectoryError: samples too far apart, or a gap too long to be bridged.
     """
     t = trajectory.t
+    if trajectory.interval > LONGEST_GAP:
+        raise TrajectoryError(
+            f'{trajectory.name}: its samples are {trajectory.interval:g} s apart and at most {LONGEST_GAP:g} s is '
+            'expected; are its stamps in seconds? record at a higher rate'
+        )
     step = trajectory.interval if interval is None else interval
     gaps = np.diff(t)
     widest = int(np.argmax(gaps))
@@ -79,10 +84,13 @@ def differentiate(q: Array, interval: float, window: float) -> tuple[Array, Arra
     Raises:
         TrajectoryError: fewer samples than the window holds.
     """
-    length = 2 * round(window / interval / 2) + 1
+    length = 2 * round(min(window / interval, 2 * len(q)) / 2) + 1
     if length <= DEGREE + 1:
         return q, np.gradient(q, interval, axis=0)
     if len(q) < length:
-        raise TrajectoryError(f'{len(q)} samples are fewer than the {length} of the smoothing window of {window:g} s')
+        raise TrajectoryError(
+            f'{len(q)} samples, {interval * len(q):g} s, are fewer than the smoothing window of {window:g} s holds; '
+            'choose a shorter one'
+        )
     smooth = savgol_filter(q, length, DEGREE, axis=0)
     return smooth, savgol_filter(q, length, DEGREE, deriv=1, delta=interval, axis=0)

@@ -15,10 +15,11 @@ from pendubot_identification.adapters.datasets import load_datasets
 from pendubot_identification.adapters.joint_states import JOINT_NAMES, JOINT_STATES_TOPIC
 from pendubot_identification.adapters.result_file import refuse_existing, result_data, write_result
 from pendubot_identification.core.errors import ParameterError, PendubotError
-from pendubot_identification.core.identification import CRITERIA, MODELS, OPTIMIZERS, Settings, identify
+from pendubot_identification.core.identification import identify
 from pendubot_identification.core.level import Level
 from pendubot_identification.core.mde import MDESettings
 from pendubot_identification.core.parameters import Bounds, default_bounds
+from pendubot_identification.core.settings import CRITERIA, MODELS, OPTIMIZERS, Settings
 from pendubot_identification.report.tables import whole
 
 from .diagnostics import diagnostics_message

@@ -223,6 +223,19 @@ def test_a_file_cut_anywhere_gives_what_is_whole_before_the_cut(tmp_path):
     assert (counts[0], counts[-1]) == (0, 200)
 
 
+def test_a_damaged_index_hides_no_message(bag, tmp_path):
+    path = shutil.copytree(bag, tmp_path / 'bag')
+    whole = (path / 'bag_0.mcap').read_bytes()
+    # The time of a chunk's first message stands in the file for the last time in the index.
+    first = mcap_file.McapFile(path / 'bag_0.mcap')._chunks[-1].message_start_time
+    at = whole.rindex(first.to_bytes(8, 'little'))
+    (path / 'bag_0.mcap').write_bytes(whole[: at + 6] + bytes([whole[at + 6] ^ 64]) + whole[at + 7 :])
+    read = read_trajectory(BagWindow(path, 0, 9.99))
+    assert len(read.trajectory) == 999
+    assert not read.closed
+    assert 'damaged' in read.note
+
+
 def test_damage_in_a_closed_file_is_named_and_can_be_avoided(bag, tmp_path):
     path = shutil.copytree(bag, tmp_path / 'bag')
     data = bytearray((path / 'bag_0.mcap').read_bytes())

@@ -95,6 +95,10 @@ def test_the_same_pose_in_every_convention(tmp_path, zero, elbow):
         (TEXT.replace('0.5', ''), r"line 3, column 'q2': nothing is no finite number"),
         (TEXT.replace(',7,6', ''), r"line 4, column 'tau1': nothing is no finite number"),
         (TEXT.splitlines()[0], 'holds no row of numbers'),
+        (TEXT.replace(',', ';').replace('.', ','), "'5,00' is no finite number; write decimals with a point"),
+        (TEXT.replace('dq1', 'q1'), "has 2 columns 'q1'; rename all but the one for q1"),
+        (TEXT.replace('0.5', '5' * 200_000), 'line 3: field larger than field limit'),
+        ('t,q1,q2,tau1\n0,1,2,3\n10,1,2,3\n20,1,2,3\n', r'rows are 10 s apart.*divide milliseconds by 1000'),
         ('', "no column 't' for t; its columns are none"),
     ],
 )

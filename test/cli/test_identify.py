@@ -181,6 +181,9 @@ def broken(bag, tmp_path, **changes):
         (['{root}/docs'], 'is no bag that can be read here'),
         (['{bag}', '--topic', '/imu'], 'holds nothing on /imu; its topics are /joint_states'),
         (['{bag}', '--joints', 'a,b'], "has no joint 'a'; its joints are shoulder, elbow"),
+        (['{bag}', '--joints', 'elbow,elbow'], 'names 1 joints; two are expected'),
+        (['{bag}', '--runs', '100000000'], 'at most 100000'),
+        (['b' * 300], 'there is no bag bbb'),
         (['{bag}', '--joints', 'a'], 'names 1 joints; two are expected'),
         (['{bag}@9:2'], 'reversed'),
         (['{bag}@3:3'], 'empty or reversed'),
@@ -209,6 +212,46 @@ def test_a_motion_without_excitation_names_what_cannot_be_told(capsys, bag, tmp_
     assert 'none of P1, P2' in refused(capsys, broken(bag, tmp_path, q=still))
 
 
+def test_a_torque_that_does_no_work_is_refused(capsys, bag, tmp_path):
+    assert 'the torque does no work' in refused(capsys, broken(bag, tmp_path, tau=np.zeros((1800, 2))))
+
+
+@pytest.mark.parametrize('options', [(), FAST])
+def test_a_torque_of_the_wrong_sign_is_an_error(capsys, bag, tmp_path, options):
+    from pendubot_identification.adapters.bag_reader import read_trajectory
+
+    wrong = broken(bag, tmp_path, tau=-read_trajectory(bag).trajectory.tau)
+    status, out, _ = identify(capsys, wrong, '--json', *options)
+    result = json.loads(out)
+    assert (status, result['level']) == (0, 'ERROR')
+    assert 'not physical: P1 = 0 is not positive' in result['warnings']
+    assert any('energy and work do not balance' in warning for warning in result['warnings'])
+
+
+def test_missing_samples_are_counted(capsys, bag, tmp_path):
+    from pendubot_identification.adapters.bag_reader import read_trajectory
+
+    t = read_trajectory(bag).trajectory
+    kept = np.arange(1800) % 20 != 7
+    status, out, _ = identify(capsys, broken(bag, tmp_path, t=t.t[kept], q=t.q[kept], tau=t.tau[kept]), *FAST)
+    assert status == 0
+    assert 'about 45 of 900 samples are missing' in out
+
+
+@pytest.mark.parametrize('arguments', [['{}', '{}'], ['{}@0:9', '{}@5:12'], ['{}', '--validate', '{}@3:9']])
+def test_data_used_twice_are_named(capsys, bag, arguments):
+    status, out, _ = identify(capsys, *(a.format(bag) for a in arguments), *FAST)
+    assert status == 0
+    assert 'share samples: they count twice' in out
+
+
+def test_a_gap_outside_the_window_does_no_harm(capsys, bag, tmp_path):
+    t = np.arange(1800) * 0.01
+    gap = broken(bag, tmp_path, t=t + np.where(t > 10, 5, 0))
+    assert '5.010 s without a sample begin at 1.000 s' in refused(capsys, gap, *FAST)
+    assert identify(capsys, f'{gap}@0:9', *FAST)[0] == 0
+
+
 def test_not_a_number_in_the_samples(capsys, tmp_path, bag):
     from pendubot_identification.adapters.bag_writer import BagWriter
     from pendubot_identification.adapters.joint_states import encode_joint_state
@@ -226,6 +269,25 @@ def test_not_a_number_in_the_samples(capsys, tmp_path, bag):
                 writer.write(channel, data, 10**18 + k * 10**7)
         expected = {'nan': 'not a finite number', 'backwards': 'runs backwards', 'repeats': 'repeats'}[label]
         assert expected in refused(capsys, path)
+
+
+@pytest.mark.parametrize(
+    ('failure', 'sentence'),
+    [(OSError(28, 'No space left on device'), 'the system refused: '), (MemoryError('80 GB'), 'not enough memory')],
+)
+def test_what_the_system_refuses_is_one_sentence(capsys, monkeypatch, failure, sentence):
+    def refuse(args):
+        raise failure
+
+    monkeypatch.setattr('pendubot_identification.cli.info.run', refuse)
+    assert main(['info', 'bag']) == 1
+    assert capsys.readouterr().err.startswith(f'pendubot: {sentence}')
+
+
+def test_a_rate_that_no_recording_has_is_refused(capsys, tmp_path):
+    for rate in ('1e-9', 'nan', 'inf'):
+        assert main(['simulate', '--output', str(tmp_path / 'bag'), '--rate', rate]) == 1
+        assert 'a rate from 1 to 100000 Hz' in capsys.readouterr().err
 
 
 def test_wrong_usage_exits_2(capsys):

@@ -50,6 +50,13 @@ def test_a_file_that_cannot_be_used_leaves_no_bag(file, tmp_path):
     assert not (tmp_path / 'bag').exists()
 
 
+def test_a_time_beyond_what_a_stamp_can_hold_leaves_no_bag(file, tmp_path):
+    file.write_text(file.read_text() + '\n9.3e9,0,0,0\n')
+    with pytest.raises(BagError, match='a stamp of ROS ends in 2038'):
+        run(file, '--output', tmp_path / 'bag', *COLUMNS)
+    assert not (tmp_path / 'bag').exists()
+
+
 @pytest.mark.parametrize('columns', ['time', 't=', '=time', 't=a,t=b', ''])
 def test_columns_that_are_not_understood_are_wrong_usage(file, tmp_path, columns, capsys):
     with pytest.raises(SystemExit) as ended:

@@ -82,6 +82,19 @@ def test_logged_velocities_are_not_used():
 def test_a_recording_shorter_than_the_sliding_window_is_refused():
     with pytest.raises(TrajectoryError, match='shorter than the sliding window of 5 s'):
         energy_regression(swing(n=500), 5.0)
+    with pytest.raises(TrajectoryError, match='window of 1e-09 s is shorter than the sampling interval'):
+        energy_regression(swing(n=500), 1e-9)
+
+
+@pytest.mark.parametrize('rate', [50, 100, 1000])
+def test_degrees_wrapped_angles_and_jumps_are_refused(rate):
+    t = np.arange(2 * rate) / rate
+    q, tau = np.column_stack([t, np.sin(3 * t)]), np.ones((len(t), 2))
+    energy_regression(Trajectory(t, q, tau))
+    wrapped = q + np.where(t > 1, -2 * np.pi, 0)[:, None] * [1, 0]
+    for wrong, joint in ((np.rad2deg(q), 'elbow'), (wrapped, 'shoulder')):
+        with pytest.raises(TrajectoryError, match=rf'the {joint} turns at .* in radians, unwrapped, and without jumps'):
+            energy_regression(Trajectory(t, wrong, tau))
 
 
 def test_pulses_are_reproducible_bounded_and_as_wide_as_told():

@@ -7,10 +7,11 @@ import pytest
 
 from pendubot_identification.core.errors import ExcitationError, ParameterError, TrajectoryError
 from pendubot_identification.core.excitation import PulseTrain
-from pendubot_identification.core.identification import Settings, identify
+from pendubot_identification.core.identification import identify
 from pendubot_identification.core.level import Level
 from pendubot_identification.core.mde import MDESettings
 from pendubot_identification.core.parameters import PAPER, default_bounds
+from pendubot_identification.core.settings import Settings
 from pendubot_identification.core.simulation import HANGING, quantised, simulate
 from pendubot_identification.core.trajectory import Trajectory
 from test.conftest import RECORDINGS

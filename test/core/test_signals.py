@@ -81,3 +81,14 @@ def test_a_long_gap_is_named():
     t = np.r_[np.arange(100), np.arange(150, 250)] * 0.01
     with pytest.raises(TrajectoryError, match=r'0\.510 s without a sample begin at 0.990 s'):
         resample(Trajectory(t, *[wave(t)[0]] * 2))
+
+
+def test_samples_far_apart_are_refused():
+    t = np.arange(100) * 10.0
+    with pytest.raises(TrajectoryError, match=r'10 s apart and at most 0\.1 s is expected; are its stamps in seconds'):
+        resample(Trajectory(t, *[wave(t)[0]] * 2))
+
+
+def test_a_smoothing_window_of_any_length_is_answered():
+    with pytest.raises(TrajectoryError, match=r'100 samples, 1 s, are fewer than the smoothing window of 1e\+300 s'):
+        differentiate(np.zeros((100, 2)), 0.01, 1e300)
