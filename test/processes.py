@@ -18,6 +18,11 @@ MODULES = {
 }
 
 
+def parameters(**values):
+    """The arguments that set a node's parameters."""
+    return ['--ros-args', *(word for name, value in values.items() for word in ('-p', f'{name}:={value}'))]
+
+
 def run_program(name, *args, timeout=120, env=None):
     """Run a program to its end; returns the completed process with text output."""
     return subprocess.run(

@@ -9,13 +9,9 @@ import yaml
 
 from pendubot_identification.adapters.bag_reader import read_trajectory
 from pendubot_identification.core.parameters import NAMES, PAPER
-from test.processes import Program, run_program
+from test.processes import Program, parameters, run_program
 
 pytestmark = pytest.mark.ros
-
-
-def parameters(**values):
-    return ['--ros-args', *(word for name, value in values.items() for word in ('-p', f'{name}:={value}'))]
 
 
 def test_the_demo_ends_in_a_table_of_estimates_beside_the_truth(tmp_path):

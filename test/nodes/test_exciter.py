@@ -6,13 +6,9 @@ import signal
 import pytest
 
 from pendubot_identification.core.excitation import PulseTrain
-from test.processes import Program, run_program, spin_until
+from test.processes import Program, parameters, run_program, spin_until
 
 pytestmark = pytest.mark.ros
-
-
-def parameters(**values):
-    return ['--ros-args', *(word for name, value in values.items() for word in ('-p', f'{name}:={value}'))]
 
 
 @pytest.fixture

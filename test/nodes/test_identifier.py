@@ -6,7 +6,7 @@ import yaml
 
 from pendubot_identification.cli.main import main
 from pendubot_identification.core.parameters import NAMES, PAPER
-from test.processes import Program, run_program, spin_until
+from test.processes import Program, parameters, run_program, spin_until
 
 pytestmark = pytest.mark.ros
 
@@ -61,10 +61,6 @@ def listener(ros):
     listener = Listener(ros)
     yield listener
     listener.node.destroy_node()
-
-
-def parameters(**values):
-    return ['--ros-args', *(word for name, value in values.items() for word in ('-p', f'{name}:={value}'))]
 
 
 def test_a_subscriber_that_joins_late_receives_the_result(ros, bag, tmp_path):
