@@ -6,6 +6,7 @@ import threading
 import time
 from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
@@ -35,11 +36,7 @@ class Exciter(SettingsNode):
         Setting('hold', 0.01, 'time for which each random torque is held', 's', 1e-4, 60.0),
         Setting('seed', 1, 'same seed, same torques', '', 0, 2**31 - 1),
         Setting('duration', 18.0, 'length of the excitation; 0: until stopped', 's', 0.0, 86400.0),
-        Setting(
-            'arm',
-            False,
-            'whether it arms the bridge itself; otherwise its torques are discarded until you call /bridge/arm',
-        ),
+        Setting('arm', False, 'whether it arms the bridge itself; otherwise it waits until you call /bridge/arm'),
     )
 
     def __init__(self, ended: threading.Event) -> None:
@@ -47,15 +44,17 @@ class Exciter(SettingsNode):
         values = self.settings()
         self._pulses = _pulses(values)
         self._duration = values['duration'] or float('inf')
-        self._running = not values['arm']
+        self._arms: bool = values['arm']
         self._asked = False
-        self._watching = False
+        self._running = False
         self._start: float | None = None
-        self._heard = time.monotonic()
+        self._heard: float | None = None
+        self._disarmed = 0
         self._effort = self.create_publisher(Float64, '/pendubot/effort_command', QoSProfile(depth=1))
         self._arm = self.create_client(Trigger, '/bridge/arm')
         self._disarm = self.create_client(Trigger, '/bridge/disarm')
         self.create_subscription(JointState, '/joint_states', self._on_joint_state, QoSProfile(depth=100))
+        self.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, QoSProfile(depth=10))
         self.create_timer(0.1, self._supervise)
 
     def check(self, values: dict[str, Any]) -> None:
@@ -66,7 +65,7 @@ class Exciter(SettingsNode):
         """Command zero torque and disarm; wait, for a second at most, until the bridge has answered."""
         self._running = False
         self._effort.publish(Float64(data=0.0))
-        if self._start is not None and self._disarm.service_is_ready():
+        if (self._asked or self._start is not None) and self._disarm.service_is_ready():
             answered = threading.Event()
             self._disarm.call_async(Trigger.Request()).add_done_callback(lambda _: answered.set())
             if not answered.wait(1.0):
@@ -74,8 +73,9 @@ class Exciter(SettingsNode):
 
     def _on_joint_state(self, message: JointState) -> None:
         self._heard = time.monotonic()
-        self._watching = True
         if not self._running:
+            # Discarded while disarmed; from the moment of arming on, the bridge is not left without a command.
+            self._effort.publish(Float64(data=0.0))
             return
         stamp = message.header.stamp.sec + message.header.stamp.nanosec * 1e-9
         if self._start is None:
@@ -84,24 +84,37 @@ class Exciter(SettingsNode):
         if stamp - self._start < self._duration:
             self._effort.publish(Float64(data=self._pulses.torque(stamp - self._start)))
         else:
-            self._running = False
             self.get_logger().info('excitation done')
-            self.end(0)
+            self._finish(0)
+
+    def _on_diagnostics(self, array: DiagnosticArray) -> None:
+        """Follow whether the bridge is armed, whoever armed it."""
+        for status in array.status:
+            armed = {value.key: value.value for value in status.values}.get('armed')
+            if status.name != 'bridge' or armed is None or self.ended.is_set():
+                continue
+            # One that was under way when the motor was armed may still say the contrary.
+            self._disarmed = 0 if armed == 'True' else self._disarmed + 1
+            if self._running and self._disarmed > 1:
+                self.get_logger().error(f'stopped, for the bridge is no longer armed: {status.message}')
+                self._finish(1)
+            elif armed == 'True' and not self._arms:
+                self._running = True
 
     def _supervise(self) -> None:
-        """Arm once joint states come in, and give up when they no longer do."""
-        silent = time.monotonic() - self._heard
-        if self._start is not None and self._running and silent > SILENCE:
-            self._running = False
-            self.get_logger().error(
-                f'no joint states for {silent:.1f} s; stopped: look at the bridge, then start again'
-            )
-            self.end(1)
+        """Arm, if that is wanted, once joint states come in; give up when they no longer do."""
+        silent = float('inf') if self._heard is None else time.monotonic() - self._heard
+        if self.ended.is_set():
+            return
+        if self._running:
+            if silent > SILENCE:
+                self.get_logger().error(f'stopped: no joint states for {silent:.1f} s; look at the bridge')
+                self._finish(1)
         elif silent > SILENCE:
             self.get_logger().info('waiting for /joint_states: start the bridge', throttle_duration_sec=5.0)
-        elif self._asked or self._running or self.ended.is_set():
-            return
-        elif self._watching and self._arm.service_is_ready():
+        elif not self._arms:
+            self.get_logger().info('waiting to be armed: call /bridge/arm', throttle_duration_sec=5.0)
+        elif not self._asked and self._arm.service_is_ready():
             self._asked = True
             self._arm.call_async(Trigger.Request()).add_done_callback(self._on_armed)
 
@@ -111,7 +124,11 @@ class Exciter(SettingsNode):
             self._running = True
         else:
             self.get_logger().error(f'the bridge did not arm: {response.message}')
-            self.end(1)
+            self._finish(1)
+
+    def _finish(self, status: int) -> None:
+        self._running = False
+        self.end(status)
 
 
 def _pulses(values: dict[str, Any]) -> PulseTrain:

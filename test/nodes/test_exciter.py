@@ -58,12 +58,13 @@ def test_moves_nothing_before_it_is_armed(rig, ros):
     try:
         client = node.create_client(Trigger, '/bridge/arm')
         with Program('exciter', *parameters(duration=60.0, width=1.0, amplitude_min=0.1)) as exciter:
-            exciter.wait_for('exciting')
+            exciter.wait_for('waiting to be armed')
             assert set(torques(trace())) == {0}
             assert client.wait_for_service(10.0)
             future = client.call_async(Trigger.Request())
             assert spin_until(node, future.done)
             assert future.result().success
+            exciter.wait_for('exciting')
             assert spin_until(node, lambda: any(torques(trace())))
     finally:
         node.destroy_node()
@@ -84,6 +85,23 @@ def test_arms_only_once_joint_states_come(ros):
             assert not asked
             assert spin_until(node, lambda: joint_states.publish(JointState()) or asked)
             exciter.wait_for('the bridge did not arm')
+    finally:
+        node.destroy_node()
+
+
+def test_stops_when_the_motor_is_disarmed(rig, ros):
+    from std_srvs.srv import Trigger
+
+    node = ros.create_node('operator')
+    try:
+        client = node.create_client(Trigger, '/bridge/disarm')
+        assert client.wait_for_service(10.0)
+        with Program('exciter', *parameters(arm='true', duration=0.0)) as exciter:
+            exciter.wait_for('exciting')
+            future = client.call_async(Trigger.Request())
+            assert spin_until(node, future.done)
+            exciter.wait_for('the bridge is no longer armed')
+            assert exciter.process.wait(10) == 1
     finally:
         node.destroy_node()
 
