@@ -4,12 +4,19 @@ import os
 import tempfile
 from pathlib import Path
 
+import hypothesis
 import pytest
 
 # Before anything imports rclpy: tests must neither hear nor disturb other ROS programs on this machine.
 os.environ.setdefault('ROS_DOMAIN_ID', str(1 + os.getpid() % 100))
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
 os.environ.setdefault('ROS_LOG_DIR', tempfile.mkdtemp(prefix='pendubot-test-log-'))
+
+# The same examples at every run where nobody watches; new ones at every run by hand. Speed is not a property.
+hypothesis.settings.register_profile('ci', derandomize=True, deadline=None)
+hypothesis.settings.register_profile('hand', deadline=None)
+hypothesis.settings.register_profile('thorough', deadline=None, max_examples=2000)
+hypothesis.settings.load_profile(os.environ.get('HYPOTHESIS_PROFILE', 'ci' if os.environ.get('CI') else 'hand'))
 
 ROOT = Path(__file__).resolve().parent.parent
 RECORDINGS = ROOT.parent / 'shared' / 'recordings'

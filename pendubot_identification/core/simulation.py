@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .dynamics import accelerations
+from .dynamics import GRAVITY, accelerations
 from .errors import ParameterError
 from .parameters import Parameters
 from .trajectory import Trajectory
@@ -20,6 +20,9 @@ HANGING: Pair = (-math.pi / 2, 0.0)
 
 #: Longest Runge-Kutta step [s]; at the speeds of a bench-top rig its error stays far below one encoder count.
 MAX_STEP = 1e-3
+#: A step's length times the fastest swing, and times the fastest decay by friction, that the rig can have [rad, 1].
+STEP_OF_SWING = 0.03
+STEP_OF_DECAY = 0.25
 
 
 class Plant:
@@ -40,6 +43,7 @@ class Plant:
         self.parameters = parameters
         self._theta = tuple(float(value) for value in parameters.vector())
         self._state: tuple[float, ...] = (*q, *qd)
+        self._max_step = _longest_step(parameters)
 
     @property
     def q(self) -> Pair:
@@ -53,7 +57,7 @@ class Plant:
 
     def advance(self, tau: Pair, duration: float) -> None:
         """Move on by ``duration`` [s] under constant torques [N m], by classic Runge-Kutta steps."""
-        steps = max(1, math.ceil(duration / MAX_STEP - 1e-9))
+        steps = max(1, math.ceil(duration / self._max_step - 1e-9))
         h = duration / steps
         for _ in range(steps):
             self._state = self._runge_kutta(self._state, tau, h)
@@ -70,6 +74,15 @@ class Plant:
         k3 = derivative(*moved(k2, h / 2))
         k4 = derivative(*moved(k3, h))
         return moved(tuple((a + 2 * b + 2 * c + d) / 6 for a, b, c, d in zip(k1, k2, k3, k4, strict=True)), h)
+
+
+def _longest_step(p: Parameters) -> float:
+    """Return a step [s] that follows the fastest motion of a rig: light links swing, and friction stops them, fast."""
+    # No eigenvalue of the inverse of M(q) exceeds trace(M) / det(M), at their largest and smallest over q2.
+    mobility = (p.P1 + 2 * p.P2 + 2 * abs(p.P3)) / (p.P1 * p.P2 - p.P3**2)
+    swing = math.sqrt(GRAVITY * (abs(p.P4) + 2 * abs(p.P5)) * mobility)
+    decay = max(p.b1, p.b2) * mobility
+    return min(MAX_STEP, STEP_OF_SWING / max(swing, 1e-9), STEP_OF_DECAY / max(decay, 1e-9))
 
 
 def simulate(

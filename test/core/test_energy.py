@@ -49,7 +49,7 @@ def test_is_the_papers_sum_written_out():
     np.testing.assert_allclose(J, total / 119, rtol=1e-9)
 
 
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 @given(st.integers(2, 40))
 def test_a_sliding_window_is_the_difference_of_two_cumulative_sums(samples):
     motion = swing(interval=0.01, n=150)

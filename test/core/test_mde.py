@@ -85,7 +85,7 @@ def test_stops_at_the_target_at_the_spread_or_at_the_last_generation():
     assert set(minimize(MDE(box(2), MDESettings(generations=3)), sphere).stopped_by) == {'generations'}
 
 
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 @given(st.integers(5, 40), st.integers(1, 8), st.booleans(), st.floats(0, 1), st.integers(0, 1000))
 def test_mutations_are_the_papers(population, dimension, per_component, threshold, seed):
     """Partners differ from each other and the target; one component at least crosses over; F within its range."""

@@ -33,7 +33,7 @@ def test_pooling_parts_is_reducing_the_whole(seed, cuts):
     assert pooled(theta) == pytest.approx(float(Quadratic.reduce(phi, y)(theta)), rel=1e-9)
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(st.integers(0, 10**6))
 def test_the_bounded_minimum_is_what_a_general_optimiser_finds(seed):
     phi, y = problem(seed)

@@ -13,7 +13,7 @@ from pendubot_identification.core.simulation import HANGING, Plant, quantised, s
 from test.core.strategies import physical_parameters
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(physical_parameters(), st.floats(-3, 3), st.floats(-3, 3))
 def test_energy_is_constant_without_torque_and_friction(parameters, q1, q2):
     free = Parameters.from_vector([*parameters.vector()[:5], 0, 0])
@@ -26,7 +26,7 @@ def test_energy_is_constant_without_torque_and_friction(parameters, q1, q2):
     assert energy(theta, plant.q, plant.qd) == pytest.approx(before, abs=1e-5 * swing)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(physical_parameters(), st.floats(-1, 1))
 def test_friction_only_takes_energy(parameters, q2):
     plant = Plant(parameters, (0.0, q2))
