@@ -10,6 +10,7 @@ import textwrap
 import threading
 import traceback
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -223,7 +224,14 @@ def _run_until_ended(node_class: type[SettingsNode]) -> int:
     ended = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: ended.set())
-    node = node_class(ended)
+    # In two steps, so that a node that refuses its parameters takes leave: else others go on seeing its services.
+    node = node_class.__new__(node_class)
+    try:
+        node.__init__(ended)  # type: ignore[misc]
+    except BaseException:
+        with suppress(Exception):
+            node.destroy_node()
+        raise
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     failures: list[BaseException] = []
