@@ -111,3 +111,14 @@ def spin_until(node, condition, timeout=10.0):
             return False
         rclpy.spin_once(node, timeout_sec=0.05)
     return True
+
+
+def call(node, client, request, timeout=30.0):
+    """Call a service until it answers: DDS may lose the answer where both sides have only just met."""
+    deadline = time.monotonic() + timeout
+    assert client.wait_for_service(timeout), f'nobody serves {client.srv_name}'
+    while time.monotonic() < deadline:
+        future = client.call_async(request)
+        if spin_until(node, future.done, 3.0):
+            return future.result()
+    raise AssertionError(f'{client.srv_name} did not answer within {timeout} s')

@@ -18,6 +18,8 @@ from .runtime import Setting, SettingsNode, run
 
 #: Without joint states for this long [s] the excitation ends: nobody is watching the rig.
 SILENCE = 2.0
+#: Without an answer for this long [s] it asks to be armed once more.
+PATIENCE = 3.0
 
 
 class Exciter(SettingsNode):
@@ -45,7 +47,7 @@ class Exciter(SettingsNode):
         self._pulses = _pulses(values)
         self._duration = values['duration'] or float('inf')
         self._arms: bool = values['arm']
-        self._asked = False
+        self._asked: float | None = None
         self._running = False
         self._start: float | None = None
         self._heard: float | None = None
@@ -65,11 +67,11 @@ class Exciter(SettingsNode):
         """Command zero torque and disarm; wait, for a second at most, until the bridge has answered."""
         self._running = False
         self._effort.publish(Float64(data=0.0))
-        if (self._asked or self._start is not None) and self._disarm.service_is_ready():
+        if (self._asked is not None or self._start is not None) and self._disarm.service_is_ready():
             answered = threading.Event()
             self._disarm.call_async(Trigger.Request()).add_done_callback(lambda _: answered.set())
             if not answered.wait(1.0):
-                self.get_logger().warning("the bridge did not answer to disarm; the board's watchdog stops the motor")
+                self.get_logger().warning('the bridge did not answer to disarm; look whether it has done so')
 
     def _on_joint_state(self, message: JointState) -> None:
         self._heard = time.monotonic()
@@ -98,7 +100,7 @@ class Exciter(SettingsNode):
             if self._running and self._disarmed > 1:
                 self.get_logger().error(f'stopped, for the bridge is no longer armed: {status.message}')
                 self._finish(1)
-            elif armed == 'True' and not self._arms:
+            elif armed == 'True':
                 self._running = True
 
     def _supervise(self) -> None:
@@ -114,8 +116,9 @@ class Exciter(SettingsNode):
             self.get_logger().info('waiting for /joint_states: start the bridge', throttle_duration_sec=5.0)
         elif not self._arms:
             self.get_logger().info('waiting to be armed: call /bridge/arm', throttle_duration_sec=5.0)
-        elif not self._asked and self._arm.service_is_ready():
-            self._asked = True
+        elif self._arm.service_is_ready() and (self._asked is None or time.monotonic() - self._asked > PATIENCE):
+            # An answer may be lost where both sides have only just met: ask again.
+            self._asked = time.monotonic()
             self._arm.call_async(Trigger.Request()).add_done_callback(self._on_armed)
 
     def _on_armed(self, future: Any) -> None:

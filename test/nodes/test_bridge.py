@@ -12,7 +12,7 @@ import yaml
 
 from pendubot_identification.adapters.resources import resource
 from pendubot_identification.core.protocol import Status
-from test.processes import Program, run_program, spin_until
+from test.processes import Program, call, run_program, spin_until
 
 pytestmark = pytest.mark.ros
 
@@ -77,11 +77,10 @@ class Rig:
 
     def call(self, service):
         client = self.node.create_client(self.trigger, f'/bridge/{service}')
-        assert client.wait_for_service(10)
-        future = client.call_async(self.trigger.Request())
-        self.until(future.done)
-        self.node.destroy_client(client)
-        return future.result()
+        try:
+            return call(self.node, client, self.trigger.Request())
+        finally:
+            self.node.destroy_client(client)
 
     def effort(self, torque):
         self.effort_publisher.publish(self.float64(data=torque))

@@ -6,7 +6,7 @@ import signal
 import pytest
 
 from pendubot_identification.core.excitation import PulseTrain
-from test.processes import Program, parameters, run_program, spin_until
+from test.processes import Program, call, parameters, run_program, spin_until
 
 pytestmark = pytest.mark.ros
 
@@ -60,10 +60,7 @@ def test_moves_nothing_before_it_is_armed(rig, ros):
         with Program('exciter', *parameters(duration=60.0, width=1.0, amplitude_min=0.1)) as exciter:
             exciter.wait_for('waiting to be armed')
             assert set(torques(trace())) == {0}
-            assert client.wait_for_service(10.0)
-            future = client.call_async(Trigger.Request())
-            assert spin_until(node, future.done)
-            assert future.result().success
+            assert call(node, client, Trigger.Request()).success
             exciter.wait_for('exciting')
             assert spin_until(node, lambda: any(torques(trace())))
     finally:
@@ -95,11 +92,9 @@ def test_stops_when_the_motor_is_disarmed(rig, ros):
     node = ros.create_node('operator')
     try:
         client = node.create_client(Trigger, '/bridge/disarm')
-        assert client.wait_for_service(10.0)
         with Program('exciter', *parameters(arm='true', duration=0.0)) as exciter:
             exciter.wait_for('exciting')
-            future = client.call_async(Trigger.Request())
-            assert spin_until(node, future.done)
+            assert call(node, client, Trigger.Request()).success
             exciter.wait_for('the bridge is no longer armed')
             assert exciter.process.wait(10) == 1
     finally:

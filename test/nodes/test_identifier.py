@@ -6,7 +6,7 @@ import yaml
 
 from pendubot_identification.cli.main import main
 from pendubot_identification.core.parameters import NAMES, PAPER
-from test.processes import Program, parameters, run_program, spin_until
+from test.processes import Program, call, parameters, run_program, spin_until
 
 pytestmark = pytest.mark.ros
 
@@ -38,10 +38,10 @@ class Listener:
 
     def call(self, kind, name, request):
         client = self.node.create_client(kind, name)
-        assert client.wait_for_service(10.0)
-        future = client.call_async(request)
-        assert spin_until(self.node, future.done)
-        return future.result()
+        try:
+            return call(self.node, client, request)
+        finally:
+            self.node.destroy_client(client)
 
     def set(self, name, value):
         from rcl_interfaces.srv import SetParameters
