@@ -126,13 +126,14 @@ def identify(
     J, J_exact = float(criterion(theta)), float(criterion(exact))
     covariance = jackknife_covariance(regressions, theta, free)
     judged = _validate(validation, parts, theta if runs is None else runs.x, theta, settings)
+    condition_number = criterion.condition_number()
     values = np.array([J]) if runs is None else runs.value
     level, warnings = judge(
         theta=theta,
         std_error=np.sqrt(np.diag(covariance)),
         free=free,
         bounds=settings.bounds,
-        condition_number=criterion.condition_number(),
+        condition_number=condition_number,
         unexplained=J / float(criterion(np.zeros_like(theta))),
         foreseen=judged.J / J if judged is not None and J > 0 else None,
         reached=(_reached(values, J_exact), len(values)),
@@ -147,7 +148,7 @@ def identify(
         exact=Parameters.from_vector(exact),
         runs=runs,
         validation=judged,
-        condition_number=criterion.condition_number(),
+        condition_number=condition_number,
         residuals=criterion.count,
         level=level,
         warnings=warnings,

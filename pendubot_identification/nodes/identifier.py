@@ -20,6 +20,7 @@ from pendubot_identification.core.level import Level
 from pendubot_identification.core.mde import MDESettings
 from pendubot_identification.core.parameters import Bounds, default_bounds
 from pendubot_identification.core.settings import CRITERIA, MODELS, OPTIMIZERS, Settings
+from pendubot_identification.core.signals import SMOOTHING
 from pendubot_identification.report.tables import whole
 
 from .diagnostics import diagnostics_message
@@ -45,7 +46,7 @@ class Identifier(SettingsNode):
         Setting('joint_names', list(JOINT_NAMES), 'their joint names: shoulder, elbow', dynamic=True),
         Setting('criterion', 'energy', 'what is minimised', choices=CRITERIA, dynamic=True),
         Setting('sliding', 0.0, 'sliding window of the energy balance; 0: cumulative', 's', 0.0, 3600.0, dynamic=True),
-        Setting('smoothing', 0.02, "the differentiator's window", 's', 0.0, 10.0, dynamic=True),
+        Setting('smoothing', SMOOTHING, "the differentiator's window", 's', 0.0, 10.0, dynamic=True),
         Setting('model', 'viscous', 'which parameters there are', choices=MODELS, dynamic=True),
         Setting('optimizer', 'mde', 'what minimises', choices=OPTIMIZERS, dynamic=True),
         Setting('runs', 10, 'independent runs of MDE', '', 1, 1000, dynamic=True),
