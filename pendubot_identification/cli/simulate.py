@@ -7,8 +7,13 @@ from pathlib import Path
 from typing import Any
 
 DESCRIPTION = """\
-Write a bag of the virtual rig (the paper's parameters) under the paper's pulse train, as its encoders would have read
-it, much faster than real time and without ROS. The same options give the same bag.
+Write a bag of the virtual rig (the paper's parameters, or a result's) under the paper's pulse train, as its encoders
+would have read it, much faster than real time and without ROS. The same options give the same bag.
+"""
+EPILOG = """\
+parameters by hand, as a RESULT.yaml: those from P1 to b2, and of Fc1 Fc2 J2 Fs1 Fs2 k1 k2 those that are not 0
+  schema: 1
+  parameters: {P1: {value: 0.0022}, P2: {value: 0.0004}, ..., b2: {value: 0.0001}, Fc1: {value: 0.002}}
 """
 
 
@@ -18,6 +23,7 @@ def add_parser(subparsers: Any) -> None:
         'simulate',
         help='write a bag of the virtual rig',
         description=DESCRIPTION,
+        epilog=EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument('--output', type=Path, required=True, metavar='BAG', help='the folder of the new bag')
@@ -38,7 +44,10 @@ def add_parser(subparsers: Any) -> None:
     )
     parser.add_argument('--seed', type=int, default=1, help='of the torque (default %(default)s)')
     parser.add_argument(
-        '--parameters', type=Path, metavar='RESULT.yaml', help="a result's parameters in the paper's place"
+        '--parameters',
+        type=Path,
+        metavar='RESULT.yaml',
+        help="the rig's, friction and rotor included: a result of pendubot identify (default: the paper's)",
     )
     parser.add_argument('--force', action='store_true', help='overwrite an existing bag')
     parser.set_defaults(run=run)

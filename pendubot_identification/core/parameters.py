@@ -1,10 +1,10 @@
-"""The parameter vector theta: names, units, meaning, bounds and physical checks (the paper's Section 2)."""
+"""The parameter vector theta: names, units, meaning, bounds and physical checks; the paper's Section 2 and friction."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, astuple, dataclass, fields
+from dataclasses import asdict, astuple, dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -25,8 +25,8 @@ class Specification(NamedTuple):
     upper: float
 
 
-#: In the order of theta. The intervals hold every bench-top rig that we know of; all seven are positive by
-#: their physics where link 2's centre of mass lies beyond the elbow.
+#: In the order of theta: the paper's seven, and what geared motors add to them. The intervals hold every bench-top rig
+#: that we know of; all are positive by their physics where link 2's centre of mass lies beyond the elbow.
 SPECIFICATIONS = (
     Specification('P1', 'kg m^2', 'm1 d1^2 + m2 l1^2 + I1', 0.0, 1.0),
     Specification('P2', 'kg m^2', 'm2 d2^2 + I2', 0.0, 1.0),
@@ -35,16 +35,30 @@ SPECIFICATIONS = (
     Specification('P5', 'kg m', 'm2 d2', 0.0, 5.0),
     Specification('b1', 'N m s/rad', 'viscous friction of the shoulder', 0.0, 1.0),
     Specification('b2', 'N m s/rad', 'viscous friction of the elbow', 0.0, 1.0),
+    Specification('Fc1', 'N m', 'Coulomb friction of the shoulder', 0.0, 5.0),
+    Specification('Fc2', 'N m', 'Coulomb friction of the elbow', 0.0, 5.0),
+    Specification('J2', 'kg m^2', "inertia of the elbow motor's rotor, felt at the joint", 0.0, 1.0),
+    Specification('Fs1', 'N m', 'Stribeck friction of the shoulder: what Coulomb friction has more at rest', 0.0, 5.0),
+    Specification('Fs2', 'N m', 'Stribeck friction of the elbow', 0.0, 5.0),
+    Specification('k1', '1', "the shoulder's friction per torque", 0.0, 0.9),
+    Specification('k2', '1', "the elbow's friction per torque", 0.0, 0.9),
 )
 NAMES = tuple(s.name for s in SPECIFICATIONS)
 UNITS = tuple(s.unit for s in SPECIFICATIONS)
+#: How many parameters, from the first on, each model has. Every model holds the ones before it.
+MODELS = {'viscous': 7, 'coulomb': 9, 'rotor': 10, 'geared': 14}
+FRICTION = ('b1', 'b2', 'Fc1', 'Fc2', 'Fs1', 'Fs2', 'k1', 'k2')
+#: What keeps M(q) from being singular: |P3| <= sqrt(P1 P2) times this. A rig at the limit would be two point masses,
+#: the second on the elbow's own axis.
+LARGEST_COUPLING = 0.99
 
 
 @dataclass(frozen=True, slots=True)
 class Parameters:
-    """The seven parameters of the paper's equation (2), in SI units and in the order of theta.
+    """The parameters in SI units and in the order of theta: the seven of the paper's equation (2), then friction.
 
-    P1, P2, P3 [kg m^2], P4, P5 [kg m] (times g they are torques), b1, b2 [N m s/rad].
+    P1, P2, P3 [kg m^2], P4, P5 [kg m] (times g they are torques), b1, b2 [N m s/rad]; Fc1, Fc2 [N m], J2 [kg m^2],
+    Fs1, Fs2 [N m], k1, k2 [1], see :func:`.dynamics.friction`.
     """
 
     P1: float
@@ -54,29 +68,43 @@ class Parameters:
     P5: float
     b1: float
     b2: float
+    Fc1: float = 0.0
+    Fc2: float = 0.0
+    J2: float = 0.0
+    Fs1: float = 0.0
+    Fs2: float = 0.0
+    k1: float = 0.0
+    k2: float = 0.0
 
     @classmethod
     def from_vector(cls, theta: ArrayLike) -> Parameters:
-        """Make parameters of a vector of shape (7,).
+        """Make parameters of a model's vector, shape (7,), (9,), (10,) or (14,); those it lacks are 0.
 
         Raises:
             ParameterError: the vector has another length.
         """
         values = np.asarray(theta, dtype=float).ravel()
-        if values.size != len(fields(cls)):
+        if values.size not in MODELS.values():
             raise ParameterError(
-                f'a parameter vector of {values.size} values was given, {len(NAMES)} are expected: {", ".join(NAMES)}'
+                f'a parameter vector of {values.size} values was given; '
+                f'{", ".join(map(str, MODELS.values()))} are expected, the first of {", ".join(NAMES)}'
             )
         return cls(*map(float, values))
 
-    def vector(self) -> Vector:
-        """Return theta, shape (7,)."""
-        return np.array(astuple(self))
+    @property
+    def model(self) -> str:
+        """The smallest model that has these parameters."""
+        values = astuple(self)
+        return next(model for model, size in MODELS.items() if not any(values[size:]))
+
+    def vector(self, model: str = 'viscous') -> Vector:
+        """Return theta, shape (D,), of a model or, where that has no place for a parameter, of :attr:`model`."""
+        return np.array(astuple(self)[: max(MODELS[model], MODELS[self.model])])
 
     def unphysical(self) -> tuple[str, ...]:
         """Name what no real pendubot can have; empty for a physical vector.
 
-        M(q) is positive definite for every q exactly when P1 > 0, P2 > 0 and P1 P2 > P3^2.
+        M(q) of the links is positive definite for every q exactly when P1 > 0, P2 > 0 and P1 P2 > P3^2.
         """
         values = asdict(self)
         problems = [f'{name} = {value:.4g} is not finite' for name, value in values.items() if not math.isfinite(value)]
@@ -86,7 +114,9 @@ class Parameters:
                 f'M(q) is not positive definite for every q: P1 P2 = {self.P1 * self.P2:.4g} '
                 f'does not exceed P3^2 = {self.P3**2:.4g}'
             )
-        problems += [f'friction {name} = {values[name]:.4g} is negative' for name in ('b1', 'b2') if values[name] < 0]
+        if self.J2 < 0:
+            problems.append(f'the rotor inertia J2 = {self.J2:.4g} is negative')
+        problems += [f'friction {name} = {values[name]:.4g} is negative' for name in FRICTION if values[name] < 0]
         return tuple(problems)
 
 
@@ -134,11 +164,39 @@ class Bounds:
         lower[index], upper[index] = low, high
         return Bounds(lower, upper, self.names)
 
+    def of(self, size: int) -> Bounds:
+        """Return the bounds of the first ``size`` parameters."""
+        return Bounds(self.lower[:size], self.upper[:size], self.names[:size])
+
     def at_bound(self, theta: Sequence[float] | Vector, tolerance: float = 1e-9) -> NDArray[np.bool_]:
         """Tell, per component, whether theta lies on a bound (within ``tolerance`` of the interval's width)."""
         margin = tolerance * (self.upper - self.lower)
         values = np.asarray(theta, dtype=float)
         return np.asarray((values <= self.lower + margin) | (values >= self.upper - margin))
+
+
+def repaired(theta: ArrayLike) -> Vector:
+    """Return vectors of shape (..., D) with P3 drawn back to where M(q) is positive definite for every q.
+
+    The nearest P3 with the same P1 and P2: a criterion of the repaired vectors has its minimum where that of the
+    physical ones has it, and an optimiser that knows boxes alone can search for it.
+    """
+    result = np.array(theta, dtype=float)
+    limit = LARGEST_COUPLING * np.sqrt(np.maximum(result[..., 0] * result[..., 1], 0.0))
+    result[..., 2] = np.clip(result[..., 2], -limit, limit)
+    return result
+
+
+def coupling_excess(theta: Vector) -> Vector:
+    """Return by how much vectors of shape (..., D) leave M(q) indefinite for some q, shape (...); 0 where it is not.
+
+    Relative to P1 + P2. Times something large, it adds a slope to a criterion that leads an optimiser who knows boxes
+    alone back among the physical vectors, and changes nothing there: the vectors without excess are a convex cone.
+    """
+    P1, P2, P3 = theta[..., 0], theta[..., 1], theta[..., 2]
+    with np.errstate(invalid='ignore', divide='ignore'):
+        excess = np.hypot(P1 - P2, 2 * P3 / LARGEST_COUPLING) / (P1 + P2) - 1
+    return np.where(P1 + P2 > 0, np.maximum(excess, 0.0), np.abs(P3) + 1)
 
 
 def default_bounds() -> Bounds:

@@ -7,9 +7,10 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .dynamics import GRAVITY, accelerations
+from .dynamics import GRAVITY, SIGN_WIDTH
 from .errors import ParameterError
 from .parameters import Parameters
+from .rollout import advance
 from .trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -43,7 +44,7 @@ class Plant:
         self.parameters = parameters
         self._theta = tuple(float(value) for value in parameters.vector())
         self._state: tuple[float, ...] = (*q, *qd)
-        self._max_step = _longest_step(parameters)
+        self._pace, self._friction_pace, self._load_pace = _paces(parameters)
 
     @property
     def q(self) -> Pair:
@@ -57,32 +58,31 @@ class Plant:
 
     def advance(self, tau: Pair, duration: float) -> None:
         """Move on by ``duration`` [s] under constant torques [N m], by classic Runge-Kutta steps."""
-        steps = max(1, math.ceil(duration / self._max_step - 1e-9))
+        friction = self._friction_pace + self._load_pace[0] * abs(tau[0]) + self._load_pace[1] * abs(tau[1])
+        steps = max(1, math.ceil(duration * max(self._pace, friction) - 1e-9))
         h = duration / steps
         for _ in range(steps):
-            self._state = self._runge_kutta(self._state, tau, h)
-
-    def _runge_kutta(self, x: tuple[float, ...], tau: Pair, h: float) -> tuple[float, ...]:
-        def derivative(q1: float, q2: float, v1: float, v2: float) -> tuple[float, ...]:
-            return (v1, v2, *accelerations(self._theta, q1, q2, v1, v2, *tau, lib=math))
-
-        def moved(k: tuple[float, ...], step: float) -> tuple[float, ...]:
-            return tuple(a + step * b for a, b in zip(x, k, strict=True))
-
-        k1 = derivative(*x)
-        k2 = derivative(*moved(k1, h / 2))
-        k3 = derivative(*moved(k2, h / 2))
-        k4 = derivative(*moved(k3, h))
-        return moved(tuple((a + 2 * b + 2 * c + d) / 6 for a, b, c, d in zip(k1, k2, k3, k4, strict=True)), h)
+            self._state = advance(self._theta, self._state, tau, h, math)
 
 
-def _longest_step(p: Parameters) -> float:
-    """Return a step [s] that follows the fastest motion of a rig: light links swing, and friction stops them, fast."""
-    # No eigenvalue of the inverse of M(q) exceeds trace(M) / det(M), at their largest and smallest over q2.
-    mobility = (p.P1 + 2 * p.P2 + 2 * abs(p.P3)) / (p.P1 * p.P2 - p.P3**2)
-    swing = math.sqrt(GRAVITY * (abs(p.P4) + 2 * abs(p.P5)) * mobility)
-    decay = max(p.b1, p.b2) * mobility
-    return min(MAX_STEP, STEP_OF_SWING / max(swing, 1e-9), STEP_OF_DECAY / max(decay, 1e-9))
+def _paces(p: Parameters) -> tuple[float, float, Pair]:
+    """Return how many steps a second follow a rig's swing, how many its friction, and how many more per N m of torque.
+
+    Light links swing, and friction stops them, fast.
+    """
+    # No eigenvalue of the inverse of M(q) exceeds trace(M) / det(M), and no rate of decay the trace of that inverse
+    # times the slopes of friction. Over all q2, m11 is here the largest, and det(M) the smallest, that there is.
+    m11, m22 = p.P1 + p.P2 + 2 * abs(p.P3), p.P2 + p.J2
+    determinant = p.P1 * p.P2 - p.P3**2 + p.J2 * (p.P1 + p.P2 - 2 * abs(p.P3))
+    swing = math.sqrt(GRAVITY * (abs(p.P4) + 2 * abs(p.P5)) * (m11 + m22) / determinant)
+    shoulder, elbow = m22 / determinant / STEP_OF_DECAY, m11 / determinant / STEP_OF_DECAY
+    # Dry friction is steepest at rest.
+    slopes = p.b1 + (p.Fc1 + p.Fs1) / SIGN_WIDTH, p.b2 + (p.Fc2 + p.Fs2) / SIGN_WIDTH
+    return (
+        max(1 / MAX_STEP, swing / STEP_OF_SWING),
+        shoulder * slopes[0] + elbow * slopes[1],
+        (shoulder * p.k1 / SIGN_WIDTH, elbow * p.k2 / SIGN_WIDTH),
+    )
 
 
 def simulate(

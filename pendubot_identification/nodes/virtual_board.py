@@ -23,6 +23,7 @@ faults: {', '.join(each.name for each in fields(Faults))}
 
 example:
   virtual_board --link /tmp/pendubot --rate 100 --fault bit_flip=0.001 --fault reset_at=20
+  virtual_board --link /tmp/pendubot --parameters result.yaml
   bridge --ros-args -p port:=/tmp/pendubot
 
 exit status: 0 success or ended by a signal, 1 a failure explained in one line, 2 wrong usage"""
@@ -32,8 +33,8 @@ def parser() -> argparse.ArgumentParser:
     """Return the parser of the command line."""
     p = argparse.ArgumentParser(
         prog='virtual_board',
-        description="A virtual board with the paper's pendubot behind it: it speaks the serial protocol on a pty, in "
-        'real time, with encoders, torque limit, watchdog and arming like the real one.',
+        description='A virtual board with a pendubot behind it: it speaks the serial protocol on a pty, in real time, '
+        'with encoders, torque limit, watchdog and arming like the real one.',
         formatter_class=argparse.RawDescriptionHelpFormatter,
         epilog=EPILOG,
     )
@@ -44,6 +45,12 @@ def parser() -> argparse.ArgumentParser:
     )
     p.add_argument(
         '--torque-limit', type=float, default=2.0, metavar='NM', help="the board's limit [N m] (default %(default)s)"
+    )
+    p.add_argument(
+        '--parameters',
+        type=Path,
+        metavar='RESULT.yaml',
+        help="the pendubot's, friction and rotor included: a result of pendubot identify (default: the paper's)",
     )
     p.add_argument('--seed', type=int, help='of everything random (default: a new one every time, printed)')
     p.add_argument('--trace', type=Path, metavar='FILE', help='write every sample as the board took it, as CSV')
@@ -62,7 +69,8 @@ def make_board(options: argparse.Namespace) -> VirtualBoard:
     """Return the board that the options describe.
 
     Raises:
-        ParameterError: a value that makes no sense.
+        ParameterError: a value that makes no sense, or parameters that no pendubot has.
+        ResultError: parameters that cannot be read.
     """
     if not 1.0 <= options.rate <= 10_000.0:
         raise ParameterError(f'--rate is {options.rate:g} Hz; a number from 1 to 10000 is expected')
@@ -71,7 +79,13 @@ def make_board(options: argparse.Namespace) -> VirtualBoard:
     settings = BoardSettings(
         counts=options.counts, torque_limit=options.torque_limit, sample_period_us=round(1e6 / options.rate)
     )
-    return VirtualBoard(Plant(PAPER), settings, Faults(**dict(map(_fault, options.fault))), options.seed)
+    parameters = PAPER
+    if options.parameters is not None:
+        # Only here: the board has no other use for what this imports, and starts ten times faster without.
+        from pendubot_identification.adapters.result_file import read_parameters
+
+        parameters = read_parameters(options.parameters)
+    return VirtualBoard(Plant(parameters), settings, Faults(**dict(map(_fault, options.fault))), options.seed)
 
 
 def _fault(text: str) -> tuple[str, float]:

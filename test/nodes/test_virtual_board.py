@@ -1,0 +1,42 @@
+"""What the virtual board's options make of it; test_bridge.py has the program itself."""
+
+from dataclasses import asdict, replace
+
+import pytest
+import yaml
+
+from pendubot_identification.adapters.result_file import SCHEMA
+from pendubot_identification.core.errors import ParameterError, ResultError
+from pendubot_identification.core.parameters import PAPER
+from pendubot_identification.core.protocol import Command, Mode, encode
+from pendubot_identification.nodes.virtual_board import make_board, parser
+
+
+def pushed(*options):
+    """Return where the shoulder is [counts] after 0.3 s under 0.05 N m."""
+    board = make_board(parser().parse_args(['--seed', '1', *map(str, options)]))
+    board.receive(encode(Command(1, 0, Mode.DISARM, 0, 0)) + encode(Command(2, 0, Mode.TORQUE, 500, 50_000)))
+    for _ in range(31):
+        board.advance()
+    return board.last.enc1
+
+
+def written(path, parameters):
+    values = {name: {'value': value} for name, value in asdict(parameters).items()}
+    path.write_text(yaml.safe_dump({'schema': SCHEMA, 'parameters': values}))
+    return path
+
+
+def test_a_result_takes_the_papers_place(tmp_path):
+    free = pushed()
+    assert pushed('--parameters', written(tmp_path / 'paper.yaml', PAPER)) == free
+    braked = replace(PAPER, Fc1=0.02, J2=1e-4, Fs1=0.02, k1=0.2)
+    assert 0 < pushed('--parameters', written(tmp_path / 'braked.yaml', braked)) < 0.8 * free
+    assert pushed('--parameters', written(tmp_path / 'held.yaml', replace(PAPER, Fc1=0.5))) <= 1
+
+
+def test_parameters_that_no_pendubot_has_are_refused(tmp_path):
+    with pytest.raises(ParameterError, match='rotor inertia J2 = -1 is negative'):
+        pushed('--parameters', written(tmp_path / 'result.yaml', replace(PAPER, J2=-1.0)))
+    with pytest.raises(ResultError, match='cannot be read'):
+        pushed('--parameters', tmp_path / 'nowhere.yaml')
