@@ -5,64 +5,170 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, astuple
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import yaml
 
 from pendubot_identification import __version__
 from pendubot_identification.core.errors import ResultError
-from pendubot_identification.core.identification import Identification
-from pendubot_identification.core.parameters import NAMES, UNITS, Parameters
+from pendubot_identification.core.parameters import MODELS, NAMES, UNITS, Parameters
 
-from .datasets import Source
+if TYPE_CHECKING:
+    # Not for who only reads parameters: this takes a hundred times as long to import.
+    from pendubot_identification.core.estimate import Estimate
+    from pendubot_identification.core.identification import Identification
+    from pendubot_identification.core.settings import Settings
+
+    from .datasets import Source
 
 SCHEMA = 1
+REQUIRED = NAMES[: MODELS['viscous']]
 
 
 def result_data(result: Identification, sources: Sequence[Source]) -> dict[str, Any]:
-    """Return a result as plain numbers, strings, lists and dictionaries; what is not a number becomes None."""
-    settings, validation = result.settings, result.validation
+    """Return a result as plain numbers, strings, lists and dictionaries; what is not a number becomes None.
+
+    The published parameters come first: who looks for a name takes the first that stands there.
+    """
+    best, settings = result.best, result.settings
+    length, error = result.link_length
     return {
         'schema': SCHEMA,
-        'parameters': {
-            name: {'value': value, 'std_error': _number(error), 'unit': unit}
-            for name, value, error, unit in zip(
-                NAMES, result.parameters.vector().tolist(), result.std_error.tolist(), UNITS, strict=True
-            )
+        'parameters': _parameters(best),
+        'level': best.level.name,
+        'warnings': list(best.warnings),
+        'criterion': best.criterion,
+        'model': best.model,
+        'effort': _effort(best, result.interval),
+        'smoothing': result.smoothing,
+        'J': _J(best),
+        'prediction': {'method': result.validation, **_prediction(best)},
+        'models': {
+            'by': result.comparison or None,
+            'compared': [
+                {
+                    'model': score.model,
+                    'parameters': MODELS[score.model],
+                    'error': _numbers(score.error),
+                    'behind': _number(score.behind[0]),
+                    'behind_std_error': _number(score.behind[1]),
+                    'exact': score.exact,
+                }
+                for score in result.models
+            ],
         },
-        'level': result.level.name,
-        'warnings': list(result.warnings),
-        'J': {
-            'training': result.J,
-            'training_runs': result.J_runs.tolist(),
-            'least_squares': result.J_exact,
-            'runs_at_least_squares': result.runs_at_minimum,
-            'residuals': result.residuals,
-            'validation': None if validation is None else validation.J,
-            'validation_runs': None if validation is None else validation.J_runs.tolist(),
-            'validation_method': None if validation is None else validation.method,
-            'unit': 'J^2',
+        'link_length': {
+            'value': _number(length),
+            'std_error': _number(error),
+            'expected': settings.link_length,
+            'unit': 'm',
         },
-        'condition_number': _number(result.condition_number),
-        'covariance': [[_number(value) for value in row] for row in result.covariance.tolist()],
+        'condition_number': _number(best.condition_number),
+        'criteria': {
+            e.criterion: {
+                'parameters': _parameters(e),
+                'level': e.level.name,
+                'warnings': list(e.warnings),
+                'effort': _effort(e, result.interval),
+                'J': _J(e),
+                'prediction': _prediction(e),
+                'condition_number': _number(e.condition_number),
+                'unexplained': _number(e.unexplained),
+                'exact': e.exact,
+                'converged': e.converged,
+                'steps': list(e.steps),
+                'mde': _mde(e, settings),
+                'uncertainty': e.uncertainty,
+                'correlation': _numbers(e.correlation),
+            }
+            for e in result.estimates
+        },
+        'covariance': _numbers(best.covariance),
         'made_by': {
             'version': __version__,
-            'criterion': settings.criterion,
-            'sliding_window': settings.sliding,
-            'smoothing': settings.smoothing,
+            'criteria': list(settings.criteria),
             'model': settings.model,
             'optimizer': settings.optimizer,
-            'runs': settings.runs,
-            'population': settings.mde.population,
-            'generations': settings.mde.generations,
+            'sliding_window': settings.sliding,
+            'smoothing': settings.smoothing,
+            'hold': settings.hold,
+            'delays': list(settings.delays),
+            'start': None if settings.start is None else list(astuple(settings.start)),
+            'link_length': settings.link_length,
             'seed': settings.seed,
+            'per_component': settings.mde is None or settings.mde.per_component,
             'lower_bounds': settings.bounds.lower.tolist(),
             'upper_bounds': settings.bounds.upper.tolist(),
         },
         'bags': [asdict(source) for source in sources],
     }
+
+
+def _parameters(e: Estimate) -> dict[str, dict[str, Any]]:
+    return {
+        NAMES[k]: {
+            'value': float(e.theta[k]),
+            'std_error': _number(e.std_error[k]),
+            'interval': _numbers(e.intervals[k]),
+            'unit': UNITS[k],
+            'on_bound': not e.free[k],
+            'determined': bool(e.determined[k]),
+        }
+        for k in range(len(e.theta))
+    }
+
+
+def _effort(e: Estimate, interval: float) -> dict[str, Any]:
+    """Return how the effort was taken; ``linear_lag`` is the delay for who interpolates it linearly between samples."""
+    effort = e.effort
+    return {
+        'hold': effort.hold,
+        'delay': effort.delay,
+        'delay_std_error': _number(effort.std_error),
+        'linear_lag': effort.delay + (interval / 2 if effort.hold == 'zero' else 0.0),
+        'unit': 's',
+    }
+
+
+def _J(e: Estimate) -> dict[str, Any]:
+    quadratic = math.isfinite(e.J_exact)
+    return {
+        'unit': e.unit,
+        'training': e.J,
+        'training_runs': _numbers(e.J_runs) if quadratic else [e.J],
+        'least_squares': _number(e.J_exact),
+        'runs_at_least_squares': e.runs_at_minimum if quadratic and e.runs is not None else None,
+        'residuals': e.residuals,
+        'validation': _number(e.J_validation),
+        'validation_runs': _numbers(e.J_validation_runs),
+    }
+
+
+def _prediction(e: Estimate) -> dict[str, Any]:
+    """Return simulation errors in standard deviations, and fits in per cent, by horizon [s]."""
+    from pendubot_identification.core.prediction import HORIZONS
+
+    if e.prediction is None:
+        return {}
+    return {
+        'horizons': list(HORIZONS),
+        'error': _numbers(e.prediction.error),
+        'standing_still': _numbers(e.prediction.standing_still),
+        'fit': {
+            state: _numbers(fit) for state, fit in zip(('q1', 'q2', 'dq1', 'dq2'), e.prediction.fit.T, strict=True)
+        },
+        'starts': e.prediction.starts.tolist(),
+    }
+
+
+def _mde(e: Estimate, settings: Settings) -> dict[str, int] | None:
+    if e.runs is None:
+        return None
+    how, runs = settings.search(e.criterion)
+    return {'runs': runs, 'population': how.population, 'generations': how.generations}
 
 
 def refuse_existing(path: Path) -> None:
@@ -85,7 +191,7 @@ def write_result(path: Path, data: Mapping[str, Any], *, overwrite: bool = False
         refuse_existing(path)
     beside = path.with_name(path.name + '.partial')
     try:
-        beside.write_text(yaml.safe_dump(dict(data), sort_keys=False, allow_unicode=True), encoding='utf-8')
+        beside.write_text(_yaml(data), encoding='utf-8')
         os.replace(beside, path)
     except OSError as error:
         beside.unlink(missing_ok=True)
@@ -115,13 +221,46 @@ def read_parameters(path: Path) -> Parameters:
     """Return the parameters of a result file.
 
     Raises:
-        ResultError: there is no such file, it is no result of this schema, or it lacks a parameter.
+        ResultError: there is no such file, it is no result of this schema, or its parameters are no numbers by name.
     """
-    data = read_result(path)
+    entries = read_result(path).get('parameters')
+    entries = entries if isinstance(entries, dict) else {}
+    values = {str(name): value for name, entry in entries.items() if (value := _value(entry)) is not None}
+    named = dict.fromkeys([*REQUIRED, *entries])
+    wrong = [str(name) for name in named if name not in NAMES or name not in values]
+    if wrong:
+        raise ResultError(
+            f'{path} has no parameter vector: look at {", ".join(wrong)}; a number each is expected for '
+            f'{", ".join(REQUIRED)} and, where they are not 0, for {", ".join(NAMES[len(REQUIRED) :])}'
+        )
+    return Parameters(**values)
+
+
+def _value(entry: Any) -> float | None:
+    """Return the number in an entry ``{value: number, ...}``; None where there is none."""
     try:
-        return Parameters(**{name: float(data['parameters'][name]['value']) for name in NAMES})
-    except (KeyError, TypeError, ValueError) as error:
-        raise ResultError(f'{path} lacks a number for one of {", ".join(NAMES)}; identify again') from error
+        return _number(float(entry['value']))
+    except (KeyError, TypeError, ValueError):
+        return None
+
+
+def _numbers(values: Any) -> list[Any]:
+    return [_numbers(value) if np.ndim(value) else _number(value) for value in values]
+
+
+def _yaml(data: Mapping[str, Any]) -> str:
+    return yaml.dump(dict(data), Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=100)
+
+
+class _Dumper(yaml.SafeDumper):
+    """Writes lists of numbers in a line, and what comes twice twice."""
+
+    def ignore_aliases(self, data: Any) -> bool:
+        return True
+
+    def represent_sequence(self, tag: str, sequence: Any, flow_style: bool | None = None) -> yaml.SequenceNode:
+        numbers = not any(isinstance(entry, (str, Mapping, list)) for entry in sequence)
+        return super().represent_sequence(tag, sequence, flow_style=numbers)
 
 
 def _number(value: float) -> float | None:

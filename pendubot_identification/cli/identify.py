@@ -4,8 +4,17 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+
+# The names of core's settings and parameters, again: importing them takes a second, which no --help is worth.
+CRITERIA = ('energy', 'weak', 'trajectory')
+MODELS = ('viscous', 'coulomb', 'rotor', 'geared', 'auto')
+OPTIMIZERS = ('auto', 'mde', 'lsq')
+HOLDS = ('auto', 'zero', 'linear')
 
 DESCRIPTION = """\
 Estimate the parameters of a rig from recorded bags and write them to a result file.
@@ -14,13 +23,26 @@ BAG is the folder of a bag or its .mcap file, also of one that was never closed;
 seconds from its first sample. Of one bag without a window the first half estimates and the second validates, as in the
 paper; with a window, the rest of the bag validates; several bags without windows all estimate, and each is foreseen
 from the others.
+
+Three criteria can be minimised. Each is held against data that it has not seen, by simulation; the one that foresees
+them best is published, and the others stand beside it:
+  energy      the paper's: the work done equals the energy gained. Quadratic
+  weak        the equations of motion times smooth bumps, integrated: no acceleration is needed. Quadratic
+  trajectory  simulated motion equals recorded motion, over short segments. The sharpest; starts where weak ends
+Four models, each with all of the one before it:
+  viscous     P1 to P5, b1, b2: the paper's
+  coulomb     and Coulomb friction, Fc1 Fc2
+  rotor       and the inertia of the elbow's rotor, J2
+  geared      and Stribeck friction and friction under load, Fs1 Fs2 k1 k2
 """
 EXAMPLES = """\
 examples:
-  pendubot identify swing                                     the paper's way: halves of one bag
+  pendubot identify swing                                     halves of one bag, all criteria, the model chosen
+  pendubot identify swing --criterion energy --model viscous --optimizer mde    exactly as in the paper
   pendubot identify swing@0:9 --validate swing@9:18           windows of your own
   pendubot identify a b c --validate d --output result.yaml   several recordings pooled
-  pendubot identify swing --sliding 0.3 --optimizer lsq       energy over windows of 0.3 s, least squares alone
+  pendubot identify swing --criterion energy --sliding 0.3    energy over windows of 0.3 s
+  pendubot identify swing --hold linear --delay 0:0.02        a torque that was measured, and late
 """
 
 
@@ -36,17 +58,18 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument('bags', nargs='+', metavar='BAG[@START:END]', help='bags that estimate')
     parser.add_argument('--validate', nargs='+', default=[], metavar='BAG[@START:END]', help='bags that only judge')
     what = parser.add_argument_group('what is minimised')
-    what.add_argument('--criterion', default='energy', choices=['energy'], help="the paper's energy balance (default)")
-    what.add_argument('--model', default='viscous', choices=['viscous'], help='the seven parameters (default)')
     what.add_argument(
-        '--sliding', type=float, metavar='S', help='sliding window of the energy balance [s]; cumulative without'
+        '--criterion',
+        type=_criteria,
+        default=CRITERIA,
+        metavar='NAME[,NAME ...]',
+        help=f'of {", ".join(CRITERIA)} (default: all)',
     )
     what.add_argument(
-        '--smoothing',
-        type=float,
-        default=0.02,
-        metavar='S',
-        help="the differentiator's window [s] (default %(default)s)",
+        '--model',
+        default='auto',
+        choices=MODELS,
+        help='auto (default): the smallest that foresees training data left out about as well as any',
     )
     what.add_argument(
         '--bounds',
@@ -55,13 +78,56 @@ def add_parser(subparsers: Any) -> None:
         metavar='NAME=LOW:HIGH',
         help='search interval of a parameter, such as P1=0:0.5; may be repeated',
     )
-    how = parser.add_argument_group('how')
-    how.add_argument('--optimizer', default='mde', choices=['mde', 'lsq'], help='default: %(default)s')
-    how.add_argument('--runs', type=int, default=10, help='independent runs (default %(default)s)')
+    data = parser.add_argument_group('how the data are taken')
+    data.add_argument(
+        '--hold',
+        default='auto',
+        choices=HOLDS,
+        help='the torque between its samples: zero, it is held, as the bridge records it; linear, it was measured; '
+        'auto (default): what explains the motion better. energy always takes it as held',
+    )
+    data.add_argument(
+        '--delay',
+        type=_delays,
+        metavar='LOW:HIGH',
+        help='the torque acts by so much [s] later than it is stamped, estimated between two values or fixed by one '
+        '(default: --delay=-0.1:0.1; before a minus, the = is needed). energy knows none',
+    )
+    data.add_argument(
+        '--smoothing',
+        type=float,
+        metavar='S',
+        help="the differentiator's window [s] (default: 0.02 for energy, chosen from the data for the others)",
+    )
+    data.add_argument(
+        '--sliding', type=float, metavar='S', help='sliding window of the energy balance [s]; cumulative without'
+    )
+    data.add_argument(
+        '--link-length', type=float, metavar='M', help='length of link 1 by a ruler [m]: the data are held against it'
+    )
+    how = parser.add_argument_group('how it is minimised')
+    how.add_argument(
+        '--optimizer',
+        default='auto',
+        choices=OPTIMIZERS,
+        help="mde: modified differential evolution, the paper's; lsq: the exact least-squares answer for energy and "
+        'weak, Levenberg-Marquardt for trajectory; auto (default): lsq for trajectory, mde held against lsq for others',
+    )
+    how.add_argument(
+        '--start',
+        type=Path,
+        metavar='RESULT.yaml',
+        help='parameters from which trajectory starts, instead of the answer of weak',
+    )
     how.add_argument('--seed', type=int, default=1, help='same seed, same result (default %(default)s)')
-    how.add_argument('--population', type=int, default=30, metavar='NP', help='vectors of a run (default %(default)s)')
-    how.add_argument('--generations', type=int, default=4000, help='default: %(default)s')
-    how.add_argument('--per-vector', action='store_true', help="draw MDE's operator once per vector, not per component")
+    how.add_argument('--runs', type=int, help='independent runs of MDE (default 10; 1 for trajectory)')
+    how.add_argument('--population', type=int, metavar='NP', help='vectors of a run (default 30; 40 for trajectory)')
+    how.add_argument('--generations', type=int, help='of a run, at most (default 4000; 120 for trajectory)')
+    how.add_argument(
+        '--per-vector',
+        action='store_true',
+        help="draw MDE's operator once per vector; beyond energy and viscous it always is",
+    )
     where = parser.add_argument_group('input and output')
     where.add_argument('--topic', default='/joint_states', help='topic with the joint states (default %(default)s)')
     where.add_argument(
@@ -75,37 +141,16 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Identify, print, write."""
-    from tqdm import tqdm
-
     from pendubot_identification.adapters.datasets import load_datasets
     from pendubot_identification.adapters.result_file import refuse_existing, result_data, write_result
     from pendubot_identification.core.identification import identify
-    from pendubot_identification.core.mde import MDESettings
-    from pendubot_identification.core.settings import Settings
     from pendubot_identification.report.tables import whole
 
-    settings = Settings(
-        criterion=args.criterion,
-        model=args.model,
-        optimizer=args.optimizer,
-        sliding=args.sliding,
-        smoothing=args.smoothing,
-        mde=MDESettings(args.population, args.generations, per_component=not args.per_vector),
-        runs=args.runs,
-        seed=args.seed,
-        bounds=_bounds(args.bounds),
-    )
+    settings = _settings(args)
     if args.output is not None and not args.force:
         refuse_existing(args.output)
     data = load_datasets(args.bags, args.validate, topic=args.topic, joint_names=_joints(args.joints))
-    with tqdm(
-        total=args.generations, unit='gen', desc='MDE', disable=None if not args.json else True, leave=False
-    ) as bar:
-
-        def progress(generation: int, best: float) -> None:
-            bar.set_postfix_str(f'J = {best:.4e}', refresh=False)
-            bar.update(generation - bar.n)
-
+    with _progress_bar(hidden=args.json) as progress:
         result = identify(data.training, data.validation, settings, progress, data.notes)
     plain = result_data(result, data.sources)
     if args.output is not None:
@@ -117,6 +162,71 @@ def run(args: argparse.Namespace) -> int:
     if args.output is not None:
         print(f'written to {args.output}')
     return 0
+
+
+def _settings(args: argparse.Namespace) -> Any:
+    from pendubot_identification.adapters.result_file import read_parameters
+    from pendubot_identification.core.mde import MDESettings
+    from pendubot_identification.core.settings import DELAYS, Settings
+
+    mde = {'population': args.population, 'generations': args.generations}
+    mde = {name: value for name, value in mde.items() if value is not None}
+    if args.per_vector:
+        mde['per_component'] = False
+    return Settings(
+        criteria=args.criterion,
+        model=args.model,
+        optimizer=args.optimizer,
+        sliding=args.sliding,
+        smoothing=args.smoothing,
+        hold=args.hold,
+        delays=args.delay or DELAYS,
+        start=None if args.start is None else read_parameters(args.start),
+        link_length=args.link_length,
+        mde=MDESettings(**mde) if mde else None,
+        runs=args.runs,
+        seed=args.seed,
+        bounds=_bounds(args.bounds),
+    )
+
+
+@contextmanager
+def _progress_bar(hidden: bool) -> Iterator[Callable[[str, int, int, float], None]]:
+    """Show on a terminal, and nowhere else, what is being done."""
+    from tqdm import tqdm
+
+    layout = '{desc} {bar:20} {n_fmt}/{total_fmt}{postfix} [{elapsed}]'
+    doing = 'preparing'
+    with tqdm(desc=doing, disable=True if hidden else None, leave=False, bar_format=layout) as bar:
+
+        def progress(what: str, done: int, of: int, best: float) -> None:
+            nonlocal doing
+            bar.set_postfix_str('' if math.isnan(best) else f'J = {best:.4e}', refresh=False)
+            if what != doing:
+                doing = what
+                bar.total, bar.n = of or None, done
+                bar.set_description_str(what)
+            bar.update(done - bar.n)
+
+        yield progress
+
+
+def _criteria(text: str) -> tuple[str, ...]:
+    names = tuple(dict.fromkeys(name.strip() for name in text.split(',')))
+    for name in names:
+        if name not in CRITERIA:
+            raise argparse.ArgumentTypeError(f'there is no criterion {name!r}; name some of {", ".join(CRITERIA)}')
+    return names
+
+
+def _delays(text: str) -> tuple[float, float]:
+    try:
+        low, high = map(float, text.split(':') if ':' in text else (text, text))
+    except ValueError:
+        raise argparse.ArgumentTypeError(
+            f'{text!r} is not understood; LOW:HIGH or one number of seconds is expected, such as 0:0.02'
+        ) from None
+    return low, high
 
 
 def _bounds(texts: list[str]) -> Any:

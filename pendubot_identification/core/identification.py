@@ -1,91 +1,82 @@
-"""From motions to parameters: the criterion reduced, minimised, checked against its exact minimum, and judged."""
+"""From motions to parameters: prepare, choose the model, minimise every criterion, foresee, judge."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .energy import Regression, energy_regression
-from .judgement import judge, missing_samples, require_excitation
+from .agreement import contradictions
+from .diagnosis import diagnose, link_length
+from .errors import TrajectoryError
+from .estimate import Estimate, Progress
+from .judgement import judge, require_excitation
 from .level import Level
-from .mde import MDE
-from .optimizer import OptimizationResult, Progress, minimize
-from .parameters import Parameters
-from .quadratic import Quadratic
+from .linear import Linear, linear
+from .motion import Motion
+from .parameters import MODELS, Parameters
+from .prediction import Prediction, predict
+from .recipes import Data, estimate
+from .selection import Fold, ModelScore, compare_models, folds
 from .settings import Settings
+from .suspicions import suspicions
 from .trajectory import Trajectory
-from .uncertainty import jackknife_covariance
+from .trajectory_fit import TrajectoryFit
 
 Array = NDArray[np.float64]
 
-#: A run has found the minimum when its J exceeds the exact one by no more than this fraction.
-REACHED = 1e-6
-
-
-@dataclass(frozen=True, slots=True)
-class Validation:
-    """The criterion on data that the estimate has not seen.
-
-    Attributes:
-        J: its value for the estimate or, where recordings were left out in turn, for each from the others [J^2].
-        J_runs: its value for every run of the optimiser, shape (runs,); empty where recordings were left out in turn.
-        method: in words.
-    """
-
-    J: float
-    J_runs: Array
-    method: str
+#: In the order of trust, where two criteria foresee equally well; and how much better, in the logarithm of the error,
+#: is better at all.
+TRUST, BETTER = ('trajectory', 'weak', 'energy'), 0.02
 
 
 @dataclass(frozen=True, slots=True)
 class Identification:
-    """A parameter vector and everything that says how far to trust it.
+    """Every criterion's answer, which one is published, and everything that says how far to trust it.
 
     Attributes:
-        parameters: the estimate.
-        covariance: shape (7, 7); NaN for parameters on a bound.
         settings: what was asked for.
-        J: the criterion on the training data [J^2].
-        J_exact: its exact minimum within the bounds [J^2].
-        exact: where that is.
-        runs: what the optimiser's runs found; None for ``lsq``.
-        validation: None where no data was left for it.
-        condition_number: of the regressor with columns scaled to one.
-        residuals: how many residuals J averages.
-        level: the worst of what the warnings say.
-        warnings: sentences for the user.
+        estimates: one a criterion, in the order of the settings.
+        published: the number of the one that foresees the validation data best.
+        models: what the choice of the model compared; empty where the model was given.
+        comparison: in words, by which criterion and how.
+        interval: between the training samples [s].
+        smoothing: the window [s] that made the states.
+        validation: what the predictions are of, in words.
+        link_length: P3 / P5 [m] of the elbow's own equation, and its standard error.
     """
 
-    parameters: Parameters
-    covariance: Array
     settings: Settings
-    J: float
-    J_exact: float
-    exact: Parameters
-    runs: OptimizationResult | None
-    validation: Validation | None
-    condition_number: float
-    residuals: int
-    level: Level
-    warnings: tuple[str, ...]
+    estimates: tuple[Estimate, ...]
+    published: int
+    models: tuple[ModelScore, ...]
+    comparison: str
+    interval: float
+    smoothing: float
+    validation: str
+    link_length: tuple[float, float]
 
     @property
-    def std_error(self) -> Array:
-        """Standard errors, shape (7,); NaN for parameters on a bound."""
-        return np.sqrt(np.diag(self.covariance))
+    def best(self) -> Estimate:
+        """The estimate that is published."""
+        return self.estimates[self.published]
 
     @property
-    def J_runs(self) -> Array:
-        """J of every run on the training data, shape (runs,)."""
-        return np.array([self.J]) if self.runs is None else self.runs.value
+    def parameters(self) -> Parameters:
+        """The published parameters."""
+        return self.best.parameters
 
     @property
-    def runs_at_minimum(self) -> int:
-        """How many runs reached the exact minimum to a relative 1e-6."""
-        return _reached(self.J_runs, self.J_exact)
+    def level(self) -> Level:
+        """How far to trust them."""
+        return self.best.level
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Why, in sentences for the user."""
+        return self.best.warnings
 
 
 def identify(
@@ -98,83 +89,147 @@ def identify(
     """Estimate the parameters of a rig from one or more of its motions.
 
     Args:
-        training: the motions that estimate; their residuals are pooled.
-        validation: motions that only judge. Without any, and with several for training, each of these is foreseen
-            from the others in turn.
+        training: the motions that estimate; they are pooled.
+        validation: motions that only judge. Without any, each recording of several (or block of time of one or two)
+            is foreseen from the others in turn; the estimates themselves use all of them.
         settings: see :class:`Settings`.
-        progress: called with generations done and best J so far.
+        progress: called with what is being done, how much of it is done, of how much (0: not known), and the best J.
         notes: warnings that come with the data, such as a bag that was never closed.
 
     Raises:
         TrajectoryError: a motion that is too short or has gaps.
         ExcitationError: a motion from which some parameters cannot be told.
     """
-    settings = settings or Settings()
-    regressions = [_regression(motion, settings) for motion in training]
-    parts = [Quadratic.reduce(r.phi, r.y) for r in regressions]
-    criterion = Quadratic.pool(parts)
-    require_excitation(training, criterion)
+    settings, progress = settings or Settings(), progress or _silent
+    for motion in (*training, *validation):
+        motion.require_samples()
+    require_excitation(training, settings)
+    notes = [*notes, *suspicions([*training, *validation])]
+    progress('preparing', 0, 0, np.nan)
+    data = Data.prepare(training, settings)
+    judges = [Motion.prepare(motion, data.smoothing, data.hold) for motion in validation]
+    comparison = _Comparison(data, progress)
+    model, scores = comparison.choose() if settings.model == 'auto' else (settings.model, [])
 
-    exact = criterion.minimum(settings.bounds)
-    runs = None
-    theta = exact
-    if settings.optimizer == 'mde':
-        optimizer = MDE(settings.bounds, settings.mde, runs=settings.runs, seed=settings.seed)
-        runs = minimize(optimizer, criterion, progress)
-        theta = runs.x[runs.best]
-    free = ~settings.bounds.at_bound(theta, tolerance=1e-7)
-    J, J_exact = float(criterion(theta)), float(criterion(exact))
-    covariance = jackknife_covariance(regressions, theta, free)
-    judged = _validate(validation, parts, theta if runs is None else runs.x, theta, settings)
-    condition_number = criterion.condition_number()
-    values = np.array([J]) if runs is None else runs.value
-    level, warnings = judge(
-        theta=theta,
-        std_error=np.sqrt(np.diag(covariance)),
-        free=free,
-        bounds=settings.bounds,
-        condition_number=condition_number,
-        unexplained=J / float(criterion(np.zeros_like(theta))),
-        foreseen=judged.J / J if judged is not None and J > 0 else None,
-        reached=(_reached(values, J_exact), len(values)),
-        notes=[*notes, *missing_samples([*training, *validation])],
-    )
+    estimates = []
+    for criterion in settings.criteria:
+        answer = estimate(criterion, data, judges, model, progress)
+        parts = [predict([j], answer.theta, answer.effort.delay, data.scale) for j in judges]
+        parts = parts or comparison.foreseen(criterion, model)
+        estimates.append(replace(answer, prediction=Prediction.pool(parts)))
+    published = _best(estimates)
+    best = estimates[published]
+    progress('checking signs, zeros and stamps', 0, 0, best.J)
+    if len(training) > 1 and settings.criteria != ('energy',):
+        notes += contradictions(data, model, comparison.fit(model), comparison.without(model))
+    length = link_length(data.motions, model, best.effort.delay)
+    low, high = settings.delays
+    declared = low if low == high else 0.0
+    notes += diagnose(training, data.smoothing, data.hold, model, declared, settings.link_length)
     return Identification(
-        parameters=Parameters.from_vector(theta),
-        covariance=covariance,
         settings=settings,
-        J=J,
-        J_exact=J_exact,
-        exact=Parameters.from_vector(exact),
-        runs=runs,
-        validation=judged,
-        condition_number=condition_number,
-        residuals=criterion.count,
-        level=level,
-        warnings=warnings,
+        estimates=tuple(judge(e, settings, length, notes) for e in estimates),
+        published=published,
+        models=tuple(scores),
+        comparison=f'{comparison.deciding}, {comparison.method}' if scores else '',
+        interval=float(np.median([m.interval for m in data.motions])),
+        smoothing=data.smoothing,
+        validation='on data that was not used for estimation' if judges else comparison.method,
+        link_length=length,
     )
 
 
-def _reached(values: Array, exact: float) -> int:
-    return int((values <= exact * (1 + REACHED)).sum())
+class _Comparison:
+    """What is foreseen of training data from the rest of it."""
+
+    def __init__(self, data: Data, progress: Progress) -> None:
+        self._data, self._progress = data, progress
+        self._folds = folds(data.motions)
+        self._whole: dict[str, TrajectoryFit] = {}
+        self._fits: dict[str, list[TrajectoryFit]] = {}
+        self._foreseen: dict[tuple[str, str], list[Prediction]] = {}
+        self._made: dict[tuple[str, str], Linear] = {}
+        self.deciding = next(c for c in TRUST if c in data.settings.criteria)
+
+    @property
+    def method(self) -> str:
+        """In words, what foresees what."""
+        if len(self._folds) == len(self._data.motions):
+            return 'each recording foreseen from the others'
+        return f'each of {len(self._folds)} blocks of time foreseen from the others'
+
+    def choose(self) -> tuple[str, list[ModelScore]]:
+        """Return the model that the most trusted of the criteria foresees with, and what was compared.
+
+        A model that leaves nothing but the encoders' rounding needs no comparison: the smallest of them is the rig's.
+        """
+        compared: dict[str, list[Prediction]] = {}
+        for model in MODELS:
+            compared[model] = self.foreseen(self.deciding, model)
+            if self.deciding == 'trajectory' and self._data.exact(model, self.fit(model)) is not None:
+                return compare_models(compared, exact=model)
+        return compare_models(compared)
+
+    def foreseen(self, criterion: str, model: str) -> list[Prediction]:
+        """Return the prediction of every fold."""
+        if (criterion, model) not in self._foreseen:
+            predictions = []
+            for k, fold in enumerate(self._folds):
+                self._progress(f'{criterion}, {model} model: cross-validation', k, len(self._folds), np.nan)
+                predictions.append(self._predicted(criterion, model, fold))
+            self._foreseen[criterion, model] = predictions
+        return self._foreseen[criterion, model]
+
+    def without(self, model: str) -> list[TrajectoryFit]:
+        """Return the fits that leave out each recording, where these were the folds."""
+        return self._fits.get(model, []) if self._folds[0].held_out is self._data.motions[0] else []
+
+    def _predicted(self, criterion: str, model: str, fold: Fold) -> Prediction:
+        try:
+            theta, delay = self._solve(criterion, model, fold)
+        except TrajectoryError:
+            return Prediction.none()  # what is left is too short to be learned from
+        return predict([fold.held_out], theta, delay, self._data.scale)
+
+    def _solve(self, criterion: str, model: str, fold: Fold) -> tuple[Array, float]:
+        rest = self._data.only(fold.training)
+        if criterion != 'trajectory':
+            return rest.solve_linear(criterion, model, self._linear(criterion, model))
+        found = rest.fit(model, near=self.fit(model))
+        self._fits.setdefault(model, []).append(found)
+        return found.fit.theta, found.fit.delay
+
+    def _linear(self, criterion: str, model: str) -> Linear:
+        """Return the criterion of all motions, whose delay those of the folds share."""
+        if (criterion, model) not in self._made:
+            self._made[criterion, model] = linear(criterion, self._data.motions, model, self._data.settings)
+        return self._made[criterion, model]
+
+    def fit(self, model: str) -> TrajectoryFit:
+        """Return the fit of all motions, from which those of the folds start."""
+        if model not in self._whole:
+            found = self._data.fit(model, like=self._linear('weak', 'rotor'))
+            smaller = [self._whole[m] for m in MODELS if m in self._whole and MODELS[m] < MODELS[model]]
+            if smaller and 1.05 * smaller[-1].fit.cost < found.fit.cost:
+                # A model that holds another one cannot be worse: a local minimum was found.
+                found = self._data.fit(model, near=smaller[-1])
+            self._whole[model] = found
+        return self._whole[model]
 
 
-def _regression(motion: Trajectory, settings: Settings) -> Regression:
-    return energy_regression(motion.require_samples(), settings.sliding, settings.smoothing)
+def _best(estimates: Sequence[Estimate]) -> int:
+    """Return the number of the estimate to publish.
+
+    One that leaves nothing but the encoders' rounding foresees as well as can be measured: what then tells predictions
+    apart is how well the states are known in which they start.
+    """
+    if exact := [k for k, e in enumerate(estimates) if e.exact]:
+        return exact[0]
+    losses = [e.prediction.loss if e.prediction is not None else np.nan for e in estimates]
+    least = min((loss for loss in losses if np.isfinite(loss)), default=np.nan)
+    good = [k for k, loss in enumerate(losses) if not loss > least + BETTER]
+    return min(good, key=lambda k: TRUST.index(estimates[k].criterion))
 
 
-def _validate(
-    validation: Sequence[Trajectory], parts: Sequence[Quadratic], x: Array, theta: Array, settings: Settings
-) -> Validation | None:
-    if validation:
-        regressions = [_regression(motion, settings) for motion in validation]
-        judge = Quadratic.pool([Quadratic.reduce(r.phi, r.y) for r in regressions])
-        return Validation(float(judge(theta)), judge(np.atleast_2d(x)), 'on data that was not used for estimation')
-    if len(parts) < 2:
-        return None
-    total = 0.0
-    for left_out, part in enumerate(parts):
-        others = Quadratic.pool([p for k, p in enumerate(parts) if k != left_out])
-        total += float(part(others.minimum(settings.bounds))) * part.count
-    J = total / sum(part.count for part in parts)
-    return Validation(J, np.empty(0), 'each recording foreseen from the others')
+def _silent(what: str, done: int, of: int, best: float) -> None:
+    pass

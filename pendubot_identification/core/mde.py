@@ -69,6 +69,22 @@ class MDESettings:
             raise ParameterError(f'the crossover rate CR reaches {self.crossover[1]:g}; at most 1 is expected')
 
 
+def require_runs(runs: int, population: int, seed: int) -> None:
+    """Refuse what no set of runs can be made of.
+
+    Raises:
+        ParameterError: no runs, too many vectors in all, or a negative seed.
+    """
+    if runs < 1:
+        raise ParameterError(f'{runs} runs were asked for; at least 1 is needed')
+    if runs * population > MOST_VECTORS:
+        raise ParameterError(
+            f'{runs * population} vectors in all runs were asked for; at most {MOST_VECTORS} fit into a usual memory'
+        )
+    if seed < 0:
+        raise ParameterError(f'the seed is {seed}; a whole number of at least 0 is expected')
+
+
 class MDE:
     """Ask/tell optimiser (see :class:`.optimizer.Optimizer`) of several independent runs.
 
@@ -84,17 +100,9 @@ class MDE:
     """
 
     def __init__(self, bounds: Bounds, settings: MDESettings | None = None, *, runs: int = 10, seed: int = 1) -> None:
-        if runs < 1:
-            raise ParameterError(f'{runs} runs were asked for; at least 1 is needed')
-        vectors = runs * (settings or MDESettings()).population
-        if vectors > MOST_VECTORS:
-            raise ParameterError(
-                f'{vectors} vectors in all runs were asked for; at most {MOST_VECTORS} fit into a usual memory'
-            )
-        if seed < 0:
-            raise ParameterError(f'the seed is {seed}; a whole number of at least 0 is expected')
         self.bounds = bounds
         self.settings = settings or MDESettings()
+        require_runs(runs, self.settings.population, seed)
         self.generation = 0
         population, dimension = self.settings.population, len(bounds.lower)
         self._streams = [np.random.Generator(np.random.SFC64([seed, run])) for run in range(runs)]

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import lsq_linear
+from scipy.optimize import lsq_linear, minimize_scalar
 
-from .parameters import Bounds
+from .errors import ParameterError
+from .parameters import LARGEST_COUPLING, Bounds
 
 Array = NDArray[np.float64]
+
+#: Rows that are factorised at once: they stay in a cache, and none of them is worth a thread.
+BLOCK = 256
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,6 +41,16 @@ class Quadratic:
         """Return the criterion of all the residuals together."""
         return cls(_triangle(np.vstack([part.triangle for part in parts])), sum(part.count for part in parts))
 
+    def scaled(self, factor: float) -> Quadratic:
+        """Return the criterion of residuals multiplied by a factor."""
+        return Quadratic(self.triangle * factor, self.count)
+
+    def along(self, directions: Array) -> Quadratic:
+        """Return the criterion of x, shape (F,), where theta = directions @ x, shape (D, F)."""
+        return Quadratic(
+            _triangle(np.column_stack([self.triangle[:, :-1] @ directions, self.triangle[:, -1]])), self.count
+        )
+
     @property
     def phi(self) -> Array:
         """The reduced regressor, shape (D, D)."""
@@ -59,12 +74,69 @@ class Quadratic:
         return np.asarray(residual.sum(axis=-1) / self.count + self.floor)
 
     def minimum(self, bounds: Bounds) -> Array:
-        """Return the exact minimiser within the bounds, shape (D,) (bounded-variable least squares)."""
-        scale = self.column_scale()
-        solution = lsq_linear(
-            self.phi / scale, self.y, (bounds.lower * scale, bounds.upper * scale), method='bvls', tol=1e-15
-        )
-        return np.asarray(np.clip(solution.x / scale, bounds.lower, bounds.upper))
+        """Return the exact minimiser, shape (D,), within the bounds and where M(q) is positive definite for every q.
+
+        That is |P3| <= c sqrt(P1 P2), c = :data:`.parameters.LARGEST_COUPLING`, a convex cone, for bounds whose names
+        begin with P1, P2, P3; for others the bounds alone count. Where P1 = s P2 is given, the cone is linear: what is
+        left is bounded-variable least squares for every s, and a search for the best s. Since cone, bounds and J are
+        convex, the least J for a given s has but one valley.
+
+        Raises:
+            ParameterError: no P1, P2, P3 within the bounds lie in the cone.
+        """
+        theta = self.minimum_in_box(bounds)
+        if bounds.names[:3] != ('P1', 'P2', 'P3') or not _coupled(theta):
+            return theta
+        side = float(np.sign(theta[2]))
+
+        low, high = _ratios(bounds, side)
+
+        def best(logarithm: float) -> Array:
+            return self._of_ratio(math.exp(min(max(logarithm, low), high)), side, bounds)
+
+        # Far from the valley J may be level, with P1 = P2 = P3 = 0: so a look everywhere comes first. The second
+        # search is for the last digits, where J has an edge.
+        coarse = np.linspace(low, high, math.ceil(high - low) + 2)
+        at = float(coarse[np.argmin([self(best(x)) for x in coarse])])
+        for reach in (1.0, 1e-6):
+            offset = minimize_scalar(
+                lambda x, at=at: float(self(best(at + x))),
+                bounds=(-reach, reach),
+                method='bounded',
+                options={'xatol': 1e-9 * reach},
+            ).x
+            at = min(at, at + offset, key=lambda x: float(self(best(x))))
+        return np.clip(best(at), bounds.lower, bounds.upper)
+
+    def minimum_in_box(self, bounds: Bounds) -> Array:
+        """Return the exact minimiser within the bounds, whatever the mass matrix, shape (D,)."""
+        return self._within(bounds.lower, bounds.upper, np.eye(len(bounds.lower)))
+
+    def _of_ratio(self, s: float, side: float, bounds: Bounds) -> Array:
+        """Return the minimiser among the vectors with P1 = s P2."""
+        # Columns: P2 (and P1 with it), P3, and the others.
+        directions = np.delete(np.eye(len(bounds.lower)), 0, axis=1)
+        directions[0, 0] = s
+        lower, upper = bounds.lower[1:].copy(), bounds.upper[1:].copy()
+        lower[0], upper[0] = max(lower[0], bounds.lower[0] / s, 0.0), min(upper[0], bounds.upper[0] / s)
+        theta = self._within(lower, upper, directions)
+        if not _coupled(theta):
+            return theta
+        # The cone is active: P3 goes with P2 as well.
+        coupling = side * LARGEST_COUPLING * math.sqrt(s)
+        directions[2, 0] = coupling
+        nearest, farthest = sorted((lower[1] / coupling, upper[1] / coupling))
+        lower[0], upper[0] = max(lower[0], nearest), min(upper[0], farthest)
+        return self._within(np.delete(lower, 1), np.delete(upper, 1), np.delete(directions, 1, axis=1))
+
+    def _within(self, lower: Array, upper: Array, directions: Array) -> Array:
+        """Return the minimiser among ``directions @ x``, lower <= x <= upper (bounded-variable least squares)."""
+        phi = self.phi @ directions
+        norms = np.linalg.norm(phi, axis=0)
+        scale = np.where(norms > 0, norms, 1.0)
+        upper = np.maximum(upper, lower + 1e-12 * np.abs(lower) + 1e-300)  # what rounding turned round
+        solution = lsq_linear(phi / scale, self.y, (lower * scale, upper * scale), method='bvls', tol=1e-15)
+        return np.asarray(directions @ np.clip(solution.x / scale, lower, upper))
 
     def free_minimum(self) -> Array:
         """Return the minimiser without bounds, shape (D,); the smallest one where many are as good."""
@@ -93,8 +165,35 @@ class Quadratic:
         return np.asarray(silent | (np.linalg.norm(self.phi, axis=0) == 0))
 
 
+def _coupled(theta: Array) -> bool:
+    """Tell whether P3 is too large for P1 and P2."""
+    return bool(abs(theta[2]) > LARGEST_COUPLING * math.sqrt(max(theta[0] * theta[1], 0.0)) * (1 + 1e-12))
+
+
+def _ratios(bounds: Bounds, side: float) -> tuple[float, float]:
+    """Return the least and the greatest logarithm of P1 / P2 that leave a P3 on this side its place in the cone."""
+    P1, P2 = bounds.upper[:2]
+    P3 = max(0.0, bounds.lower[2] if side > 0 else -bounds.upper[2]) / LARGEST_COUPLING
+    if P1 <= 0 or P2 <= 0 or P3**2 >= P1 * P2:
+        raise ParameterError(
+            f'within their bounds P1 and P2 are at most {P1:g} and {P2:g}, which leaves no place for P3 of at least '
+            f'{P3 * LARGEST_COUPLING:g} in a mass matrix that is positive definite; widen the bounds'
+        )
+    P3 = max(P3, 1e-5 * math.sqrt(P1 * P2))
+    least = max(bounds.lower[0] / P2, (P3 / P2) ** 2)
+    greatest = min(P1 / bounds.lower[1] if bounds.lower[1] > 0 else math.inf, (P1 / P3) ** 2)
+    return math.log(least), math.log(greatest)
+
+
 def _triangle(rows: Array) -> Array:
+    """Return the triangle of a QR factorisation, of blocks first and then of their triangles."""
     width = rows.shape[1]
+    block = max(BLOCK, 4 * width)
+    whole = len(rows) // block
+    if whole > 1:
+        blocks = rows[: whole * block].reshape(whole, block, width)
+        triangles = np.asarray(np.linalg.qr(blocks, mode='r')).reshape(-1, width)
+        return _triangle(np.concatenate([triangles, rows[whole * block :]]))
     if len(rows) < width:
-        rows = np.vstack([rows, np.zeros((width - len(rows), width))])
+        rows = np.concatenate([rows, np.zeros((width - len(rows), width))])
     return np.asarray(np.linalg.qr(rows, mode='r'))

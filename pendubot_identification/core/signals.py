@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -21,6 +22,8 @@ LONGEST_GAP = 0.1
 #: The default differentiator's window [s]: what the paper's central differences span at its 100 Hz. Faster sampling
 #: fits a polynomial to the same span instead of dividing single encoder counts by ever smaller intervals.
 SMOOTHING = 0.02
+#: Windows [s] from which one is chosen for smooth states; below five samples they are central differences.
+WINDOWS = (0.02, 0.03, 0.04, 0.05, 0.06, 0.08, 0.1)
 #: Polynomial degree of the Savitzky-Golay filter.
 DEGREE = 3
 
@@ -94,3 +97,45 @@ def differentiate(q: Array, interval: float, window: float) -> tuple[Array, Arra
         )
     smooth = savgol_filter(q, length, DEGREE, axis=0)
     return smooth, savgol_filter(q, length, DEGREE, deriv=1, delta=interval, axis=0)
+
+
+def encoder_step(q: Array) -> Array:
+    """Return the step [rad] in which each joint's positions were read, shape (2,); 0 where they have none.
+
+    Args:
+        q: positions as recorded [rad], shape (N, 2).
+    """
+    steps = np.zeros(q.shape[1])
+    for joint, moved in enumerate(np.abs(np.diff(q, axis=0)).T):
+        moved = moved[moved > 1e-9]
+        if moved.size < 10:
+            continue
+        # Fine encoders may never have moved by a single count from one sample to the next.
+        for step in moved.min() / np.arange(1, 9):
+            few = moved[moved < 200 * step]
+            counts = np.round(few / step)
+            # Of numbers that are no multiples, the distance to the nearest one is uniform, with a deviation of 0.29.
+            if few.size >= 10 and np.std(few / step - counts) < 0.1:
+                steps[joint] = np.median(few / counts)
+                break
+    return steps
+
+
+def choose_smoothing(trajectories: Sequence[Trajectory]) -> float:
+    """Return the widest window [s] that takes noise from the positions and leaves the motion.
+
+    The noise is an encoder's rounding, or what the narrowest window takes away where that is more. A window that
+    takes half as much again has begun to bend the motion.
+
+    Raises:
+        TrajectoryError: samples too far apart, a gap, or fewer samples than the narrowest window holds.
+    """
+    chosen = WINDOWS[-1]
+    for trajectory in trajectories:
+        even = resample(trajectory)
+        windows = [w for w in WINDOWS if w < len(even) * even.interval / 2] or [WINDOWS[0]]
+        removed = [np.std(differentiate(even.q, even.interval, w)[0] - even.q, axis=0) for w in windows]
+        noise = np.maximum(encoder_step(trajectory.q) / np.sqrt(12), removed[0])
+        fitting = [w for w, r in zip(windows, removed, strict=True) if (r <= 1.5 * np.maximum(noise, 1e-9)).all()]
+        chosen = min(chosen, fitting[-1] if fitting else WINDOWS[0])
+    return chosen

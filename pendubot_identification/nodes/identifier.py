@@ -13,14 +13,18 @@ from std_srvs.srv import Trigger
 
 from pendubot_identification.adapters.datasets import load_datasets
 from pendubot_identification.adapters.joint_states import JOINT_NAMES, JOINT_STATES_TOPIC
-from pendubot_identification.adapters.result_file import refuse_existing, result_data, write_result
+from pendubot_identification.adapters.result_file import (
+    read_parameters,
+    refuse_existing,
+    result_data,
+    write_result,
+)
 from pendubot_identification.core.errors import ParameterError, PendubotError
 from pendubot_identification.core.identification import identify
 from pendubot_identification.core.level import Level
 from pendubot_identification.core.mde import MDESettings
-from pendubot_identification.core.parameters import Bounds, default_bounds
-from pendubot_identification.core.settings import CRITERIA, MODELS, OPTIMIZERS, Settings
-from pendubot_identification.core.signals import SMOOTHING
+from pendubot_identification.core.parameters import MODELS, NAMES, Bounds, default_bounds
+from pendubot_identification.core.settings import CRITERIA, DELAYS, HOLDS, OPTIMIZERS, Settings
 from pendubot_identification.report.tables import whole
 
 from .diagnostics import diagnostics_message
@@ -44,21 +48,22 @@ class Identifier(SettingsNode):
         Setting('validate', [''], 'bags that only judge; by default what the windows leave', dynamic=True),
         Setting('topic', JOINT_STATES_TOPIC, 'topic with the joint states', dynamic=True),
         Setting('joint_names', list(JOINT_NAMES), 'their joint names: shoulder, elbow', dynamic=True),
-        Setting('criterion', 'energy', 'what is minimised', choices=CRITERIA, dynamic=True),
+        Setting('criterion', '', f'what is minimised, of {", ".join(CRITERIA)}; empty: all', dynamic=True),
+        Setting('model', 'auto', 'which parameters there are', choices=('auto', *MODELS), dynamic=True),
+        Setting('optimizer', 'auto', 'what minimises', choices=OPTIMIZERS, dynamic=True),
+        Setting('hold', 'auto', 'how the torque behaves between its samples', choices=HOLDS, dynamic=True),
+        Setting('delay_min', DELAYS[0], 'the torque acts at least so much later', 's', -0.5, 0.5, dynamic=True),
+        Setting('delay_max', DELAYS[1], 'the torque acts at most so much later', 's', -0.5, 0.5, dynamic=True),
         Setting('sliding', 0.0, 'sliding window of the energy balance; 0: cumulative', 's', 0.0, 3600.0, dynamic=True),
-        Setting('smoothing', SMOOTHING, "the differentiator's window", 's', 0.0, 10.0, dynamic=True),
-        Setting('model', 'viscous', 'which parameters there are', choices=MODELS, dynamic=True),
-        Setting('optimizer', 'mde', 'what minimises', choices=OPTIMIZERS, dynamic=True),
-        Setting('runs', 10, 'independent runs of MDE', '', 1, 1000, dynamic=True),
-        Setting('generations', 4000, 'generations of a run', '', 1, 10_000_000, dynamic=True),
-        Setting('population', 30, 'vectors of a run (NP)', '', 5, 10_000, dynamic=True),
+        Setting('smoothing', 0.0, "the differentiator's window; 0: by default", 's', 0.0, 10.0, dynamic=True),
+        Setting('link_length', 0.0, 'of link 1, to compare; 0: not known', 'm', 0.0, 100.0, dynamic=True),
+        Setting('start', '', 'result file from whose parameters trajectory starts; empty: from weak', dynamic=True),
+        Setting('runs', 0, 'independent runs of MDE; 0: by default', '', 0, 1000, dynamic=True),
+        Setting('generations', 0, 'generations of a run; 0: by default', '', 0, 10_000_000, dynamic=True),
+        Setting('population', 0, 'vectors of a run (NP); 0: by default', '', 0, 10_000, dynamic=True),
         Setting('seed', 1, 'same seed, same result', '', 0, 2**31 - 1, dynamic=True),
-        Setting(
-            'lower_bounds', default_bounds().lower.tolist(), 'of P1 P2 P3 P4 P5 b1 b2, in their units', dynamic=True
-        ),
-        Setting(
-            'upper_bounds', default_bounds().upper.tolist(), 'of P1 P2 P3 P4 P5 b1 b2, in their units', dynamic=True
-        ),
+        Setting('lower_bounds', default_bounds().lower.tolist(), f'of {" ".join(NAMES)}, in their units', dynamic=True),
+        Setting('upper_bounds', default_bounds().upper.tolist(), f'of {" ".join(NAMES)}, in their units', dynamic=True),
         Setting('output', '', 'result file to write; empty: none', dynamic=True),
         Setting('force', False, 'whether an existing result file is overwritten', dynamic=True),
     )
@@ -115,14 +120,20 @@ class Identifier(SettingsNode):
         plain = result_data(result, data.sources)
         if output is not None:
             write_result(output, plain, overwrite=values['force'])
-        # The judgement first, so that whoever hears the parameters can already know how good they are.
+        # Two lines, because rclpy keeps a severity for each line that logs.
+        if result.level is Level.OK:
+            self.get_logger().info(f'identified\n{whole(plain)}')
+        else:
+            self.get_logger().warning(f'identified\n{whole(plain)}')
+        # The judgement first, so that whoever hears the parameters can already know how good they are; and both last,
+        # so that whoever hears them can already have them identified again.
         self._publish(result.level, _headline(result.level, result.warnings), identification_values(plain))
         self._params.publish(parameters_message(result))
-        say = self.get_logger().info if result.level is Level.OK else self.get_logger().warning
-        say(f'identified\n{whole(plain)}')
 
-    def _progress(self, generation: int, best: float) -> None:
-        self.get_logger().info(f'generation {generation}: J = {best:.6e}', throttle_duration_sec=1.0)
+    def _progress(self, what: str, done: int, of: int, best: float) -> None:
+        count = f', {done} of {of}' if of else ''
+        value = '' if np.isnan(best) else f', J = {best:.4e}'
+        self.get_logger().info(f'{what}{count}{value}', throttle_duration_sec=1.0)
 
     def _failed(self, sentence: str) -> None:
         self.get_logger().error(sentence)
@@ -140,16 +151,23 @@ class Identifier(SettingsNode):
 
 
 def _settings(values: dict[str, Any]) -> Settings:
+    names = [name.strip() for name in values['criterion'].split(',') if name.strip()]
+    mde = {name: values[name] for name in ('population', 'generations') if values[name]}
+    lower, upper = values['lower_bounds'], values['upper_bounds']
     return Settings(
-        criterion=values['criterion'],
+        criteria=tuple(names) or CRITERIA,
         model=values['model'],
         optimizer=values['optimizer'],
         sliding=values['sliding'] or None,
-        smoothing=values['smoothing'],
-        mde=MDESettings(values['population'], values['generations']),
-        runs=values['runs'],
+        smoothing=values['smoothing'] or None,
+        hold=values['hold'],
+        delays=(values['delay_min'], values['delay_max']),
+        start=read_parameters(Path(values['start'])) if values['start'] else None,
+        link_length=values['link_length'] or None,
+        mde=MDESettings(**mde) if mde else None,
+        runs=values['runs'] or None,
         seed=values['seed'],
-        bounds=Bounds(np.array(values['lower_bounds']), np.array(values['upper_bounds'])),
+        bounds=Bounds(np.array(lower), np.array(upper), NAMES[: max(len(lower), MODELS['viscous'])]),
     )
 
 

@@ -16,30 +16,39 @@ LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability
 
 
 def parameters_message(result: Identification) -> Float64MultiArray:
-    """Return theta; ``layout.dim[0].label`` names its entries, ``P1,P2,...``."""
-    theta = result.parameters.vector().tolist()
+    """Return theta of the published model; ``layout.dim[0].label`` names its 7, 9, 10 or 14 entries, ``P1,P2,...``."""
+    theta = result.best.theta.tolist()
     message = Float64MultiArray(data=theta)
-    message.layout.dim = [MultiArrayDimension(label=','.join(NAMES), size=len(theta), stride=len(theta))]
+    names = ','.join(NAMES[: len(theta)])
+    message.layout.dim = [MultiArrayDimension(label=names, size=len(theta), stride=len(theta))]
     return message
 
 
 def identification_values(data: Mapping[str, Any]) -> dict[str, Any]:
     """Return the entries of a result (see :func:`.adapters.result_file.result_data`) under flat names.
 
-    ``P1``, ``P1.std_error``, ``P1.unit``, ``J.training``, ``made_by.criterion``, ``bags.0.bag``, ``warnings.0`` ...
+    ``P1``, ``P1.std_error``, ``P1.unit``, ``J.training``, ``prediction.error``, ``criterion``, ``bags.0.bag``,
+    ``warnings.0``, ``criteria.energy.P1`` ... Matrices, single runs and the models that were not chosen are left to the
+    result file.
     """
     values: dict[str, Any] = {}
     for name, entry in data['parameters'].items():
-        values |= {name: entry['value'], f'{name}.std_error': entry['std_error'], f'{name}.unit': entry['unit']}
+        values[name] = entry['value']
+        values |= _flat(name, {key: value for key, value in entry.items() if key != 'value'})
     for key, entry in data.items():
-        if key != 'parameters':
+        if key not in ('parameters', 'criteria', 'covariance', 'models'):
             values |= _flat(key, entry)
+    for name, answer in data['criteria'].items():
+        J = {which: answer['J'][which] for which in ('training', 'validation', 'unit')}
+        brief = {'level': answer['level'], 'J': J, 'error': answer['prediction']['error']}
+        values |= _flat(f'criteria.{name}', brief | {n: entry['value'] for n, entry in answer['parameters'].items()})
     return values
 
 
 def _flat(prefix: str, entry: Any) -> dict[str, Any]:
     if isinstance(entry, Mapping):
-        return {k: v for key, value in entry.items() for k, v in _flat(f'{prefix}.{key}', value).items()}
+        kept = ((key, value) for key, value in entry.items() if not key.endswith('_runs'))
+        return {k: v for key, value in kept for k, v in _flat(f'{prefix}.{key}', value).items()}
     if isinstance(entry, Sequence) and not isinstance(entry, str) and any(isinstance(e, (Mapping, str)) for e in entry):
         return {k: v for index, value in enumerate(entry) for k, v in _flat(f'{prefix}.{index}', value).items()}
     return {prefix: entry}

@@ -1,13 +1,19 @@
-"""Results as text for a terminal. A result is the plain data of a result file, see DESIGN's schema 1."""
+"""Results as text for a terminal. A result is the plain data of a result file, see :mod:`.adapters.result_file`."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+import textwrap
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
+
+Result = Mapping[str, Any]
 
 #: J of the paper's rig over 10 runs: training best, worst, average; validation average (its Table 7).
 PAPER_TRAINING = (2.37e-3, 2.39e-3, 2.37e-3)
 PAPER_VALIDATION_AVERAGE = 3.03e-3
+#: Columns of a terminal.
+WIDTH = 120
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
@@ -15,61 +21,172 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     lines = [head, *rows]
     widths = [max(len(line[k]) for line in lines) for k in range(len(head))]
     return '\n'.join(
-        '  '.join(cell.rjust(w) if k else cell.ljust(w) for k, (cell, w) in enumerate(zip(line, widths, strict=True)))
+        '  '.join(
+            cell.rjust(w) if k else cell.ljust(w) for k, (cell, w) in enumerate(zip(line, widths, strict=True))
+        ).rstrip()
         for line in lines
     )
 
 
-def parameter_table(result: Mapping[str, Any], truth: Mapping[str, float] | None = None) -> str:
-    """Return a row a parameter: estimate, standard error, unit and, where known, the true value and the error."""
-    head, rows = ['', 'estimate', 'std. error', 'unit'], []
+def parameter_table(result: Result, truth: Mapping[str, float] | None = None) -> str:
+    """Return a row a published parameter: estimate, 95 % interval, unit, the true value where known, and doubts."""
+    entries = result['parameters']
+    digits = _digits(entries.values())
+    head, rows = ['', 'estimate', '95 % interval', 'unit'], []
     if truth is not None:
         head += ['true value', 'error']
-    for name, entry in result['parameters'].items():
-        value, error = entry['value'], entry['std_error']
-        row = [name, f'{value:.6f}', 'on bound' if error is None else f'{error:.6f}', entry['unit']]
+    for name, entry in entries.items():
+        low, high = (_fixed(value, digits) for value in entry['interval'])
+        row = [name, _fixed(entry['value'], digits), f'{low} to {high}', entry['unit']]
         if truth is not None:
-            row += [f'{truth[name]:.6f}', f'{100 * (value / truth[name] - 1):+.1f} %']
+            row += [_fixed(truth[name], digits), _error(entry['value'], truth[name])]
+        rows.append([*row, 'on its bound' if entry['on_bound'] else '' if entry['determined'] else 'undetermined'])
+    return table([*head, ''], rows)
+
+
+def comparison_table(result: Result, truth: Mapping[str, float] | None = None) -> str:
+    """Return a column a criterion: its parameters beside the truth, where known, or with their standard errors."""
+    criteria = {name: entry['parameters'] for name, entry in result['criteria'].items()}
+    digits = _digits(entry for parameters in criteria.values() for entry in parameters.values())
+    head, rows = ['', *criteria], []
+    if truth is not None:
+        head.append('true value')
+    for name, first in result['parameters'].items():
+        row = [f'{name} [{first["unit"]}]']
+        for parameters in criteria.values():
+            value, error = parameters[name]['value'], parameters[name]['std_error']
+            beside = f'± {_fixed(error, digits)}' if truth is None else _error(value, truth[name]).rjust(9)
+            row.append(f'{_fixed(value, digits)} {beside}')
+        if truth is not None:
+            row.append(_fixed(truth[name], digits))
         rows.append(row)
     return table(head, rows)
 
 
-def criterion_table(result: Mapping[str, Any], *, beside_paper: bool = False) -> str:
-    """Return J on training and validation: best, worst and average over the runs, beside the paper's if asked."""
-    J = result['J']
+def quality_table(result: Result) -> str:
+    """Return a column a criterion: J, simulation errors beside those of standing still, delay, level."""
+    criteria = result['criteria'].values()
+    rows = [[f'J {which}', *(_scientific(e['J'][which]) for e in criteria), ''] for which in ('training', 'validation')]
+    rows.append(['  in', *(e['J']['unit'] for e in criteria), ''])
+    prediction = result['prediction']
+    for k, horizon in enumerate(prediction['horizons']):
+        errors = [_fixed(e['prediction']['error'][k], 3) for e in criteria]
+        rows.append([f'error after {horizon:g} s', *errors, _fixed(prediction['standing_still'][k], 3)])
+    rows.append(['effort acts later by', *(_delay(e['effort']) for e in criteria), ''])
+    rows.append(['level', *(e['level'] for e in criteria), ''])
+    names = (f'{name}, published' if name == result['criterion'] else name for name in result['criteria'])
+    return table(['', *names, 'standing still'], rows)
+
+
+def model_table(result: Result) -> str:
+    """Return how the models foresee, which one was chosen, and why; empty where it was given."""
+    compared = result['models']['compared']
+    if not compared:
+        return ''
+    rows = []
+    for score in compared:
+        behind = [100 * (score[key] or 0.0) for key in ('behind', 'behind_std_error')]
+        errors = ' '.join(_fixed(error, 4) for error in score['error'])
+        rows.append([score['model'], str(score['parameters']), errors, f'{behind[0]:+.1f} % ± {behind[1]:.1f} %'])
+    ahead = ', '.join(f'{h:g}' for h in result['prediction']['horizons'][: len(compared[0]['error'])])
+    why = 'the smallest model that foresees the training data within one standard error of the best'
+    if compared[-1]['exact']:
+        why = "the smallest model that leaves nothing but the encoders' rounding; larger ones were not tried"
+    return '\n'.join(
+        [
+            table(['model', 'parameters', f'error after {ahead} s', 'behind the best'], rows),
+            _wrapped(f'{result["model"]} was chosen: {why} ({result["models"]["by"]})'),
+        ]
+    )
+
+
+def criterion_table(result: Result) -> str:
+    """Return J of ``energy``: best, worst and average over MDE's runs, beside the paper's; empty without them."""
+    energy = result['criteria'].get('energy')
+    if energy is None or energy['mde'] is None:
+        return ''
+    J = energy['J']
     rows = [['training', *_spread(J['training_runs'])]]
-    if beside_paper:
-        rows.append(['  the paper, on its own rig', *(f'{value:.2e}' for value in PAPER_TRAINING)])
+    rows.append(['  the paper, on its own rig', *(f'{value:.2e}' for value in PAPER_TRAINING)])
     if J['validation'] is not None:
         runs = J['validation_runs']
         rows.append(['validation', *(_spread(runs) if runs else ['', '', f'{J["validation"]:.3e}'])])
-        if beside_paper:
-            rows.append(['  the paper, on its own rig', '', '', f'{PAPER_VALIDATION_AVERAGE:.2e}'])
-    return table([f'J [{J["unit"]}]', 'best', 'worst', 'average'], rows)
+        rows.append(['  the paper, on its own rig', '', '', f'{PAPER_VALIDATION_AVERAGE:.2e}'])
+    return table([f'energy: J [{J["unit"]}]', 'best', 'worst', 'average'], rows)
 
 
-def summary(result: Mapping[str, Any]) -> str:
-    """Return what was done, in a line or two, and every warning."""
-    J, made_by = result['J'], result['made_by']
-    condition = result['condition_number']
-    first = f'exact least squares: J = {J["least_squares"]:.6e}; condition number {condition:.1f}'
-    if made_by['optimizer'] != 'lsq':
-        first += (
-            f'; {J["runs_at_least_squares"]} of {made_by["runs"]} runs of {made_by["optimizer"].upper()} reached it '
-            'to a relative 1e-6'
-        )
-    lines = [first]
-    if J['validation'] is not None:
-        lines.append(f'validation: {J["validation_method"]}')
-    lines += [f'{result["level"]}: {warning}' for warning in result['warnings']]
+def steps(result: Result) -> str:
+    """Return what the optimiser did, a paragraph a criterion."""
+    return '\n'.join(_wrapped(f'{name}: {"; ".join(entry["steps"])}') for name, entry in result['criteria'].items())
+
+
+def judgement(result: Result) -> str:
+    """Return the level of what is published and every warning, then what only other criteria are warned of."""
+    level, warnings = result['level'], result['warnings']
+    lines = [_wrapped(f'{level}: {warning}') for warning in warnings] or [f'{level}: no warnings']
+    for name, entry in result['criteria'].items():
+        others = [warning for warning in entry['warnings'] if warning not in warnings]
+        lines += [_wrapped(f'{name} alone, {entry["level"]}: {warning}') for warning in others]
     return '\n'.join(lines)
 
 
-def whole(result: Mapping[str, Any]) -> str:
+def whole(result: Result, truth: Mapping[str, float] | None = None) -> str:
     """Return all that a terminal shows of a result."""
-    sources = [f'{b["role"]}: {b["bag"]}, {b["samples"]} samples, {b["duration"]:.2f} s' for b in result['bags']]
-    return '\n'.join([*sources, '', parameter_table(result), '', criterion_table(result), summary(result)])
+    effort, length, published = result['effort'], result['link_length'], result['criteria'][result['criterion']]
+    sources = (f'{b["role"]}: {b["bag"]}, {b["samples"]} samples, {b["duration"]:.2f} s' for b in result['bags'])
+    held = {'zero': 'held from sample to sample', 'linear': 'changing linearly from sample to sample'}
+    taken = f'torque {held[effort["hold"]]}; states smoothed over {result["smoothing"]:g} s'
+    if length['value'] is not None:
+        taken += f'; P3 / P5 by the elbow alone: {length["value"]:.4g} m ± {length["std_error"] or 0:.1g} m'
+        taken += '' if length['expected'] is None else f', expected {length["expected"]:g} m'
+    several = len(result['criteria']) > 1
+    parts = [
+        '\n'.join(sources),
+        f'published: the answer of {result["criterion"]}, {result["model"]} model\n' + parameter_table(result, truth),
+        comparison_table(result, truth) if several else '',
+        '\n'.join(
+            [
+                quality_table(result),
+                _wrapped(f'errors of simulated states in their standard deviations, {result["prediction"]["method"]}'),
+                _wrapped(f'95 % intervals: {published["uncertainty"]}'),
+                _wrapped(taken),
+            ]
+        ),
+        model_table(result),
+        criterion_table(result),
+        steps(result),
+        judgement(result),
+    ]
+    return '\n\n'.join(part for part in parts if part)
 
 
 def _spread(values: Sequence[float]) -> list[str]:
     return [f'{value:.3e}' for value in (min(values), max(values), sum(values) / len(values))]
+
+
+def _digits(entries: Iterable[Result]) -> int:
+    """Return the decimals that show three digits of the smallest estimate, or of its standard error if that is more."""
+    sizes = [max(abs(e['value']), e['std_error'] or 0.0) for e in entries if e['value'] and not e['on_bound']]
+    return min(max(2 - math.floor(math.log10(min(sizes, default=1.0))), 4), 7)
+
+
+def _fixed(value: float | None, digits: int) -> str:
+    return '-' if value is None else f'{value:.{digits}f}'
+
+
+def _scientific(value: float | None) -> str:
+    return '-' if value is None else f'{value:.3e}'
+
+
+def _error(value: float, truth: float) -> str:
+    return f'{100 * (value / truth - 1):+.1f} %' if truth else f'{value:+.1e}'
+
+
+def _delay(effort: Result) -> str:
+    error = effort['delay_std_error']
+    return f'{1e3 * effort["delay"]:.2f}' + ('' if error is None else f' ± {1e3 * error:.2f}') + ' ms'
+
+
+def _wrapped(text: str) -> str:
+    """Return a paragraph that a terminal need not break; names of files stay whole."""
+    return textwrap.fill(text, WIDTH, subsequent_indent='  ', break_long_words=False, break_on_hyphens=False)

@@ -13,13 +13,17 @@ import yaml
 from pendubot_identification.adapters.csv_import import import_csv
 from pendubot_identification.adapters.joint_states import write_trajectory
 from pendubot_identification.adapters.result_file import read_parameters
+from pendubot_identification.cli import identify as command
 from pendubot_identification.cli.main import main
-from pendubot_identification.core.parameters import NAMES, PAPER
+from pendubot_identification.core.parameters import MODELS, NAMES, PAPER
+from pendubot_identification.core.settings import CRITERIA, HOLDS, OPTIMIZERS
 from pendubot_identification.core.trajectory import Trajectory
 from test.conftest import RECORDINGS, ROOT
 
 SAMPLE = ROOT / 'bags' / 'paper_experiment'
-FAST = ('--optimizer', 'lsq')
+PAPERS = ('--criterion', 'energy', '--model', 'viscous', '--optimizer', 'mde')
+FAST = (*PAPERS[:4], '--optimizer', 'lsq')
+SEVEN = NAMES[:7]
 
 
 @pytest.fixture(scope='session')
@@ -35,6 +39,11 @@ def identify(capsys, *arguments):
     return status, captured.out, captured.err
 
 
+def said(out):
+    """Return what was printed, without its lines."""
+    return ' '.join(out.split())
+
+
 def refused(capsys, *arguments):
     """Assert exit 1 with one line, no traceback and nothing printed; return the sentence."""
     status, out, err = identify(capsys, *arguments)
@@ -46,17 +55,26 @@ def refused(capsys, *arguments):
     return line
 
 
-def test_the_sample_bag_is_the_papers_experiment(capsys, tmp_path):
-    """1800 samples at 100 Hz; every one of ten runs of MDE reaches the exact minimum to a relative 1e-6."""
+def one(capsys, *arguments):
+    """Return the result of one criterion and the paper's model, quickly."""
+    status, out, _ = identify(capsys, *arguments, '--model', 'viscous', '--json')
+    assert status == 0
+    return json.loads(out)
+
+
+def test_the_papers_way(capsys, tmp_path):
+    """1800 samples at 100 Hz; every one of ten runs of MDE reaches the exact minimum, which stays where it was."""
     output = tmp_path / 'result.yaml'
-    status, out, _ = identify(capsys, SAMPLE, '--output', output)
+    status, out, _ = identify(capsys, SAMPLE, *PAPERS, '--output', output)
     assert status == 0
     result = yaml.safe_load(output.read_text())
+    assert (result['criterion'], result['model'], list(result['criteria'])) == ('energy', 'viscous', ['energy'])
     assert [b['samples'] for b in result['bags']] == [900, 900]
+    assert result['criteria']['energy']['mde'] == {'runs': 10, 'population': 30, 'generations': 4000}
     assert result['J']['runs_at_least_squares'] == 10
     assert max(result['J']['training_runs']) <= result['J']['least_squares'] * (1 + 1e-6)
     assert len(result['J']['validation_runs']) == 10
-    for name in NAMES:
+    for name in SEVEN:
         assert name in out
         assert result['parameters'][name]['unit']
     assert read_parameters(output).unphysical() == ()
@@ -65,12 +83,31 @@ def test_the_sample_bag_is_the_papers_experiment(capsys, tmp_path):
     assert sum(f.stat().st_size for f in SAMPLE.iterdir()) < 2e6
 
 
+def test_by_default_all_criteria_the_model_chosen_and_the_best_published(capsys, tmp_path):
+    output = tmp_path / 'result.yaml'
+    status, out, err = identify(capsys, SAMPLE, '--output', output)
+    assert (status, err) == (0, ''), 'no progress where nobody watches'
+    result = yaml.safe_load(output.read_text())
+    assert list(result['criteria']) == list(CRITERIA)
+    assert [(score['model'], score['exact']) for score in result['models']['compared']] == [('viscous', True)]
+    assert result['model'] == 'viscous', 'the virtual rig has no other friction'
+    errors = {name: np.array(e['prediction']['error']) for name, e in result['criteria'].items()}
+    assert (errors[result['criterion']] < errors['energy']).all()
+    assert result['level'] == 'OK'
+    theta = [result['parameters'][name]['value'] for name in SEVEN]
+    np.testing.assert_allclose(theta, PAPER.vector(), rtol=0.02)
+    for name in ('energy', 'weak'):
+        assert result['criteria'][name]['J']['runs_at_least_squares'] == 10
+    assert 'viscous was chosen' in out
+    assert out.rstrip().endswith(f'written to {output}')
+
+
 def test_json_is_the_result_and_nothing_else(capsys, bag):
     status, out, _ = identify(capsys, bag, '--json', *FAST)
     assert status == 0
     result = json.loads(out)
     assert result['schema'] == 1
-    assert list(result['parameters']) == list(NAMES)
+    assert list(result['parameters']) == list(SEVEN)
     assert len(result['covariance']) == 7
     assert result['made_by']['optimizer'] == 'lsq'
     assert all(len(b['sha256']) == 64 for b in result['bags'])
@@ -97,7 +134,7 @@ def test_windows_divide_a_bag_as_documented(capsys, bag, arguments, roles):
 
 
 def test_same_seed_same_result(capsys, bag):
-    options = (bag, '--json', '--generations', '40', '--runs', '3')
+    options = (bag, '--json', *PAPERS, '--generations', '40', '--runs', '3')
     first, again, other = (identify(capsys, *options, '--seed', s)[1] for s in (4, 4, 5))
     assert first == again
     assert first != other
@@ -110,7 +147,7 @@ def test_a_bag_that_was_killed_is_used_and_named(capsys, bag, tmp_path):
     (cut / 'killed_0.mcap').write_bytes(file.read_bytes()[: file.stat().st_size * 2 // 3])
     status, out, _ = identify(capsys, cut, *FAST)
     assert status == 0
-    assert 'never closed' in out
+    assert 'never closed' in said(out)
 
 
 def test_works_where_ros_cannot_be_imported(bag, tmp_path):
@@ -133,7 +170,7 @@ def test_works_where_ros_cannot_be_imported(bag, tmp_path):
         command = [sys.executable, '-S', str(blocker), *map(str, arguments)]
         return subprocess.run(command, capture_output=True, text=True, env=env, timeout=120)
 
-    result = without_ros('identify', bag, '--output', tmp_path / 'result.yaml')
+    result = without_ros('identify', bag, *PAPERS, '--output', tmp_path / 'result.yaml')
     assert result.returncode == 0, result.stderr
     assert '10 of 10 runs' in result.stdout
     demo = without_ros('demo')
@@ -153,13 +190,64 @@ def test_the_real_recordings_of_each_rig_pooled(capsys, tmp_path, rig):
             write_trajectory(path, import_csv(RECORDINGS / name))
             roles.setdefault(role, []).append(path)
     output = tmp_path / 'result.yaml'
-    status, _, _ = identify(capsys, *roles['train'], '--validate', *roles['test'], '--output', output)
+    bags = (*roles['train'], '--validate', *roles['test'])
+    status, _, _ = identify(capsys, *bags, '--output', output, *PAPERS)
     assert status == 0
     result = yaml.safe_load(output.read_text())
     assert result['J']['runs_at_least_squares'] == 10
     assert result['J']['validation'] > 0
     assert result['level'] in ('WARN', 'ERROR'), 'this criterion does not foresee this rig, and says so'
     assert result['warnings']
+
+
+def test_hold_and_delay_are_as_asked_for(capsys, bag):
+    asked = one(capsys, bag, '--criterion', 'weak', '--hold', 'linear', '--delay', '0.004')['effort']
+    assert (asked['hold'], asked['delay'], asked['linear_lag']) == ('linear', 0.004, 0.004)
+    found = one(capsys, bag, '--criterion', 'weak', '--hold', 'zero', '--delay=-0.02:0.02')
+    assert abs(found['effort']['delay']) < 0.002
+    assert found['made_by']['delays'] == [-0.02, 0.02]
+
+
+def test_a_link_of_another_length_is_named(capsys, bag):
+    """Of the virtual rig it is P3 / P5, 30 mm."""
+    for length, warned in (('0.0304', False), ('0.3', True)):
+        result = one(
+            capsys, bag, '--criterion', 'weak', '--optimizer', 'lsq', '--hold', 'zero', '--link-length', length
+        )
+        assert any('as on a link 1 of 0.03' in warning for warning in result['warnings']) == warned
+        assert result['link_length']['expected'] == float(length)
+
+
+def test_trajectory_starts_where_it_is_told(capsys, bag, tmp_path):
+    output = tmp_path / 'result.yaml'
+    assert identify(capsys, bag, *FAST, '--output', output)[0] == 0
+    result = one(capsys, f'{bag}@0:4', '--criterion', 'trajectory', '--hold', 'zero', '--start', output)
+    assert result['criteria']['trajectory']['steps'][0] == 'start: given parameters'
+    assert result['made_by']['start'][:7] == list(read_parameters(output).vector())
+    np.testing.assert_allclose([e['value'] for e in result['parameters'].values()], PAPER.vector(), rtol=0.05)
+
+
+def test_trajectory_by_mde_takes_what_suits_it_unless_told(capsys, bag):
+    options = (f'{bag}@0:4', '--criterion', 'trajectory', '--hold', 'zero', '--optimizer', 'mde')
+    result = one(capsys, *options)
+    assert result['criteria']['trajectory']['mde'] == {'runs': 1, 'population': 40, 'generations': 120}
+    np.testing.assert_allclose([e['value'] for e in result['parameters'].values()], PAPER.vector(), rtol=0.05)
+    told = one(capsys, *options, '--generations', '3', '--population', '10', '--runs', '2')
+    assert told['criteria']['trajectory']['mde'] == {'runs': 2, 'population': 10, 'generations': 3}
+
+
+def test_several_bags_are_foreseen_from_each_other(capsys, bag, tmp_path):
+    """Without bags to validate, each of several is left out in turn; the estimates use all of them."""
+    others = [tmp_path / name for name in 'ab']
+    for seed, other in enumerate(others, start=2):
+        assert main(['simulate', '--output', str(other), '--seed', str(seed), '--samples', '600']) == 0
+    capsys.readouterr()
+    result = one(capsys, *others, bag, '--criterion', 'weak,energy', '--hold', 'zero')
+    assert list(result['criteria']) == ['weak', 'energy']
+    assert [b['role'] for b in result['bags']] == ['training'] * 3
+    assert result['prediction']['method'] == 'each recording foreseen from the others'
+    assert result['J']['validation'] is None
+    assert all(error > 0 for entry in result['criteria'].values() for error in entry['prediction']['error'])
 
 
 def broken(bag, tmp_path, **changes):
@@ -200,7 +288,13 @@ def broken(bag, tmp_path, **changes):
         (['{bag}', '--sliding', '-3'], 'sliding window is -3 s'),
         (['{bag}', '--sliding', '100'], 'shorter than the sliding window'),
         (['{bag}', '--output', '{root}/README.md'], 'exists already'),
-        (['{bag}', '--output', '/nowhere/result.yaml', '--optimizer', 'lsq'], 'cannot be written'),
+        (['{bag}', '--smoothing', '-0.1'], 'smoothing window is -0.1 s'),
+        (['{bag}', '--delay', '0.02:0.01'], 'searched from 0.02 to 0.01 s'),
+        (['{bag}', '--delay', '3'], 'two times within half a second are expected'),
+        (['{bag}', '--link-length', '0'], 'length of link 1 is 0 m'),
+        (['{bag}', '--start', '/nowhere.yaml'], '/nowhere.yaml cannot be read'),
+        (['{bag}', '--start', '{root}/package.xml'], 'is no YAML file'),
+        (['{bag}', '--output', '/nowhere/result.yaml', *FAST], 'cannot be written'),
     ],
 )
 def test_what_a_user_did_wrong_is_one_sentence(capsys, bag, arguments, sentence):
@@ -216,7 +310,7 @@ def test_a_torque_that_does_no_work_is_refused(capsys, bag, tmp_path):
     assert 'the torque does no work' in refused(capsys, broken(bag, tmp_path, tau=np.zeros((1800, 2))))
 
 
-@pytest.mark.parametrize('options', [(), FAST])
+@pytest.mark.parametrize('options', [PAPERS, FAST])
 def test_a_torque_of_the_wrong_sign_is_an_error(capsys, bag, tmp_path, options):
     from pendubot_identification.adapters.bag_reader import read_trajectory
 
@@ -235,14 +329,14 @@ def test_missing_samples_are_counted(capsys, bag, tmp_path):
     kept = np.arange(1800) % 20 != 7
     status, out, _ = identify(capsys, broken(bag, tmp_path, t=t.t[kept], q=t.q[kept], tau=t.tau[kept]), *FAST)
     assert status == 0
-    assert 'about 45 of 900 samples are missing' in out
+    assert 'about 45 of 900 samples are missing' in said(out)
 
 
 @pytest.mark.parametrize('arguments', [['{}', '{}'], ['{}@0:9', '{}@5:12'], ['{}', '--validate', '{}@3:9']])
 def test_data_used_twice_are_named(capsys, bag, arguments):
     status, out, _ = identify(capsys, *(a.format(bag) for a in arguments), *FAST)
     assert status == 0
-    assert 'share samples: they count twice' in out
+    assert 'share samples: they count twice' in said(out)
 
 
 def test_a_gap_outside_the_window_does_no_harm(capsys, bag, tmp_path):
@@ -291,7 +385,12 @@ def test_a_rate_that_no_recording_has_is_refused(capsys, tmp_path):
 
 
 def test_wrong_usage_exits_2(capsys):
-    for arguments in ([], ['identify'], ['identify', 'x', '--criterion', 'magic'], ['fly']):
+    for option in ('criterion', 'model', 'optimizer', 'hold', 'delay', 'runs'):
+        with pytest.raises(SystemExit) as stopped:
+            main(['identify', 'x', f'--{option}', 'magic'])
+        assert stopped.value.code == 2
+        assert "'magic'" in capsys.readouterr().err.splitlines()[-1]
+    for arguments in ([], ['identify'], ['identify', 'x', '--criterion', 'energy,'], ['fly']):
         with pytest.raises(SystemExit) as stopped:
             main(arguments)
         assert stopped.value.code == 2
@@ -304,6 +403,21 @@ def test_help_of_every_subcommand_is_worth_reading(capsys):
             main(arguments)
         assert stopped.value.code == 0
         assert len(capsys.readouterr().out.splitlines()) > 8
+
+
+def test_the_choices_are_those_of_the_core_and_help_does_not_wait_for_it():
+    assert command.CRITERIA == CRITERIA
+    assert command.OPTIMIZERS == OPTIMIZERS
+    assert command.HOLDS == HOLDS
+    assert set(command.MODELS) == {'auto', *MODELS}
+    code = (
+        'import sys\n'
+        'from pendubot_identification.cli.main import main\n'
+        'try: main(["identify", "--help"])\n'
+        'except SystemExit: assert not {"numpy", "scipy", "yaml"} & set(sys.modules)'
+    )
+    result = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, timeout=60)
+    assert result.returncode == 0, result.stderr
 
 
 def test_debug_shows_where(capsys):

@@ -9,7 +9,7 @@ from pendubot_identification.core.dynamics import energy
 from pendubot_identification.core.energy import energy_regression
 from pendubot_identification.core.errors import TrajectoryError
 from pendubot_identification.core.excitation import PulseTrain
-from pendubot_identification.core.parameters import PAPER, default_bounds
+from pendubot_identification.core.parameters import MODELS, PAPER, Parameters, default_bounds
 from pendubot_identification.core.quadratic import Quadratic
 from pendubot_identification.core.simulation import simulate
 from pendubot_identification.core.trajectory import Trajectory
@@ -28,8 +28,23 @@ def test_true_parameters_balance_the_energy_of_a_fine_recording(elbow, window):
     regression = energy_regression(swing(elbow=elbow), window)
     residual = regression.y - regression.phi @ PAPER.vector()
     assert np.abs(residual).max() < 1e-3 * np.abs(regression.y).max()
-    estimate = Quadratic.reduce(regression.phi, regression.y).minimum(default_bounds())
+    estimate = Quadratic.reduce(regression.phi, regression.y).minimum(default_bounds().of(7))
     np.testing.assert_allclose(estimate, PAPER.vector(), rtol=0.02)
+
+
+@pytest.mark.parametrize('model', MODELS)
+@pytest.mark.parametrize('window', [None, 0.3])
+def test_every_models_friction_and_rotor_are_in_the_balance(model, window):
+    theta = (0.06, 0.05, 0.032, 0.23, 0.16, 0.005, 0.004, 0.2, 0.15, 0.0026, 0.1, 0.08, 0.1, 0.08)[: MODELS[model]]
+    t = np.arange(4000) / 1000
+    tau = np.column_stack([2 * np.sin(4 * t), 0.6 * np.sin(7 * t + 1)])
+    motion = simulate(Parameters.from_vector(theta), t, tau)
+    regression = energy_regression(motion, window, 0.006, model)
+    assert regression.phi.shape == (len(regression.y), MODELS[model])
+    residual = regression.y - regression.phi @ theta
+    assert np.abs(residual).max() < 1e-3 * np.abs(regression.y).max()
+    less = energy_regression(motion, window, 0.006)
+    np.testing.assert_array_equal(regression.phi[:, :7], less.phi)
 
 
 def test_is_the_papers_sum_written_out():

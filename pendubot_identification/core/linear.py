@@ -1,0 +1,127 @@
+"""The criteria that are quadratic in theta, energy and weak: exact minimum, MDE beside it, uncertainty."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .energy import Regression, energy_regression
+from .estimate import REACHED, Effort, Estimate, Progress
+from .mde import MDE
+from .motion import Motion
+from .optimizer import minimize
+from .parameters import MODELS, coupling_excess, repaired
+from .quadratic import Quadratic
+from .settings import Settings
+from .signals import SMOOTHING
+from .uncertainty import bootstrap_covariance
+from .weak import balance_weights, estimate_delay, weak_regression
+
+Array = NDArray[np.float64]
+
+#: Beyond the paper's criterion and model MDE draws its operator once per vector, without which it does not arrive in
+#: thousands of generations, and stops when a population has come together this closely.
+SPREAD = 1e-9
+UNITS = {'energy': 'J^2', 'weak': '(N m)^2'}
+
+
+class Linear(NamedTuple):
+    """A quadratic criterion made of recordings.
+
+    Attributes:
+        regressions: one a recording.
+        delay: of the effort [s].
+        weights: of the weak criterion's three balances, shape (3,); empty for ``energy``.
+    """
+
+    regressions: list[Regression]
+    delay: float
+    weights: Array
+
+    @property
+    def criterion(self) -> Quadratic:
+        """The pooled criterion."""
+        return Quadratic.pool([Quadratic.reduce(r.phi, r.y) for r in self.regressions])
+
+
+def linear(name: str, motions: Sequence[Motion], model: str, settings: Settings, like: Linear | None = None) -> Linear:
+    """Make the criterion ``name`` of recordings, with the delay and the weights that suit them or those of another."""
+    if name == 'energy':
+        smoothing = SMOOTHING if settings.smoothing is None else settings.smoothing
+        return Linear(
+            [energy_regression(m.recorded, settings.sliding, smoothing, model) for m in motions], 0.0, np.empty(0)
+        )
+    bounds = settings.bounds.of(MODELS[model])
+    low, high = settings.delays
+    if like is None:
+        delay = low if low == high else estimate_delay(motions, model, bounds, low, high)
+        weights = balance_weights([weak_regression(m, model, delay, weights=(1, 1, 1)) for m in motions], bounds)
+        if low < high:
+            delay = estimate_delay(motions, model, bounds, low, high, weights=weights)
+    else:
+        delay, weights = like.delay, like.weights
+    return Linear([weak_regression(m, model, delay, weights=weights) for m in motions], delay, weights)
+
+
+def estimate_linear(
+    name: str,
+    made: Linear,
+    model: str,
+    settings: Settings,
+    hold: str,
+    progress: Progress | None = None,
+    validation: Linear | None = None,
+) -> Estimate:
+    """Minimise a quadratic criterion, by MDE unless ``lsq`` is asked for, and hold it against its exact minimum."""
+    criterion, bounds = made.criterion, settings.bounds.of(MODELS[model])
+    exact = criterion.minimum(bounds)
+    J_exact = float(criterion(exact))
+    theta, runs, steps = exact, None, ['exact bounded least squares']
+    if settings.optimizer != 'lsq':
+        paper = name == 'energy' and model == 'viscous'
+        how, count = settings.search(name)
+        how = how if paper else replace(how, per_component=False, spread=SPREAD)
+        mde = MDE(bounds, how, runs=count, seed=settings.seed)
+        worth = float(criterion(np.zeros_like(exact)))
+
+        def tell(generation: int, best: float) -> None:
+            if progress is not None:
+                progress(f'{name}: MDE', generation, how.generations, best)
+
+        runs = minimize(mde, lambda x: criterion(x) + worth * coupling_excess(x), tell)
+        theta = repaired(runs.x)[runs.best]
+        reached = int((runs.value <= J_exact * (1 + REACHED)).sum())
+        steps = [
+            f'MDE: {reached} of {count} runs reached the exact minimum to a relative {REACHED:g}, '
+            f'J = {runs.value.min():.6e}, exact {J_exact:.6e}'
+        ]
+    free = ~bounds.at_bound(theta, tolerance=1e-7)
+    covariance = bootstrap_covariance(made.regressions, theta, free, seed=settings.seed)
+    everything = np.ones(len(theta), dtype=bool)
+    off = covariance if free.all() else bootstrap_covariance(made.regressions, theta, everything, seed=settings.seed)
+    judge = None if validation is None else validation.criterion
+    return Estimate(
+        criterion=name,
+        model=model,
+        theta=theta,
+        free=free,
+        covariance=covariance,
+        std_error=np.sqrt(np.where(free, np.diag(covariance), np.diag(off))),
+        uncertainty='block bootstrap over blocks of 2 s',
+        effort=Effort(hold if name == 'weak' else 'zero', made.delay),
+        J=float(criterion(theta)),
+        unit=UNITS[name],
+        residuals=criterion.count,
+        condition_number=criterion.condition_number(),
+        converged=True,
+        steps=tuple(steps),
+        unexplained=float(criterion(theta)) / max(float(criterion(np.zeros_like(theta))), np.finfo(float).tiny),
+        J_exact=J_exact,
+        runs=runs,
+        J_validation=np.nan if judge is None else float(judge(theta)),
+        J_validation_runs=np.empty(0) if judge is None or runs is None else judge(repaired(runs.x)),
+    )

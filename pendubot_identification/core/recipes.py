@@ -1,0 +1,218 @@
+"""How each criterion is minimised: quickly, for comparisons, and in full, for a result."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .errors import TrajectoryError
+from .estimate import Effort, Estimate, Progress
+from .linear import Linear, estimate_linear, linear
+from .motion import Motion
+from .parameters import MODELS
+from .prediction import state_scale
+from .sandwich import scaled_condition_number, trajectory_covariance
+from .settings import Settings
+from .shooting import LONGEST_STEP
+from .signals import choose_smoothing
+from .trajectory import Trajectory
+from .trajectory_fit import TrajectoryFit, fit_positions, fit_states, search, segment_cost
+
+Array = NDArray[np.float64]
+
+#: Below this [s] neither bumps nor segments have room.
+SHORTEST = 1.0
+#: Segments, length and stride [s], of a fit that starts near its end, and how many iterations that may take.
+NEARBY, NEARBY_ITERATIONS = ((0.5, 0.2),), 8
+#: Segments of a fit that only compares: coarser than a result's.
+COMPARING = ((0.1, 0.4), (0.25, 0.2), (0.5, 0.2))
+#: Where a fit starts neither P1 nor P2 is less than this fraction of their sum.
+LEAST_SHARE = 0.05
+#: A held torque that leaves less than so many times the variance of the encoders' rounding needs no rival.
+FULLY = 1.1
+#: Lengths of segments [s] over which a model shows whether it is exact, and over which a torque that was held is told
+#: from one that was measured.
+EXACT_LADDER, HOLD_LADDER = (0.2, 0.5), (0.2, 0.5, 2.0)
+#: A torque is taken as measured, linear between its samples, where that leaves less than this fraction of the errors
+#: that a held one leaves. Where samples are no further apart than a simulation step, the difference is a delay of half
+#: an interval.
+LINEAR = 0.95
+
+
+@dataclass(frozen=True, slots=True)
+class Data:
+    """Motions ready to be explained, and how they are taken.
+
+    Attributes:
+        motions: the recordings.
+        smoothing: the window [s] that made their states.
+        hold: how their torque behaves between samples.
+        scale: the states' standard deviations, shape (4,).
+        settings: what was asked for.
+    """
+
+    motions: tuple[Motion, ...]
+    smoothing: float
+    hold: str
+    scale: Array
+    settings: Settings
+
+    @classmethod
+    def prepare(cls, trajectories: Sequence[Trajectory], settings: Settings) -> Data:
+        """Choose smoothing and hold, and make the recordings ready."""
+        longest = max(trajectories, key=lambda t: t.duration)
+        if settings.criteria != ('energy',) and longest.duration < SHORTEST:
+            raise TrajectoryError(
+                f'{longest.name}: {longest.duration:.3f} s are too short for the criteria weak and trajectory, which '
+                f'need {SHORTEST:g} s; choose a longer window, or the criterion energy alone'
+            )
+        smoothing = choose_smoothing(trajectories) if settings.smoothing is None else settings.smoothing
+
+        def taken(hold: str) -> Data:
+            motions = tuple(Motion.prepare(t, smoothing, hold) for t in trajectories)
+            return cls(motions, smoothing, hold, state_scale(motions), settings)
+
+        if settings.hold != 'auto':
+            return taken(settings.hold)
+        held = taken('zero')
+        if settings.criteria == ('energy',) or max(m.interval for m in held.motions) <= LONGEST_STEP:
+            return held
+        blurred, misfit = held._misfit()
+        if not blurred and misfit < FULLY:
+            return held
+        measured = taken('linear')
+        blurred_too, misfit_too = measured._misfit()
+        better = blurred > blurred_too if blurred != blurred_too else misfit_too < LINEAR * misfit
+        return measured if better else held
+
+    def _misfit(self) -> tuple[bool, float]:
+        """Return whether more than the encoders' rounding is left unexplained, and how much is."""
+        found = self.fit('rotor')
+        exact = self.exact('rotor', found, HOLD_LADDER)
+        return (True, found.fit.cost) if exact is None else (False, exact.variance)
+
+    def exact(self, model: str, near: TrajectoryFit, ladder: Sequence[float] = EXACT_LADDER) -> TrajectoryFit | None:
+        """Fit recorded positions over segments of some lengths [s], if the model leaves but the encoders' rounding."""
+        bounds = self.settings.bounds.of(MODELS[model])
+        return fit_positions(self.motions, near.fit.theta, near.fit.delay, bounds, self.settings.delays, ladder=ladder)
+
+    def only(self, motions: Sequence[Motion]) -> Data:
+        """Return some of the motions, measured by the same scale."""
+        return replace(self, motions=tuple(motions))
+
+    def start(self, model: str, like: Linear | None = None) -> tuple[Array, float]:
+        """Return where a local optimiser starts: the user's parameters, or the weak criterion's."""
+        settings = self.settings
+        if settings.start is not None:
+            low, high = settings.delays
+            return settings.start.vector('geared')[: MODELS[model]], min(max(0.0, low), high)
+        theta, delay = self.solve_linear('weak', model, like)
+        # On a bound of the inertias nothing moves as a rig does, and no fit finds its way from there.
+        theta[:2] = np.maximum(theta[:2], LEAST_SHARE * max(theta[:2].sum(), 1e-6))
+        return theta, delay
+
+    def solve_linear(self, criterion: str, model: str, like: Linear | None = None) -> tuple[Array, float]:
+        """Return a quadratic criterion's exact theta, and the delay [s], which may be that of ``like``."""
+        made = linear(criterion, self.motions, model, self.settings, like)
+        return made.criterion.minimum(self.settings.bounds.of(MODELS[model])), made.delay
+
+    def fit(self, model: str, near: TrajectoryFit | None = None, like: Linear | None = None) -> TrajectoryFit:
+        """Fit short segments coarsely, from the start (with the delay ``like``) or from where a similar fit ended."""
+        settings = self.settings
+        bounds = settings.bounds.of(MODELS[model])
+        if near is None:
+            theta, delay = self.start(model, like)
+            ladder: tuple[tuple[float, float], ...] = COMPARING
+            iterations = 20
+        else:
+            theta, delay = near.fit.theta, near.fit.delay
+            theta = np.pad(theta, (0, MODELS[model] - len(theta)))
+            ladder, iterations = NEARBY, NEARBY_ITERATIONS
+        return fit_states(
+            self.motions,
+            theta,
+            delay,
+            bounds,
+            settings.delays,
+            self.scale,
+            ladder=ladder,
+            iterations=iterations,
+            tolerance=1e-3,
+        )
+
+
+def estimate(criterion: str, data: Data, judges: Sequence[Motion], model: str, progress: Progress) -> Estimate:
+    """Return one criterion's answer, with its J on the motions that judge."""
+    if criterion == 'trajectory':
+        return _estimate_trajectory(data, judges, model, progress)
+    made = linear(criterion, data.motions, model, data.settings)
+    judge = linear(criterion, judges, model, data.settings, like=made) if judges else None
+    return estimate_linear(criterion, made, model, data.settings, data.hold, progress, judge)
+
+
+def _estimate_trajectory(data: Data, judges: Sequence[Motion], model: str, progress: Progress) -> Estimate:
+    settings, motions, scale = data.settings, data.motions, data.scale
+    bounds = settings.bounds.of(MODELS[model])
+    steps, runs, iteration = [], None, 0
+
+    def tell(cost: float) -> None:
+        nonlocal iteration
+        iteration += 1
+        progress('trajectory: Levenberg-Marquardt', iteration, 0, cost)
+
+    if settings.optimizer == 'mde':
+        how, count = settings.search('trajectory')
+        mde = replace(how, per_component=False, spread=1e-6)
+        runs = search(
+            motions,
+            bounds,
+            scale,
+            mde,
+            count,
+            settings.seed,
+            lambda generation, best: progress('trajectory: MDE', generation, mde.generations, best),
+        )
+        theta, delay = runs.x[runs.best], min(max(0.0, settings.delays[0]), settings.delays[1])
+        steps.append(
+            f'MDE from anywhere within the bounds: {count} runs, up to {int(runs.generations.max())} '
+            f'generations, bounded error {runs.value.min():.4g} (worst run {runs.value.max():.4g})'
+        )
+    else:
+        theta, delay = data.start(model)
+        steps.append('start: ' + ('given parameters' if settings.start is not None else "the weak criterion's answer"))
+    before, _ = segment_cost(motions, theta, delay, bounds, scale)
+    found = fit_states(motions, theta, delay, bounds, settings.delays, scale, progress=tell)
+    J, residuals = segment_cost(motions, found.fit.theta, found.fit.delay, bounds, scale)
+    steps.append(f'Levenberg-Marquardt on states over {found.length:.2g} s: J from {before:.4g} to {J:.4g}')
+    sharper = fit_positions(motions, found.fit.theta, found.fit.delay, bounds, settings.delays, progress=tell)
+    if sharper is not None:
+        found = sharper
+        J, residuals = segment_cost(motions, found.fit.theta, found.fit.delay, bounds, scale)
+        steps.append(
+            f'Levenberg-Marquardt on recorded positions over {found.length:.3g} s: {found.variance:.3f} times the '
+            'variance of their noise'
+        )
+    size = MODELS[model]
+    covariance, std_error, uncertainty = trajectory_covariance(found)
+    return Estimate(
+        criterion='trajectory',
+        model=model,
+        theta=found.fit.theta,
+        free=found.fit.free[:size],
+        covariance=covariance[:size, :size],
+        std_error=std_error[:size],
+        uncertainty=uncertainty,
+        effort=Effort(data.hold, found.fit.delay, float(std_error[size]) if found.fit.free[size] else np.nan),
+        J=J,
+        unit='variance',
+        residuals=residuals,
+        condition_number=scaled_condition_number(found),
+        converged=found.fit.converged,
+        steps=tuple(steps),
+        runs=runs,
+        J_validation=segment_cost(judges, found.fit.theta, found.fit.delay, bounds, scale)[0] if judges else np.nan,
+        exact=found.white,
+    )
