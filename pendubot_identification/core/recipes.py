@@ -33,9 +33,8 @@ COMPARING = ((0.1, 0.4), (0.25, 0.2), (0.5, 0.2))
 LEAST_SHARE = 0.05
 #: A held torque that leaves less than so many times the variance of the encoders' rounding needs no rival.
 FULLY = 1.1
-#: Lengths of segments [s] over which a model shows whether it is exact, and over which a torque that was held is told
-#: from one that was measured.
-EXACT_LADDER, HOLD_LADDER = (0.2, 0.5), (0.2, 0.5, 2.0)
+#: Lengths of segments [s] over which a model shows whether it is exact, and a torque whether it was held or measured.
+EXACT_LADDER = (0.2, 0.5, 2.0)
 #: A torque is taken as measured, linear between its samples, where that leaves less than this fraction of the errors
 #: that a held one leaves. Where samples are no further apart than a simulation step, the difference is a delay of half
 #: an interval.
@@ -91,13 +90,15 @@ class Data:
     def _misfit(self) -> tuple[bool, float]:
         """Return whether more than the encoders' rounding is left unexplained, and how much is."""
         found = self.fit('rotor')
-        exact = self.exact('rotor', found, HOLD_LADDER)
+        exact = self.exact('rotor', found)
         return (True, found.fit.cost) if exact is None else (False, exact.variance)
 
-    def exact(self, model: str, near: TrajectoryFit, ladder: Sequence[float] = EXACT_LADDER) -> TrajectoryFit | None:
-        """Fit recorded positions over segments of some lengths [s], if the model leaves but the encoders' rounding."""
+    def exact(self, model: str, near: TrajectoryFit) -> TrajectoryFit | None:
+        """Fit recorded positions over segments of up to 2 s, if the model leaves but the encoders' rounding."""
         bounds = self.settings.bounds.of(MODELS[model])
-        return fit_positions(self.motions, near.fit.theta, near.fit.delay, bounds, self.settings.delays, ladder=ladder)
+        return fit_positions(
+            self.motions, near.fit.theta, near.fit.delay, bounds, self.settings.delays, ladder=EXACT_LADDER
+        )
 
     def only(self, motions: Sequence[Motion]) -> Data:
         """Return some of the motions, measured by the same scale."""

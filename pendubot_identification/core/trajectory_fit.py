@@ -42,6 +42,8 @@ FIRST_ITERATIONS = 50
 NEAR = 0.003
 #: Below this length [s] of segments that are supported, positions say less than states.
 SHORTEST_EXACT = 0.5
+#: The same where positions are not rounded, so that their noise is not known.
+SHORTEST_UNKNOWN = 2.0
 #: What MDE simulates: so many segments of this length [s], compared at so many times.
 SEARCH_SEGMENTS, SEARCH_LENGTH, SEARCH_TIMES = 60, 0.15, 12
 
@@ -202,10 +204,13 @@ def fit_positions(
         if not variance <= GROWTH * first or (rounded and variance > NOISIEST):
             break
         theta, delay = fit.theta, fit.delay
-        best = TrajectoryFit(fit, 'positions', length, segments.group, segments.start, variance, True)
+        if fit.converged:
+            best = TrajectoryFit(fit, 'positions', length, segments.group, segments.start, variance, True)
         if length == whole:
             break
-    return best if best is not None and best.length >= min(SHORTEST_EXACT, whole) else None
+    # Where the noise is not known but taken from the first rung, a model's errors in it pass for noise for a while.
+    shortest = min(SHORTEST_EXACT if rounded else SHORTEST_UNKNOWN, whole)
+    return best if best is not None and best.length >= shortest else None
 
 
 def search(

@@ -162,21 +162,24 @@ def test_what_the_rig_has_is_chosen_and_no_more():
 
 
 @pytest.mark.parametrize('delay', [0.023, -0.018])
-def test_a_delay_of_the_effort_of_either_sign_is_found_and_named(delay):
-    result = identify([recording(400, delay=delay)], [], TRAJECTORY)
+def test_a_delay_of_the_effort_of_either_sign_is_found(delay):
+    result = identify([recording(250, delay=delay, seed=2)], [], TRAJECTORY)
     effort = result.best.effort
     assert abs(effort.delay - delay) < 4 * effort.std_error < 1e-3
     assert wrong(result.best) < 0.01
-    assert result.level is Level.WARN
-    assert any(f'{abs(1000 * delay):.0f} ms later' in w for w in result.warnings)
+    assert result.best.exact
 
 
-def test_a_delay_that_is_declared_is_no_fault():
-    late = recording(400, delay=0.023)
-    declared, beyond = (identify([late], [], replace(WEAK, delays=d)) for d in ((0.023, 0.023), (-0.01, 0.01)))
+@pytest.mark.parametrize(('delay', 'what'), [(0.023, 'acts 23 ms later'), (-0.018, 'is stamped 18 ms later')])
+def test_a_delay_is_named_unless_it_is_declared(delay, what):
+    late = recording(400, delay=delay)
+    found, declared, beyond = (
+        identify([late], [], replace(WEAK, delays=d)) for d in ((-0.1, 0.1), (delay, delay), (-0.01, 0.01))
+    )
+    assert found.best.effort.delay == pytest.approx(delay, abs=2e-4)
+    assert any(f'the effort {what}' in w for w in found.warnings)
     assert declared.level is Level.OK
-    assert declared.best.effort.delay == 0.023
-    assert any('the effort acts 23 ms later than it is stamped' in w for w in beyond.warnings)
+    assert declared.best.effort.delay == delay
     assert any('the end of where it was searched' in w for w in beyond.warnings)
 
 
@@ -188,7 +191,7 @@ def test_parameters_that_are_given_are_where_it_starts():
 
 
 def test_mde_finds_the_trajectory_criterions_basin_from_nowhere():
-    how = replace(TRAJECTORY, optimizer='mde', mde=MDESettings(population=30, generations=60), seed=2)
+    how = replace(TRAJECTORY, optimizer='mde', mde=MDESettings(population=20, generations=50), seed=2)
     result = identify([recording(300, seed=2)], [], how)
     assert result.best.runs.x.shape == (1, 7)
     assert 'MDE from anywhere' in result.best.steps[0]
@@ -198,7 +201,7 @@ def test_mde_finds_the_trajectory_criterions_basin_from_nowhere():
 
 @pytest.mark.parametrize('count', [1, 2, 3])
 def test_without_validation_each_recording_or_block_is_foreseen_from_the_others(count):
-    motions = [recording(250, seed=s) for s in range(count)]
+    motions = [recording(200, seed=s) for s in range(count)]
     result = identify(motions, [], ENERGY)
     if count < 3:
         assert result.validation == f'each of {(5, 6)[count - 1]} blocks of time foreseen from the others'
@@ -232,7 +235,7 @@ def test_two_rigs_in_one_estimate_are_named():
 
 def test_the_one_recording_whose_elbow_is_turned_round_is_named():
     motions = [recording(400, seed=s, name=f'recording {s}') for s in range(3)]
-    assert identify([m[:200] for m in motions], [], WEAK).level is Level.OK
+    assert identify([m[:200] for m in motions[:2]], [], WEAK).level is Level.OK
     motions[1] = replace(motions[1], q=motions[1].q * [1, -1])
     result = identify(motions, [], WEAK)
     assert result.level > Level.OK
@@ -370,7 +373,7 @@ def test_too_few_samples_are_refused(role):
         identify(*(motions if role == 'validation' else motions[::-1]), WEAK)
 
 
-@pytest.mark.parametrize('samples', [50, 100, 120, 150])
+@pytest.mark.parametrize('samples', [100, 120])
 @pytest.mark.parametrize('how', [ENERGY, WEAK, TRAJECTORY], ids=['energy', 'weak', 'trajectory'])
 def test_however_short_a_recording_it_is_answered_or_refused_with_a_sentence(samples, how):
     motion = recording(samples, seed=2)
@@ -413,7 +416,7 @@ PUBLISHED = np.array([0.0596, 0.0505, 0.0320, 0.2298, 0.1600, 0.001, 0.001, 0.25
 
 @pytest.mark.recordings
 def test_a_real_rig_is_foreseen_better_than_by_standing_still_and_by_what_is_published():
-    motions = [motion.window(0, 6) for motion in recorded('dfki_C1_sysid', 'train')[:2]]
+    motions = [motion.window(0, 4) for motion in recorded('dfki_C1_sysid', 'train')[:2]]
     result = identify(motions, motions[:1], Settings(('trajectory',), 'rotor', hold='zero'))
     prepared = [Motion.prepare(m, result.smoothing, result.best.effort.hold) for m in motions]
     scale = state_scale(prepared)
@@ -427,9 +430,9 @@ def test_a_real_rig_is_foreseen_better_than_by_standing_still_and_by_what_is_pub
 
 
 @pytest.mark.recordings
-@pytest.mark.parametrize('group', ['dfki_C1_sysid', 'dfki_A0_sysid'])
-def test_mde_reaches_the_exact_minimum_on_pooled_real_recordings(group):
-    result = identify(recorded(group, 'train'), recorded(group, 'test'), THE_PAPERS)
+def test_mde_reaches_the_exact_minimum_on_pooled_real_recordings():
+    motions = [motion.window(0, 4) for motion in recorded('dfki_A0_sysid', 'train')]
+    result = identify(motions, motions[:1], THE_PAPERS)
     assert result.best.runs_at_minimum == 10
-    assert result.level >= Level.WARN, 'the energy criterion does not foresee these rigs, and must say so'
+    assert result.level >= Level.WARN, 'the energy criterion does not foresee this rig, and must say so'
     assert result.warnings

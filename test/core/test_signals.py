@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pendubot_identification.core.errors import TrajectoryError
-from pendubot_identification.core.signals import differentiate, held, resample
+from pendubot_identification.core.signals import WINDOWS, choose_smoothing, differentiate, encoder_step, held, resample
 from pendubot_identification.core.trajectory import Trajectory
 
 
@@ -92,3 +92,74 @@ def test_samples_far_apart_are_refused():
 def test_a_smoothing_window_of_any_length_is_answered():
     with pytest.raises(TrajectoryError, match=r'100 samples, 1 s, are fewer than the smoothing window of 1e\+300 s'):
         differentiate(np.zeros((100, 2)), 0.01, 1e300)
+
+
+def swing(duration, rate, seed):
+    """Some smooth motion of both joints, and its velocity."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(round(duration * rate)) / rate
+    size, pace, phase = rng.uniform(0.2, 1, (3, 2)), rng.uniform(1, 12, (3, 2)), rng.uniform(0, 6, (3, 2))
+    angle = pace * t[:, None, None] + phase
+    return t, (size * np.sin(angle)).sum(axis=1), (size * pace * np.cos(angle)).sum(axis=1)
+
+
+def read(q, counts):
+    return np.round(q * counts / (2 * np.pi)) * (2 * np.pi / counts)
+
+
+@given(st.integers(100, 1 << 15), st.sampled_from([100, 500, 1000]), st.integers(0, 10**6), st.floats(-3, 3))
+def test_the_step_of_any_encoder_is_found(counts, rate, seed, zero):
+    _, q, _ = swing(5, rate, seed)
+    np.testing.assert_allclose(encoder_step(read(q, counts) + zero), 2 * np.pi / counts, rtol=1e-6)
+
+
+@given(st.integers(3, 1 << 24), st.integers(3, 1 << 24), st.integers(0, 10**6))
+def test_no_other_step_than_an_encoders_own_is_ever_found(first, second, seed):
+    """Too coarse for the motion, or too fine, it is not found at all."""
+    _, q, _ = swing(2, 200, seed)
+    found = encoder_step(np.column_stack([read(q[:, 0], first), read(q[:, 1], second)]))
+    for step, counts in zip(found, (first, second), strict=True):
+        assert step == 0 or step == pytest.approx(2 * np.pi / counts, rel=1e-6)
+
+
+@given(st.integers(0, 10**6), st.sampled_from([0.0, 1e-6, 1e-3]))
+def test_positions_that_no_encoder_has_read_have_no_step(seed, noise):
+    _, q, _ = swing(5, 100, seed)
+    q = q + np.random.default_rng(seed).normal(scale=noise, size=q.shape)
+    np.testing.assert_array_equal(encoder_step(q), 0)
+
+
+def test_a_joint_that_rests_has_no_step():
+    _, q, _ = swing(5, 100, 1)
+    q = read(q, 4000)
+    q[:, 1] = 0.3
+    np.testing.assert_allclose(encoder_step(q), [2 * np.pi / 4000, 0])
+    assert encoder_step(q[:5]).tolist() == [0, 0], 'nor one in so few samples'
+
+
+@given(st.sampled_from([100, 200, 500, 1000]), st.sampled_from([None, 500, 2000, 20000]), st.integers(0, 10**6))
+def test_the_smoothing_that_is_chosen_leaves_the_motion_and_takes_noise(rate, counts, seed):
+    t, q, qd = swing(4, rate, seed)
+    q = q if counts is None else read(q, counts)
+    window = choose_smoothing([Trajectory(t, q, np.zeros_like(q))])
+    assert window in WINDOWS
+    inner = slice(rate // 5, -rate // 5)
+    chosen, rough = (np.std((differentiate(q, 1 / rate, w)[1] - qd)[inner], axis=0) for w in (window, 0.0))
+    assert (chosen < 1.05 * rough + 0.01).all()
+    smooth, _ = differentiate(q, 1 / rate, window)
+    step = 0 if counts is None else 2 * np.pi / counts
+    assert np.abs(smooth - q)[inner].max() < 3 * step + 5e-3
+
+
+def test_coarser_encoders_are_smoothed_more_and_the_most_delicate_recording_decides():
+    t, q, _ = swing(4, 1000, 2)
+    fine, middle, coarse = (Trajectory(t, read(q, counts), np.zeros_like(q)) for counts in (1 << 17, 10000, 500))
+    windows = [choose_smoothing([motion]) for motion in (fine, middle, coarse)]
+    assert windows == sorted(windows)
+    assert windows[0] < windows[2]
+    assert choose_smoothing([coarse, fine, middle]) == windows[0]
+
+
+def test_the_shortest_recordings_are_smoothed_the_least():
+    t, q, _ = swing(0.025, 2000, 1)
+    assert choose_smoothing([Trajectory(t, q, np.zeros_like(q))]) == WINDOWS[0]
