@@ -360,4 +360,5 @@ def _pooled(parts: Sequence[Regression]) -> Quadratic:
 def _unexplained(criterion: Quadratic) -> float:
     """Return the part of the squared effort that no parameters within their bounds explain."""
     theta = criterion.minimum_in_box(BOUNDS)
-    return float(criterion(theta)) / float(criterion(np.zeros_like(theta)))
+    effort = float(criterion(np.zeros_like(theta)))
+    return float(criterion(theta)) / effort if effort > 0 else 1.0

@@ -153,7 +153,7 @@ def _doubts(estimate: Estimate, settings: Settings) -> list[str]:
     low, high = settings.delays
     if low < high and not low + 1e-4 < estimate.effort.delay < high - 1e-4 and estimate.criterion != 'energy':
         doubts.append(
-            f'the delay of the effort lies at {estimate.effort.delay:g} s, the end of where it was searched; are the '
+            f'the delay of the effort lies at {estimate.effort.delay:.4f} s, the end of where it was searched; are the '
             'stamps of effort and angles of one clock?'
         )
     return doubts

@@ -27,7 +27,7 @@ POSITIONS_LADDER = (0.2, 0.5, 2.0, np.inf)
 #: P3 at the start: at most this fraction of sqrt(P1 P2). Near the limit M(q) is nearly singular, and nothing moves on.
 START_COUPLING = 0.5
 #: A rung is supported while the residuals' variance exceeds the first one's by no more than this factor ...
-GROWTH = 1.5
+GROWTH = 1.3
 #: ... and the first one's exceeds that of the encoder's rounding by no more than this.
 NOISIEST = 9.0
 #: Errors of positions below this [rad] are the simulation's own.

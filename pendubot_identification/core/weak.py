@@ -133,7 +133,9 @@ def estimate_delay(
         rows = np.concatenate([np.concatenate(part, axis=2) for part in zip(phi, y, strict=True)])
         flat = (rows * np.reshape(weights, (3, 1))).reshape(-1, size + 1)
         criterion = Quadratic.reduce(flat[:, :-1], flat[:, -1])
-        return float(criterion(criterion.minimum_in_box(bounds.of(size))))
+        # Of a short recording a delay may move the only pulse out of what is compared: then there is less to explain.
+        effort = float(criterion(np.zeros(size)))
+        return float(criterion(criterion.minimum_in_box(bounds.of(size)))) / effort if effort > 0 else 1.0
 
     delays = np.linspace(lowest, highest, math.ceil((highest - lowest) / DELAY_STEP - 1e-9) + 1)
     unexplained_at = np.array([unexplained(delay) for delay in delays])

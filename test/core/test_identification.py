@@ -176,7 +176,7 @@ def test_a_delay_is_named_unless_it_is_declared(delay, what):
     found, declared, beyond = (
         identify([late], [], replace(WEAK, delays=d)) for d in ((-0.1, 0.1), (delay, delay), (-0.01, 0.01))
     )
-    assert found.best.effort.delay == pytest.approx(delay, abs=2e-4)
+    assert found.best.effort.delay == pytest.approx(delay, abs=5e-4)
     assert any(f'the effort {what}' in w for w in found.warnings)
     assert declared.level is Level.OK
     assert declared.best.effort.delay == delay
@@ -373,7 +373,7 @@ def test_too_few_samples_are_refused(role):
         identify(*(motions if role == 'validation' else motions[::-1]), WEAK)
 
 
-@pytest.mark.parametrize('samples', [100, 120])
+@pytest.mark.parametrize('samples', [100, 102, 120])
 @pytest.mark.parametrize('how', [ENERGY, WEAK, TRAJECTORY], ids=['energy', 'weak', 'trajectory'])
 def test_however_short_a_recording_it_is_answered_or_refused_with_a_sentence(samples, how):
     motion = recording(samples, seed=2)
