@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --constraint .ci/constraints.txt
 
-.PHONY: demo test lint benchmark sample-bag clean
+.PHONY: demo test lint benchmark criteria sample-bag clean
 
 demo: $(VENV)/.ros
 	$(BIN)/pendubot demo
@@ -18,6 +18,10 @@ lint: $(VENV)/.test
 
 benchmark: $(VENV)/.test
 	$(BIN)/python -m test.benchmark
+
+# What docs/criteria.md shows of errors, intervals and predictions; long.
+criteria: $(VENV)/.test
+	$(BIN)/python -m test.benchmark.criteria
 
 # Records bags/paper_experiment anew, live, by the chain itself.
 sample-bag: $(VENV)/.ros

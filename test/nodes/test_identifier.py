@@ -118,7 +118,7 @@ def test_identifies_again_with_the_parameters_of_the_moment(listener, bag):
         assert listener.hears(lambda heard: len(heard.params) == 1)
         assert listener.set('sliding', 0.5).successful
         assert listener.identify().success
-        assert listener.hears(lambda heard: len(heard.params) == 2), node.output
+        assert listener.hears(lambda heard: len(heard.params) == len(heard.status) == 2), node.output
         levels = [status.status[0].level for status in listener.status]
         assert levels == [b'\x01', b'\x00'], 'the second time another level'
         assert list(listener.params[0].data) != list(listener.params[1].data)
