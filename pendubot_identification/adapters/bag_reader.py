@@ -143,7 +143,7 @@ class BagReader:
 
     def __init__(self, path: Path) -> None:
         self.path = Path(path)
-        self._files = [McapFile(file) for file in _mcap_files(self.path)]
+        self._files, unread = _open_all(_mcap_files(self.path))
         topics: dict[str, TopicInfo] = {}
         for file in self._files:
             for name, (type_name, count) in file.topics.items():
@@ -155,9 +155,14 @@ class BagReader:
             topics=tuple(topics[name] for name in sorted(topics)),
             first_ns=min((file.first_ns for file in self._files if file.first_ns is not None), default=None),
             last_ns=max((file.last_ns for file in self._files if file.last_ns is not None), default=None),
-            closed=all(file.closed for file in self._files),
-            note='; '.join(file.note for file in self._files if file.note),
+            closed=all(file.closed for file in self._files) and not unread,
+            note='; '.join([*(file.note for file in self._files if file.note), *unread]),
         )
+
+    @property
+    def files(self) -> list[McapFile]:
+        """The bag's files in order."""
+        return self._files
 
     def content_hash(self) -> str:
         """Return the SHA-256 of the bag's .mcap files, one after the other, in hexadecimal."""
@@ -302,6 +307,24 @@ def _mcap_files(path: Path) -> list[Path]:
             '(ros2 bag convert makes one of any other)'
         )
     return [found[name] for name in names]
+
+
+def _open_all(paths: list[Path]) -> tuple[list[McapFile], list[str]]:
+    """Return the files of a bag that can be read, and of the others why not.
+
+    Raises:
+        BagError: none can.
+    """
+    files, unread = [], []
+    for path in paths:
+        try:
+            files.append(McapFile(path))
+        except BagError as error:
+            # A power cut may leave the last of several files empty.
+            if path == paths[-1] and not files:
+                raise
+            unread.append(str(error))
+    return files, unread
 
 
 def _listed_files(path: Path) -> list[str]:

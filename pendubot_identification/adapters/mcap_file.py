@@ -12,12 +12,12 @@ from typing import Any, BinaryIO
 
 from mcap.exceptions import UnsupportedCompressionError
 from mcap.reader import make_reader
-from mcap.records import Channel, Chunk, ChunkIndex, DataEnd, Message, Schema
+from mcap.records import Channel, ChunkIndex, DataEnd, Message, Schema
 from mcap.stream_reader import StreamReader, breakup_chunk
 
 from pendubot_identification.core.errors import BagError
 
-MAGIC = b'\x89MCAP0\r\n'
+from .mcap_salvage import MAGIC, Damage, whole_parts, whole_records
 
 #: What stands before the last magic: where the summary starts, where its offsets start, and its CRC (0: none).
 FOOTER = struct.Struct('<QQL')
@@ -67,7 +67,7 @@ class McapFile:
         low = 0 if start_ns is None else start_ns
         high = 2**64 if end_ns is None else end_ns
         channels = {k for k, channel in self._channels.items() if channel.topic == topic}
-        records = self._indexed(channels, low, high) if self._chunks else self._whole_records()
+        records = self._indexed(channels, low, high) if self._chunks else (r for _, r in self._whole_records())
         for record in records:
             if isinstance(record, Message) and record.channel_id in channels and low <= record.log_time < high:
                 yield record
@@ -75,6 +75,16 @@ class McapFile:
     def encoding(self, topic: str) -> str:
         """Return how a topic's messages are encoded: ``cdr`` in every bag of ROS 2."""
         return next(c.message_encoding for c in self._channels.values() if c.topic == topic)
+
+    @property
+    def channels(self) -> dict[int, Channel]:
+        """The channels by their number."""
+        return self._channels
+
+    @property
+    def schemas(self) -> dict[int, Schema]:
+        """The message definitions by their number."""
+        return self._schemas
 
     def _check_magic(self) -> None:
         try:
@@ -84,7 +94,9 @@ class McapFile:
             raise BagError(f'{self.path} cannot be read: {error.strerror}; check its name and permissions') from error
         if not magic:
             raise BagError(f'{self.path} is empty: its recording ended before anything was written; record it again')
-        if magic != MAGIC:
+        # A single damaged byte does not make it another kind of file.
+        alike = sum(a == b for a, b in zip(magic, MAGIC, strict=False))
+        if magic != MAGIC and (alike < len(MAGIC) - 1 or next(whole_parts(self.path), None) is None):
             raise BagError(f'{self.path} is no MCAP file; give a bag folder or a .mcap file as rosbag2 writes them')
 
     def _read_summary(self, counts: Counter[int]) -> bool:
@@ -111,11 +123,13 @@ class McapFile:
     def _scan(self, counts: Counter[int]) -> None:
         """Learn by reading everything what no index says."""
         ended = False
-        for record in self._whole_records():
-            if isinstance(record, Schema):
-                self._schemas[record.id] = record
-            elif isinstance(record, Channel):
-                self._channels[record.id] = record
+        damages: list[Damage] = []
+        for vouched, record in self._whole_records(damages):
+            if isinstance(record, (Schema, Channel)):
+                known: dict[int, Any] = self._schemas if isinstance(record, Schema) else self._channels
+                # What a checksum vouches for is right, where the two differ.
+                if vouched or record.id not in known:
+                    known[record.id] = record
             elif isinstance(record, Message):
                 counts[record.channel_id] += 1
                 time = record.log_time
@@ -124,28 +138,29 @@ class McapFile:
             ended = ended or isinstance(record, DataEnd)
         self.closed = self.closed and ended
         if not self.closed:
-            seconds = ((self.last_ns or 0) - (self.first_ns or 0)) / 1e9
-            self.note = (
-                f'{self.path.name} was never closed, or is cut or damaged: its first {sum(counts.values())} messages, '
-                f'{seconds:.3f} s, are whole and are used'
-            )
+            self.note = self._found(sum(counts[k] for k in self._channels), damages)
 
-    def _whole_records(self) -> Iterator[Any]:
-        """Every record up to the first that is cut or damaged."""
+    def _found(self, count: int, damages: list[Damage]) -> str:
+        seconds = ((self.last_ns or 0) - (self.first_ns or 0)) / 1e9
         size = self.path.stat().st_size
-        with self.path.open('rb') as file:
-            try:
-                # No record is longer than the file: a damaged length must not ask for gigabytes.
-                for record in StreamReader(file, emit_chunks=True, record_size_limit=size).records:
-                    if isinstance(record, Chunk):
-                        yield from breakup_chunk(record, validate_crc=True)
-                    else:
-                        yield record
-            except UnsupportedCompressionError as error:
-                raise self._unsupported(error) from error
-            # Whatever the library and the decompressors raise here means that the rest is cut or damaged.
-            except Exception:
-                return
+        inside = [damage for damage in damages if damage.offset + damage.size < size]
+        note = f'{self.path.name} was never closed, or is cut or damaged: its '
+        if not inside:
+            return note + f'first {count} messages, {seconds:.3f} s, are whole and are used'
+        lost = sum(damage.size for damage in inside)
+        return note + (
+            f'{count} messages that are whole, within {seconds:.3f} s, are used; {lost} bytes among them are not, '
+            f'first at byte {inside[0].offset}'
+        )
+
+    def _whole_records(self, damages: list[Damage] | None = None) -> Iterator[tuple[bool, Any]]:
+        """Every record that is whole, and whether a checksum vouches for it."""
+        try:
+            yield from whole_records(self.path, damages)
+        except UnsupportedCompressionError as error:
+            raise self._unsupported(error) from error
+        except OSError as error:
+            raise BagError(f'{self.path} cannot be read: {error.strerror or error}; copy it to another disk') from error
 
     def _indexed(self, channels: set[int], low: int, high: int) -> Iterator[Any]:
         with self.path.open('rb') as file:
@@ -163,7 +178,8 @@ class McapFile:
                     raise BagError(
                         f'{self.path} is damaged {index.chunk_start_offset} bytes from its start, '
                         f'{(index.message_start_time - (self.first_ns or 0)) / 1e9:.3f} s after its first message; '
-                        'copy it again from where it was recorded, or choose a window without that time'
+                        'copy it again from where it was recorded, choose a window without that time, or save what is '
+                        f'whole with pendubot repair {self.path.parent}'
                     ) from error
                 yield from records
 

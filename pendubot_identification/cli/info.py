@@ -4,15 +4,28 @@ from __future__ import annotations
 
 import argparse
 import json
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from pendubot_identification.adapters.bag_reader import BagInfo
+    from pendubot_identification.adapters.bag_survey import TopicTimes
+    from pendubot_identification.adapters.mcap_salvage import Damage
 
 DESCRIPTION = """\
-Say what is in a bag: its topics, how many messages of each and how often, how long it lasts, and whether its recording
-came to an end. The .mcap files are read themselves, so this is also right where metadata.yaml is missing or stale."""
+Say what is in a bag: its topics, how many messages of each, how often and how regularly, how long it lasts, whether
+its recording came to an end, and what is damaged or missing. The .mcap files are read themselves, from the beginning to
+the end, so this is also right where metadata.yaml is missing or stale.
+
+Of each topic:
+  rate       messages per second, from its first to its last
+  jitter     by how much 99 of 100 intervals differ from the usual one at most
+  gaps       intervals longer than 1.5 usual ones, how many messages would fill them, and when the first begins
+  latency    from the stamp to the recorder: usually, and at most
+  stamps     that repeat or run back
+  lost       messages that the recorder numbered and that are not there any more
+Intervals are those of header.stamp, and of the log time where a type has none."""
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -35,32 +48,53 @@ def run(args: argparse.Namespace) -> int:
         BagError: it cannot be read.
     """
     from pendubot_identification.adapters.bag_reader import BagReader
+    from pendubot_identification.adapters.bag_survey import survey
 
-    info = BagReader(args.bag).info
-    summary = summarise(info)
+    reader = BagReader(args.bag)
+    summary = summarise(reader.info, *survey(reader.files))
     print(json.dumps(summary, indent=2) if args.json else as_text(summary))
     return 0
 
 
-def summarise(info: BagInfo) -> dict[str, Any]:
+def summarise(info: BagInfo, topics: dict[str, TopicTimes], damages: dict[str, list[Damage]]) -> dict[str, Any]:
     """Return what ``--json`` prints: times in seconds or, where the name says so, nanoseconds; rates in Hz."""
     return {
         'bag': str(info.path),
         'files': [str(file) for file in info.files],
         'closed': info.closed,
         'note': info.note,
+        'damaged': [
+            {'file': name, 'offset': damage.offset, 'size': damage.size}
+            for name, found in damages.items()
+            for damage in found
+        ],
         'start_ns': info.first_ns,
         'duration': info.duration,
-        'messages': info.count,
-        'topics': [
-            {
-                'name': topic.name,
-                'type': topic.type_name,
-                'messages': topic.count,
-                'rate': (topic.count - 1) / info.duration if info.duration and topic.count else 0.0,
-            }
-            for topic in info.topics
-        ],
+        'messages': sum(topic.count for topic in topics.values()),
+        'topics': [_of_topic(topic.name, topic.type_name, topics[topic.name]) for topic in info.topics],
+    }
+
+
+def _of_topic(name: str, type_name: str, times: TopicTimes) -> dict[str, Any]:
+    import numpy as np
+
+    from pendubot_identification.core.regularity import regularity
+
+    at = times.times()
+    found = regularity(at)
+    span = (max(times.logged) - min(times.logged)) / 1e9 if times.logged else 0.0
+    latency = times.latency()
+    return {
+        'name': name,
+        'type': type_name,
+        'messages': times.count,
+        'lost': times.lost,
+        'rate': (len(at) - 1) / span if span else 0.0,
+        'stamped': bool(times.stamps),
+        # JSON has no NaN.
+        **{key: None if value != value else value for key, value in asdict(found).items()},
+        'latency': float(np.median(latency)) if len(latency) else None,
+        'latency_max': float(latency.max()) if len(latency) else None,
     }
 
 
@@ -68,8 +102,10 @@ def as_text(summary: dict[str, Any]) -> str:
     """Return the summary for people."""
     lines = [
         f'bag       {summary["bag"]}',
-        f'closed    {"yes" if summary["closed"] else "no"}',
+        *([f'files     {len(summary["files"])}'] if len(summary['files']) > 1 else []),
+        f'closed    {"yes" if summary["closed"] else "no: pendubot repair makes a closed copy"}',
         *([f'note      {summary["note"]}'] if summary['note'] else []),
+        *(f'damaged   {d["size"]} bytes from byte {d["offset"]} of {d["file"]} on' for d in summary['damaged']),
         f'duration  {summary["duration"]:.3f} s',
         f'messages  {summary["messages"]}',
     ]
@@ -77,4 +113,20 @@ def as_text(summary: dict[str, Any]) -> str:
     for topic in summary['topics']:
         counted = f'{topic["messages"]:8d} messages {topic["rate"]:9.2f} Hz'
         lines.append(f'  {topic["name"]:{width}} {counted}  {topic["type"]}')
+        lines += [f'  {"":{width}} {line}' for line in _details(topic)]
     return '\n'.join(lines)
+
+
+def _details(topic: dict[str, Any]) -> list[str]:
+    details = []
+    if topic['period'] is not None:
+        details.append(f'jitter {1e3 * topic["jitter"]:.3f} ms, longest interval {1e3 * topic["longest"]:.3f} ms')
+    if topic['gaps']:
+        details.append(f'gaps {topic["gaps"]}, {topic["missing"]} messages, first after {topic["first_gap"]:.3f} s')
+    if topic['latency'] is not None:
+        details.append(f'latency {1e3 * topic["latency"]:.3f} ms, at most {1e3 * topic["latency_max"]:.3f} ms')
+    if topic['stamped'] and (topic['repeated'] or topic['backwards']):
+        details.append(f'stamps {topic["repeated"]} repeat, {topic["backwards"]} run back')
+    if topic['lost']:
+        details.append(f'lost {topic["lost"]} messages that the recorder had numbered')
+    return details

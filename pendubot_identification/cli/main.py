@@ -11,7 +11,7 @@ from pendubot_identification import __version__
 from pendubot_identification.adapters.resources import resource
 from pendubot_identification.core.errors import PendubotError
 
-from . import demo, identify, import_csv, info, simulate
+from . import demo, identify, import_csv, info, repair, simulate
 
 DESCRIPTION = """\
 Identify the parameters of a pendubot from recorded bags, without ROS.
@@ -35,7 +35,7 @@ def parser() -> argparse.ArgumentParser:
     top.add_argument('--version', action='version', version=f'%(prog)s {__version__}')
     top.add_argument('--debug', action='store_true', help='show the traceback of a failure')
     subparsers = top.add_subparsers(title='subcommands', metavar='SUBCOMMAND', required=True)
-    for subcommand in (identify, import_csv, simulate, info, demo):
+    for subcommand in (identify, import_csv, simulate, info, repair, demo):
         subcommand.add_parser(subparsers)
     return top
 

@@ -37,9 +37,11 @@ def test_a_bag_is_described_for_programs(bag, capsys):
     assert run(bag, '--json') == 0
     described = json.loads(capsys.readouterr().out)
     assert described['closed'] is True
-    assert described['topics'] == [
-        {'name': '/joint_states', 'type': 'sensor_msgs/msg/JointState', 'messages': 101, 'rate': 100.0}
-    ]
+    (topic,) = described['topics']
+    expected = {'name': '/joint_states', 'type': 'sensor_msgs/msg/JointState', 'messages': 101, 'rate': 100.0}
+    expected |= {'period': 0.01, 'jitter': 0, 'longest': 0.01, 'gaps': 0, 'missing': 0, 'first_gap': None, 'lost': 0}
+    expected |= {'stamped': True, 'repeated': 0, 'backwards': 0, 'latency': 0, 'latency_max': 0}
+    assert topic == expected
 
 
 def test_a_bag_that_was_never_closed_says_what_is_whole(bag, capsys):

@@ -1,0 +1,167 @@
+"""metadata.yaml of a bag, as rosbag2 writes it (version 9)."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+METADATA = 'metadata.yaml'
+
+
+@dataclass(frozen=True, slots=True)
+class Qos:
+    """What a topic's publisher offered, in rosbag2's words."""
+
+    reliability: str = 'reliable'
+    durability: str = 'volatile'
+    history: str = 'keep_last'
+    depth: int = 1000
+
+    def profile(self) -> dict[str, Any]:
+        """Return every key of rosbag2's YAML form; deadline, lifespan and lease are infinite."""
+
+        def infinite() -> dict[str, int]:
+            return {'sec': 9223372036, 'nsec': 854775807}
+
+        return {
+            'history': self.history,
+            'depth': self.depth,
+            'reliability': self.reliability,
+            'durability': self.durability,
+            'deadline': infinite(),
+            'lifespan': infinite(),
+            'liveliness': 'automatic',
+            'liveliness_lease_duration': infinite(),
+            'avoid_ros_namespace_conventions': False,
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class Topic:
+    """A topic as a bag describes it: name, type, how it is written, and what its publishers offered.
+
+    Attributes:
+        name: such as ``/joint_states``.
+        type_name: such as ``sensor_msgs/msg/JointState``.
+        definition: the type's text with that of every type it uses.
+        type_hash: ``RIHS01_...``, or empty.
+        profiles: rosbag2's YAML list of the qualities of service offered, or empty.
+        encoding, definition_encoding: of the messages and of the definition.
+    """
+
+    name: str
+    type_name: str
+    definition: bytes
+    type_hash: str
+    profiles: str
+    encoding: str = 'cdr'
+    definition_encoding: str = 'ros2msg'
+
+    def channel_metadata(self) -> dict[str, str]:
+        """Return what a channel of this topic says beside its name and type."""
+        return {'offered_qos_profiles': self.profiles, 'topic_type_hash': self.type_hash}
+
+
+@dataclass
+class Span:
+    """How many messages, from when to when [ns since the epoch]."""
+
+    count: int = 0
+    first_ns: int = 0
+    last_ns: int = 0
+
+    def add(self, time_ns: int) -> None:
+        """Count a message."""
+        self.first_ns = min(self.first_ns, time_ns) if self.count else time_ns
+        self.last_ns = max(self.last_ns, time_ns) if self.count else time_ns
+        self.count += 1
+
+    def document(self) -> dict[str, Any]:
+        """Return it in rosbag2's words."""
+        return {
+            'starting_time': {'nanoseconds_since_epoch': self.first_ns},
+            'duration': {'nanoseconds': self.last_ns - self.first_ns},
+            'message_count': self.count,
+        }
+
+
+@dataclass
+class FileSpan(Span):
+    """One file of a bag: its name, and what is in it."""
+
+    name: str = ''
+    topics: dict[str, int] = field(default_factory=dict)
+
+
+def whole_span(files: Iterable[Span]) -> Span:
+    """Return the span of all files together."""
+    filled = [file for file in files if file.count]
+    if not filled:
+        return Span()
+    return Span(sum(file.count for file in filled), min(f.first_ns for f in filled), max(f.last_ns for f in filled))
+
+
+def information(files: Sequence[FileSpan], topics: Iterable[Topic]) -> dict[str, Any]:
+    """Return everything that metadata.yaml says, under its one key's value."""
+    span = whole_span(files).document()
+    return {
+        'version': 9,
+        'storage_identifier': 'mcap',
+        'duration': span['duration'],
+        'starting_time': span['starting_time'],
+        'message_count': span['message_count'],
+        'topics_with_message_count': [
+            {
+                'topic_metadata': {
+                    'name': topic.name,
+                    'type': topic.type_name,
+                    'serialization_format': topic.encoding,
+                    'offered_qos_profiles': yaml.safe_load(topic.profiles) or [],
+                    'type_description_hash': topic.type_hash,
+                },
+                'message_count': sum(file.topics.get(topic.name, 0) for file in files),
+            }
+            for topic in topics
+        ],
+        'compression_format': '',
+        'compression_mode': '',
+        'relative_file_paths': [file.name for file in files],
+        'files': [{'path': file.name, **file.document()} for file in files],
+        'custom_data': None,
+        'ros_distro': 'jazzy',
+    }
+
+
+def as_yaml(document: Any) -> str:
+    """Return it as text without anchors, which are YAML, but not every reader's."""
+    return yaml.dump(document, Dumper=_Dumper, sort_keys=False)
+
+
+def write_metadata(folder: Path, content: dict[str, Any]) -> None:
+    """Put metadata.yaml in its place at once, or leave the one that is there: also when the power fails meanwhile."""
+    temporary = folder / f'{METADATA}.tmp'
+    with temporary.open('w', encoding='utf-8') as file:
+        file.write(as_yaml({'rosbag2_bagfile_information': content}))
+        file.flush()
+        os.fsync(file.fileno())
+    os.replace(temporary, folder / METADATA)
+    sync_folder(folder)
+
+
+def sync_folder(folder: Path) -> None:
+    """Put a folder's list of names on the disk: a file's own fsync leaves its name out."""
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+class _Dumper(yaml.SafeDumper):
+    def ignore_aliases(self, data: Any) -> bool:
+        return True

@@ -1,0 +1,61 @@
+"""How regularly something came: rate, jitter, gaps, and stamps that repeat or run back."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+#: An interval is a gap where it is longer than this many usual ones.
+GAP = 1.5
+
+#: Fewer intervals than this have no usual one.
+MINIMUM_INTERVALS = 10
+
+
+@dataclass(frozen=True, slots=True)
+class Regularity:
+    """What the times of a series of samples say.
+
+    Attributes:
+        period: the median interval [s]; NaN where there are too few.
+        jitter: by how much 99 of 100 intervals differ from it at most [s]; NaN where there are too few.
+        longest: interval [s]; 0 where there is none.
+        gaps: intervals longer than 1.5 periods.
+        missing: samples that would fill the gaps.
+        first_gap: when the first of them begins, from the first time on [s]; NaN where there is none.
+        repeated: times equal to the one before.
+        backwards: times earlier than the one before.
+    """
+
+    period: float
+    jitter: float
+    longest: float
+    gaps: int
+    missing: int
+    first_gap: float
+    repeated: int
+    backwards: int
+
+
+def regularity(times_ns: NDArray[np.int64]) -> Regularity:
+    """Return how regular times are, in the order in which they came [ns], shape (N,)."""
+    intervals = np.diff(times_ns)
+    forward = intervals[intervals > 0]
+    repeated, backwards = int((intervals == 0).sum()), int((intervals < 0).sum())
+    longest = float(forward.max(initial=0)) / 1e9
+    if len(forward) < MINIMUM_INTERVALS:
+        return Regularity(np.nan, np.nan, longest, 0, 0, np.nan, repeated, backwards)
+    period = float(np.median(forward))
+    late = np.flatnonzero(intervals > GAP * period)
+    return Regularity(
+        period=period / 1e9,
+        jitter=float(np.quantile(np.abs(forward - period), 0.99)) / 1e9,
+        longest=longest,
+        gaps=len(late),
+        missing=int(np.rint(intervals[late] / period - 1).sum()),
+        first_gap=float(times_ns[late[0]] - times_ns[0]) / 1e9 if len(late) else np.nan,
+        repeated=repeated,
+        backwards=backwards,
+    )
