@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import resource
+import shutil
 import threading
 from collections import deque
 from collections.abc import Iterator
@@ -90,6 +91,7 @@ class BagWriter:
         self._files: list[FileSpan] = []
         self._file: BinaryIO | None = None
         self._closed = False
+        self._ended_by = ''
         with self._explained():
             _make_room(self.path, overwrite)
             above = next(folder for folder in self.path.absolute().parents if folder.exists())
@@ -103,6 +105,11 @@ class BagWriter:
     def files(self) -> tuple[str, ...]:
         """The names of its files so far."""
         return tuple(file.name for file in self._files)
+
+    @property
+    def free(self) -> int:
+        """How much room its disk has left [bytes]."""
+        return shutil.disk_usage(self.path).free
 
     def add_topic(self, topic: str, type_name: str, qos: Qos = OFFERED) -> int:
         """Announce a topic of a type such as ``std_msgs/msg/Float64``; return the channel to write to.
@@ -290,7 +297,8 @@ class BagWriter:
         needed = self._closing_size() + coming
         if reason := _shortage(self.path, needed, self._limits.reserve, self._whole_size):
             self._close()
-            raise BagError(f'{self.path} is closed with all that was received before: {reason}; free some space')
+            self._ended_by = f'{self.path} is closed with all that was received before: {reason}; free some space'
+            raise BagError(self._ended_by)
         self._hand_over()
         self._flushed_ns = self._files[-1].last_ns
 
@@ -325,15 +333,14 @@ class BagWriter:
         """Turn what the operating system refuses into a sentence, and leave a bag that is whole as far as it goes."""
         with self._lock:
             if self._closed:
-                raise BagError(f'{self.path} is closed; nothing more can be written to it')
+                raise BagError(self._ended_by or f'{self.path} is closed; nothing more can be written to it')
             try:
                 yield
             except OSError as error:
                 self._abandon()
-                raise BagError(
-                    f'{self.path} cannot be written ({error.strerror or error}); free some space or choose another '
-                    'place'
-                ) from error
+                reason = error.strerror or str(error)
+                self._ended_by = f'{self.path} cannot be written ({reason}); free some space or choose another place'
+                raise BagError(self._ended_by) from error
 
     def _abandon(self) -> None:
         self._closed = True

@@ -4,154 +4,191 @@ from __future__ import annotations
 
 import threading
 import time
-from collections import Counter
+from collections.abc import Callable
 from datetime import datetime, timezone
 from functools import partial
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from rclpy.exceptions import InvalidTopicNameException
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.subscription import Subscription
 from rclpy.topic_endpoint_info import TopicEndpointInfo
-from rclpy.validate_topic_name import validate_topic_name
+from std_srvs.srv import Trigger
 
-from pendubot_identification.adapters.bag_writer import BagWriter, Qos
+from pendubot_identification.adapters.bag_metadata import Qos
+from pendubot_identification.adapters.bag_writer import SMALLEST_FILE, Limits
+from pendubot_identification.adapters.recording import Arrival, Recording
 from pendubot_identification.core.errors import BagError, ParameterError
+from pendubot_identification.core.health import Diagnosis
+from pendubot_identification.core.level import Level
 
+from .diagnostics import diagnostics_message
+from .matching import check_names, heard, matched, message_class
 from .runtime import Setting, SettingsNode, run
 
-DISCOVERY_PERIOD = 0.1  #: How often topics that nobody publishes yet are looked for [s].
-SYNC_PERIOD = 1.0  #: How often what was recorded is put on the disk [s].
+DISCOVERY_PERIOD = 0.1  #: How often publishers that are new are looked for [s].
+FLUSH_PERIOD = 0.05  #: How often what was recorded is handed to the system, which keeps it through a SIGKILL [s].
+SYNC_PERIOD = 1.0  #: How often it is put on the disk, which keeps it through a power cut [s].
 PATIENCE = 5.0  #: After this time topics that nobody publishes are named in a warning [s].
-DEPTH = 1000  #: Messages that may wait while the disk is slow: a second's worth at 1 kHz.
+DEPTH = 10_000  #: Messages that may wait while the disk or the processor is busy: ten seconds' worth at 1 kHz.
 
 
 class Recorder(SettingsNode):
-    """Subscribes to every topic as soon as somebody publishes it, and writes what comes."""
+    """Subscribes to every topic as soon as somebody publishes it, and writes what comes.
+
+    The executor writes; a thread of its own waits for the disk, so that a slow one delays nobody.
+    """
 
     PROGRAM = 'recorder'
     SUMMARY = (
         'Records topics of any type into a bag (MCAP) that ros2 bag and pendubot read. Topics may appear later than '
-        'the recorder; each is subscribed to with the quality of service of its publishers. SIGINT and SIGTERM close '
-        'the bag; after SIGKILL or a power cut it holds everything but the last moments.'
+        'the recorder; each is subscribed to with the quality of service of its publishers. ~/pause, ~/resume and '
+        '~/split (std_srvs/Trigger) do what they say. SIGINT and SIGTERM close the bag, and so does a disk that fills; '
+        'after SIGKILL or a power cut it holds everything but the last moments.'
     )
     SETTINGS = (
         Setting('output', '', "the bag's folder, which must not exist; empty: pendubot_<UTC date-time> in this folder"),
         Setting('topics', ['/joint_states', '/pendubot/effort_command'], 'the topics to record'),
+        Setting('max_size', 0, 'a file that would grow beyond this ends, and another begins; 0: never', 'bytes', 0),
+        Setting('max_duration', 0.0, 'a file of this length ends, and another begins; 0: never', 's', 0.0, 1e9),
+        Setting('reserve', 100_000_000, 'the bag is closed before the disk has less than this left', 'bytes', 0),
         Setting('max_messages', 0, 'end after so many messages of the first topic; 0: when stopped', minimum=0),
     )
 
     def __init__(self, ended: threading.Event) -> None:
         super().__init__(ended)
-        settings = self.settings()
-        self._topics = self._resolved(settings['topics'])
-        self._max_messages: int = settings['max_messages']
-        self._subscribed: dict[str, Subscription] = {}
-        self._counts: Counter[str] = Counter()
-        self._latest_ns: dict[str, int] = {}
-        # The executor's thread writes, the main thread closes.
-        self._lock = threading.Lock()
-        self._open = True
-        self._bag = BagWriter(Path(settings['output'] or f'pendubot_{datetime.now(timezone.utc):%Y%m%dT%H%M%SZ}'))
-        self.get_logger().info(f'recording to {self._bag.path}')
+        s = self.settings()
+        self._names = self._resolved(s['topics'])
+        self._max_messages: int = s['max_messages']
+        self._subscriptions_to: dict[str, Subscription] = {}
+        self._troubles: dict[str, str] = {}
+        self._ending = threading.Event()
+        self._failure: BagError | None = None
+        path = Path(s['output'] or f'pendubot_{datetime.now(timezone.utc):%Y%m%dT%H%M%SZ}')
+        limits = Limits(s['max_size'], s['max_duration'], s['reserve'], int(FLUSH_PERIOD * 1e9))
+        self._recording = Recording(path, self._names, limits)
+        self.get_logger().info(f'recording to {path}')
         self._missing_since = time.monotonic()
-        self.create_timer(DISCOVERY_PERIOD, self._discover)
-        self.create_timer(SYNC_PERIOD, self._sync)
+        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        for name in ('pause', 'resume', 'split'):
+            self.create_service(Trigger, f'~/{name}', partial(self._serve, getattr(self._recording, name)))
+        self.create_timer(DISCOVERY_PERIOD, partial(self._guarded, self._discover))
+        self.create_timer(FLUSH_PERIOD, partial(self._guarded, self._recording.flush))
+        self.create_timer(1.0, lambda: self._tell(self._recording.diagnose([*filter(None, self._troubles.values())])))
+        threading.Thread(target=self._keep_synced, name='sync', daemon=True).start()
 
     def check(self, values: dict[str, Any]) -> None:
-        """Refuse topics that cannot be recorded.
+        """Refuse topics that cannot be recorded, and files that could not hold their own index.
 
         Raises:
-            ParameterError: there are none, or one is no topic's name.
+            ParameterError: there are no topics, or one is no topic's name, or max_size is too small.
         """
         self._resolved(values['topics'])
+        if 0 < values['max_size'] < SMALLEST_FILE:
+            raise ParameterError(f'max_size is {values["max_size"]}; 0 or at least {SMALLEST_FILE} bytes are expected')
 
     def close(self) -> None:
-        """Close the bag and say what it holds; a second time does nothing.
+        """Close the bag and say what it holds.
 
         Raises:
-            BagError: the system refuses to write.
+            BagError: the system refused to write.
         """
-        with self._lock:
-            if not self._open:
-                return
-            self._open = False
-            self._bag.close()
-        for topic in self._topics:
-            self.get_logger().info(f'{topic}: {self._counts[topic]} messages')
+        self._ending.set()
+        try:
+            self._recording.close()
+        except BagError as error:
+            self._failure = self._failure or error
+        for name in self._names:
+            self.get_logger().info(f'{name}: {self._recording.count(name)} messages')
+        if self._failure is not None:
+            self._tell(Diagnosis(Level.ERROR, str(self._failure), {}))
+            raise self._failure
+
+    def _guarded(self, action: Callable[[], object]) -> None:
+        """Do something with the bag; what the system refuses ends the program, with the bag as far as it is whole."""
+        try:
+            if not self._ending.is_set():
+                action()
+        except BagError as error:
+            if not self._ending.is_set():
+                self._failure = error
+                self.end(1)
 
     def _resolved(self, topics: list[str]) -> list[str]:
         if not any(topics):
             raise ParameterError('topics is empty; name at least one topic to record, such as /joint_states')
-        try:
-            for topic in topics:
-                validate_topic_name(topic)
-        except InvalidTopicNameException as error:
-            reason = ' '.join(str(error).split())
-            raise ParameterError(f'topics: {reason}; a name such as /joint_states is expected') from error
+        check_names(topics)
         return list(dict.fromkeys(self.resolve_topic_name(topic) for topic in topics))
 
     def _discover(self) -> None:
-        for topic in self._topics:
-            publishers = self.get_publishers_info_by_topic(topic)
+        for name in self._names:
+            publishers = self.get_publishers_info_by_topic(name)
             types = sorted({publisher.topic_type for publisher in publishers})
-            if len(types) > 1:
-                sentence = f'{topic} is published as {" and as ".join(types)}; stop the publisher of the wrong type'
-                if not self._counts[topic]:
-                    raise BagError(sentence)
+            trouble = ''
+            if len(types) == 1:
+                trouble = self._follow(name, types[0], publishers)
+            elif types:
+                trouble = f'{name} is published as {" and as ".join(types)}; stop the publisher of the wrong type'
                 # What is recorded is of one type; a stranger must not end a recording that runs.
-                self.get_logger().error(sentence, once=True)
-            elif types and topic not in self._subscribed:
-                self._subscribe(topic, types[0], publishers)
-        missing = [topic for topic in self._topics if topic not in self._subscribed]
+                if not self._recording.count(name):
+                    raise BagError(trouble)
+            if trouble and trouble != self._troubles.get(name):
+                self.get_logger().error(trouble)
+            self._troubles[name] = trouble
+        missing = [name for name in self._names if name not in self._subscriptions_to]
         if missing and time.monotonic() - self._missing_since > PATIENCE:
             self._missing_since = float('inf')
             self.get_logger().warning(f'nobody publishes {", ".join(missing)} yet; still waiting')
 
-    def _subscribe(self, topic: str, type_name: str, publishers: list[TopicEndpointInfo]) -> None:
-        # A subscription hears a publisher that offers at least as much: ask for what every one of them offers.
-        reliable = all(p.qos_profile.reliability == ReliabilityPolicy.RELIABLE for p in publishers)
-        latched = all(p.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for p in publishers)
-        qos = QoSProfile(
-            depth=DEPTH,
-            reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
-            durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+    def _follow(self, name: str, type_name: str, publishers: list[TopicEndpointInfo]) -> str:
+        """Subscribe, or again where the publishers there now are others; return who is not heard, if anybody."""
+        known = self._subscriptions_to.get(name)
+        if known is None or not heard(publishers, known.qos_profile):
+            qos = matched(publishers, DEPTH)
+            message_type = message_class(name, type_name)
+            self._recording.begin(name, type_name, Qos(qos.reliability.name.lower(), qos.durability.name.lower()))
+            if known is not None:
+                self.destroy_subscription(known)
+            known = self.create_subscription(message_type, name, partial(self._on_message, name), qos, raw=True)
+            self._subscriptions_to[name] = known
+            self.get_logger().info(f'recording {name} [{type_name}]')
+        self._recording.publishers(name, len(publishers))
+        deaf = len(publishers) - heard(publishers, known.qos_profile)
+        return (
+            f'{name}: {deaf} of {len(publishers)} publishers offer less than the others and are not heard'
+            if deaf
+            else ''
         )
-        package, _, name = type_name.partition('/msg/')
-        try:
-            message_type = getattr(import_module(f'{package}.msg'), name)
-        except (ImportError, AttributeError) as error:
-            raise BagError(f'{topic} is of type {type_name}, which is not installed; source its workspace') from error
-        with self._lock:
-            if not self._open:
-                return
-            offered = Qos(qos.reliability.name.lower(), qos.durability.name.lower())
-            channel = self._bag.add_topic(topic, type_name, offered)
-        self._subscribed[topic] = self.create_subscription(
-            message_type, topic, partial(self._record, topic, channel), qos, raw=True
-        )
-        self.get_logger().info(f'recording {topic} [{type_name}]')
 
-    def _record(self, topic: str, channel: int, data: bytes, info: dict[str, int]) -> None:
+    def _on_message(self, name: str, data: bytes, info: dict[str, Any]) -> None:
         received_ns = info['received_timestamp'] or time.time_ns()
-        with self._lock:
-            if not self._open:
-                return
-            # What had to be sent again was received later than what it precedes; players go by log time.
-            log_ns = self._latest_ns[topic] = max(received_ns, self._latest_ns.get(topic, 0))
-            number = self._counts[topic] + 1
-            self._bag.write(channel, data, log_ns, info['source_timestamp'] or received_ns, sequence=number)
-            self._counts[topic] = number
-        if topic == self._topics[0] and number == self._max_messages:
-            self.close()
-            self.end()
+        arrival = Arrival(
+            data, received_ns, info['source_timestamp'] or received_ns, info['publication_sequence_number']
+        )
+        self._guarded(lambda: self._recording.take(name, arrival))
+        if name == self._names[0] and self._recording.count(name) == self._max_messages:
+            self._ending.set()
+            self.end(self.exit_status)
 
-    def _sync(self) -> None:
-        with self._lock:
-            if self._open:
-                self._bag.sync()
+    def _serve(self, action: Callable[[], str], _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        try:
+            response.message = action()
+            response.success = True
+        except BagError as error:
+            # If it matters beyond the answer, the next message meets with it too.
+            response.message = str(error)
+        self.get_logger().info(response.message)
+        return response
+
+    def _keep_synced(self) -> None:
+        while not self._ending.wait(SYNC_PERIOD):
+            self._guarded(self._recording.sync)
+
+    def _tell(self, diagnosis: Diagnosis) -> None:
+        stamp = self.get_clock().now().to_msg()
+        self._diagnostics.publish(
+            diagnostics_message(stamp, 'recorder', diagnosis.level, diagnosis.message, diagnosis.values)
+        )
 
 
 def main() -> int:
