@@ -11,6 +11,7 @@ PROGRAMS = {
     'pendubot': 'cli.main',
     'bridge': 'nodes.bridge',
     'recorder': 'nodes.recorder',
+    'player': 'nodes.player',
     'identifier': 'nodes.identifier',
     'exciter': 'nodes.exciter',
     'virtual_board': 'nodes.virtual_board',

@@ -11,6 +11,7 @@ import time
 MODULES = {
     'bridge': 'pendubot_identification.nodes.bridge',
     'recorder': 'pendubot_identification.nodes.recorder',
+    'player': 'pendubot_identification.nodes.player',
     'identifier': 'pendubot_identification.nodes.identifier',
     'exciter': 'pendubot_identification.nodes.exciter',
     'virtual_board': 'pendubot_identification.nodes.virtual_board',

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -121,7 +122,7 @@ def information(files: Sequence[FileSpan], topics: Iterable[Topic]) -> dict[str,
                     'name': topic.name,
                     'type': topic.type_name,
                     'serialization_format': topic.encoding,
-                    'offered_qos_profiles': yaml.safe_load(topic.profiles) or [],
+                    'offered_qos_profiles': _profiles(topic.profiles),
                     'type_description_hash': topic.type_hash,
                 },
                 'message_count': sum(file.topics.get(topic.name, 0) for file in files),
@@ -135,6 +136,11 @@ def information(files: Sequence[FileSpan], topics: Iterable[Topic]) -> dict[str,
         'custom_data': None,
         'ros_distro': 'jazzy',
     }
+
+
+@cache
+def _profiles(text: str) -> list[Any]:
+    return yaml.safe_load(text) or []
 
 
 def as_yaml(document: Any) -> str:
