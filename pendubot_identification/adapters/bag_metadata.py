@@ -122,7 +122,7 @@ def information(files: Sequence[FileSpan], topics: Iterable[Topic]) -> dict[str,
                     'name': topic.name,
                     'type': topic.type_name,
                     'serialization_format': topic.encoding,
-                    'offered_qos_profiles': _profiles(topic.profiles),
+                    'offered_qos_profiles': offered_profiles(topic.profiles),
                     'type_description_hash': topic.type_hash,
                 },
                 'message_count': sum(file.topics.get(topic.name, 0) for file in files),
@@ -139,8 +139,13 @@ def information(files: Sequence[FileSpan], topics: Iterable[Topic]) -> dict[str,
 
 
 @cache
-def _profiles(text: str) -> list[Any]:
-    return yaml.safe_load(text) or []
+def offered_profiles(text: str) -> list[dict[str, Any]]:
+    """Return the qualities of service that a channel names, none where the text is damaged."""
+    try:
+        profiles = yaml.safe_load(text)
+    except yaml.YAMLError:
+        return []
+    return [each for each in profiles if isinstance(each, dict)] if isinstance(profiles, list) else []
 
 
 def as_yaml(document: Any) -> str:

@@ -8,12 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import yaml
-
 from pendubot_identification.core.errors import BagError
 
-from .bag_metadata import Qos
+from .bag_metadata import Qos, offered_profiles
 from .bag_reader import BagReader
+from .mcap_file import McapFile
 
 #: How rosbag2 writes what a publisher offers, by name or, in older bags, by number.
 RELIABILITY = {'reliable': 'reliable', 'best_effort': 'best_effort', 1: 'reliable', 2: 'best_effort'}
@@ -75,18 +74,13 @@ class Playback:
         Raises:
             BagError: a part of a closed file is damaged.
         """
+
+        def of_topic(file: McapFile, name: str) -> Iterator[Played]:
+            return (Played(m.log_time, name, m.data) for m in file.messages(name, start_ns, end_ns))
+
         for file in self._reader.files:
-            yield from heapq.merge(
-                *(
-                    (
-                        Played(message.log_time, topic.name, message.data)
-                        for message in file.messages(topic.name, start_ns, end_ns)
-                    )
-                    for topic in self.topics
-                    if topic.name in file.topics
-                ),
-                key=lambda played: played.log_ns,
-            )
+            streams = [of_topic(file, topic.name) for topic in self.topics if topic.name in file.topics]
+            yield from heapq.merge(*streams, key=lambda played: played.log_ns)
 
     def _offered(self, name: str) -> Qos:
         """Return the weakest of what was offered, so that whoever heard it then hears it now."""
@@ -94,18 +88,10 @@ class Playback:
         for file in self._reader.files:
             for channel in file.channels.values():
                 if channel.topic == name:
-                    profiles += _profiles(channel.metadata.get('offered_qos_profiles', ''))
+                    profiles += offered_profiles(channel.metadata.get('offered_qos_profiles', ''))
         reliable = all(RELIABILITY.get(p.get('reliability'), 'reliable') == 'reliable' for p in profiles)
         latched = profiles and all(DURABILITY.get(p.get('durability')) == 'transient_local' for p in profiles)
         return Qos(
             'reliable' if reliable else 'best_effort',
             'transient_local' if latched else 'volatile',
         )
-
-
-def _profiles(text: str) -> list[dict[str, Any]]:
-    try:
-        profiles = yaml.safe_load(text) or []
-    except yaml.YAMLError:
-        return []
-    return [profile for profile in profiles if isinstance(profile, dict)] if isinstance(profiles, list) else []

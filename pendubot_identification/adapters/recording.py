@@ -82,6 +82,7 @@ class Recording:
         topic = self._topics[name]
         if self.paused:
             topic.waiting = arrival if topic.latched else None
+            topic.flow.skipped += 1
             return
         # What had to be sent again was received later than what it precedes; players go by log time.
         topic.latest_ns = max(arrival.received_ns, topic.latest_ns)

@@ -25,10 +25,12 @@ class Flow:
     Attributes:
         count: messages that came.
         lost: messages that were published in between and never came.
+        skipped: messages that came and were not wanted.
     """
 
     count: int = 0
     lost: int = 0
+    skipped: int = 0
     _last: list[int] = field(default_factory=list)
     _since: int = 0
     _lag_ns: int = 0
@@ -83,6 +85,7 @@ def diagnose(
         values[f'{topic} rate [Hz]'] = f'{rate:.1f}'
         values[f'{topic} lag [s]'] = f'{lag:.4f}'
         values[f'{topic} lost'] = flow.lost
+        values[f'{topic} skipped'] = flow.skipped
         if flow.lost:
             worries.append(f'{topic}: {flow.lost} messages lost')
         if lag > LATE:

@@ -28,10 +28,9 @@ class Pace:
 
     def wait(self, until: int, now: int) -> float:
         """Return for how long a position is not due yet [s]: 0 when it is, infinite while paused."""
-        ahead = until - self.position(now)
-        if ahead <= 0:
-            return 0.0
-        return math.inf if self.paused else ahead / self._rate / SECOND
+        if self.paused:
+            return math.inf
+        return max(0.0, (until - self.position(now)) / self._rate / SECOND)
 
     def set_rate(self, rate: float, now: int) -> None:
         """Go on at another rate."""

@@ -83,7 +83,8 @@ class Player(SettingsNode):
         if self._playback.note:
             self.get_logger().warning(self._playback.note)
         self._clock_rate: float = s['clock']
-        self._clock = self.create_publisher(Clock, '/clock', 10) if self._clock_rate else None
+        # Not _clock, which is the node's own.
+        self._times = self.create_publisher(Clock, '/clock', 10) if self._clock_rate else None
         self._threads: list[threading.Thread] = []
         self._begin(self._play)
 
@@ -113,8 +114,9 @@ class Player(SettingsNode):
     def _play(self) -> None:
         try:
             self._await_subscribers()
+            self.get_logger().info(f'playing {", ".join(self._publishers_of)}')
             self._alter(lambda: self._pace.jump(self._start_ns, time.monotonic_ns()))
-            if self._clock is not None:
+            if self._times is not None:
                 self._begin(self._tick)
             count = self._play_once()
             while self._loop and not self.ended.is_set():
@@ -156,13 +158,13 @@ class Player(SettingsNode):
                 return
 
     def _tick(self) -> None:
-        assert self._clock is not None
+        assert self._times is not None
         message = Clock()
         while not self.ended.is_set():
             with self._changed:
                 position = self._pace.position(time.monotonic_ns())
             message.clock.sec, message.clock.nanosec = divmod(min(position, self._end_ns), SECOND)
-            self._clock.publish(message)
+            self._times.publish(message)
             self.ended.wait(1 / self._clock_rate)
 
     def _alter(self, action: Callable[[], None]) -> None:

@@ -40,5 +40,6 @@ def test_nothing_is_due_while_paused():
     pace = Pace(0, 1.0, 0)
     pace.pause(True, SECOND)
     assert pace.wait(2 * SECOND, 100 * SECOND) == math.inf
+    assert pace.wait(0, 100 * SECOND) == math.inf
     pace.jump(7, 100 * SECOND)
     assert pace.position(200 * SECOND) == 7

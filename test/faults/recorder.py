@@ -1,0 +1,229 @@
+"""What befalls a recorder and its bags: killed at any moment, cut and changed anywhere, the disk full."""
+
+import os
+import random
+import resource
+import shutil
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import NamedTuple
+from unittest import mock
+
+from pendubot_identification.adapters.bag_reader import BagReader
+from pendubot_identification.adapters.bag_repair import repair
+from pendubot_identification.core.errors import BagError
+
+from ..adapters import damage
+from ..adapters.independent import by_mcap, by_rosbags
+from ..processes import Program
+from .table import Figure, Trial
+
+RATE = 1000  #: Messages a second.
+
+
+def recorder(output, *topics, **parameters):
+    """Start a recorder."""
+    settings = {'output': output, 'topics': '[' + ','.join(topics) + ']', **parameters}
+    return Program('recorder', '--ros-args', *(part for k, v in settings.items() for part in ('-p', f'{k}:={v}')))
+
+
+def wait(condition, timeout=10.0):
+    deadline = time.monotonic() + timeout
+    while not condition():
+        assert time.monotonic() < deadline, 'nothing happened'
+        time.sleep(0.005)
+
+
+def wait_for_subscriptions(*publishers):
+    wait(lambda: all(publisher.get_subscription_count() for publisher in publishers))
+
+
+def recorded(path):
+    """Return the number of messages that a reader sees by now."""
+    try:
+        return BagReader(path).info.count
+    except BagError:
+        return 0
+
+
+def joint_state(k):
+    from builtin_interfaces.msg import Time
+    from sensor_msgs.msg import JointState
+    from std_msgs.msg import Header
+
+    return JointState(
+        header=Header(stamp=Time(sec=1_700_000_000 + k, nanosec=k), frame_id=f'frame{k}'),
+        name=['shoulder', 'elbow'][: k % 3],
+        position=[0.1 * k, -1e300],
+        velocity=[1.0] * (k % 5),
+        effort=[float(k), 0.5],
+    )
+
+
+class Kill(NamedTuple):
+    """A recorder that was killed: messages published until then, read from its bag, and from the repaired copy."""
+
+    sent: int
+    read: int
+    saved: int
+    in_order: bool
+
+
+def kills(node, folder, count, seed=1) -> Iterator[Kill]:
+    """Kill a recorder of 1 kHz so many times, each at another moment."""
+    random_ = random.Random(seed)
+    for k in range(count):
+        path = folder / f'killed{k}'
+        topic = f'/killed{k}'
+        with recorder(path, topic) as program:
+            publisher = node.create_publisher(type(joint_state(0)), topic, 1000)
+            wait_for_subscriptions(publisher)
+            # The first message may come only with the publisher's next heartbeat, seconds later.
+            publisher.publish(joint_state(0))
+            wait(lambda path=path: recorded(path) == 1)
+            sent = 1
+            start = time.monotonic()
+            end = start + random_.uniform(0.5, 1.5)
+            while time.monotonic() < end:
+                publisher.publish(joint_state(sent))
+                sent += 1
+                time.sleep(max(0.0, start + sent / RATE - time.monotonic()))
+            program.kill()
+        node.destroy_publisher(publisher)
+        read = recorded(path)
+        repair(path, folder / f'repaired{k}')
+        saved = by_mcap(folder / f'repaired{k}')
+        stamps = [int.from_bytes(data[8:12], 'little') for _, _, data in saved]
+        in_order = stamps == list(range(len(stamps))) and by_rosbags(folder / f'repaired{k}') == saved
+        yield Kill(sent, read, len(saved), in_order)
+
+
+@contextmanager
+def ros_node():
+    import rclpy
+
+    rclpy.init()
+    node = rclpy.create_node('faults')
+    try:
+        yield node
+    finally:
+        node.destroy_node()
+        rclpy.try_shutdown()
+
+
+def killed(folder, long):
+    """SIGKILL the recorder."""
+    with ros_node() as node:
+        found = list(kills(node, folder, 20 if long else 3))
+    losses = sorted(kill.sent - kill.read for kill in found)
+    whole = sum(kill.in_order and kill.saved == kill.read for kill in found)
+    return [
+        Figure(
+            f'at most {RATE // 10} messages lost, {len(found)} times',
+            f'{losses[len(losses) // 2]} in the median, {losses[-1]} at most',
+            losses[-1] <= RATE // 10,
+            time=True,
+        ),
+        Figure(
+            'all repaired, and read by rosbags and mcap as sent',
+            f'{whole} of {len(found)}',
+            whole == len(found),
+        ),
+    ]
+
+
+def fills_up(folder, *, limited):
+    """Record to a disk that fills up to the reserve, or under a limit on the size of files."""
+    with disk_of_its_own(folder) as disk:
+        return _fills_up(disk, limited)
+
+
+@contextmanager
+def disk_of_its_own(folder):
+    """A folder to which, if that can be had, nobody else writes meanwhile."""
+    disk = Path(tempfile.mkdtemp(dir='/dev/shm' if os.access('/dev/shm', os.W_OK) else folder))
+    try:
+        yield disk
+    finally:
+        shutil.rmtree(disk)
+
+
+def _fills_up(folder, limited):
+    path = folder / 'bag'
+    reserve = 0 if limited else shutil.disk_usage(folder).free - 20_000_000
+    with ros_node() as node, recorder(path, '/full', reserve=reserve) as program:
+        message = joint_state(0)
+        message.header.frame_id = 'x' * 100_000
+        publisher = node.create_publisher(type(message), '/full', 10)
+        wait_for_subscriptions(publisher)
+        if limited:
+            resource.prlimit(program.process.pid, resource.RLIMIT_FSIZE, (5_000_000, 5_000_000))
+        sent = 0
+        while program.process.poll() is None:
+            publisher.publish(message)
+            sent += 1
+            wait(lambda: program.process.poll() is not None or recorded(path) >= sent - 5)  # noqa: B023
+        status = program.process.returncode
+    left = shutil.disk_usage(folder).free - reserve
+    info = BagReader(path).info
+    same = by_mcap(path) == by_rosbags(path)
+    return [
+        Figure(
+            'closed cleanly before the reserve is gone, exit status 1',
+            f'closed: {info.closed}, {left / 1e6:.1f} MB above the reserve, exit status {status}',
+            info.closed and left >= 0 and status == 1,
+        ),
+        Figure(
+            'all before it read by rosbags and mcap',
+            f'{info.count} of {sent} sent, those on their way at the end included; the same by both: {same}',
+            same and info.count >= sent - 6,
+        ),
+    ]
+
+
+def damaged(folder, count, alter, *, closed):
+    """Cut or change a bag so many times; read and repair what is left."""
+    silent = refused = worst = done = 0
+    crash = 'no crash'
+    try:
+        # So many bags need not be on the disk.
+        with mock.patch.object(os, 'fsync', return_value=None):
+            for outcome, left in damage.damaged_bags(folder, count, alter, closed=closed):
+                done += 1
+                silent += outcome.silent
+                refused += outcome.refused
+                worst = max(worst, left - outcome.saved)
+    except Exception as error:
+        crash = f'{type(error).__name__}: {error}'
+    return [
+        Figure(f'no crash in {count}', f'{crash} in {done}', done == count),
+        Figure('nothing wrong or missing accepted silently', f'{silent} messages', silent == 0),
+        Figure(
+            'what is whole is read: all but one chunk, of 11 messages here',
+            f'at most {worst} messages of {damage.COUNT} not saved; {refused} refused as they were, with a sentence',
+            worst <= 11,
+        ),
+    ]
+
+
+TRIALS = [
+    Trial('kill', 'recorder SIGKILLed at 1 kHz', killed),
+    Trial('disk', 'disk full', lambda folder, _: fills_up(folder, limited=False)),
+    Trial('quota', 'files limited in size', lambda folder, _: fills_up(folder, limited=True)),
+]
+for each, closed in (('closed', True), ('killed', False)):
+    TRIALS += [
+        Trial(
+            f'cut-{each}',
+            f'{each} bag, cut anywhere',
+            lambda folder, long, closed=closed: damaged(folder, 100 if long else 10, damage.cut, closed=closed),
+        ),
+        Trial(
+            f'change-{each}',
+            f'{each} bag, a byte changed anywhere',
+            lambda folder, long, closed=closed: damaged(folder, 1000 if long else 25, damage.change, closed=closed),
+        ),
+    ]

@@ -1,0 +1,191 @@
+import signal
+import struct
+
+import pytest
+
+from pendubot_identification.adapters.bag_metadata import Qos
+from pendubot_identification.adapters.bag_writer import BagWriter, Limits
+from pendubot_identification.adapters.joint_states import JOINT_STATE, decode_joint_state, encode_joint_state
+
+from ..adapters.independent import by_mcap
+from ..faults.recorder import recorded, recorder, wait
+from ..processes import Program, call, parameters, run_program, spin_until
+
+pytestmark = pytest.mark.ros
+
+START = 1_700_000_000_000_000_000
+MS = 1_000_000
+FLOAT = 'std_msgs/msg/Float64'
+
+
+@pytest.fixture
+def node(ros):
+    node = ros.create_node('player_test')
+    yield node
+    node.destroy_node()
+
+
+@pytest.fixture
+def bag(tmp_path):
+    """Two topics of 0.4 s in two files, one of them latched; a message of one between those of the other."""
+    path = tmp_path / 'bag'
+    with BagWriter(path, limits=Limits(max_duration=0.2)) as writer:
+        states = writer.add_topic('/states', JOINT_STATE)
+        latched = writer.add_topic('/latched', FLOAT, Qos(durability='transient_local', depth=1))
+        for k in range(400):
+            stamp = START + k * MS
+            if k == 100:
+                writer.write(latched, bytes([0, 1, 0, 0]) + struct.pack('<d', 4.5), stamp)
+            writer.write(states, encode_joint_state(stamp, ('a', 'b'), [k, 0], [], [0.5, 0]), stamp)
+    return path
+
+
+@pytest.fixture
+def heard(node):
+    """What comes on /states and /latched: (topic, bytes)."""
+    from rclpy.qos import DurabilityPolicy, QoSProfile
+    from sensor_msgs.msg import JointState
+    from std_msgs.msg import Float64
+
+    came = []
+    latched = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    for topic, kind, qos in (('/states', JointState, 1000), ('/latched', Float64, latched)):
+        node.create_subscription(kind, topic, lambda data, topic=topic: came.append((topic, data)), qos, raw=True)
+    return came
+
+
+def player(bag, **values):
+    return Program('player', *parameters(**{'bag': bag, 'wait': 10.0, **values}))
+
+
+def numbers(came):
+    """The first joint's position of every joint state."""
+    return [int(decode_joint_state(data).position[0]) for topic, data in came if topic == '/states']
+
+
+def test_everything_is_published_as_it_was_recorded(bag, node, heard):
+    with player(bag) as program:
+        # The latched one is in both files.
+        assert spin_until(node, lambda: len(heard) == 402, 20.0)
+        assert program.process.wait(10) == 0
+        program.wait_for('402 messages played')
+    sent = [(topic, data) for topic, _, data in by_mcap(bag)]
+    for topic in ('/states', '/latched'):
+        assert [data for t, data in heard if t == topic] == [data for t, data in sent if t == topic]
+
+
+def test_a_part_is_played_and_again(bag, node, heard):
+    with player(bag, start=0.1, duration=0.05, loop='true', topics='[/states]') as program:
+        assert spin_until(node, lambda: len(heard) >= 120, 20.0)
+        assert program.stop(signal.SIGTERM) == 0
+    assert numbers(heard)[:120] == [*range(100, 150), *range(100, 150), *range(100, 120)]
+
+
+def test_pause_holds_messages_and_clock(bag, node, heard):
+    from rosgraph_msgs.msg import Clock
+    from std_srvs.srv import Trigger
+
+    clock = []
+    node.create_subscription(Clock, '/clock', lambda m: clock.append(m.clock.sec * 1000 * MS + m.clock.nanosec), 10)
+    with player(bag, paused='true', clock=100.0, rate=0.5, topics='[/states]') as program:
+        assert spin_until(node, lambda: len(clock) >= 10, 20.0)
+        assert set(clock) == {START}
+        assert not heard
+        assert call(node, node.create_client(Trigger, '/player/resume'), Trigger.Request()).message == 'playing'
+        assert spin_until(node, lambda: len(heard) >= 20)
+        assert call(node, node.create_client(Trigger, '/player/pause'), Trigger.Request()).message == 'paused'
+        spin_until(node, lambda: False, 0.2)
+        held, count = clock[-1], len(heard)
+        clock.clear()
+        assert spin_until(node, lambda: len(clock) >= 10)
+        assert set(clock) == {held}
+        assert len(heard) == count
+        assert numbers(heard) == list(range(count))
+        assert count <= (held - START) // MS + 1
+        assert call(node, node.create_client(Trigger, '/player/resume'), Trigger.Request()).success
+        assert spin_until(node, lambda: len(heard) == 400)
+        assert program.process.wait(10) == 0
+    assert clock == sorted(clock)
+    assert START <= clock[-1] <= START + 401 * MS
+
+
+def test_the_pace_is_the_recordings(bag, node):
+    from rcl_interfaces.srv import SetParameters
+    from rclpy.parameter import Parameter
+    from sensor_msgs.msg import JointState
+
+    published = []
+    node.create_subscription(JointState, '/states', lambda _, info: published.append(info['source_timestamp']), 1000)
+    with player(bag, rate=0.02, topics='[/states]') as program:
+        assert spin_until(node, lambda: len(published) >= 20, 20.0)
+        # However busy the machine: one may be late, but none too early.
+        assert published[19] - published[0] > 900 * MS
+        client = node.create_client(SetParameters, '/player/set_parameters')
+        faster = SetParameters.Request(parameters=[Parameter('rate', value=1000.0).to_parameter_msg()])
+        assert call(node, client, faster).results[0].successful
+        negative = SetParameters.Request(parameters=[Parameter('rate', value=-1.0).to_parameter_msg()])
+        assert not call(node, client, negative).results[0].successful
+        assert program.process.wait(10) == 0
+    assert spin_until(node, lambda: len(published) == 400)
+
+
+def test_what_is_played_can_be_recorded_again(bag, tmp_path):
+    copy = tmp_path / 'copy'
+    with recorder(copy, '/states', '/latched') as program, player(bag) as played:
+        assert played.process.wait(30) == 0
+        wait(lambda: recorded(copy) == 402)
+        assert program.stop() == 0
+    for topic in ('/states', '/latched'):
+        assert [d for t, _, d in by_mcap(copy) if t == topic] == [d for t, _, d in by_mcap(bag) if t == topic]
+
+
+def test_a_late_subscriber_hears_what_is_latched(bag, node):
+    from rclpy.qos import DurabilityPolicy, QoSProfile
+    from std_msgs.msg import Float64
+
+    came = []
+    with player(bag, wait=0.0, loop='true') as program:
+        program.wait_for('playing')
+        qos = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        node.create_subscription(Float64, '/latched', lambda m: came.append(m.data), qos)
+        assert spin_until(node, lambda: 4.5 in came)
+        assert program.stop() == 0
+
+
+def test_an_unclosed_bag_is_played_as_far_as_it_is_whole(bag, node, heard):
+    file = bag / 'bag_1.mcap'
+    file.write_bytes(file.read_bytes()[:-3000])
+    with player(bag, topics='[/states]', rate=10.0) as program:
+        program.wait_for('was never closed, or is cut or damaged')
+        assert program.process.wait(20) == 0
+    assert spin_until(node, lambda: len(heard) > 200)
+    assert numbers(heard) == list(range(len(heard)))
+
+
+def test_damage_in_a_closed_bag_is_one_sentence(bag):
+    file = bag / 'bag_0.mcap'
+    data = bytearray(file.read_bytes())
+    data[len(data) // 2] ^= 1
+    file.write_bytes(data)
+    ended = run_program('player', *parameters(bag=bag, rate=100.0))
+    assert ended.returncode == 1
+    assert 'is damaged' in ended.stderr
+    assert 'Traceback' not in ended.stderr
+
+
+@pytest.mark.parametrize(
+    ('values', 'sentence'),
+    [
+        ({'bag': "''"}, 'bag is empty; give the folder of a bag'),
+        ({'bag': '/nowhere'}, 'there is no bag /nowhere'),
+        ({'topics': '[/other]'}, 'holds nothing on /other; its topics are /latched, /states'),
+        ({'topics': '["two words"]'}, 'a name such as /joint_states is expected'),
+        ({'start': 5.0}, 'start is 5 s; the bag lasts 0.399 s: give a time within it'),
+        ({'rate': 0.0}, 'rate is 0.0; a number with a decimal point from 0.001 to 1000 is expected'),
+    ],
+)
+def test_settings_that_make_no_sense_are_one_sentence(bag, values, sentence):
+    ended = run_program('player', *parameters(**{'bag': bag, **values}))
+    assert ended.returncode == 1
+    assert sentence in ended.stderr
+    assert len(ended.stderr.splitlines()) == 1
