@@ -41,21 +41,23 @@ class Regularity:
 
 def regularity(times_ns: NDArray[np.int64]) -> Regularity:
     """Return how regular times are, in the order in which they came [ns], shape (N,)."""
-    intervals = np.diff(times_ns)
-    forward = intervals[intervals > 0]
-    repeated, backwards = int((intervals == 0).sum()), int((intervals < 0).sum())
-    longest = float(forward.max(initial=0)) / 1e9
-    if len(forward) < MINIMUM_INTERVALS:
+    steps = np.diff(times_ns)
+    repeated, backwards = int((steps == 0).sum()), int((steps < 0).sum())
+    # A time that runs back takes nothing from the gap behind it.
+    ahead = np.unique(np.maximum.accumulate(times_ns))
+    intervals = np.diff(ahead)
+    longest = float(intervals.max(initial=0)) / 1e9
+    if len(intervals) < MINIMUM_INTERVALS:
         return Regularity(np.nan, np.nan, longest, 0, 0, np.nan, repeated, backwards)
-    period = float(np.median(forward))
+    period = float(np.median(intervals))
     late = np.flatnonzero(intervals > GAP * period)
     return Regularity(
         period=period / 1e9,
-        jitter=float(np.quantile(np.abs(forward - period), 0.99)) / 1e9,
+        jitter=float(np.quantile(np.abs(intervals - period), 0.99)) / 1e9,
         longest=longest,
         gaps=len(late),
         missing=int(np.rint(intervals[late] / period - 1).sum()),
-        first_gap=float(times_ns[late[0]] - times_ns[0]) / 1e9 if len(late) else np.nan,
+        first_gap=float(ahead[late[0]] - ahead[0]) / 1e9 if len(late) else np.nan,
         repeated=repeated,
         backwards=backwards,
     )

@@ -4,10 +4,13 @@ import json
 import numpy as np
 import pytest
 
-from pendubot_identification.adapters.joint_states import write_trajectory
+from pendubot_identification.adapters.bag_writer import BagWriter, Limits
+from pendubot_identification.adapters.joint_states import JOINT_STATE, encode_joint_state, write_trajectory
 from pendubot_identification.cli import info
 from pendubot_identification.core.errors import BagError
 from pendubot_identification.core.trajectory import Trajectory
+
+START = 1_700_000_000_000_000_000
 
 
 def run(*arguments):
@@ -51,6 +54,39 @@ def test_a_bag_that_was_never_closed_says_what_is_whole(bag, capsys):
     text = capsys.readouterr().out
     assert 'closed    no' in text
     assert 'bag_0.mcap was never closed, or is cut or damaged: its first' in text
+
+
+def test_what_is_irregular_or_missing_is_told(tmp_path, capsys):
+    with BagWriter(tmp_path / 'bag', limits=Limits(max_duration=0.5)) as bag:
+        channel = bag.add_topic('/joint_states', JOINT_STATE)
+        for k in range(100):
+            if k in (40, 41):
+                continue
+            # Stamped 3 ms before it is received; one stamp repeats, one runs back.
+            stamp = START + {70: 69, 80: 60}.get(k, k) * 10_000_000
+            data = encode_joint_state(stamp, ('a', 'b'), [0, 0], [], [0, 0])
+            bag.write(channel, data, START + k * 10_000_000 + 3_000_000, sequence=k + 1)
+    assert run(tmp_path / 'bag') == 0
+    text = capsys.readouterr().out
+    assert 'files     2' in text
+    assert 'gaps 3, 4 messages, first after 0.390 s' in text
+    assert 'latency 3.000 ms, at most 203.000 ms' in text
+    assert 'stamps 1 repeat, 1 run back' in text
+    assert 'lost 2 messages that the recorder had numbered' in text
+
+
+def test_what_is_damaged_inside_is_told_though_the_bag_was_closed(bag, capsys):
+    file = bag / 'bag_0.mcap'
+    data = bytearray(file.read_bytes())
+    data[len(data) // 2] ^= 1
+    file.write_bytes(data)
+    assert run(bag) == 0
+    text = capsys.readouterr().out
+    assert 'closed    yes' in text
+    assert 'bytes from byte' in text
+    assert run(bag, '--json') == 0
+    (damaged,) = json.loads(capsys.readouterr().out)['damaged']
+    assert damaged['offset'] < len(data) // 2 < damaged['offset'] + damaged['size']
 
 
 def test_no_bag_is_one_sentence(tmp_path):
