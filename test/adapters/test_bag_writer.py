@@ -220,6 +220,27 @@ def test_sync_leaves_nothing_behind(tmp_path):
     assert BagReader(tmp_path / 'bag').info.count == 5
 
 
+def test_sync_puts_the_file_on_the_disk_and_so_does_every_end_of_one(tmp_path, monkeypatch):
+    synced = []
+    fsync = os.fsync
+    monkeypatch.setattr(os, 'fsync', lambda fd: synced.append(os.readlink(f'/proc/self/fd/{fd}')) or fsync(fd))
+    bag = BagWriter(tmp_path / 'bag')
+    folder = str(tmp_path / 'bag')
+    # metadata.yaml, under the name that it has until it is whole, the folder that lists both, and the one above.
+    assert synced == [f'{folder}/metadata.yaml.tmp', folder, folder, str(tmp_path)]
+    channel = bag.add_topic('/joint_states', JOINT_STATE)
+    bag.write(channel, message(0)[1], START)
+    for action, expected in (
+        (bag.sync, [f'{folder}/bag_0.mcap']),
+        (bag.split, [f'{folder}/bag_0.mcap']),
+        (lambda: bag.write(channel, message(1)[1], START), [f'{folder}/metadata.yaml.tmp', folder, folder]),
+        (bag.close, [f'{folder}/bag_1.mcap', f'{folder}/metadata.yaml.tmp', folder]),
+    ):
+        synced.clear()
+        action()
+        assert synced == expected
+
+
 def test_a_full_disk_is_one_sentence_and_leaves_what_is_whole(tmp_path):
     # A limit on a file's size refuses a write as a full disk does.
     full = in_another_process(

@@ -387,6 +387,27 @@ def test_a_folder_that_may_not_be_written_to_is_one_sentence(tmp_path):
     assert not list(folder.iterdir())
 
 
+def test_the_disk_is_told_about_once_a_second(tmp_path):
+    # The power cannot be cut here: what can be seen is that the file is given to the disk, again and again.
+    program = """
+import os, sys
+from pendubot_identification.nodes import recorder
+fsync = os.fsync
+def told(descriptor):
+    fsync(descriptor)
+    print('on the disk', os.readlink(f'/proc/self/fd/{descriptor}'), flush=True)
+os.fsync = told
+sys.exit(recorder.main())
+"""
+    command = [sys.executable, '-c', program, '--ros-args', '-p', f'output:={tmp_path}/bag']
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        wanted = f'on the disk {tmp_path}/bag/bag_0.mcap\n'
+        seen = (line for line in process.stdout if line == wanted)
+        for _ in range(3):
+            assert next(seen, None) == wanted
+        process.send_signal(signal.SIGINT)
+
+
 def test_a_topic_of_two_types_is_one_sentence(tmp_path, node, ros):
     from std_msgs.msg import Float64, String
 
