@@ -12,6 +12,7 @@ from pendubot_identification.adapters.bag_metadata import Qos
 from pendubot_identification.adapters.bag_reader import BagReader, BagWindow, read_trajectory
 from pendubot_identification.adapters.bag_writer import SMALLEST_FILE, BagWriter, Limits
 from pendubot_identification.adapters.joint_states import JOINT_STATE
+from pendubot_identification.adapters.mcap_salvage import whole_parts
 from pendubot_identification.core.errors import BagError
 
 from .independent import by_mcap, by_rosbags
@@ -227,6 +228,9 @@ def test_what_the_system_refuses_all_the_same_leaves_what_is_whole(tmp_path):
     assert not info.closed
     assert int(count) - 10 <= info.count <= int(count)
     assert os.path.getsize(tmp_path / 'bag' / 'bag_0.mcap') <= 100_000
+    damages = []
+    assert sum(1 for _ in whole_parts(tmp_path / 'bag' / 'bag_0.mcap', damages)) > 10
+    assert damages == [], 'half a chunk was left at the end'
     assert information(tmp_path / 'bag')['message_count'] >= info.count
     assert resource.getrlimit(resource.RLIMIT_FSIZE)[0] == resource.RLIM_INFINITY
 

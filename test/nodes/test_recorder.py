@@ -7,6 +7,7 @@ import signal
 import struct
 import subprocess
 import sys
+import threading
 import time
 
 import pytest
@@ -402,9 +403,12 @@ sys.exit(recorder.main())
     command = [sys.executable, '-c', program, '--ros-args', '-p', f'output:={tmp_path}/bag']
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         wanted = f'on the disk {tmp_path}/bag/bag_0.mcap\n'
+        given_up = threading.Timer(30.0, process.kill)
+        given_up.start()
         seen = (line for line in process.stdout if line == wanted)
         for _ in range(3):
             assert next(seen, None) == wanted
+        given_up.cancel()
         process.send_signal(signal.SIGINT)
 
 
