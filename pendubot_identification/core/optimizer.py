@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -140,7 +140,7 @@ class Found:
         self.generations[active] = generation
         self.history.append(self.value.copy())
 
-    def stop(self, stopping: NDArray[np.intp], reasons: Sequence[str]) -> None:
+    def stop(self, stopping: NDArray[np.intp], reasons: Iterable[str]) -> None:
         """Note why runs have stopped."""
         for run, reason in zip(stopping, reasons, strict=True):
             self.stopped_by[run] = reason

@@ -1,4 +1,4 @@
-"""What the reproduction of the paper runs, experiment by experiment, and what each trial's runs came to, as plain data."""
+"""What the reproduction of the paper runs, experiment by experiment, and what came of it, as plain data."""
 
 from __future__ import annotations
 
