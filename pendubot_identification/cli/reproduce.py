@@ -154,7 +154,10 @@ class _Reproduction:
             self._folder.write('times.md', times.markdown())
             self._folder.write('times.csv', times.csv())
         if 'figure1' in self._only:
-            what = 'median of the best error so far, 10th to 90th percentile shaded; a mark where the last run ends'
+            what = (
+                'median of the best error so far, 10th to 90th percentile shaded, of all runs; a mark where '
+                'the last run ends'
+            )
             self._add_figure('figure1', f'Figure 1: {what}', paper_figures.convergence, records)
             caption = f'Figure 1 over function values, which cost alike whoever asks for them: {what}'
             self._add_figure('figure1_evaluations', caption, paper_figures.convergence, records, 'function values')
@@ -217,9 +220,13 @@ class _Reproduction:
         from pendubot_identification.report import paper_figures, paper_tables
 
         records, _ = self._run_trials('dimensions', list(dimensions(self._seed, self._runs)))
-        self._add_table(paper_tables.dimensions_table(records))
-        caption = 'Beyond the paper: final errors with equal budgets; median and range of all runs'
+        counts, errors = paper_tables.dimensions_tables(records)
+        self._add_table(counts)
+        caption = (
+            'Beyond the paper: final errors with equal budgets; median and range of all runs; the line is the target'
+        )
         self._add_figure('dimensions', caption, paper_figures.dimensions, records)
+        self._add_table(errors)
 
     def _run_trials(self, experiment: str, trials: Sequence[Trial]) -> tuple[list[dict[str, Any]], list[float]]:
         """Return what came of the trials, and what each took [s]; what was done is written also after an interrupt."""
@@ -247,7 +254,7 @@ class _Reproduction:
 
     def _write_raw(self, experiment: str, data: dict[str, Any]) -> None:
         name = f'runs/{experiment}.json'
-        self._folder.write(name, json.dumps({'seed': self._seed, **data}, indent=1) + '\n')
+        self._folder.write(name, json.dumps({'seed': self._seed, 'runs': self._runs, **data}, indent=1) + '\n')
         self._raw.append(name)
 
     def _add_table(self, table: Table) -> None:

@@ -19,7 +19,10 @@ Record = Mapping[str, Any]
 
 #: What lies between these percentiles of the runs is shaded.
 SPREAD = (10, 90)
+#: Errors below this are drawn as this.
 LEAST = 1e-8
+#: Of remarks.
+DIM = '#555555'
 #: An order that gives MDE the plainest line.
 STYLE_OF = dict(zip((*reversed(ALGORITHMS), PER_VECTOR), STYLES, strict=True))
 
@@ -35,13 +38,12 @@ def convergence(records: Sequence[Record], over: str = 'generations') -> Figure:
         ax.axhline(TARGET, color=GREY, linewidth=0.8)
         ax.set(title=function, xscale='log', yscale='log')
     for ax in axes[-1]:
-        ax.set_xlabel('generation + 1' if over == 'generations' else over)
+        ax.set_xlabel('generations, the initial vectors included' if over == 'generations' else over)
     for ax in axes[:, 0]:
         ax.set_ylabel('error of the best vector')
     axes[0, 0].annotate(
-        f'target {TARGET:g}', (1, TARGET), (2, -2), ha='left', va='top', textcoords='offset points', color='#555555',
-        fontsize=8,
-        xycoords=axes[0, 0].get_yaxis_transform(),
+        'target', (0.99, TARGET), (0, -2), xycoords=axes[0, 0].get_yaxis_transform(), textcoords='offset points',
+        ha='right', va='top', color=DIM, fontsize=8,
     )  # fmt: skip
     legend_above(figure, axes[0, 0], len(ALGORITHMS))
     return figure
@@ -91,7 +93,7 @@ def threshold(records: Sequence[Record]) -> Figure:
             ax.axvline(0.3, color=GREY, linewidth=0.8, zorder=0)
     axes[0, 0].set_ylabel('generations to the target, median')
     axes[1, 0].set_ylabel('runs that reach the target [%]')
-    axes[1, 0].annotate("the paper's 0.3", (0.3, 0), (3, 3), textcoords='offset points', color='#555555', fontsize=8)
+    axes[1, 0].annotate("the paper's 0.3", (0.3, 0), (3, 3), textcoords='offset points', color=DIM, fontsize=8)
     legend_above(figure, axes[0, 0], len(problems))
     return figure
 
@@ -134,7 +136,7 @@ def data_set(training: Trajectory, validation: Trajectory) -> Figure:
     labels = ('torque at the\nshoulder [N m]', 'shoulder q1,\nfrom horizontal [°]', 'elbow q2,\nrelative [°]')
     for ax, label in zip(axes[:, 0], labels, strict=True):
         ax.set_ylabel(label)
-        _halves(ax, start, training, validation)
+        _halves(ax, start, training, validation, named=ax is axes[0, 0])
     axes[-1, 0].set_xlabel('time [s]')
     figure.align_ylabels()
     return figure
@@ -163,14 +165,14 @@ def fit(
     axes[1, 0].set_ylabel('residual ε [mJ]')
     for ax in axes[:2, 0]:
         ax.set_xlabel('time [s]')
-        _halves(ax, start, training, validation)
+        _halves(ax, start, training, validation, named=ax is axes[0, 0])
     axes[0, 0].legend(loc='upper center', bbox_to_anchor=(0.5, 1.42), ncols=2)
-    length = pieces[0].duration
+    every = pieces[1].t[0] - pieces[0].t[0] if len(pieces) > 1 else pieces[0].duration
     for joint, ax in enumerate(axes[2:, 0]):
         t = validation.t - start
         ax.plot(t, np.degrees(validation.q[:, joint]), label='measured', color='#000000', linewidth=2.2, alpha=0.45)
         for piece in pieces:
-            label = f'simulated, every {length + 0.01:.2g} s from the measured state' if piece is pieces[0] else None
+            label = f'simulated, every {every:.2g} s from the measured state' if piece is pieces[0] else None
             ax.plot(piece.t - start, np.degrees(piece.q[:, joint]), label=label, **{**STYLES[1], 'marker': ''})
         ax.set(ylabel=f'q{joint + 1} [°]', xlabel='time [s] (validation)', xlim=(t[0], t[-1]))
     axes[2, 0].legend(loc='upper center', bbox_to_anchor=(0.5, 1.42), ncols=2)
@@ -178,14 +180,13 @@ def fit(
     return figure
 
 
-def _halves(ax: Any, start: float, training: Trajectory, validation: Trajectory) -> None:
-    """Say which half of a recording is which."""
+def _halves(ax: Any, start: float, training: Trajectory, validation: Trajectory, named: bool) -> None:
+    """Show where a recording's first half ends and, above, say which half is which."""
     ax.set_xlim(0, validation.t[-1] - start)
     border = (training.t[-1] + validation.t[0]) / 2 - start
     ax.axvline(border, color=GREY, linewidth=1)
-    place = ax.get_xaxis_transform()
-    for text, side, shift in (('training', 'right', -4), ('validation', 'left', 4)):
+    for text, side, shift in (('training', 'right', -4), ('validation', 'left', 4)) if named else ():
         ax.annotate(
-            text, (border, 1), (shift, 1), xycoords=place, textcoords='offset points', ha=side, va='bottom', fontsize=8,
-            color='#555555',
+            text, (border, 1), (shift, 1), xycoords=ax.get_xaxis_transform(), textcoords='offset points', ha=side,
+            va='bottom', color=DIM, fontsize=8,
         )  # fmt: skip
