@@ -73,5 +73,6 @@ def rendered(figure: Figure) -> dict[str, bytes]:
     for ending, metadata in (('png', {'Software': None}), ('svg', {'Date': None, 'Creator': None})):
         file = BytesIO()
         figure.savefig(file, format=ending, metadata=metadata)
+        figure.set_layout_engine('none')  # the second one has the first one's layout, without computing it again
         files[ending] = file.getvalue()
     return files
