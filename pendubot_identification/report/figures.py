@@ -26,6 +26,8 @@ STYLES: tuple[dict[str, Any], ...] = (
 GREY = '#888888'
 #: Width of a figure that fills a page [inch], and dots per inch of a PNG.
 WIDTH, RESOLUTION = 8.0, 150
+#: Height of a legend above all panels [inch].
+LEGEND = 0.32
 
 SETTINGS = {
     'font.family': 'DejaVu Sans',
@@ -64,7 +66,9 @@ def panels(rows: int, columns: int, height: float, **shared: Any) -> tuple[Figur
 def legend_above(figure: Figure, axes: Any, columns: int) -> None:
     """Put one legend for all panels, of the curves of one, above them."""
     handles, labels = axes.get_legend_handles_labels()
-    figure.legend(handles, labels, loc='outside upper center', ncols=columns)
+    figure.legend(handles, labels, loc='upper center', ncols=columns)
+    # The legend's place, which matplotlib before 3.7 (Ubuntu 24.04) does not leave free by itself.
+    figure.get_layout_engine().set(rect=(0, 0, 1, 1 - LEGEND / figure.get_figheight()))
 
 
 def rendered(figure: Figure) -> dict[str, bytes]:
