@@ -81,10 +81,13 @@ def add_parser(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the experiments, write, print."""
     from pendubot_identification.adapters.output_folder import OutputFolder
-    from pendubot_identification.core.errors import PendubotError
-    from pendubot_identification.core.optimizer import require_runs
+    from pendubot_identification.core.errors import ParameterError, PendubotError
+    from pendubot_identification.core.trials import MOST_RUNS
 
-    require_runs(10 * args.runs, 149, args.seed)
+    if not 1 <= args.runs <= MOST_RUNS:
+        raise ParameterError(f'{args.runs} runs were asked for; a number from 1 to {MOST_RUNS} is expected')
+    if args.seed < 0:
+        raise ParameterError(f'the seed is {args.seed}; a whole number of at least 0 is expected')
     made = _Reproduction(OutputFolder(args.output, overwrite=args.force), args)
     try:
         made.everything()

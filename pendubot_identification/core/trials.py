@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .benchmark_functions import FUNCTIONS
-from .competition import ALGORITHMS, DIMENSION, MDE_SETTINGS, PER_VECTOR, contestant, seed_of
+from .competition import ALGORITHMS, DIMENSION, MDE_SETTINGS, PER_VECTOR, PSO_SETTINGS, contestant, seed_of
 from .linear import penalised
 from .mde import MDE, MDESettings
-from .optimizer import Objective, OptimizationResult, Optimizer
+from .optimizer import MOST_VECTORS, Objective, OptimizationResult, Optimizer
 from .parameters import Bounds
 from .quadratic import Quadratic
 
@@ -22,6 +22,8 @@ Array = NDArray[np.float64]
 
 #: Runs that tell how often an algorithm arrives, for each one that the paper's tables have.
 MANY = 10
+#: More of them would not fit into a usual memory.
+MOST_RUNS = MOST_VECTORS // (MANY * PSO_SETTINGS.particles)
 #: Runs of the sweep, likewise, and the generations after which one of them has failed. Those that arrive take 200.
 SWEEP, SWEEP_GENERATIONS = 5, 400
 THRESHOLDS = tuple(k / 10 for k in range(11))

@@ -68,7 +68,7 @@ def legend_above(figure: Figure, axes: Any, columns: int) -> None:
     handles, labels = axes.get_legend_handles_labels()
     figure.legend(handles, labels, loc='upper center', ncols=columns)
     # The legend's place, which matplotlib before 3.7 (Ubuntu 24.04) does not leave free by itself.
-    figure.get_layout_engine().set(rect=(0, 0, 1, 1 - LEGEND / figure.get_figheight()))
+    figure.set_layout_engine('constrained', rect=(0, 0, 1, 1 - LEGEND / figure.get_figheight()))
 
 
 def rendered(figure: Figure) -> dict[str, bytes]:
