@@ -13,7 +13,7 @@ from .energy import Regression, energy_regression
 from .estimate import REACHED, Effort, Estimate, Progress
 from .mde import MDE
 from .motion import Motion
-from .optimizer import minimize
+from .optimizer import Objective, minimize
 from .parameters import MODELS, coupling_excess, repaired
 from .quadratic import Quadratic
 from .settings import Settings
@@ -67,6 +67,12 @@ def linear(name: str, motions: Sequence[Motion], model: str, settings: Settings,
     return Linear([weak_regression(m, model, delay, weights=weights) for m in motions], delay, weights)
 
 
+def penalised(criterion: Quadratic) -> Objective:
+    """Return what MDE minimises: a vector whose mass matrix is not positive definite costs more."""
+    worth = float(criterion(np.zeros(len(criterion.y))))
+    return lambda theta: criterion(theta) + worth * coupling_excess(theta)
+
+
 def estimate_linear(
     name: str,
     made: Linear,
@@ -86,13 +92,12 @@ def estimate_linear(
         how, count = settings.search(name)
         how = how if paper else replace(how, per_component=False, spread=SPREAD)
         mde = MDE(bounds, how, runs=count, seed=settings.seed)
-        worth = float(criterion(np.zeros_like(exact)))
 
         def tell(generation: int, best: float) -> None:
             if progress is not None:
                 progress(f'{name}: MDE', generation, how.generations, best)
 
-        runs = minimize(mde, lambda x: criterion(x) + worth * coupling_excess(x), tell)
+        runs = minimize(mde, penalised(criterion), tell)
         theta = repaired(runs.x)[runs.best]
         reached = int((runs.value <= J_exact * (1 + REACHED)).sum())
         steps = [

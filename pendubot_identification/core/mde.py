@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import ParameterError
-from .optimizer import OptimizationResult
+from .optimizer import Found, OptimizationResult, random_points, random_streams, require_runs
 from .parameters import Bounds
 
 Array = NDArray[np.float64]
@@ -21,8 +21,6 @@ Indices = NDArray[np.intp]
 
 #: Generations whose random numbers are drawn at once. Part of what a seed means, so not a setting.
 BLOCK = 16
-#: Of all runs together; each takes about 10 kB, for the random numbers of a block.
-MOST_VECTORS = 100_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,22 +67,6 @@ class MDESettings:
             raise ParameterError(f'the crossover rate CR reaches {self.crossover[1]:g}; at most 1 is expected')
 
 
-def require_runs(runs: int, population: int, seed: int) -> None:
-    """Refuse what no set of runs can be made of.
-
-    Raises:
-        ParameterError: no runs, too many vectors in all, or a negative seed.
-    """
-    if runs < 1:
-        raise ParameterError(f'{runs} runs were asked for; at least 1 is needed')
-    if runs * population > MOST_VECTORS:
-        raise ParameterError(
-            f'{runs * population} vectors in all runs were asked for; at most {MOST_VECTORS} fit into a usual memory'
-        )
-    if seed < 0:
-        raise ParameterError(f'the seed is {seed}; a whole number of at least 0 is expected')
-
-
 class MDE:
     """Ask/tell optimiser (see :class:`.optimizer.Optimizer`) of several independent runs.
 
@@ -105,15 +87,14 @@ class MDE:
         require_runs(runs, self.settings.population, seed)
         self.generation = 0
         population, dimension = self.settings.population, len(bounds.lower)
-        self._streams = [np.random.Generator(np.random.SFC64([seed, run])) for run in range(runs)]
-        start = np.stack([stream.random((population, dimension)) for stream in self._streams])
-        self._trials: Array = bounds.lower + start * (bounds.upper - bounds.lower)
+        self._streams = random_streams(seed, runs)
+        self._trials = random_points(self._streams, population, bounds)
         # Behind the NP vectors of each run stands its best one once more, so that best/1 is an index like any other.
         self._vectors: Array = np.empty((runs, population + 1, dimension))
         self._values = np.full((runs, population), np.inf)
         self._active = np.arange(runs)
         self._mutations: _Mutations | None = None
-        self._found = _Found(runs, dimension)
+        self._found = Found(runs, dimension, population, population)
 
     @property
     def done(self) -> bool:
@@ -146,7 +127,7 @@ class MDE:
 
     def result(self) -> OptimizationResult:
         """Return what the runs have found so far."""
-        return self._found.result(self.settings.population)
+        return self._found.result()
 
     def _stop(self, lowest: Array) -> None:
         settings = self.settings
@@ -159,8 +140,7 @@ class MDE:
             reasons[lowest <= settings.target] = 'target'
         stopping = reasons != ''
         if stopping.any():
-            for run, reason in zip(self._active[stopping], reasons[stopping], strict=True):
-                self._found.stopped_by[run] = reason
+            self._found.stop(self._active[stopping], reasons[stopping])
             going = ~stopping
             self._active, self._vectors, self._values = self._active[going], self._vectors[going], self._values[going]
             self._streams = [stream for stream, goes in zip(self._streams, going, strict=True) if goes]
@@ -222,7 +202,8 @@ class _Mutations:
         # Where a target's ring position leads in the run's flattened vectors; the best one stands behind them.
         ring = np.tile(np.arange(np_), 2) * dimension
         target = np.arange(np_, dtype=np.int32)[:, None]
-        partner = np.where(operator <= settings.threshold, np_ * dimension, ring.take(target + base))
+        best = (operator <= settings.threshold) & (settings.threshold > 0)  # of 2^24 numbers one is 0
+        partner = np.where(best, np_ * dimension, ring.take(target + base))
         return cls(
             np.where(crosses, partner, target * dimension) + component,
             ring.take(target + plus) + component,
@@ -232,33 +213,6 @@ class _Mutations:
 
     def of(self, going: NDArray[np.bool_]) -> _Mutations:
         return _Mutations(self.base[:, going], self.plus[:, going], self.minus[:, going], self.weight[:, going])
-
-
-class _Found:
-    """The best of every run, kept when the run itself is no longer advanced."""
-
-    def __init__(self, runs: int, dimension: int) -> None:
-        self.x = np.zeros((runs, dimension))
-        self.value = np.full(runs, np.inf)
-        self.generations = np.zeros(runs, dtype=np.int64)
-        self.history: list[Array] = []
-        self.stopped_by = ['running'] * runs
-
-    def record(self, active: Indices, generation: int, value: Array, x: Array) -> None:
-        self.value[active] = value
-        self.x[active] = x
-        self.generations[active] = generation
-        self.history.append(self.value.copy())
-
-    def result(self, population: int) -> OptimizationResult:
-        return OptimizationResult(
-            self.x.copy(),
-            self.value.copy(),
-            self.generations.copy(),
-            (self.generations + 1) * population,
-            np.array(self.history),
-            tuple(self.stopped_by),
-        )
 
 
 def _between(interval: tuple[float, float], u: NDArray[np.float32]) -> Array:

@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from .errors import ParameterError
-from .mde import MDESettings, require_runs
+from .mde import MDESettings
+from .optimizer import require_runs
 from .parameters import MODELS, Bounds, Parameters, default_bounds
 
 CRITERIA = ('energy', 'weak', 'trajectory')
