@@ -26,7 +26,7 @@ setup(
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (SHARE, ['package.xml']),
-        (f'{SHARE}/config', sorted(glob('config/*.yaml'))),
+        (f'{SHARE}/config', sorted(glob('config/*.*'))),
         (f'{SHARE}/launch', sorted(glob('launch/*.launch.py'))),
         *BAGS,
     ],
@@ -53,6 +53,7 @@ setup(
             'ruff',
             'sympy',
             'types-PyYAML',
+            'urdf_parser_py',
         ],
     },
     zip_safe=True,
