@@ -34,6 +34,24 @@ def test_holds_every_parameter_with_its_default_and_a_comment(program):
 
 
 @pytest.mark.parametrize('program', ['bridge', 'exciter', 'identifier', 'recorder'])
+def test_loads_into_the_node_that_it_names(program):
+    import rclpy
+    from rclpy.node import Node
+
+    path = ROOT / 'config' / f'{program}.yaml'
+    context = rclpy.Context()
+    rclpy.init(context=context)
+    node = Node(program, context=context, cli_args=['--ros-args', '--params-file', str(path)])
+    try:
+        for s in node_classes()[program].SETTINGS:
+            declared = node.declare_parameter(s.name, s.default, s.descriptor()).value
+            s.check(list(declared) if isinstance(s.default, list) else declared)
+    finally:
+        node.destroy_node()
+        context.try_shutdown()
+
+
+@pytest.mark.parametrize('program', ['bridge', 'exciter', 'identifier', 'recorder'])
 def test_every_parameter_has_a_descriptor_with_meaning_unit_and_range(program):
     for setting in node_classes()[program].SETTINGS:
         descriptor = setting.descriptor()

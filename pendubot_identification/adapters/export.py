@@ -20,7 +20,7 @@ def provenance(result: Result) -> list[str]:
     made, bags = result.get('made_by') or {}, result.get('bags') or []
     criterion, model = result.get('criterion') or 'not known', result.get('model') or 'not known'
     lines = [
-        "Parameters of a pendubot: M(q) q\" + V(q, q') q' + G(q) = tau - friction; q1 from the horizontal, q2 relative",
+        'Parameters of a pendubot, SI units; q1 is measured from the horizontal, q2 relative to link 1',
         f'made by pendubot_identification {made.get("version", "of an unknown version")}; criterion {criterion}, '
         f'model {model}',
         *(f'{bag["role"]}: {bag["bag"]}, sha256 {bag["sha256"]}' for bag in bags),

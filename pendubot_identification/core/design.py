@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from .errors import ExcitationError, ParameterError
 from .excitation import PulseTrain
 from .mde import MDE, MDESettings
-from .parameters import Bounds, Parameters
+from .parameters import NAMES, Bounds, Parameters
 from .rollout import roll, sensitivities
 from .simulation import HANGING, longest_step
 
@@ -32,15 +32,17 @@ COARSER = 4.0
 USED = 0.9
 #: The final design keeps the limits with so many parameter vectors drawn about the estimate, spread by at least this
 #: fraction of each parameter.
-DRAWS, SPREAD = 16, 0.03
+DRAWS, SPREAD = 8, 0.03
 #: So many of the best designs are looked at in this way.
-FINALISTS = 60
+FINALISTS = 40
 #: A cost beyond all those of trains within the limits.
 BEYOND = 1e6
 #: Of MDE's search. The seed of the random torques is one of the coordinates.
 POPULATION, GENERATIONS, SEEDS = 80, 30, 1000
 #: Ranges that are searched: period [s] and hold [s] up to these, width from this.
 LONGEST_PERIOD, LONGEST_HOLD, NARROWEST = 5.0, 1.0, 0.02
+#: What a pendubot can tell: all but k2, the friction that the elbow's torque makes, for there is none.
+TOLD = NAMES.index('k2')
 #: Numbers are rounded to so many digits, as they stand in the exciter's file.
 DIGITS = 3
 
@@ -110,7 +112,8 @@ class Foreseen:
 
     Attributes:
         train: the excitation.
-        std_error: of each parameter, from this motion alone, as far as the encoders' rounding sets it; shape (D,).
+        std_error: of each parameter, from this motion alone, as far as the encoders' rounding sets it; shape (D,);
+            infinite where it tells nothing.
         log_information: logarithm of the determinant of the information, parameters in units of their values.
         speed: greatest speed of shoulder and elbow [rad/s], shape (2,).
         angle: how far they turn away from hanging [rad], shape (2,).
@@ -152,12 +155,15 @@ def foresee(
     if limits is not None:
         wanted &= limits.used(speed, angle) <= USED
     errors, size = np.full((len(trains), len(theta)), np.inf), np.full(len(trains), -np.inf)
-    with np.errstate(all='ignore'):
-        informations = _information(theta, states[:, :, wanted], course.tau[:, :, wanted], course.step, experiment)
+    informations = np.empty((0, 0, 0))
+    if wanted.any():
+        with np.errstate(all='ignore'):
+            informations = _information(theta, states[:, :, wanted], course.tau[:, :, wanted], course.step, experiment)
     for k, information in zip(np.flatnonzero(wanted), informations, strict=True):
         size[k] = _log_determinant(information)
         if np.isfinite(size[k]):
-            errors[k] = np.sqrt(np.diag(np.linalg.inv(information))) * _units(theta)
+            errors[k, : len(information)] = np.sqrt(np.diag(np.linalg.inv(information)))
+    errors *= _units(theta)
     return [Foreseen(train, errors[k], float(size[k]), speed[:, k], angle[:, k]) for k, train in enumerate(trains)]
 
 
@@ -295,7 +301,7 @@ def _extremes(states: Array) -> tuple[Array, Array]:
 
 
 def _information(theta: Array, states: Array, tau: Array, step: float, experiment: Experiment) -> Array:
-    """Return the information of each motion, shape (C, D, D), parameters in units of their values.
+    """Return the information of each motion, shape (C, D, D), D at most TOLD, parameters in units of their values.
 
     Initial states and the effort's delay are unknown, too, and condensed out.
     """
@@ -315,15 +321,16 @@ def _information(theta: Array, states: Array, tau: Array, step: float, experimen
     rows = np.moveaxis(jacobian, 3, 0).reshape(count * lanes, -1, jacobian.shape[2])
     normal = (rows.transpose(0, 2, 1) @ rows).reshape(count, lanes, *[jacobian.shape[2]] * 2)
     # The delay is one for all segments of a motion, an initial state each segment's own.
-    return _condensed(_condensed(normal, 4).sum(axis=0), 1)
+    return _condensed(_condensed(normal, 4).sum(axis=0), 1)[:, :TOLD, :TOLD]
 
 
 def _log_determinant(information: Array) -> float:
     """Return the logarithm of the determinant; minus infinity where floats do not tell that there is one."""
-    if not np.isfinite(information).all():
+    size = np.diag(information)
+    if not (np.isfinite(information).all() and (size > 0).all()):
         return -math.inf
-    values = np.linalg.eigvalsh(information)
-    return float(np.log(values).sum()) if values[0] > 1e-13 * values[-1] else -math.inf
+    values = np.linalg.eigvalsh(information / np.sqrt(size) / np.sqrt(size)[:, None])
+    return float(np.log(values).sum() + np.log(size).sum()) if values[0] > 1e-12 else -math.inf
 
 
 def _condensed(normal: Array, size: int) -> Array:

@@ -35,20 +35,28 @@ def excitation_table(
         found: what the others tell.
     """
     theta = parameters.vector()
-    head = ['standard error, %', *(['now'] if std_error is not None else []), "paper's pulses", 'these', 'ratio']
-    rows = []
-    for k, value in enumerate(theta):
-        unit = abs(value) / 100 or 1.0
-        now = [] if std_error is None else [f'{std_error[k] / unit:.2g}']
-        errors = paper.std_error[k], found.std_error[k]
-        rows.append([NAMES[k], *now, *(f'{error / unit:.2g}' for error in errors), f'{errors[0] / errors[1]:.1f}'])
-    relative = [np.max(each.std_error / np.maximum(np.abs(theta), 1e-300)) for each in (paper, found)]
-    worst = [f'{100 * each:.2g}' for each in relative]
-    rows.append(['the worst', *([''] if std_error is not None else []), *worst, f'{relative[0] / relative[1]:.1f}'])
+    unit = np.where(theta == 0, 1.0, np.abs(theta)) / 100
+    columns = {"paper's pulses": paper.std_error / unit, 'these': found.std_error / unit}
+    if std_error is not None:
+        columns = {'now': std_error / unit, **columns}
+    rows = [
+        [name, *(_number(errors[k]) for errors in columns.values()), _ratio(paper.std_error[k], found.std_error[k])]
+        for k, name in enumerate(NAMES[: len(theta)])
+    ]
+    worst = [float(np.max(errors[np.isfinite(errors)], initial=0.0)) for errors in columns.values()]
+    rows.append(['the worst', *map(_number, worst), _ratio(*worst[-2:])])
     return '\n'.join(
         [
-            table(head, rows),
-            'from this motion alone, as far as the rounding of the encoders sets them; where the model itself errs',
-            'they are larger, and the ratio is what counts',
+            table(['standard error, %', *columns, 'ratio'], rows),
+            'from this motion alone, followed for 2 s at a time, as far as the rounding of the encoders sets them:',
+            'where the model itself errs they are larger, and the ratio is what counts',
         ]
     )
+
+
+def _number(value: float) -> str:
+    return f'{value:.2g}' if np.isfinite(value) else '-'
+
+
+def _ratio(before: float, after: float) -> str:
+    return f'{before / after:.1f}' if np.isfinite([before, after]).all() and after > 0 else '-'
