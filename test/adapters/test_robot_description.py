@@ -56,7 +56,7 @@ def test_is_one_tree_with_the_joints_of_joint_states():
 def test_moves_as_the_angles_are_defined(l1, l2, q1, q2):
     robot = parsed(l1, l2)
     elbow = np.array([l1 * math.cos(q1), 0, l1 * math.sin(q1)])
-    tip = elbow + [l2 * math.cos(q1 + q2), 0, l2 * math.sin(q1 + q2)]
+    tip = elbow + np.array([l2 * math.cos(q1 + q2), 0, l2 * math.sin(q1 + q2)])
     positions = {'shoulder': q1, 'elbow': q2}
     scale = l1 + l2
     np.testing.assert_allclose(place(robot, 'link_2', positions), elbow, atol=1e-7 * scale)
