@@ -5,12 +5,15 @@ import importlib
 import re
 import shlex
 import shutil
+import struct
 import subprocess
 import sys
+import zlib
 
 import pytest
 
 from pendubot_identification.cli.main import main, parser
+from pendubot_identification.core.protocol import Command, Decoder, Hello, HelloRequest, State, encode
 from test.conftest import RECORDINGS, ROOT
 
 PAGES = [ROOT / 'README.md', ROOT / 'bags' / 'README.md', *sorted((ROOT / 'docs').glob('*.md'))]
@@ -121,7 +124,8 @@ def test_a_wrong_ros2_command_would_be_found(line):
 
 @every_page
 def test_links_lead_somewhere(page):
-    for target in re.findall(r'\]\(([^)#\s]+)', page.read_text()):
+    prose = re.sub(r'```.*?```', '', page.read_text(), flags=re.DOTALL)
+    for target in re.findall(r'\]\(([^)#]+)', prose):
         if not target.startswith('http'):
             assert (page.parent / target).exists(), f'{page.name} links to {target}'
 
@@ -164,6 +168,32 @@ def test_troubleshooting_explains_every_warning_of_an_identification():
                 assert any(e.search(message) for e in explained), f'{name}.py says, unexplained: {message}'
 
 
+def test_the_frames_on_the_protocols_page_are_what_it_says():
+    """Taken apart by the page's words alone: COBS, CRC-32, little-endian fields."""
+    layouts = {1: '<iiihHHH', 2: '<BBHi', 3: '<IBBHIIiI16s', 4: '<'}
+    page = (ROOT / 'docs' / 'protocol.md').read_text()
+    rows = re.findall(r'^\| ([A-Z_]+) seq (\d+), t_us (\d+)(.*?) \| `([0-9a-f ]+)` \|$', page, re.MULTILINE)
+    assert [row[0] for row in rows] == ['HELLO_REQUEST', 'COMMAND', 'STATE', 'HELLO']
+    for name, seq, t_us, fields, text in rows:
+        *data, end = bytes.fromhex(text)
+        assert end == 0
+        content = bytearray()
+        while data:
+            content += bytes(data[1 : data[0]]) + (b'\0' if data[0] < len(data) else b'')
+            data = data[data[0] :]
+        body, crc = bytes(content[:-4]), int.from_bytes(content[-4:], 'little')
+        assert crc == zlib.crc32(body), name
+        kind, version, *numbers = struct.unpack_from('<BBHI', body)
+        assert version == 1
+        assert numbers == [int(seq), int(t_us)]
+        values = struct.unpack(layouts[kind], body[8:])
+        told = [int(n) for n in re.findall(r' (-?\d+)(?=,|$)', fields.split(', firmware')[0])]
+        kept = [v for k, v in enumerate(values) if not isinstance(v, bytes) and (kind, k) not in ((2, 1), (3, 2))]
+        assert kept == told, name
+        (message,) = Decoder(accept=(State, Command, Hello, HelloRequest)).feed(bytes.fromhex(text))
+        assert encode(message) == bytes.fromhex(text)
+
+
 def python_of(page):
     (code,) = re.findall(r'```python\n(.*?)```', (ROOT / 'docs' / page).read_text(), re.DOTALL)
     return code
@@ -197,6 +227,64 @@ def test_the_controller_of_the_page_receives_what_was_latched_before_it_started(
             assert controller.stop() in (0, -2, 130)
     finally:
         node.destroy_node()
+
+
+#: As much of ROS's headers as the C++ of the pages uses, for there is no rclcpp to compile it with.
+STAND_INS = {
+    'rclcpp/rclcpp.hpp': """
+        #pragma once
+        #include <functional>
+        #include <memory>
+        #include <string>
+        #define RCLCPP_INFO(logger, ...) std::snprintf(nullptr, 0, __VA_ARGS__)
+        #include <cstdio>
+        namespace rclcpp {
+        struct QoS { explicit QoS(size_t) {}
+          QoS & reliable() { return *this; } QoS & transient_local() { return *this; } };
+        template <typename T> struct Subscription { using SharedPtr = std::shared_ptr<Subscription>; };
+        struct Node {
+          explicit Node(const std::string &) {}
+          int get_logger() const { return 0; }
+          template <typename T, typename F>
+          typename Subscription<T>::SharedPtr create_subscription(const std::string &, const QoS &, F && f) {
+            std::function<void(typename T::ConstSharedPtr)> callback(f); return nullptr; }
+        };
+        inline void init(int, char **) {} inline void spin(std::shared_ptr<Node>) {} inline void shutdown() {}
+        }""",
+    'std_msgs/msg/float64_multi_array.hpp': """
+        #pragma once
+        #include <memory>
+        #include <string>
+        #include <vector>
+        namespace std_msgs::msg {
+        struct Dimension { std::string label; };
+        struct Layout { std::vector<Dimension> dim; };
+        struct Float64MultiArray { using ConstSharedPtr = std::shared_ptr<const Float64MultiArray>;
+          Layout layout; std::vector<double> data; };
+        }""",
+    'diagnostic_msgs/msg/diagnostic_array.hpp': """
+        #pragma once
+        #include <memory>
+        #include <string>
+        #include <vector>
+        namespace diagnostic_msgs::msg {
+        struct DiagnosticStatus { static constexpr unsigned char OK = 0; unsigned char level; std::string message; };
+        struct DiagnosticArray { using ConstSharedPtr = std::shared_ptr<const DiagnosticArray>;
+          std::vector<DiagnosticStatus> status; };
+        }""",
+}
+
+
+@pytest.mark.skipif(shutil.which('g++') is None, reason='needs a C++ compiler')
+def test_the_cpp_of_the_page_is_cpp(tmp_path):
+    for name, text in STAND_INS.items():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(text)
+    (code,) = re.findall(r'```cpp\n(.*?)```', (ROOT / 'docs' / 'controller.md').read_text(), re.DOTALL)
+    (tmp_path / 'controller.cpp').write_text(code)
+    command = ['g++', '-std=c++17', '-Wall', '-Wextra', '-fsyntax-only', f'-I{tmp_path}', 'controller.cpp']
+    run = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+    assert run.returncode == 0, run.stderr
 
 
 def test_help_is_there_before_scipy():

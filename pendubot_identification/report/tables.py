@@ -164,8 +164,8 @@ def whole(result: Result, truth: Mapping[str, float] | None = None) -> str:
         model_table(result),
         criterion_table(result),
         steps(result),
-        judgement(result),
         advice(result),
+        judgement(result),
     ]
     return '\n\n'.join(part for part in parts if part)
 
