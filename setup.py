@@ -27,7 +27,7 @@ setup(
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (SHARE, ['package.xml']),
-        (f'{SHARE}/config', sorted(glob('config/*.yaml'))),
+        (f'{SHARE}/config', sorted(glob('config/*.*'))),
         (f'{SHARE}/launch', sorted(glob('launch/*.launch.py'))),
         *BAGS,
     ],
@@ -56,6 +56,7 @@ setup(
             'swarmops',
             'sympy',
             'types-PyYAML',
+            'urdf_parser_py',
         ],
     },
     zip_safe=True,

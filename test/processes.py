@@ -40,11 +40,21 @@ class Program:
     """A program running in its own process; its output is collected, and can be waited for line by line."""
 
     def __init__(self, name, *args, env=None):
+        self._start(name, ['-m', MODULES[name], *map(str, args)], env)
+
+    @classmethod
+    def of_file(cls, path):
+        """Run a file of Python."""
+        program = cls.__new__(cls)
+        program._start(path.name, [str(path)], None)
+        return program
+
+    def _start(self, name, args, env):
         self.name = name
         self.lines = []
         self._queue = queue.Queue()
         self.process = subprocess.Popen(
-            [sys.executable, '-u', '-m', MODULES[name], *map(str, args)],
+            [sys.executable, '-u', *args],
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             stdin=subprocess.DEVNULL,

@@ -59,4 +59,11 @@ def test_colcon_builds_and_every_program_runs_from_there(tmp_path, options):
     assert (tmp_path / 'result.yaml').is_file()
     share = tmp_path / 'install' / 'pendubot_identification' / 'share'
     assert (share / 'ament_index/resource_index/packages/pendubot_identification').exists()
-    assert (share / 'pendubot_identification/launch/rig.launch.py').exists()
+    installed = share / 'pendubot_identification'
+    for folder in ('config', 'launch'):
+        ours = {path.name for path in (ROOT / folder).iterdir() if path.is_file()}
+        assert {path.name for path in (installed / folder).iterdir()} == ours
+    python = f'"{sys.executable}" -c "from pendubot_identification.adapters import robot_description as r; '
+    described = sourced(python + 'print(r.robot_description(0.2, 0.3)); print(r.__file__)"')
+    assert '<robot name="pendubot">' in described.stdout, described.stderr
+    assert Path(described.stdout.splitlines()[-1]).is_relative_to(tmp_path)

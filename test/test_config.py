@@ -6,6 +6,7 @@ import yaml
 from test.conftest import ROOT
 
 pytestmark = pytest.mark.ros
+PROGRAMS = 'bridge', 'exciter', 'identifier', 'player', 'recorder'
 
 
 def node_classes():
@@ -22,7 +23,7 @@ def test_there_is_one_for_each_node():
     assert {path.stem for path in (ROOT / 'config').glob('*.yaml')} == set(node_classes())
 
 
-@pytest.mark.parametrize('program', ['bridge', 'exciter', 'identifier', 'player', 'recorder'])
+@pytest.mark.parametrize('program', PROGRAMS)
 def test_holds_every_parameter_with_its_default_and_a_comment(program):
     path = ROOT / 'config' / f'{program}.yaml'
     parameters = yaml.safe_load(path.read_text())[program]['ros__parameters']
@@ -34,7 +35,25 @@ def test_holds_every_parameter_with_its_default_and_a_comment(program):
         assert above.startswith('#') or above.split(':')[0] in parameters, f'{name} has no comment'
 
 
-@pytest.mark.parametrize('program', ['bridge', 'exciter', 'identifier', 'player', 'recorder'])
+@pytest.mark.parametrize('program', PROGRAMS)
+def test_loads_into_the_node_that_it_names(program):
+    import rclpy
+    from rclpy.node import Node
+
+    path = ROOT / 'config' / f'{program}.yaml'
+    context = rclpy.Context()
+    rclpy.init(context=context)
+    node = Node(program, context=context, cli_args=['--ros-args', '--params-file', str(path)])
+    try:
+        for s in node_classes()[program].SETTINGS:
+            declared = node.declare_parameter(s.name, s.default, s.descriptor()).value
+            s.check(list(declared) if isinstance(s.default, list) else declared)
+    finally:
+        node.destroy_node()
+        context.try_shutdown()
+
+
+@pytest.mark.parametrize('program', PROGRAMS)
 def test_every_parameter_has_a_descriptor_with_meaning_unit_and_range(program):
     for setting in node_classes()[program].SETTINGS:
         descriptor = setting.descriptor()

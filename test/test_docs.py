@@ -1,28 +1,42 @@
-"""What the documentation tells a user to type, typed."""
+"""What the documentation tells a user to type, typed; what only ROS itself could run, held against what is declared."""
 
+import ast
+import importlib
 import re
 import shlex
 import shutil
+import struct
+import subprocess
+import sys
+import zlib
 
 import pytest
 
-from pendubot_identification.cli.main import main
+from pendubot_identification.cli.main import main, parser
+from pendubot_identification.core.protocol import Command, Decoder, Hello, HelloRequest, State, encode
 from test.conftest import RECORDINGS, ROOT
 
 PAGES = [ROOT / 'README.md', ROOT / 'bags' / 'README.md', *sorted((ROOT / 'docs').glob('*.md'))]
+PACKAGE = 'pendubot_identification'
+#: Those of the subcommands that need ROS, or half a minute.
+LIVE = {'demo'}
+#: What would take half a minute is done in little.
+QUICK = {'--design': ('--generations', '1', '--duration', '4'), 'reproduce': ('--only', 'table7', '--runs', '2')}
+every_page = pytest.mark.parametrize('page', PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+
+
+def blocks(page):
+    """The lines of a page that stand indented or fenced, comments at their end removed."""
+    return [line.split(' #')[0].strip() for line in re.findall(r'^    (.*)', page.read_text(), re.MULTILINE)]
 
 
 def commands(page):
-    """The offline pendubot commands in a page's code blocks; those that need a rig or half a minute are left out."""
-    lines = re.findall(
-        r'^(?:    )?\$? ?(pendubot (?:identify|simulate|info|repair|import-csv) [^#\n]*)',
-        page.read_text(),
-        re.MULTILINE,
-    )
-    return [line.strip() for line in lines if 'BAG' not in line and 'FILE' not in line]
+    """The offline pendubot commands in a page's code blocks, but for those that stand for others."""
+    lines = [line for line in blocks(page) if re.match(r'pendubot \S', line)]
+    return [line for line in lines if 'BAG' not in line and 'FILE' not in line and line.split()[1] not in LIVE]
 
 
-@pytest.mark.parametrize('page', PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+@every_page
 def test_commands_work_as_printed(page, tmp_path, monkeypatch, capsys):
     """In an empty folder with the sample bag and, under the names that the pages use, recordings of one's own."""
     monkeypatch.chdir(tmp_path)
@@ -31,14 +45,257 @@ def test_commands_work_as_printed(page, tmp_path, monkeypatch, capsys):
     rows = ['t,shoulder,elbow,torque', *(f'{k * 0.01},{90 + k % 7},{k % 5},{0.1 * (k % 3)}' for k in range(300))]
     (tmp_path / 'matlab.csv').write_text('\n'.join(rows))
     for command in commands(page):
-        assert main(shlex.split(command)[1:]) == 0, f'{page.name}: {command}\n{capsys.readouterr().err}'
+        quick = next((options for word, options in QUICK.items() if word in command), ())
+        assert main([*shlex.split(command)[1:], *quick]) == 0, f'{page.name}: {command}\n{capsys.readouterr().err}'
 
 
-@pytest.mark.parametrize('page', PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_every_subcommand_is_shown_somewhere():
+    shown = {command.split()[1] for page in PAGES for command in commands(page)} | LIVE
+    (subparsers,) = [action for action in parser()._actions if hasattr(action, 'choices') and action.choices]
+    assert shown >= set(subparsers.choices)
+
+
+def launch_arguments(name):
+    """The arguments of a launch file and of those that it includes."""
+    source = (ROOT / 'launch' / name).read_text()
+    tree = ast.parse(source)
+    (own,) = [
+        s.value for s in tree.body if isinstance(s, ast.Assign) and getattr(s.targets[0], 'id', '') == 'ARGUMENTS'
+    ]
+    arguments = set(ast.literal_eval(own))
+    for included in re.findall(r"'(\w+\.launch\.py)'", source):
+        arguments |= launch_arguments(included)
+    return arguments
+
+
+def node_class(program):
+    module = importlib.import_module(f'{PACKAGE}.nodes.{program}')
+    (found,) = [c for c in vars(module).values() if getattr(c, 'PROGRAM', None) == program]
+    return found
+
+
+def unknown_in(words):
+    """What a ros2 command names that there is not; None where all of it is there."""
+    kind, rest = words[0], words[1:]
+    assigned = [word.split(':=')[0] for word in rest if ':=' in word]
+    if kind == 'launch':
+        if rest[0] != PACKAGE or not (ROOT / 'launch' / rest[1]).exists():
+            return rest[1]
+        return next((name for name in assigned if name not in launch_arguments(rest[1])), None)
+    if kind == 'run':
+        if f"'{rest[1]}': 'nodes.{rest[1]}'" not in (ROOT / 'setup.py').read_text():
+            return rest[1]
+        known = {setting.name for setting in node_class(rest[1]).SETTINGS} if rest[1] != 'virtual_board' else set()
+        return next((name for name in assigned if name not in known), None)
+    sources = {path.stem: path.read_text() for path in (ROOT / PACKAGE / 'nodes').glob('*.py')}
+    if kind == 'service':
+        _, node, service = rest[1].split('/')
+        served = f"'~/{service}'" in sources[node] or ("f'~/{" in sources[node] and f"'{service}'" in sources[node])
+        return None if rest[0] == 'call' and served else rest[1]
+    if kind == 'topic':
+        everything = '\n'.join(sources.values()) + (ROOT / PACKAGE / 'adapters' / 'joint_states.py').read_text()
+        return None if f"'{rest[-1]}'" in everything else rest[-1]
+    return None if kind in ('bag', 'pkg', 'node', 'param') else kind
+
+
+@pytest.mark.ros
+@every_page
+def test_ros2_commands_name_what_there_is(page):
+    for line in blocks(page):
+        if line.startswith('ros2 '):
+            assert unknown_in(shlex.split(line)[1:]) is None, f'{page.name}: {line}'
+
+
+@pytest.mark.ros
+@pytest.mark.parametrize(
+    'line',
+    [
+        'launch pendubot_identification rig.launch.py prt:=/dev/x',
+        'launch pendubot_identification car.launch.py',
+        'run pendubot_identification exciter --ros-args -p amplitude:=1.0',
+        'run pendubot_identification driver',
+        'service call /bridge/fire std_srvs/srv/Trigger',
+        'topic echo /joint_state',
+    ],
+)
+def test_a_wrong_ros2_command_would_be_found(line):
+    assert unknown_in(shlex.split(line)) is not None
+
+
+@every_page
 def test_links_lead_somewhere(page):
-    for target in re.findall(r'\]\(([^)#]+)', page.read_text()):
+    prose = re.sub(r'```.*?```', '', page.read_text(), flags=re.DOTALL)
+    for target in re.findall(r'\]\(([^)#]+)', prose):
         if not target.startswith('http'):
             assert (page.parent / target).exists(), f'{page.name} links to {target}'
+
+
+def messages(path):
+    """Every text in a module but its docstrings, what is filled in as ``…``."""
+    tree = ast.parse(path.read_text())
+    prose = {id(n.value) for n in ast.walk(tree) if isinstance(n, ast.Expr)}
+    found = []
+    for node in ast.walk(tree):
+        if isinstance(node, ast.JoinedStr):
+            prose |= {id(part) for part in node.values}
+            parts = [part.value if isinstance(part, ast.Constant) else '…' for part in node.values]
+            found.append(re.sub('…+', '…', ''.join(parts)))
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in prose:
+            found.append(node.value)
+    return found
+
+
+def symptoms():
+    """The messages that the page on troubleshooting explains: quoted at the left of its tables."""
+    rows = re.findall(r'^\| (.*?) \|', (ROOT / 'docs' / 'troubleshooting.md').read_text(), re.MULTILINE)
+    return [quoted.removesuffix('…') for row in rows for quoted in re.findall(r'`([^`]+ [^`]+)`', row)]
+
+
+def test_every_message_that_troubleshooting_explains_is_one_that_is_given():
+    given = [message for path in (ROOT / PACKAGE).rglob('*.py') for message in messages(path)]
+    for symptom in symptoms():
+        parts = [part.strip() for part in symptom.split('…')]
+        pattern = '.*'.join(map(re.escape, parts))
+        assert any(re.search(pattern, message) for message in given), f'nothing says: {symptom}'
+
+
+def test_troubleshooting_explains_every_warning_of_an_identification():
+    """Sentences of the modules that judge; parts of sentences, and what is not for the user, are shorter."""
+    explained = [re.compile('.*'.join(re.escape(p.strip()) for p in s.split('…'))) for s in symptoms()]
+    for name in ('judgement', 'suspicions', 'agreement'):
+        for message in messages(ROOT / PACKAGE / 'core' / f'{name}.py'):
+            if len(message) > 45:
+                assert any(e.search(message) for e in explained), f'{name}.py says, unexplained: {message}'
+
+
+def test_the_frames_on_the_protocols_page_are_what_it_says():
+    """Taken apart by the page's words alone: COBS, CRC-32, little-endian fields."""
+    layouts = {1: '<iiihHHH', 2: '<BBHi', 3: '<IBBHIIiI16s', 4: '<'}
+    page = (ROOT / 'docs' / 'protocol.md').read_text()
+    rows = re.findall(r'^\| ([A-Z_]+) seq (\d+), t_us (\d+)(.*?) \| `([0-9a-f ]+)` \|$', page, re.MULTILINE)
+    assert [row[0] for row in rows] == ['HELLO_REQUEST', 'COMMAND', 'STATE', 'HELLO']
+    for name, seq, t_us, fields, text in rows:
+        *data, end = bytes.fromhex(text)
+        assert end == 0
+        content = bytearray()
+        while data:
+            content += bytes(data[1 : data[0]]) + (b'\0' if data[0] < len(data) else b'')
+            data = data[data[0] :]
+        body, crc = bytes(content[:-4]), int.from_bytes(content[-4:], 'little')
+        assert crc == zlib.crc32(body), name
+        kind, version, *numbers = struct.unpack_from('<BBHI', body)
+        assert version == 1
+        assert numbers == [int(seq), int(t_us)]
+        values = struct.unpack(layouts[kind], body[8:])
+        told = [int(n) for n in re.findall(r' (-?\d+)(?=,|$)', fields.split(', firmware')[0])]
+        kept = [v for k, v in enumerate(values) if not isinstance(v, bytes) and (kind, k) not in ((2, 1), (3, 2))]
+        assert kept == told, name
+        (message,) = Decoder(accept=(State, Command, Hello, HelloRequest)).feed(bytes.fromhex(text))
+        assert encode(message) == bytes.fromhex(text)
+
+
+def python_of(page):
+    (code,) = re.findall(r'```python\n(.*?)```', (ROOT / 'docs' / page).read_text(), re.DOTALL)
+    return code
+
+
+@pytest.mark.ros
+def test_the_controller_of_the_page_receives_what_was_latched_before_it_started(ros, tmp_path):
+    from diagnostic_msgs.msg import DiagnosticArray
+    from std_msgs.msg import Float64MultiArray
+
+    from pendubot_identification.core.level import Level
+    from pendubot_identification.nodes.diagnostics import diagnostics_message
+    from pendubot_identification.nodes.messages import LATCHED, parameters_message
+    from test.processes import Program
+    from test.results import identified
+
+    result = identified(('weak',))
+    node = ros.create_node('identifier_of_the_page')
+    status = node.create_publisher(DiagnosticArray, '/pendubot/identification', LATCHED)
+    params = node.create_publisher(Float64MultiArray, '/pendubot/params', LATCHED)
+    status.publish(diagnostics_message(node.get_clock().now().to_msg(), 'identification', Level.WARN, 'so so', {}))
+    params.publish(parameters_message(result))
+    program = tmp_path / 'controller.py'
+    program.write_text(python_of('controller.md'))
+    try:
+        with Program.of_file(program) as controller:
+            controller.wait_for('level 1: so so')
+            assert repr(float(result.best.theta[0])) in controller.wait_for('parameters:')
+            p = result.parameters
+            assert f'{9.81 * p.P4:.4f} N m' in controller.wait_for('to hold link 1 horizontal takes')
+            assert controller.stop() in (0, -2, 130)
+    finally:
+        node.destroy_node()
+
+
+#: As much of ROS's headers as the C++ of the pages uses, for there is no rclcpp to compile it with.
+STAND_INS = {
+    'rclcpp/rclcpp.hpp': """
+        #pragma once
+        #include <functional>
+        #include <memory>
+        #include <string>
+        #define RCLCPP_INFO(logger, ...) std::snprintf(nullptr, 0, __VA_ARGS__)
+        #include <cstdio>
+        namespace rclcpp {
+        struct QoS { explicit QoS(size_t) {}
+          QoS & reliable() { return *this; } QoS & transient_local() { return *this; } };
+        template <typename T> struct Subscription { using SharedPtr = std::shared_ptr<Subscription>; };
+        struct Node {
+          explicit Node(const std::string &) {}
+          int get_logger() const { return 0; }
+          template <typename T, typename F>
+          typename Subscription<T>::SharedPtr create_subscription(const std::string &, const QoS &, F && f) {
+            std::function<void(typename T::ConstSharedPtr)> callback(f); return nullptr; }
+        };
+        inline void init(int, char **) {} inline void spin(std::shared_ptr<Node>) {} inline void shutdown() {}
+        }""",
+    'std_msgs/msg/float64_multi_array.hpp': """
+        #pragma once
+        #include <memory>
+        #include <string>
+        #include <vector>
+        namespace std_msgs::msg {
+        struct Dimension { std::string label; };
+        struct Layout { std::vector<Dimension> dim; };
+        struct Float64MultiArray { using ConstSharedPtr = std::shared_ptr<const Float64MultiArray>;
+          Layout layout; std::vector<double> data; };
+        }""",
+    'diagnostic_msgs/msg/diagnostic_array.hpp': """
+        #pragma once
+        #include <memory>
+        #include <string>
+        #include <vector>
+        namespace diagnostic_msgs::msg {
+        struct DiagnosticStatus { static constexpr unsigned char OK = 0; unsigned char level; std::string message; };
+        struct DiagnosticArray { using ConstSharedPtr = std::shared_ptr<const DiagnosticArray>;
+          std::vector<DiagnosticStatus> status; };
+        }""",
+}
+
+
+@pytest.mark.skipif(shutil.which('g++') is None, reason='needs a C++ compiler')
+def test_the_cpp_of_the_page_is_cpp(tmp_path):
+    for name, text in STAND_INS.items():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(text)
+    (code,) = re.findall(r'```cpp\n(.*?)```', (ROOT / 'docs' / 'controller.md').read_text(), re.DOTALL)
+    (tmp_path / 'controller.cpp').write_text(code)
+    command = ['g++', '-std=c++17', '-Wall', '-Wextra', '-fsyntax-only', f'-I{tmp_path}', 'controller.cpp']
+    run = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+    assert run.returncode == 0, run.stderr
+
+
+def test_help_is_there_before_scipy():
+    """Whoever asks for help does not wait for the mathematics."""
+    code = (
+        'import sys\nfrom pendubot_identification.cli.main import main\n'
+        'try:\n  main(["--help"])\nexcept SystemExit:\n  pass\n'
+        'print([m for m in ("scipy", "matplotlib", "numpy", "rclpy", "yaml") if m in sys.modules], file=sys.stderr)'
+    )
+    run = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, check=True)
+    assert run.stderr.strip() == '[]'
 
 
 @pytest.mark.recordings

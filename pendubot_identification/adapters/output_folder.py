@@ -7,7 +7,7 @@ from pathlib import Path
 
 from pendubot_identification.core.errors import ResultError
 
-from .result_file import refuse_existing
+from .files import refuse_existing
 
 
 class OutputFolder:

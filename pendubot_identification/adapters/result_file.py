@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, astuple
 from pathlib import Path
@@ -11,10 +10,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import yaml
+from numpy.typing import NDArray
 
 from pendubot_identification import __version__
 from pendubot_identification.core.errors import ResultError
 from pendubot_identification.core.parameters import MODELS, NAMES, UNITS, Parameters
+
+from .files import write_text
 
 if TYPE_CHECKING:
     # Not for who only reads parameters: this takes a hundred times as long to import.
@@ -23,6 +25,8 @@ if TYPE_CHECKING:
     from pendubot_identification.core.settings import Settings
 
     from .datasets import Source
+
+Array = NDArray[np.float64]
 
 SCHEMA = 1
 REQUIRED = NAMES[: MODELS['viscous']]
@@ -40,6 +44,7 @@ def result_data(result: Identification, sources: Sequence[Source]) -> dict[str, 
         'parameters': _parameters(best),
         'level': best.level.name,
         'warnings': list(best.warnings),
+        'advice': list(best.advice),
         'criterion': best.criterion,
         'model': best.model,
         'effort': _effort(best, result.interval),
@@ -171,31 +176,13 @@ def _mde(e: Estimate, settings: Settings) -> dict[str, int] | None:
     return {'runs': runs, 'population': how.population, 'generations': how.generations}
 
 
-def refuse_existing(path: Path) -> None:
-    """Refuse to write where something is; worth asking before a long computation too.
-
-    Raises:
-        ResultError: the file exists already.
-    """
-    if path.exists():
-        raise ResultError(f'{path} exists already and was left as it is; choose another name or add --force')
-
-
 def write_result(path: Path, data: Mapping[str, Any], *, overwrite: bool = False) -> None:
     """Write a result, whole or not at all.
 
     Raises:
         ResultError: the file exists already, or the system refuses to write it.
     """
-    if not overwrite:
-        refuse_existing(path)
-    beside = path.with_name(path.name + '.partial')
-    try:
-        beside.write_text(_yaml(data), encoding='utf-8')
-        os.replace(beside, path)
-    except OSError as error:
-        beside.unlink(missing_ok=True)
-        raise ResultError(f'{path} cannot be written ({error.strerror}); choose a folder that can be') from error
+    write_text(path, _yaml(data), overwrite=overwrite)
 
 
 def read_result(path: Path) -> dict[str, Any]:
@@ -223,7 +210,29 @@ def read_parameters(path: Path) -> Parameters:
     Raises:
         ResultError: there is no such file, it is no result of this schema, or its parameters are no numbers by name.
     """
-    entries = read_result(path).get('parameters')
+    return parameters_of(read_result(path), path)
+
+
+def read_estimate(path: Path) -> tuple[Parameters, Array | None]:
+    """Return the parameters of a result file, and their standard errors, shape (D,), where it has them all.
+
+    Raises:
+        ResultError: as :func:`read_parameters`.
+    """
+    data = read_result(path)
+    parameters = parameters_of(data, path)
+    entries = [data['parameters'].get(name, {}) for name in NAMES[: len(parameters.vector())]]
+    errors = [_value(entry, 'std_error') for entry in entries]
+    return parameters, None if None in errors else np.array(errors, dtype=float)
+
+
+def parameters_of(data: Mapping[str, Any], path: Path) -> Parameters:
+    """Return the parameters in the data of a result file.
+
+    Raises:
+        ResultError: its parameters are no numbers by name.
+    """
+    entries = data.get('parameters')
     entries = entries if isinstance(entries, dict) else {}
     values = {str(name): value for name, entry in entries.items() if (value := _value(entry)) is not None}
     named = dict.fromkeys([*REQUIRED, *entries])
@@ -236,10 +245,10 @@ def read_parameters(path: Path) -> Parameters:
     return Parameters(**values)
 
 
-def _value(entry: Any) -> float | None:
+def _value(entry: Any, key: str = 'value') -> float | None:
     """Return the number in an entry ``{value: number, ...}``; None where there is none."""
     try:
-        return _number(float(entry['value']))
+        return _number(float(entry[key]))
     except (KeyError, TypeError, ValueError):
         return None
 

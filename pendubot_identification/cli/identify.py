@@ -142,7 +142,8 @@ def add_parser(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     """Identify, print, write."""
     from pendubot_identification.adapters.datasets import load_datasets
-    from pendubot_identification.adapters.result_file import refuse_existing, result_data, write_result
+    from pendubot_identification.adapters.files import refuse_existing
+    from pendubot_identification.adapters.result_file import result_data, write_result
     from pendubot_identification.core.identification import identify
     from pendubot_identification.report.tables import whole
 

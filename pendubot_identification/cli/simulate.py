@@ -44,6 +44,12 @@ def add_parser(subparsers: Any) -> None:
     )
     parser.add_argument('--seed', type=int, default=1, help='of the torque (default %(default)s)')
     parser.add_argument(
+        '--excitation',
+        type=Path,
+        metavar='EXCITER.yaml',
+        help="the exciter's parameter file, as pendubot excite writes it, instead of the pulses above",
+    )
+    parser.add_argument(
         '--parameters',
         type=Path,
         metavar='RESULT.yaml',
@@ -57,6 +63,7 @@ def run(args: argparse.Namespace) -> int:
     """Simulate and write."""
     import numpy as np
 
+    from pendubot_identification.adapters.exciter_file import read_exciter
     from pendubot_identification.adapters.joint_states import write_trajectory
     from pendubot_identification.adapters.result_file import read_parameters
     from pendubot_identification.core.errors import ParameterError
@@ -71,9 +78,11 @@ def run(args: argparse.Namespace) -> int:
         )
     low, high = args.amplitude
     pulses = PulseTrain(args.period, args.width, low, high, args.hold, args.seed)
+    if args.excitation is not None:
+        pulses, _ = read_exciter(args.excitation)
     parameters = PAPER if args.parameters is None else read_parameters(args.parameters)
     t = np.arange(args.samples) / args.rate
-    tau = np.column_stack([[pulses.torque(at) for at in t], np.zeros(args.samples)])
+    tau = np.column_stack([pulses.torques(t), np.zeros(args.samples)])
     motion = simulate(parameters, t, tau)
     write_trajectory(args.output, quantised(motion, args.counts) if args.counts else motion, overwrite=args.force)
     print(f'{args.samples} samples, {motion.duration:.2f} s, written to {args.output}')

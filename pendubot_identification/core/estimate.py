@@ -70,6 +70,7 @@ class Estimate:
         exact: whether the residuals are those of the encoders alone.
         level: how far to trust it.
         warnings: why, in sentences for the user.
+        advice: what motion would tell the parameters that this one tells poorly.
     """
 
     criterion: str
@@ -95,6 +96,7 @@ class Estimate:
     exact: bool = False
     level: Level = Level.OK
     warnings: tuple[str, ...] = ()
+    advice: tuple[str, ...] = ()
 
     @property
     def parameters(self) -> Parameters:

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .errors import ParameterError
+
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,12 +60,31 @@ class PulseTrain:
         """Return the torque [N m] wanted at ``t`` [s] after the start; 0 before it and between pulses."""
         if t < 0:
             return 0.0
-        # Sampling times are rational multiples of hold and period that floats only approximate: half a microsecond
-        # decides on which side of an edge they fall.
-        pulse, phase = divmod(t + 5e-7, self.period)
+        pulse, phase = _place(t, self.period)
         if phase >= self.width * self.period:
             return 0.0
-        values = np.random.default_rng([self.seed, int(pulse)]).uniform(
-            self.amplitude_min, self.amplitude_max, int(phase / self.hold) + 1
-        )
-        return float(values[-1])
+        return float(self._drawn(int(pulse), int(phase / self.hold) + 1)[-1])
+
+    def torques(self, t: Array) -> Array:
+        """Return :meth:`torque` at many times [s], shape (N,), drawing each pulse once."""
+        pulse, phase = _place(t, self.period)
+        within = (t >= 0) & (phase < self.width * self.period)
+        number = (phase / self.hold).astype(np.intp)
+        result = np.zeros(len(t))
+        for each in np.unique(pulse[within]):
+            here = within & (pulse == each)
+            result[here] = self._drawn(int(each), int(number[here].max()) + 1)[number[here]]
+        return result
+
+    def _drawn(self, pulse: int, count: int) -> Array:
+        """Return the first torques of a pulse [N m], shape (count,)."""
+        return np.random.default_rng([self.seed, pulse]).uniform(self.amplitude_min, self.amplitude_max, count)
+
+
+def _place(t: Any, period: float) -> tuple[Any, Any]:
+    """Return the number of the pulse that began last, and the time since [s].
+
+    Sampling times are rational multiples of hold and period that floats only approximate: half a microsecond decides on
+    which side of an edge they fall.
+    """
+    return np.divmod(t + 5e-7, period)

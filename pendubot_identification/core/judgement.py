@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from .advice import advise
 from .energy import energy_regression
 from .errors import ExcitationError
 from .estimate import Estimate
@@ -82,7 +83,7 @@ def judge(estimate: Estimate, settings: Settings, link_length: tuple[float, floa
     failures = [*_unphysical(estimate, settings), *_lost(estimate)]
     warnings = [*failures, *notes, *_doubts(estimate, settings), *_wrong_length(estimate, link_length)]
     level = Level.ERROR if failures else Level.WARN if warnings else Level.OK
-    return replace(estimate, level=level, warnings=tuple(warnings))
+    return replace(estimate, level=level, warnings=tuple(warnings), advice=advise(estimate))
 
 
 def _unphysical(estimate: Estimate, settings: Settings) -> list[str]:

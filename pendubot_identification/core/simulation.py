@@ -65,6 +65,12 @@ class Plant:
             self._state = advance(self._theta, self._state, tau, h, math)
 
 
+def longest_step(parameters: Parameters, torque: float) -> float:
+    """Return the step [s] with which the virtual rig follows its motion under torques up to this [N m]."""
+    pace, friction, load = _paces(parameters)
+    return 1 / max(pace, friction + load[0] * torque)
+
+
 def _paces(p: Parameters) -> tuple[float, float, Pair]:
     """Return how many steps a second follow a rig's swing, how many its friction, and how many more per N m of torque.
 

@@ -12,13 +12,9 @@ from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
 
 from pendubot_identification.adapters.datasets import load_datasets
+from pendubot_identification.adapters.files import refuse_existing
 from pendubot_identification.adapters.joint_states import JOINT_NAMES, JOINT_STATES_TOPIC
-from pendubot_identification.adapters.result_file import (
-    read_parameters,
-    refuse_existing,
-    result_data,
-    write_result,
-)
+from pendubot_identification.adapters.result_file import read_parameters, result_data, write_result
 from pendubot_identification.core.errors import ParameterError, PendubotError
 from pendubot_identification.core.identification import identify
 from pendubot_identification.core.level import Level

@@ -129,6 +129,15 @@ def judgement(result: Result) -> str:
     return '\n'.join(lines)
 
 
+def advice(result: Result) -> str:
+    """Return what motion would tell more; empty where nothing is told poorly."""
+    sentences = result['advice']
+    if not sentences:
+        return ''
+    design = 'pendubot excite --design proposes an excitation that tells most of all parameters'
+    return '\n'.join(_wrapped(sentence) for sentence in [*sentences, design])
+
+
 def whole(result: Result, truth: Mapping[str, float] | None = None) -> str:
     """Return all that a terminal shows of a result."""
     effort, length, published = result['effort'], result['link_length'], result['criteria'][result['criterion']]
@@ -154,6 +163,7 @@ def whole(result: Result, truth: Mapping[str, float] | None = None) -> str:
         model_table(result),
         criterion_table(result),
         steps(result),
+        advice(result),
         judgement(result),
     ]
     return '\n\n'.join(part for part in parts if part)

@@ -1,0 +1,133 @@
+"""``pendubot excite``: the pulse train that tells a rig's parameters best, and what a given one would tell."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from pathlib import Path
+from typing import Any
+
+DESCRIPTION = """\
+Design an excitation, or foresee what a given one does. A design is the pulse train whose motion tells most of the
+parameters (D-optimal: the smallest ellipsoid of confidence), simulated from hanging at rest with the parameters as they
+are known now, within a torque, a speed and angles that you set. It is written as a parameter file of the exciter.
+"""
+EPILOG = """\
+examples:
+  pendubot excite --design --torque 1 --speed 30 --output exciter.yaml         for the paper's rig
+  pendubot excite --design --torque 1 --speed 20 --from result.yaml            for yours; 20 rad/s at most
+  pendubot excite --design --torque 1 --speed 20 --angle 1.5 6.3               cables: a quarter turn, one turn
+  pendubot excite --check exciter.yaml --from result.yaml                      what would it do, and tell?
+
+then: ros2 run pendubot_identification exciter --ros-args --params-file exciter.yaml
+A rig differs from its estimate: watch the first run, with a hand at the emergency stop.
+"""
+
+
+def add_parser(subparsers: Any) -> None:
+    """Add this subcommand."""
+    parser = subparsers.add_parser(
+        'excite',
+        help='design an excitation',
+        description=DESCRIPTION,
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    what = parser.add_mutually_exclusive_group(required=True)
+    what.add_argument('--design', action='store_true', help='search the pulse train that tells most')
+    what.add_argument('--check', type=Path, metavar='EXCITER.yaml', help='foresee what this one does and tells')
+    parser.add_argument(
+        '--from',
+        dest='estimate',
+        type=Path,
+        metavar='RESULT.yaml',
+        help="the rig's parameters as known now: a result of pendubot identify (default: the paper's rig)",
+    )
+    limits = parser.add_argument_group('limits of a design')
+    limits.add_argument('--torque', type=float, metavar='NM', help='greatest torque, either way [N m]')
+    limits.add_argument('--speed', type=float, metavar='RAD_S', help='greatest speed of either joint [rad/s]')
+    limits.add_argument(
+        '--angle',
+        type=float,
+        nargs=2,
+        default=(math.inf, math.inf),
+        metavar=('SHOULDER', 'ELBOW'),
+        help='how far each joint may turn away from hanging, either way [rad]; 6.28 is a turn (default: no limit)',
+    )
+    how = parser.add_argument_group('how it is recorded')
+    how.add_argument('--duration', type=float, default=18.0, metavar='S', help='of the excitation (default 18)')
+    how.add_argument('--rate', type=float, default=100.0, metavar='HZ', help='sampling rate (default 100)')
+    how.add_argument('--counts', type=int, default=4000, help='encoder counts per turn (default 4000)')
+    search = parser.add_argument_group('search and output')
+    search.add_argument('--seed', type=int, default=1, help='same seed, same design (default 1)')
+    search.add_argument('--generations', type=int, default=30, help='of the search, 80 trains each (default 30)')
+    search.add_argument('--output', type=Path, metavar='EXCITER.yaml', help="write the exciter's parameter file here")
+    search.add_argument('--force', action='store_true', help='overwrite an existing file')
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Design or check, show, write."""
+    from pendubot_identification.adapters.exciter_file import read_exciter, write_exciter
+    from pendubot_identification.adapters.files import refuse_existing
+    from pendubot_identification.adapters.result_file import read_estimate
+    from pendubot_identification.core.design import Experiment, Limits, design, foresee, paper_pulses
+    from pendubot_identification.core.errors import ParameterError
+    from pendubot_identification.core.parameters import PAPER
+    from pendubot_identification.report.excitation import excitation_table, motion_lines
+
+    parameters, errors = (PAPER, None) if args.estimate is None else read_estimate(args.estimate)
+    if args.design and (args.torque is None or args.speed is None):
+        raise ParameterError(
+            'a design needs to know what the rig may do; give --torque [N m] and --speed [rad/s], and --angle where '
+            'there are cables or stops'
+        )
+    if args.output is not None and not args.force:
+        refuse_existing(args.output)
+    if not args.rate > 0:
+        raise ParameterError(f'the sampling rate is {args.rate:g} Hz; a number above 0 is expected')
+    if args.design:
+        experiment = Experiment(args.duration, 1 / args.rate, args.counts)
+        limits = Limits(args.torque, args.speed, tuple(args.angle))
+        with _progress_bar() as progress:
+            found = design(
+                parameters,
+                limits,
+                experiment,
+                uncertainty=errors,
+                generations=args.generations,
+                seed=args.seed,
+                progress=progress,
+            )
+    else:
+        train, duration = read_exciter(args.check)
+        experiment = Experiment(duration or args.duration, 1 / args.rate, args.counts)
+        (found,) = foresee(parameters, [train], experiment)
+    torque = max(abs(found.train.amplitude_min), abs(found.train.amplitude_max)) if args.torque is None else args.torque
+    (paper,) = foresee(parameters, [paper_pulses(torque)], experiment)
+    moved = motion_lines(found, experiment)
+    print(*moved, '', excitation_table(parameters, errors, paper, found), sep='\n')
+    if args.output is not None:
+        write_exciter(args.output, found.train, experiment.duration, moved, overwrite=args.force)
+        print(f'\nwritten to {args.output}')
+    return 0
+
+
+def _progress_bar() -> Any:
+    """Return a context that shows on a terminal, and nowhere else, how far the search has come."""
+    from contextlib import contextmanager
+
+    from tqdm import tqdm
+
+    @contextmanager
+    def showing() -> Any:
+        with tqdm(desc='designing', disable=None, leave=False, unit=' generations') as bar:
+
+            def progress(done: int, of: int, best: float) -> None:
+                bar.total = of
+                bar.set_postfix_str(f'ln det of the information {best:.1f}', refresh=False)
+                bar.update(done - bar.n)
+
+            yield progress
+
+    return showing()

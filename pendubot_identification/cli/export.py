@@ -1,0 +1,65 @@
+"""``pendubot export``: a result for MATLAB, firmware, a node or another program."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Any
+
+# The names of the adapter's formats and suffixes, again: importing them takes time, which no --help is worth.
+FORMATS = ('yaml', 'json', 'matlab', 'c')
+
+DESCRIPTION = """\
+Write the published parameters of a result, every digit of them, in another format:
+  yaml    parameters P1, P2, ... for --params-file of a controller node, whatever its name
+  json    the whole result
+  matlab  a script that makes a struct: pendubot.P1, ..., pendubot.theta, pendubot.std_error
+  c       a header: PENDUBOT_P1, ..., PENDUBOT_THETA
+Units, meanings, level, warnings and what the numbers were made of stand in comments.
+"""
+EPILOG = """\
+examples:
+  pendubot export result.yaml --output pendubot_parameters.m     the suffix says which format: .yaml .json .m .h
+  pendubot export result.yaml --format c > pendubot.h
+"""
+
+
+def add_parser(subparsers: Any) -> None:
+    """Add this subcommand."""
+    parser = subparsers.add_parser(
+        'export',
+        help='write a result for MATLAB, C, JSON or a node',
+        description=DESCRIPTION,
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument('result', type=Path, metavar='RESULT.yaml', help='a result of pendubot identify')
+    parser.add_argument('--format', choices=FORMATS, help="default: by the output's suffix")
+    parser.add_argument('--output', type=Path, metavar='FILE', help='write it here (default: print it)')
+    parser.add_argument('--force', action='store_true', help='overwrite an existing file')
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Read, convert, write."""
+    from pendubot_identification.adapters.export import FORMATS, SUFFIXES
+    from pendubot_identification.adapters.files import write_text
+    from pendubot_identification.adapters.result_file import parameters_of, read_result
+    from pendubot_identification.core.errors import ParameterError
+
+    name = args.format or (SUFFIXES.get(args.output.suffix) if args.output is not None else None)
+    if name is None:
+        given = 'no format was given' if args.output is None else f'{args.output} has no suffix that names a format'
+        raise ParameterError(f'{given}; add --format with one of {", ".join(FORMATS)}, or end on {", ".join(SUFFIXES)}')
+    result = read_result(args.result)
+    parameters_of(result, args.result)
+    text = FORMATS[name](result)
+    if result.get('level') in ('WARN', 'ERROR'):
+        print(f'level {result["level"]}: {"; ".join(result.get("warnings") or [])}', file=sys.stderr)
+    if args.output is None:
+        print(text, end='')
+        return 0
+    write_text(args.output, text, overwrite=args.force)
+    print(f'written to {args.output}')
+    return 0

@@ -1,0 +1,62 @@
+"""What an excitation would do and tell, as text for a terminal."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pendubot_identification.core.design import Experiment, Foreseen
+from pendubot_identification.core.parameters import NAMES, Parameters
+
+from .tables import table
+
+
+def motion_lines(found: Foreseen, experiment: Experiment) -> list[str]:
+    """Return, in words, the pulses and the motion that they are foreseen to make."""
+    train = found.train
+    speed, turns = found.speed, found.angle / (2 * np.pi)
+    return [
+        f'pulses: every {train.period:g} s, {100 * train.width:g} % of it, from {train.amplitude_min:g} to '
+        f'{train.amplitude_max:g} N m, a new torque every {train.hold:g} s, seed {train.seed}',
+        f'simulated, {experiment.duration:g} s from hanging: shoulder up to {speed[0]:.1f} rad/s and {turns[0]:.2f} '
+        f'turns away, elbow up to {speed[1]:.1f} rad/s and {turns[1]:.2f} turns away',
+    ]
+
+
+def excitation_table(
+    parameters: Parameters, std_error: NDArray[np.float64] | None, paper: Foreseen, found: Foreseen
+) -> str:
+    """Return a row a parameter: its standard error in % now, after the paper's pulses, and after those found.
+
+    Args:
+        parameters: of the rig.
+        std_error: of the present estimate, shape (D,); None where it is not known.
+        paper: what the paper's pulses tell.
+        found: what the others tell.
+    """
+    theta = parameters.vector()
+    unit = np.where(theta == 0, 1.0, np.abs(theta)) / 100
+    columns = {"paper's pulses": paper.std_error / unit, 'these': found.std_error / unit}
+    if std_error is not None:
+        columns = {'now': std_error / unit, **columns}
+    rows = [
+        [name, *(_number(errors[k]) for errors in columns.values()), _ratio(paper.std_error[k], found.std_error[k])]
+        for k, name in enumerate(NAMES[: len(theta)])
+    ]
+    worst = [float(np.max(errors[np.isfinite(errors)], initial=0.0)) for errors in columns.values()]
+    rows.append(['the worst', *map(_number, worst), _ratio(*worst[-2:])])
+    return '\n'.join(
+        [
+            table(['standard error, %', *columns, 'ratio'], rows),
+            'from this motion alone, followed for 2 s at a time, as far as the rounding of the encoders sets them:',
+            'where the model itself errs they are larger, and the ratio is what counts',
+        ]
+    )
+
+
+def _number(value: float) -> str:
+    return f'{value:.2g}' if np.isfinite(value) else '-'
+
+
+def _ratio(before: float, after: float) -> str:
+    return f'{before / after:.1f}' if np.isfinite([before, after]).all() and after > 0 else '-'

@@ -1,0 +1,90 @@
+import numpy as np
+import pytest
+import yaml
+
+from pendubot_identification.adapters.bag_reader import read_trajectory
+from pendubot_identification.adapters.exciter_file import read_exciter
+from pendubot_identification.cli.main import main
+from pendubot_identification.core.excitation import PulseTrain
+from test.conftest import ROOT
+from test.results import plain
+
+QUICK = ['--torque', '1', '--speed', '20', '--duration', '2', '--generations', '1']
+
+
+def test_a_design_is_shown_and_written_as_the_exciters_file(tmp_path, capsys):
+    result, output = tmp_path / 'result.yaml', tmp_path / 'exciter.yaml'
+    result.write_text(yaml.safe_dump(plain(('weak',))))
+    assert main(['excite', '--design', *QUICK, '--from', str(result), '--output', str(output)]) == 0
+    shown = capsys.readouterr().out
+    for word in ('rad/s', 'turns', 'now', "paper's pulses", 'ratio', 'P5', 'the worst', f'written to {output}'):
+        assert word in shown
+    config = yaml.safe_load((ROOT / 'config' / 'exciter.yaml').read_text())['exciter']['ros__parameters']
+    written = yaml.safe_load(output.read_text())['exciter']['ros__parameters']
+    assert set(written) == set(config)
+    assert {name: type(value) for name, value in written.items()} == {n: type(v) for n, v in config.items()}
+    assert written['duration'] == 2.0
+    assert written['arm'] is False
+
+    assert main(['excite', '--check', str(output), '--from', str(result), '--torque', '1']) == 0
+    checked = capsys.readouterr().out
+    assert checked.splitlines()[:2] == shown.splitlines()[:2], 'what is written is what was simulated'
+
+    assert main(['simulate', '--output', str(tmp_path / 'bag'), '--samples', '200', '--excitation', str(output)]) == 0
+    train, duration = read_exciter(output)
+    assert duration == 2.0
+    recorded = read_trajectory(tmp_path / 'bag').trajectory
+    np.testing.assert_array_equal(recorded.tau[:, 0], train.torques(np.arange(200) / 100))
+
+
+@pytest.mark.ros
+def test_the_exciter_takes_a_written_file(tmp_path):
+    import rclpy
+    from rclpy.node import Node
+
+    from pendubot_identification.adapters.exciter_file import write_exciter
+    from pendubot_identification.nodes.exciter import Exciter
+
+    path, train = tmp_path / 'exciter.yaml', PulseTrain(0.7, 0.31, -0.2, 1.0, 1e-3, 12)
+    write_exciter(path, train, 9, ['for a rig'])
+    context = rclpy.Context()
+    rclpy.init(context=context)
+    node = Node('exciter', context=context, cli_args=['--ros-args', '--params-file', str(path)])
+    try:
+        values = {s.name: node.declare_parameter(s.name, s.default, s.descriptor()).value for s in Exciter.SETTINGS}
+    finally:
+        node.destroy_node()
+        context.try_shutdown()
+    assert PulseTrain(**{n: values[n] for n in values if n not in ('duration', 'arm')}) == train
+    assert values['duration'] == 9.0
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'sentence'),
+    [
+        (['--design', '--torque', '1'], 'give --torque [N m] and --speed [rad/s]'),
+        (['--design', '--torque', '-1', '--speed', '5'], 'limit of the torque is -1'),
+        (['--design', *QUICK, '--rate', '0'], 'sampling rate is 0'),
+        (['--design', *QUICK, '--output', 'taken.yaml'], 'exists already'),
+        (['--design', *QUICK, '--from', 'missing.yaml'], 'missing.yaml cannot be read'),
+        (['--check', 'missing.yaml'], 'missing.yaml cannot be read'),
+        (['--check', 'taken.yaml'], 'no parameters of the node exciter'),
+        (['--check', 'wrong.yaml'], 'numbers are expected'),
+        (['--check', 'noise.yaml'], 'is no YAML file'),
+    ],
+)
+def test_what_a_user_can_do_wrong_is_explained(tmp_path, monkeypatch, capsys, arguments, sentence):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / 'taken.yaml').write_text('bridge: {}\n')
+    (tmp_path / 'wrong.yaml').write_text('exciter: {ros__parameters: {period: often}}\n')
+    (tmp_path / 'noise.yaml').write_text('{{{')
+    assert main(['excite', *arguments]) == 1
+    error = capsys.readouterr().err
+    assert sentence in error
+    assert 'Traceback' not in error
+
+
+def test_design_or_check_must_be_chosen(capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(['excite', '--torque', '1'])
+    assert ended.value.code == 2

@@ -1,0 +1,67 @@
+import json
+
+import pytest
+import yaml
+
+from pendubot_identification.adapters.export import FORMATS
+from pendubot_identification.cli.export import FORMATS as NAMED
+from pendubot_identification.cli.main import main
+from test.results import plain
+
+
+@pytest.fixture
+def result(tmp_path):
+    path = tmp_path / 'result.yaml'
+    path.write_text(yaml.safe_dump(plain(('weak',))))
+    return path
+
+
+def test_help_names_every_format():
+    assert tuple(FORMATS) == NAMED
+
+
+@pytest.mark.parametrize(('suffix', 'name'), [('.m', 'matlab'), ('.h', 'c'), ('.json', 'json'), ('.yaml', 'yaml')])
+def test_the_suffix_says_which_format(result, tmp_path, capsys, suffix, name):
+    output = tmp_path / f'parameters{suffix}'
+    assert main(['export', str(result), '--output', str(output)]) == 0
+    assert f'written to {output}' in capsys.readouterr().out
+    assert main(['export', str(result), '--format', name]) == 0
+    assert capsys.readouterr().out == output.read_text()
+
+
+def test_an_existing_file_stays_and_force_replaces_it(result, tmp_path, capsys):
+    output = tmp_path / 'parameters.json'
+    output.write_text('mine')
+    assert main(['export', str(result), '--output', str(output)]) == 1
+    assert 'exists already' in capsys.readouterr().err
+    assert output.read_text() == 'mine'
+    assert main(['export', str(result), '--output', str(output), '--force']) == 0
+    assert json.loads(output.read_text())['schema'] == 1
+
+
+def test_a_doubtful_result_is_exported_and_said_to_be_doubtful(result, tmp_path, capsys):
+    data = yaml.safe_load(result.read_text()) | {'level': 'ERROR', 'warnings': ['not physical: P1']}
+    result.write_text(yaml.safe_dump(data))
+    assert main(['export', str(result), '--format', 'c']) == 0
+    printed = capsys.readouterr()
+    assert 'level ERROR: not physical: P1' in printed.err
+    assert 'level: ERROR' in printed.out
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'sentence'),
+    [
+        (['result.yaml'], 'no format was given'),
+        (['result.yaml', '--output', 'parameters.txt'], 'no suffix that names a format'),
+        (['missing.yaml', '--format', 'c'], 'cannot be read'),
+        (['empty.yaml', '--format', 'c'], 'no parameter vector'),
+        (['result.yaml', '--output', 'no/such/folder/p.h'], 'cannot be written'),
+    ],
+)
+def test_what_a_user_can_do_wrong_is_explained(result, tmp_path, monkeypatch, capsys, arguments, sentence):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / 'empty.yaml').write_text('schema: 1\n')
+    assert main(['export', *arguments]) == 1
+    error = capsys.readouterr().err
+    assert sentence in error
+    assert 'Traceback' not in error
