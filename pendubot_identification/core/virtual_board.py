@@ -283,8 +283,7 @@ class VirtualBoard:
     def _glitched(self, state: State) -> State:
         if not self._chance(self._faults.glitch):
             return state
-        values = {each.name: getattr(state, each.name) for each in fields(state)}
-        return State(**values | {'enc1': state.enc1 + self.settings.counts // 2})
+        return state._replace(enc1=state.enc1 + self.settings.counts // 2)
 
     def _transmit(self, message: Message) -> bytes:
         faults = self._faults

@@ -20,14 +20,14 @@ from std_srvs.srv import Trigger
 from pendubot_identification.adapters.serial_link import SerialLink
 from pendubot_identification.core.errors import ParameterError
 from pendubot_identification.core.health import Health
-from pendubot_identification.core.host import Host, HostConfig
+from pendubot_identification.core.host import Host
+from pendubot_identification.core.host_config import HostConfig
 from pendubot_identification.core.level import Level
 from pendubot_identification.core.news import Armed, ArmingFailed, HostEvent, Report, Sample
 
 from .diagnostics import diagnostics_message
+from .joint_state_bytes import JointStateBytes
 from .runtime import Setting, SettingsNode, run
-
-SECOND = 1_000_000_000
 
 
 class Bridge(SettingsNode):
@@ -67,7 +67,7 @@ class Bridge(SettingsNode):
         self._port: str = s['port']
         # Stamps are the board's time on the monotonic clock, which no time server sets back.
         self._epoch_ns = time.time_ns() - time.monotonic_ns()
-        self._message = JointState(name=s['joint_names'], position=[0.0] * 2, velocity=[0.0] * 2, effort=[0.0] * 2)
+        self._message = JointStateBytes(s['joint_names'])
         self._joint_states = self.create_publisher(JointState, '/joint_states', QoSProfile(depth=1000))
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
         self.create_subscription(Float64, '/pendubot/effort_command', self._on_effort, 1)
@@ -144,12 +144,8 @@ class Bridge(SettingsNode):
             self.executor.wake()
 
     def _publish(self, sample: Sample) -> None:
-        m = self._message
-        m.header.stamp.sec, m.header.stamp.nanosec = divmod(sample.stamp_ns + self._epoch_ns, SECOND)
-        m.position[0], m.position[1] = sample.q
-        m.velocity[0], m.velocity[1] = sample.qd
-        m.effort[0] = sample.effort
-        self._joint_states.publish(m)
+        stamp_ns, q, qd, effort = sample
+        self._joint_states.publish(self._message.fill(stamp_ns + self._epoch_ns, q, qd, effort))
 
     def _keep_house(self) -> None:
         due = time.monotonic() + 1.0

@@ -26,6 +26,8 @@ example:
   virtual_board --link /tmp/pendubot --parameters result.yaml
   bridge --ros-args -p port:=/tmp/pendubot
 
+signals: SIGUSR1 pulls the cable in the middle of a frame, SIGUSR2 puts it back (--link then leads to another pty)
+
 exit status: 0 success or ended by a signal, 1 a failure explained in one line, 2 wrong usage"""
 
 
@@ -112,6 +114,8 @@ def main(args: Sequence[str] | None = None) -> int:
         signal.signal(number, lambda *_: stop.set())
     try:
         with PtyServer(make_board(options), options.link, options.trace) as server:
+            signal.signal(signal.SIGUSR1, lambda *_: server.pull())
+            signal.signal(signal.SIGUSR2, lambda *_: server.plug())
             print(f'seed {options.seed}\nvirtual board on {server.path}', flush=True)
             server.serve(stop, options.duration)
     except PendubotError as error:

@@ -7,7 +7,8 @@ from itertools import pairwise
 import pytest
 
 from pendubot_identification.core.health import Health
-from pendubot_identification.core.host import Host, HostConfig
+from pendubot_identification.core.host import Host
+from pendubot_identification.core.host_config import HostConfig
 from pendubot_identification.core.level import Level
 from pendubot_identification.core.news import Armed, ArmingFailed, Report, Sample
 from pendubot_identification.core.parameters import PAPER
