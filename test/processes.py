@@ -15,6 +15,7 @@ MODULES = {
     'exciter': 'pendubot_identification.nodes.exciter',
     'virtual_board': 'pendubot_identification.nodes.virtual_board',
     'pendubot': 'pendubot_identification.cli.main',
+    'listener': 'test.faults.listener',
 }
 
 
@@ -38,12 +39,12 @@ def run_program(name, *args, timeout=120, env=None):
 class Program:
     """A program running in its own process; its output is collected, and can be waited for line by line."""
 
-    def __init__(self, name, *args, env=None):
+    def __init__(self, name, *args, env=None, before=()):
         self.name = name
         self.lines = []
         self._queue = queue.Queue()
         self.process = subprocess.Popen(
-            [sys.executable, '-u', '-m', MODULES[name], *map(str, args)],
+            [*before, sys.executable, '-u', '-m', MODULES[name], *map(str, args)],
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             stdin=subprocess.DEVNULL,

@@ -9,6 +9,7 @@ import select
 import threading
 import time
 import tty
+from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
 from typing import TextIO
@@ -28,6 +29,7 @@ class PtyServer:
         board: the board.
         link: where to put a symbolic link to the pty, so that a host finds it under a name that stays.
         trace: where to write a CSV file of every sample as the board took it (t_us, counts, micro-N m, status).
+        tell: called with ``cable out`` and ``cable in`` when that has happened.
 
     Attributes:
         path: where a host opens it.
@@ -36,8 +38,15 @@ class PtyServer:
         LinkError: the link's place is taken by something else, or the link or the trace cannot be made.
     """
 
-    def __init__(self, board: VirtualBoard, link: Path | None = None, trace: Path | None = None) -> None:
+    def __init__(
+        self,
+        board: VirtualBoard,
+        link: Path | None = None,
+        trace: Path | None = None,
+        tell: Callable[[str], None] = lambda _: None,
+    ) -> None:
         self._board = board
+        self._tell = tell
         self._link = link
         self._master: int | None = None
         self._slave_path = ''
@@ -83,11 +92,13 @@ class PtyServer:
                 self._write_trace()
                 if self._master is None and self._plugged_in.is_set():
                     self._plug()
+                    self._tell('cable in')
                 if self._plugged_in.is_set():
                     self._send(data)
                 elif self._master is not None:
                     self._send(data[: len(data) // 2])
                     self._unplug()
+                    self._tell('cable out')
                 due += period
 
     def _plug(self) -> None:

@@ -7,6 +7,7 @@ import secrets
 import signal
 import sys
 import threading
+import time
 from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
@@ -101,6 +102,10 @@ def _fault(text: str) -> tuple[str, float]:
         raise ParameterError(f'the fault {text!r} has no number; write {name}=VALUE') from None
 
 
+def _tell(what: str) -> None:
+    print(f'{what} at {time.time_ns()} ns', flush=True)
+
+
 def main(args: Sequence[str] | None = None) -> int:
     """Serve a virtual board until a signal comes; return the exit status."""
     argv = list(sys.argv[1:] if args is None else args)
@@ -113,7 +118,7 @@ def main(args: Sequence[str] | None = None) -> int:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())
     try:
-        with PtyServer(make_board(options), options.link, options.trace) as server:
+        with PtyServer(make_board(options), options.link, options.trace, _tell) as server:
             signal.signal(signal.SIGUSR1, lambda *_: server.pull())
             signal.signal(signal.SIGUSR2, lambda *_: server.plug())
             print(f'seed {options.seed}\nvirtual board on {server.path}', flush=True)

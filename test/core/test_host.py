@@ -195,6 +195,17 @@ def test_no_frame_is_published_twice_or_out_of_order():
     assert (counters.lost, counters.duplicates, counters.out_of_order) == (1, 1, 1)
 
 
+def test_numbers_that_went_more_than_half_round_unheard_are_not_taken_for_old_ones():
+    """As after a program was stopped for 40 s at 1 kHz, and reads what the kernel kept before what is new."""
+    wire = Wire()
+    wire.state(1, 1000)
+    assert only(wire.state(40_000, 40_000_000, step=40_000 * MS), Sample)
+    assert only(wire.state(40_001, 40_001_000), Sample)
+    assert wire.host.counters().lost == 39_998
+    assert not only(wire.state(39_999, 39_999_000), Sample)
+    assert wire.host.counters().out_of_order == 1
+
+
 def test_a_late_frame_is_no_restart():
     wire = Wire()
     for seq in (1, 3, 2, 4):
@@ -478,6 +489,30 @@ def test_a_closed_port_disarms_and_needs_a_new_hello():
     assert rig.host.counters().lost == 0
 
 
+def test_a_port_that_fails_again_and_again_is_said_once():
+    wire = Wire()
+    wire.state(1, 10_000)
+    reports = [report for _ in range(20) for report in only(wire.host.closed('it was lost', wire.now), Report)]
+    for _ in range(20):
+        wire.host.opened(wire.now)
+        reports += only(wire.host.closed('it was lost', wire.now), Report)
+    assert [report.text for report in reports] == ['it was lost']
+    wire.host.opened(wire.now)
+    wire.state(2, 20_000)
+    assert only(wire.host.closed('it was lost', wire.now), Report)
+    assert wire.host.counters().link_losses == 2
+
+
+def test_a_board_that_is_still_armed_when_the_cable_is_back_is_disarmed_at_once():
+    rig = Rig().armed()
+    rig.effort(0.5)
+    rig.host.closed('the port was lost', rig.now)
+    rig.host.opened(rig.now)
+    assert rig.board.armed
+    rig.step(1)
+    assert not rig.board.armed
+
+
 def test_a_watchdog_trip_disarms_until_told_again():
     rig = Rig().armed()
     rig.connected = False
@@ -575,3 +610,14 @@ def test_growing_losses_are_a_warning():
     diagnosis = health.diagnose(wire.host, wire.now)
     assert diagnosis.level == Level.WARN
     assert 'lost: 3 more' in diagnosis.message
+
+
+def test_torques_that_go_on_beyond_the_limit_stay_a_warning():
+    rig = Rig(HostConfig(torque_limit=0.3)).armed()
+    health = Health()
+    levels = []
+    for _ in range(3):
+        rig.effort(7.0)
+        rig.step(5)
+        levels.append(health.diagnose(rig.host, rig.now).level)
+    assert levels == [Level.WARN] * 3
