@@ -185,9 +185,9 @@ class Motor:
         torque = self._torque if mode is Mode.TORQUE else 0
         self._transmitter.command(mode, torque, self._config.watchdog_ms, now)
         self._last_sent = now
-        # What a closed port did not take has to be said as soon as it is open.
-        if mode is Mode.DISARM and self._transmitter.open:
-            self._last_disarm = now
+        if mode is Mode.DISARM:
+            # What a closed port did not take has to be said as soon as it is open.
+            self._last_disarm = now if self._transmitter.open else now - DISARM_INTERVAL
 
 
 def names(status: int) -> str:

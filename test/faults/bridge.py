@@ -487,7 +487,7 @@ def glitches(_, long):
 
 
 def flood(folder, long):
-    seconds = 10 if long else 2
+    seconds = 10 if long else 1
     noise = np.random.default_rng(6).integers(1, 256, 4096, dtype=np.uint8).tobytes()
     host = Host()
     host.opened(0)

@@ -1,4 +1,4 @@
-"""Every fault of the table, injected for seconds; ``python -m test.faults`` does it for minutes, and judges times too."""
+"""Every fault of the table for seconds; ``python -m test.faults`` does it for minutes, and judges times too."""
 
 import pytest
 
