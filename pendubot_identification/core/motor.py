@@ -61,6 +61,8 @@ class Motor:
         self._torque = 0
         self._effort_not_finite = False
         self._last_disarm = -10 * SECOND
+        self._last_fault = -10 * SECOND
+        self._faults_told = 0
         self._last_effort = 0
         self._last_clamp = -10 * SECOND
         self._last_sent = 0
@@ -159,8 +161,8 @@ class Motor:
         """Take a STATE's status; ``before`` is the one before it, 0 where there was none."""
         status = state.status
         risen = status & ~before
-        if risen & _FAULTS:
-            self._news.report(Level.ERROR, f'the board reports a fault: {names(risen & _FAULTS)}')
+        if status & _FAULTS:
+            self._report_faults(risen & _FAULTS, now)
         if risen & _WATCHDOG:
             self.trips += 1
             self._news.report(Level.WARN, "the board's watchdog tripped")
@@ -176,6 +178,15 @@ class Motor:
             self._phase = _Phase.ARMED
             self._last_effort = now
             self._news.tell(Armed())
+
+    def _report_faults(self, risen: int, now: int) -> None:
+        # One that chatters, such as a supply that sags whenever the motor pulls, is one occurrence.
+        if now - self._last_fault > SECOND:
+            self._faults_told = 0
+        self._last_fault = now
+        if news := risen & ~self._faults_told:
+            self._faults_told |= news
+            self._news.report(Level.ERROR, f'the board reports a fault: {names(news)}')
 
     def _obeyed(self, state: State) -> bool:
         """Tell whether the board obeyed this arming's mode 1, or a command after it."""

@@ -28,6 +28,7 @@ from pendubot_identification.core.news import Armed, ArmingFailed, HostEvent, Re
 from .diagnostics import diagnostics_message
 from .joint_state_bytes import JointStateBytes
 from .runtime import Setting, SettingsNode, run
+from .steady_time import SteadyTime
 
 
 class Bridge(SettingsNode):
@@ -65,8 +66,7 @@ class Bridge(SettingsNode):
         self._arming: list[Future] = []
         self._health = Health()
         self._port: str = s['port']
-        # Stamps are the board's time on the monotonic clock, which no time server sets back.
-        self._epoch_ns = time.time_ns() - time.monotonic_ns()
+        self._time = SteadyTime()
         self._message = JointStateBytes(s['joint_names'])
         self._joint_states = self.create_publisher(JointState, '/joint_states', QoSProfile(depth=1000))
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
@@ -145,25 +145,26 @@ class Bridge(SettingsNode):
 
     def _publish(self, sample: Sample) -> None:
         stamp_ns, q, qd, effort = sample
-        self._joint_states.publish(self._message.fill(stamp_ns + self._epoch_ns, q, qd, effort))
+        self._joint_states.publish(self._message.fill(self._time.ros_time(stamp_ns), q, qd, effort))
 
     def _keep_house(self) -> None:
         due = time.monotonic() + 1.0
         while not self._closing.wait(self._host.poll_interval):
             self._step(self._host.poll)
             if time.monotonic() >= due:
-                due += 1.0
+                due = time.monotonic() + 1.0
                 self._diagnose()
 
     def _diagnose(self) -> None:
         with self._lock:
-            diagnosis = self._health.diagnose(self._host, time.monotonic_ns())
+            # As on a computer that learns the time only after its start: what others stamp no longer fits.
+            if set_by := self._time.set_by():
+                text = f"the computer's clock was set by {set_by:+.2f} s: stamps keep the old time; restart the bridge"
+                self._health.note(Report(Level.WARN, text))
+                self.get_logger().warning(text, once=True)
+            d = self._health.diagnose(self._host, time.monotonic_ns())
         stamp = self.get_clock().now().to_msg()
-        self._diagnostics.publish(
-            diagnostics_message(
-                stamp, 'bridge', diagnosis.level, diagnosis.message, diagnosis.values, hardware_id=self._port
-            )
-        )
+        self._diagnostics.publish(diagnostics_message(stamp, 'bridge', d.level, d.message, d.values, self._port))
 
     def _on_effort(self, message: Float64) -> None:
         self._step(lambda now: self._host.effort(message.data, now))

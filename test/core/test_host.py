@@ -537,6 +537,19 @@ def test_a_fault_disarms_until_told_again():
     rig.armed()
 
 
+def test_a_fault_that_chatters_is_one_occurrence():
+    wire = Wire()
+    reports = []
+    for k in range(1, 400):
+        status = Status.UNDERVOLTAGE * (k % 2) | Status.ENCODER_1 * (k == 101)
+        reports += only(wire.state(k, 10_000 * k, status=int(status)), Report)
+    assert [r.text.split(': ')[1] for r in reports] == ['undervoltage', 'encoder 1']
+    for k in range(400, 510):
+        reports += only(wire.state(k, 10_000 * k), Report)
+    reports += only(wire.state(510, 5_100_000, status=int(Status.UNDERVOLTAGE)), Report)
+    assert len(reports) == 3
+
+
 @pytest.mark.parametrize('hello_arrives', [True, False])
 def test_a_restart_disarms_asks_for_hello_and_begins_anew(hello_arrives):
     rig = Rig(faults=Faults(reset_at=0.5)).armed()

@@ -1,13 +1,14 @@
 """The bridge as it is used: its own process, a virtual board in another on a real pty, and ROS in between."""
 
 import signal
+import threading
 from pathlib import Path
 
 import pytest
 import yaml
 
 from pendubot_identification.adapters.resources import resource
-from test.processes import Program, run_program
+from test.processes import Program, run_program, spin_until
 from test.rig import ARMED, WATCHDOG
 
 pytestmark = pytest.mark.ros
@@ -155,6 +156,28 @@ def test_the_virtual_board_explains_itself(options, status, text):
     assert done.returncode == status
     assert text in done.stdout + done.stderr
     assert 'Traceback' not in done.stderr
+
+
+def test_a_computers_clock_that_is_set_meanwhile_is_reported_once_and_stands_in_the_diagnosis(ros, capfd):
+    import rclpy
+    from diagnostic_msgs.msg import DiagnosticArray
+
+    from pendubot_identification.nodes.bridge import Bridge
+
+    bridge, node = Bridge(threading.Event()), rclpy.create_node('clock_listener')
+    told = []
+    node.create_subscription(DiagnosticArray, '/diagnostics', lambda array: told.append(array.status[0].message), 10)
+    try:
+        assert spin_until(node, lambda: told)
+        assert "computer's clock" not in told[-1]
+        # As if the computer had started a day ago, without knowing the time.
+        bridge._time._epoch_ns -= 86_400 * 10**9
+        assert spin_until(node, lambda: sum('set by +86400.00 s' in text for text in told) >= 2)
+        assert capfd.readouterr().err.count("computer's clock") == 1
+    finally:
+        bridge.close()
+        bridge.destroy_node()
+        node.destroy_node()
 
 
 def test_the_bytes_that_are_published_are_the_message():
