@@ -68,11 +68,12 @@ class News:
 class Counters:
     """What has happened since the start.
 
-    ``received`` frames that were whole; ``published`` samples; ``lost``, ``duplicates``, ``out_of_order`` frames by
-    their sequence numbers; ``damaged`` frames by reason; samples ``unscaled`` (before HELLO) and ``flagged`` (too
-    fast), ``jumps`` believed; ``restarts`` of the board, ``link_losses``, watchdog ``trips``; effort commands
-    ``discarded`` while not armed, ``clamped``, ``not_finite``, and ``command_timeouts``; ``sent`` frames; STATEs in
-    which the board noted damaged frames from here (``board_damaged``) and transmit overruns (``board_overruns``).
+    ``received`` frames that were whole; ``published`` samples; ``lost`` (those that arrived damaged among them),
+    ``duplicates``, ``out_of_order`` frames by their sequence numbers; ``damaged`` frames by reason; samples
+    ``unscaled`` (before HELLO) and ``flagged`` (too fast), ``jumps`` believed; ``restarts`` of the board,
+    ``link_losses``, watchdog ``trips``; effort commands ``discarded`` while not armed, ``clamped``, ``not_finite``, and
+    ``command_timeouts``; ``sent`` frames; STATEs in which the board noted damaged frames from here
+    (``board_damaged``) and transmit overruns (``board_overruns``).
     """
 
     received: int = 0
