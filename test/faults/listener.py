@@ -15,13 +15,17 @@ from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 
+from pendubot_identification.nodes.steady_time import SteadyTime
+
 
 def main():
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    # A time server may set the computer's clock in the middle of a trial.
+    steady = SteadyTime()
     times, values = array('q'), array('d')
 
     def on_sample(m):
-        times.extend((time.time_ns(), m.header.stamp.sec * 10**9 + m.header.stamp.nanosec))
+        times.extend((steady.ros_time(time.monotonic_ns()), m.header.stamp.sec * 10**9 + m.header.stamp.nanosec))
         values.extend((m.position[0], m.position[1], m.effort[0]))
 
     node = rclpy.create_node('fault_trial_listener', enable_rosout=False, start_parameter_services=False)
