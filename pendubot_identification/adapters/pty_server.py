@@ -29,7 +29,7 @@ class PtyServer:
         board: the board.
         link: where to put a symbolic link to the pty, so that a host finds it under a name that stays.
         trace: where to write a CSV file of every sample as the board took it (t_us, counts, micro-N m, status).
-        tell: called with ``cable out`` and ``cable in`` when that has happened.
+        tell: called with ``cable out`` as it goes, and ``cable in`` once it is back.
 
     Attributes:
         path: where a host opens it.
@@ -97,8 +97,8 @@ class PtyServer:
                     self._send(data)
                 elif self._master is not None:
                     self._send(data[: len(data) // 2])
-                    self._unplug()
                     self._tell('cable out')
+                    self._unplug()
                 due += period
 
     def _plug(self) -> None:

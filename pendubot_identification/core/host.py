@@ -60,6 +60,7 @@ class Host:
         self._board_overruns = 0
         # The link
         self._closed_because = 'the port was not opened yet'
+        self._heard = False
         self._up = False
         self._fell_silent = False
         self._last_valid = 0
@@ -170,10 +171,10 @@ class Host:
     def closed(self, reason: str, now: int) -> list[HostEvent]:
         """Note that the port failed or could not be opened; ``reason`` is a sentence for the user."""
         # A port that fails again before anything was heard, for the same reason, is no news.
-        if self._up or reason != self._closed_because:
+        if self._heard or reason != self._closed_because:
             self._news.report(Level.ERROR, reason)
         self._link_losses += self._up
-        self._transmitter.open, self._up = False, False
+        self._transmitter.open, self._up, self._heard = False, False, False
         self._closed_because = reason
         self._motor.stop('the link was lost', now)
         self._transmitter.clear()
@@ -186,6 +187,7 @@ class Host:
                 self._damaged[event.reason] = self._damaged.get(event.reason, 0) + 1
                 continue
             self._received += 1
+            self._heard = True
             self._last_valid = now
             if isinstance(event, State):
                 if self._fell_silent:

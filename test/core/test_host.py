@@ -501,6 +501,12 @@ def test_a_port_that_fails_again_and_again_is_said_once():
     wire.state(2, 20_000)
     assert only(wire.host.closed('it was lost', wire.now), Report)
     assert wire.host.counters().link_losses == 2
+    # Silent before it is lost: once more the same words, and news.
+    wire.host.opened(wire.now)
+    wire.state(3, 30_000)
+    wire.wait(10)
+    assert 'link lost' in only(wire.wait(40) + wire.wait(40) + wire.wait(40), Report)[0].text
+    assert only(wire.host.closed('it was lost', wire.now), Report)
 
 
 def test_a_board_that_is_still_armed_when_the_cable_is_back_is_disarmed_at_once():

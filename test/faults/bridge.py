@@ -19,11 +19,11 @@ from pendubot_identification.core.host import Host
 from pendubot_identification.core.host_config import HostConfig
 from pendubot_identification.core.news import Sample
 from pendubot_identification.core.parameters import PAPER
-from pendubot_identification.core.protocol import Command, Decoder, Hello, HelloRequest, Mode, State, Status, encode
+from pendubot_identification.core.protocol import Command, Decoder, Hello, HelloRequest, Mode, State, encode
 from pendubot_identification.core.simulation import Plant
 from pendubot_identification.core.virtual_board import BoardSettings, Faults, VirtualBoard
 from test.processes import Program, call, parameters, spin_until
-from test.rig import ARMED, Rig
+from test.rig import ARMED, WATCHDOG, Rig
 
 from .table import Figure, Trial
 from .wire import CPR, Line, Receiver, damage, hello, numbered_state, scrambled
@@ -64,6 +64,18 @@ def bridge_on_a_line(folder, *bridge_parameters):
             yield rig, line, bridge
         finally:
             line.close()
+
+
+def drive(rig, torque, expected=None):
+    """Arm and command until the motor obeys; a busy machine may lose the link in between."""
+    deadline = time.monotonic() + 30
+
+    def obeys():
+        rig.effort(torque)
+        return rig.samples[-1][6] == (torque if expected is None else expected)
+
+    while not (rig.call('arm').success and spin_until(rig.node, obeys, 3.0)):
+        assert time.monotonic() < deadline, rig.programs[-1].output
 
 
 def processor_time(pid):
@@ -359,37 +371,38 @@ def joining(_, long):
 def cable(folder, long):
     times = 40 if long else 4
     rng = np.random.default_rng(5)
-    with live_rig(folder) as rig:
+    heard = folder / 'heard.npy'
+    with live_rig(folder) as rig, Program('listener', heard) as listener:
+        listener.wait_for('listening')
         board = rig.start_board()
         bridge = rig.start_bridge()
         rig.until_samples(10)
         before = holds(bridge.process.pid)
-        detected, returned, paths = [], [], set()
+        detected, back, paths = [], [], set()
         disarmed = 0
         for _ in range(times):
-            assert rig.call('arm').success
-            rig.drive_until(0.2, lambda: rig.samples[-1][6] == 0.2)
+            drive(rig, 0.2)
             paths.add(os.readlink(rig.port))
             board.process.send_signal(signal.SIGUSR1)
             out = nanoseconds(board.wait_for('cable out'))
             detected.append((log_time(bridge.wait_for('was lost')) - out) / MS)
             time.sleep(rng.uniform(0.0, 0.3))
             board.process.send_signal(signal.SIGUSR2)
-            back = nanoseconds(board.wait_for('cable in'))
-            rig.until(lambda back=back: rig.samples[-1][1] > back + 20 * MS)
-            returned.append((next(s[0] for s in rig.samples if s[1] > back) - back) / MS)
-            disarmed += not rig.trace()[-1, 4] & ARMED
+            back.append(nanoseconds(board.wait_for('cable in')))
+            rig.until(lambda: rig.samples[-1][1] > back[-1] + 20 * MS)
+            disarmed += not newest(rig.trace_file)[4] & ARMED
         rig.fresh_values()
         after = holds(bridge.process.pid)
         alive = bridge.process.poll() is None
+        listener.stop(signal.SIGTERM)
+    arrival, stamp, *_ = listened(heard)
+    returned = [(arrival[stamp > moment][0] - moment) / MS for moment in back]
     return [
         Figure(f'publishing again {times} of {times}', f'{len(returned)}, on {len(paths)} paths', alive),
         Figure('disarmed each time', f'{disarmed} of {times}', disarmed == times),
         Figure('no thread or descriptor leaked', f'(descriptors, threads) {before}, then {after}', before == after),
         Figure('detected in 10 ms', f'at most {max(detected):.1f} ms', max(detected) <= 10, time=True),
-        Figure(
-            'publishing 100 ms after the return', f'at most {max(returned):.0f} ms', max(returned) <= 100, time=True
-        ),
+        Figure('publishing 100 ms after it', f'at most {max(returned):.0f} ms', max(returned) <= 100, time=True),
     ]
 
 
@@ -565,8 +578,7 @@ def torques(folder, _):
             rig.start_bridge('watchdog_ms:=500')
             rig.until_samples(10)
             for value in values:
-                assert rig.call('arm').success
-                rig.drive_until(0.2, lambda: rig.samples[-1][6] == 0.2)
+                drive(rig, 0.2)
                 rig.diagnoses.clear()
                 rig.drive_until(float(value), lambda: not board.armed)
                 rig.until(lambda: rig.diagnosed(2, 'finite'))
@@ -574,10 +586,9 @@ def torques(folder, _):
                 rig.until_samples(20)
                 refused += not board.armed and rig.samples[-1][6] == 0.0
             sent = {c.torque for c in board.commands}
-            assert rig.call('arm').success
             begun = len(board.commands)
             for value in (15.0, -15.0):
-                rig.drive_until(value, lambda value=value: rig.samples[-1][6] == np.sign(value) * 1.5)
+                drive(rig, value, np.sign(value) * 1.5)
             clamped = {c.torque for c in board.commands[begun:]}
         finally:
             stop.set()
@@ -601,8 +612,7 @@ def watchdog(folder, long):
             rig.until_samples(10)
 
             def go():
-                assert rig.call('arm').success
-                rig.drive_until(0.2, lambda: rig.samples[-1][6] == 0.2)
+                drive(rig, 0.2)
                 rig.effort(0.2)
                 return samples_taken(rig.trace_file)
 
@@ -620,7 +630,7 @@ def watchdog(folder, long):
             begun = samples_taken(rig.trace_file)
             bridge.process.send_signal(signal.SIGSTOP)
             zero('SIGSTOP', begun)
-            tripped += bool(rig.trace()[begun:, 4].max() & Status.WATCHDOG)
+            tripped += (rig.trace()[begun:, 4] & WATCHDOG).any()
             bridge.process.send_signal(signal.SIGCONT)
             bridge.wait_for('disarmed')
             begun = len(rig.trace())
@@ -632,7 +642,7 @@ def watchdog(folder, long):
             begun = samples_taken(rig.trace_file)
             bridge.kill()
             zero('SIGKILL', begun)
-            tripped += bool(rig.trace()[begun:, 4].max() & Status.WATCHDOG)
+            tripped += (rig.trace()[begun:, 4] & WATCHDOG).any()
     return [
         Figure(
             'commander stops: torque 0, armed, reported',
@@ -648,11 +658,16 @@ def watchdog(folder, long):
     ]
 
 
-def samples_taken(trace):
-    """How many samples a board at 1 kHz has taken, from the end of its trace alone: reading it all takes a while."""
+def newest(trace):
+    """The last sample of a board's trace; reading all of it takes a while."""
     with open(trace, 'rb') as file:
         file.seek(-200, os.SEEK_END)
-        return int(file.read().split(b'\n')[-2].split(b',')[0]) // 1000 + 1
+        return [int(value) for value in file.read().split(b'\n')[-2].split(b',')]
+
+
+def samples_taken(trace):
+    """How many samples a board at 1 kHz has taken."""
+    return newest(trace)[0] // 1000 + 1
 
 
 # The port
