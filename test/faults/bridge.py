@@ -583,8 +583,8 @@ def torques(folder, _):
                 rig.drive_until(float(value), lambda: not board.armed)
                 rig.until(lambda: rig.diagnosed(2, 'finite'))
                 reported += 1
-                rig.until_samples(20)
-                refused += not board.armed and rig.samples[-1][6] == 0.0
+                rig.until(lambda: rig.samples[-1][6] == 0.0)
+                refused += not board.armed
             sent = {c.torque for c in board.commands}
             begun = len(board.commands)
             for value in (15.0, -15.0):
