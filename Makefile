@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --constraint .ci/constraints.txt
 
-.PHONY: demo test lint benchmark criteria reproduce sample-bag clean
+.PHONY: demo test lint benchmark faults criteria reproduce sample-bag clean
 
 demo: $(VENV)/.ros
 	$(BIN)/pendubot demo
@@ -18,6 +18,10 @@ lint: $(VENV)/.test
 
 benchmark: $(VENV)/.test
 	$(BIN)/python -m test.benchmark
+
+# Needs a quiet machine; about half an hour.
+faults: $(VENV)/.test
+	$(BIN)/python -m test.faults
 
 # What docs/criteria.md shows of errors, intervals and predictions; long.
 criteria: $(VENV)/.test

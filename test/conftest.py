@@ -38,3 +38,19 @@ def ros():
     rclpy.init()
     yield rclpy
     rclpy.try_shutdown()
+
+
+@pytest.fixture
+def rig(ros, tmp_path):
+    """Makes live rigs, and ends them."""
+    from test.rig import Rig
+
+    rigs = []
+
+    def make(rate=100, *board_options):
+        rigs.append(Rig(tmp_path, rate, *board_options))
+        return rigs[-1]
+
+    yield make
+    for each in rigs:
+        each.close()

@@ -16,6 +16,7 @@ MODULES = {
     'exciter': 'pendubot_identification.nodes.exciter',
     'virtual_board': 'pendubot_identification.nodes.virtual_board',
     'pendubot': 'pendubot_identification.cli.main',
+    'listener': 'test.faults.listener',
 }
 
 
@@ -39,22 +40,22 @@ def run_program(name, *args, timeout=120, env=None):
 class Program:
     """A program running in its own process; its output is collected, and can be waited for line by line."""
 
-    def __init__(self, name, *args, env=None):
-        self._start(name, ['-m', MODULES[name], *map(str, args)], env)
+    def __init__(self, name, *args, env=None, before=()):
+        self._start(name, ['-m', MODULES[name], *map(str, args)], env, before)
 
     @classmethod
     def of_file(cls, path):
         """Run a file of Python."""
         program = cls.__new__(cls)
-        program._start(path.name, [str(path)], None)
+        program._start(path.name, [str(path)])
         return program
 
-    def _start(self, name, args, env):
+    def _start(self, name, args, env=None, before=()):
         self.name = name
         self.lines = []
         self._queue = queue.Queue()
         self.process = subprocess.Popen(
-            [sys.executable, '-u', *args],
+            [*before, sys.executable, '-u', *args],
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             stdin=subprocess.DEVNULL,

@@ -9,12 +9,15 @@ import select
 import threading
 import time
 import tty
+from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
 from typing import TextIO
 
 from pendubot_identification.core.errors import LinkError
 from pendubot_identification.core.virtual_board import VirtualBoard
+
+from .frame_writer import FrameWriter
 
 TRACE_HEADER = 't_us,enc1,enc2,torque,status'
 
@@ -26,6 +29,7 @@ class PtyServer:
         board: the board.
         link: where to put a symbolic link to the pty, so that a host finds it under a name that stays.
         trace: where to write a CSV file of every sample as the board took it (t_us, counts, micro-N m, status).
+        tell: called with ``cable out`` as it goes, and ``cable in`` once it is back.
 
     Attributes:
         path: where a host opens it.
@@ -34,25 +38,26 @@ class PtyServer:
         LinkError: the link's place is taken by something else, or the link or the trace cannot be made.
     """
 
-    def __init__(self, board: VirtualBoard, link: Path | None = None, trace: Path | None = None) -> None:
+    def __init__(
+        self,
+        board: VirtualBoard,
+        link: Path | None = None,
+        trace: Path | None = None,
+        tell: Callable[[str], None] = lambda _: None,
+    ) -> None:
         self._board = board
+        self._tell = tell
         self._link = link
+        self._master: int | None = None
+        self._slave_path = ''
         self._trace = _create(trace) if trace else None
-        self._master, slave = pty.openpty()
-        tty.setraw(slave)
-        self._slave_path = os.ttyname(slave)
-        # Not kept open here: so the kernel says whether a host is there, and nothing piles up for one that is not.
-        os.close(slave)
-        os.set_blocking(self._master, False)
-        self._cut = False
-        self._hangup = select.poll()
-        self._hangup.register(self._master, 0)
-        if link is not None:
-            try:
-                _replace_link(link, self._slave_path)
-            except LinkError:
-                self._close()
-                raise
+        self._plugged_in = threading.Event()
+        self._plugged_in.set()
+        try:
+            self._plug()
+        except LinkError:
+            self._close()
+            raise
         self.path = str(link or self._slave_path)
 
     def __enter__(self) -> PtyServer:
@@ -62,8 +67,14 @@ class PtyServer:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._close()
-        if self._link is not None and self._link.is_symlink() and os.readlink(self._link) == self._slave_path:
-            self._link.unlink()
+
+    def pull(self) -> None:
+        """Pull the cable in the middle of the next frame; the board goes on. Also from a signal handler."""
+        self._plugged_in.clear()
+
+    def plug(self) -> None:
+        """Put the cable back: another pseudo-terminal behind the same link."""
+        self._plugged_in.set()
 
     def serve(self, stop: threading.Event, duration: float = float('inf')) -> None:
         """Serve until ``stop`` is set or ``duration`` [s] is over.
@@ -79,14 +90,51 @@ class PtyServer:
                 data = self._board.advance()
                 # First, so that the trace holds every sample that a host has.
                 self._write_trace()
-                self._send(data)
+                if self._master is None and self._plugged_in.is_set():
+                    self._plug()
+                    self._tell('cable in')
+                if self._plugged_in.is_set():
+                    self._send(data)
+                elif self._master is not None:
+                    self._send(data[: len(data) // 2])
+                    self._tell('cable out')
+                    self._unplug()
                 due += period
 
+    def _plug(self) -> None:
+        self._master, slave = pty.openpty()
+        if os.ttyname(slave) == self._slave_path:
+            # A device that returns has another path, not the one that was just given back.
+            former = self._master, slave
+            self._master, slave = pty.openpty()
+            for descriptor in former:
+                os.close(descriptor)
+        tty.setraw(slave)
+        self._slave_path = os.ttyname(slave)
+        # Not kept open here: so the kernel says whether a host is there, and nothing piles up for one that is not.
+        os.close(slave)
+        os.set_blocking(self._master, False)
+        self._writer = FrameWriter(self._master)
+        self._hangup = select.poll()
+        self._hangup.register(self._master, 0)
+        if self._link is not None:
+            _replace_link(self._link, self._slave_path)
+
+    def _unplug(self) -> None:
+        if self._master is not None:
+            os.close(self._master)
+            self._master = None
+        if self._link is not None and self._link.is_symlink() and os.readlink(self._link) == self._slave_path:
+            self._link.unlink()
+
     def _host_is_there(self) -> bool:
-        return not any(events & select.POLLHUP for _, events in self._hangup.poll(0))
+        return self._master is not None and not any(events & select.POLLHUP for _, events in self._hangup.poll(0))
 
     def _receive(self, wait: float) -> None:
         """Wait for so long [s], or until the host says something."""
+        if self._master is None:
+            time.sleep(wait)
+            return
         if not self._host_is_there():
             time.sleep(wait)
         elif not select.select([self._master], [], [], wait)[0]:
@@ -96,17 +144,8 @@ class PtyServer:
             self._board.receive(os.read(self._master, 4096))
 
     def _send(self, data: bytes) -> None:
-        sent = 0
-        if self._cut:
-            # What is left of the frame that was cut short would take this one, which tells of it, along.
-            data = b'\0' + data
-        if self._host_is_there():
-            # A host that does not read is not waited for, as little as a UART would.
-            with contextlib.suppress(BlockingIOError):
-                sent = os.write(self._master, data)
-        complete = sent == len(data)
-        self._cut = not complete and (self._cut or sent > 0)
-        if not complete:
+        # A host that does not read is not waited for, as little as a UART would.
+        if not (self._host_is_there() and self._writer.write(data)):
             self._board.note_overrun()
 
     def _write_trace(self) -> None:
@@ -115,7 +154,7 @@ class PtyServer:
             self._trace.write(f'{s.t_us},{s.enc1},{s.enc2},{s.torque},{s.status}\n')
 
     def _close(self) -> None:
-        os.close(self._master)
+        self._unplug()
         if self._trace is not None:
             self._trace.close()
 

@@ -14,19 +14,28 @@ from collections.abc import Callable
 
 import serial
 
-from pendubot_identification.core.errors import LinkError
+from .frame_writer import FrameWriter
+from .port_holder import holders
 
 #: A port that failed or is missing is tried again this often [s].
-RETRY = 0.04
+RETRY = 0.02
 
-#: How long [s] closing may have to wait for the thread.
+#: How long [s] closing may have to wait for the thread; a silent port is looked after this often.
 _READ_TIMEOUT = 0.05
 #: A kernel buffer that takes nothing for so long [s] belongs to a device that is gone.
 _WRITE_TIMEOUT = 0.02
 
-_MISSING = (errno.ENOENT, errno.ENXIO, errno.ENODEV)
-_BUSY = (errno.EBUSY, errno.EAGAIN)
-_FORBIDDEN = (errno.EACCES, errno.EPERM)
+_MISSING, _BUSY, _FORBIDDEN = 'missing', 'busy', 'forbidden'
+_TROUBLES = {
+    errno.ENOENT: _MISSING,
+    errno.ENXIO: _MISSING,
+    errno.ENODEV: _MISSING,
+    errno.EBUSY: _BUSY,
+    errno.EAGAIN: _BUSY,
+    errno.EACCES: _FORBIDDEN,
+    errno.EPERM: _FORBIDDEN,
+}
+_OPENING_FAILS = (OSError, termios.error, ValueError)
 
 
 class SerialLink:
@@ -54,7 +63,7 @@ class SerialLink:
         self._on_bytes = on_bytes
         self._on_opened = on_opened
         self._on_closed = on_closed
-        self._device: serial.SerialBase | None = None
+        self._write: Callable[[bytes], bool] | None = None
         self._lock = threading.Lock()
         self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._run, name='serial link', daemon=True)
@@ -66,10 +75,10 @@ class SerialLink:
     def write(self, data: bytes) -> bool:
         """Write at once, from any thread; return whether all of it went out. A closed port takes nothing."""
         with self._lock:
-            if self._device is None:
+            if self._write is None:
                 return False
             try:
-                return self._device.write(data) == len(data)
+                return self._write(data)
             except (OSError, termios.error):
                 return False
 
@@ -80,27 +89,29 @@ class SerialLink:
             self._thread.join(2.0)
 
     def _run(self) -> None:
-        told = None
+        told = ''
         while not self._stopping.is_set():
             try:
                 device = open_port(self._port, self._baud)
-            except LinkError as error:
-                if str(error) != told:
-                    told = str(error)
-                    self._on_closed(told)
+            except _OPENING_FAILS as error:
+                # Who holds a busy port takes a while to find out: only where it is news.
+                if (trouble := _trouble(error)) != told:
+                    told = trouble
+                    self._on_closed(_sentence(self._port, trouble))
                 self._stopping.wait(RETRY)
                 continue
             with self._lock:
-                self._device = device
+                self._write = _writer(device)
             self._on_opened()
             reason = self._read(device)
             with self._lock:
-                self._device = None
+                self._write = None
                 device.close()
             if not self._stopping.is_set():
                 self._on_closed(f'the port {self._port} was lost ({reason}); it is opened again when it returns')
                 # That it is missing now is no further news.
-                told = _sentence(self._port, errno.ENOENT, '')
+                told = _MISSING
+                self._stopping.wait(RETRY)
 
     def _read(self, device: serial.SerialBase) -> str:
         """Read until the port fails, and return why, or until the link is closed."""
@@ -108,11 +119,30 @@ class SerialLink:
         while not self._stopping.is_set():
             try:
                 data, arrival = wait_and_read()
+                if not data and _leads_elsewhere(self._port, device):
+                    return 'its path now leads to another device'
             except (OSError, termios.error) as error:
                 return str(error)
             if data:
                 self._on_bytes(data, arrival)
         return 'closed'
+
+
+def _leads_elsewhere(port: str, device: serial.SerialBase) -> bool:
+    """Tell whether a port's path, such as a link that udev made, now is another device than the one that is open."""
+    if not isinstance(device, serial.Serial):
+        return False
+    try:
+        return os.stat(port).st_rdev != os.fstat(device.fd).st_rdev
+    except FileNotFoundError:
+        # Where it went the device itself soon fails too.
+        return False
+
+
+def _writer(device: serial.SerialBase) -> Callable[[bytes], bool]:
+    if isinstance(device, serial.Serial):
+        return FrameWriter(device.fd).write
+    return lambda data: device.write(data) == len(data)
 
 
 def _reader(device: serial.SerialBase) -> Callable[[], tuple[bytes, int]]:
@@ -151,17 +181,14 @@ def open_port(port: str, baud: int) -> serial.SerialBase:
     """Open a port for this program alone, with nothing of what came before.
 
     Raises:
-        LinkError: it is missing, busy, forbidden, or no serial port.
+        OSError, termios.error, ValueError: it is missing, busy, forbidden, or no serial port.
     """
-    try:
-        device = serial.serial_for_url(port, baud, timeout=_READ_TIMEOUT, write_timeout=_WRITE_TIMEOUT, exclusive=True)
-    except (OSError, termios.error, ValueError) as error:
-        raise LinkError(_sentence(port, getattr(error, 'errno', None), str(error))) from error
+    device = serial.serial_for_url(port, baud, timeout=_READ_TIMEOUT, write_timeout=_WRITE_TIMEOUT, exclusive=True)
     try:
         _keep_to_ourselves(device)
-    except (OSError, termios.error) as error:
+    except (OSError, termios.error):
         device.close()
-        raise LinkError(_sentence(port, getattr(error, 'errno', None), str(error))) from error
+        raise
     return device
 
 
@@ -177,11 +204,21 @@ def _keep_to_ourselves(device: serial.SerialBase) -> None:
         device.set_low_latency_mode(True)
 
 
-def _sentence(port: str, number: int | None, text: str) -> str:
-    if number in _MISSING:
+def _trouble(error: Exception) -> str:
+    """Return what kind of trouble it is, or, where it is none of the usual ones, what the system says."""
+    return _TROUBLES.get(getattr(error, 'errno', None) or 0, str(error))
+
+
+def _sentence(port: str, trouble: str) -> str:
+    """Return why a port could not be opened, and what to do."""
+    if trouble == _MISSING:
         return f'the port {port} is missing; plug the board in, or set port to where it is'
-    if number in _BUSY:
-        return f'the port {port} is busy: another program holds it; end that program'
-    if number in _FORBIDDEN:
-        return f'the port {port} is forbidden to this user; add the user to the group dialout and log in again'
-    return f'the port {port} cannot be opened ({text}); set port to a serial port or a pyserial URL'
+    if trouble == _BUSY:
+        names = ' and '.join(holders(port)) or f'a program of another user (sudo fuser -v {port} names it)'
+        return f'the port {port} is busy: {names} holds it; end that program'
+    if trouble == _FORBIDDEN:
+        return (
+            f'the port {port} is forbidden to this user; add the user to the group dialout '
+            '(sudo adduser $USER dialout) and log in again'
+        )
+    return f'the port {port} cannot be opened ({trouble}); set port to a serial port or a pyserial URL'

@@ -74,16 +74,16 @@ class BoardClock:
         if self._origin_us is None:
             self._origin_us = board_us
         self._board_us, self._arrival_ns = board_us, arrival_ns
-        point = _Point(board_us, delay_ns)
         if not self._minima or board_us >= self._bucket_end:
             self._bucket_end = board_us + self._bucket_us
             while self._minima and self._minima[0].board_us < board_us - self._window_us:
                 self._minima.popleft()
+            point = _Point(board_us, delay_ns)
             self._refit(point)
             self._minima.append(point)
         elif delay_ns < self._minima[-1].delay_ns:
-            self._minima[-1] = point
-        self._intercept = min(self._intercept, self._below(point))
+            self._minima[-1] = _Point(board_us, delay_ns)
+        self._intercept = min(self._intercept, self._below(board_us, delay_ns))
         return board_us
 
     def stamp(self, t_us: int, arrival_ns: int) -> int:
@@ -99,9 +99,9 @@ class BoardClock:
         self._last_stamp = stamp
         return stamp
 
-    def _below(self, point: _Point) -> float:
+    def _below(self, board_us: int, delay_ns: int) -> float:
         """Return where a line of the present slope through this point starts."""
-        return point.delay_ns - self._slope * (point.board_us - (self._origin_us or 0))
+        return delay_ns - self._slope * (board_us - (self._origin_us or 0))
 
     def _refit(self, newest: _Point) -> None:
         """Lay the line anew, once a bucket, along the hull's edge that spans the middle of the window.
@@ -116,7 +116,7 @@ class BoardClock:
             slope = (right.delay_ns - left.delay_ns) / (right.board_us - left.board_us)
             bound = self._max_slope * min(1.0, seen_us / self._window_us)
             self._slope = max(-bound, min(bound, slope))
-        self._intercept = min(self._below(point) for point in (*self._minima, newest))
+        self._intercept = min(self._below(*point) for point in (*self._minima, newest))
 
 
 def _lower_hull(points: deque[_Point]) -> list[_Point]:

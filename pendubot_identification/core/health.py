@@ -4,13 +4,24 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 
-from .host import SECOND, Host
+from .host import Host
 from .level import Level
+from .motor import SECOND
 from .news import Report
 from .protocol import Status
 
 #: While one of these grows something is wrong, even if all seems well at the moment.
-WORRYING = ('lost', 'duplicates', 'out_of_order', 'damaged', 'flagged', 'board_damaged', 'board_overruns')
+WORRYING = (
+    'lost',
+    'duplicates',
+    'out_of_order',
+    'damaged',
+    'flagged',
+    'clamped',
+    'not_finite',
+    'board_damaged',
+    'board_overruns',
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +64,8 @@ class Health:
             'link': host.link,
             'armed': host.armed,
             'rate [Hz]': f'{grown["published"] / elapsed:.1f}',
+            'received [Hz]': f'{grown["received"] / elapsed:.1f}',
+            'sent [Hz]': f'{grown["sent"] / elapsed:.1f}',
             'age of the last sample [s]': f'{host.age(now):.3f}',
             'clock skew [ppm]': f'{host.clock.skew_ppm:.2f}',
             **counters,

@@ -51,15 +51,13 @@ class Joints:
 
     def update(self, board_us: int, counts: tuple[int, int], cpr: tuple[int, int]) -> Motion | None:
         """Take a sample at a board time [us]; return the motion, or None where it is flagged."""
-        q1, q2 = (
-            sign * 2 * math.pi * count / turn + zero
-            for sign, count, turn, zero in zip(self._sign, counts, cpr, self._zero, strict=True)
-        )
+        q1 = self._sign[0] * math.tau / cpr[0] * counts[0] + self._zero[0]
+        q2 = self._sign[1] * math.tau / cpr[1] * counts[1] + self._zero[1]
         history = self._history
         if history:
             before_us, before = history[-1]
             reach = self._max_speed * (board_us - before_us) * 1e-6
-            if max(abs(q1 - before[0]), abs(q2 - before[1])) > reach:
+            if abs(q1 - before[0]) > reach or abs(q2 - before[1]) > reach:
                 self._doubt(board_us, (q1, q2))
                 return None
         self._in_doubt = 0

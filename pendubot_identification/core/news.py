@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from .joints import Pair
 from .level import Level
 
 
-@dataclass(frozen=True, slots=True)
-class Sample:
+class Sample(NamedTuple):
     """One sample to publish: positions [rad], velocities [rad/s], shoulder torque [N m] from now until the next.
 
     ``stamp_ns`` is the board's sampling time on the host's clock; it increases from sample to sample.
@@ -44,17 +44,39 @@ class ArmingFailed:
 HostEvent = Sample | Report | Armed | ArmingFailed
 
 
+class News:
+    """What was not fetched yet, in order."""
+
+    def __init__(self) -> None:
+        self._events: list[HostEvent] = []
+
+    def tell(self, event: HostEvent) -> None:
+        """Add an event."""
+        self._events.append(event)
+
+    def report(self, level: Level, text: str) -> None:
+        """Add a report."""
+        self._events.append(Report(level, text))
+
+    def take(self) -> list[HostEvent]:
+        """Return, once, all that was told."""
+        events, self._events = self._events, []
+        return events
+
+
 @dataclass(frozen=True, slots=True)
 class Counters:
     """What has happened since the start.
 
-    ``published`` samples; ``lost``, ``duplicates``, ``out_of_order`` frames by their sequence numbers; ``damaged``
-    frames by reason; samples ``unscaled`` (before HELLO) and ``flagged`` (too fast), ``jumps`` believed; ``restarts``
-    of the board, ``link_losses``, watchdog ``trips``; effort commands ``discarded`` while not armed, ``clamped``,
-    ``not_finite``, and ``command_timeouts``; ``sent`` frames; STATEs in which the board noted damaged frames from
-    here (``board_damaged``) and transmit overruns (``board_overruns``).
+    ``received`` frames that were whole; ``published`` samples; ``lost`` (those that arrived damaged among them),
+    ``duplicates``, ``out_of_order`` frames by their sequence numbers; ``damaged`` frames by reason; samples
+    ``unscaled`` (before HELLO) and ``flagged`` (too fast), ``jumps`` believed; ``restarts`` of the board,
+    ``link_losses``, watchdog ``trips``; effort commands ``discarded`` while not armed, ``clamped``, ``not_finite``, and
+    ``command_timeouts``; ``sent`` frames; STATEs in which the board noted damaged frames from here
+    (``board_damaged``) and transmit overruns (``board_overruns``).
     """
 
+    received: int = 0
     published: int = 0
     lost: int = 0
     duplicates: int = 0

@@ -11,6 +11,7 @@ import zlib
 from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import IntEnum, IntFlag
+from typing import NamedTuple
 
 VERSION = 1
 
@@ -55,8 +56,7 @@ class Mode(IntEnum):
     TORQUE = 1
 
 
-@dataclass(frozen=True, slots=True)
-class State:
+class State(NamedTuple):
     """One sample, board to host; ``torque`` is applied from this sample until the next.
 
     ``t_us`` is the board's clock (wraps at 2^32), ``enc1`` and ``enc2`` are counts, not wrapped per turn, ``torque``
@@ -131,6 +131,11 @@ _COMMAND = struct.Struct('<BBHi')
 _HELLO = struct.Struct('<IBBHIIiI16s')
 
 _TYPES: dict[type, int] = {State: 0x01, Command: 0x02, Hello: 0x03, HelloRequest: 0x04}
+_STATE_TYPE = _TYPES[State]
+#: A STATE's whole body, its type and version skipped: it comes a thousand times a second.
+_STATE_BODY = struct.Struct('<xxHIiiihHHH')
+#: The CRC-32 of anything followed by its own CRC-32.
+_CRC_RESIDUE = 0x2144DF1C
 _SIZES = {0x01: _STATE.size, 0x02: _COMMAND.size, 0x03: _HELLO.size, 0x04: 0}
 
 
@@ -169,20 +174,22 @@ def frame(body: bytes) -> bytes:
     return b''.join(bytes((len(block) + 1,)) + block for block in blocks) + b'\0'
 
 
-def _uncobs(data: bytes) -> bytes | None:
-    """Undo COBS, or return None where the code bytes do not add up or a zero stands among the data."""
-    if 0 in data:
+def _uncobs(data: bytes) -> bytearray | None:
+    """Undo COBS of bytes without a zero, at least one; None where the code bytes do not add up.
+
+    A frame is shorter than 254 bytes, so that a code byte can only mean "and then a zero": it stands where one goes.
+    """
+    out = bytearray(data)
+    size = len(out)
+    at = out[0]
+    while at < size:
+        code = out[at]
+        out[at] = 0
+        at += code
+    if at != size:
         return None
-    out = bytearray()
-    at = 0
-    while True:
-        end = at + data[at]
-        out += data[at + 1 : end]
-        if end >= len(data):
-            # A frame is shorter than 254 bytes, so that a code byte can only mean "and then a zero".
-            return bytes(out) if end == len(data) else None
-        out.append(0)
-        at = end
+    del out[0]
+    return out
 
 
 def _parse(data: bytes, accepted: frozenset[int]) -> Event:
@@ -191,23 +198,25 @@ def _parse(data: bytes, accepted: frozenset[int]) -> Event:
         return Damaged('cobs')
     if len(content) < _HEADER.size + _CRC.size:
         return Damaged('length')
-    body = content[: -_CRC.size]
-    if zlib.crc32(body) != int.from_bytes(content[-_CRC.size :], 'little'):
+    if zlib.crc32(content) != _CRC_RESIDUE:
         return Damaged('crc')
-    kind, version, seq, t_us = _HEADER.unpack_from(body)
-    if version != VERSION:
+    kind = content[0]
+    if content[1] != VERSION:
         return Damaged('version')
     if kind not in accepted:
         return Damaged('type')
-    if len(body) != _HEADER.size + _SIZES[kind]:
+    if len(content) != _HEADER.size + _SIZES[kind] + _CRC.size:
         return Damaged('length')
-    if kind == _TYPES[State]:
-        return State(seq, t_us, *_STATE.unpack_from(body, _HEADER.size))
+    if kind == _STATE_TYPE:
+        return State._make(_STATE_BODY.unpack_from(content))
+    _, _, seq, t_us = _HEADER.unpack_from(content)
     if kind == _TYPES[Command]:
-        mode, flags, watchdog_ms, torque = _COMMAND.unpack_from(body, _HEADER.size)
+        mode, flags, watchdog_ms, torque = _COMMAND.unpack_from(content, _HEADER.size)
         return Command(seq, t_us, mode, watchdog_ms, torque, flags)
     if kind == _TYPES[Hello]:
-        boot_id, cause, _, watchdog_max_ms, cpr1, cpr2, limit, period_us, name = _HELLO.unpack_from(body, _HEADER.size)
+        boot_id, cause, _, watchdog_max_ms, cpr1, cpr2, limit, period_us, name = _HELLO.unpack_from(
+            content, _HEADER.size
+        )
         firmware = name.rstrip(b'\0').decode('ascii', 'backslashreplace')
         return Hello(seq, t_us, boot_id, cause, watchdog_max_ms, cpr1, cpr2, limit, period_us, firmware)
     return HelloRequest(seq, t_us)
@@ -230,14 +239,15 @@ class Decoder:
     def feed(self, data: bytes) -> list[Event]:
         """Take the next bytes; return the events that they complete, in order."""
         events: list[Event] = []
-        *ended, rest = bytes(data).split(b'\0')
+        *ended, rest = data.split(b'\0')
         for piece in ended:
-            self._append(piece, events)
-            if self._pending:
-                events.append(_parse(self._pending, self._accepted))
-            self._pending = b''
-            self._overlong = False
-        self._append(rest, events)
+            if self._pending or self._overlong or len(piece) > MAX_FRAME:
+                self._append(piece, events)
+                piece, self._pending, self._overlong = self._pending, b'', False
+            if piece:
+                events.append(_parse(piece, self._accepted))
+        if rest:
+            self._append(rest, events)
         return events
 
     def _append(self, piece: bytes, events: list[Event]) -> None:
@@ -286,13 +296,19 @@ class Sequence:
         """Tell whether this is the very next number (or the first)."""
         return self._last is None or seq == (self._last + 1) & 0xFFFF
 
-    def accept(self, seq: int) -> bool:
-        """Count a frame; return whether it is a new one, to be used."""
+    def accept(self, seq: int, later: bool = False) -> bool:
+        """Count a frame; return whether it is a new one, to be used.
+
+        ``later`` says that it was sent after the last, whatever the numbers look like: they may have gone half round.
+        """
         step = 1 if self._last is None else (seq - self._last) & 0xFFFF
+        if step == 1 and not self._gap:
+            self._last = seq
+            return True
         if step == 0:
             self.duplicates += 1
             return False
-        if not self._gap and step >= 0x8000:
+        if not (self._gap or later) and step >= 0x8000:
             self.out_of_order += 1
             return False
         missing = (step - 1) & 0xFFFF

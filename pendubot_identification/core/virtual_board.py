@@ -53,7 +53,7 @@ class BoardSettings:
         torque_limit: largest torque [N m]; what is beyond is clamped.
         sample_period_us: sampling period [us].
         watchdog_max_ms: longest time for which a command holds [ms].
-        clock_start_us: the clock at boot [us], such as shortly before its wrap.
+        clock_start_us: the clock at the start [us], such as shortly before its wrap; a reset begins it again at 0.
 
     Raises:
         ParameterError: a value with which no board could work.
@@ -148,7 +148,7 @@ class VirtualBoard:
         self._reset_due_us = self._faults.reset_at * 1e6
         self._stop_due_us = self._faults.emergency_stop_at * 1e6
         self._origin = (0, 0)
-        self._boot(reset_cause=1)
+        self._boot(1, self.settings.clock_start_us)
 
     @property
     def armed(self) -> bool:
@@ -174,7 +174,7 @@ class VirtualBoard:
         if self._elapsed_us >= self._reset_due_us:
             self._reset_due_us = math.inf
             self._origin = self._encoders()
-            self._boot(reset_cause=2)
+            self._boot(2)
         out = b''
         if self._hello_due:
             self._hello_due = False
@@ -187,10 +187,10 @@ class VirtualBoard:
         self._elapsed_us += self.settings.sample_period_us
         return out
 
-    def _boot(self, reset_cause: int) -> None:
+    def _boot(self, reset_cause: int, clock_us: int = 0) -> None:
         self._boot_id = int(self._rng.integers(1, WRAP))
         self._reset_cause = reset_cause
-        self._clock_us = self.settings.clock_start_us
+        self._clock_us = clock_us
         self._seq = 0
         self._cmd_seq = 0
         self._armed = False
@@ -283,8 +283,7 @@ class VirtualBoard:
     def _glitched(self, state: State) -> State:
         if not self._chance(self._faults.glitch):
             return state
-        values = {each.name: getattr(state, each.name) for each in fields(state)}
-        return State(**values | {'enc1': state.enc1 + self.settings.counts // 2})
+        return state._replace(enc1=state.enc1 + self.settings.counts // 2)
 
     def _transmit(self, message: Message) -> bytes:
         faults = self._faults

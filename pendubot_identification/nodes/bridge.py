@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import math
 import threading
 import time
@@ -20,14 +21,15 @@ from std_srvs.srv import Trigger
 from pendubot_identification.adapters.serial_link import SerialLink
 from pendubot_identification.core.errors import ParameterError
 from pendubot_identification.core.health import Health
-from pendubot_identification.core.host import Host, HostConfig
+from pendubot_identification.core.host import Host
+from pendubot_identification.core.host_config import HostConfig
 from pendubot_identification.core.level import Level
 from pendubot_identification.core.news import Armed, ArmingFailed, HostEvent, Report, Sample
 
 from .diagnostics import diagnostics_message
+from .joint_state_bytes import JointStateBytes
 from .runtime import Setting, SettingsNode, run
-
-SECOND = 1_000_000_000
+from .steady_time import SteadyTime
 
 
 class Bridge(SettingsNode):
@@ -65,9 +67,8 @@ class Bridge(SettingsNode):
         self._arming: list[Future] = []
         self._health = Health()
         self._port: str = s['port']
-        # Stamps are the board's time on the monotonic clock, which no time server sets back.
-        self._epoch_ns = time.time_ns() - time.monotonic_ns()
-        self._message = JointState(name=s['joint_names'], position=[0.0] * 2, velocity=[0.0] * 2, effort=[0.0] * 2)
+        self._time = SteadyTime()
+        self._message = JointStateBytes(s['joint_names'])
         self._joint_states = self.create_publisher(JointState, '/joint_states', QoSProfile(depth=1000))
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
         self.create_subscription(Float64, '/pendubot/effort_command', self._on_effort, 1)
@@ -83,6 +84,8 @@ class Bridge(SettingsNode):
             on_closed=lambda reason: self._step(lambda now: self._host.closed(reason, now)),
         )
         self._housekeeper = threading.Thread(target=self._keep_house, name='housekeeper', daemon=True)
+        # What stands by now stays: to look through it for garbage takes tens of ms, in which no sample gets through.
+        gc.freeze()
         self._link.start()
         self._housekeeper.start()
 
@@ -144,30 +147,27 @@ class Bridge(SettingsNode):
             self.executor.wake()
 
     def _publish(self, sample: Sample) -> None:
-        m = self._message
-        m.header.stamp.sec, m.header.stamp.nanosec = divmod(sample.stamp_ns + self._epoch_ns, SECOND)
-        m.position[0], m.position[1] = sample.q
-        m.velocity[0], m.velocity[1] = sample.qd
-        m.effort[0] = sample.effort
-        self._joint_states.publish(m)
+        stamp_ns, q, qd, effort = sample
+        self._joint_states.publish(self._message.fill(self._time.ros_time(stamp_ns), q, qd, effort))
 
     def _keep_house(self) -> None:
         due = time.monotonic() + 1.0
         while not self._closing.wait(self._host.poll_interval):
             self._step(self._host.poll)
             if time.monotonic() >= due:
-                due += 1.0
+                due = time.monotonic() + 1.0
                 self._diagnose()
 
     def _diagnose(self) -> None:
         with self._lock:
-            diagnosis = self._health.diagnose(self._host, time.monotonic_ns())
+            # As on a computer that learns the time only after its start: what others stamp no longer fits.
+            if set_by := self._time.set_by():
+                text = f"the computer's clock was set by {set_by:+.2f} s: stamps keep the old time; restart the bridge"
+                self._health.note(Report(Level.WARN, text))
+                self.get_logger().warning(text, once=True)
+            d = self._health.diagnose(self._host, time.monotonic_ns())
         stamp = self.get_clock().now().to_msg()
-        self._diagnostics.publish(
-            diagnostics_message(
-                stamp, 'bridge', diagnosis.level, diagnosis.message, diagnosis.values, hardware_id=self._port
-            )
-        )
+        self._diagnostics.publish(diagnostics_message(stamp, 'bridge', d.level, d.message, d.values, self._port))
 
     def _on_effort(self, message: Float64) -> None:
         self._step(lambda now: self._host.effort(message.data, now))

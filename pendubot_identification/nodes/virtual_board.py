@@ -7,6 +7,7 @@ import secrets
 import signal
 import sys
 import threading
+import time
 from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
@@ -25,6 +26,8 @@ example:
   virtual_board --link /tmp/pendubot --rate 100 --fault bit_flip=0.001 --fault reset_at=20
   virtual_board --link /tmp/pendubot --parameters result.yaml
   bridge --ros-args -p port:=/tmp/pendubot
+
+signals: SIGUSR1 pulls the cable in the middle of a frame, SIGUSR2 puts it back (--link then leads to another pty)
 
 exit status: 0 success or ended by a signal, 1 a failure explained in one line, 2 wrong usage"""
 
@@ -99,6 +102,10 @@ def _fault(text: str) -> tuple[str, float]:
         raise ParameterError(f'the fault {text!r} has no number; write {name}=VALUE') from None
 
 
+def _tell(what: str) -> None:
+    print(f'{what} at {time.time_ns()} ns', flush=True)
+
+
 def main(args: Sequence[str] | None = None) -> int:
     """Serve a virtual board until a signal comes; return the exit status."""
     argv = list(sys.argv[1:] if args is None else args)
@@ -111,7 +118,9 @@ def main(args: Sequence[str] | None = None) -> int:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())
     try:
-        with PtyServer(make_board(options), options.link, options.trace) as server:
+        with PtyServer(make_board(options), options.link, options.trace, _tell) as server:
+            signal.signal(signal.SIGUSR1, lambda *_: server.pull())
+            signal.signal(signal.SIGUSR2, lambda *_: server.plug())
             print(f'seed {options.seed}\nvirtual board on {server.path}', flush=True)
             server.serve(stop, options.duration)
     except PendubotError as error:

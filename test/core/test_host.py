@@ -7,7 +7,8 @@ from itertools import pairwise
 import pytest
 
 from pendubot_identification.core.health import Health
-from pendubot_identification.core.host import Host, HostConfig
+from pendubot_identification.core.host import Host
+from pendubot_identification.core.host_config import HostConfig
 from pendubot_identification.core.level import Level
 from pendubot_identification.core.news import Armed, ArmingFailed, Report, Sample
 from pendubot_identification.core.parameters import PAPER
@@ -192,6 +193,17 @@ def test_no_frame_is_published_twice_or_out_of_order():
     assert published == [1, 2, 4, 5]
     counters = wire.host.counters()
     assert (counters.lost, counters.duplicates, counters.out_of_order) == (1, 1, 1)
+
+
+def test_numbers_that_went_more_than_half_round_unheard_are_not_taken_for_old_ones():
+    """As after a program was stopped for 40 s at 1 kHz, and reads what the kernel kept before what is new."""
+    wire = Wire()
+    wire.state(1, 1000)
+    assert only(wire.state(40_000, 40_000_000, step=40_000 * MS), Sample)
+    assert only(wire.state(40_001, 40_001_000), Sample)
+    assert wire.host.counters().lost == 39_998
+    assert not only(wire.state(39_999, 39_999_000), Sample)
+    assert wire.host.counters().out_of_order == 1
 
 
 def test_a_late_frame_is_no_restart():
@@ -477,6 +489,36 @@ def test_a_closed_port_disarms_and_needs_a_new_hello():
     assert rig.host.counters().lost == 0
 
 
+def test_a_port_that_fails_again_and_again_is_said_once():
+    wire = Wire()
+    wire.state(1, 10_000)
+    reports = [report for _ in range(20) for report in only(wire.host.closed('it was lost', wire.now), Report)]
+    for _ in range(20):
+        wire.host.opened(wire.now)
+        reports += only(wire.host.closed('it was lost', wire.now), Report)
+    assert [report.text for report in reports] == ['it was lost']
+    wire.host.opened(wire.now)
+    wire.state(2, 20_000)
+    assert only(wire.host.closed('it was lost', wire.now), Report)
+    assert wire.host.counters().link_losses == 2
+    # Silent before it is lost: once more the same words, and news.
+    wire.host.opened(wire.now)
+    wire.state(3, 30_000)
+    wire.wait(10)
+    assert 'link lost' in only(wire.wait(40) + wire.wait(40) + wire.wait(40), Report)[0].text
+    assert only(wire.host.closed('it was lost', wire.now), Report)
+
+
+def test_a_board_that_is_still_armed_when_the_cable_is_back_is_disarmed_at_once():
+    rig = Rig().armed()
+    rig.effort(0.5)
+    rig.host.closed('the port was lost', rig.now)
+    rig.host.opened(rig.now)
+    assert rig.board.armed
+    rig.step(1)
+    assert not rig.board.armed
+
+
 def test_a_watchdog_trip_disarms_until_told_again():
     rig = Rig().armed()
     rig.connected = False
@@ -499,6 +541,19 @@ def test_a_fault_disarms_until_told_again():
     assert not rig.host.armed
     assert any('over current' in text for text in rig.reports(Level.ERROR))
     rig.armed()
+
+
+def test_a_fault_that_chatters_is_one_occurrence():
+    wire = Wire()
+    reports = []
+    for k in range(1, 400):
+        status = Status.UNDERVOLTAGE * (k % 2) | Status.ENCODER_1 * (k == 101)
+        reports += only(wire.state(k, 10_000 * k, status=int(status)), Report)
+    assert [r.text.split(': ')[1] for r in reports] == ['undervoltage', 'encoder 1']
+    for k in range(400, 510):
+        reports += only(wire.state(k, 10_000 * k), Report)
+    reports += only(wire.state(510, 5_100_000, status=int(Status.UNDERVOLTAGE)), Report)
+    assert len(reports) == 3
 
 
 @pytest.mark.parametrize('hello_arrives', [True, False])
@@ -574,3 +629,14 @@ def test_growing_losses_are_a_warning():
     diagnosis = health.diagnose(wire.host, wire.now)
     assert diagnosis.level == Level.WARN
     assert 'lost: 3 more' in diagnosis.message
+
+
+def test_torques_that_go_on_beyond_the_limit_stay_a_warning():
+    rig = Rig(HostConfig(torque_limit=0.3)).armed()
+    health = Health()
+    levels = []
+    for _ in range(3):
+        rig.effort(7.0)
+        rig.step(5)
+        levels.append(health.diagnose(rig.host, rig.now).level)
+    assert levels == [Level.WARN] * 3

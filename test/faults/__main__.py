@@ -1,0 +1,42 @@
+"""Fault trials: ``python -m test.faults [--short] [NAME ...]`` prints what was wanted and what was measured.
+
+The long trials take about half an hour on a quiet machine with two cores; ``--short`` runs those of the tests.
+"""
+
+import argparse
+import os
+import sys
+import tempfile
+from pathlib import Path
+
+from . import bridge, recorder
+from .table import HEADER, row
+
+
+def main():
+    trials = [*bridge.TRIALS, *recorder.TRIALS]
+    names = [trial.name for trial in trials]
+    parser = argparse.ArgumentParser(prog='python -m test.faults', description=__doc__)
+    parser.add_argument('names', nargs='*', metavar='NAME', help=f'which: {", ".join(names)} (default: all)')
+    parser.add_argument('--short', action='store_true', help='seconds instead of minutes')
+    options = parser.parse_args()
+    if unknown := set(options.names) - set(names):
+        parser.error(f'there is no trial {", ".join(sorted(unknown))}; the trials are {", ".join(names)}')
+    # Trials must neither hear nor disturb other ROS programs.
+    os.environ.setdefault('ROS_DOMAIN_ID', str(1 + os.getpid() % 100))
+    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+    missed = False
+    print(HEADER, flush=True)
+    for trial in trials:
+        if options.names and trial.name not in options.names:
+            continue
+        with tempfile.TemporaryDirectory(prefix='fault-trial-') as folder:
+            os.environ['ROS_LOG_DIR'] = folder
+            for figure in trial.run(Path(folder), not options.short):
+                print(row(trial.fault, figure), flush=True)
+                missed |= not figure.met
+    return int(missed)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

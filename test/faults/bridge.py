@@ -1,0 +1,740 @@
+"""The bridge's fault trials: each row of the table that concerns it, as a function that measures."""
+
+import contextlib
+import multiprocessing
+import os
+import re
+import signal
+import struct
+import threading
+import time
+import tracemalloc
+from itertools import pairwise
+
+import numpy as np
+import serial
+
+from pendubot_identification.adapters.pty_server import PtyServer
+from pendubot_identification.core.host import Host
+from pendubot_identification.core.host_config import HostConfig
+from pendubot_identification.core.news import Sample
+from pendubot_identification.core.parameters import PAPER
+from pendubot_identification.core.protocol import Command, Decoder, Hello, HelloRequest, Mode, State, encode
+from pendubot_identification.core.simulation import Plant
+from pendubot_identification.core.virtual_board import BoardSettings, Faults, VirtualBoard
+from test.processes import Program, call, parameters, spin_until
+from test.rig import ARMED, WATCHDOG, Rig
+
+from .table import Figure, Trial
+from .wire import CPR, Line, Receiver, damage, hello, numbered_state, scrambled
+
+MS = 1_000_000
+RADIAN = 2 * np.pi / CPR
+WATCHDOG_MS = 100
+
+
+# What several trials need
+
+
+@contextlib.contextmanager
+def live_rig(folder, *options, rate=1000):
+    """A rig with a node of its own."""
+    import rclpy
+
+    begun = not rclpy.ok()
+    if begun:
+        rclpy.init()
+    rig = Rig(folder, rate, *options)
+    try:
+        yield rig
+    finally:
+        rig.close()
+        if begun:
+            rclpy.try_shutdown()
+
+
+@contextlib.contextmanager
+def bridge_on_a_line(folder, *bridge_parameters):
+    """A line, a bridge that has opened it, and a rig's node to listen and command."""
+    with live_rig(folder) as rig:
+        line = Line(rig.port)
+        try:
+            bridge = rig.start_bridge(*bridge_parameters)
+            line.wait_for_request()
+            yield rig, line, bridge
+        finally:
+            line.close()
+
+
+def drive(rig, torque, expected=None):
+    """Arm and command until the motor obeys; a busy machine may lose the link in between."""
+    deadline = time.monotonic() + 30
+
+    def obeys():
+        rig.effort(torque)
+        return rig.samples[-1][6] == (torque if expected is None else expected)
+
+    while not (rig.call('arm').success and spin_until(rig.node, obeys, 3.0)):
+        assert time.monotonic() < deadline, rig.programs[-1].output
+
+
+def processor_time(pid):
+    """Seconds that a process has used."""
+    with open(f'/proc/{pid}/stat') as file:
+        fields = file.read().rsplit(')', 1)[1].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
+
+
+def resident_kib(pid):
+    """Memory of a process [KiB]."""
+    with open(f'/proc/{pid}/status') as file:
+        return int(re.search(r'VmRSS:\s*(\d+)', file.read())[1])
+
+
+def holds(pid):
+    """How many descriptors and threads a process has."""
+    return len(os.listdir(f'/proc/{pid}/fd')), len(os.listdir(f'/proc/{pid}/task'))
+
+
+def counts_of(q):
+    """Encoder counts of positions [rad], shape (N, 2)."""
+    return np.round((q - [-np.pi / 2, 0]) / RADIAN).astype(np.int64)
+
+
+def listened(path):
+    """What the listener wrote: arrivals and stamps [ns], positions, efforts."""
+    with open(path, 'rb') as file:
+        times, values = np.load(file), np.load(file)
+    return times[:, 0], times[:, 1], values[:, :2], values[:, 2]
+
+
+def trace_rows(path):
+    """The board's own account, shape (N, 5): t_us, enc1, enc2, torque, status."""
+    return np.loadtxt(path, delimiter=',', skiprows=1, dtype=np.int64, ndmin=2)
+
+
+# Nothing wrong, and a machine that is busy
+
+
+@contextlib.contextmanager
+def commander(torques):
+    """Arms the bridge, then sends one torque after the other, 20 a second, so that something moves."""
+    import rclpy
+    from std_msgs.msg import Float64
+    from std_srvs.srv import Trigger
+
+    begun = not rclpy.ok()
+    if begun:
+        rclpy.init()
+    node = rclpy.create_node('fault_trial_commander')
+    client = node.create_client(Trigger, '/bridge/arm')
+    publisher = node.create_publisher(Float64, '/pendubot/effort_command', 1)
+    assert call(node, client, Trigger.Request()).success
+    ended = threading.Event()
+
+    def command():
+        while not ended.wait(0.05):
+            publisher.publish(Float64(data=float(next(torques))))
+
+    thread = threading.Thread(target=command)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()
+        node.destroy_node()
+        if begun:
+            rclpy.try_shutdown()
+
+
+def stream(folder, seconds):
+    """1 kHz to a second process and the recorder, armed and moving; returns what can be told of it."""
+    trace, heard = folder / 'trace.csv', folder / 'heard.npy'
+    board = Program('virtual_board', '--link', folder / 'board', '--rate', 1000, '--trace', trace)
+    listener = Program('listener', heard)
+    recorder = Program('recorder', *parameters(output=folder / 'bag'))
+    bridge = Program('bridge', *parameters(port=folder / 'board'))
+    rng = np.random.default_rng(1)
+    with board, listener, recorder, bridge:
+        listener.wait_for('listening')
+        bridge.wait_for('counts per turn')
+        with commander(iter(lambda: rng.uniform(-0.4, 0.4), None)):
+            time.sleep(3)  # discovery is no matter of losses; what is judged begins here
+            begun_ns, begun, used = time.time_ns(), time.monotonic(), processor_time(bridge.process.pid)
+            time.sleep(seconds)
+            share = (processor_time(bridge.process.pid) - used) / (time.monotonic() - begun)
+            ended_ns = time.time_ns()
+            time.sleep(0.5)
+        bridge.stop()
+        recorder.stop()
+        listener.stop(signal.SIGTERM)
+    arrival, stamp, q, effort = listened(heard)
+    judged = (stamp >= begun_ns) & (stamp < ended_ns)
+    arrival, stamp = arrival[judged], stamp[judged]
+    rows = np.column_stack([counts_of(q), np.round(effort * 1e6).astype(np.int64)])[judged]
+    truth = trace_rows(trace)
+    start = place(truth[:, 1:4], rows)
+    whole = start is not None
+    offset = stamp - 1000 * truth[start : start + len(stamp), 0] if whole else np.full(1, np.nan)
+    recorded = recorded_stamps(folder / 'bag')
+    return {
+        'samples': len(stamp),
+        'whole': whole,
+        'moving': len(np.unique(rows, axis=0)) > len(rows) // 20,
+        'recorded': np.array_equal(recorded[(recorded >= begun_ns) & (recorded < ended_ns)], stamp),
+        'error': np.abs(offset - np.median(offset)) / 1e3,
+        'latency': (arrival - stamp) / 1e6,
+        'share': share,
+    }
+
+
+def place(truth, heard):
+    """Where in the truth all that was heard stands, row by row without a gap; None where it does not."""
+    # The first moment that has no like is where the search begins.
+    moving = np.flatnonzero((np.diff(heard, axis=0) != 0).any(axis=1))
+    anchor = int(moving[0]) if len(moving) else 0
+    for at in np.flatnonzero((truth == heard[anchor]).all(axis=1)):
+        start = at - anchor
+        if start >= 0 and np.array_equal(truth[start : start + len(heard)], heard):
+            return int(start)
+    return None
+
+
+def recorded_stamps(bag):
+    """The stamps [ns] in a bag, read by rosbags; a JointState begins with its stamp, behind 4 bytes of CDR's own."""
+    from rosbags.rosbag2 import Reader
+
+    with Reader(bag) as reader:
+        chosen = [c for c in reader.connections if c.topic == '/joint_states']
+        stamps = [struct.unpack_from('<iI', data, 4) for _, _, data in reader.messages(connections=chosen)]
+    return np.array([sec * 10**9 + nanosec for sec, nanosec in stamps], dtype=np.int64)
+
+
+def quiet(folder, long):
+    m = stream(folder, 600 if long else 6)
+    error, latency = np.percentile(m['error'], 99), np.percentile(m['latency'], [50, 99])
+    return [
+        Figure('0 lost, 0 doubled, 0 altered', delivered(m), m['whole'] and m['moving']),
+        Figure('the recorder has the same', 'yes' if m['recorded'] else 'no', m['recorded']),
+        Figure('stamp error p99 <= 50 us', f'{error:.0f} us, at most {m["error"].max():.0f}', error <= 50, time=True),
+        Figure('median latency <= 0.3 ms', f'{latency[0]:.2f} ms', latency[0] <= 0.3, time=True),
+        Figure('p99 of latency <= 1 ms', f'{latency[1]:.2f} ms', latency[1] <= 1, time=True),
+        Figure('bridge <= 15 % of a core', f'{100 * m["share"]:.1f} %', m['share'] <= 0.15, time=True),
+    ]
+
+
+def delivered(m):
+    return f'{m["samples"]} samples, ' + ('all of them' if m['whole'] else 'lost, doubled or altered')
+
+
+def busy(folder, long):
+    burners = [multiprocessing.get_context('spawn').Process(target=burn, daemon=True) for _ in range(os.cpu_count())]
+    for burner in burners:
+        burner.start()
+    try:
+        m = stream(folder, 600 if long else 6)
+    finally:
+        for burner in burners:
+            burner.kill()
+            burner.join()
+    latency = np.percentile(m['latency'], [50, 99])
+    return [
+        Figure('0 lost', delivered(m), m['whole'] and m['moving']),
+        Figure('(latency)', f'median {latency[0]:.2f} ms, p99 {latency[1]:.1f} ms', True, time=True),
+    ]
+
+
+def burn():
+    """Keep a core busy."""
+    while True:
+        sum(range(100_000))
+
+
+# Damage
+
+
+def damaged_offline(_, long):
+    wanted = 1_000_000 if long else 6_000
+    rng = np.random.default_rng(2)
+    host, receiver = Host(HostConfig(max_speed=1e9)), Receiver()
+    host.opened(0)
+    host.receive(encode(hello(0xFFFF, 0)), 0)
+    wrong = published = k = longest = 0
+    last = -1
+    for _ in range(wanted):
+        # One that is damaged, and two to see what it took along.
+        for damaged in (True, False, False):
+            frame = encode(numbered_state(k % 2**30))
+            data = damage(frame, rng) if damaged else frame
+            cut = int(rng.integers(len(data)))
+            for part in (data[:cut], data[cut:]):
+                good = receiver.feed(part)
+                for event in host.receive(part, (k + 1) * MS):
+                    if isinstance(event, Sample):
+                        n = round((event.q[0] + np.pi / 2) / RADIAN)
+                        right = abs(event.q[1] + 2 * n * RADIAN) < 1e-6 and round(event.effort * 1e6) == scrambled(n)
+                        wrong += not (right and good and k - 1 <= n <= k and n > last)
+                        longest = max(longest, n - last - 1)
+                        last = n
+                        published += 1
+            k += 1
+    counted = host.counters()
+    exact = (sum(counted.damaged.values()), published, counted.published, counted.lost)
+    expected = (receiver.damaged, len(receiver.bodies), len(receiver.bodies), last + 1 - len(receiver.bodies))
+    return [
+        Figure(
+            '0 wrong samples of 1e6 damaged frames', f'{wrong} of {wanted} damaged, {published} published', not wrong
+        ),
+        Figure('at most 2 frames lost per damage', f'{longest}', longest <= 2),
+        Figure(
+            'counted exactly',
+            f'damaged {exact[0]}, lost {exact[3]}; an independent receiver: {expected[0]}, {expected[3]}',
+            exact == expected,
+        ),
+    ]
+
+
+def damaged_live(folder, long):
+    wanted = 10_000 if long else 300
+    rng = np.random.default_rng(3)
+    with bridge_on_a_line(folder) as (rig, line, _):
+        line.write(encode(hello(0xFFFF, 0)))
+        sent = line.play(0, 500)
+        rig.until(lambda: len(rig.samples) > 100)
+        # The rest of the way in a thread, so that what comes is taken meanwhile.
+        rest = in_thread(lambda: line.play(500, 3 * wanted, mangle=lambda n, f: f if n % 3 else damage(f, rng)))
+        rig.until(lambda: not rest.is_alive(), 60 + wanted / 100)
+        sent += rest.result
+        sent += line.play(500 + 3 * wanted, 2)
+        last = 500 + 3 * wanted + 1
+        rig.until(lambda: number_of(rig.samples[-1]) == last)
+        values = rig.fresh_values()
+        samples = list(rig.samples)
+    receiver = Receiver()
+    receiver.feed(sent)
+    good = [struct.unpack_from('<i', body, 8)[0] for body in receiver.bodies]
+    numbers = [number_of(sample) for sample in samples]
+    wrong = sum(not is_itself(sample) for sample in samples)
+    begun = numbers[0]
+    exact = (int(values['damaged']), int(values['lost']), int(values['published']))
+    expected = (receiver.damaged, last + 1 - len(good), len(good))
+    return [
+        Figure('0 wrong samples of 1e4 damaged frames live', f'{wrong} of {wanted} damaged', wrong == 0),
+        Figure(
+            'exactly the whole frames are published',
+            f'{len(numbers)} samples',
+            numbers == [n for n in good if n >= begun],
+        ),
+        Figure(
+            'counted exactly',
+            f'damaged {exact[0]}, lost {exact[1]}; an independent receiver: {expected[0]}, {expected[1]}',
+            exact == expected,
+        ),
+    ]
+
+
+def in_thread(work):
+    """Run something in a thread; its ``result`` is there when it is no longer alive."""
+    thread = threading.Thread(target=lambda: setattr(thread, 'result', work()))
+    thread.start()
+    return thread
+
+
+def number_of(sample):
+    """Which of the numbered samples this one is."""
+    return round((sample[2] + np.pi / 2) / RADIAN)
+
+
+def is_itself(sample):
+    n = number_of(sample)
+    return abs(sample[3] + 2 * n * RADIAN) < 1e-6 and round(sample[6] * 1e6) == scrambled(n)
+
+
+def joining(_, long):
+    tries = 10_000 if long else 300
+    rng = np.random.default_rng(4)
+    found = 0
+    for _ in range(tries):
+        host = Host(HostConfig(counts_per_turn=(CPR, CPR)))
+        host.opened(0)
+        noise = rng.integers(0, 256, int(rng.integers(200)), dtype=np.uint8).tobytes()
+        joined = encode(numbered_state(6))[int(rng.integers(1, 33)) :]
+        events = host.receive(noise + joined + encode(numbered_state(7)), MS)
+        found += [number_of((0, 0, *e.q)) for e in events if isinstance(e, Sample)] == [7]
+    return [Figure('the first whole good frame is decoded', f'{found} of {tries} times', found == tries)]
+
+
+# The cable
+
+
+def cable(folder, long):
+    times = 40 if long else 4
+    rng = np.random.default_rng(5)
+    heard = folder / 'heard.npy'
+    with live_rig(folder) as rig, Program('listener', heard) as listener:
+        listener.wait_for('listening')
+        board = rig.start_board()
+        bridge = rig.start_bridge()
+        rig.until_samples(10)
+        before = holds(bridge.process.pid)
+        detected, back, paths = [], [], set()
+        disarmed = 0
+        for _ in range(times):
+            drive(rig, 0.2)
+            paths.add(os.readlink(rig.port))
+            board.process.send_signal(signal.SIGUSR1)
+            out = nanoseconds(board.wait_for('cable out'))
+            detected.append((log_time(bridge.wait_for('was lost')) - out) / MS)
+            time.sleep(rng.uniform(0.0, 0.3))
+            board.process.send_signal(signal.SIGUSR2)
+            back.append(nanoseconds(board.wait_for('cable in')))
+            rig.until(lambda: rig.samples[-1][1] > back[-1] + 20 * MS)
+            disarmed += not newest(rig.trace_file)[4] & ARMED
+        rig.fresh_values()
+        after = holds(bridge.process.pid)
+        alive = bridge.process.poll() is None
+        listener.stop(signal.SIGTERM)
+    arrival, stamp, *_ = listened(heard)
+    returned = [(arrival[stamp > moment][0] - moment) / MS for moment in back]
+    return [
+        Figure(f'publishing again {times} of {times}', f'{len(returned)}, on {len(paths)} paths', alive),
+        Figure('disarmed each time', f'{disarmed} of {times}', disarmed == times),
+        Figure('no thread or descriptor leaked', f'(descriptors, threads) {before}, then {after}', before == after),
+        Figure('detected in 10 ms', f'at most {max(detected):.1f} ms', max(detected) <= 10, time=True),
+        Figure('publishing 100 ms after it', f'at most {max(returned):.0f} ms', max(returned) <= 100, time=True),
+    ]
+
+
+def nanoseconds(line):
+    """The time at the end of a line of the virtual board's."""
+    return int(re.search(r'at (\d+) ns', line)[1])
+
+
+def log_time(line):
+    """The time [ns] of a line that rclpy logged."""
+    seconds, nanos = re.search(r'\[(\d+)\.(\d{9})\]', line).groups()
+    return int(seconds) * 10**9 + int(nanos)
+
+
+# What the board says
+
+
+def restarts(_, long):
+    """Boards that reset, whose clock wraps, that lose frames and send some twice; without a port, from their seeds."""
+    lives = [Life(seed) for seed in range(200 if long else 10)]
+    n = len(lives)
+    figures = {
+        'disarmed within a frame of the reset': sum(life.disarmed for life in lives),
+        'disarmed until told again': sum(life.stays_disarmed for life in lives),
+        'stamps increase': sum(life.increasing for life in lives),
+        'gaps and duplicates counted exactly': sum(life.counted == life.expected for life in lives),
+        'duplicates not published': sum(life.published == life.different for life in lives),
+    }
+    return [Figure(wanted, f'{count} of {n} boards', count == n) for wanted, count in figures.items()]
+
+
+class Life:
+    """2.5 s of an armed board at 1 kHz: a wrap after 0.5 s, a reset after 1.2 to 2 s, and what the host made of it."""
+
+    def __init__(self, seed):
+        rng = np.random.default_rng(seed)
+        reset = 1.2 + 0.8 * rng.random()
+        faults = Faults(reset_at=reset, lose_frame=0.01, duplicate_frame=0.02)
+        board = VirtualBoard(
+            Plant(PAPER), BoardSettings(1000, clock_start_us=2**32 - 500_000, sample_period_us=1000), faults, seed
+        )
+        host, reference = Host(), Decoder()
+        now = due = 10**12
+        host.opened(now)
+        samples, boots, scaled = [], ([], []), False
+        self.disarmed = False
+        for step in range(2500):
+            board.receive(host.data_to_send())
+            if step == 700:
+                host.arm(now)
+            # In order, as bytes are, and at times late: what a smaller delay corrects must not go back.
+            due += MS
+            now = max(now, due + int(rng.exponential(MS)))
+            second = step >= reset * 1000
+            for frame in (part + b'\0' for part in board.advance().split(b'\0')[:-1]):
+                was_armed = host.armed
+                samples += [e for e in host.receive(frame, now) if isinstance(e, Sample)]
+                (message,) = reference.feed(frame)
+                if second and not boots[1]:
+                    scaled = False
+                    orders = [m.mode for m in Decoder((Command,)).feed(host.data_to_send()) if isinstance(m, Command)]
+                    self.disarmed = was_armed and not host.armed and orders[:1] == [Mode.DISARM]
+                scaled |= isinstance(message, Hello)
+                boots[second].append((message.seq, scaled and isinstance(message, State)))
+            host.poll(now)
+        counters = host.counters()
+        self.stays_disarmed = not host.armed and not board.armed
+        self.increasing = all(a.stamp_ns < b.stamp_ns for a, b in pairwise(samples))
+        self.counted = counters.lost, counters.duplicates
+        self.expected = (
+            sum(boot[-1][0] - boot[0][0] + 1 - len(set(boot)) for boot in boots),
+            sum(len(boot) - len(set(boot)) for boot in boots),
+        )
+        self.published = len(samples)
+        self.different = sum(scaled for boot in boots for _, scaled in set(boot))
+
+
+def glitches(_, long):
+    seconds = 60 if long else 4
+    settings = BoardSettings(sample_period_us=1000)
+    plants = [Plant(PAPER, q=(-0.8, 0.5)) for _ in range(2)]
+    clean, faulty = (VirtualBoard(p, settings, f) for p, f in zip(plants, (None, Faults(glitch=0.01)), strict=True))
+    truth, found, sent, flagged = {}, {}, 0, 0
+    hosts, now = (Host(), Host()), 10**12
+    for host in hosts:
+        host.opened(now)
+    for _ in range(1000 * seconds):
+        now += MS
+        for host, board, samples in zip(hosts, (clean, faulty), (truth, found), strict=True):
+            samples.update({e.stamp_ns: e for e in host.receive(board.advance(), now) if isinstance(e, Sample)})
+    sent, flagged = len(truth) - len(found), hosts[1].counters().flagged
+    wrong = sum(sample.q != truth[stamp].q for stamp, sample in found.items())
+    spike = max(abs(a - b) for stamp, s in found.items() for a, b in zip(s.qd, truth[stamp].qd, strict=True))
+    return [
+        Figure('flagged', f'{flagged} of {sent}', flagged == sent > 0),
+        Figure('not published', f'{wrong} wrong positions of {len(found)}', wrong == 0),
+        Figure('no velocity spike', f'at most {spike:.2f} rad/s beside the truth', spike < 1.0),
+    ]
+
+
+def flood(folder, long):
+    seconds = 10 if long else 1
+    noise = np.random.default_rng(6).integers(1, 256, 4096, dtype=np.uint8).tobytes()
+    host = Host()
+    host.opened(0)
+    tracemalloc.start()
+    for _ in range(2_000):
+        host.receive(noise, 0)
+    kept = tracemalloc.get_traced_memory()[1] / 1024
+    tracemalloc.stop()
+    with bridge_on_a_line(folder) as (rig, line, bridge):
+        line.write(encode(hello(0xFFFF, 0)))
+        line.play(0, 500)
+        rig.until(lambda: len(rig.samples) > 100)
+        before = resident_kib(bridge.process.pid)
+        # A thread plays, so that what the bridge publishes is taken meanwhile.
+        flooded = in_thread(lambda: line.play(500, 10_000 * seconds, hz=10_000.0))
+        rig.until(lambda: not flooded.is_alive(), 600)
+        first = 500 + 10_000 * seconds
+        rig.until(lambda: number_of(rig.samples[-1]) == first - 1, 60)
+        ten_times = resident_kib(bridge.process.pid) - before
+        lost_in_flood = int(rig.fresh_values()['lost'])
+
+        def shout():
+            begun = time.monotonic()
+            while time.monotonic() - begun < seconds:
+                line.write(noise)
+            line.play(first, 100)
+
+        shouted = in_thread(shout)
+        rig.until(lambda: not shouted.is_alive(), 600)
+        rig.until(lambda: number_of(rig.samples[-1]) == first + 99)
+        undelimited = resident_kib(bridge.process.pid) - before
+        back = min(n for n in map(number_of, rig.samples) if n >= first)
+    return [
+        Figure('64 KiB of buffer', f'{kept:.0f} KiB held of 8 MB without a delimiter', kept <= 64),
+        Figure(
+            'memory bounded in 10 times the rate, and without delimiters',
+            f'{ten_times} and {undelimited} KiB more resident',
+            max(ten_times, undelimited) < 4096,
+        ),
+        Figure('10 times the rate: 0 lost', f'{lost_in_flood} of {10_000 * seconds}', lost_in_flood == 0),
+        Figure('back within one frame', f'{back - first} frames lost behind the noise', back - first <= 1),
+    ]
+
+
+# Commands
+
+
+class Overheard(VirtualBoard):
+    """A virtual board that keeps every command that it hears."""
+
+    def __init__(self, *args):
+        super().__init__(*args)
+        self.commands = []
+        self._ear = Decoder(accept=(Command, HelloRequest))
+
+    def receive(self, data):
+        self.commands += [m for m in self._ear.feed(data) if isinstance(m, Command)]
+        super().receive(data)
+
+
+def torques(folder, _):
+    board = Overheard(Plant(PAPER), BoardSettings(sample_period_us=1000, torque_limit=1.5))
+    stop = threading.Event()
+    refused = reported = 0
+    values = (np.nan, np.inf, -np.inf)
+    with live_rig(folder) as rig, PtyServer(board, rig.port) as server:
+        serving = threading.Thread(target=server.serve, args=(stop,))
+        serving.start()
+        try:
+            # A board that trips on a busy machine would seem to have been disarmed.
+            rig.start_bridge('watchdog_ms:=500')
+            rig.until_samples(10)
+            for value in values:
+                drive(rig, 0.2)
+                rig.diagnoses.clear()
+                rig.drive_until(float(value), lambda: not board.armed)
+                rig.until(lambda: rig.diagnosed(2, 'finite'))
+                reported += 1
+                rig.until(lambda: rig.samples[-1][6] == 0.0)
+                refused += not board.armed
+            sent = {c.torque for c in board.commands}
+            begun = len(board.commands)
+            for value in (15.0, -15.0):
+                drive(rig, value, np.sign(value) * 1.5)
+            clamped = {c.torque for c in board.commands[begun:]}
+        finally:
+            stop.set()
+            serving.join()
+    return [
+        Figure('no such torque on the wire', f'{sorted(sent)} micro-N m', sent == {0, 200_000}),
+        Figure('disarm and report', f'{refused} and {reported} of 3', refused == reported == 3),
+        Figure('ten times the limit is clamped', f'{sorted(clamped)} micro-N m', clamped <= {0, 1_500_000, -1_500_000}),
+    ]
+
+
+def watchdog(folder, long):
+    """The commander stops, the bridge is stopped, the bridge is killed; figures in the board's own samples.
+
+    A machine that is busy enough trips the watchdog by itself: then the cause is tried again.
+    """
+    late = {'commander stops': [], 'SIGSTOP': [], 'SIGKILL': []}
+    still_armed = reported = tripped = stayed = 0
+    times = 10 if long else 2
+    with live_rig(folder) as rig:
+        rig.start_board()
+        bridge = None
+
+        def start():
+            nonlocal bridge
+            bridge = rig.start_bridge(f'watchdog_ms:={WATCHDOG_MS}')
+            rig.until_samples(10)
+
+        def after(cause, event):
+            """Bring the cause about while the motor runs; return the board's samples from there to torque 0."""
+            for _ in range(20):
+                drive(rig, 0.2)
+                begun = samples_taken(rig.trace_file)
+                event()
+                *_, torque, status = newest(rig.trace_file)
+                if torque and status & ARMED:
+                    break
+                bridge.process.send_signal(signal.SIGCONT)
+                if bridge.process.poll() is not None:
+                    start()
+            end = begun + 2 * WATCHDOG_MS
+            rig.until(lambda: samples_taken(rig.trace_file) > end and not newest(rig.trace_file)[3])
+            rows = rig.trace()[begun:]
+            late[cause].append(np.count_nonzero(rows[:, 3]) - WATCHDOG_MS)
+            return rows
+
+        for _ in range(times):
+            start()
+            for _ in range(20):
+                if after('commander stops', lambda: rig.effort(0.2))[-1, 4] == ARMED:
+                    still_armed += 1
+                    break
+            rig.until(lambda: rig.diagnosed(1, 'no effort command'))
+            reported += 1
+
+            rows = after('SIGSTOP', lambda: bridge.process.send_signal(signal.SIGSTOP))
+            tripped += (rows[:, 4] & WATCHDOG).any()
+            bridge.process.send_signal(signal.SIGCONT)
+            begun = len(rig.trace())
+            end = len(rig.samples) + 300
+            rig.drive_until(0.2, lambda end=end: len(rig.samples) > end)
+            stayed += not rig.trace()[begun:, 3].any()
+
+            rows = after('SIGKILL', lambda: bridge.kill())
+            tripped += (rows[:, 4] & WATCHDOG).any()
+    return [
+        Figure('commander stops: torque 0, armed', f'{still_armed} of {times}', still_armed == times),
+        Figure('that is reported', f'{reported} of {times}', reported == times),
+        Figure('SIGSTOP, SIGKILL: the watchdog trips', f'{tripped} of {2 * times}', tripped == 2 * times),
+        Figure('after SIGCONT disarmed until told', f'{stayed} of {times}', stayed == times),
+        *(
+            Figure(f'{cause}: within the watchdog plus two samples', f'watchdog plus {max(n)}', max(n) <= 2, time=True)
+            for cause, n in late.items()
+        ),
+    ]
+
+
+def newest(trace):
+    """The last sample of a board's trace; reading all of it takes a while."""
+    with open(trace, 'rb') as file:
+        file.seek(-200, os.SEEK_END)
+        return [int(value) for value in file.read().split(b'\n')[-2].split(b',')]
+
+
+def samples_taken(trace):
+    """How many samples a board at 1 kHz has taken."""
+    return newest(trace)[0] // 1000 + 1
+
+
+# The port
+
+
+def ports(folder, long):
+    wait = 10.0 if long else 1.0
+    said, connected = {}, []
+    with live_rig(folder) as rig:
+
+        def watched(trouble, *before):
+            """A bridge that meets trouble for a while, and then does not."""
+            bridge = rig.start_bridge(before=before)
+            bridge.wait_for(trouble)
+            spin_until(rig.node, lambda: False, wait)
+            said[trouble] = [text.split(']: ')[-1] for text in bridge.lines if trouble in text]
+            return bridge
+
+        bridge = watched('missing')
+        with contextlib.closing(Line(rig.port)) as line:
+            line.wait_for_request()
+            connected.append(bridge.stop() == 0)
+        rig.port.unlink()
+
+        with contextlib.closing(Line(rig.port)) as line:
+            with serial.Serial(str(rig.port), exclusive=True):
+                bridge = watched('busy')
+            line.wait_for_request()
+            connected.append(bridge.stop() == 0)
+        rig.port.unlink()
+
+        with contextlib.closing(Line(rig.port)) as line:
+            os.chmod(rig.port, 0)
+            # Root may open anything, unless that right is taken away.
+            bridge = watched('forbidden', *(['setpriv', '--bounding-set=-dac_override'] if os.geteuid() == 0 else []))
+            os.chmod(rig.port, 0o600)
+            line.wait_for_request()
+            connected.append(bridge.stop() == 0)
+    counts = {trouble: len(lines) for trouble, lines in said.items()}
+    holder, remedy = said['busy'][0], said['forbidden'][0]
+    return [
+        Figure('alive, and connected when it can', f'{sum(connected)} of {len(connected)}', all(connected)),
+        Figure('one message, and no flood', f'{counts} in {wait:g} s each', set(counts.values()) == {1}),
+        Figure('the holder is named', holder, f'process {os.getpid()}' in holder),
+        Figure('the remedy is named', remedy, 'dialout' in remedy),
+    ]
+
+
+TRIALS = [
+    Trial('quiet', 'none: 1 kHz to a second process and the recorder', quiet),
+    Trial('busy', 'all cores saturated by other work, 1 kHz', busy),
+    Trial('offline', 'bit flips, dropped and doubled bytes, offline', damaged_offline),
+    Trial('live', 'the same, live', damaged_live),
+    Trial('joining', 'garbage at start, joining mid-frame', joining),
+    Trial('cable', 'cable out mid-frame, back on another path behind the same link', cable),
+    Trial('restarts', 'board reset; clock wrap; sequence gap; duplicate frame', restarts),
+    Trial('glitches', 'encoder glitch of one sample', glitches),
+    Trial('flood', 'flood of 10 times the rate, or without delimiters', flood),
+    Trial('torques', 'NaN, infinity, ten times the limit as command', torques),
+    Trial('watchdog', 'commander stops; bridge SIGSTOPped or SIGKILLed while armed', watchdog),
+    Trial('ports', 'port missing, busy, forbidden', ports),
+]

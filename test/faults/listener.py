@@ -1,0 +1,47 @@
+"""A second process that subscribes to /joint_states: ``python -m test.faults.listener FILE.npy``.
+
+At SIGTERM it writes one row for each message: arrival and stamp [ns], q1, q2, effort.
+"""
+
+import signal
+import sys
+import time
+from array import array
+
+import numpy as np
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.qos import QoSProfile
+from rclpy.signals import SignalHandlerOptions
+from sensor_msgs.msg import JointState
+
+from pendubot_identification.nodes.steady_time import SteadyTime
+
+
+def main():
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    # A time server may set the computer's clock in the middle of a trial.
+    steady = SteadyTime()
+    times, values = array('q'), array('d')
+
+    def on_sample(m):
+        times.extend((steady.ros_time(time.monotonic_ns()), m.header.stamp.sec * 10**9 + m.header.stamp.nanosec))
+        values.extend((m.position[0], m.position[1], m.effort[0]))
+
+    node = rclpy.create_node('fault_trial_listener', enable_rosout=False, start_parameter_services=False)
+    node.create_subscription(JointState, '/joint_states', on_sample, QoSProfile(depth=1000))
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    ended = []
+    signal.signal(signal.SIGTERM, lambda *_: ended.append(True))
+    print('listening', flush=True)
+    while not ended:
+        executor.spin_once(0.2)
+    with open(sys.argv[1], 'wb') as file:
+        np.save(file, np.array(times, dtype=np.int64).reshape(-1, 2))
+        np.save(file, np.array(values).reshape(-1, 3))
+    rclpy.try_shutdown()
+
+
+if __name__ == '__main__':
+    main()

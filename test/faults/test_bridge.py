@@ -1,0 +1,13 @@
+"""Every fault of the table for seconds; ``python -m test.faults`` does it for minutes, and judges times too."""
+
+import pytest
+
+from .bridge import TRIALS
+from .table import check
+
+pytestmark = [pytest.mark.ros, pytest.mark.faults]
+
+
+@pytest.mark.parametrize('trial', TRIALS, ids=lambda trial: trial.name)
+def test_it_neither_lies_nor_loses(trial, ros, tmp_path):
+    check(trial.run(tmp_path, False))

@@ -1,0 +1,139 @@
+"""A serial port of one's own to misbehave on, an independent receiver, and damage from a seed."""
+
+import binascii
+import os
+import pty
+import select
+import struct
+import threading
+import time
+import tty
+
+from pendubot_identification.core.protocol import Command, Decoder, Hello, HelloRequest, State, encode
+
+#: Counts per turn, and the largest torque [micro-N m], of the board that is played here.
+CPR, LIMIT = 4000, 1_500_000
+
+
+def hello(seq, t_us, boot_id=77):
+    return Hello(seq, t_us, boot_id, 1, 500, CPR, CPR, LIMIT, 1000, 'trial')
+
+
+def numbered_state(k, status=0, cmd_seq=0):
+    """Sample ``k`` of a motion whose every sample tells which one it is."""
+    return State(k & 0xFFFF, 1000 * k % 2**32, k, -2 * k, scrambled(k), 0, 2400, cmd_seq, status)
+
+
+def scrambled(k):
+    """A torque [micro-N m] that no neighbour has."""
+    return k * 2654435761 % 1_000_003
+
+
+def damage(frame, rng):
+    """A frame of which one bit is flipped, one byte dropped, or one doubled (which a delimiter survives)."""
+    data = bytearray(frame)
+    kind, at = rng.integers(3), int(rng.integers(len(frame)))
+    if kind == 0:
+        data[at] ^= 1 << int(rng.integers(8))
+    elif kind == 1:
+        del data[at]
+    else:
+        data.insert(at, data[at])
+    return bytes(data)
+
+
+class Receiver:
+    """The protocol's page read once more, byte by byte and as slowly as may be: what any host must hear."""
+
+    def __init__(self):
+        self.frame = bytearray()
+        self.damaged = 0
+        self.bodies = []
+
+    def feed(self, data):
+        """Take bytes; return the bodies of the good frames that end in them."""
+        before = len(self.bodies)
+        for byte in data:
+            if byte:
+                self.frame.append(byte)
+            elif self.frame:
+                body = self._body()
+                if body is None:
+                    self.damaged += 1
+                else:
+                    self.bodies.append(body)
+                self.frame.clear()
+        return self.bodies[before:]
+
+    def _body(self):
+        out, left = bytearray(), 0
+        for position, byte in enumerate(self.frame):
+            if left == 0:
+                if position:
+                    out.append(0)
+                left = byte - 1
+            else:
+                out.append(byte)
+                left -= 1
+        if left or len(out) < 12 or struct.unpack('<I', out[-4:])[0] != binascii.crc32(out[:-4]):
+            return None
+        right = {(1, 1): 28, (3, 1): 48}.get((out[0], out[1]))
+        return bytes(out[:-4]) if len(out) - 4 == right else None
+
+
+class Line:
+    """A pty behind a link; what the host writes is kept with the time of its coming [ns, monotonic]."""
+
+    def __init__(self, link):
+        self.master, slave = pty.openpty()
+        tty.setraw(slave)
+        link.symlink_to(os.ttyname(slave))
+        os.close(slave)
+        self.heard = []
+        self._ended = threading.Event()
+        self._changed = threading.Condition()
+        self._thread = threading.Thread(target=self._listen, daemon=True)
+        self._thread.start()
+
+    def _listen(self):
+        decoder = Decoder(accept=(Command, HelloRequest))
+        while not self._ended.is_set():
+            if not select.select([self.master], [], [], 0.05)[0]:
+                continue
+            try:
+                data = os.read(self.master, 4096)
+            except OSError:
+                time.sleep(0.005)  # nobody there yet
+                continue
+            with self._changed:
+                self.heard += [(time.monotonic_ns(), event) for event in decoder.feed(data)]
+                self._changed.notify_all()
+
+    def wait_for_request(self, timeout=20.0):
+        """Wait until the host has opened the port, and asks."""
+        with self._changed:
+            asked = self._changed.wait_for(lambda: any(isinstance(e, HelloRequest) for _, e in self.heard), timeout)
+        assert asked, 'no host asked for HELLO'
+
+    def commands(self):
+        with self._changed:
+            return [(at, event) for at, event in self.heard if isinstance(event, Command)]
+
+    def write(self, data):
+        while data:
+            data = data[os.write(self.master, data) :]
+
+    def play(self, first, count, hz=1000.0, mangle=lambda _, frame: frame):
+        """Write numbered samples at a rate; return all bytes that went out."""
+        out, begun = bytearray(), time.monotonic()
+        for n in range(count):
+            data = mangle(n, encode(numbered_state(first + n)))
+            out += data
+            self.write(data)
+            time.sleep(max(0.0, begun + (n + 1) / hz - time.monotonic()))
+        return bytes(out)
+
+    def close(self):
+        self._ended.set()
+        self._thread.join()
+        os.close(self.master)

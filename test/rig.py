@@ -1,0 +1,107 @@
+"""A rig that is not there, live: a virtual board and a bridge in processes of their own, and a node that listens."""
+
+import time
+
+import numpy as np
+
+from pendubot_identification.core.protocol import Status
+from test.processes import Program, call, spin_until
+
+ARMED, WATCHDOG = int(Status.ARMED), int(Status.WATCHDOG)
+
+
+class Rig:
+    """Both programs, a node that listens to all that the bridge says, and the board's own trace."""
+
+    def __init__(self, folder, rate, *board_options):
+        import rclpy
+        from diagnostic_msgs.msg import DiagnosticArray
+        from rclpy.qos import QoSProfile
+        from sensor_msgs.msg import JointState
+        from std_msgs.msg import Float64
+        from std_srvs.srv import Trigger
+
+        self.port = folder / 'board'
+        self.trace_file = folder / 'trace.csv'
+        self.rate = rate
+        self.board_options = board_options
+        self.programs = []
+        self.samples = []
+        self.diagnoses = []
+        self.float64, self.trigger = Float64, Trigger
+        self.node = rclpy.create_node('listener')
+        self.node.create_subscription(JointState, '/joint_states', self._on_sample, QoSProfile(depth=1000))
+        self.node.create_subscription(
+            DiagnosticArray, '/diagnostics', lambda array: self.diagnoses.append(array.status[0]), 10
+        )
+        self.effort_publisher = self.node.create_publisher(Float64, '/pendubot/effort_command', 1)
+
+    def _on_sample(self, m):
+        stamp = m.header.stamp.sec * 10**9 + m.header.stamp.nanosec
+        self.samples.append((time.time_ns(), stamp, *m.position, *m.velocity, *m.effort, *m.name))
+
+    def start_board(self):
+        board = Program(
+            'virtual_board', '--link', self.port, '--rate', self.rate, '--trace', self.trace_file, *self.board_options
+        )
+        self.programs.append(board)
+        board.wait_for('virtual board on')
+        return board
+
+    def start_bridge(self, *parameters, before=()):
+        options = [part for p in (f'port:={self.port}', *parameters) for part in ('-p', p)]
+        bridge = Program('bridge', '--ros-args', *options, before=before)
+        self.programs.append(bridge)
+        self.until(
+            lambda: (
+                self.node.count_publishers('/joint_states') and self.node.count_subscribers('/pendubot/effort_command')
+            )
+        )
+        return bridge
+
+    def until(self, condition, timeout=10.0):
+        assert spin_until(self.node, condition, timeout), '\n'.join(p.output for p in self.programs)
+
+    def until_samples(self, more=1):
+        wanted = len(self.samples) + more
+        self.until(lambda: len(self.samples) >= wanted)
+
+    def call(self, service):
+        client = self.node.create_client(self.trigger, f'/bridge/{service}')
+        try:
+            return call(self.node, client, self.trigger.Request())
+        finally:
+            self.node.destroy_client(client)
+
+    def effort(self, torque):
+        self.effort_publisher.publish(self.float64(data=torque))
+
+    def drive_until(self, torque, condition):
+        """Repeat an effort command until a condition holds, as a controller would."""
+
+        def and_command():
+            self.effort(torque)
+            return condition()
+
+        self.until(and_command)
+
+    def trace(self):
+        """The board's samples so far: t_us, enc1, enc2, torque, status."""
+        lines = self.trace_file.read_text().splitlines(keepends=True)[1:]
+        rows = [line.split(',') for line in lines if line.endswith('\n')]
+        return np.array(rows, dtype=np.int64).reshape(-1, 5)
+
+    def fresh_values(self):
+        """What the bridge says of itself, all of it after this moment: names and values as text."""
+        self.diagnoses.clear()
+        self.until(lambda: len(self.diagnoses) >= 2)
+        return {pair.key: pair.value for pair in self.diagnoses[-1].values}
+
+    def diagnosed(self, level, text):
+        """Tell whether a diagnosis had this level, or worse, with this text."""
+        return any(d.level >= bytes([level]) and text in d.message for d in self.diagnoses)
+
+    def close(self):
+        for program in self.programs:
+            program.__exit__()
+        self.node.destroy_node()
