@@ -38,6 +38,7 @@ setup(
         'pyserial>=3.5',
         'mcap>=1.5',
         'rosbags>=0.10',
+        'matplotlib>=3.6',
         'PyYAML>=6.0',
         'tqdm>=4.66',
     ],

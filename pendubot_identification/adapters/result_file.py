@@ -25,6 +25,10 @@ if TYPE_CHECKING:
     from .datasets import Source
 
 SCHEMA = 1
+#: Generations of which a result file tells the best values.
+SHOWN_GENERATIONS = 30
+#: What every identification says of itself.
+WHOLE = ('parameters', 'level', 'criterion', 'model', 'prediction', 'criteria', 'made_by', 'bags')
 REQUIRED = NAMES[: MODELS['viscous']]
 
 
@@ -81,6 +85,7 @@ def result_data(result: Identification, sources: Sequence[Source]) -> dict[str, 
                 'converged': e.converged,
                 'steps': list(e.steps),
                 'mde': _mde(e, settings),
+                'convergence': _convergence(e),
                 'uncertainty': e.uncertainty,
                 'correlation': _numbers(e.correlation),
             }
@@ -171,6 +176,15 @@ def _mde(e: Estimate, settings: Settings) -> dict[str, int] | None:
     return {'runs': runs, 'population': how.population, 'generations': how.generations}
 
 
+def _convergence(e: Estimate) -> dict[str, Any] | None:
+    """Return each run's best value, a row a run, after ever more generations."""
+    if e.runs is None:
+        return None
+    history = e.runs.history
+    generations = np.unique(np.rint(np.geomspace(1, len(history), SHOWN_GENERATIONS)).astype(int)) - 1
+    return {'generations': generations.tolist(), 'best': _numbers(history[generations].T)}
+
+
 def refuse_existing(path: Path) -> None:
     """Refuse to write where something is; worth asking before a long computation too.
 
@@ -189,9 +203,23 @@ def write_result(path: Path, data: Mapping[str, Any], *, overwrite: bool = False
     """
     if not overwrite:
         refuse_existing(path)
+    write_whole(path, result_text(data).encode())
+
+
+def result_text(data: Mapping[str, Any]) -> str:
+    """Return a result as YAML, the way it stands in its file."""
+    return yaml.dump(dict(data), Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=100)
+
+
+def write_whole(path: Path, content: bytes) -> None:
+    """Write a file, whole or not at all.
+
+    Raises:
+        ResultError: the system refuses to write it.
+    """
     beside = path.with_name(path.name + '.partial')
     try:
-        beside.write_text(_yaml(data), encoding='utf-8')
+        beside.write_bytes(content)
         os.replace(beside, path)
     except OSError as error:
         beside.unlink(missing_ok=True)
@@ -214,6 +242,21 @@ def read_result(path: Path) -> dict[str, Any]:
         raise ResultError(f'{path} is no YAML file; name a file that pendubot identify wrote') from error
     if not isinstance(data, dict) or data.get('schema') != SCHEMA:
         raise ResultError(f'{path} is no result of schema {SCHEMA}; name a file that pendubot identify wrote')
+    return data
+
+
+def read_whole_result(path: Path) -> dict[str, Any]:
+    """Return what a result file holds that an identification wrote, not a hand.
+
+    Raises:
+        ResultError: there is no such file, or it is no result of this schema, or holds parameters alone.
+    """
+    data = read_result(path)
+    missing = [key for key in WHOLE if not data.get(key)]
+    if missing:
+        raise ResultError(
+            f'{path} does not say {", ".join(missing)}; name a file that pendubot identify wrote, as it wrote it'
+        )
     return data
 
 
@@ -246,10 +289,6 @@ def _value(entry: Any) -> float | None:
 
 def _numbers(values: Any) -> list[Any]:
     return [_numbers(value) if np.ndim(value) else _number(value) for value in values]
-
-
-def _yaml(data: Mapping[str, Any]) -> str:
-    return yaml.dump(dict(data), Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=100)
 
 
 class _Dumper(yaml.SafeDumper):

@@ -11,12 +11,13 @@ from pendubot_identification import __version__
 from pendubot_identification.adapters.resources import resource
 from pendubot_identification.core.errors import PendubotError
 
-from . import demo, identify, import_csv, info, simulate
+from . import compare, demo, identify, import_csv, info, report, simulate
 
 DESCRIPTION = """\
 Identify the parameters of a pendubot from recorded bags, without ROS.
 
   pendubot identify BAG                  parameters from a bag: first half estimates, second half validates
+  pendubot report RESULT.yaml            a page with figures from a result
   pendubot import-csv FILE --output BAG  a bag from your own recording
   pendubot demo                          the whole chain on a virtual rig (this alone needs ROS)
 """
@@ -35,7 +36,7 @@ def parser() -> argparse.ArgumentParser:
     top.add_argument('--version', action='version', version=f'%(prog)s {__version__}')
     top.add_argument('--debug', action='store_true', help='show the traceback of a failure')
     subparsers = top.add_subparsers(title='subcommands', metavar='SUBCOMMAND', required=True)
-    for subcommand in (identify, import_csv, simulate, info, demo):
+    for subcommand in (identify, report, compare, import_csv, simulate, info, demo):
         subcommand.add_parser(subparsers)
     return top
 
