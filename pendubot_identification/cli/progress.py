@@ -30,9 +30,9 @@ def progress_bar(*, hidden: bool = False) -> Iterator[Progress]:
             if what != doing:
                 doing = what
                 bar.bar_format = LAYOUT if of else ENDLESS
+                bar.set_description_str(what, refresh=False)
                 # The time left is that of this step.
                 bar.reset(of or None)
-                bar.set_description_str(what)
             bar.update(done - bar.n)
 
         yield progress

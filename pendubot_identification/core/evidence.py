@@ -103,7 +103,7 @@ class Excitation:
 
     Attributes:
         term: the parameter times its column, by parameter and balance [N m, N m, W], shape (D, 3).
-        own: what is left of it when all other columns have explained what they can, shape (D, 3).
+        own: what of that is left when all other columns have explained what they can, shape (D, 3).
         residual: what no parameter explains, shape (3,).
     """
 
@@ -131,9 +131,9 @@ def simulate_beside(motions: Sequence[Motion], answer: Answer, scale: Array) -> 
             continue
         segments = Segments.cut([motion], ahead, ahead, margin)
         begin = segments.measured(np.array([answer.delay]))[:, 0]
-        states = roll(answer.theta, begin, segments.tau, segments.step)
         end = segments.measured(np.array([answer.delay + segments.steps * segments.step]))[:, 0]
         with np.errstate(all='ignore'):
+            states = roll(answer.theta, begin, segments.tau, segments.step)
             off = np.nan_to_num(np.abs((states[-1] - end) / scale[:, None]), nan=LOST, posinf=LOST)
         errors = (np.minimum(off, LOST) ** 2).mean(axis=0)
         count = min(len(errors), max(1, round(SHOWN / ahead)))
@@ -244,7 +244,8 @@ def excitation(motions: Sequence[Motion], answer: Answer) -> Excitation:
         imitated = others @ np.linalg.lstsq(others, weighted[:, k], rcond=None)[0]
         own[k] = _by_balance(value * (weighted[:, k] - imitated) / weight)
     term = np.array([_by_balance(value * phi[:, k]) for k, value in enumerate(answer.theta)])
-    return Excitation(term, own, _by_balance(left))
+    # What others would bring into an equation in which the parameter itself has no part is none of its own.
+    return Excitation(term, np.minimum(own, term), _by_balance(left))
 
 
 def _rms(y: Array, terms: Array) -> Array:

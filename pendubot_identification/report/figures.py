@@ -74,10 +74,10 @@ class Picture:
 def draw_recordings(training: Sequence[Trajectory], validation: Sequence[Trajectory]) -> Picture:
     """Draw the torque and both angles, and which part estimates and which validates."""
     places = _placed([*training, *validation])
+    driven = any(m.tau[:, 1].any() for m in (*training, *validation))
 
     def draw(figure: Figure) -> None:
         axes = figure.subplots(3, 1, sharex=True)
-        driven = any(m.tau[:, 1].any() for m in (*training, *validation))
         for colour, motions, start in (
             (ESTIMATION, training, 0),
             (VALIDATION, validation, len(training)),
@@ -103,8 +103,8 @@ def draw_recordings(training: Sequence[Trajectory], validation: Sequence[Traject
     return _picture(
         'recordings',
         'The data',
-        'Torque at the shoulder, angle of link 1 from the horizontal (hanging: minus a quarter turn) and angle of '
-        'link 2 relative to link 1.'
+        ('Torque at the shoulder (black) and elbow (blue)' if driven else 'Torque at the shoulder')
+        + ', angle of link 1 from the horizontal (hanging: minus a quarter turn) and angle of link 2 relative to it.'
         + (' The recordings stand one after the other, in the order of the list at the foot.' if several else ''),
         'Good data have both joints moving all the time, at changing speeds, in both windows; nothing is cut off '
         'flat at a limit, and hanging at rest reads as it should.',
@@ -284,8 +284,9 @@ def draw_parameters(result: Result, reference: Mapping[str, Any] | None, referen
         'Each criterion estimates the same parameters in its own way'
         + (f'; black: {reference_name}.' if reference is not None else '.')
         + ' Bars are 95 % intervals; of a dot alone it is too short to be seen, or not known.',
-        'Good intervals are short and overlap, the published one with the black one first of all; where criteria '
-        'disagree, the residuals tell which of them is bent.',
+        'Good intervals are short and overlap'
+        + (', the published one with the black one first of all' if reference is not None else '')
+        + '; where criteria disagree, the residuals tell which of them is bent.',
         0.55 + lines * (0.62 + 0.17 * len(rows)),
         draw,
     )
@@ -355,7 +356,8 @@ def draw_excitation(names: Sequence[str], excitation: Excitation) -> Picture:
         'excitation',
         'What the motion excites',
         "How large each parameter's part is in the two equations of motion, under the bumps of the weak criterion on "
-        'training data: in pale all of it, in dark what no combination of the other parameters could do instead.',
+        'training data: in pale all of it, in dark what no combination of the other parameters could do '
+        'instead. A parameter that was found to be zero has no bar.',
         'Good excitation brings every dark bar well beyond the dashed line in at least one of the equations; a '
         'parameter whose bars all end before it is drowned, and one that is pale but not dark cannot be told from '
         'others: move that joint faster, or through more of its turn.',
@@ -392,6 +394,7 @@ def _picture(name: str, title: str, shows: str, good: str, height: float, draw: 
         figure = Figure(figsize=(WIDTH, height), layout='constrained')
         draw(figure)
         figure.savefig(svg, format='svg', metadata={'Date': None, 'Creator': None}, bbox_inches='tight')
+        figure.set_layout_engine('none')  # what was laid out once stays where it is
         figure.savefig(png, format='png', dpi=160, bbox_inches='tight')
     return Picture(name, title, shows.strip(), good, svg.getvalue(), png.getvalue())
 

@@ -63,7 +63,7 @@ dd data { white-space: normal; }
   td small, th small { font-size: .66rem; } dl { display: block; } dd { margin: 0 0 .3rem 1rem; }
 }
 @media print {
-  @page { margin: 14mm; } body { padding: 0; max-width: none; font-size: .82rem; } h2, h3 { break-after: avoid; }
+  @page { margin: 14mm; } html { font-size: 75%; } body { padding: 0; max-width: none; } h2, h3 { break-after: avoid; }
   .figures { grid-template-columns: 1fr 1fr; gap: 1rem; }
 }
 """
