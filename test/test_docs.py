@@ -15,7 +15,9 @@ PAGES = [ROOT / 'README.md', ROOT / 'bags' / 'README.md', *sorted((ROOT / 'docs'
 def commands(page):
     """The offline pendubot commands in a page's code blocks; those that need a rig or half a minute are left out."""
     lines = re.findall(
-        r'^(?:    )?\$? ?(pendubot (?:identify|simulate|info|import-csv) [^#\n]*)', page.read_text(), re.MULTILINE
+        r'^(?:    )?\$? ?(pendubot (?:identify|report|compare|simulate|info|import-csv) [^#\n]*)',
+        page.read_text(),
+        re.MULTILINE,
     )
     return [line.strip() for line in lines if 'BAG' not in line and 'FILE' not in line]
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from pendubot_identification.core.errors import TrajectoryError
 from pendubot_identification.core.signals import resample
@@ -24,7 +24,7 @@ class Source:
     sha256: str
     closed: bool
     topic: str = JOINT_STATES_TOPIC
-    joint_names: Sequence[str] = JOINT_NAMES
+    joint_names: list[str] = field(default_factory=lambda: list(JOINT_NAMES))
 
 
 @dataclass(frozen=True, slots=True)

@@ -42,6 +42,7 @@ STYLE = {
     'grid.color': '#e3e3e3',
     'grid.linewidth': 0.6,
     'lines.linewidth': 1.0,
+    'figure.constrained_layout.w_pad': 0.09,
     'legend.frameon': False,
     'svg.fonttype': 'path',
     'path.simplify': True,

@@ -49,7 +49,7 @@ figure img { display: block; width: 100%; height: auto; }
 figcaption { font-size: .9rem; } figcaption p { margin: .2rem 0; }
 .good { border-left: .25rem solid #009e73; padding-left: .5rem; }
 table { border-collapse: collapse; font-variant-numeric: tabular-nums; margin: .6rem 0; font-size: .9rem;
-  max-width: 100%; break-inside: avoid; }
+  max-width: 100%; break-inside: avoid; overflow-wrap: break-word; }
 th, td { text-align: right; padding: .2rem .6rem; border-bottom: 1px solid var(--line); vertical-align: top; }
 th:first-child, td:first-child { text-align: left; padding-left: 0; }
 th { font-weight: 600; } tbody th { font-weight: 400; }
