@@ -62,7 +62,7 @@ def recordings(
 
 
 def settings(result: Mapping[str, Any]) -> Settings:
-    """Return with what settings a result was made, but for those of MDE."""
+    """Return with what settings a result was made, but for those of MDE and where a search started."""
     made = result['made_by']
     lower, upper = np.array(made['lower_bounds']), np.array(made['upper_bounds'])
     return Settings(
