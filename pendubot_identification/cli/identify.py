@@ -164,7 +164,9 @@ def run(args: argparse.Namespace) -> int:
     except PendubotError as error:
         if args.report is not None:
             read = (motions[0].training, motions[0].validation) if motions else None
-            print(f'why is also said in {write_failure_report(args.report, str(error), _asked(args), read)}')
+            page = write_failure_report(args.report, str(error), _asked(args), read)
+            if not args.json:
+                print(f'why is also said in {page}')
         raise
 
 
