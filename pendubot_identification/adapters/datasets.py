@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from pendubot_identification.core.errors import TrajectoryError
 from pendubot_identification.core.signals import resample
@@ -23,6 +23,8 @@ class Source:
     duration: float
     sha256: str
     closed: bool
+    topic: str = JOINT_STATES_TOPIC
+    joint_names: list[str] = field(default_factory=lambda: list(JOINT_NAMES))
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,10 +77,14 @@ def load_datasets(
                     f'{first.window} and {second.window} share samples: they count twice, and standard errors and J on '
                     'validation look better than they are'
                 )
+    sources = (
+        Source(str(r.window), role, len(t), t.duration, r.sha256, r.closed, topic, list(joint_names))
+        for role, r, t in pairs
+    )
     return Datasets(
         training=tuple(training),
         validation=tuple(validation),
-        sources=tuple(Source(str(r.window), role, len(t), t.duration, r.sha256, r.closed) for role, r, t in pairs),
+        sources=tuple(sources),
         notes=tuple(dict.fromkeys(notes)),
     )
 

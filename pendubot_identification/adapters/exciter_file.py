@@ -13,7 +13,7 @@ import yaml
 from pendubot_identification.core.errors import ParameterError, ResultError
 from pendubot_identification.core.excitation import PulseTrain
 
-from .files import write_text
+from .files import write_whole
 from .resources import resource
 
 NODE = 'exciter'
@@ -31,7 +31,7 @@ def write_exciter(
     text = resource(TEMPLATE).read_text(encoding='utf-8')
     for name, value in {**asdict(train), 'duration': float(duration)}.items():
         text = re.sub(rf'^( *{name}:).*$', rf'\g<1> {value!r}', text, flags=re.MULTILINE)
-    write_text(path, ''.join(f'# {line}\n' for line in comments) + text, overwrite=overwrite)
+    write_whole(path, ''.join(f'# {line}\n' for line in comments) + text, overwrite=overwrite)
 
 
 def read_exciter(path: Path) -> tuple[PulseTrain, float]:

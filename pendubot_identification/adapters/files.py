@@ -1,8 +1,9 @@
-"""Writing a file whole or not at all, and never over another one unasked."""
+"""Writing files whole or not at all, alone or in a folder of their own, and never over others unasked."""
 
 from __future__ import annotations
 
 import os
+import tempfile
 from pathlib import Path
 
 from pendubot_identification.core.errors import ResultError
@@ -18,8 +19,8 @@ def refuse_existing(path: Path) -> None:
         raise ResultError(f'{path} exists already and was left as it is; choose another name or add --force')
 
 
-def write_text(path: Path, text: str, *, overwrite: bool = False) -> None:
-    """Write a text file, whole or not at all.
+def write_whole(path: Path, content: str | bytes, *, overwrite: bool = False) -> None:
+    """Write a file, whole or not at all.
 
     Raises:
         ResultError: the file exists already, or the system refuses to write it.
@@ -28,8 +29,52 @@ def write_text(path: Path, text: str, *, overwrite: bool = False) -> None:
         refuse_existing(path)
     beside = path.with_name(path.name + '.partial')
     try:
-        beside.write_text(text, encoding='utf-8')
+        beside.write_bytes(content.encode() if isinstance(content, str) else content)
         os.replace(beside, path)
     except OSError as error:
         beside.unlink(missing_ok=True)
-        raise ResultError(f'{path} cannot be written ({error.strerror}); choose a folder that can be') from error
+        raise _refused(path, error) from error
+
+
+class OutputFolder:
+    """A folder for the files of one result: made, and seen to be writable, before anything is computed.
+
+    Args:
+        path: the folder; with those above it, it is made.
+        overwrite: whether it may hold something. Files of the same names are then replaced, others stay.
+
+    Raises:
+        ResultError: it holds something already, or the system refuses it.
+    """
+
+    def __init__(self, path: Path, *, overwrite: bool = False) -> None:
+        self.path = path
+        try:
+            path.mkdir(parents=True, exist_ok=True)
+            held = any(path.iterdir())
+            with tempfile.TemporaryFile(dir=path):
+                pass
+        except OSError as error:
+            raise _refused(path, error) from error
+        if held and not overwrite:
+            raise ResultError(
+                f'{path} exists already and holds something, and was left as it is; choose another name or add --force'
+            )
+
+    def write(self, name: str, content: str | bytes) -> Path:
+        """Write a file, in a folder of its own where its name has one, and return where it is.
+
+        Raises:
+            ResultError: the system refuses.
+        """
+        path = self.path / name
+        try:
+            path.parent.mkdir(exist_ok=True)
+        except OSError as error:
+            raise _refused(path, error) from error
+        write_whole(path, content, overwrite=True)
+        return Path(os.path.abspath(path))
+
+
+def _refused(path: Path, error: OSError) -> ResultError:
+    return ResultError(f'{path} cannot be written ({error.strerror}); choose a folder that can be')

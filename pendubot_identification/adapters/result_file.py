@@ -16,7 +16,7 @@ from pendubot_identification import __version__
 from pendubot_identification.core.errors import ResultError
 from pendubot_identification.core.parameters import MODELS, NAMES, UNITS, Parameters
 
-from .files import write_text
+from .files import write_whole
 
 if TYPE_CHECKING:
     # Not for who only reads parameters: this takes a hundred times as long to import.
@@ -29,6 +29,10 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 SCHEMA = 1
+#: Generations of which a result file tells the best values.
+SHOWN_GENERATIONS = 30
+#: What every identification says of itself.
+WHOLE = ('parameters', 'level', 'criterion', 'model', 'prediction', 'criteria', 'made_by', 'bags')
 REQUIRED = NAMES[: MODELS['viscous']]
 
 
@@ -86,6 +90,7 @@ def result_data(result: Identification, sources: Sequence[Source]) -> dict[str, 
                 'converged': e.converged,
                 'steps': list(e.steps),
                 'mde': _mde(e, settings),
+                'convergence': _convergence(e),
                 'uncertainty': e.uncertainty,
                 'correlation': _numbers(e.correlation),
             }
@@ -176,13 +181,27 @@ def _mde(e: Estimate, settings: Settings) -> dict[str, int] | None:
     return {'runs': runs, 'population': how.population, 'generations': how.generations}
 
 
+def _convergence(e: Estimate) -> dict[str, Any] | None:
+    """Return each run's best value, a row a run, after ever more generations."""
+    if e.runs is None:
+        return None
+    history = e.runs.history
+    generations = np.unique(np.rint(np.geomspace(1, len(history), SHOWN_GENERATIONS)).astype(int)) - 1
+    return {'generations': generations.tolist(), 'best': _numbers(history[generations].T)}
+
+
 def write_result(path: Path, data: Mapping[str, Any], *, overwrite: bool = False) -> None:
     """Write a result, whole or not at all.
 
     Raises:
         ResultError: the file exists already, or the system refuses to write it.
     """
-    write_text(path, _yaml(data), overwrite=overwrite)
+    write_whole(path, result_text(data), overwrite=overwrite)
+
+
+def result_text(data: Mapping[str, Any]) -> str:
+    """Return a result as YAML, the way it stands in its file."""
+    return yaml.dump(dict(data), Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=100)
 
 
 def read_result(path: Path) -> dict[str, Any]:
@@ -201,6 +220,21 @@ def read_result(path: Path) -> dict[str, Any]:
         raise ResultError(f'{path} is no YAML file; name a file that pendubot identify wrote') from error
     if not isinstance(data, dict) or data.get('schema') != SCHEMA:
         raise ResultError(f'{path} is no result of schema {SCHEMA}; name a file that pendubot identify wrote')
+    return data
+
+
+def read_whole_result(path: Path) -> dict[str, Any]:
+    """Return what a result file holds that an identification wrote, not a hand.
+
+    Raises:
+        ResultError: there is no such file, or it is no result of this schema, or holds parameters alone.
+    """
+    data = read_result(path)
+    missing = [key for key in WHOLE if not data.get(key)]
+    if missing:
+        raise ResultError(
+            f'{path} does not say {", ".join(missing)}; name a file that pendubot identify wrote, as it wrote it'
+        )
     return data
 
 
@@ -255,10 +289,6 @@ def _value(entry: Any, key: str = 'value') -> float | None:
 
 def _numbers(values: Any) -> list[Any]:
     return [_numbers(value) if np.ndim(value) else _number(value) for value in values]
-
-
-def _yaml(data: Mapping[str, Any]) -> str:
-    return yaml.dump(dict(data), Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=100)
 
 
 class _Dumper(yaml.SafeDumper):

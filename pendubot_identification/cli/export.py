@@ -44,7 +44,7 @@ def add_parser(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     """Read, convert, write."""
     from pendubot_identification.adapters.export import FORMATS, SUFFIXES
-    from pendubot_identification.adapters.files import write_text
+    from pendubot_identification.adapters.files import write_whole
     from pendubot_identification.adapters.result_file import parameters_of, read_result
     from pendubot_identification.core.errors import ParameterError
 
@@ -60,6 +60,6 @@ def run(args: argparse.Namespace) -> int:
     if args.output is None:
         print(text, end='')
         return 0
-    write_text(args.output, text, overwrite=args.force)
+    write_whole(args.output, text, overwrite=args.force)
     print(f'written to {args.output}')
     return 0

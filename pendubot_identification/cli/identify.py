@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import argparse
 import json
-import math
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
+
+from pendubot_identification.core.errors import PendubotError
+
+from .progress import progress_bar
+from .report import add_reference, previous, reference, write_failure_report, write_result_report
 
 # The names of core's settings and parameters, again: importing them takes a second, which no --help is worth.
 CRITERIA = ('energy', 'weak', 'trajectory')
@@ -43,6 +46,7 @@ examples:
   pendubot identify a b c --validate d --output result.yaml   several recordings pooled
   pendubot identify swing --criterion energy --sliding 0.3    energy over windows of 0.3 s
   pendubot identify swing --hold linear --delay 0:0.02        a torque that was measured, and late
+  pendubot identify swing --report look                       a page with figures, look/report.html
 """
 
 
@@ -134,35 +138,85 @@ def add_parser(subparsers: Any) -> None:
         '--joints', default='shoulder,elbow', metavar='SHOULDER,ELBOW', help='their joint names (default %(default)s)'
     )
     where.add_argument('--output', type=Path, metavar='RESULT.yaml', help='write the result here')
-    where.add_argument('--force', action='store_true', help='overwrite an existing result')
+    where.add_argument(
+        '--report', type=Path, metavar='DIR', help='make a report there: a page with figures, and the result beside it'
+    )
+    add_reference(where)
+    where.add_argument('--force', action='store_true', help='overwrite an existing result or report')
     where.add_argument('--json', action='store_true', help='print the result as JSON and nothing else')
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
     """Identify, print, write."""
-    from pendubot_identification.adapters.datasets import load_datasets
-    from pendubot_identification.adapters.files import refuse_existing
-    from pendubot_identification.adapters.result_file import result_data, write_result
-    from pendubot_identification.core.identification import identify
-    from pendubot_identification.report.tables import whole
+    from pendubot_identification.adapters.files import OutputFolder, refuse_existing
 
     settings = _settings(args)
     if args.output is not None and not args.force:
         refuse_existing(args.output)
-    data = load_datasets(args.bags, args.validate, topic=args.topic, joint_names=_joints(args.joints))
-    with _progress_bar(hidden=args.json) as progress:
+    beside = _beside(args)
+    folder = None if args.report is None else OutputFolder(args.report, overwrite=args.force)
+    motions: list[Any] = []
+    try:
+        return _identify(args, settings, folder, beside, motions)
+    except PendubotError as error:
+        if folder is not None:
+            read = (motions[0].training, motions[0].validation) if motions else None
+            page = write_failure_report(folder, str(error), _asked(args), read)
+            if not args.json:
+                print(f'why is also said in {page}')
+        raise
+
+
+def _identify(args: argparse.Namespace, settings: Any, folder: Any, beside: Any, read: list[Any]) -> int:
+    """Identify, print, write; what was read is left in ``read``, also where all else fails."""
+    from pendubot_identification.adapters.datasets import load_datasets
+    from pendubot_identification.adapters.result_file import result_data, write_result
+    from pendubot_identification.core.identification import identify
+    from pendubot_identification.report.tables import whole
+
+    data = load_datasets(args.bags, args.validate, topic=args.topic, joint_names=joints(args.joints))
+    read.append(data)
+    page = None
+    with progress_bar(hidden=args.json) as progress:
         result = identify(data.training, data.validation, settings, progress, data.notes)
-    plain = result_data(result, data.sources)
-    if args.output is not None:
-        write_result(args.output, plain, overwrite=args.force)
+        plain = result_data(result, data.sources)
+        if args.output is not None:
+            write_result(args.output, plain, overwrite=args.force)
+        if folder is not None:
+            motions = data.training, data.validation
+            page = write_result_report(folder, plain, motions, beside, (), progress)
     if args.json:
         print(json.dumps(plain, indent=2))
         return 0
     print(whole(plain))
-    if args.output is not None:
-        print(f'written to {args.output}')
+    for written in (args.output, page):
+        if written is not None:
+            print(f'written to {written}')
     return 0
+
+
+def _beside(args: argparse.Namespace) -> tuple[Mapping[str, Any], str] | None:
+    """Return what the report shows beside the result: a reference, or the result that it takes the place of."""
+    if args.report is None:
+        if args.reference is not None:
+            raise PendubotError('--reference stands beside a result in its report; add --report DIR')
+        return None
+    if args.reference is not None:
+        return reference(args.reference)
+    for earlier in (args.output, args.report / 'result.yaml'):
+        if earlier is not None and earlier.exists():
+            try:
+                return previous(earlier)
+            except PendubotError:
+                continue  # it is about to be replaced, whatever it is
+    return None
+
+
+def _asked(args: argparse.Namespace) -> list[str]:
+    """Return what was asked for, in words."""
+    words = [f'estimate from {bag}' for bag in args.bags] + [f'validate on {bag}' for bag in args.validate]
+    return [*words, f'criterion {", ".join(args.criterion)}; model {args.model}; optimizer {args.optimizer}']
 
 
 def _settings(args: argparse.Namespace) -> Any:
@@ -189,27 +243,6 @@ def _settings(args: argparse.Namespace) -> Any:
         seed=args.seed,
         bounds=_bounds(args.bounds),
     )
-
-
-@contextmanager
-def _progress_bar(hidden: bool) -> Iterator[Callable[[str, int, int, float], None]]:
-    """Show on a terminal, and nowhere else, what is being done."""
-    from tqdm import tqdm
-
-    layout = '{desc} {bar:20} {n_fmt}/{total_fmt}{postfix} [{elapsed}]'
-    doing = 'preparing'
-    with tqdm(desc=doing, disable=True if hidden else None, leave=False, bar_format=layout) as bar:
-
-        def progress(what: str, done: int, of: int, best: float) -> None:
-            nonlocal doing
-            bar.set_postfix_str('' if math.isnan(best) else f'J = {best:.4e}', refresh=False)
-            if what != doing:
-                doing = what
-                bar.total, bar.n = of or None, done
-                bar.set_description_str(what)
-            bar.update(done - bar.n)
-
-        yield progress
 
 
 def _criteria(text: str) -> tuple[str, ...]:
@@ -247,7 +280,12 @@ def _bounds(texts: list[str]) -> Any:
     return bounds
 
 
-def _joints(text: str) -> list[str]:
+def joints(text: str) -> list[str]:
+    """Return what SHOULDER,ELBOW names.
+
+    Raises:
+        ParameterError: it names no two joints.
+    """
     from pendubot_identification.core.errors import ParameterError
 
     names = [name.strip() for name in text.split(',') if name.strip()]

@@ -11,17 +11,34 @@ from pendubot_identification import __version__
 from pendubot_identification.adapters.resources import resource
 from pendubot_identification.core.errors import PendubotError
 
-from . import demo, excite, export, identify, import_csv, info, repair, reproduce, simulate
+from . import (
+    compare,
+    demo,
+    excite,
+    export,
+    identify,
+    import_csv,
+    info,
+    repair,
+    report,
+    reproduce,
+    simulate,
+)
 
 DESCRIPTION = """\
 Identify the parameters of a pendubot from recorded bags, without ROS.
 
   pendubot identify BAG                  parameters from a bag: first half estimates, second half validates
+  pendubot report RESULT.yaml            a page with figures from a result
   pendubot excite --design               the excitation that tells most of the parameters
   pendubot import-csv FILE --output BAG  a bag from your own recording
   pendubot reproduce                     the paper's tables and figures, from this package's own runs
   pendubot demo                          the whole chain on a virtual rig (this alone needs ROS)
 """
+SUBCOMMANDS = (
+    *(identify, report, compare, excite, export),
+    *(import_csv, simulate, info, repair, reproduce, demo),
+)
 SAMPLE = 'bags/paper_experiment'
 EPILOG = 'exit status: 0 success, 1 a failure explained in one line, 2 wrong usage'
 
@@ -37,7 +54,7 @@ def parser() -> argparse.ArgumentParser:
     top.add_argument('--version', action='version', version=f'%(prog)s {__version__}')
     top.add_argument('--debug', action='store_true', help='show the traceback of a failure')
     subparsers = top.add_subparsers(title='subcommands', metavar='SUBCOMMAND', required=True)
-    for subcommand in (identify, excite, export, import_csv, simulate, info, repair, reproduce, demo):
+    for subcommand in SUBCOMMANDS:
         subcommand.add_parser(subparsers)
     return top
 

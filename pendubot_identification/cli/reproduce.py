@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from pendubot_identification.adapters.datasets import Datasets
-    from pendubot_identification.adapters.output_folder import OutputFolder
+    from pendubot_identification.adapters.files import OutputFolder
     from pendubot_identification.core.identification import Identification
     from pendubot_identification.core.settings import Settings
     from pendubot_identification.core.trials import Trial
@@ -80,7 +80,7 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the experiments, write, print."""
-    from pendubot_identification.adapters.output_folder import OutputFolder
+    from pendubot_identification.adapters.files import OutputFolder
     from pendubot_identification.core.errors import ParameterError, PendubotError
     from pendubot_identification.core.trials import MOST_RUNS
 
@@ -266,7 +266,7 @@ class _Reproduction:
         self._contents.append(table)
 
     def _add_figure(self, name: str, caption: str, draw: Callable[..., Any], *arguments: Any) -> None:
-        from pendubot_identification.report.figures import rendered, style
+        from pendubot_identification.report.style import rendered, style
 
         with style():
             files = rendered(draw(*arguments))

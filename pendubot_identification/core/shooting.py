@@ -154,7 +154,8 @@ class AgainstStates:
         self._after = np.arange(every, segments.steps + 1, every)
         self._weight = 1 / (scale * np.sqrt(len(self._after)))
         self._prior = 1 / (scale * prior)
-        self._offset = segments.step * np.concatenate([[0], self._after])
+        #: Times from a segment's start [s] at which it is compared: 0, where its initial state is, and the rest.
+        self.offset = segments.step * np.concatenate([[0], self._after])
 
     @property
     def times(self) -> int:
@@ -167,15 +168,15 @@ class AgainstStates:
 
     def residuals(self, states: Array, delay: float) -> Array:
         """Return 4 residuals of the initial state and 4 of every compared time."""
-        measured = self.segments.measured(self._offset + delay)
+        measured = self.segments.measured(self.offset + delay)
         first = (states[0] - measured[:, 0]) * self._prior[:, None]
         later = (states[self._after] - np.moveaxis(measured[:, 1:], 1, 0)) * self._weight[:, None]
         return np.asarray(np.concatenate([first[None], later]).reshape(-1, len(self.segments)).T)
 
     def jacobian(self, states: Array, sensitivity: Array, delay: float) -> Array:
         """Return the derivative of :meth:`residuals`."""
-        rates = self.segments.measured(self._offset + delay, 'rates')
-        rows, lanes = len(self._offset), len(self.segments)
+        rates = self.segments.measured(self.offset + delay, 'rates')
+        rows, lanes = len(self.offset), len(self.segments)
         result = np.zeros((lanes, rows, 4, sensitivity.shape[2] + 1))
         result[:, 0, range(4), range(4)] = 1.0
         result[:, 1:, :, :-1] = np.moveaxis(sensitivity[self._after - 1], 3, 0)

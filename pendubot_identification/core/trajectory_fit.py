@@ -135,6 +135,32 @@ def segment_cost(
 
     J is the mean square of the four states' errors over segments of half a second, in variances of the states.
     """
+    _, comparison, fit = _initial_states(motions, theta, delay, bounds, scale)
+    lanes = len(comparison.segments)
+    return fit.cost / (4 * lanes), 4 * lanes * comparison.times
+
+
+def segment_errors(
+    motions: Sequence[Motion], theta: Array, delay: float, bounds: Bounds, scale: Array
+) -> tuple[list[Array], list[Array]]:
+    """Return what :func:`segment_cost` averages, but for what holds the initial states: errors of simulated segments.
+
+    Returns:
+        For each recording that is as long as a segment, the times [s] that are compared, shape (M, L), and the errors
+        of the four states in standard deviations, shape (M, 4, L).
+    """
+    segments, comparison, fit = _initial_states(motions, theta, delay, bounds, scale)
+    states = roll(fit.theta, fit.initial, segments.tau, segments.step)
+    rows = comparison.residuals(states, fit.delay).T.reshape(-1, 4, len(segments))
+    t = segments.start + fit.delay + comparison.offset[1:, None]
+    errors = rows[1:] * np.sqrt(comparison.times)
+    groups = [segments.group == number for number in np.unique(segments.group)]
+    return [t[:, g] for g in groups], [errors[:, :, g] for g in groups]
+
+
+def _initial_states(
+    motions: Sequence[Motion], theta: Array, delay: float, bounds: Bounds, scale: Array
+) -> tuple[Segments, AgainstStates, Fit]:
     length, stride = STATES_LADDER[-1]
     margin = abs(delay) + 1e-6
     segments = Segments.cut(motions, min(length, longest_segment(motions, margin)), stride, margin)
@@ -142,7 +168,7 @@ def segment_cost(
     fit = levenberg_marquardt(
         comparison, theta, delay, bounds, (delay, delay), fixed=True, iterations=8, tolerance=1e-3
     )
-    return fit.cost / (4 * len(segments)), 4 * len(segments) * comparison.times
+    return segments, comparison, fit
 
 
 def fit_positions(

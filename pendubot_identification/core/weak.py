@@ -33,6 +33,8 @@ from .quadratic import Quadratic
 
 Array = NDArray[np.float64]
 
+#: Of a bump, from zero to zero [s].
+WIDTH = 0.3
 #: The longest cell [s]: within it the motion of a bench-top rig is nearly straight.
 LONGEST_CELL = 0.005
 #: Of the balances of the shoulder's momentum, the elbow's [both N m], and energy [W, divided by about a rig's speed].
@@ -52,7 +54,7 @@ def weak_regression(
     delay: float = 0.0,
     *,
     weights: ArrayLike = (1.0, 1.0, 1.0),
-    width: float = 0.3,
+    width: float = WIDTH,
     stride: float = 0.01,
 ) -> Regression:
     """Return the three balances of a motion under each of many bumps.
@@ -108,7 +110,7 @@ def estimate_delay(
     highest: float = 0.1,
     *,
     weights: ArrayLike = WEIGHTS,
-    width: float = 0.3,
+    width: float = WIDTH,
 ) -> float:
     """Return the delay of the effort [s] with which the motions are explained best.
 

@@ -25,6 +25,7 @@ from pendubot_identification.report.tables import whole
 
 from .diagnostics import diagnostics_message
 from .messages import LATCHED, identification_values, parameters_message
+from .progress import NodeProgress
 from .runtime import Setting, SettingsNode, run
 
 
@@ -69,6 +70,7 @@ class Identifier(SettingsNode):
         self._params = self.create_publisher(Float64MultiArray, '/pendubot/params', LATCHED)
         self._identification = self.create_publisher(DiagnosticArray, '/pendubot/identification', LATCHED)
         self.create_service(Trigger, '~/identify', self._on_identify)
+        self._progress = NodeProgress(self, 'identifier: progress', 'waiting for ~/identify')
         self._worker: threading.Thread | None = None
         if _named(self.settings()['bags']):
             self._start()
@@ -126,16 +128,12 @@ class Identifier(SettingsNode):
         self._publish(result.level, _headline(result.level, result.warnings), identification_values(plain))
         self._params.publish(parameters_message(result))
 
-    def _progress(self, what: str, done: int, of: int, best: float) -> None:
-        count = f', {done} of {of}' if of else ''
-        value = '' if np.isnan(best) else f', J = {best:.4e}'
-        self.get_logger().info(f'{what}{count}{value}', throttle_duration_sec=1.0)
-
     def _failed(self, sentence: str) -> None:
         self.get_logger().error(sentence)
         self._publish(Level.ERROR, sentence, {})
 
     def _publish(self, level: Level, headline: str, values: dict[str, Any]) -> None:
+        self._progress.ended(level, headline)
         stamp = self.get_clock().now().to_msg()
         self._identification.publish(diagnostics_message(stamp, 'pendubot identification', level, headline, values))
 

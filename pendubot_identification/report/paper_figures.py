@@ -13,7 +13,7 @@ from pendubot_identification.core.balance import Balance
 from pendubot_identification.core.competition import ALGORITHMS, PER_VECTOR, TARGET
 from pendubot_identification.core.trajectory import Trajectory
 
-from .figures import GREY, STYLES, legend_above, panels
+from .style import GREY, STYLES, legend_above, panels
 
 Record = Mapping[str, Any]
 

@@ -30,15 +30,15 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 def parameter_table(result: Result, truth: Mapping[str, float] | None = None) -> str:
     """Return a row a published parameter: estimate, 95 % interval, unit, the true value where known, and doubts."""
     entries = result['parameters']
-    digits = _digits(entries.values())
+    digits = decimals(entries.values())
     head, rows = ['', 'estimate', '95 % interval', 'unit'], []
     if truth is not None:
         head += ['true value', 'error']
     for name, entry in entries.items():
-        low, high = (_fixed(value, digits) for value in entry['interval'])
-        row = [name, _fixed(entry['value'], digits), f'{low} to {high}', entry['unit']]
+        low, high = (fixed(value, digits) for value in entry['interval'])
+        row = [name, fixed(entry['value'], digits), f'{low} to {high}', entry['unit']]
         if truth is not None:
-            row += [_fixed(truth[name], digits), _error(entry['value'], truth[name])]
+            row += [fixed(truth[name], digits), _error(entry['value'], truth[name])]
         rows.append([*row, 'on its bound' if entry['on_bound'] else '' if entry['determined'] else 'undetermined'])
     return table([*head, ''], rows)
 
@@ -46,7 +46,7 @@ def parameter_table(result: Result, truth: Mapping[str, float] | None = None) ->
 def comparison_table(result: Result, truth: Mapping[str, float] | None = None) -> str:
     """Return a column a criterion: its parameters beside the truth, where known, or with their standard errors."""
     criteria = {name: entry['parameters'] for name, entry in result['criteria'].items()}
-    digits = _digits(entry for parameters in criteria.values() for entry in parameters.values())
+    digits = decimals(entry for parameters in criteria.values() for entry in parameters.values())
     head, rows = ['', *criteria], []
     if truth is not None:
         head.append('true value')
@@ -54,10 +54,10 @@ def comparison_table(result: Result, truth: Mapping[str, float] | None = None) -
         row = [f'{name} [{first["unit"]}]']
         for parameters in criteria.values():
             value, error = parameters[name]['value'], parameters[name]['std_error']
-            beside = f'± {_fixed(error, digits)}' if truth is None else _error(value, truth[name]).rjust(9)
-            row.append(f'{_fixed(value, digits)} {beside}')
+            beside = f'± {fixed(error, digits)}' if truth is None else _error(value, truth[name]).rjust(9)
+            row.append(f'{fixed(value, digits)} {beside}')
         if truth is not None:
-            row.append(_fixed(truth[name], digits))
+            row.append(fixed(truth[name], digits))
         rows.append(row)
     return table(head, rows)
 
@@ -65,12 +65,12 @@ def comparison_table(result: Result, truth: Mapping[str, float] | None = None) -
 def quality_table(result: Result) -> str:
     """Return a column a criterion: J, simulation errors beside those of standing still, delay, level."""
     criteria = result['criteria'].values()
-    rows = [[f'J {which}', *(_scientific(e['J'][which]) for e in criteria), ''] for which in ('training', 'validation')]
+    rows = [[f'J {which}', *(scientific(e['J'][which]) for e in criteria), ''] for which in ('training', 'validation')]
     rows.append(['  in', *(e['J']['unit'] for e in criteria), ''])
     prediction = result['prediction']
     for k, horizon in enumerate(prediction['horizons']):
-        errors = [_fixed(e['prediction']['error'][k], 3) for e in criteria]
-        rows.append([f'error after {horizon:g} s', *errors, _fixed(prediction['standing_still'][k], 3)])
+        errors = [fixed(e['prediction']['error'][k], 3) for e in criteria]
+        rows.append([f'error after {horizon:g} s', *errors, fixed(prediction['standing_still'][k], 3)])
     rows.append(['effort acts later by', *(_delay(e['effort']) for e in criteria), ''])
     rows.append(['level', *(e['level'] for e in criteria), ''])
     names = (f'{name}, published' if name == result['criterion'] else name for name in result['criteria'])
@@ -85,7 +85,7 @@ def model_table(result: Result) -> str:
     rows = []
     for score in compared:
         behind = [100 * (score[key] or 0.0) for key in ('behind', 'behind_std_error')]
-        errors = ' '.join(_fixed(error, 4) for error in score['error'])
+        errors = ' '.join(fixed(error, 4) for error in score['error'])
         rows.append([score['model'], str(score['parameters']), errors, f'{behind[0]:+.1f} % ± {behind[1]:.1f} %'])
     ahead = ', '.join(f'{h:g}' for h in result['prediction']['horizons'][: len(compared[0]['error'])])
     why = 'the smallest model that foresees the training data within one standard error of the best'
@@ -138,6 +138,42 @@ def advice(result: Result) -> str:
     return '\n'.join(_wrapped(sentence) for sentence in [*sentences, design])
 
 
+def side_by_side(compared: Mapping[str, Any]) -> str:
+    """Return results beside each other, as ``pendubot compare`` found them."""
+    letters = [_letter(k) for k in range(len(compared['results']))]
+    legend = [f'{letter}  {name}' for letter, name in zip(letters, compared['results'], strict=True)]
+    rows = compared['parameters']
+    digits = decimals(
+        {'value': value, 'std_error': error, 'on_bound': False}
+        for row in rows.values()
+        for value, error in zip(row['value'], row['std_error'], strict=True)
+    )
+    head = ['', *letters, *(f'{letter} - A' for letter in letters[1:])]
+    lines = []
+    for name, row in rows.items():
+        shown = (
+            fixed(value, digits) + ('' if error is None else f' ± {fixed(error, digits)}')
+            for value, error in zip(row['value'], row['std_error'], strict=True)
+        )
+        apart = ('-' if a is None else f'{a:+.1f}' for a in row['apart'][1:])
+        lines.append([f'{name} [{row["unit"]}]', *shown, *apart])
+    parts = ['\n'.join(legend), table(head, lines), 'differences from A in standard errors of both together']
+    if 'on' in compared:
+        errors = [
+            [f'error after {horizon:g} s', *(fixed(e[k], 3) for e in compared['error']), fixed(still, 3)]
+            for k, (horizon, still) in enumerate(zip(compared['horizons'], compared['standing_still'], strict=True))
+        ]
+        parts += [
+            table(['', *letters, 'standing still'], errors),
+            _wrapped(f'errors of simulated states in their standard deviations, on {compared["on"]}'),
+        ]
+    return '\n\n'.join([*parts, *map(_wrapped, compared['notes'])])
+
+
+def _letter(k: int) -> str:
+    return chr(ord('A') + k) if k < 26 else f'A{k}'
+
+
 def whole(result: Result, truth: Mapping[str, float] | None = None) -> str:
     """Return all that a terminal shows of a result."""
     effort, length, published = result['effort'], result['link_length'], result['criteria'][result['criterion']]
@@ -173,17 +209,19 @@ def _spread(values: Sequence[float]) -> list[str]:
     return [f'{value:.3e}' for value in (min(values), max(values), sum(values) / len(values))]
 
 
-def _digits(entries: Iterable[Result]) -> int:
+def decimals(entries: Iterable[Result]) -> int:
     """Return the decimals that show three digits of the smallest estimate, or of its standard error if that is more."""
     sizes = [max(abs(e['value']), e['std_error'] or 0.0) for e in entries if e['value'] and not e['on_bound']]
     return min(max(2 - math.floor(math.log10(min(sizes, default=1.0))), 4), 7)
 
 
-def _fixed(value: float | None, digits: int) -> str:
+def fixed(value: float | None, digits: int) -> str:
+    """Return a number with so many decimals; a dash where there is none."""
     return '-' if value is None else f'{value:.{digits}f}'
 
 
-def _scientific(value: float | None) -> str:
+def scientific(value: float | None) -> str:
+    """Return a number with four digits and its power of ten; a dash where there is none."""
     return '-' if value is None else f'{value:.3e}'
 
 

@@ -119,7 +119,7 @@ def test_a_folder_that_exists_is_left_alone_unless_force_is_said(tmp_path, capsy
     folder.mkdir()
     (folder / 'index.md').write_text('mine')
     assert reproduce('--only', 'dataset', '--runs', 1, '--output', folder) == 1
-    assert 'exists already and was left as it is' in capsys.readouterr().err
+    assert 'exists already and holds something, and was left as it is' in capsys.readouterr().err
     assert files(folder) == {'index.md': b'mine'}
     assert reproduce('--only', 'dataset', '--runs', 1, '--output', folder, '--force') == 0
     assert (folder / 'index.md').read_text().startswith('# The paper, reproduced')

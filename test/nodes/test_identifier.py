@@ -98,6 +98,42 @@ def test_a_subscriber_that_joins_late_receives_the_result(ros, bag, tmp_path):
     assert not [key for key in values if 'covariance' in key or 'runs' in key.split('_')]
 
 
+def test_how_far_it_is_comes_as_log_lines_and_on_diagnostics(ros, bag):
+    """Lines at a decent rate, one for each step and then few; a status once a second, to the end."""
+    from diagnostic_msgs.msg import DiagnosticArray
+
+    node, heard = ros.create_node('watcher'), []
+    node.create_subscription(DiagnosticArray, '/diagnostics', lambda m: heard.extend(m.status), 10)
+
+    def latest():
+        own = [status for status in heard if status.name == 'identifier: progress']
+        return own[-1] if own else None
+
+    # No more than a terminal would show, and long enough to be heard of.
+    long = FAST | {'optimizer': 'mde', 'runs': 3, 'generations': 30_000, 'hold': 'zero'}
+    try:
+        with Program('identifier', *parameters(**long)) as program:
+            assert spin_until(node, lambda: latest() and latest().message == 'waiting for ~/identify')
+            listener = Listener(ros)
+            try:
+                assert listener.set('bags', [str(bag)]).successful
+                assert listener.identify().success
+            finally:
+                listener.node.destroy_node()
+            assert spin_until(node, lambda: latest().message.startswith('energy: MDE, '), 30.0)
+            values = {v.key: v.value for v in latest().values}
+            assert values['step'] == 'energy: MDE'
+            assert 0 <= int(values['done']) <= int(values['of']) == 30_000
+            assert float(values['J']) > 0
+            assert spin_until(node, lambda: latest().message == 'identified' or latest().level != b'\x00', 60.0)
+            assert not latest().values
+            program.stop()
+            lines = [line for line in program.lines if 'energy: MDE, ' in line]
+            assert 1 <= len(lines) < 30, 'of 600 calls'
+    finally:
+        node.destroy_node()
+
+
 def test_the_label_names_what_the_model_has(listener, bag):
     with Program('identifier', *parameters(bags=f"['{bag}@0:9']", **FAST | {'model': 'rotor'})):
         assert listener.hears(lambda heard: heard.params and heard.status)

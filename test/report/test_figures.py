@@ -1,102 +1,130 @@
-"""Figures as files: the same every time, whole, and readable without colour."""
+"""Figures: the same arrays, the same bytes; long recordings, small files; nothing is lost that can be seen."""
 
-import itertools
+import re
+from xml.etree import ElementTree
 
-import matplotlib
+import hypothesis.extra.numpy as arrays
 import numpy as np
 import pytest
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.colors import to_rgb
+from hypothesis import given
+from hypothesis import strategies as st
 
-from pendubot_identification.core import trials
-from pendubot_identification.core.balance import energy_balance, foreseen
-from pendubot_identification.core.optimizer import minimize
-from pendubot_identification.core.parameters import PAPER
-from pendubot_identification.report import figures, paper_figures
-from test.core.virtual import recording
+from pendubot_identification.core.evidence import Excitation, Residuals, Simulation
+from pendubot_identification.core.trajectory import Trajectory
+from pendubot_identification.report import figures
+from test.results import plain
 
 
-def made(some):
-    """Return the records of trials."""
-    return [trial.data(minimize(trial.start(), trial.objective)) for trial in some]
+def motion(samples=300, interval=0.01, name='swing', start=0.0):
+    t = start + np.arange(samples) * interval
+    q = np.column_stack([np.sin(t), np.cos(3 * t)])
+    return Trajectory(t, q, np.column_stack([np.sign(np.sin(9 * t)), 0 * t]), name=name)
+
+
+def simulation(**changes):
+    m = motion()
+    t = np.arange(3) + np.linspace(0, 1, 50)[:, None]
+    values = {'name': 'swing', 't': m.t, 'measured': np.vstack([m.q.T, m.q.T]), 'ahead': 1.0, 'simulated_t': t}
+    values |= {'simulated': np.zeros((50, 4, 3)), 'whole': True}
+    return Simulation(**values | changes)
+
+
+def left(samples=300, interval=0.01, shared=0.3, channels=3):
+    t = np.arange(samples) * interval
+    values = np.sin(t[:, None] * np.arange(1, channels + 1))
+    lags = np.arange(100) * interval
+    names = tuple('abcd'[:channels])
+    flat = np.ones((100, channels))
+    return Residuals('weak', 'N m', names, ((t, values), (t, values)), interval, shared, lags, flat, 0.1)
 
 
 @pytest.fixture(scope='module')
-def drawn():
-    """Every figure, drawn and laid out."""
-    competition = made(trials.competition(seed=1, runs=1))
-    sweep = [
-        {**record, 'threshold': threshold}
-        for record in [*competition, *({**r, 'function': trials.IDENTIFICATION} for r in competition[:4])]
-        for threshold in (0.0, 0.3, 1.0)
+def pictures():
+    return list(every_picture())
+
+
+def every_picture():
+    result = plain(optimizer='mde', criteria=('energy',))
+    yield figures.draw_recordings([motion()], [motion(start=3.0)])
+    yield figures.draw_simulation(simulation(), validation=True)
+    yield figures.draw_residuals(left())
+    yield figures.draw_convergence('energy', result['criteria']['energy'])
+    yield figures.draw_parameters(result, plain(), 'reference')
+    yield figures.draw_correlation(result)
+    yield figures.draw_excitation(list(result['parameters']), Excitation(np.ones((7, 3)), np.ones((7, 3)), np.ones(3)))
+
+
+def test_the_same_arrays_give_the_same_bytes(pictures):
+    again = [figures.draw_recordings([motion()], [motion(start=3.0)]), figures.draw_residuals(left())]
+    for picture in again:
+        before = next(p for p in pictures if p.name == picture.name)
+        assert (picture.svg, picture.png) == (before.svg, before.png)
+    assert len({p.name for p in pictures}) == len(pictures)
+
+
+def test_each_is_whole_and_says_what_good_looks_like(pictures):
+    for picture in pictures:
+        root = ElementTree.fromstring(picture.svg)
+        assert root.tag.endswith('svg')
+        assert picture.png.startswith(b'\x89PNG')
+        assert re.search(r'\b[Gg]ood\b', picture.good), picture.name
+        assert picture.good.count('. ') == 0, 'one sentence'
+        assert 'one after the other' not in picture.shows, 'there is but one recording'
+        links = {value for e in root.iter() for key, value in e.attrib.items() if key.endswith('href')}
+        assert all(link.startswith(('#', 'data:')) for link in links), 'nothing from elsewhere'
+
+
+@given(arrays.arrays(float, st.integers(0, 500), elements=st.floats(-1e6, 1e6)), st.integers(1, 60))
+def test_an_envelope_keeps_what_can_be_seen(y, pairs):
+    t = np.arange(float(len(y)))
+    kept_t, kept_y = figures.envelope(t, y, 2 * pairs)
+    assert len(kept_t) <= max(2 * pairs, 0)
+    assert (np.diff(kept_t) >= 0).all()
+    assert (y[kept_t.astype(int)] == kept_y).all(), 'points of the line itself'
+    if len(y):
+        assert (kept_y.min(), kept_y.max()) == (y.min(), y.max())
+
+
+def test_an_hour_at_1_kHz_makes_small_figures():
+    hour = motion(3_600_000, 0.001)
+    for picture in (figures.draw_recordings([hour], []), figures.draw_residuals(left(3_600_000, 0.001, channels=1))):
+        assert len(picture.svg) < 400_000
+        assert len(picture.png) < 400_000
+
+
+def test_the_windows_are_marked_where_they_are():
+    """Recordings of one bag share its time; others stand behind it."""
+    picture = figures.draw_recordings([motion(name='a@0:3'), motion(name='b')], [motion(name='a@3:6', start=3.0)])
+    assert 'one after the other' in picture.shows
+    assert figures._placed([motion(name='a@0:3'), motion(name='b'), motion(name='a@3:6', start=3.0)]) == [
+        0.0,
+        pytest.approx(5.99),
+        0.0,
     ]
-    sweep = [{**r, 'algorithm': a} for r in sweep if r['algorithm'] == 'DE' for a in ('MDE', 'MDE per vector')]
-    dimensions = [{**r, 'n': n} for r in competition for n in (2, 10, 30)]
-    training, validation = recording(300), recording(300, seed=2)
-    validation = type(validation)(validation.t + 3, validation.q, validation.tau)
-    balances = [energy_balance(half, PAPER.vector()) for half in (training, validation)]
-    pieces = foreseen(validation, PAPER, 1.0)
-    with figures.style():
-        result = {
-            'figure1': paper_figures.convergence(competition),
-            'figure1_evaluations': paper_figures.convergence(competition, 'function values'),
-            'threshold': paper_figures.threshold(sweep),
-            'dimensions': paper_figures.dimensions(dimensions),
-            'dataset': paper_figures.data_set(training, validation),
-            'fit': paper_figures.fit(training, validation, balances, pieces),
-        }
-        for figure in result.values():
-            FigureCanvasAgg(figure).draw()
-    return result
 
 
-def test_every_figure_names_its_axes_and_no_text_is_cut(drawn):
-    for name, figure in drawn.items():
-        frame = figure.bbox
-        for text in _drawn_texts(figure):
-            box = text.get_window_extent()
-            inside = box.x0 >= -1 and box.y0 >= -1 and box.x1 <= frame.x1 + 1 and box.y1 <= frame.y1 + 1
-            assert inside, f'{name}: {text.get_text()!r} is cut'
-        rows, columns = figure.axes[0].get_gridspec().get_geometry()
-        for k, ax in enumerate(figure.axes):
-            if k % columns == 0:
-                assert ax.get_ylabel(), f'{name}: a panel without a name for its ordinate'
-            if k >= (rows - 1) * columns:
-                assert ax.get_xlabel(), f'{name}: a panel without a name for its abscissa'
+def test_without_validation_data_it_says_what_is_shown_instead():
+    picture = figures.draw_simulation(simulation(), validation=False)
+    assert 'There are no validation data' in picture.shows
+    assert 'the very data that were fitted' in picture.shows
+    assert 'over 1 s at a time' in picture.shows
 
 
-def _drawn_texts(figure):
-    """Return titles, names, remarks, legends, and the labels of the ticks within the axes' limits."""
-    ticks = figure.findobj(matplotlib.axis.Tick)
-    labels = {label for tick in ticks for label in (tick.label1, tick.label2)}
-    texts = [text for text in figure.findobj(matplotlib.text.Text) if text not in labels]
-    for axis in figure.findobj(matplotlib.axis.Axis):
-        low, high = sorted(axis.get_view_interval())
-        texts += [tick.label1 for tick in axis.get_major_ticks() if low <= tick.get_loc() <= high]
-    return [text for text in texts if text.get_visible() and text.get_text().strip()]
+def test_simulations_that_are_lost_are_drawn_as_far_as_they_go():
+    states = np.zeros((50, 4, 3))
+    states[25:] = np.nan
+    states[20:25] = 1e300
+    picture = figures.draw_simulation(simulation(simulated=states), validation=True)
+    assert 'inf' not in picture.svg
+    assert 'nan' not in picture.svg
 
 
-def test_files_are_the_same_every_time_and_say_nothing_of_when():
-    halves = recording(300), recording(300, seed=2)
-    with figures.style():
-        first, again = (figures.rendered(paper_figures.data_set(*halves)) for _ in range(2))
-    assert first == again
-    assert first['png'].startswith(b'\x89PNG')
-    assert b'<svg' in first['svg']
-    assert b'dc:date' not in first['svg']
-    assert b'Software' not in first['png'][:300]
+def test_parameters_of_a_hand_written_reference_and_of_a_larger_model():
+    by_hand = {'schema': 1, 'parameters': {'P1': {'value': 0.0022}, 'Fc1': {'value': 0.1}}}
+    assert '; black: reference.' in figures.draw_parameters(plain(), by_hand, 'reference').shows
 
 
-def test_the_users_own_style_is_neither_used_nor_changed():
-    with matplotlib.rc_context({'axes.facecolor': 'red', 'font.size': 30}):
-        with figures.style():
-            assert matplotlib.rcParams['axes.facecolor'] != 'red'
-            assert matplotlib.rcParams['font.size'] == 9
-        assert matplotlib.rcParams['axes.facecolor'] == 'red'
-
-
-def test_curves_differ_without_colour():
-    lines, markers = ({str(style[key]) for style in figures.STYLES} for key in ('linestyle', 'marker'))
-    assert len(lines) == len(markers) == len(figures.STYLES)
-    grey = [np.dot(to_rgb(style['color']), (0.299, 0.587, 0.114)) for style in figures.STYLES]
-    assert min(abs(a - b) for a, b in itertools.combinations(grey, 2)) > 0.04
+def test_no_correlations_where_everything_lies_on_a_bound():
+    result = plain()
+    result['criteria'][result['criterion']]['correlation'] = [[None] * 7] * 7
+    assert figures.draw_correlation(result) is None

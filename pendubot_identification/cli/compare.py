@@ -1,0 +1,154 @@
+"""``pendubot compare``: results side by side, and what each foresees."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+Results = Mapping[str, Mapping[str, Any]]
+
+DESCRIPTION = """\
+Set results side by side: every parameter with its standard error, and how far it is from that of the first result,
+in standard errors of both together. Differences of up to about 2 are chance; far larger ones say that something
+changed, or that the standard errors are too small for what the model cannot describe.
+
+With --on BAG the motion of a bag is simulated by each of them, again and again from a measured state on: parameters
+that differ may foresee alike, and then the difference does not matter to a controller.
+"""
+EPILOG = """\
+examples:
+  pendubot compare monday.yaml friday.yaml
+  pendubot compare monday.yaml friday.yaml --on swing@9:18    on motion that neither was estimated from
+"""
+
+
+def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Add this subcommand."""
+    parser = subparsers.add_parser(
+        'compare',
+        help='results side by side',
+        description=DESCRIPTION,
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument('results', nargs='+', type=Path, metavar='RESULT.yaml', help='two or more results')
+    parser.add_argument('--on', metavar='BAG[@START:END]', help='a bag whose motion each of them foresees')
+    parser.add_argument('--topic', default='/joint_states', help='topic with the joint states (default %(default)s)')
+    parser.add_argument(
+        '--joints', default='shoulder,elbow', metavar='SHOULDER,ELBOW', help='their joint names (default %(default)s)'
+    )
+    parser.add_argument('--json', action='store_true', help='print JSON, for programs')
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Compare and print.
+
+    Raises:
+        PendubotError: fewer than two results, one that cannot be read, or a bag that cannot.
+    """
+    from pendubot_identification.adapters.result_file import read_parameters, read_result
+    from pendubot_identification.core.errors import ResultError
+    from pendubot_identification.report.tables import side_by_side
+
+    if len(args.results) < 2:
+        raise ResultError(f'{args.results[0]} is one result alone; name two or more to be compared')
+    for path in args.results:
+        read_parameters(path)
+    results = {str(path): read_result(path) for path in args.results}
+    if len(results) < len(args.results):
+        raise ResultError('the same result is named twice; name two or more that differ')
+    plain = {'results': list(results), 'parameters': _parameters(results), 'notes': _shared(results)}
+    if args.on is not None:
+        plain |= _foreseen(results, args)
+    print(json.dumps(plain, indent=2) if args.json else side_by_side(plain))
+    return 0
+
+
+def _parameters(results: Results) -> dict[str, Any]:
+    """Return by parameter its unit and, a result each, value, standard error, and distance from the first result's.
+
+    The distance is in standard errors of both together; None where one of them is not known or not estimated.
+    """
+    from pendubot_identification.core.parameters import NAMES, UNITS
+
+    rows: dict[str, Any] = {}
+    for name, unit in zip(NAMES, UNITS, strict=True):
+        entries = [result['parameters'].get(name) for result in results.values()]
+        if any(entries):
+            values = [None if e is None else float(e['value']) for e in entries]
+            # How far the data would let a parameter off its bound is not how uncertain it is.
+            errors = [None if e is None or e.get('on_bound') else e.get('std_error') for e in entries]
+            rows[name] = {
+                'unit': unit,
+                'value': values,
+                'std_error': errors,
+                'apart': [_apart(values[0], v, errors[0], e) for v, e in zip(values, errors, strict=True)],
+            }
+    return rows
+
+
+def _apart(first: float | None, second: float | None, error: float | None, other: float | None) -> float | None:
+    if first is None or second is None or not error or not other:
+        return None
+    return (second - first) / math.hypot(error, other)
+
+
+def _shared(results: Results) -> list[str]:
+    """Return what the reader should know of results that were estimated from the same recordings."""
+    used = {name: _training(result) for name, result in results.items()}
+    return [
+        f'{name} and {other} were estimated from the same recording: their errors have a part in common, so that '
+        'differences count for more than they show'
+        for k, name in enumerate(used)
+        for other in list(used)[k + 1 :]
+        if used[name] & used[other]
+    ]
+
+
+def _training(result: Mapping[str, Any]) -> set[str]:
+    return {bag['sha256'] for bag in result.get('bags') or [] if bag['role'] == 'training'}
+
+
+def _foreseen(results: Results, args: argparse.Namespace) -> dict[str, Any]:
+    """Return how far each result's simulation of a bag's motion is off, by horizon."""
+    import numpy as np
+
+    from pendubot_identification.adapters.bag_reader import BagWindow, read_trajectory
+    from pendubot_identification.core.motion import Motion
+    from pendubot_identification.core.parameters import NAMES
+    from pendubot_identification.core.prediction import HORIZONS, predict, state_scale
+    from pendubot_identification.core.signals import choose_smoothing
+
+    from .identify import joints
+
+    recorded = read_trajectory(BagWindow.parse(args.on), topic=args.topic, joint_names=joints(args.joints))
+    # States as all results are held against them; the torque as each result takes it.
+    smoothing = choose_smoothing([recorded.trajectory])
+    errors, notes = [], []
+    for name, result in results.items():
+        effort = result.get('effort') or {}
+        motion = Motion.prepare(recorded.trajectory, smoothing, effort.get('hold', 'zero'))
+        theta = np.array([result['parameters'][n]['value'] for n in NAMES if n in result['parameters']])
+        prediction = predict([motion], theta, effort.get('delay', 0.0), state_scale([motion]))
+        errors.append(_numbers(prediction.error))
+        still = _numbers(prediction.standing_still)
+        if recorded.sha256 in _training(result):
+            notes.append(
+                f'{name} was estimated from a part of {recorded.window.path}: of that it knows more than it should'
+            )
+    return {
+        'on': str(recorded.window),
+        'horizons': list(HORIZONS),
+        'error': errors,
+        'standing_still': still,
+        'notes': [*_shared(results), *notes],
+    }
+
+
+def _numbers(values: Any) -> list[float | None]:
+    return [float(value) if math.isfinite(value) else None for value in values]

@@ -1,0 +1,114 @@
+"""pendubot compare from outside."""
+
+import json
+import math
+
+import pytest
+import yaml
+
+from pendubot_identification.adapters.result_file import write_result
+from pendubot_identification.cli.main import main
+from test.conftest import ROOT
+from test.results import plain
+
+SAMPLE = ROOT / 'bags' / 'paper_experiment'
+
+
+@pytest.fixture(scope='module')
+def results(tmp_path_factory):
+    """Two criteria's answers from the same 4 s of the sample bag."""
+    folder = tmp_path_factory.mktemp('results')
+    for name, criteria in (('a', ('energy',)), ('b', ('weak',))):
+        write_result(folder / f'{name}.yaml', plain(criteria))
+    return folder
+
+
+def compare(capsys, *arguments):
+    status = main(['compare', *map(str, arguments)])
+    captured = capsys.readouterr()
+    return status, captured.out, captured.err
+
+
+def test_differences_are_in_standard_errors_of_both_together(results, capsys):
+    status, out, _ = compare(capsys, results / 'a.yaml', results / 'b.yaml', '--json')
+    assert status == 0
+    rows = json.loads(out)['parameters']
+    a, b = (yaml.safe_load((results / f'{name}.yaml').read_text())['parameters'] for name in 'ab')
+    assert list(rows) == list(a)
+    for name, row in rows.items():
+        assert row['value'] == [a[name]['value'], b[name]['value']]
+        if None not in row['std_error']:
+            together = math.hypot(a[name]['std_error'], b[name]['std_error'])
+            assert row['apart'] == [0.0, pytest.approx((b[name]['value'] - a[name]['value']) / together)]
+
+
+def test_they_stand_side_by_side(results, capsys):
+    status, out, _ = compare(capsys, results / 'a.yaml', results / 'b.yaml')
+    assert status == 0
+    lines = out.splitlines()
+    assert lines[0] == f'A  {results / "a.yaml"}'
+    assert 'B - A' in out
+    assert sum(line.startswith(('P', 'b')) and '±' in line for line in lines) >= 6
+    assert 'estimated from the same recording' in ' '.join(out.split())
+
+
+def test_what_each_foresees_of_a_bag(results, capsys):
+    named = (results / 'a.yaml', results / 'b.yaml', '--on', f'{SAMPLE}@9:18')
+    status, out, _ = compare(capsys, *named, '--json')
+    assert status == 0
+    found = json.loads(out)
+    energy, weak = found['error']
+    assert all(w < e < still for e, w, still in zip(energy, weak, found['standing_still'], strict=True))
+    status, out, _ = compare(capsys, *named)
+    assert 'error after 0.5 s' in out
+    assert 'standing still' in out
+
+
+def test_a_bag_that_one_was_estimated_from_is_named(results, tmp_path, capsys):
+    from pendubot_identification.adapters.bag_reader import BagReader
+
+    data = plain(('weak',))
+    data['bags'][0]['sha256'] = BagReader(SAMPLE).content_hash()
+    write_result(tmp_path / 'c.yaml', data)
+    status, out, _ = compare(capsys, results / 'a.yaml', tmp_path / 'c.yaml', '--on', SAMPLE, '--json')
+    assert status == 0
+    (note,) = json.loads(out)['notes']
+    assert f'{tmp_path / "c.yaml"} was estimated from a part of {SAMPLE}' in note
+
+
+def test_models_of_different_size_and_parameters_by_hand(results, tmp_path, capsys):
+    by_hand = {name: {'value': entry['value']} for name, entry in plain(('weak',))['parameters'].items()}
+    by_hand['Fc1'] = {'value': 0.001}
+    (tmp_path / 'hand.yaml').write_text(yaml.safe_dump({'schema': 1, 'parameters': by_hand}))
+    named = (results / 'a.yaml', tmp_path / 'hand.yaml')
+    status, out, _ = compare(capsys, *named, '--on', f'{SAMPLE}@9:18', '--json')
+    assert status == 0
+    found = json.loads(out)
+    assert found['parameters']['Fc1'] == {
+        'unit': 'N m',
+        'value': [None, 0.001],
+        'std_error': [None, None],
+        'apart': [None, None],
+    }
+    assert all(error > 0 for error in found['error'][1])
+    assert compare(capsys, *named)[0] == 0
+
+
+@pytest.mark.parametrize(
+    ('named', 'sentence'),
+    [
+        (['a.yaml'], 'is one result alone; name two or more to be compared'),
+        (['a.yaml', 'a.yaml'], 'the same result is named twice'),
+        (['a.yaml', 'none.yaml'], 'none.yaml cannot be read (No such file or directory)'),
+        (['a.yaml', 'other.yaml'], 'other.yaml is no result of schema 1'),
+        (['a.yaml', 'b.yaml', '--on', '/nowhere'], 'there is no bag /nowhere'),
+        (['a.yaml', 'b.yaml', '--on', f'{SAMPLE}@90:99'], 'the window holds no sample'),
+        (['a.yaml', 'b.yaml', '--on', str(SAMPLE), '--joints', 'one'], 'two are expected'),
+    ],
+)
+def test_bad_input_gets_one_sentence(results, capsys, named, sentence):
+    (results / 'other.yaml').write_text('schema: 2\n')
+    status, out, err = compare(capsys, *(results / n if n.endswith('.yaml') else n for n in named))
+    assert (status, out) == (1, '')
+    (line,) = err.strip().splitlines()
+    assert sentence in line

@@ -1,0 +1,144 @@
+"""The page: every number is the result file's, nothing comes from elsewhere, nothing a user typed is markup."""
+
+import html
+import math
+import re
+from html.parser import HTMLParser
+
+import pytest
+
+from pendubot_identification.core.errors import TrajectoryError
+from pendubot_identification.report.figures import draw_correlation
+from pendubot_identification.report.page import failure_page, result_page
+from test.results import plain
+
+VOID = {'meta', 'link', 'img'}
+
+
+class Page(HTMLParser):
+    """A page taken apart: its data elements, its text without them, its links, and whether its tags match."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.data, self.text, self.links, self.tags, self._open = [], [], [], set(), []
+        self.feed(text)
+        self.close()
+        assert not self._open
+
+    def handle_starttag(self, tag, attributes):
+        self.tags.add(tag)
+        attributes = dict(attributes)
+        self.links += [value for key, value in attributes.items() if key in ('src', 'href')]
+        if tag == 'data':
+            self.data.append([attributes, ''])
+        if tag not in VOID:
+            self._open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self._open.pop() == tag
+
+    def handle_data(self, text):
+        if self._open and self._open[-1] == 'data':
+            self.data[-1][1] += text
+        elif 'style' not in self._open:
+            self.text.append(text)
+
+
+def entry(result, path):
+    for key in path.split('.'):
+        result = result[int(key)] if isinstance(result, list) else result[key]
+    return result
+
+
+def sentences(node):
+    """Every text of a result with a number in it that is no unit; the page may print it as it is."""
+    if isinstance(node, str):
+        return {node} if re.search(r'\d', node) and len(node) > 4 else set()
+    children = [*node, *node.values()] if isinstance(node, dict) else node if isinstance(node, list) else []
+    return {text for child in children for text in sentences(child)}
+
+
+def unit_of_last_digit(text):
+    mantissa, _, power = text.partition('e')
+    return 10.0 ** (int(power or 0) - len(mantissa.partition('.')[2]))
+
+
+@pytest.mark.parametrize(
+    'options', [{}, {'optimizer': 'mde', 'criteria': ('energy',)}, {'criteria': ('energy',), 'validate': False}]
+)
+def test_every_number_is_the_one_of_the_result_file(options):
+    result, reference = plain(**options), plain(('weak',))
+    page = Page(result_page(result, [], {}, reference))
+    assert len(page.data) > 70
+    for attributes, shown in page.data:
+        source = reference if attributes.get('data-of') == 'reference' else result
+        value = entry(source, attributes['data-entry'])
+        assert attributes['value'] == repr(value)
+        assert math.isclose(float(shown), value, rel_tol=1e-12, abs_tol=0.51 * unit_of_last_digit(shown)), shown
+    # And no number stands anywhere else, but in what the file says in words and in names and prose.
+    text = ' '.join(page.text)
+    for known in sorted(sentences(result), key=len, reverse=True):
+        text = text.replace(known, ' ')
+    text = re.sub(r'95 % interval|link [12]|\b[A-Za-z]+[0-9](\^2)?|\^2', ' ', text)
+    assert re.findall(r'\d+', text) == []
+
+
+def test_all_that_the_file_says_of_its_making_is_at_the_foot():
+    result = plain()
+    page = Page(result_page(result, [], {}))
+    shown = {attributes['data-entry'] for attributes, _ in page.data}
+    text = ' '.join(page.text)
+    for name, value in result['made_by'].items():
+        assert name.replace('_', ' ') in text
+        if isinstance(value, (int, float)) and not isinstance(value, bool):
+            assert f'made_by.{name}' in shown
+    assert {f'made_by.upper_bounds.{k}' for k in range(14)} <= shown
+    for k, bag in enumerate(result['bags']):
+        assert bag['sha256'] in text
+        assert bag['bag'] in text
+        assert f'bags.{k}.samples' in shown
+
+
+def test_nothing_comes_from_elsewhere_and_nothing_runs():
+    result = plain()
+    page = Page(result_page(result, [draw_correlation(result)], {}))
+    assert len(page.links) == 2, 'the figure, and an icon that is none'
+    assert all(link.startswith('data:') for link in page.links)
+    assert not page.tags & {'script', 'iframe', 'object', 'form'}
+    source = result_page(result, [], {})
+    assert '@import' not in source
+    assert 'url(' not in source
+
+
+def test_warnings_stand_at_the_top_in_words():
+    result = plain()
+    result |= {'level': 'ERROR', 'warnings': ['not physical: P1 < 0', 'cut & dried']}
+    text = result_page(result, [], {})
+    assert text.index('not physical: P1 &lt; 0') < text.index('<h2>')
+    assert text.index('cut &amp; dried') < text.index('<h2>')
+    assert 'do not use these parameters in a controller' in text
+    others = [w for e in result['criteria'].values() for w in e['warnings'] if w not in result['warnings']]
+    assert all(html.escape(warning) in text for warning in others)
+
+
+def test_what_a_user_named_is_no_markup():
+    result = plain()
+    result['bags'][0]['bag'] = '<script>alert(1)</script>'
+    assert 'script' not in Page(result_page(result, [], {}, notes=['<script>'])).tags
+    assert 'script' not in Page(failure_page('<script>', ['<script>'])).tags
+
+
+def test_a_page_of_a_failure_says_why_and_what_was_asked_for():
+    reason = str(TrajectoryError('swing: 10 samples are too few'))
+    page = Page(failure_page(reason, ['estimate from swing@0:1']))
+    text = ' '.join(page.text)
+    assert reason in text
+    assert 'estimate from swing@0:1' in text
+    assert 'the identification failed' in text
+
+
+def test_parameters_by_hand_stand_beside_a_result():
+    by_hand = {'schema': 1, 'parameters': {'P1': {'value': 0.5}}}
+    page = Page(result_page(plain(), [], {}, by_hand, 'reference'))
+    there = [(a['data-entry'], a['value']) for a, _ in page.data if a.get('data-of')]
+    assert there == [('parameters.P1.value', '0.5')]
