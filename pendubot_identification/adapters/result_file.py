@@ -52,6 +52,7 @@ def result_data(result: Identification, sources: Sequence[Source]) -> dict[str, 
         'criterion': best.criterion,
         'model': best.model,
         'effort': _effort(best, result.interval),
+        'zeros': _zeros(best),
         'smoothing': result.smoothing,
         'J': _J(best),
         'prediction': {'method': result.validation, **_prediction(best)},
@@ -86,6 +87,7 @@ def result_data(result: Identification, sources: Sequence[Source]) -> dict[str, 
                 'prediction': _prediction(e),
                 'condition_number': _number(e.condition_number),
                 'unexplained': _number(e.unexplained),
+                'zeros': _zeros(e),
                 'exact': e.exact,
                 'converged': e.converged,
                 'steps': list(e.steps),
@@ -141,6 +143,24 @@ def _effort(e: Estimate, interval: float) -> dict[str, Any]:
         'linear_lag': effort.delay + (interval / 2 if effort.hold == 'zero' else 0.0),
         'unit': 's',
     }
+
+
+def _zeros(e: Estimate) -> list[dict[str, Any]]:
+    """Return how far off the zeros of every recording's positions are: what was read minus what is true."""
+    if e.zeros is None:
+        return []
+    angles, errors = np.degrees(e.zeros.angles), np.degrees(e.zeros.std_error)
+    return [
+        {
+            'recording': name,
+            'q1': _number(angles[0, r]),
+            'q1_std_error': _number(errors[0, r]),
+            'q2': _number(angles[1, r]),
+            'q2_std_error': _number(errors[1, r]),
+            'unit': 'degree',
+        }
+        for r, name in enumerate(e.zeros.recordings)
+    ]
 
 
 def _J(e: Estimate) -> dict[str, Any]:

@@ -42,6 +42,21 @@ class Effort:
 
 
 @dataclass(frozen=True, slots=True)
+class Zeros:
+    """How far off the zeros of recordings' positions are: the position that was read minus the true one.
+
+    Attributes:
+        recordings: their names.
+        angles: of both joints [rad], shape (2, R); NaN where nothing tells it.
+        std_error: [rad], shape (2, R).
+    """
+
+    recordings: tuple[str, ...]
+    angles: Array
+    std_error: Array
+
+
+@dataclass(frozen=True, slots=True)
 class Estimate:
     """The answer of one criterion.
 
@@ -67,6 +82,7 @@ class Estimate:
         J_validation: the criterion on validation data, NaN without.
         J_validation_runs: the same for each run of MDE, shape (runs,); empty without.
         prediction: of validation data; None without.
+        zeros: of the recordings' positions; None where the criterion does not tell them.
         exact: whether the residuals are those of the encoders alone.
         level: how far to trust it.
         warnings: why, in sentences for the user.
@@ -93,6 +109,7 @@ class Estimate:
     J_validation: float = np.nan
     J_validation_runs: Array = field(default_factory=lambda: np.empty(0))
     prediction: Prediction | None = None
+    zeros: Zeros | None = None
     exact: bool = False
     level: Level = Level.OK
     warnings: tuple[str, ...] = ()

@@ -125,7 +125,11 @@ def identify(
     length = link_length(data.motions, model, best.effort.delay)
     low, high = settings.delays
     declared = low if low == high else 0.0
-    notes += diagnose(training, data.smoothing, data.hold, model, declared, settings.link_length)
+    faults = diagnose(training, data.smoothing, data.hold, model, declared, settings.link_length)
+    notes += faults
+    if faults:
+        # Zeros of single recordings would make up for what is wrong with all of them.
+        estimates = [replace(e, zeros=None) for e in estimates]
     return Identification(
         settings=settings,
         estimates=tuple(judge(e, settings, length, notes) for e in estimates),

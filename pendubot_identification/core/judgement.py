@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from .advice import advise
 from .energy import energy_regression
 from .errors import ExcitationError
-from .estimate import Estimate
+from .estimate import NORMAL_95, Estimate
 from .level import Level
 from .parameters import LARGEST_COUPLING, MODELS, NAMES, UNITS, Parameters
 from .prediction import HORIZONS, JUDGED
@@ -33,6 +33,8 @@ UNBALANCED = 0.5
 ILL_CONDITIONED = 1e3
 #: J on validation above so many times J on training: what was learned does not carry over.
 UNFORESEEN = 10.0
+#: A zero of a recording that is off by more [degrees], its standard errors aside.
+ZERO_OFF = 3.0
 #: P3 / P5 off the elbow's own value by more than this fraction, and more than three standard errors.
 LENGTH_OFF = 0.25
 
@@ -81,7 +83,13 @@ def judge(estimate: Estimate, settings: Settings, link_length: tuple[float, floa
         notes: what else the user should know of the data.
     """
     failures = [*_unphysical(estimate, settings), *_lost(estimate)]
-    warnings = [*failures, *notes, *_doubts(estimate, settings), *_wrong_length(estimate, link_length)]
+    warnings = [
+        *failures,
+        *notes,
+        *_doubts(estimate, settings),
+        *_wrong_zeros(estimate),
+        *_wrong_length(estimate, link_length),
+    ]
     level = Level.ERROR if failures else Level.WARN if warnings else Level.OK
     return replace(estimate, level=level, warnings=tuple(warnings), advice=advise(estimate))
 
@@ -158,6 +166,21 @@ def _doubts(estimate: Estimate, settings: Settings) -> list[str]:
             'stamps of effort and angles of one clock?'
         )
     return doubts
+
+
+def _wrong_zeros(estimate: Estimate) -> list[str]:
+    zeros, found = estimate.zeros, []
+    if zeros is None:
+        return []
+    for joint, (angles, errors) in enumerate(zip(np.degrees(zeros.angles), np.degrees(zeros.std_error), strict=True)):
+        for name, angle, error in zip(zeros.recordings, angles, errors, strict=True):
+            if abs(angle) - NORMAL_95 * error > ZERO_OFF:
+                found.append(
+                    f"{name}: q{joint + 1}'s zero is off by {angle:.1f} +- {error:.1g} degrees; subtract them, or let "
+                    'the links swing out before the zeros are set (friction may have held one away from hanging) and '
+                    'record again'
+                )
+    return found
 
 
 def _wrong_length(estimate: Estimate, link_length: tuple[float, float]) -> list[str]:

@@ -18,8 +18,6 @@ Flags = NDArray[np.bool_]
 #: Damping at the start, and the factors by which it falls and rises (Marquardt 1963).
 DAMPING, EASIER, HARDER = 1e-3, 0.2, 5.0
 LEAST_DAMPING, MOST_DAMPING = 1e-12, 1e9
-#: A residual at which a motion is lost: by how much says nothing.
-LOST = 1e4
 #: Segments whose error exceeds the median by this factor count by the error, not by its square.
 BEND = 1.5
 #: P1 and P2 stay above this fraction of their upper bounds: M(q) is singular where one is 0.
@@ -36,8 +34,9 @@ class Fit:
         initial: the segments' initial states, shape (4, L).
         costs: each segment's sum of squared residuals, shape (L,).
         free: which of theta and delay lie on no bound, shape (G,).
-        informations: each segment's part of the Gauss-Newton matrix, its initial state condensed out, shape (L, G, G).
-        slopes: each segment's part of the gradient, likewise, shape (L, G); they add up to 0 for what is free.
+        informations: each segment's part of the Gauss-Newton matrix, its initial state condensed out, of theta, delay
+            and both zeros of its recording, which are held at 0, shape (L, G + 2, G + 2).
+        slopes: each segment's part of the gradient, likewise, shape (L, G + 2); they add up to 0 for what is free.
         iterations: how many it took.
         converged: whether it stopped because nothing was left to gain, with no motion lost.
     """
@@ -128,7 +127,7 @@ def levenberg_marquardt(
         delay=delay,
         initial=x,
         costs=np.asarray((residuals**2).sum(axis=1)),
-        free=box.free(z, box.slope(z).T @ slopes.sum(axis=0)),
+        free=box.free(z, box.slope(z).T @ slopes.sum(axis=0)[:-2]),
         informations=informations,
         slopes=slopes,
         iterations=iteration,
@@ -142,7 +141,8 @@ def _evaluated(comparison: Comparison, box: _Box, z: Array, x: Array) -> tuple[A
     states = roll(theta, x, segments.tau, segments.step)
     residuals = comparison.residuals(states, delay)
     # A motion beyond floats is lost, and another that is not may still be gained.
-    return states, np.clip(np.where(np.isfinite(residuals), residuals, LOST), -LOST, LOST)
+    lost = comparison.lost
+    return states, np.clip(np.where(np.isfinite(residuals), residuals, lost), -lost, lost)
 
 
 class _Squared:
@@ -235,7 +235,10 @@ class _Box:
 
 
 class _Normal:
-    """The Gauss-Newton equations at a point: of each segment's initial state (4), the global unknowns (G), and both."""
+    """The Gauss-Newton equations at a point: of each segment's initial state (4), the rest (G + 2), and both.
+
+    The rest is the global unknowns and both zeros of the segment's recording, which are held.
+    """
 
     def __init__(
         self,
@@ -248,8 +251,9 @@ class _Normal:
     ) -> None:
         segments = comparison.segments
         jacobian = comparison.jacobian(states, sensitivities(theta, states, segments.tau, segments.step), delay)
+        jacobian = np.concatenate([jacobian, np.broadcast_to(comparison.by_zeros, (*residuals.shape, 2))], axis=2)
         # A motion whose sensitivities are beyond floats, though it is not, says nothing of where to go.
-        lost = ~np.isfinite(jacobian).all(axis=(1, 2)) | (np.abs(residuals) >= LOST).any(axis=1)
+        lost = ~np.isfinite(jacobian).all(axis=(1, 2)) | (np.abs(residuals) >= comparison.lost).any(axis=1)
         self.complete = not lost.any()
         jacobian[lost] = 0.0
         transposed = jacobian.transpose(0, 2, 1) * loss.weights(residuals)[:, None, None]
@@ -259,7 +263,7 @@ class _Normal:
         self._local_gradient, self._gradient = gradient[:, :4], gradient[:, 4:]
 
     def condensed(self, damping: float = LEAST_DAMPING) -> tuple[Array, Array]:
-        """Return informations, shape (L, G, G), and slopes, shape (L, G), of the global unknowns."""
+        """Return informations, shape (L, G + 2, G + 2), and slopes, shape (L, G + 2)."""
         gain, rest = self._local_answer(damping)
         back = self._mixed.transpose(0, 2, 1)
         return self._shared - back @ gain, self._gradient - (back @ rest[:, :, None])[:, :, 0]
@@ -267,9 +271,10 @@ class _Normal:
     def step(self, box: _Box, z: Array, x: Array, damping: float) -> tuple[Array, Array]:
         """Return the damped step's end: new global unknowns and new initial states."""
         information, slope = (part.sum(axis=0) for part in self.condensed(damping))
+        information, slope = information[:-2, :-2], slope[:-2]
         turn = box.slope(z)
         information, slope = turn.T @ information @ turn, turn.T @ slope
-        weight = np.diag(turn.T @ self._shared.sum(axis=0) @ turn)
+        weight = np.diag(turn.T @ self._shared.sum(axis=0)[:-2, :-2] @ turn)
         information[np.diag_indices_from(information)] += damping * np.where(weight > 0, weight, 1.0)
         free = box.free(z, slope)
         step = np.zeros_like(z)
@@ -285,10 +290,10 @@ class _Normal:
         new_z = box.inside(z + step)
         moved = np.append(*box.parameters(new_z)) - np.append(*box.parameters(z))
         gain, rest = self._local_answer(damping)
-        return new_z, x - (rest + gain @ moved).T
+        return new_z, x - (rest + gain[:, :, :-2] @ moved).T
 
     def _local_answer(self, damping: float) -> tuple[Array, Array]:
-        """Return how the initial states follow the global unknowns, (L, 4, G), and their own step, (L, 4)."""
+        """Return how the initial states follow the rest, (L, 4, G + 2), and their own step, (L, 4)."""
         local = self._local + (damping * self._local + 1e-300) * np.eye(4)
         answer = np.linalg.solve(local, np.concatenate([self._mixed, self._local_gradient[:, :, None]], axis=2))
         return answer[:, :, :-1], answer[:, :, -1]

@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import TrajectoryError
-from .estimate import Effort, Estimate, Progress
+from .estimate import Effort, Estimate, Progress, Zeros
 from .linear import Linear, estimate_linear, linear
 from .motion import Motion
 from .parameters import MODELS
 from .prediction import state_scale
-from .sandwich import scaled_condition_number, trajectory_covariance
+from .sandwich import estimated_zeros, scaled_condition_number, trajectory_covariance
 from .settings import Settings
 from .shooting import LONGEST_STEP
 from .signals import choose_smoothing
@@ -189,7 +189,10 @@ def _estimate_trajectory(data: Data, judges: Sequence[Motion], model: str, progr
     J, residuals = segment_cost(motions, found.fit.theta, found.fit.delay, bounds, scale)
     steps.append(f'Levenberg-Marquardt on states over {found.length:.2g} s: J from {before:.4g} to {J:.4g}')
     sharper = fit_positions(motions, found.fit.theta, found.fit.delay, bounds, settings.delays, progress=tell)
-    if sharper is not None:
+    zeros = None
+    if sharper is None:
+        zeros = Zeros(tuple(m.name for m in motions), *estimated_zeros(found, len(motions)))
+    else:
         found = sharper
         J, residuals = segment_cost(motions, found.fit.theta, found.fit.delay, bounds, scale)
         steps.append(
@@ -215,5 +218,6 @@ def _estimate_trajectory(data: Data, judges: Sequence[Motion], model: str, progr
         steps=tuple(steps),
         runs=runs,
         J_validation=segment_cost(judges, found.fit.theta, found.fit.delay, bounds, scale)[0] if judges else np.nan,
+        zeros=zeros,
         exact=found.white,
     )

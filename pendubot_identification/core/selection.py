@@ -43,7 +43,8 @@ class ModelScore:
         predictions: of every fold.
         error: root mean square error at 0.1, 0.25 and 0.5 s over all folds, in standard deviations, shape (3,).
         loss: mean logarithm of the errors, by which models are compared; the mean over folds.
-        behind: how much more that is than the best model's, and the standard error of that difference over folds.
+        behind: how much more that is than the best model's, and the standard error of that difference over folds; NaN
+            of a single fold.
         exact: whether the model leaves nothing but the encoders' rounding.
     """
 
@@ -82,7 +83,7 @@ def compare_models(
     """Return the smallest model whose loss is within one standard error of the best one's, and all scores.
 
     The standard error is that of the difference between the two models over the folds: what all models find hard
-    says nothing about which is better.
+    says nothing about which is better. A single fold has none: then the best model is chosen.
 
     Args:
         predictions: of every fold, by model, from the smallest model on.
@@ -95,8 +96,8 @@ def compare_models(
     scores = []
     for (model, parts), row, loss in zip(predictions.items(), losses, mean, strict=True):
         more = row - losses[best]
-        deviation = float(more.std(ddof=1) / np.sqrt(more.size)) if more.size > 1 else 0.0
+        deviation = float(more.std(ddof=1) / np.sqrt(more.size)) if more.size > 1 else np.nan
         behind = float(loss - mean[best]), deviation
         scores.append(ModelScore(model, tuple(parts), Prediction.pool(parts).error[:JUDGED], float(loss), behind))
-    chosen = exact or next(s.model for s in scores if s.behind[0] <= s.behind[1])
+    chosen = exact or next(s.model for s in scores if s.behind[0] <= np.nan_to_num(s.behind[1]))
     return chosen, [replace(s, exact=s.model == exact) for s in scores]

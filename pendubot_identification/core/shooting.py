@@ -32,6 +32,8 @@ Indices = NDArray[np.intp]
 LONGEST_STEP = 0.004
 #: By this part of a sampling interval a segment may reach into the margins.
 SLACK = 0.01
+#: A motion is lost when a state is off by so many standard deviations, a position by so much [rad].
+LOST_STATE, LOST_ANGLE = 1e5, 10.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,9 +125,18 @@ class Segments:
 
 
 class Comparison(Protocol):
-    """Residuals of simulated segments and their derivatives."""
+    """Residuals of simulated segments and their derivatives.
+
+    Attributes:
+        segments: the segments.
+        by_zeros: derivative of a segment's residuals by how far off the zeros of its recording's two positions are
+            [rad], shape (M, 2). Such positions are too large by a constant, so residuals are linear in it.
+        lost: a residual at which a motion is lost: by how much says nothing.
+    """
 
     segments: Segments
+    by_zeros: Array
+    lost: float
 
     def initial(self, delay: float) -> Array:
         """Return a guess of the initial states, shape (4, L)."""
@@ -156,6 +167,9 @@ class AgainstStates:
         self._prior = 1 / (scale * prior)
         #: Times from a segment's start [s] at which it is compared: 0, where its initial state is, and the rest.
         self.offset = segments.step * np.concatenate([[0], self._after])
+        weights = np.vstack([self._prior, np.tile(self._weight, (len(self._after), 1))])
+        self.by_zeros = (weights[:, :, None] * np.eye(4, 2)).reshape(-1, 2)
+        self.lost = LOST_STATE / np.sqrt(len(self._after))
 
     @property
     def times(self) -> int:
@@ -210,6 +224,8 @@ class AgainstPositions:
         recorded = [segments.motions[g].recorded for g in segments.group]
         self._q = np.stack([r.q[w] for r, w in zip(recorded, within, strict=True)], axis=-1)  # (M, 2, L)
         self._t = np.stack([r.t[w] for r, w in zip(recorded, within, strict=True)], axis=-1) - segments.start
+        self.by_zeros = np.tile(np.diag(1 / noise), (count, 1))
+        self.lost = LOST_ANGLE / float(noise.min())
 
     @property
     def count(self) -> int:

@@ -77,6 +77,15 @@ def quality_table(result: Result) -> str:
     return table(['', *names, 'standing still'], rows)
 
 
+def zero_table(result: Result) -> str:
+    """Return how far off the zeros of every recording are by the published criterion; empty where it knows of none."""
+    rows = [
+        [zero['recording'], *(_angle(zero[joint], zero[f'{joint}_std_error']) for joint in ('q1', 'q2'))]
+        for zero in result['zeros']
+    ]
+    return table(['zeros are off by [degrees]', 'q1', 'q2'], rows) if rows else ''
+
+
 def model_table(result: Result) -> str:
     """Return how the models foresee, which one was chosen, and why; empty where it was given."""
     compared = result['models']['compared']
@@ -84,9 +93,10 @@ def model_table(result: Result) -> str:
         return ''
     rows = []
     for score in compared:
-        behind = [100 * (score[key] or 0.0) for key in ('behind', 'behind_std_error')]
+        behind, error = score['behind'], score['behind_std_error']
+        beside = '' if error is None else f' ± {100 * error:.1f} %'
         errors = ' '.join(fixed(error, 4) for error in score['error'])
-        rows.append([score['model'], str(score['parameters']), errors, f'{behind[0]:+.1f} % ± {behind[1]:.1f} %'])
+        rows.append([score['model'], str(score['parameters']), errors, f'{100 * behind:+.1f} %{beside}'])
     ahead = ', '.join(f'{h:g}' for h in result['prediction']['horizons'][: len(compared[0]['error'])])
     why = 'the smallest model that foresees the training data within one standard error of the best'
     if compared[-1]['exact']:
@@ -196,6 +206,7 @@ def whole(result: Result, truth: Mapping[str, float] | None = None) -> str:
                 _wrapped(taken),
             ]
         ),
+        zero_table(result),
         model_table(result),
         criterion_table(result),
         steps(result),
@@ -227,6 +238,10 @@ def scientific(value: float | None) -> str:
 
 def _error(value: float, truth: float) -> str:
     return f'{100 * (value / truth - 1):+.1f} %' if truth else f'{value:+.1e}'
+
+
+def _angle(value: float | None, error: float | None) -> str:
+    return '-' if value is None else f'{value:.1f} ± {fixed(error, 1)}'
 
 
 def _delay(effort: Result) -> str:

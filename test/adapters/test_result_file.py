@@ -19,6 +19,7 @@ from pendubot_identification.adapters.result_file import (
     write_result,
 )
 from pendubot_identification.core.errors import ResultError
+from pendubot_identification.core.estimate import Zeros
 from pendubot_identification.core.parameters import MODELS, NAMES, PAPER, Parameters
 from pendubot_identification.core.prediction import HORIZONS
 from pendubot_identification.core.settings import CRITERIA
@@ -126,6 +127,19 @@ def test_the_delay_for_who_interpolates_the_torque_linearly():
     held, measured = (plain(('weak',), hold=hold)['effort'] for hold in ('zero', 'linear'))
     assert math.isclose(held['linear_lag'], held['delay'] + 0.005, rel_tol=1e-3)
     assert measured['linear_lag'] == measured['delay']
+
+
+def test_zeros_are_in_degrees_by_recording():
+    result = identified(('energy',))
+    zeros = Zeros(
+        ('first', 'second'), np.radians([[1.0, np.nan], [-2.0, 0.5]]), np.radians([[0.1, np.nan], [0.2, 0.3]])
+    )
+    data = result_data(replace(result, estimates=(replace(result.best, zeros=zeros),)), [SOURCE])
+    first, second = data['zeros']
+    assert data['criteria']['energy']['zeros'] == data['zeros']
+    assert (first['recording'], first['unit'], second['q1']) == ('first', 'degree', None)
+    np.testing.assert_allclose([first[k] for k in ('q1', 'q1_std_error', 'q2', 'q2_std_error')], [1, 0.1, -2, 0.2])
+    assert plain(('energy',))['zeros'] == []
 
 
 def test_what_made_it():

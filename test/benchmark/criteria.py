@@ -21,7 +21,6 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import minimize
 
 from pendubot_identification.adapters.csv_import import import_csv
 from pendubot_identification.core.diagnosis import diagnose, link_length
@@ -38,7 +37,6 @@ from pendubot_identification.core.recipes import Data, estimate
 from pendubot_identification.core.settings import Settings
 from pendubot_identification.core.simulation import quantised, simulate
 from pendubot_identification.core.suspicions import suspicions
-from pendubot_identification.core.weak import WEIGHTS, weak_regression
 from test.conftest import RECORDINGS
 
 COUNTS, RATE, SAMPLES, SEVEN = 4000, 100, 900, NAMES[:7]
@@ -160,17 +158,13 @@ def virtual(seeds, pool):
         errors_row([f'{rate} Hz', counts or 'exact', span, f'{sliding:g} s' if sliding else 'all'], error)
 
 
-def zeros(trajectory):
-    """Return by how much both zeros [degrees] are off by the weak criterion, and to what part of it J then falls."""
-
-    def J(angles):
-        motion = Motion.prepare(replace(trajectory, q=trajectory.q - angles, qd=None), *JUDGING)
-        regression = weak_regression(motion, 'rotor', weights=WEIGHTS, stride=0.03)
-        criterion = Quadratic.reduce(regression.phi, regression.y)
-        return float(criterion(criterion.minimum_in_box(default_bounds().of(10))))
-
-    found = minimize(J, [0, 0], method='Nelder-Mead', options={'initial_simplex': [[0, 0], [0.05, 0], [0, 0.05]]})
-    return f'{trajectory.name[-10:-4]}: {np.degrees(found.x).round(1)} degrees, J falls to {found.fun / J([0, 0]):.2f}'
+def zeros(found):
+    """Return in words how far off [degrees] the zeros of every recording are."""
+    angles = np.degrees(np.concatenate([found.zeros.angles, found.zeros.std_error])).T
+    return [
+        f'{name[-10:-4]}: {q1:.1f} ± {e1:.1f} and {q2:.1f} ± {e2:.1f}'
+        for name, (q1, q2, e1, e2) in zip(found.zeros.recordings, angles, strict=True)
+    ]
 
 
 def real(job):
@@ -193,7 +187,7 @@ def real(job):
         return predict(of, found.theta, delay, scales[role])
 
     train, estimates, errors = recorded['train'], {}, {}
-    told = ['Zeros are off by: ' + '; '.join(map(zeros, train))]
+    told = []
     for model in ('rotor', 'geared', 'auto'):
         begin = time.perf_counter()
         found = identify(train, settings=Settings(model=model)).best
@@ -204,6 +198,8 @@ def real(job):
         without = [again([*train[:k], *train[k + 1 :]], found) for k in range(len(train))]
         apart = Prediction.pool([foreseen('train', f, slice(k, k + 1)) for k, f in enumerate(without)])
         estimates[name], errors[name] = found, [*apart.error]
+        if found.zeros is not None:
+            told.append(f'{name}: zeros are off by [degrees] {"; ".join(zeros(found))}')
         if 'test' in roles:
             errors[name] += [*foreseen('test', found).error]
             other = again(recorded['test'], found)

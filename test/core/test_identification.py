@@ -316,6 +316,30 @@ def test_a_parameter_on_its_bound_is_named_and_how_far_it_would_move_is_told():
     assert result.level > Level.OK
 
 
+@pytest.fixture(scope='module')
+def turned():
+    """Two recordings of a rig with dry friction, of which the first was read from a wrong zero of its elbow."""
+    rig = replace(PAPER, Fc1=0.05, Fc2=0.005)
+    first, second = (recording(500, rig=rig, seed=seed, strength=1.5, name=f'take {seed}') for seed in (1, 2))
+    return replace(first, q=first.q + np.radians([0.0, 6.0]), qd=None), second
+
+
+def test_the_recording_whose_zero_is_off_is_named(turned):
+    result = identify(turned, [], replace(TRAJECTORY, model='coulomb'))
+    off, std_error = result.best.zeros.angles, result.best.zeros.std_error
+    np.testing.assert_allclose(np.degrees(off), [[0, 0], [6, 0]], atol=1.5)
+    assert (std_error < np.radians(1)).all()
+    assert result.best.zeros.recordings == ('take 1', 'take 2')
+    (said,) = [w for w in result.warnings if 'zero is off by' in w]
+    assert said.startswith("take 1: q2's zero is off by ")
+    assert 'zeros too' in result.best.uncertainty
+
+
+def test_of_exact_recordings_no_zeros_are_told(default):
+    assert default[0].best.exact
+    assert default[0].best.zeros is None
+
+
 def test_notes_on_the_data_become_warnings():
     result = identify([recording(300)], [], WEAK, notes=['the bag was never closed'])
     assert 'the bag was never closed' in result.warnings

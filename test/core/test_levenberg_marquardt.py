@@ -115,7 +115,7 @@ def test_what_it_says_of_its_minimum_is_the_schur_complement_of_all_unknowns(few
     slope = comparison.jacobian(states, sensitivities(fit.theta, states, few.tau, few.step), fit.delay)
     np.testing.assert_allclose((residuals**2).sum(axis=1), fit.costs)
     for k in range(len(few)):
-        local, shared = slope[k, :, :4], slope[k, :, 4:]
+        local, shared = slope[k, :, :4], np.column_stack([slope[k, :, 4:], comparison.by_zeros])
         mixed = shared.T @ local
         expected = shared.T @ shared - mixed @ np.linalg.solve(local.T @ local, mixed.T)
         gradient = shared.T @ residuals[k] - mixed @ np.linalg.solve(local.T @ local, local.T @ residuals[k])
@@ -124,7 +124,7 @@ def test_what_it_says_of_its_minimum_is_the_schur_complement_of_all_unknowns(few
             fit.informations[k] / np.outer(scale, scale), expected / np.outer(scale, scale), atol=1e-4
         )
         np.testing.assert_allclose(fit.slopes[k] / scale, gradient / scale, atol=1e-2)
-    assert (np.abs(fit.slopes.sum(axis=0)) < 1e-2 * np.abs(fit.slopes).sum(axis=0)).all()
+    assert (np.abs(fit.slopes.sum(axis=0)) < 1e-2 * np.abs(fit.slopes).sum(axis=0))[:-2].all()
 
 
 @settings(max_examples=15)

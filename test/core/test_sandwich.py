@@ -10,7 +10,7 @@ from pendubot_identification.core.levenberg_marquardt import Fit
 from pendubot_identification.core.motion import Motion
 from pendubot_identification.core.parameters import PAPER, default_bounds
 from pendubot_identification.core.prediction import state_scale
-from pendubot_identification.core.sandwich import scaled_condition_number, trajectory_covariance
+from pendubot_identification.core.sandwich import estimated_zeros, scaled_condition_number, trajectory_covariance
 from pendubot_identification.core.trajectory_fit import TrajectoryFit, fit_positions, fit_states
 from test.core.virtual import recording
 
@@ -18,24 +18,25 @@ TRUTH = np.append(PAPER.vector(), 0.0)
 BOX = default_bounds().of(7)
 
 
-def line(phi, y, group, start, *, white=False, free=None):
+def line(phi, y, group, start, *, white=False, free=None, by_zeros=(0.0, 0.0)):
     """The fit of y = phi theta over segments, shapes (L, M, G) and (L, M): where the criterion is a parabola.
 
-    What is not free stays zero.
+    What is not free stays zero. ``by_zeros``, shape (2,) or (M, 2): how residuals depend on the recording's zeros.
     """
     free = np.ones(phi.shape[2], dtype=bool) if free is None else free
     theta = np.zeros(phi.shape[2])
     theta[free] = np.linalg.lstsq(phi[..., free].reshape(-1, free.sum()), y.ravel(), rcond=None)[0]
     residuals = phi @ theta - y
     costs = (residuals**2).sum(axis=1)
+    everything = np.concatenate([phi, np.broadcast_to(by_zeros, (*y.shape, 2))], axis=2)
     fit = Fit(
         theta=theta[:-1],
         delay=float(theta[-1]),
         initial=np.zeros((4, len(phi))),
         costs=costs,
         free=free,
-        informations=np.einsum('lmi,lmj->lij', phi, phi),
-        slopes=np.einsum('lmi,lm->li', phi, residuals),
+        informations=np.einsum('lmi,lmj->lij', everything, everything),
+        slopes=np.einsum('lmi,lm->li', everything, residuals),
         iterations=1,
         converged=True,
     )
@@ -85,7 +86,7 @@ def test_intervals_hold_the_truth_however_few_the_recordings(recordings, least):
         errors.append(theta)
         typical.append(std_error)
         held.append(np.abs(theta) < 1.96 * std_error)
-        white = np.sqrt(found.variance * np.diag(np.linalg.inv(found.fit.informations.sum(axis=0))))
+        white = np.sqrt(found.variance * np.diag(np.linalg.inv(found.fit.informations.sum(axis=0)[:3, :3])))
         naive.append(np.abs(theta) < 1.96 * white)
     assert np.mean(held) > least
     assert np.mean(naive) < np.mean(held) - 0.05
@@ -110,6 +111,39 @@ def test_one_or_two_recordings_are_cut_into_blocks_of_time(recordings):
     assert f'over {15 * recordings} blocks of 4 s' in words
     assert 0.9 < np.mean(held) < 0.99
     assert 0.7 < np.std(errors) < 1.2
+
+
+def offset(rng, recordings, sizes=(0.05, 0.1), each=40):
+    """Segments of recordings, whose zeros are off."""
+    group = np.repeat(np.arange(recordings), each)
+    by_zeros = 2 * rng.normal(size=(6, 2))
+    phi = rng.normal(size=(len(group), 6, 3)) + 0.3 * by_zeros @ rng.normal(size=(2, 3))
+    angles = rng.normal(size=(recordings, 2)) * sizes
+    y = 0.02 * rng.normal(size=phi.shape[:2]) + angles[group] @ by_zeros.T
+    return line(phi, y, group, np.tile(0.25 * np.arange(each), recordings), by_zeros=by_zeros), angles.T
+
+
+def test_zeros_of_a_line_are_told_with_their_errors():
+    rng, z = np.random.default_rng(8), []
+    for _ in range(30):
+        (found, _), angles = offset(rng, 3)
+        off, std_error = estimated_zeros(found, 4)
+        assert np.isnan(off[:, 3]).all(), 'a recording without segments'
+        assert np.isnan(std_error[:, 3]).all()
+        np.testing.assert_allclose(off[:, :3], angles, atol=0.04)
+        z.append((off[:, :3] - angles) / std_error[:, :3])
+    assert 0.88 < (np.abs(z) < 1.96).mean() < 0.99
+
+
+@pytest.mark.parametrize('recordings', [1, 2])
+def test_intervals_of_one_or_two_recordings_know_of_zeros(recordings):
+    rng, z = np.random.default_rng(9), []
+    for _ in range(100):
+        (found, theta), _ = offset(rng, recordings)
+        _, std_error, words = trajectory_covariance(found)
+        z.append(np.abs(theta) / std_error)
+    assert 'zeros too' in words
+    assert np.mean(np.array(z) < 1.96) > 0.95
 
 
 def test_a_short_recording_makes_six_blocks():

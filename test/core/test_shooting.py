@@ -1,9 +1,12 @@
 """How recordings are cut into segments, and what simulated ones are compared with."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from scipy.interpolate import CubicSpline
 
 from pendubot_identification.core.errors import TrajectoryError
 from pendubot_identification.core.motion import Motion
@@ -185,3 +188,22 @@ def test_a_segments_residuals_average_over_its_times():
         residuals = comparison.residuals(states + SCALE[:, None], 0.0)[:, 4:]
         assert residuals.shape[1] == 4 * comparison.times
         np.testing.assert_allclose((residuals**2).sum(axis=1), 4, rtol=1e-4)
+
+
+def test_positions_read_from_wrong_zeros_add_to_the_residuals_what_by_zeros_says():
+    angles = np.array([0.05, -0.03])
+    right = exact_motion(vector('rotor'), 100)
+    t = right.recorded.t
+    read = replace(right.recorded, q=right.recorded.q + angles)
+    off = replace(right, recorded=read, smoothed=CubicSpline(t, right.smoothed(t) + np.append(angles, [0, 0])))
+    for good, bad in zip(*(comparisons(Segments.cut([m], 0.2, 0.1, 0.05)) for m in (right, off)), strict=True):
+        states = np.random.default_rng(1).normal(size=(good.segments.steps + 1, 4, len(good.segments)))
+        found = bad.residuals(states, 0.01) + bad.by_zeros @ angles
+        np.testing.assert_allclose(found, good.residuals(states, 0.01), atol=1e-9)
+
+
+@pytest.mark.parametrize('noise', [1e-6, 1e-3])
+def test_a_motion_is_lost_at_an_angle_whatever_the_noise(noise):
+    """Positions that no encoder has read have next to no noise; a hundredth of a radian is not lost."""
+    segments = Segments.cut([exact_motion(vector('viscous'))], 0.4, 0.4, 0.01)
+    assert AgainstPositions(segments, np.array([noise, 10 * noise])).lost * noise == pytest.approx(10.0)

@@ -9,7 +9,7 @@ from pendubot_identification.core.mde import MDESettings
 from pendubot_identification.core.motion import Motion
 from pendubot_identification.core.parameters import MODELS, PAPER, default_bounds
 from pendubot_identification.core.prediction import state_scale
-from pendubot_identification.core.sandwich import trajectory_covariance
+from pendubot_identification.core.sandwich import estimated_zeros, trajectory_covariance
 from pendubot_identification.core.trajectory_fit import fit_positions, fit_states, search, segment_cost
 from test.core.virtual import recording
 
@@ -154,3 +154,16 @@ def test_a_search_with_the_same_seed_finds_the_same():
     first, again, other = (search(motions, box(), scale, settings, 2, seed) for seed in (1, 1, 2))
     np.testing.assert_array_equal(first.x, again.x)
     assert (first.x != other.x).any()
+
+
+@pytest.mark.parametrize('seed', [2, 3])
+def test_zeros_that_are_off_are_told(seed):
+    rig, bounds, angles = replace(PAPER, Fc1=0.05, Fc2=0.005), box('coulomb'), np.radians([[2, -1], [-4, 3]])
+    right = [recording(700, rig=rig, seed=s, strength=1.5) for s in (seed, seed + 10)]
+    wrong = [replace(r, q=r.q + a, qd=None) for r, a in zip(right, angles.T, strict=True)]
+    for recordings, expected in ((right, 0 * angles), (wrong, angles)):
+        motions, scale = prepared(*recordings)
+        found = fit_states(motions, rig.vector('coulomb') * 1.1, 0.0, bounds, DELAYS, scale)
+        off, std_error = estimated_zeros(found, 2)
+        np.testing.assert_allclose(off, expected, atol=np.radians(0.8))
+        assert (np.abs(off - expected) < 4 * std_error).all()

@@ -7,7 +7,7 @@ from dataclasses import asdict
 import pytest
 
 from pendubot_identification.core.parameters import NAMES, PAPER
-from pendubot_identification.report.tables import comparison_table, criterion_table, parameter_table, whole
+from pendubot_identification.report.tables import comparison_table, criterion_table, parameter_table, whole, zero_table
 from test.results import plain
 
 TRUTH = asdict(PAPER)
@@ -88,3 +88,12 @@ def test_warnings_come_last_and_the_level_first():
     trajectory = whole(plain())
     assert 'OK: no warnings' in trajectory
     assert 'energy alone, ' in trajectory.split('OK: no warnings')[1]
+
+
+def test_zeros_are_shown_with_their_errors_where_a_criterion_tells_them():
+    result = plain(('energy',))
+    assert zero_table(result) == ''
+    zero = {'recording': 'swing', 'q1': -3.26, 'q1_std_error': 0.12, 'q2': None, 'q2_std_error': None}
+    text = zero_table({**result, 'zeros': [zero]})
+    assert columns(text) == {'zeros are off by [degrees]': ['q1', 'q2'], 'swing': ['-3.3 ± 0.1', '-']}
+    assert text in whole({**result, 'zeros': [zero]})
