@@ -13,6 +13,7 @@ PROGRAMS = {
     'recorder': 'nodes.recorder',
     'identifier': 'nodes.identifier',
     'exciter': 'nodes.exciter',
+    'balancer': 'nodes.balancer',
     'virtual_board': 'nodes.virtual_board',
 }
 

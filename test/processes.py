@@ -13,6 +13,7 @@ MODULES = {
     'recorder': 'pendubot_identification.nodes.recorder',
     'identifier': 'pendubot_identification.nodes.identifier',
     'exciter': 'pendubot_identification.nodes.exciter',
+    'balancer': 'pendubot_identification.nodes.balancer',
     'virtual_board': 'pendubot_identification.nodes.virtual_board',
     'pendubot': 'pendubot_identification.cli.main',
 }

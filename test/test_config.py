@@ -9,19 +9,20 @@ pytestmark = pytest.mark.ros
 
 
 def node_classes():
+    from pendubot_identification.nodes.balancer import Balancer
     from pendubot_identification.nodes.bridge import Bridge
     from pendubot_identification.nodes.exciter import Exciter
     from pendubot_identification.nodes.identifier import Identifier
     from pendubot_identification.nodes.recorder import Recorder
 
-    return {c.PROGRAM: c for c in (Bridge, Exciter, Identifier, Recorder)}
+    return {c.PROGRAM: c for c in (Balancer, Bridge, Exciter, Identifier, Recorder)}
 
 
 def test_there_is_one_for_each_node():
     assert {path.stem for path in (ROOT / 'config').glob('*.yaml')} == set(node_classes())
 
 
-@pytest.mark.parametrize('program', ['bridge', 'exciter', 'identifier', 'recorder'])
+@pytest.mark.parametrize('program', ['balancer', 'bridge', 'exciter', 'identifier', 'recorder'])
 def test_holds_every_parameter_with_its_default_and_a_comment(program):
     path = ROOT / 'config' / f'{program}.yaml'
     parameters = yaml.safe_load(path.read_text())[program]['ros__parameters']
@@ -33,7 +34,7 @@ def test_holds_every_parameter_with_its_default_and_a_comment(program):
         assert above.startswith('#') or above.split(':')[0] in parameters, f'{name} has no comment'
 
 
-@pytest.mark.parametrize('program', ['bridge', 'exciter', 'identifier', 'recorder'])
+@pytest.mark.parametrize('program', ['balancer', 'bridge', 'exciter', 'identifier', 'recorder'])
 def test_every_parameter_has_a_descriptor_with_meaning_unit_and_range(program):
     for setting in node_classes()[program].SETTINGS:
         descriptor = setting.descriptor()
