@@ -73,7 +73,7 @@ class Bounds:
     shoulder: float = 6.0
     elbow: float = 40.0
     speed: float = 60.0
-    gap: float = 0.05
+    gap: float = 0.1
     swing_up: float = 30.0
 
 
@@ -127,7 +127,7 @@ class Controller:
         self._wiring: Wiring | None = Wiring(design.parameters, loop.period, loop.lag)
         self._theta = tuple(map(float, design.parameters.vector()))
         self._last: float | None = None
-        self._swinging_since: float | None = None
+        self._swinging_since = 0.0
         self._upright = UPRIGHT
         self._torque = 0.0
         self._offset = 0.0
@@ -209,7 +209,7 @@ class Controller:
             self.mode, self._swinging_since = Mode.SWING_UP, t
         elif self.mode is Mode.SWING_UP and near and self._catches(error):
             self.mode = Mode.BALANCE
-        if self.mode is Mode.SWING_UP and t - (self._swinging_since or t) >= self._bounds.swing_up:
+        if self.mode is Mode.SWING_UP and t - self._swinging_since >= self._bounds.swing_up:
             allowed = self._bounds.swing_up
             raise ControlError(
                 f'not upright after {allowed:g} s of swinging up'

@@ -27,9 +27,9 @@ class Echo:
 
     def __init__(self, transport: int, period: float) -> None:
         self.transport = transport
-        self._commands: deque[float] = deque(maxlen=LONGEST)
-        self._seen: deque[int] = deque(maxlen=EVIDENCE)
         self._patience = max(LONGEST + 1, round(DISOBEDIENCE / period))
+        self._commands: deque[float] = deque(maxlen=self._patience)
+        self._seen: deque[int] = deque(maxlen=EVIDENCE)
         self._strange = 0
 
     def command(self, torque: float) -> None:
@@ -40,7 +40,7 @@ class Echo:
         """Take the effort of a sample [N m]; return whether the commands arrive at all."""
         matches = [j for j, torque in enumerate(reversed(self._commands), 1) if abs(torque - effort) <= SAME]
         self._strange = 0 if matches or not self._commands else self._strange + 1
-        if len(matches) == 1:
+        if len(matches) == 1 and matches[0] <= LONGEST:
             self._seen.append(matches[0])
             most = max(set(self._seen), key=self._seen.count)
             if len(self._seen) == EVIDENCE and self._seen.count(most) >= AGREEMENT * EVIDENCE:

@@ -64,7 +64,7 @@ class Estimator:
             self._applied.append(effort)
         q1, q2, v1, v2 = (*self._plant.q, *self._plant.qd)
         r1, r2 = self.innovation = q[0] - q1, q[1] - q2
-        a, b, c, d = self._L
+        a, b, c, d = self._L if samples == 1 else self._after(samples)
         self._state = (
             q1 + a[0] * r1 + a[1] * r2,
             q2 + b[0] * r1 + b[1] * r2,
@@ -81,6 +81,12 @@ class Estimator:
         for torque in [*list(self._applied)[-self._whole - 1 :], *self._pending()]:
             self._move(torque, self._period)
         return (*self._plant.q, *self._plant.qd)
+
+    def _after(self, samples: int) -> list[tuple[float, ...]]:
+        """Return the gain after a gap: the positions are new, and speed explains what moved meanwhile, not more."""
+        elapsed = samples * self._period
+        bound = min(1.0, 1 / (elapsed * max(abs(value) for row in self._L[2:] for value in row)))
+        return [(1.0, 0.0), (0.0, 1.0), *(tuple(bound * value for value in row) for row in self._L[2:])]
 
     def resume(self, before: Estimator) -> None:
         """Go on where another one, of other parameters, was."""

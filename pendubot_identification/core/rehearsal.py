@@ -109,7 +109,7 @@ def swing_up_time(design: Design, loop: Loop) -> float:
 
 
 def sufficient_limit(design: Design, loop: Loop) -> float:
-    """Return a torque limit [N m] with which the rig can be swung up, within 30 % of the least; infinite if none can."""
+    """Return a torque limit [N m] that swings the rig up, within 30 % of the least; infinite where none does."""
     limit = loop.limit * MORE
     while limit <= MOST * loop.limit:
         if math.isfinite(swing_up_time(design, replace(loop, limit=limit))):
