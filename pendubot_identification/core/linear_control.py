@@ -140,7 +140,8 @@ def design(parameters: Parameters, at: Equilibrium, period: float, delay: float,
         covariance = solve_discrete_are(Phi.T, _MEASURED.T, disturbance, noise)
     except (np.linalg.LinAlgError, ValueError) as error:
         raise ControlError(
-            f'no controller can be designed for these parameters ({error}); identify the rig again'
+            'no controller can be designed for these parameters: the motor hardly moves what has to be balanced; '
+            'identify the rig again'
         ) from error
     K = np.linalg.solve(Gamma.T @ S @ Gamma + R, Gamma.T @ S @ Phi)
     L = covariance @ _MEASURED.T @ np.linalg.inv(_MEASURED @ covariance @ _MEASURED.T + noise)
