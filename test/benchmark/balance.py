@@ -4,9 +4,9 @@
 
 Prints Markdown tables of the rig `balance` with encoders of 4000 counts, 4 ms of motor delay and 2 N m: from 20 starts
 near upright (each angle within 0.1 rad) and 20 from hanging (within 0.2 rad), at rest. Held is what stays within
-0.2 rad of upright, in both angles, for 10 s, from 1 s, or from 10 s after the start on. Without --live, in simulation; with it,
-over the board's protocol, a pty, the bridge, DDS and the balancer, in real time, 12 s and more a trial: on a machine
-that does nothing else. Then margins, computed and met, and what the paper's own values allow.
+0.2 rad of upright, in both angles, for 10 s, from 1 s, or from 10 s after the start on. Without --live, in simulation;
+with it, over the board's protocol, a pty, the bridge, DDS and the balancer, in real time, 12 s and more a trial: on a
+machine that does nothing else. Then margins, computed and met, and what the paper's own values allow.
 """
 
 import os
