@@ -20,6 +20,9 @@ from .parameters import Parameters
 from .rehearsal import deviation, sufficient_limit, swing_up_time
 from .simulation import Pair
 
+#: Margins below these are too little for a real rig: factor of the gain, and delay [s], of which a computer that does
+#: other things, too, takes as much now and then.
+GAIN, DELAY = 1.15, 0.001
 #: Held within this of upright at rest [rad], it is caught without a swing-up.
 NEAR = 0.3
 
@@ -54,9 +57,17 @@ class Plan:
         """Design, and rehearse if wanted, which takes a second or some.
 
         Raises:
-            ControlError: there is no such controller.
+            ControlError: there is no such controller, or it would have no room for error.
         """
         design = Design.make(parameters, loop)
+        m = design.margins
+        if m.gain_up < GAIN or m.gain_down > 1 / GAIN or m.delay < DELAY:
+            raise ControlError(
+                f'this rig can hardly be balanced: the gain may be {m.gain_down:.2f} to {m.gain_up:.2f} times what is '
+                f'thought and the delay {1e3 * m.delay:.2g} ms longer, and {1 / GAIN:.2f} to {GAIN:.2f} and '
+                f'{1e3 * DELAY:g} ms are needed; sample faster, shorten the delay of {1e3 * loop.delay:.3g} ms, or '
+                'build a longer link 1'
+            )
         if not rehearse:
             return cls(design, loop)
         swing_up = swing_up_time(design, loop)

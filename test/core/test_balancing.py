@@ -10,7 +10,7 @@ from pendubot_identification.core.briefing import Briefing
 from pendubot_identification.core.control import UPRIGHT, Bounds, Loop
 from pendubot_identification.core.errors import ControlError, ParameterError
 from pendubot_identification.core.level import Level
-from pendubot_identification.core.parameters import BALANCE, NAMES
+from pendubot_identification.core.parameters import BALANCE, NAMES, PAPER
 
 THETA = [float(value) for value in BALANCE.vector()]
 PERIOD = 0.005
@@ -157,6 +157,12 @@ def test_better_parameters_come_in_while_it_moves_and_worse_ones_do_not():
     upright(balancing, 1.015)
     assert balancing.plan.design.parameters.vector().tolist() == theta
     assert balancing.to_prepare(False) is None
+
+
+def test_a_rig_that_leaves_no_room_for_error_is_refused_by_computation():
+    """The paper's own values: link 1 would be 3 cm long."""
+    with pytest.raises(ControlError, match=r'can hardly be balanced: the gain may be 0\.7. to 1\.1. times'):
+        Plan.make(PAPER, Loop(0.01, 1, 0.004, 2.0))
 
 
 def test_it_does_not_begin_unprepared_nor_twice():

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from pendubot_identification.core.control import UPRIGHT, Bounds, Controller, Design, Loop, Mode
 from pendubot_identification.core.dynamics import accelerations
 from pendubot_identification.core.errors import ControlError
-from pendubot_identification.core.parameters import BALANCE, PAPER
+from pendubot_identification.core.parameters import BALANCE
 from pendubot_identification.core.rehearsal import rehearse, sufficient_limit, swing_up_time
 from pendubot_identification.core.simulation import HANGING, LatePlant
 from pendubot_identification.core.swing_up import SwingUp
@@ -184,7 +184,6 @@ def test_too_small_a_motor_is_known_beforehand():
         (replace(BALANCE, P3=0.01), 'M\\(q\\) is not positive definite'),
         (replace(BALANCE, b1=-0.1), 'friction b1'),
         (replace(BALANCE, P5=-0.01), 'centre of mass at the elbow'),
-        (PAPER, 'too slow'),
     ],
 )
 def test_rigs_that_cannot_be_balanced_are_refused(rig, words):

@@ -115,6 +115,4 @@ def test_the_simulated_rig_falls_at_the_computed_margins(rate):
 
 def test_what_is_too_slow_to_balance_is_said():
     with pytest.raises(ControlError, match='too slow to hold this rig upright'):
-        margins(design(BALANCE, equilibrium(BALANCE), 0.05, 0.5, Weights()))
-    with pytest.raises(ControlError, match='too slow'):
-        Design.make(PAPER, Loop(0.02, 1, 0.02, 2.0))
+        margins(design(BALANCE, equilibrium(BALANCE), 0.05, 3.0, Weights()))

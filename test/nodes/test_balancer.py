@@ -1,5 +1,7 @@
 """The balancer with a real bridge and the virtual board, each in its own process; the trace of the board tells."""
 
+import signal
+
 import numpy as np
 import pytest
 
@@ -91,6 +93,21 @@ def test_when_the_bridge_is_killed_all_stops_and_nothing_begins_again(rig):
     r.until(lambda: len(r.trace()[0]) > cut + 200)
     assert not (r.trace()[3][cut:] & ARMED).any()
     assert r.diagnoses[-1].level == b'\x02'
+
+
+def test_when_the_link_is_silent_for_a_while_all_stops_and_nothing_begins_again(rig):
+    """The bridge is halted, so that neither samples nor commands pass, and goes on later."""
+    r = rig(200)
+    balancer = balancing(r)
+    r.programs['bridge'].process.send_signal(signal.SIGSTOP)
+    try:
+        assert torque_ends(r, len(r.trace()[0])) < 0.2
+    finally:
+        r.programs['bridge'].process.send_signal(signal.SIGCONT)
+    balancer.wait_for('stopped: ')
+    cut = len(r.trace()[0])
+    r.until(lambda: len(r.trace()[0]) > cut + 200)
+    assert not (r.trace()[3][cut:] & ARMED).any()
 
 
 def test_when_the_board_is_gone_it_stops_and_does_not_arm_the_next_one(rig):
