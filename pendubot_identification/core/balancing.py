@@ -23,6 +23,8 @@ from .simulation import Pair
 #: Margins below these are too little for a real rig: factor of the gain, and delay [s], of which a computer that does
 #: other things, too, takes as much now and then.
 GAIN, DELAY = 1.15, 0.001
+#: The bridge has to answer within this [s] whether it is armed.
+PATIENCE = 3.0
 #: Held within this of upright at rest [rad], it is caught without a swing-up.
 NEAR = 0.3
 
@@ -121,6 +123,7 @@ class Balancing:
         self._q: Pair | None = None
         self._heard = -math.inf
         self._upright_since: float | None = None
+        self._arming_since: float | None = None
 
     # Preparing
 
@@ -172,7 +175,7 @@ class Balancing:
             raise ControlError(f'{self.plan.obstacle()}; hold it upright and start again to balance only')
         if not near and not self._bounds.swing_up:
             raise ControlError('swing_up_time is 0; hold it upright, then start again')
-        self.phase, self.stopped = Phase.ARMING, ''
+        self.phase, self.stopped, self._arming_since = Phase.ARMING, '', None
 
     def armed(self) -> None:
         """Move from the next sample on."""
@@ -202,9 +205,9 @@ class Balancing:
         self._q, self._heard = q, now
         if self.phase is Phase.IDLE:
             return None
-        if self._controller is None:
-            return 0.0
         try:
+            if self._controller is None:
+                return self._still_arming(t)
             if not now - t <= max_age:
                 raise ControlError(f'a sample is {now - t:.3f} s old; at most {max_age:g} s are allowed')
             if self._coming is not None:
@@ -219,6 +222,12 @@ class Balancing:
         elif self._upright_since is None:
             self._upright_since = t
         return torque
+
+    def _still_arming(self, t: float) -> float:
+        self._arming_since = self._arming_since or t
+        if t - self._arming_since > PATIENCE:
+            raise ControlError(f'the bridge did not answer within {PATIENCE:g} s whether it is armed; start again')
+        return 0.0
 
     def silence(self, now: float, max_age: float) -> None:
         """Look whether samples come.

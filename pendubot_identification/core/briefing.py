@@ -26,6 +26,7 @@ class Briefing:
 
     def __init__(self, limit: float, motor_delay: float | None = None) -> None:
         self._limit = limit
+        self._board_limit = math.inf
         self._motor_delay = motor_delay
         self._theta: tuple[float, ...] = ()
         self._judgements: deque[tuple[Level, str, Mapping[str, str]]] = deque(maxlen=8)
@@ -46,7 +47,7 @@ class Briefing:
 
     def board_limit(self, limit: float) -> None:
         """Take the largest torque that bridge and board let pass [N m]."""
-        self._limit = min(self._limit, limit)
+        self._board_limit = limit
 
     def offer(self, theta: Sequence[float]) -> None:
         """Take a parameter vector.
@@ -80,7 +81,7 @@ class Briefing:
         if lag is None:
             found = _number(values.get('effort.delay'))
             lag = max(0.0, found) if math.isfinite(found) else 0.0
-        return Parameters.from_vector(self._theta), Loop(self._period, 1, lag, self._limit)
+        return Parameters.from_vector(self._theta), Loop(self._period, 1, lag, min(self._limit, self._board_limit))
 
     def _vouched(self, accept_warn: bool) -> Mapping[str, str]:
         """Return what the identification of just these parameters says, if it is good enough."""

@@ -27,7 +27,7 @@ from pendubot_identification.core.level import Level
 from pendubot_identification.core.parameters import Parameters
 
 from .diagnostics import diagnostics_message
-from .messages import LATCHED
+from .messages import LATCHED, joint_sample
 from .runtime import Setting, SettingsNode, run
 
 
@@ -41,8 +41,8 @@ class Balancer(SettingsNode):
     SUMMARY = (
         'Swings the rig up and holds it upright by the parameters on /pendubot/params: one torque on '
         '/pendubot/effort_command for every message on /joint_states. It arms the bridge at ~/start alone, and disarms '
-        'at ~/stop and whenever something is wrong: a sample that is late or missing, an angle or a speed beyond its '
-        'limit, a motor that does not obey, encoders or motor wired wrongly, parameters that no rig has.'
+        'at ~/stop and at anything wrong: samples late or missing, angles or speeds beyond their limits, a motor that '
+        'does not obey, wrong wiring, parameters that no rig has.'
     )
     SETTINGS = (
         Setting('joint_names', list(JOINT_NAMES), 'names of shoulder and elbow in /joint_states'),
@@ -59,7 +59,9 @@ class Balancer(SettingsNode):
     def __init__(self, ended: threading.Event) -> None:
         super().__init__(ended)
         s = self.settings()
-        self._names, self._max_age, self._balancing = s['joint_names'], s['max_age'], _balancing(s)
+        self._names, self._max_age = s['joint_names'], s['max_age']
+        bounds = Bounds(s['max_shoulder'], s['max_elbow'], s['max_speed'], s['max_age'], s['swing_up_time'])
+        self._balancing = Balancing(s['torque_limit'], None if s['motor_delay'] < 0 else s['motor_delay'], bounds)
         self._worker: threading.Thread | None = None
         self._effort = self.create_publisher(Float64, '/pendubot/effort_command', QoSProfile(depth=1))
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
@@ -91,18 +93,10 @@ class Balancer(SettingsNode):
                 self.get_logger().warning('the bridge did not answer to disarm; look whether it has done so')
 
     def _on_sample(self, m: JointState) -> None:
-        try:
-            shoulder, elbow = (m.name.index(name) for name in self._names)
-            q, effort = (m.position[shoulder], m.position[elbow]), m.effort[shoulder]
-        except (ValueError, IndexError):
-            self.get_logger().error(
-                f'/joint_states has {list(m.name)}; positions of {self._names} and the effort of the first are needed',
-                throttle_duration_sec=5.0,
-            )
-            return
-        stamp = m.header.stamp.sec + m.header.stamp.nanosec * 1e-9
         with self._stopping_on_error():
-            torque = self._balancing.sample(stamp, self._now(), q, effort, self._max_age)
+            stamp, q, effort = joint_sample(m, self._names)
+            now = self.get_clock().now().nanoseconds * 1e-9
+            torque = self._balancing.sample(stamp, now, q, effort, self._max_age)
             if torque is not None:
                 self._effort.publish(Float64(data=torque))
 
@@ -125,12 +119,10 @@ class Balancer(SettingsNode):
         try:
             self._balancing.begin()
         except PendubotError as error:
-            response.message = str(error)
-            return response
+            return Trigger.Response(message=str(error))
         if not self._arm.service_is_ready():
             self._balancing.stop()
-            response.message = 'nobody serves /bridge/arm; start the bridge'
-            return response
+            return Trigger.Response(message='nobody serves /bridge/arm; start the bridge')
         answer = await self._arm.call_async(Trigger.Request())
         response.success, response.message = answer.success, f'bridge: {answer.message}'
         if not answer.success:
@@ -146,13 +138,12 @@ class Balancer(SettingsNode):
     def _on_stop(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._balancing.stop()
         self._let_go()
-        response.success, response.message = True, 'stopped; the bridge is told to disarm'
-        return response
+        return Trigger.Response(success=True, message='stopped; the bridge is told to disarm')
 
     def _supervise(self) -> None:
         """Notice silence; prepare for what has come in, in a thread of its own."""
         with self._stopping_on_error():
-            self._balancing.silence(self._now(), self._max_age)
+            self._balancing.silence(self.get_clock().now().nanoseconds * 1e-9, self._max_age)
         accept_warn = self.get_parameter('accept_warn').value
         if self._worker is None or not self._worker.is_alive():
             before = self._balancing.obstacle
@@ -166,9 +157,9 @@ class Balancer(SettingsNode):
     def _prepare(self, parameters: Parameters, loop: Loop) -> None:
         try:
             plan = Plan.make(parameters, loop, rehearse=self._balancing.phase is Phase.IDLE)
-        except PendubotError as error:
-            self._balancing.not_prepared((parameters, loop), str(error))
-            self.get_logger().error(f'these parameters cannot be used: {error}')
+        except Exception as error:
+            self._balancing.not_prepared((parameters, loop), _sentence(error))
+            self.get_logger().error(f'these parameters cannot be used: {_sentence(error)}')
         else:
             self._balancing.prepared(plan)
             self.get_logger().info(f'prepared: {plan.summary()}')
@@ -180,9 +171,8 @@ class Balancer(SettingsNode):
         try:
             yield
         except Exception as error:
-            known = isinstance(error, PendubotError)
-            self._balancing.stop(str(error) if known else f'{type(error).__name__}: {error}')
-            self.get_logger().error(f'stopped: {self._balancing.stopped}')
+            self._balancing.stop(_sentence(error))
+            self.get_logger().error(f'stopped: {self._balancing.stopped}', throttle_duration_sec=1.0)
             if moving:
                 self._let_go()
 
@@ -190,17 +180,13 @@ class Balancer(SettingsNode):
         self._effort.publish(Float64(data=0.0))
         return self._disarm.call_async(Trigger.Request())
 
-    def _now(self) -> float:
-        return float(self.get_clock().now().nanoseconds * 1e-9)
-
     def _diagnose(self) -> None:
         stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(diagnostics_message(stamp, 'balancer', *self._balancing.diagnosis()))
 
 
-def _balancing(s: dict[str, Any]) -> Balancing:
-    bounds = Bounds(s['max_shoulder'], s['max_elbow'], s['max_speed'], s['max_age'], s['swing_up_time'])
-    return Balancing(s['torque_limit'], None if s['motor_delay'] < 0 else s['motor_delay'], bounds)
+def _sentence(error: Exception) -> str:
+    return str(error) if isinstance(error, PendubotError) else f'{type(error).__name__}: {error}'
 
 
 def main() -> int:

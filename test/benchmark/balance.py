@@ -103,7 +103,11 @@ def live_trials(known, rate, start, seeds):
                 rig.call('/balancer/stop')
                 t, q, tau, status = rig.trace()
                 armed = (status & ARMED).astype(bool)
-                yield judged(t[armed] - t[armed][0], q[armed], tau[armed], begin)
+                trial = judged(t[armed] - t[armed][0], q[armed], tau[armed], begin)
+                if not math.isfinite(trial.held):
+                    last = rig.diagnoses[-1].message if rig.diagnoses else 'nothing'
+                    print(f'<!-- {start}, {rate} Hz, seed {seed}: the balancer says: {last} -->', flush=True)
+                yield trial
                 board.stop()
         finally:
             rig.close()

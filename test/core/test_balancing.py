@@ -146,6 +146,16 @@ def test_any_doubt_stops_it_for_good(spoil, words):
     assert message == f'stopped: {balancing.stopped}'
 
 
+def test_a_bridge_that_does_not_answer_is_not_waited_for_for_ever():
+    balancing = prepared()
+    upright(balancing, 1.0)
+    balancing.begin()
+    assert upright(balancing, 1.005) == 0.0
+    with pytest.raises(ControlError, match='did not answer within 3 s'):
+        upright(balancing, 4.1)
+    assert balancing.phase is Phase.IDLE
+
+
 def test_better_parameters_come_in_while_it_moves_and_worse_ones_do_not():
     balancing = running()
     theta = [1.02 * value for value in THETA]
