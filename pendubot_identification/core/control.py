@@ -159,7 +159,7 @@ class Controller:
             ControlError: the controller stops; the torque has to be 0 now, and the motor disarmed.
         """
         state = self._follow(t, q, effort)
-        self._watch(t, q, effort, state)
+        self._watch(q, effort, state)
         ahead = self._estimator.predict()
         self._decide(t, ahead)
         self._offset *= math.exp(-self._loop.period / BUMPLESS)
@@ -185,9 +185,12 @@ class Controller:
             self._swinging_since = t
             self._upright = UPRIGHT + 2 * math.pi * round((q[0] - UPRIGHT) / (2 * math.pi) + 1e-9)
         self._last = t
-        return self._estimator.update(q, effort, max(1, round(elapsed / self._loop.period)))
+        samples = max(1, round(elapsed / self._loop.period))
+        if samples > 1 and self._wiring is not None:
+            self._wiring.interrupt()
+        return self._estimator.update(q, effort, samples)
 
-    def _watch(self, t: float, q: Pair, effort: float, state: State) -> None:
+    def _watch(self, q: Pair, effort: float, state: State) -> None:
         b = self._bounds
         away, speed = abs(q[0] - self._upright), max(abs(state[2]), abs(state[3]))
         if away > b.shoulder:

@@ -63,11 +63,17 @@ class Wiring:
         self._every = max(1, round(WINDOW / STEPS / period))
         self._step = self._every * period
         self._late = round(lag / period)
-        size = STEPS * self._every + 1
-        self._positions: deque[Pair] = deque(maxlen=size)
-        self._efforts: deque[float] = deque(maxlen=size + self._late)
+        self._size = STEPS * self._every + 1
+        self._positions: deque[Pair] = deque(maxlen=self._size)
+        self._efforts: deque[float] = deque(maxlen=self._size + self._late)
         self._errors = [0.0] * len(_WIRINGS)
-        self._countdown = size + self._late
+        self.interrupt()
+
+    def interrupt(self) -> None:
+        """Begin another window with the next sample: some were lost."""
+        self._positions.clear()
+        self._efforts.clear()
+        self._countdown = self._size + self._late
 
     def update(self, q: Pair, effort: float) -> bool:
         """Take a sample; return True once the wiring has shown itself to be right.

@@ -99,6 +99,26 @@ def test_wrong_signs_and_exchanged_joints_are_named_within_a_fifth_of_a_second(r
         assert rehearsal.motion.t[-1] < 0.2
 
 
+@pytest.mark.parametrize('rate', LOOPS)
+def test_lost_samples_are_not_taken_for_wrong_signs(rate):
+    """A controller that hears two of three samples, and now and then none for 50 ms."""
+    loop, rng = LOOPS[rate], np.random.default_rng(1)
+    for start in ('upright', 'hanging'):
+        controller, rig, torque, silent = (
+            Controller(DESIGNS[rate], loop),
+            LatePlant(BALANCE, LAG, place(start, 2)),
+            0.0,
+            0,
+        )
+        for k in range(round(6 / loop.period)):
+            effort = torque
+            silent = round(0.05 / loop.period) if k > 50 and rng.random() < 0.002 else silent - 1
+            if silent <= 0 and rng.random() < 0.67:
+                torque = controller.step(k * loop.period, rig.q, effort)
+            rig.advance((effort, 0.0), loop.period)
+        assert controller.mode is Mode.BALANCE
+
+
 def test_new_parameters_come_in_without_a_jump():
     loop = LOOPS[200]
     new = Design.make(replace(BALANCE, P1=0.9 * BALANCE.P1, P4=1.1 * BALANCE.P4, P5=1.1 * BALANCE.P5), loop)
