@@ -13,7 +13,7 @@ from enum import Enum
 import numpy as np
 
 from .briefing import Briefing
-from .control import Bounds, Controller, Design, Loop, Mode
+from .control import Controller, Design, Limits, Loop, Mode
 from .errors import ControlError, PendubotError
 from .level import Level
 from .parameters import Parameters
@@ -110,13 +110,13 @@ class Balancing:
         stopped: why it stopped last; empty where it did not or was told to.
     """
 
-    def __init__(self, limit: float, motor_delay: float | None = None, bounds: Bounds | None = None) -> None:
+    def __init__(self, limit: float, motor_delay: float | None = None, bounds: Limits | None = None) -> None:
         self.briefing = Briefing(limit, motor_delay)
         self.phase = Phase.IDLE
         self.plan: Plan | None = None
         self.obstacle = ''
         self.stopped = ''
-        self._bounds = bounds or Bounds()
+        self._bounds = bounds or Limits()
         self._controller: Controller | None = None
         self._coming: Plan | None = None
         self._refused: tuple[Parameters, Loop] | None = None

@@ -59,7 +59,7 @@ class Loop:
 
 
 @dataclass(frozen=True, slots=True)
-class Bounds:
+class Limits:
     """Where the controller gives up.
 
     Attributes:
@@ -117,11 +117,11 @@ class Controller:
         design: the present one.
     """
 
-    def __init__(self, design: Design, loop: Loop, bounds: Bounds | None = None) -> None:
+    def __init__(self, design: Design, loop: Loop, bounds: Limits | None = None) -> None:
         self.mode = Mode.SWING_UP
         self.design = design
         self._loop = loop
-        self._bounds = bounds or Bounds()
+        self._bounds = bounds or Limits()
         self._estimator = self._estimate()
         self._echo = Echo(loop.transport, loop.period)
         self._wiring: Wiring | None = Wiring(design.parameters, loop.period, loop.lag)

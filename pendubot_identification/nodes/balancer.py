@@ -21,7 +21,7 @@ from std_srvs.srv import Trigger
 
 from pendubot_identification.adapters.joint_states import JOINT_NAMES
 from pendubot_identification.core.balancing import Balancing, Phase, Plan
-from pendubot_identification.core.control import Bounds, Loop
+from pendubot_identification.core.control import Limits, Loop
 from pendubot_identification.core.errors import ParameterError, PendubotError
 from pendubot_identification.core.level import Level
 from pendubot_identification.core.parameters import Parameters
@@ -60,7 +60,7 @@ class Balancer(SettingsNode):
         super().__init__(ended)
         s = self.settings()
         self._names, self._max_age = s['joint_names'], s['max_age']
-        bounds = Bounds(s['max_shoulder'], s['max_elbow'], s['max_speed'], s['max_age'], s['swing_up_time'])
+        bounds = Limits(s['max_shoulder'], s['max_elbow'], s['max_speed'], s['max_age'], s['swing_up_time'])
         self._balancing = Balancing(s['torque_limit'], None if s['motor_delay'] < 0 else s['motor_delay'], bounds)
         self._worker: threading.Thread | None = None
         self._effort = self.create_publisher(Float64, '/pendubot/effort_command', QoSProfile(depth=1))

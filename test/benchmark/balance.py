@@ -24,7 +24,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pendubot_identification.core.control import UPRIGHT, Bounds, Controller, Design, Loop
+from pendubot_identification.core.control import UPRIGHT, Controller, Design, Limits, Loop
 from pendubot_identification.core.errors import ControlError
 from pendubot_identification.core.excitation import PulseTrain
 from pendubot_identification.core.identification import identify
@@ -164,7 +164,7 @@ def compare(options):
 
 def falls(plan, loop, lag, gain):
     """Tell whether a rig that is almost upright is lost, in 10 s."""
-    bounds = Bounds(swing_up=0.0)
+    bounds = Limits(swing_up=0.0)
     rig = LatePlant(plan.parameters, lag, (UPRIGHT + 0.01, 0.0))
     run = rehearse(Controller(plan, loop, bounds), rig, loop, TIME, motor=gain)
     return bool(run.stopped) or bool(deviation(run.motion.q).max() > HELD)
@@ -208,7 +208,7 @@ def paper(rates, seeds):
             for seed in range(seeds):
                 q1, q2 = np.random.default_rng(seed).uniform(-0.02, 0.02, 2)
                 rig = LatePlant(PAPER, lag, (UPRIGHT + q1, q2))
-                run = rehearse(Controller(plan, loop, Bounds(swing_up=0.0)), rig, loop, 1 + TIME + 0.1)
+                run = rehearse(Controller(plan, loop, Limits(swing_up=0.0)), rig, loop, 1 + TIME + 0.1)
                 held += math.isfinite(judged(run.motion.t, run.motion.q, run.motion.tau[:, 0], 1.0).held)
             print(
                 f'| {rate} Hz | {1e3 * lag:g} ms | {plan.regulator.K.round(1)} | {1e3 * m.delay:.2f} ms '

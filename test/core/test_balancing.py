@@ -7,7 +7,7 @@ import pytest
 
 from pendubot_identification.core.balancing import Balancing, Phase, Plan
 from pendubot_identification.core.briefing import Briefing
-from pendubot_identification.core.control import UPRIGHT, Bounds, Loop
+from pendubot_identification.core.control import UPRIGHT, Limits, Loop
 from pendubot_identification.core.errors import ControlError, ParameterError
 from pendubot_identification.core.level import Level
 from pendubot_identification.core.parameters import BALANCE, NAMES, PAPER
@@ -185,7 +185,7 @@ def test_it_does_not_begin_unprepared_nor_twice():
 def test_what_cannot_be_swung_up_may_be_held_all_the_same():
     for balancing, words in (
         (prepared(swing_up=math.inf), 'do not swing this rig up, as a simulation shows'),
-        (prepared(Bounds(swing_up=0.0)), 'swing_up_time is 0'),
+        (prepared(Limits(swing_up=0.0)), 'swing_up_time is 0'),
     ):
         balancing.sample(1.0, 1.0, (-UPRIGHT, 0.0), 0.0, 0.1)
         with pytest.raises(ControlError, match=words):

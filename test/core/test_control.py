@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pendubot_identification.core.control import UPRIGHT, Bounds, Controller, Design, Loop, Mode
+from pendubot_identification.core.control import UPRIGHT, Controller, Design, Limits, Loop, Mode
 from pendubot_identification.core.dynamics import accelerations
 from pendubot_identification.core.errors import ControlError
 from pendubot_identification.core.parameters import BALANCE
@@ -146,11 +146,11 @@ def test_new_parameters_come_in_without_a_jump():
 @pytest.mark.parametrize(
     ('bounds', 'start', 'words'),
     [
-        (Bounds(shoulder=1.0), 'hanging', r'link 1 is 3\.\d+ rad from upright; at most 1 rad'),
-        (Bounds(elbow=0.5), 'hanging', 'the elbow has turned by'),
-        (Bounds(speed=3.0), 'hanging', 'a joint moves at'),
-        (Bounds(swing_up=0.0), 'hanging', 'not near enough to upright'),
-        (Bounds(swing_up=0.4), 'hanging', r'not upright after 0\.4 s'),
+        (Limits(shoulder=1.0), 'hanging', r'link 1 is 3\.\d+ rad from upright; at most 1 rad'),
+        (Limits(elbow=0.5), 'hanging', 'the elbow has turned by'),
+        (Limits(speed=3.0), 'hanging', 'a joint moves at'),
+        (Limits(swing_up=0.0), 'hanging', 'not near enough to upright'),
+        (Limits(swing_up=0.4), 'hanging', r'not upright after 0\.4 s'),
     ],
 )
 def test_it_stops_at_its_bounds(bounds, start, words):

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from pendubot_identification.core.control import Bounds, Controller, Design, Loop
+from pendubot_identification.core.control import Controller, Design, Limits, Loop
 from pendubot_identification.core.dynamics import forward_dynamics
 from pendubot_identification.core.errors import ControlError
 from pendubot_identification.core.linear_control import (
@@ -103,7 +103,7 @@ def test_the_simulated_rig_falls_at_the_computed_margins(rate):
 
     def falls(more=0.0, gain=1.0):
         rig = LatePlant(BALANCE, LAG + more, (math.pi / 2 + 0.01, 0.0))
-        run = rehearse(Controller(plan, loop, Bounds(swing_up=0.0)), rig, loop, 3.0, motor=gain)
+        run = rehearse(Controller(plan, loop, Limits(swing_up=0.0)), rig, loop, 3.0, motor=gain)
         return bool(run.stopped) or bool(deviation(run.motion.q).max() > HELD)
 
     m = plan.margins
