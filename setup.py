@@ -14,6 +14,7 @@ PROGRAMS = {
     'player': 'nodes.player',
     'identifier': 'nodes.identifier',
     'exciter': 'nodes.exciter',
+    'balancer': 'nodes.balancer',
     'virtual_board': 'nodes.virtual_board',
 }
 
@@ -42,6 +43,7 @@ setup(
         'matplotlib>=3.6',
         'PyYAML>=6.0',
         'tqdm>=4.66',
+        'matplotlib>=3.6',
     ],
     extras_require={
         'ros': ['ros-rclpy[fastrtps]==7.1.6', 'ros-jazzy-rclpy', 'ros-jazzy-common-interfaces'],

@@ -14,6 +14,7 @@ MODULES = {
     'player': 'pendubot_identification.nodes.player',
     'identifier': 'pendubot_identification.nodes.identifier',
     'exciter': 'pendubot_identification.nodes.exciter',
+    'balancer': 'pendubot_identification.nodes.balancer',
     'virtual_board': 'pendubot_identification.nodes.virtual_board',
     'pendubot': 'pendubot_identification.cli.main',
     'listener': 'test.faults.listener',

@@ -45,6 +45,25 @@ def test_the_demo_ends_in_a_table_of_all_criteria_beside_the_truth(tmp_path):
     assert not motion.tau[:, 1].any(), 'a pendubot has no motor at the elbow'
 
 
+def test_the_balance_demo_ends_with_a_rig_that_is_held_and_its_picture(tmp_path):
+    """What was identified swings the rig up and holds it; nothing else about it is known to the controller."""
+    folder = tmp_path / 'demo'
+    demo = subprocess.run(
+        [sys.executable, '-m', 'pendubot_identification.cli.main', 'demo', '--balance', '--output', str(folder)],
+        capture_output=True,
+        text=True,
+        timeout=180,
+    )
+    assert demo.returncode == 0, demo.stdout + demo.stderr
+    row = r'upright after ([0-9.]+) s, held for ([0-9.]+) s: .* at most ([0-9.]+) of 2 N m'
+    after, held, peak = map(float, re.search(row, demo.stdout).groups())
+    assert after < 20.0
+    assert held > 5.0
+    assert peak <= 2.0
+    assert 'delay margin [s] 0.0' in demo.stdout
+    assert (folder / 'balance.png').read_bytes().startswith(b'\x89PNG')
+
+
 def test_a_demo_never_overwrites(tmp_path):
     again = run_program('pendubot', 'demo', '--output', tmp_path)
     assert again.returncode == 1

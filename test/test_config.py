@@ -6,17 +6,18 @@ import yaml
 from test.conftest import ROOT
 
 pytestmark = pytest.mark.ros
-PROGRAMS = 'bridge', 'exciter', 'identifier', 'player', 'recorder'
+PROGRAMS = 'balancer', 'bridge', 'exciter', 'identifier', 'player', 'recorder'
 
 
 def node_classes():
+    from pendubot_identification.nodes.balancer import Balancer
     from pendubot_identification.nodes.bridge import Bridge
     from pendubot_identification.nodes.exciter import Exciter
     from pendubot_identification.nodes.identifier import Identifier
     from pendubot_identification.nodes.player import Player
     from pendubot_identification.nodes.recorder import Recorder
 
-    return {c.PROGRAM: c for c in (Bridge, Exciter, Identifier, Player, Recorder)}
+    return {c.PROGRAM: c for c in (Balancer, Bridge, Exciter, Identifier, Player, Recorder)}
 
 
 def test_there_is_one_for_each_node():

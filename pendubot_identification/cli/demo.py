@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import argparse
-import os
-import signal
-import subprocess
 import sys
-import tempfile
 import time
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from pendubot_identification.core.errors import PendubotError
+
+from .programs import new_folder, own_ros, parameters, program
 
 DESCRIPTION = """\
 Run the complete job on the virtual rig: a virtual board on a pseudo-terminal, the bridge, the exciter and the recorder
@@ -39,21 +37,22 @@ def add_parser(subparsers: Any) -> None:
         '--output', type=Path, metavar='DIR', help='new folder for bag and result (default: a temporary one)'
     )
     parser.add_argument('--seed', type=int, default=1, help='of the torque (default %(default)s)')
+    parser.add_argument(
+        '--balance',
+        action='store_true',
+        help='then swing up and hold the virtual rig, another one, by the identified parameters, and draw that',
+    )
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
     """Excite, record, identify, receive, and show the parameters beside the truth."""
-    folder = _folder(args.output)
-    domain = os.environ.setdefault('ROS_DOMAIN_ID', str(1 + os.getpid() % 100))
-    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    try:
-        import rclpy
-    except ImportError as error:
-        raise PendubotError(
-            f'rclpy cannot be imported ({error}), and the demo needs ROS 2: source your ROS workspace, or install the '
-            "package with pip install '.[ros]'; pendubot simulate and pendubot identify need no ROS"
-        ) from error
+    if args.balance:
+        from . import balance_demo
+
+        return balance_demo.run(args)
+    folder = new_folder(args.output)
+    rclpy, domain = own_ros()
     from tqdm import tqdm
 
     port, bag, result = folder / 'board', folder / BAG, folder / 'result.yaml'
@@ -61,25 +60,25 @@ def run(args: argparse.Namespace) -> int:
     rclpy.init()
     try:
         with ExitStack() as stack:
-            board = stack.enter_context(_program(folder, 'virtual_board', '--link', port, '--rate', RATE))
+            board = stack.enter_context(program(folder, 'virtual_board', '--link', port, '--rate', RATE))
             board.wait_until(port.exists, 'opened no port')
             print(f'virtual board on {port}: {RATE} Hz, 4000 counts per turn, the parameters of the paper')
-            stack.enter_context(_program(folder, 'bridge', *_parameters(port=port)))
-            recorder = stack.enter_context(_program(folder, 'recorder', *_parameters(output=bag, max_messages=SAMPLES)))
+            stack.enter_context(program(folder, 'bridge', *parameters(port=port)))
+            recorder = stack.enter_context(program(folder, 'recorder', *parameters(output=bag, max_messages=SAMPLES)))
             stack.enter_context(
-                _program(folder, 'exciter', *_parameters(arm='true', duration=2.0 * SAMPLES / RATE, seed=args.seed))
+                program(folder, 'exciter', *parameters(arm='true', duration=2.0 * SAMPLES / RATE, seed=args.seed))
             )
             print(f'exciting and recording for {SAMPLES / RATE:g} s')
             with tqdm(total=SAMPLES, unit=' samples', disable=None, leave=False) as bar:
-                recorder.wait_until(lambda: recorder.ended, 'did not finish its bag', 60.0, _counting(rclpy, bar))
+                recorder.wait_until(lambda: recorder.ended, 'did not finish its bag', 60.0, counting(rclpy, bar))
         print(f'recorded {bag}')
         # The bridge's torques are held; to find that out from the data would take some seconds more.
-        asked = _parameters(bags=f"['{bag}']", output=result, hold='zero')
-        with _program(folder, 'identifier', *asked) as identifier:
+        asked = parameters(bags=f"['{bag}']", output=result, hold='zero')
+        with program(folder, 'identifier', *asked) as identifier:
             begin = time.monotonic()
             identifier.wait_until(result.exists, 'wrote no result', 120.0)
             print(f'identified in {time.monotonic() - begin:.1f} s, start of the node included')
-            theta, label = _late_subscriber(rclpy)
+            theta, label = late_subscriber(rclpy)
     finally:
         rclpy.try_shutdown()
     return _show(folder, theta, label)
@@ -104,73 +103,7 @@ def _show(folder: Path, theta: list[float], label: str) -> int:
     return 0
 
 
-def _folder(wanted: Path | None) -> Path:
-    if wanted is None:
-        return Path(tempfile.mkdtemp(prefix='pendubot-demo-'))
-    try:
-        wanted.mkdir(parents=True)
-    except FileExistsError:
-        raise PendubotError(f'{wanted} exists already and was left as it is; name a folder that does not') from None
-    except OSError as error:
-        raise PendubotError(f'{wanted} cannot be made ({error.strerror}); name a folder that can') from error
-    return wanted.absolute()
-
-
-def _parameters(**values: object) -> list[str]:
-    return ['--ros-args', *(word for name, value in values.items() for word in ('-p', f'{name}:={value}'))]
-
-
-class _Program:
-    """A program of this package in a process of its own, its output in a file beside the bag."""
-
-    def __init__(self, name: str, process: subprocess.Popen[bytes], log: Path) -> None:
-        self.name, self.process, self.log = name, process, log
-
-    @property
-    def ended(self) -> bool:
-        return self.process.poll() == 0
-
-    def wait_until(
-        self,
-        condition: Callable[[], bool],
-        otherwise: str,
-        timeout: float = 20.0,
-        meanwhile: Callable[[], object] | None = None,
-    ) -> None:
-        """Wait for a condition, failing where the program does or where it takes too long."""
-        deadline = time.monotonic() + timeout
-        while not condition():
-            if self.process.poll() or time.monotonic() > deadline:
-                last = self.log.read_text(errors='replace').strip().splitlines()[-1:] or ['it said nothing']
-                raise PendubotError(f'{self.name} {otherwise}: {last[0]} (all it said: {self.log})')
-            if meanwhile is None:
-                time.sleep(0.02)
-            else:
-                meanwhile()
-
-
-@contextmanager
-def _program(folder: Path, name: str, *arguments: object) -> Iterator[_Program]:
-    log = folder / f'{name}.log'
-    with log.open('wb') as output:
-        process = subprocess.Popen(
-            [sys.executable, '-m', f'pendubot_identification.nodes.{name}', *map(str, arguments)],
-            stdin=subprocess.DEVNULL,
-            stdout=output,
-            stderr=subprocess.STDOUT,
-        )
-        try:
-            yield _Program(name, process, log)
-        finally:
-            process.send_signal(signal.SIGINT)
-            try:
-                process.wait(10.0)
-            except subprocess.TimeoutExpired:
-                process.kill()
-                process.wait()
-
-
-def _counting(rclpy: Any, bar: Any) -> Callable[[], None]:
+def counting(rclpy: Any, bar: Any) -> Callable[[], None]:
     """Return what moves the bar by the joint states that come in while it waits."""
     from sensor_msgs.msg import JointState
 
@@ -179,7 +112,7 @@ def _counting(rclpy: Any, bar: Any) -> Callable[[], None]:
     return lambda: rclpy.spin_once(node, timeout_sec=0.1)
 
 
-def _late_subscriber(rclpy: Any) -> tuple[list[float], str]:
+def late_subscriber(rclpy: Any) -> tuple[list[float], str]:
     """Join now, after the identification, and return the parameters that were latched."""
     from rclpy.qos import DurabilityPolicy, QoSProfile
     from std_msgs.msg import Float64MultiArray

@@ -166,7 +166,7 @@ class _Reproduction:
             self._add_figure('figure1_evaluations', caption, paper_figures.convergence, records, 'function values')
 
     def _identification(self) -> None:
-        from pendubot_identification.core.balance import energy_balance, foreseen
+        from pendubot_identification.core.explained import energy_balance, foreseen
         from pendubot_identification.core.identification import identify
         from pendubot_identification.core.parameters import Parameters
         from pendubot_identification.core.settings import Settings

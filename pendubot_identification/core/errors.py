@@ -31,3 +31,7 @@ class ResultError(PendubotError):
 
 class LinkError(PendubotError):
     """A serial port that is missing, busy or forbidden."""
+
+
+class ControlError(PendubotError):
+    """A rig that cannot be controlled as asked for."""

@@ -78,4 +78,5 @@ class Health:
         if host.hello is not None:
             values['boot_id'] = host.hello.boot_id
             values['firmware'] = host.hello.firmware
+            values['torque limit [N m]'] = min(host.config.torque_limit, host.hello.torque_limit / 1e6)
         return Diagnosis(level, message, {name: str(value) for name, value in values.items()})

@@ -122,6 +122,10 @@ class Parameters:
 
 #: The paper's Table 8, the values of the virtual rig.
 PAPER = Parameters(P1=0.002207, P2=0.000400, P3=0.000101, P4=0.022447, P5=0.003326, b1=0.006592, b2=0.00009)
+#: A rig with the proportions of those that people balance: link 1 is 15 cm long, where the paper's is 3 cm.
+BALANCE = Parameters(P1=0.0148, P2=0.0051, P3=0.0046, P4=0.1003, P5=0.0303, b1=0.0008, b2=0.0001)
+#: The virtual rigs by name.
+PRESETS = {'paper': PAPER, 'balance': BALANCE}
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -56,6 +57,10 @@ class Plant:
         """Joint velocities [rad/s]."""
         return self._state[2], self._state[3]
 
+    def place(self, q: Pair, qd: Pair) -> None:
+        """Put it there [rad, rad/s]."""
+        self._state = (*q, *qd)
+
     def advance(self, tau: Pair, duration: float) -> None:
         """Move on by ``duration`` [s] under constant torques [N m], by classic Runge-Kutta steps."""
         friction = self._friction_pace + self._load_pace[0] * abs(tau[0]) + self._load_pace[1] * abs(tau[1])
@@ -63,6 +68,26 @@ class Plant:
         h = duration / steps
         for _ in range(steps):
             self._state = advance(self._theta, self._state, tau, h, math)
+
+
+class LatePlant(Plant):
+    """A pendubot whose motor obeys late: a torque acts ``delay`` [s] after it was applied, and as long."""
+
+    def __init__(self, parameters: Parameters, delay: float, q: Pair = HANGING, qd: Pair = (0.0, 0.0)) -> None:
+        super().__init__(parameters, q, qd)
+        self._waiting = deque([((0.0, 0.0), delay)])
+
+    def advance(self, tau: Pair, duration: float) -> None:
+        """Move on by ``duration`` [s] under the torques [N m] that waited for so long, while these begin to wait."""
+        self._waiting.append((tau, duration))
+        while duration > 1e-12:
+            then, left = self._waiting.popleft()
+            part = min(left, duration)
+            if part > 1e-12:
+                super().advance(then, part)
+            duration -= part
+            if left - part > 1e-12:
+                self._waiting.appendleft((then, left - part))
 
 
 def longest_step(parameters: Parameters, torque: float) -> float:

@@ -126,6 +126,7 @@ class VirtualBoard:
         settings: how it is made.
         faults: what goes wrong.
         seed: of everything random: boot_id and faults.
+        held: a hand holds the plant where it is, and lets go as soon as the motor is first armed.
 
     Attributes:
         last: the last sample as it truly was, whatever became of it on its way; None before the first.
@@ -137,6 +138,7 @@ class VirtualBoard:
         settings: BoardSettings | None = None,
         faults: Faults | None = None,
         seed: int = 0,
+        held: bool = False,
     ) -> None:
         self.settings = settings or BoardSettings()
         self.last: State | None = None
@@ -148,6 +150,7 @@ class VirtualBoard:
         self._reset_due_us = self._faults.reset_at * 1e6
         self._stop_due_us = self._faults.emergency_stop_at * 1e6
         self._origin = (0, 0)
+        self._held = held
         self._boot(1, self.settings.clock_start_us)
 
     @property
@@ -182,7 +185,9 @@ class VirtualBoard:
         state = self._sample()
         self.last = state
         out += self._transmit(self._glitched(state))
-        self._plant.advance((state.torque / 1e6, 0.0), self.settings.sample_period_us * 1e-6)
+        self._held = self._held and not self._armed
+        if not self._held:
+            self._plant.advance((state.torque / 1e6, 0.0), self.settings.sample_period_us * 1e-6)
         self._clock_us += self.settings.sample_period_us
         self._elapsed_us += self.settings.sample_period_us
         return out

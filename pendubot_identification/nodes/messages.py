@@ -6,8 +6,10 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 
+from pendubot_identification.core.errors import ControlError
 from pendubot_identification.core.identification import Identification
 from pendubot_identification.core.parameters import NAMES
 
@@ -22,6 +24,23 @@ def parameters_message(result: Identification) -> Float64MultiArray:
     names = ','.join(NAMES[: len(theta)])
     message.layout.dim = [MultiArrayDimension(label=names, size=len(theta), stride=len(theta))]
     return message
+
+
+def joint_sample(m: JointState, names: Sequence[str]) -> tuple[float, tuple[float, float], float]:
+    """Return when a sample was taken [s], shoulder's and elbow's position [rad], and the shoulder's effort [N m].
+
+    Raises:
+        ControlError: it lacks one of these.
+    """
+    try:
+        shoulder, elbow = (list(m.name).index(name) for name in names)
+        q, effort = (m.position[shoulder], m.position[elbow]), m.effort[shoulder]
+    except (ValueError, IndexError):
+        raise ControlError(
+            f'/joint_states has {list(m.name)}; positions of {list(names)} and the effort of the first are expected: '
+            'look at joint_names'
+        ) from None
+    return m.header.stamp.sec + m.header.stamp.nanosec * 1e-9, q, effort
 
 
 def identification_values(data: Mapping[str, Any]) -> dict[str, Any]:

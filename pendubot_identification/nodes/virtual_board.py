@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+import math
+import random
 import secrets
 import signal
 import sys
@@ -14,8 +16,8 @@ from pathlib import Path
 
 from pendubot_identification.adapters.pty_server import PtyServer
 from pendubot_identification.core.errors import ParameterError, PendubotError
-from pendubot_identification.core.parameters import PAPER
-from pendubot_identification.core.simulation import Plant
+from pendubot_identification.core.parameters import PRESETS
+from pendubot_identification.core.simulation import HANGING, LatePlant
 from pendubot_identification.core.virtual_board import BoardSettings, Faults, VirtualBoard
 
 EPILOG = f"""\
@@ -25,11 +27,14 @@ faults: {', '.join(each.name for each in fields(Faults))}
 example:
   virtual_board --link /tmp/pendubot --rate 100 --fault bit_flip=0.001 --fault reset_at=20
   virtual_board --link /tmp/pendubot --parameters result.yaml
+  virtual_board --link /tmp/pendubot --preset balance --rate 500 --start upright --spread 0.1 --delay 0.004
   bridge --ros-args -p port:=/tmp/pendubot
 
 signals: SIGUSR1 pulls the cable in the middle of a frame, SIGUSR2 puts it back (--link then leads to another pty)
 
 exit status: 0 success or ended by a signal, 1 a failure explained in one line, 2 wrong usage"""
+
+STARTS = {'hanging': HANGING, 'upright': (math.pi / 2, 0.0)}
 
 
 def parser() -> argparse.ArgumentParser:
@@ -50,10 +55,37 @@ def parser() -> argparse.ArgumentParser:
         '--torque-limit', type=float, default=2.0, metavar='NM', help="the board's limit [N m] (default %(default)s)"
     )
     p.add_argument(
+        '--preset',
+        choices=PRESETS,
+        default='paper',
+        help="the pendubot: the paper's, or one with the proportions of rigs that people balance (default %(default)s)",
+    )
+    p.add_argument(
         '--parameters',
         type=Path,
         metavar='RESULT.yaml',
-        help="the pendubot's, friction and rotor included: a result of pendubot identify (default: the paper's)",
+        help="the pendubot's, friction and rotor included, instead of a preset: a result of pendubot identify",
+    )
+    p.add_argument(
+        '--start',
+        choices=STARTS,
+        default='hanging',
+        help='where it begins; anywhere but hanging exactly it is held there until it is first armed '
+        '(default %(default)s)',
+    )
+    p.add_argument(
+        '--spread',
+        type=float,
+        default=0.0,
+        metavar='RAD',
+        help='each angle begins at random within so much of there (default %(default)s)',
+    )
+    p.add_argument(
+        '--delay',
+        type=float,
+        default=0.0,
+        metavar='S',
+        help='the motor obeys so much later than the board says (default %(default)s)',
     )
     p.add_argument('--seed', type=int, help='of everything random (default: a new one every time, printed)')
     p.add_argument('--trace', type=Path, metavar='FILE', help='write every sample as the board took it, as CSV')
@@ -82,13 +114,20 @@ def make_board(options: argparse.Namespace) -> VirtualBoard:
     settings = BoardSettings(
         counts=options.counts, torque_limit=options.torque_limit, sample_period_us=round(1e6 / options.rate)
     )
-    parameters = PAPER
+    for name in ('spread', 'delay'):
+        if not 0.0 <= getattr(options, name) <= 1.0:
+            raise ParameterError(f'--{name} is {getattr(options, name):g}; a number from 0 to 1 is expected')
+    parameters = PRESETS[options.preset]
     if options.parameters is not None:
         # Only here: the board has no other use for what this imports, and starts ten times faster without.
         from pendubot_identification.adapters.result_file import read_parameters
 
         parameters = read_parameters(options.parameters)
-    return VirtualBoard(Plant(parameters), settings, Faults(**dict(map(_fault, options.fault))), options.seed)
+    chance = random.Random(options.seed)
+    q1, q2 = (q + chance.uniform(-options.spread, options.spread) for q in STARTS[options.start])
+    plant = LatePlant(parameters, options.delay, (q1, q2))
+    faults = Faults(**dict(map(_fault, options.fault)))
+    return VirtualBoard(plant, settings, faults, options.seed, held=(q1, q2) != HANGING)
 
 
 def _fault(text: str) -> tuple[str, float]:

@@ -9,8 +9,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
 
-from pendubot_identification.core.balance import Balance
 from pendubot_identification.core.competition import ALGORITHMS, PER_VECTOR, TARGET
+from pendubot_identification.core.explained import Balance
 from pendubot_identification.core.trajectory import Trajectory
 
 from .style import GREY, STYLES, legend_above, panels

@@ -30,7 +30,7 @@ from pendubot_identification.core.identification import identify
 from pendubot_identification.core.judgement import judge
 from pendubot_identification.core.level import Level
 from pendubot_identification.core.motion import Motion
-from pendubot_identification.core.parameters import NAMES, PAPER, Parameters, default_bounds
+from pendubot_identification.core.parameters import BALANCE, NAMES, PAPER, Parameters, default_bounds
 from pendubot_identification.core.prediction import HORIZONS, Prediction, predict, state_scale
 from pendubot_identification.core.quadratic import Quadratic
 from pendubot_identification.core.recipes import Data, estimate
@@ -40,7 +40,7 @@ from pendubot_identification.core.suspicions import suspicions
 from test.conftest import RECORDINGS
 
 COUNTS, RATE, SAMPLES, SEVEN = 4000, 100, 900, NAMES[:7]
-RIGS = {'paper': PAPER, 'larger': Parameters(0.0148, 0.0051, 0.0046, 0.1003, 0.0303, 0.0008, 0.0001)}
+RIGS = {'paper': PAPER, 'larger': BALANCE}
 PULSES = {'1 s, ±1 N m': PulseTrain(), '5 s, ±2 N m': PulseTrain(period=5, amplitude_min=-2, amplitude_max=2)}
 CELLS = [(rig, pulses) for rig in RIGS for pulses in PULSES]
 #: How the recordings are identified: criterion, and what is not the default.

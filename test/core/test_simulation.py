@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 from pendubot_identification.core.dynamics import energy, forward_dynamics, gravity, mass_matrix
 from pendubot_identification.core.errors import ParameterError
 from pendubot_identification.core.parameters import PAPER, Parameters
-from pendubot_identification.core.simulation import HANGING, Plant, quantised, simulate
+from pendubot_identification.core.simulation import HANGING, LatePlant, Plant, quantised, simulate
 from test.core.strategies import physical_parameters
 
 
@@ -116,3 +116,16 @@ def test_encoders_read_whole_counts_from_hanging():
     counts = (quantised(motion, 4000).q - HANGING) * 4000 / (2 * math.pi)
     np.testing.assert_allclose(counts, np.round(counts), atol=1e-9)
     assert np.abs(quantised(motion, 4000).q - motion.q).max() <= math.pi / 4000 + 1e-12
+
+
+@settings(max_examples=20)
+@given(st.integers(0, 12), st.lists(st.floats(-0.1, 0.1), min_size=8, max_size=8), st.sampled_from([3, 5, 10]))
+def test_a_late_motor_does_the_same_later(delay_ms, torques, period_ms):
+    """Millisecond by millisecond: what acts now is what was applied a delay ago, whatever the sampling."""
+    late, plain = LatePlant(PAPER, delay_ms * 1e-3), Plant(PAPER)
+    fine = [0.0] * delay_ms + [torque for torque in torques for _ in range(period_ms)]
+    for k, torque in enumerate(torques):
+        late.advance((torque, 0.0), period_ms * 1e-3)
+        for acting in fine[k * period_ms : (k + 1) * period_ms]:
+            plain.advance((acting, 0.0), 1e-3)
+        np.testing.assert_allclose((*late.q, *late.qd), (*plain.q, *plain.qd), rtol=1e-6, atol=1e-8)

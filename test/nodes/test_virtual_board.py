@@ -7,8 +7,9 @@ import yaml
 
 from pendubot_identification.adapters.result_file import SCHEMA
 from pendubot_identification.core.errors import ParameterError, ResultError
-from pendubot_identification.core.parameters import PAPER
+from pendubot_identification.core.parameters import BALANCE, PAPER
 from pendubot_identification.core.protocol import Command, Mode, encode
+from pendubot_identification.core.simulation import LatePlant
 from pendubot_identification.nodes.virtual_board import make_board, parser
 
 
@@ -40,3 +41,34 @@ def test_parameters_that_no_pendubot_has_are_refused(tmp_path):
         pushed('--parameters', written(tmp_path / 'result.yaml', replace(PAPER, J2=-1.0)))
     with pytest.raises(ResultError, match='cannot be read'):
         pushed('--parameters', tmp_path / 'nowhere.yaml')
+
+
+def test_it_is_held_where_it_begins_until_it_is_first_armed():
+    options = ['--preset', 'balance', '--start', 'upright', '--spread', '0.1', '--delay', '0.004', '--rate', '200']
+    board = make_board(parser().parse_args([*options, '--seed', '3']))
+    for _ in range(200):
+        board.advance()
+    per_turn = 4000
+    begin = board.last.enc1, board.last.enc2
+    assert abs(begin[0] - per_turn / 2) < 0.1 * per_turn / 6.28 + 1
+    assert abs(begin[1]) < 0.1 * per_turn / 6.28 + 1
+    assert begin not in ((per_turn // 2, 0), (0, 0))
+    assert make_board(parser().parse_args([*options, '--seed', '4'])).advance() != b''
+    board.receive(encode(Command(1, 0, Mode.DISARM, 0, 0)) + encode(Command(2, 0, Mode.TORQUE, 500, 0)))
+    for _ in range(100):
+        board.advance()
+    assert abs(board.last.enc1 - begin[0]) > 100, 'then it falls'
+
+
+def test_a_preset_and_a_delay_are_the_plant_s(monkeypatch):
+    made = []
+    original = LatePlant.__init__
+    monkeypatch.setattr(LatePlant, '__init__', lambda self, *args: made.append(args) or original(self, *args))
+    make_board(parser().parse_args(['--preset', 'balance', '--delay', '0.004', '--seed', '1']))
+    assert made[0][:2] == (BALANCE, 0.004)
+
+
+@pytest.mark.parametrize('option', [('--spread', '-1'), ('--delay', 'nan')])
+def test_a_start_without_sense_is_refused(option):
+    with pytest.raises(ParameterError, match='a number from 0 to 1 is expected'):
+        make_board(parser().parse_args([*option, '--seed', '1']))

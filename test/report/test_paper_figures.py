@@ -9,7 +9,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_rgb
 
 from pendubot_identification.core import trials
-from pendubot_identification.core.balance import energy_balance, foreseen
+from pendubot_identification.core.explained import energy_balance, foreseen
 from pendubot_identification.core.optimizer import minimize
 from pendubot_identification.core.parameters import PAPER
 from pendubot_identification.report import paper_figures, style

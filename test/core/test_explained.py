@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pendubot_identification.core.balance import energy_balance, foreseen
+from pendubot_identification.core.explained import energy_balance, foreseen
 from pendubot_identification.core.parameters import PAPER
 from pendubot_identification.core.simulation import simulate
 

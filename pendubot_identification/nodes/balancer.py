@@ -1,0 +1,198 @@
+"""``balancer``: swings the rig up and holds it upright, knowing it only through /pendubot/params."""
+
+from __future__ import annotations
+
+import os
+
+os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')  # before numpy: small matrices, and a loop that must not wait
+
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.qos import QoSProfile
+from rclpy.task import Future
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64, Float64MultiArray
+from std_srvs.srv import Trigger
+
+from pendubot_identification.adapters.joint_states import JOINT_NAMES
+from pendubot_identification.core.balancing import Balancing, Phase, Plan
+from pendubot_identification.core.control import Limits, Loop
+from pendubot_identification.core.errors import ParameterError, PendubotError
+from pendubot_identification.core.level import Level
+from pendubot_identification.core.parameters import Parameters
+
+from .diagnostics import diagnostics_message
+from .messages import LATCHED, joint_sample
+from .runtime import Setting, SettingsNode, run
+
+
+class Balancer(SettingsNode):
+    """Waits for parameters and samples, prepares itself, and moves the rig from ~/start to ~/stop or the first doubt.
+
+    What it decides is in :class:`.core.balancing.Balancing`.
+    """
+
+    PROGRAM = 'balancer'
+    SUMMARY = (
+        'Swings the rig up and holds it upright by the parameters on /pendubot/params: one torque on '
+        '/pendubot/effort_command for every message on /joint_states. It arms the bridge at ~/start alone, and disarms '
+        'at ~/stop and at anything wrong: samples late or missing, angles or speeds beyond their limits, a motor that '
+        'does not obey, wrong wiring, parameters that no rig has.'
+    )
+    SETTINGS = (
+        Setting('joint_names', list(JOINT_NAMES), 'names of shoulder and elbow in /joint_states'),
+        Setting('torque_limit', 2.0, 'largest torque asked for; that of bridge and board holds, too', 'N m', 1e-3, 1e3),
+        Setting('accept_warn', False, 'whether parameters of level WARN, or unjudged ones, are used', dynamic=True),
+        Setting('motor_delay', -1.0, 'the motor obeys so late; -1: as identified', 's', -1.0, 0.5),
+        Setting('swing_up_time', 30.0, 'longest swing-up; 0: it only balances what is near upright', 's', 0.0, 1e4),
+        Setting('max_shoulder', 6.0, 'farthest that link 1 may be from upright; hanging is 3.14', 'rad', 0.1, 1e3),
+        Setting('max_elbow', 40.0, 'farthest that the elbow may turn', 'rad', 0.1, 1e4),
+        Setting('max_speed', 60.0, 'fastest joint speed', 'rad/s', 0.1, 1e4),
+        Setting('max_age', 0.1, 'a sample older than this, or missing for so long, stops', 's', 0.001, 10.0),
+    )
+
+    def __init__(self, ended: threading.Event) -> None:
+        super().__init__(ended)
+        s = self.settings()
+        self._names, self._max_age = s['joint_names'], s['max_age']
+        bounds = Limits(s['max_shoulder'], s['max_elbow'], s['max_speed'], s['max_age'], s['swing_up_time'])
+        self._balancing = Balancing(s['torque_limit'], None if s['motor_delay'] < 0 else s['motor_delay'], bounds)
+        self._worker: threading.Thread | None = None
+        self._effort = self.create_publisher(Float64, '/pendubot/effort_command', QoSProfile(depth=1))
+        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        group = ReentrantCallbackGroup()
+        self._arm = self.create_client(Trigger, '/bridge/arm', callback_group=group)
+        self._disarm = self.create_client(Trigger, '/bridge/disarm', callback_group=group)
+        # The newest alone: a torque for an older one would come too late.
+        self.create_subscription(JointState, '/joint_states', self._on_sample, QoSProfile(depth=1))
+        self.create_subscription(Float64MultiArray, '/pendubot/params', self._on_params, LATCHED)
+        self.create_subscription(DiagnosticArray, '/pendubot/identification', self._on_identification, LATCHED)
+        self.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
+        self.create_service(Trigger, '~/start', self._on_start, callback_group=group)
+        self.create_service(Trigger, '~/stop', self._on_stop, callback_group=group)
+        self.create_timer(self._max_age / 2, self._supervise)
+        self.create_timer(1.0, self._diagnose)
+
+    def check(self, values: dict[str, Any]) -> None:
+        """Refuse settings that make no sense together."""
+        if len(set(values['joint_names'])) != 2 or '' in values['joint_names']:
+            raise ParameterError(f'joint_names are {values["joint_names"]}; two different names are expected')
+
+    def close(self) -> None:
+        """Command zero torque and disarm; wait, for a second at most, until the bridge has answered."""
+        if self._balancing.phase is not Phase.IDLE:
+            self._balancing.stop()
+            answered = threading.Event()
+            self._let_go().add_done_callback(lambda _: answered.set())
+            if not answered.wait(1.0):
+                self.get_logger().warning('the bridge did not answer to disarm; look whether it has done so')
+
+    def _on_sample(self, m: JointState) -> None:
+        with self._stopping_on_error():
+            stamp, q, effort = joint_sample(m, self._names)
+            now = self.get_clock().now().nanoseconds * 1e-9
+            torque = self._balancing.sample(stamp, now, q, effort, self._max_age)
+            if torque is not None:
+                self._effort.publish(Float64(data=torque))
+
+    def _on_params(self, m: Float64MultiArray) -> None:
+        with self._stopping_on_error():
+            self._balancing.offer(list(m.data))
+
+    def _on_identification(self, array: DiagnosticArray) -> None:
+        for status in array.status:
+            values = {pair.key: pair.value for pair in status.values}
+            self._balancing.briefing.judge(Level(min(2, status.level[0])), status.message, values)
+
+    def _on_diagnostics(self, array: DiagnosticArray) -> None:
+        for status in array.status:
+            limit = {pair.key: pair.value for pair in status.values}.get('torque limit [N m]')
+            if status.name == 'bridge' and limit is not None:
+                self._balancing.briefing.board_limit(float(limit))
+
+    async def _on_start(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        try:
+            self._balancing.begin()
+        except PendubotError as error:
+            return Trigger.Response(message=str(error))
+        if not self._arm.service_is_ready():
+            self._balancing.stop()
+            return Trigger.Response(message='nobody serves /bridge/arm; start the bridge')
+        answer = await self._arm.call_async(Trigger.Request())
+        response.success, response.message = answer.success, f'bridge: {answer.message}'
+        if not answer.success:
+            self._balancing.stop()
+        elif self._balancing.phase is Phase.ARMING:
+            self._balancing.armed()
+            self.get_logger().info('armed and moving')
+        else:
+            self._let_go()
+            response.success, response.message = False, 'it was stopped meanwhile'
+        return response
+
+    def _on_stop(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._balancing.stop()
+        self._let_go()
+        return Trigger.Response(success=True, message='stopped; the bridge is told to disarm')
+
+    def _supervise(self) -> None:
+        """Notice silence; prepare for what has come in, in a thread of its own."""
+        with self._stopping_on_error():
+            self._balancing.silence(self.get_clock().now().nanoseconds * 1e-9, self._max_age)
+        accept_warn = self.get_parameter('accept_warn').value
+        if self._worker is None or not self._worker.is_alive():
+            before = self._balancing.obstacle
+            wanted = self._balancing.to_prepare(accept_warn)
+            if self._balancing.obstacle not in ('', before):
+                self.get_logger().warning(f'waiting: {self._balancing.obstacle}')
+            if wanted is not None:
+                self._worker = threading.Thread(target=self._prepare, args=wanted, daemon=True)
+                self._worker.start()
+
+    def _prepare(self, parameters: Parameters, loop: Loop) -> None:
+        try:
+            plan = Plan.make(parameters, loop, rehearse=self._balancing.phase is Phase.IDLE)
+        except Exception as error:
+            self._balancing.not_prepared((parameters, loop), _sentence(error))
+            self.get_logger().error(f'these parameters cannot be used: {_sentence(error)}')
+        else:
+            self._balancing.prepared(plan)
+            self.get_logger().info(f'prepared: {plan.summary()}')
+
+    @contextmanager
+    def _stopping_on_error(self) -> Iterator[None]:
+        """Whatever is wrong ends in zero torque and a disarmed bridge."""
+        moving = self._balancing.phase is not Phase.IDLE
+        try:
+            yield
+        except Exception as error:
+            self._balancing.stop(_sentence(error))
+            self.get_logger().error(f'stopped: {self._balancing.stopped}', throttle_duration_sec=1.0)
+            if moving:
+                self._let_go()
+
+    def _let_go(self) -> Future:
+        self._effort.publish(Float64(data=0.0))
+        return self._disarm.call_async(Trigger.Request())
+
+    def _diagnose(self) -> None:
+        stamp = self.get_clock().now().to_msg()
+        self._diagnostics.publish(diagnostics_message(stamp, 'balancer', *self._balancing.diagnosis()))
+
+
+def _sentence(error: Exception) -> str:
+    return str(error) if isinstance(error, PendubotError) else f'{type(error).__name__}: {error}'
+
+
+def main() -> int:
+    """Run the program."""
+    return run(Balancer)
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())

@@ -1,0 +1,244 @@
+"""How well the virtual rig is swung up and held, by parameters of which origin, and where the margins end.
+
+    python -m test.benchmark.balance [--live] [--seeds 20] [--rates 200 500] [--from truth weak ...]
+
+Prints Markdown tables of the rig `balance` with encoders of 4000 counts, 4 ms of motor delay and 2 N m: from 20 starts
+near upright (each angle within 0.1 rad) and 20 from hanging (within 0.2 rad), at rest. Held is what stays within
+0.2 rad of upright, in both angles, for 10 s, from 1 s, or from 10 s after the start on. Without --live, in simulation;
+with it, over the board's protocol, a pty, the bridge, DDS and the balancer, in real time, 12 s and more a trial: on a
+machine that does nothing else. Then margins, computed and met, and what the paper's own values allow.
+"""
+
+import os
+
+os.environ['OPENBLAS_NUM_THREADS'] = '1'  # before numpy: the matrices are small
+os.environ.setdefault('ROS_DOMAIN_ID', str(1 + os.getpid() % 100))
+os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+
+import argparse
+import math
+import tempfile
+import time
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from pendubot_identification.core.control import UPRIGHT, Controller, Design, Limits, Loop
+from pendubot_identification.core.errors import ControlError
+from pendubot_identification.core.excitation import PulseTrain
+from pendubot_identification.core.identification import identify
+from pendubot_identification.core.linear_control import Weights, design, equilibrium
+from pendubot_identification.core.parameters import BALANCE, PAPER, Parameters
+from pendubot_identification.core.rehearsal import HELD, deviation, rehearse
+from pendubot_identification.core.settings import Settings
+from pendubot_identification.core.simulation import HANGING, LatePlant, quantised
+from pendubot_identification.core.trajectory import Trajectory
+
+LAG, LIMIT, TIME = 0.004, 2.0, 10.0
+#: Where it starts, how far each angle may be from there [rad], and when it has to be held [s].
+STARTS = {'upright': ((UPRIGHT, 0.0), 0.1, 1.0), 'hanging': (HANGING, 0.2, 10.0)}
+#: Where the parameters come from.
+SOURCES = ('truth', 'trajectory', 'weak', 'energy', 'energy over 0.5 s')
+
+
+class Known(NamedTuple):
+    """What the controller takes the rig for."""
+
+    parameters: Parameters
+    lag: float
+
+
+class Trial(NamedTuple):
+    """How one start ended: when it was held [s], RMS of the worse angle [rad] and of the torque [N m], the peak."""
+
+    held: float
+    angle: float
+    torque: float
+    peak: float
+
+
+def judged(t, q, tau, begin):
+    """Return the trial that samples from arming on make."""
+    wrong = (deviation(q) > HELD) & (t <= begin + TIME)
+    first = int(np.flatnonzero(wrong)[-1]) + 1 if wrong.any() else 0
+    peak = float(abs(tau).max())
+    if first >= len(t) or t[first] > begin or t[-1] - t[first] < TIME - 0.01:
+        return Trial(math.inf, math.nan, math.nan, peak)
+    quiet = (t >= t[first] + 1) & (t <= t[first] + TIME)
+    return Trial(float(t[first]), *(float(np.sqrt((x[quiet] ** 2).mean())) for x in (deviation(q), tau)), peak)
+
+
+def simulated(known, rate, start, seed):
+    place, spread, begin = STARTS[start]
+    rng = np.random.default_rng(seed)
+    q1, q2 = (q + rng.uniform(-spread, spread) for q in place)
+    loop = Loop(1 / rate, 1, known.lag, LIMIT)
+    controller = Controller(Design.make(known.parameters, loop), loop)
+    run = rehearse(controller, LatePlant(BALANCE, LAG, (q1, q2)), loop, begin + TIME + 2, enough=TIME + 2)
+    return judged(run.motion.t, run.motion.q, run.motion.tau[:, 0], begin)
+
+
+def live_trials(known, rate, start, seeds):
+    """Run trials over pty, bridge and DDS; the board is another one each time, bridge and balancer go on."""
+    from test.live import ARMED, LiveRig
+    from test.processes import spin_until
+
+    _, spread, begin = STARTS[start]
+    with tempfile.TemporaryDirectory() as folder:
+        rig = LiveRig(Path(folder), rate)
+        try:
+            rig.publish(known.parameters, delay=known.lag)
+            rig.start('balancer', accept_warn='true')
+            rig.start_bridge()
+            for seed in range(seeds):
+                board = rig.start_board(start=start, spread=spread, delay=LAG, seed=seed)
+                rig.begin()
+                rig.diagnoses.clear()
+                deadline = time.monotonic() + begin + TIME + 5
+                while time.monotonic() < deadline and rig.held()[1] < TIME + 0.1:
+                    spin_until(rig.node, lambda: any(d.message.startswith('stopped') for d in rig.diagnoses), 0.5)
+                    if any(d.message.startswith('stopped') for d in rig.diagnoses):
+                        break
+                rig.call('/balancer/stop')
+                t, q, tau, status = rig.trace()
+                armed = (status & ARMED).astype(bool)
+                trial = judged(t[armed] - t[armed][0], q[armed], tau[armed], begin)
+                if not math.isfinite(trial.held):
+                    last = rig.diagnoses[-1].message if rig.diagnoses else 'nothing'
+                    print(f'<!-- {start}, {rate} Hz, seed {seed}: the balancer says: {last} -->', flush=True)
+                yield trial
+                board.stop()
+        finally:
+            rig.close()
+
+
+def identified():
+    """Identify the rig from what its encoders saw under the exciter's pulses of 2 N m, by every criterion."""
+    t, train = np.arange(1800) * 0.01, PulseTrain(amplitude_min=-2, amplitude_max=2)
+    rig, states, tau = LatePlant(BALANCE, LAG), [], np.array([[train.torque(x), 0.0] for x in t])
+    for torque in tau:
+        states.append(rig.q)
+        rig.advance((torque[0], 0.0), 0.01)
+    motion = quantised(Trajectory(t, np.array(states), tau), 4000)
+    ways = {'': {}, ' over 0.5 s': {'criteria': ('energy',), 'sliding': 0.5}}
+    return {
+        e.criterion + way: (Known(Parameters.from_vector(e.theta), max(0.0, e.effort.delay)), e.level.name)
+        for way, chosen in ways.items()
+        for e in identify([motion[:900]], [motion[900:]], Settings(model='viscous', hold='zero', **chosen)).estimates
+    }
+
+
+def compare(options):
+    sources = {'truth': (Known(BALANCE, LAG), '')}
+    if set(options.sources) - {'truth'}:
+        sources |= identified()
+    print('\n| parameters | level | largest error | delay found |\n|---|---|---|---|')
+    for source in options.sources:
+        known, level = sources[source]
+        error = np.abs(known.parameters.vector() / BALANCE.vector() - 1)[:5].max()
+        print(f'| {source} | {level} | {100 * error:.1f} % of P1 to P5 | {1e3 * known.lag:.2f} ms |')
+    how = 'live' if options.live else 'simulated'
+    print(f'\n| {how}: parameters | rate | start | held | after | RMS angle | RMS torque | peak torque |')
+    print('|---|---|---|---|---|---|---|---|')
+    for source in options.sources:
+        known, _ = sources[source]
+        for rate in options.rates:
+            for start in STARTS:
+                try:
+                    if options.live:
+                        trials = list(live_trials(known, rate, start, options.seeds))
+                    else:
+                        trials = [simulated(known, rate, start, seed) for seed in range(options.seeds)]
+                except ControlError as error:
+                    print(f'| {source} | {rate} Hz | {start} | {error} | | | | |', flush=True)
+                    continue
+                good = [x for x in trials if math.isfinite(x.held)]
+                figures = '| | | |'
+                if good:
+                    held, angle, torque, _ = np.median(good, axis=0)
+                    figures = f'| {held:.1f} s | {1e3 * angle:.1f} mrad | {torque:.3f} N m |'
+                peak = max(x.peak for x in trials)
+                print(f'| {source} | {rate} Hz | {start} | {len(good)} of {len(trials)} {figures} {peak:.3f} N m |')
+
+
+def falls(plan, loop, lag, gain):
+    """Tell whether a rig that is almost upright is lost, in 10 s."""
+    bounds = Limits(swing_up=0.0)
+    rig = LatePlant(plan.parameters, lag, (UPRIGHT + 0.01, 0.0))
+    run = rehearse(Controller(plan, loop, bounds), rig, loop, TIME, motor=gain)
+    return bool(run.stopped) or bool(deviation(run.motion.q).max() > HELD)
+
+
+def edge(good, bad, lost):
+    for _ in range(8):
+        middle = (good + bad) / 2
+        good, bad = (good, middle) if lost(middle) else (middle, bad)
+    return (good + bad) / 2
+
+
+def meet_margins(rates):
+    print('\n| rate | margin | computed | met in simulation |\n|---|---|---|---|')
+    for rate in rates:
+        loop = Loop(1 / rate, 1, LAG, LIMIT)
+        plan = Design.make(BALANCE, loop)
+        m = plan.margins
+        met = edge(0.0, 3 * m.delay, lambda more: falls(plan, loop, LAG + more, 1.0))  # noqa: B023
+        print(f'| {rate} Hz | delay | {1e3 * m.delay:.1f} ms | {1e3 * met:.1f} ms |')
+        met = edge(1.0, 0.0, lambda gain: falls(plan, loop, LAG, gain))  # noqa: B023
+        print(f'| {rate} Hz | gain, down | {m.gain_down:.2f} | {met:.2f} |')
+        met = edge(1.0, 3 * m.gain_up, lambda gain: falls(plan, loop, LAG, gain))  # noqa: B023
+        print(f'| {rate} Hz | gain, up | {m.gain_up:.2f} | {met:.2f} |')
+        print(f'| {rate} Hz | phase | {math.degrees(m.phase):.0f} degrees | |', flush=True)
+
+
+def paper(rates, seeds):
+    print("\n| the paper's rig | motor delay | gains | delay margin | gain may be | held, from within 0.02 rad |")
+    print('|---|---|---|---|---|---|')
+    for rate in rates:
+        for lag in (0.0, LAG):
+            loop = Loop(1 / rate, 1, lag, LIMIT)
+            try:
+                plan = Design.make(PAPER, loop)
+            except ControlError as error:
+                K = design(PAPER, equilibrium(PAPER), loop.period, loop.delay, Weights()).K
+                print(f'| {rate} Hz | {1e3 * lag:g} ms | {K.round(1)} | {error} | | |')
+                continue
+            m, held = plan.margins, 0
+            for seed in range(seeds):
+                q1, q2 = np.random.default_rng(seed).uniform(-0.02, 0.02, 2)
+                rig = LatePlant(PAPER, lag, (UPRIGHT + q1, q2))
+                run = rehearse(Controller(plan, loop, Limits(swing_up=0.0)), rig, loop, 1 + TIME + 0.1)
+                held += math.isfinite(judged(run.motion.t, run.motion.q, run.motion.tau[:, 0], 1.0).held)
+            print(
+                f'| {rate} Hz | {1e3 * lag:g} ms | {plan.regulator.K.round(1)} | {1e3 * m.delay:.2f} ms '
+                f'| {m.gain_down:.2f} to {m.gain_up:.2f} | {held} of {seeds} |',
+                flush=True,
+            )
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument('--live', action='store_true', help='over pty, bridge and DDS, and the comparison alone')
+    parser.add_argument('--seeds', type=int, default=20)
+    parser.add_argument('--rates', type=int, nargs='+', default=[200, 500])
+    parser.add_argument(
+        '--from',
+        dest='sources',
+        nargs='+',
+        default=SOURCES,
+        choices=SOURCES,
+    )
+    options = parser.parse_args()
+    if options.live:
+        import rclpy
+
+        rclpy.init()
+    compare(options)
+    if not options.live:
+        meet_margins(options.rates)
+        paper(options.rates, options.seeds)
+
+
+if __name__ == '__main__':
+    main()
