@@ -2,7 +2,7 @@
 
 from glob import glob
 
-from setuptools import find_packages, setup
+from setuptools import Extension, find_packages, setup
 
 NAME = 'pendubot_identification'
 SHARE = f'share/{NAME}'
@@ -17,6 +17,19 @@ PROGRAMS = {
 }
 
 BAGS = [(f'{SHARE}/{folder}', sorted(glob(f'{folder}/*.*'))) for folder in ['bags', *sorted(glob('bags/*/'))]]
+
+# Without a C compiler it is left out, and everything works through numpy. No contraction: every processor shall round
+# alike.
+KERNEL = Extension(
+    f'{NAME}.core._kernel',
+    [f'{NAME}/core/kernel.c'],
+    extra_compile_args=[
+        *('-std=gnu11', '-O3', '-ffp-contract=off', '-fno-math-errno', '-fno-trapping-math'),
+        *('-fvisibility=hidden', '-Wno-psabi'),
+    ],
+    libraries=['m'],
+    optional=True,
+)
 
 setup(
     name=NAME,
@@ -55,7 +68,8 @@ setup(
             'types-PyYAML',
         ],
     },
-    zip_safe=True,
+    ext_modules=[KERNEL],
+    zip_safe=False,
     author='The pendubot_identification authors',
     maintainer='The pendubot_identification authors',
     maintainer_email='maintainers@pendubot-identification.invalid',

@@ -14,8 +14,8 @@ from .estimate import REACHED, Effort, Estimate, Progress
 from .mde import MDE
 from .motion import Motion
 from .optimizer import minimize
-from .parameters import MODELS, coupling_excess, repaired
-from .quadratic import Quadratic
+from .parameters import MODELS, repaired
+from .quadratic import Penalised, Quadratic
 from .settings import Settings
 from .signals import SMOOTHING
 from .uncertainty import bootstrap_covariance
@@ -86,13 +86,12 @@ def estimate_linear(
         how, count = settings.search(name)
         how = how if paper else replace(how, per_component=False, spread=SPREAD)
         mde = MDE(bounds, how, runs=count, seed=settings.seed)
-        worth = float(criterion(np.zeros_like(exact)))
 
         def tell(generation: int, best: float) -> None:
             if progress is not None:
                 progress(f'{name}: MDE', generation, how.generations, best)
 
-        runs = minimize(mde, lambda x: criterion(x) + worth * coupling_excess(x), tell)
+        runs = minimize(mde, Penalised.of(criterion), tell)
         theta = repaired(runs.x)[runs.best]
         reached = int((runs.value <= J_exact * (1 + REACHED)).sum())
         steps = [

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import ParameterError
-from .optimizer import OptimizationResult
+from .mde_kernel import Compiled, leap
+from .optimizer import Objective, OptimizationResult
 from .parameters import Bounds
 
 Array = NDArray[np.float64]
@@ -107,7 +108,7 @@ class MDE:
         population, dimension = self.settings.population, len(bounds.lower)
         self._streams = [np.random.Generator(np.random.SFC64([seed, run])) for run in range(runs)]
         start = np.stack([stream.random((population, dimension)) for stream in self._streams])
-        self._trials: Array = bounds.lower + start * (bounds.upper - bounds.lower)
+        self._trials: Array | None = bounds.lower + start * (bounds.upper - bounds.lower)
         # Behind the NP vectors of each run stands its best one once more, so that best/1 is an index like any other.
         self._vectors: Array = np.empty((runs, population + 1, dimension))
         self._values = np.full((runs, population), np.inf)
@@ -127,28 +128,49 @@ class MDE:
 
     def ask(self) -> Array:
         """Return the points to evaluate, shape (active runs, NP, D): at first the initial population, then trials."""
+        if self._trials is None:
+            self._trials = self._mutated()
         return self._trials
 
     def tell(self, values: Array) -> None:
         """Take the values of the points asked for, shape (active runs, NP): select, stop, and mutate anew."""
         better = values <= self._values
         np.copyto(self._values, values, where=better)
-        np.copyto(self._vectors[:, :-1], self._trials, where=better[..., None])
+        np.copyto(self._vectors[:, :-1], self.ask(), where=better[..., None])
+        self._trials = None
         best = self._values.argmin(axis=1)
         rows = np.arange(len(best))
         self._vectors[:, -1] = self._vectors[rows, best]
         lowest = self._values[rows, best]
         self._found.record(self._active, self.generation, lowest, self._vectors[:, -1])
-        self._stop(lowest)
-        if not self.done:
-            self.generation += 1
-            self._trials = self._mutated()
+        self._stop(self._reasons(lowest))
+        self.generation += not self.done
+
+    def leap(self, objective: Objective) -> bool:
+        """Advance by many generations at once in the compiled kernel, to the same numbers.
+
+        Returns:
+            False where there is none, it does not know the objective, or it is not at the start of a block's draw.
+        """
+        begun = self.generation == 0 or (self.generation - 1) % BLOCK or self._trials is not None
+        if begun or not isinstance(objective, Compiled):
+            return False
+        ended = self.generation - 1
+        how = self.settings, self.bounds, ended, BLOCK
+        done = leap(objective.problem, *how, self._streams, self._vectors, self._values)
+        if done is None:
+            return False
+        self._found.record_many(self._active, done.generations, done.history, self._vectors[:, -1])
+        self._stop(done.reasons)
+        self.generation = ended + len(done.history) + (not self.done)
+        return True
 
     def result(self) -> OptimizationResult:
         """Return what the runs have found so far."""
         return self._found.result(self.settings.population)
 
-    def _stop(self, lowest: Array) -> None:
+    def _reasons(self, lowest: Array) -> NDArray[np.object_]:
+        """Say of every active run why it stops; empty where it goes on."""
         settings = self.settings
         reasons = np.full(len(lowest), '', dtype=object)
         if self.generation >= settings.generations:
@@ -157,6 +179,9 @@ class MDE:
             reasons[self._values.max(axis=1) - lowest <= settings.spread * np.abs(lowest)] = 'spread'
         if settings.target is not None:
             reasons[lowest <= settings.target] = 'target'
+        return reasons
+
+    def _stop(self, reasons: NDArray[np.object_]) -> None:
         stopping = reasons != ''
         if stopping.any():
             for run, reason in zip(self._active[stopping], reasons[stopping], strict=True):
@@ -249,6 +274,15 @@ class _Found:
         self.x[active] = x
         self.generations[active] = generation
         self.history.append(self.value.copy())
+
+    def record_many(self, active: Indices, generations: NDArray[np.int64], history: Array, x: Array) -> None:
+        """Take many generations at once: the best values of each, and each run's last generation and best point."""
+        values = np.tile(self.value, (len(history), 1))
+        values[:, active] = history
+        self.history.extend(values)
+        self.value[active] = history[-1]
+        self.x[active] = x
+        self.generations[active] = generations
 
     def result(self, population: int) -> OptimizationResult:
         return OptimizationResult(

@@ -71,11 +71,15 @@ class Optimizer(Protocol):
 
 
 def minimize(optimizer: Optimizer, objective: Objective, progress: Progress | None = None) -> OptimizationResult:
-    """Drive an optimiser until every run has stopped."""
+    """Drive an optimiser until every run has stopped; one that has a way to leap many generations takes it."""
+    leap: Callable[[Objective], bool] = getattr(optimizer, 'leap', lambda _: False)
+    told = 0
     while not optimizer.done:
-        optimizer.tell(objective(optimizer.ask()))
-        if progress is not None and optimizer.generation % PROGRESS_EVERY == 0:
-            progress(optimizer.generation, optimizer.best_value)
+        if not leap(objective):
+            optimizer.tell(objective(optimizer.ask()))
+        if progress is not None and optimizer.generation >= told + PROGRESS_EVERY:
+            told = optimizer.generation
+            progress(told, optimizer.best_value)
     if progress is not None:
         progress(optimizer.generation, optimizer.best_value)
     return optimizer.result()
