@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from .estimate import NORMAL_95
 from .trajectory_fit import TrajectoryFit
@@ -50,7 +50,7 @@ def trajectory_covariance(found: TrajectoryFit) -> tuple[Array, Array, str]:
             rest = information - fit.informations[members].sum(axis=0)
             moves[k, free] = _solve(rest, fit.slopes[members].sum(axis=0), free)
         moves -= moves.mean(axis=0)
-        quantile = float(student.ppf(0.975, max(count - 1, 1))) / NORMAL_95
+        quantile = float(stdtrit(max(count - 1, 1), 0.975)) / NORMAL_95
         covariance = quantile**2 * (count - 1) / count * moves.T @ moves
         words = f'cluster jackknife over {count} {what}; Student quantile {quantile * NORMAL_95:.2f} included'
     untold = free & (np.diag(information) <= 0)
