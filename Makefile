@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --constraint .ci/constraints.txt
 
-.PHONY: demo test lint benchmark criteria sample-bag clean
+.PHONY: demo test lint benchmark criteria reproduce sample-bag clean
 
 demo: $(VENV)/.ros
 	$(BIN)/pendubot demo
@@ -22,6 +22,10 @@ benchmark: $(VENV)/.test
 # What docs/criteria.md shows of errors, intervals and predictions; long.
 criteria: $(VENV)/.test
 	$(BIN)/python -m test.benchmark.criteria
+
+# The paper's tables and figures, in build/reproduction: read index.md there.
+reproduce: $(VENV)/.ros
+	$(BIN)/pendubot reproduce --output build/reproduction --force
 
 # Records bags/paper_experiment anew, live, by the chain itself.
 sample-bag: $(VENV)/.ros

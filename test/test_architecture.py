@@ -42,7 +42,12 @@ def test_an_import_of_ros_in_the_core_would_be_found(tmp_path):
 def test_package_xml_names_every_dependency_and_no_other():
     """Under its rosdep key; what colcon and rosdep do not bring is missing on the user's machine."""
     keys = {'numpy': 'python3-numpy', 'scipy': 'python3-scipy', 'serial': 'python3-serial', 'tqdm': 'python3-tqdm'}
-    keys |= {'yaml': 'python3-yaml', 'mcap': 'mcap-ros2-support', 'rosbags': 'python3-rosbags-pip'}
+    keys |= {
+        'matplotlib': 'python3-matplotlib',
+        'yaml': 'python3-yaml',
+        'mcap': 'mcap-ros2-support',
+        'rosbags': 'python3-rosbags-pip',
+    }
     imported = set()
     for path in [*(ROOT / 'pendubot_identification').rglob('*.py'), *(ROOT / 'launch').glob('*.py')]:
         for node in ast.walk(ast.parse(path.read_text())):

@@ -9,15 +9,17 @@ from collections.abc import Sequence
 
 from pendubot_identification import __version__
 from pendubot_identification.adapters.resources import resource
+from pendubot_identification.core import kernel
 from pendubot_identification.core.errors import PendubotError
 
-from . import demo, identify, import_csv, info, simulate
+from . import demo, identify, import_csv, info, reproduce, simulate
 
 DESCRIPTION = """\
 Identify the parameters of a pendubot from recorded bags, without ROS.
 
   pendubot identify BAG                  parameters from a bag: first half estimates, second half validates
   pendubot import-csv FILE --output BAG  a bag from your own recording
+  pendubot reproduce                     the paper's tables and figures, from this package's own runs
   pendubot demo                          the whole chain on a virtual rig (this alone needs ROS)
 """
 SAMPLE = 'bags/paper_experiment'
@@ -32,17 +34,27 @@ def parser() -> argparse.ArgumentParser:
         epilog=f'sample bag: {resource(SAMPLE)}\n{EPILOG}',
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    top.add_argument('--version', action='version', version=f'%(prog)s {__version__}')
-    top.add_argument('--debug', action='store_true', help='show the traceback of a failure')
+    top.add_argument('--version', action=_Version, nargs=0, help='say which version this is and whether it is compiled')
+    top.add_argument('--debug', action='store_true', help='show the traceback of a failure, and whether it is compiled')
     subparsers = top.add_subparsers(title='subcommands', metavar='SUBCOMMAND', required=True)
-    for subcommand in (identify, import_csv, simulate, info, demo):
+    for subcommand in (identify, import_csv, simulate, info, reproduce, demo):
         subcommand.add_parser(subparsers)
     return top
+
+
+class _Version(argparse.Action):
+    """Finds the kernel only when asked."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
+        print(f'{parser.prog} {__version__}, {kernel.description()}')
+        parser.exit()
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line and return the exit status."""
     args = parser().parse_args(argv)
+    if args.debug:
+        print(f'pendubot: {kernel.description()}', file=sys.stderr)
     try:
         return int(args.run(args))
     except KeyboardInterrupt:

@@ -20,7 +20,7 @@ wanted = True
 
 
 def library() -> CDLL | None:
-    """Return the kernel, or None where it is not there or not wanted. Its pointers are addresses of C-ordered arrays."""
+    """Return the kernel, whose pointers are addresses of C-ordered arrays; None where it is not there or not wanted."""
     return _library() if wanted else None
 
 

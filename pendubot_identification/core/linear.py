@@ -16,16 +16,13 @@ from .motion import Motion
 from .optimizer import minimize
 from .parameters import MODELS, repaired
 from .quadratic import Penalised, Quadratic
-from .settings import Settings
+from .settings import SPREAD, Settings
 from .signals import SMOOTHING
 from .uncertainty import bootstrap_covariance
 from .weak import balance_weights, estimate_delay, weak_regression
 
 Array = NDArray[np.float64]
 
-#: Beyond the paper's criterion and model MDE draws its operator once per vector, without which it does not arrive in
-#: thousands of generations, and stops when a population has come together this closely.
-SPREAD = 1e-9
 UNITS = {'energy': 'J^2', 'weak': '(N m)^2'}
 
 
@@ -84,6 +81,8 @@ def estimate_linear(
     if settings.optimizer != 'lsq':
         paper = name == 'energy' and model == 'viscous'
         how, count = settings.search(name)
+        # Beyond the paper's criterion and model MDE draws its operator once per vector, without which it does not
+        # arrive in thousands of generations, and would then stand still for the rest of them.
         how = how if paper else replace(how, per_component=False, spread=SPREAD)
         mde = MDE(bounds, how, runs=count, seed=settings.seed)
 

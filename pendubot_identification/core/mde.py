@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from .errors import ParameterError
 from .mde_kernel import Compiled, leap
-from .optimizer import Objective, OptimizationResult
+from .optimizer import Found, Objective, OptimizationResult, random_points, random_streams, require_runs
 from .parameters import Bounds
 
 Array = NDArray[np.float64]
@@ -22,8 +22,6 @@ Indices = NDArray[np.intp]
 
 #: Generations whose random numbers are drawn at once. Part of what a seed means, so not a setting.
 BLOCK = 16
-#: Of all runs together; each takes about 10 kB, for the random numbers of a block.
-MOST_VECTORS = 100_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,6 +59,8 @@ class MDESettings:
             )
         if self.generations < 1:
             raise ParameterError(f'{self.generations} generations were asked for; at least 1 is needed')
+        if self.spread is not None and not self.spread > 0:
+            raise ParameterError(f'the spread at which a run stops is {self.spread:g}; a number above 0 is expected')
         if not 0 <= self.threshold <= 1:
             raise ParameterError(f'the threshold is {self.threshold:g}; a probability from 0 to 1 is expected')
         for name, (low, high) in (('weight F', self.weight), ('crossover rate CR', self.crossover)):
@@ -68,22 +68,6 @@ class MDESettings:
                 raise ParameterError(f'the range of the {name} is {low:g} to {high:g}; 0 <= low <= high is expected')
         if self.crossover[1] > 1:
             raise ParameterError(f'the crossover rate CR reaches {self.crossover[1]:g}; at most 1 is expected')
-
-
-def require_runs(runs: int, population: int, seed: int) -> None:
-    """Refuse what no set of runs can be made of.
-
-    Raises:
-        ParameterError: no runs, too many vectors in all, or a negative seed.
-    """
-    if runs < 1:
-        raise ParameterError(f'{runs} runs were asked for; at least 1 is needed')
-    if runs * population > MOST_VECTORS:
-        raise ParameterError(
-            f'{runs * population} vectors in all runs were asked for; at most {MOST_VECTORS} fit into a usual memory'
-        )
-    if seed < 0:
-        raise ParameterError(f'the seed is {seed}; a whole number of at least 0 is expected')
 
 
 class MDE:
@@ -106,15 +90,14 @@ class MDE:
         require_runs(runs, self.settings.population, seed)
         self.generation = 0
         population, dimension = self.settings.population, len(bounds.lower)
-        self._streams = [np.random.Generator(np.random.SFC64([seed, run])) for run in range(runs)]
-        start = np.stack([stream.random((population, dimension)) for stream in self._streams])
-        self._trials: Array | None = bounds.lower + start * (bounds.upper - bounds.lower)
+        self._streams = random_streams(seed, runs)
+        self._trials: Array | None = random_points(self._streams, population, bounds)
         # Behind the NP vectors of each run stands its best one once more, so that best/1 is an index like any other.
         self._vectors: Array = np.empty((runs, population + 1, dimension))
         self._values = np.full((runs, population), np.inf)
         self._active = np.arange(runs)
         self._mutations: _Mutations | None = None
-        self._found = _Found(runs, dimension)
+        self._found = Found(runs, dimension, population, population)
 
     @property
     def done(self) -> bool:
@@ -128,15 +111,13 @@ class MDE:
 
     def ask(self) -> Array:
         """Return the points to evaluate, shape (active runs, NP, D): at first the initial population, then trials."""
-        if self._trials is None:
-            self._trials = self._mutated()
-        return self._trials
+        return self._pending()
 
     def tell(self, values: Array) -> None:
         """Take the values of the points asked for, shape (active runs, NP): select, stop, and mutate anew."""
         better = values <= self._values
         np.copyto(self._values, values, where=better)
-        np.copyto(self._vectors[:, :-1], self.ask(), where=better[..., None])
+        np.copyto(self._vectors[:, :-1], self._pending(), where=better[..., None])
         self._trials = None
         best = self._values.argmin(axis=1)
         rows = np.arange(len(best))
@@ -167,7 +148,7 @@ class MDE:
 
     def result(self) -> OptimizationResult:
         """Return what the runs have found so far."""
-        return self._found.result(self.settings.population)
+        return self._found.result()
 
     def _reasons(self, lowest: Array) -> NDArray[np.object_]:
         """Say of every active run why it stops; empty where it goes on."""
@@ -184,13 +165,18 @@ class MDE:
     def _stop(self, reasons: NDArray[np.object_]) -> None:
         stopping = reasons != ''
         if stopping.any():
-            for run, reason in zip(self._active[stopping], reasons[stopping], strict=True):
-                self._found.stopped_by[run] = reason
+            self._found.stop(self._active[stopping], reasons[stopping])
             going = ~stopping
             self._active, self._vectors, self._values = self._active[going], self._vectors[going], self._values[going]
             self._streams = [stream for stream, goes in zip(self._streams, going, strict=True) if goes]
             if self._mutations is not None:
                 self._mutations = self._mutations.of(going)
+
+    def _pending(self) -> Array:
+        """Return the trials of this generation, made when they are first asked for."""
+        if self._trials is None:
+            self._trials = self._mutated()
+        return self._trials
 
     def _mutated(self) -> Array:
         k = (self.generation - 1) % BLOCK
@@ -247,7 +233,8 @@ class _Mutations:
         # Where a target's ring position leads in the run's flattened vectors; the best one stands behind them.
         ring = np.tile(np.arange(np_), 2) * dimension
         target = np.arange(np_, dtype=np.int32)[:, None]
-        partner = np.where(operator <= settings.threshold, np_ * dimension, ring.take(target + base))
+        best = (operator <= settings.threshold) & (settings.threshold > 0)  # of 2^24 numbers one is 0
+        partner = np.where(best, np_ * dimension, ring.take(target + base))
         return cls(
             np.where(crosses, partner, target * dimension) + component,
             ring.take(target + plus) + component,
@@ -257,42 +244,6 @@ class _Mutations:
 
     def of(self, going: NDArray[np.bool_]) -> _Mutations:
         return _Mutations(self.base[:, going], self.plus[:, going], self.minus[:, going], self.weight[:, going])
-
-
-class _Found:
-    """The best of every run, kept when the run itself is no longer advanced."""
-
-    def __init__(self, runs: int, dimension: int) -> None:
-        self.x = np.zeros((runs, dimension))
-        self.value = np.full(runs, np.inf)
-        self.generations = np.zeros(runs, dtype=np.int64)
-        self.history: list[Array] = []
-        self.stopped_by = ['running'] * runs
-
-    def record(self, active: Indices, generation: int, value: Array, x: Array) -> None:
-        self.value[active] = value
-        self.x[active] = x
-        self.generations[active] = generation
-        self.history.append(self.value.copy())
-
-    def record_many(self, active: Indices, generations: NDArray[np.int64], history: Array, x: Array) -> None:
-        """Take many generations at once: the best values of each, and each run's last generation and best point."""
-        values = np.tile(self.value, (len(history), 1))
-        values[:, active] = history
-        self.history.extend(values)
-        self.value[active] = history[-1]
-        self.x[active] = x
-        self.generations[active] = generations
-
-    def result(self, population: int) -> OptimizationResult:
-        return OptimizationResult(
-            self.x.copy(),
-            self.value.copy(),
-            self.generations.copy(),
-            (self.generations + 1) * population,
-            np.array(self.history),
-            tuple(self.stopped_by),
-        )
 
 
 def _between(interval: tuple[float, float], u: NDArray[np.float32]) -> Array:

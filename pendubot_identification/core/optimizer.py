@@ -1,13 +1,16 @@
-"""What every optimiser shares: ask and tell over independent runs, and the loop that drives it."""
+"""What every optimiser shares: ask and tell over independent runs, their random streams, and what they have found."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+
+from .errors import ParameterError
+from .parameters import Bounds
 
 Array = NDArray[np.float64]
 #: Values of a function at points: (..., D) in, (...) out.
@@ -17,6 +20,8 @@ Progress = Callable[[int, float], None]
 
 #: Generations between two calls of the progress function.
 PROGRESS_EVERY = 50
+#: Of all runs together; each takes about 10 kB, for the random numbers of a block.
+MOST_VECTORS = 100_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,6 +34,7 @@ class OptimizationResult:
         generations: how many generations each run took, shape (runs,).
         evaluations: how many function values each run asked for, shape (runs,).
         history: the best value after each generation, shape (generations + 1, runs); a run that stopped keeps its last.
+        cost: how many function values a run had asked for after each generation, shape (generations + 1,).
         stopped_by: per run ``generations``, ``target`` or ``spread``.
     """
 
@@ -37,6 +43,7 @@ class OptimizationResult:
     generations: NDArray[np.int64]
     evaluations: NDArray[np.int64]
     history: Array
+    cost: NDArray[np.int64]
     stopped_by: tuple[str, ...]
 
     @property
@@ -83,3 +90,82 @@ def minimize(optimizer: Optimizer, objective: Objective, progress: Progress | No
     if progress is not None:
         progress(optimizer.generation, optimizer.best_value)
     return optimizer.result()
+
+
+def require_runs(runs: int, population: int, seed: int) -> None:
+    """Refuse what no set of runs can be made of.
+
+    Raises:
+        ParameterError: no runs, too many vectors in all, or a negative seed.
+    """
+    if runs < 1:
+        raise ParameterError(f'{runs} runs were asked for; at least 1 is needed')
+    if runs * population > MOST_VECTORS:
+        raise ParameterError(
+            f'{runs * population} vectors in all runs were asked for; at most {MOST_VECTORS} fit into a usual memory'
+        )
+    if seed < 0:
+        raise ParameterError(f'the seed is {seed}; a whole number of at least 0 is expected')
+
+
+def random_streams(seed: int, runs: int) -> list[np.random.Generator]:
+    """Return a stream for every run, which does not depend on how many there are."""
+    return [np.random.Generator(np.random.SFC64([seed, run])) for run in range(runs)]
+
+
+def random_points(streams: Sequence[np.random.Generator], count: int, bounds: Bounds) -> Array:
+    """Return points spread evenly over the box, shape (runs, count, D)."""
+    unit = np.stack([stream.random((count, len(bounds.lower))) for stream in streams])
+    return np.asarray(bounds.lower + unit * (bounds.upper - bounds.lower))
+
+
+class Found:
+    """The best of every run, kept when the run itself is no longer advanced.
+
+    Args:
+        runs: how many.
+        dimension: D.
+        first: function values that a run asks for at the start.
+        each: function values that it asks for in every generation.
+    """
+
+    def __init__(self, runs: int, dimension: int, first: int, each: int) -> None:
+        self.x = np.zeros((runs, dimension))
+        self.value = np.full(runs, np.inf)
+        self.generations = np.zeros(runs, dtype=np.int64)
+        self.history: list[Array] = []
+        self.stopped_by = ['running'] * runs
+        self._first, self._each = first, each
+
+    def record(self, active: NDArray[np.intp], generation: int, value: Array, x: Array) -> None:
+        """Take the best of the runs that are still going."""
+        self.value[active] = value
+        self.x[active] = x
+        self.generations[active] = generation
+        self.history.append(self.value.copy())
+
+    def record_many(self, active: NDArray[np.intp], generations: NDArray[np.int64], history: Array, x: Array) -> None:
+        """Take many generations at once: the best values after each, and each run's last generation and best point."""
+        values = np.tile(self.value, (len(history), 1))
+        values[:, active] = history
+        self.history.extend(values)
+        self.value[active] = history[-1]
+        self.x[active] = x
+        self.generations[active] = generations
+
+    def stop(self, stopping: NDArray[np.intp], reasons: Iterable[str]) -> None:
+        """Note why runs have stopped."""
+        for run, reason in zip(stopping, reasons, strict=True):
+            self.stopped_by[run] = reason
+
+    def result(self) -> OptimizationResult:
+        """Return all of it."""
+        return OptimizationResult(
+            self.x.copy(),
+            self.value.copy(),
+            self.generations.copy(),
+            self._first + self.generations * self._each,
+            np.array(self.history),
+            self._first + np.arange(len(self.history)) * self._each,
+            tuple(self.stopped_by),
+        )

@@ -7,11 +7,10 @@ import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+from .published import TRAINING, VALIDATION_AVERAGE
+
 Result = Mapping[str, Any]
 
-#: J of the paper's rig over 10 runs: training best, worst, average; validation average (its Table 7).
-PAPER_TRAINING = (2.37e-3, 2.39e-3, 2.37e-3)
-PAPER_VALIDATION_AVERAGE = 3.03e-3
 #: Columns of a terminal.
 WIDTH = 120
 
@@ -107,11 +106,11 @@ def criterion_table(result: Result) -> str:
         return ''
     J = energy['J']
     rows = [['training', *_spread(J['training_runs'])]]
-    rows.append(['  the paper, on its own rig', *(f'{value:.2e}' for value in PAPER_TRAINING)])
+    rows.append(['  the paper, on its own rig', *(f'{value:.2e}' for value in TRAINING)])
     if J['validation'] is not None:
         runs = J['validation_runs']
         rows.append(['validation', *(_spread(runs) if runs else ['', '', f'{J["validation"]:.3e}'])])
-        rows.append(['  the paper, on its own rig', '', '', f'{PAPER_VALIDATION_AVERAGE:.2e}'])
+        rows.append(['  the paper, on its own rig', '', '', f'{VALIDATION_AVERAGE:.2e}'])
     return table([f'energy: J [{J["unit"]}]', 'best', 'worst', 'average'], rows)
 
 
