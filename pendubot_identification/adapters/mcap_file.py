@@ -6,16 +6,20 @@ import os
 import struct
 import zlib
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
+from itertools import chain
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, TypeVar
 
 from mcap.exceptions import UnsupportedCompressionError
 from mcap.reader import make_reader
 from mcap.records import Channel, Chunk, ChunkIndex, DataEnd, Message, Schema
-from mcap.stream_reader import StreamReader, breakup_chunk
+from mcap.stream_reader import StreamReader, breakup_chunk, get_chunk_data_stream
 
 from pendubot_identification.core.errors import BagError
+
+Unpacked = TypeVar('Unpacked')
 
 MAGIC = b'\x89MCAP0\r\n'
 
@@ -67,10 +71,31 @@ class McapFile:
         low = 0 if start_ns is None else start_ns
         high = 2**64 if end_ns is None else end_ns
         channels = {k for k, channel in self._channels.items() if channel.topic == topic}
-        records = self._indexed(channels, low, high) if self._chunks else self._whole_records()
+        chunks = self._indexed(channels, low, high, partial(breakup_chunk, validate_crc=True)) if self._chunks else []
+        records = chain.from_iterable(chunks) if self._chunks else self._whole_records()
         for record in records:
             if isinstance(record, Message) and record.channel_id in channels and low <= record.log_time < high:
                 yield record
+
+    def chunks(
+        self, topic: str, start_ns: int | None, end_ns: int | None, read: Callable[[bytes], Unpacked]
+    ) -> Iterator[Unpacked] | None:
+        """Return what ``read`` makes of the bytes in each chunk with messages of a topic and of these times [ns].
+
+        Returns:
+            None where the file has no index.
+
+        Raises:
+            BagError: a part of the file is damaged.
+        """
+        channels = {k for k, channel in self._channels.items() if channel.topic == topic}
+        low, high = 0 if start_ns is None else start_ns, 2**64 if end_ns is None else end_ns
+        return self._indexed(channels, low, high, lambda chunk: read(_unpacked(chunk))) if self._chunks else None
+
+    def channel(self, topic: str) -> int | None:
+        """Return the number of a topic's only channel; None where it has several."""
+        numbers = [k for k, channel in self._channels.items() if channel.topic == topic]
+        return numbers[0] if len(numbers) == 1 else None
 
     def encoding(self, topic: str) -> str:
         """Return how a topic's messages are encoded: ``cdr`` in every bag of ROS 2."""
@@ -147,7 +172,9 @@ class McapFile:
             except Exception:
                 return
 
-    def _indexed(self, channels: set[int], low: int, high: int) -> Iterator[Any]:
+    def _indexed(
+        self, channels: set[int], low: int, high: int, unpack: Callable[[Chunk], Unpacked]
+    ) -> Iterator[Unpacked]:
         with self.path.open('rb') as file:
             for index in self._chunks:
                 relevant = not index.message_index_offsets or channels & index.message_index_offsets.keys()
@@ -156,7 +183,7 @@ class McapFile:
                 try:
                     file.seek(index.chunk_start_offset)
                     chunk: Any = next(StreamReader(file, skip_magic=True, emit_chunks=True).records)
-                    records = breakup_chunk(chunk, validate_crc=True)
+                    unpacked = unpack(chunk)
                 except UnsupportedCompressionError as error:
                     raise self._unsupported(error) from error
                 except Exception as error:
@@ -165,10 +192,16 @@ class McapFile:
                         f'{(index.message_start_time - (self.first_ns or 0)) / 1e9:.3f} s after its first message; '
                         'copy it again from where it was recorded, or choose a window without that time'
                     ) from error
-                yield from records
+                yield unpacked
 
     def _unsupported(self, error: Exception) -> BagError:
         return BagError(f'{self.path} cannot be read: {error}; install that package with pip')
+
+
+def _unpacked(chunk: Chunk) -> bytes:
+    """Return a chunk's records as bytes, decompressed and checked."""
+    stream, length = get_chunk_data_stream(chunk, validate_crc=True)
+    return stream.read(length)
 
 
 def _summary_is_whole(file: BinaryIO) -> bool:

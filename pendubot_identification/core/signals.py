@@ -97,8 +97,8 @@ def differentiate(q: Array, interval: float, window: float) -> tuple[Array, Arra
     # As scipy.signal.savgol_filter does, whose import takes longer than all of this package's.
     x = np.arange(length) - float(length // 2)
     powers = np.vander(x, DEGREE + 1, increasing=True)
-    rates = np.column_stack([np.zeros(length), powers[:, :-1] * np.arange(1, DEGREE + 1)]) / interval
-    fitted = np.linalg.pinv(powers)
+    rates: Array = np.column_stack([np.zeros(length), powers[:, :-1] * np.arange(1, DEGREE + 1)]) / interval
+    fitted: Array = np.linalg.pinv(powers)
     return _filtered(q, powers @ fitted), _filtered(q, rates @ fitted)
 
 
