@@ -221,12 +221,12 @@ class BagReader:
             if first is None:
                 continue
             layout = None if channel is None else Layout.of(first.data, channel, joint_names)
-            chunks = None if layout is None else file.chunks(topic, from_ns, until_ns, layout.read)
-            if chunks is None:
+            chunks = None if layout is None else file.chunks(topic, max(from_ns, 0), until_ns)
+            if layout is None or chunks is None:
                 for message in file.messages(topic, from_ns, until_ns):
                     yield Message(message.log_time, message.data)
                 continue
-            for block in chain.from_iterable(chunks):
+            for block in chain.from_iterable(map(layout.read, chunks)):
                 if isinstance(block, Message):
                     if from_ns <= block.log_ns < until_ns:
                         yield block

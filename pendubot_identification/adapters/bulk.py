@@ -16,6 +16,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pendubot_identification.core.errors import BagError
+
 #: A message's record in MCAP: opcode, length of what follows; channel, sequence, log time, publish time.
 RECORD, MESSAGE = struct.Struct('<BQ'), struct.Struct('<HIQQ')
 MESSAGE_OPCODE = 5
@@ -49,12 +51,12 @@ class Layout:
 
     Attributes:
         record: a message's record, from its opcode on, shape (bytes,).
-        same: which of its bytes are the same in every such record, shape (bytes,).
+        same: 255 where a byte is the same in every such record, 0 elsewhere, shape (bytes,).
         numbers: the first byte of position, effort and velocity of both joints, shape (3, 2); -1 where there is none.
     """
 
     record: NDArray[np.uint8]
-    same: NDArray[np.bool_]
+    same: NDArray[np.uint8]
     numbers: NDArray[np.intp]
 
     @classmethod
@@ -70,11 +72,11 @@ class Layout:
             return None
         head = RECORD.size + MESSAGE.size
         record = RECORD.pack(MESSAGE_OPCODE, MESSAGE.size + len(data)) + MESSAGE.pack(channel, 0, 0, 0) + data
-        same = np.ones(len(record), dtype=bool)
-        same[RECORD.size + 2 : head] = False  # sequence and times
-        same[head + 4 : head + 12] = False  # the stamp
+        same = np.full(len(record), 255, dtype=np.uint8)
+        same[RECORD.size + 2 : head] = 0  # sequence and times
+        same[head + 4 : head + 12] = 0  # the stamp
         for first, count in (positions, velocities, efforts):
-            same[head + first : head + first + NUMBER * count] = False
+            same[head + first : head + first + NUMBER * count] = 0
         numbers = [
             [head + first + NUMBER * joint if count else -1 for joint in joints]
             for first, count in (positions, efforts, velocities)
@@ -85,22 +87,23 @@ class Layout:
         """Return the channel's messages in a chunk's bytes, one after the other as many at once as are laid out alike.
 
         Raises:
-            ValueError, struct.error: the bytes are no records.
+            BagError: the bytes are no records.
         """
         size, found = len(self.record), list[Samples | Message]()
         channel = self.record[RECORD.size : RECORD.size + 2].tobytes()
         header = RECORD.pack(MESSAGE_OPCODE, size - RECORD.size) + channel
         at = 0
         while at < len(chunk):
-            opcode, length = RECORD.unpack_from(chunk, at)
-            begin, end = at + RECORD.size, at + RECORD.size + length
+            begin = at + RECORD.size
+            opcode, length = RECORD.unpack_from(chunk, at) if begin <= len(chunk) else (0, 0)
+            end = begin + length
             if end > len(chunk):
-                raise ValueError('a record reaches beyond its chunk')
+                raise BagError('a bag is damaged: a record reaches beyond its chunk; copy it again from its recorder')
             if chunk.startswith(header, at):
                 rows = np.frombuffer(chunk, np.uint8, (len(chunk) - at) // size * size, at).reshape(-1, size)
                 alike = (rows[:, : len(header)] == rows[0, : len(header)]).all(axis=1)
                 rows = rows[: len(rows) if alike.all() else int(alike.argmin())]
-                if (rows[:, self.same] == self.record[self.same]).all():
+                if not ((rows ^ self.record) & self.same).any():
                     found.append(self._decoded(rows))
                     at += rows.size
                     continue
