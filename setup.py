@@ -57,6 +57,8 @@ setup(
     ],
     extras_require={
         'ros': ['ros-rclpy[fastrtps]==7.1.6', 'ros-jazzy-rclpy', 'ros-jazzy-common-interfaces'],
+        # What test/benchmark measures itself against.
+        'benchmark': ['minionpy', 'numba', 'pygmo', 'pymoo'],
         'test': [
             'colcon-common-extensions',
             'hypothesis',
