@@ -26,8 +26,15 @@ CHUNKS = {'768 kB': 786_432, '0.1 s': 18_000}
 #: What rosbags reads of it, from which all of it is extrapolated.
 SHARE = 30
 
-OURS = """
-import json, resource, sys, time
+#: The largest memory [MB] of a process itself; getrusage's is that of its parent too.
+MEMORY = """
+import json, sys, time
+def memory():
+    return int(open('/proc/self/status').read().split('VmHWM:')[1].split()[0]) / 1024
+"""
+OURS = (
+    MEMORY
+    + """
 from pathlib import Path
 from pendubot_identification.adapters.bag_reader import BagReader, BagWindow, read_trajectory
 clock = time.process_time if sys.argv.pop() == 'cpu' else time.perf_counter
@@ -36,10 +43,12 @@ window = [float(x) for x in sys.argv[2:]]
 reader = BagReader(Path(sys.argv[1]))
 t, values = reader.joint_samples('/joint_states', ('shoulder', 'elbow'), *window)
 end = clock()
-print(json.dumps([end - begin, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, len(t)]))
+print(json.dumps([end - begin, memory(), len(t)]))
 """
-THEIRS = """
-import json, resource, sys, time
+)
+THEIRS = (
+    MEMORY
+    + """
 from pathlib import Path
 from rosbags.highlevel import AnyReader
 clock = time.process_time if sys.argv.pop() == 'cpu' else time.perf_counter
@@ -51,8 +60,9 @@ with AnyReader([Path(sys.argv[1])]) as reader:
         reader.deserialize(data, connection.msgtype)
         count += 1
 end = clock()
-print(json.dumps([end - begin, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, count]))
+print(json.dumps([end - begin, memory(), count]))
 """
+)
 
 
 def write(path, count, chunk_size):
