@@ -54,7 +54,7 @@ def scipys(value, bounds, population=POPULATION, runs=RUNS, target=None):
                 init=bounds.lower + start * (bounds.upper - bounds.lower),
                 maxiter=GENERATIONS,
                 tol=0,
-                atol=0,
+                atol=-1,  # at 0 it would stop where all values are equal
                 polish=False,
                 vectorized=True,
                 updating='deferred',
