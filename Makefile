@@ -16,7 +16,8 @@ test: $(VENV)/.test
 lint: $(VENV)/.test
 	$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/mypy && $(BIN)/lint-imports
 
-benchmark: $(VENV)/.test
+# Half an hour, and 1 GB in the temporary folder; what docs/performance.md shows.
+benchmark: $(VENV)/.benchmark
 	$(BIN)/python -m test.benchmark
 
 # Needs a quiet machine; about half an hour.
@@ -38,7 +39,7 @@ sample-bag: $(VENV)/.ros
 	rm -rf bags/paper_experiment
 	cp -r build/sample/paper_experiment bags/
 
-$(VENV)/.ros: setup.py .ci/constraints.txt
+$(VENV)/.ros: setup.py .ci/constraints.txt pendubot_identification/core/kernel.c
 	@echo "Setting up $(VENV) (once, about a minute) ..."
 	@$(PYTHON) -m venv $(VENV)
 	@$(PIP) --editable '.[ros]'
@@ -48,5 +49,9 @@ $(VENV)/.test: $(VENV)/.ros
 	@$(PIP) --editable '.[ros,test]'
 	@touch $@
 
+$(VENV)/.benchmark: $(VENV)/.test
+	@$(PIP) --editable '.[ros,test,benchmark]'
+	@touch $@
+
 clean:
-	rm -rf $(VENV) build install log *.egg-info
+	rm -rf $(VENV) build install log *.egg-info pendubot_identification/core/*.so

@@ -2,7 +2,7 @@
 
 from glob import glob
 
-from setuptools import find_packages, setup
+from setuptools import Extension, find_packages, setup
 
 NAME = 'pendubot_identification'
 SHARE = f'share/{NAME}'
@@ -19,6 +19,19 @@ PROGRAMS = {
 }
 
 BAGS = [(f'{SHARE}/{folder}', sorted(glob(f'{folder}/*.*'))) for folder in ['bags', *sorted(glob('bags/*/'))]]
+
+# Without a C compiler it is left out, and everything works through numpy. No contraction: every processor shall round
+# alike.
+KERNEL = Extension(
+    f'{NAME}.core._kernel',
+    [f'{NAME}/core/kernel.c'],
+    extra_compile_args=[
+        *('-std=gnu11', '-O3', '-ffp-contract=off', '-fno-math-errno', '-fno-trapping-math'),
+        *('-fvisibility=hidden', '-Wno-psabi'),
+    ],
+    libraries=['m'],
+    optional=True,
+)
 
 setup(
     name=NAME,
@@ -47,6 +60,8 @@ setup(
     ],
     extras_require={
         'ros': ['ros-rclpy[fastrtps]==7.1.6', 'ros-jazzy-rclpy', 'ros-jazzy-common-interfaces'],
+        # What test/benchmark measures itself against.
+        'benchmark': ['minionpy', 'numba', 'pygmo', 'pymoo'],
         'test': [
             'colcon-common-extensions',
             'hypothesis',
@@ -61,7 +76,8 @@ setup(
             'urdf_parser_py',
         ],
     },
-    zip_safe=True,
+    ext_modules=[KERNEL],
+    zip_safe=False,
     author='The pendubot_identification authors',
     maintainer='The pendubot_identification authors',
     maintainer_email='maintainers@pendubot-identification.invalid',

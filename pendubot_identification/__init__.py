@@ -1,3 +1,9 @@
 """Identification of a pendubot: from the board's bytes to a latched parameter vector."""
 
+from os import environ
+
+from .core import kernel
+
 __version__ = '0.1.0'
+
+kernel.wanted = environ.get('PENDUBOT_KERNEL', 'on') != 'off'

@@ -57,6 +57,7 @@ def test_colcon_builds_and_every_program_runs_from_there(tmp_path, options):
     result = sourced(f'"{programs / "pendubot"}" identify "{sample}" --optimizer lsq --output result.yaml')
     assert result.returncode == 0, result.stderr
     assert (tmp_path / 'result.yaml').is_file()
+    assert sourced(f'"{programs / "pendubot"}" --version').stdout.endswith('compiled kernel\n')
     share = tmp_path / 'install' / 'pendubot_identification' / 'share'
     assert (share / 'ament_index/resource_index/packages/pendubot_identification').exists()
     installed = share / 'pendubot_identification'
@@ -67,3 +68,29 @@ def test_colcon_builds_and_every_program_runs_from_there(tmp_path, options):
     described = sourced(python + 'print(r.robot_description(0.2, 0.3)); print(r.__file__)"')
     assert '<robot name="pendubot">' in described.stdout, described.stderr
     assert Path(described.stdout.splitlines()[-1]).is_relative_to(tmp_path)
+
+
+def test_without_a_compiler_the_package_builds_and_says_that_it_goes_by_numpy(tmp_path):
+    for part in PARTS:
+        copy = shutil.copytree if (ROOT / part).is_dir() else shutil.copy
+        copy(ROOT / part, tmp_path / part)
+    for built in (tmp_path / 'pendubot_identification' / 'core').glob('*.so'):
+        built.unlink()
+    env = {**os.environ, 'CC': 'no-such-compiler', 'PENDUBOT_KERNEL': 'on'}
+    build = [sys.executable, 'setup.py', '--quiet', 'build', '--build-lib', 'out']
+    built = subprocess.run(build, cwd=tmp_path, env=env, capture_output=True, text=True, timeout=120)
+    assert built.returncode == 0, built.stderr
+    said = subprocess.run(
+        [
+            sys.executable,
+            '-c',
+            'from pendubot_identification.core import kernel as k; print(k.__file__, k.description())',
+        ],
+        cwd=tmp_path / 'out',
+        env=env,
+        capture_output=True,
+        text=True,
+        timeout=60,
+    ).stdout
+    assert said.startswith(str(tmp_path))
+    assert said.endswith('numpy (no compiled kernel: there was no C compiler)\n')

@@ -41,7 +41,7 @@ Four models, each with all of the one before it:
 EXAMPLES = """\
 examples:
   pendubot identify swing                                     halves of one bag, all criteria, the model chosen
-  pendubot identify swing --criterion energy --model viscous --optimizer mde    exactly as in the paper
+  pendubot identify swing --criterion energy --model viscous --spread 0   as in the paper, all 4000 generations
   pendubot identify swing@0:9 --validate swing@9:18           windows of your own
   pendubot identify a b c --validate d --output result.yaml   several recordings pooled
   pendubot identify swing --criterion energy --sliding 0.3    energy over windows of 0.3 s
@@ -127,6 +127,13 @@ def add_parser(subparsers: Any) -> None:
     how.add_argument('--runs', type=int, help='independent runs of MDE (default 10; 1 for trajectory)')
     how.add_argument('--population', type=int, metavar='NP', help='vectors of a run (default 30; 40 for trajectory)')
     how.add_argument('--generations', type=int, help='of a run, at most (default 4000; 120 for trajectory)')
+    how.add_argument(
+        '--spread',
+        type=float,
+        metavar='R',
+        help='stop a run when the worst J of its population exceeds the best by no more than this fraction (default '
+        '1e-9, which loses nothing); 0 takes every generation, as in the paper',
+    )
     how.add_argument(
         '--per-vector',
         action='store_true',
@@ -222,12 +229,14 @@ def _asked(args: argparse.Namespace) -> list[str]:
 def _settings(args: argparse.Namespace) -> Any:
     from pendubot_identification.adapters.result_file import read_parameters
     from pendubot_identification.core.mde import MDESettings
-    from pendubot_identification.core.settings import DELAYS, Settings
+    from pendubot_identification.core.settings import DELAYS, SPREAD, Settings
 
     mde = {'population': args.population, 'generations': args.generations}
     mde = {name: value for name, value in mde.items() if value is not None}
     if args.per_vector:
         mde['per_component'] = False
+    if args.spread is not None:
+        mde['spread'] = args.spread or None
     return Settings(
         criteria=args.criterion,
         model=args.model,
@@ -238,7 +247,7 @@ def _settings(args: argparse.Namespace) -> Any:
         delays=args.delay or DELAYS,
         start=None if args.start is None else read_parameters(args.start),
         link_length=args.link_length,
-        mde=MDESettings(**mde) if mde else None,
+        mde=MDESettings(**{'spread': SPREAD, **mde}) if mde else None,
         runs=args.runs,
         seed=args.seed,
         bounds=_bounds(args.bounds),

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 
 from pendubot_identification import __version__
 from pendubot_identification.adapters.resources import resource
+from pendubot_identification.core import kernel
 from pendubot_identification.core.errors import PendubotError
 
 from . import (
@@ -51,17 +52,27 @@ def parser() -> argparse.ArgumentParser:
         epilog=f'sample bag: {resource(SAMPLE)}\n{EPILOG}',
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    top.add_argument('--version', action='version', version=f'%(prog)s {__version__}')
-    top.add_argument('--debug', action='store_true', help='show the traceback of a failure')
+    top.add_argument('--version', action=_Version, nargs=0, help='say which version this is and whether it is compiled')
+    top.add_argument('--debug', action='store_true', help='show the traceback of a failure, and whether it is compiled')
     subparsers = top.add_subparsers(title='subcommands', metavar='SUBCOMMAND', required=True)
     for subcommand in SUBCOMMANDS:
         subcommand.add_parser(subparsers)
     return top
 
 
+class _Version(argparse.Action):
+    """Finds the kernel only when asked."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
+        print(f'{parser.prog} {__version__}, {kernel.description()}')
+        parser.exit()
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line and return the exit status."""
     args = parser().parse_args(argv)
+    if args.debug:
+        print(f'pendubot: {kernel.description()}', file=sys.stderr)
     try:
         return int(args.run(args))
     except KeyboardInterrupt:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .mde_kernel import Problem
 from .parameters import Bounds
 
 Array = NDArray[np.float64]
@@ -16,6 +17,8 @@ Array = NDArray[np.float64]
 @dataclass(frozen=True, slots=True)
 class BenchmarkFunction:
     """A function of points of shape (..., n), whose least value is 0, at 0.
+
+    As an objective it is what the compiled kernel knows too, to a rounding; its ``value`` alone is numpy's everywhere.
 
     Attributes:
         name: as in the paper.
@@ -28,6 +31,15 @@ class BenchmarkFunction:
     half_width: float
     value: Callable[[ArrayLike], Array]
     gradient: Callable[[ArrayLike], Array]
+
+    def __call__(self, x: ArrayLike) -> Array:
+        """Return :attr:`value`."""
+        return self.value(x)
+
+    @property
+    def problem(self) -> Problem:
+        """The function as the compiled kernel takes it."""
+        return Problem(self.name.lower(), np.empty(0))
 
     def bounds(self, dimension: int) -> Bounds:
         """Return its box in n dimensions."""

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .mde import MDE, MDESettings
-from .optimizer import Found
+from .optimizer import Found, Objective
 from .parameters import Bounds
 
 Array = NDArray[np.float64]
@@ -70,6 +70,10 @@ class HDE(MDE):
         best = self._vectors[:, -1]
         self._step = np.clip(best - self._rate * self._gradient(best), self.bounds.lower, self.bounds.upper)
         return np.concatenate([trials, self._step[:, None]], axis=1)
+
+    def leap(self, objective: Objective) -> bool:
+        """Return False: the compiled kernel knows no gradients."""
+        return False
 
     def tell(self, values: Array) -> None:
         """Take the values of the points asked for: first the step's, then those of the trials."""

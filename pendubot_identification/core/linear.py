@@ -13,19 +13,16 @@ from .energy import Regression, energy_regression
 from .estimate import REACHED, Effort, Estimate, Progress
 from .mde import MDE
 from .motion import Motion
-from .optimizer import Objective, minimize
-from .parameters import MODELS, coupling_excess, repaired
-from .quadratic import Quadratic
-from .settings import Settings
+from .optimizer import minimize
+from .parameters import MODELS, repaired
+from .quadratic import Penalised, Quadratic
+from .settings import SPREAD, Settings
 from .signals import SMOOTHING
 from .uncertainty import bootstrap_covariance
 from .weak import balance_weights, estimate_delay, weak_regression
 
 Array = NDArray[np.float64]
 
-#: Beyond the paper's criterion and model MDE draws its operator once per vector, without which it does not arrive in
-#: thousands of generations, and stops when a population has come together this closely.
-SPREAD = 1e-9
 UNITS = {'energy': 'J^2', 'weak': '(N m)^2'}
 
 
@@ -67,12 +64,6 @@ def linear(name: str, motions: Sequence[Motion], model: str, settings: Settings,
     return Linear([weak_regression(m, model, delay, weights=weights) for m in motions], delay, weights)
 
 
-def penalised(criterion: Quadratic) -> Objective:
-    """Return what MDE minimises: a vector whose mass matrix is not positive definite costs more."""
-    worth = float(criterion(np.zeros(len(criterion.y))))
-    return lambda theta: criterion(theta) + worth * coupling_excess(theta)
-
-
 def estimate_linear(
     name: str,
     made: Linear,
@@ -90,6 +81,8 @@ def estimate_linear(
     if settings.optimizer != 'lsq':
         paper = name == 'energy' and model == 'viscous'
         how, count = settings.search(name)
+        # Beyond the paper's criterion and model MDE draws its operator once per vector, without which it does not
+        # arrive in thousands of generations, and would then stand still for the rest of them.
         how = how if paper else replace(how, per_component=False, spread=SPREAD)
         mde = MDE(bounds, how, runs=count, seed=settings.seed)
 
@@ -97,7 +90,7 @@ def estimate_linear(
             if progress is not None:
                 progress(f'{name}: MDE', generation, how.generations, best)
 
-        runs = minimize(mde, penalised(criterion), tell)
+        runs = minimize(mde, Penalised.of(criterion), tell)
         theta = repaired(runs.x)[runs.best]
         reached = int((runs.value <= J_exact * (1 + REACHED)).sum())
         steps = [

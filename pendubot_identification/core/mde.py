@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import ParameterError
-from .optimizer import Found, OptimizationResult, random_points, random_streams, require_runs
+from .mde_kernel import Compiled, leap
+from .optimizer import Found, Objective, OptimizationResult, random_points, random_streams, require_runs
 from .parameters import Bounds
 
 Array = NDArray[np.float64]
@@ -58,6 +59,8 @@ class MDESettings:
             )
         if self.generations < 1:
             raise ParameterError(f'{self.generations} generations were asked for; at least 1 is needed')
+        if self.spread is not None and not self.spread > 0:
+            raise ParameterError(f'the spread at which a run stops is {self.spread:g}; a number above 0 is expected')
         if not 0 <= self.threshold <= 1:
             raise ParameterError(f'the threshold is {self.threshold:g}; a probability from 0 to 1 is expected')
         for name, (low, high) in (('weight F', self.weight), ('crossover rate CR', self.crossover)):
@@ -88,7 +91,7 @@ class MDE:
         self.generation = 0
         population, dimension = self.settings.population, len(bounds.lower)
         self._streams = random_streams(seed, runs)
-        self._trials = random_points(self._streams, population, bounds)
+        self._trials: Array | None = random_points(self._streams, population, bounds)
         # Behind the NP vectors of each run stands its best one once more, so that best/1 is an index like any other.
         self._vectors: Array = np.empty((runs, population + 1, dimension))
         self._values = np.full((runs, population), np.inf)
@@ -108,28 +111,47 @@ class MDE:
 
     def ask(self) -> Array:
         """Return the points to evaluate, shape (active runs, NP, D): at first the initial population, then trials."""
-        return self._trials
+        return self._pending()
 
     def tell(self, values: Array) -> None:
         """Take the values of the points asked for, shape (active runs, NP): select, stop, and mutate anew."""
         better = values <= self._values
         np.copyto(self._values, values, where=better)
-        np.copyto(self._vectors[:, :-1], self._trials, where=better[..., None])
+        np.copyto(self._vectors[:, :-1], self._pending(), where=better[..., None])
+        self._trials = None
         best = self._values.argmin(axis=1)
         rows = np.arange(len(best))
         self._vectors[:, -1] = self._vectors[rows, best]
         lowest = self._values[rows, best]
         self._found.record(self._active, self.generation, lowest, self._vectors[:, -1])
-        self._stop(lowest)
-        if not self.done:
-            self.generation += 1
-            self._trials = self._mutated()
+        self._stop(self._reasons(lowest))
+        self.generation += not self.done
+
+    def leap(self, objective: Objective) -> bool:
+        """Advance by many generations at once in the compiled kernel, to the same numbers.
+
+        Returns:
+            False where there is none, it does not know the objective, or it is not at the start of a block's draw.
+        """
+        begun = self.generation == 0 or (self.generation - 1) % BLOCK or self._trials is not None
+        if begun or not isinstance(objective, Compiled):
+            return False
+        ended = self.generation - 1
+        how = self.settings, self.bounds, ended, BLOCK
+        done = leap(objective.problem, *how, self._streams, self._vectors, self._values)
+        if done is None:
+            return False
+        self._found.record_many(self._active, done.generations, done.history, self._vectors[:, -1])
+        self._stop(done.reasons)
+        self.generation = ended + len(done.history) + (not self.done)
+        return True
 
     def result(self) -> OptimizationResult:
         """Return what the runs have found so far."""
         return self._found.result()
 
-    def _stop(self, lowest: Array) -> None:
+    def _reasons(self, lowest: Array) -> NDArray[np.object_]:
+        """Say of every active run why it stops; empty where it goes on."""
         settings = self.settings
         reasons = np.full(len(lowest), '', dtype=object)
         if self.generation >= settings.generations:
@@ -138,6 +160,9 @@ class MDE:
             reasons[self._values.max(axis=1) - lowest <= settings.spread * np.abs(lowest)] = 'spread'
         if settings.target is not None:
             reasons[lowest <= settings.target] = 'target'
+        return reasons
+
+    def _stop(self, reasons: NDArray[np.object_]) -> None:
         stopping = reasons != ''
         if stopping.any():
             self._found.stop(self._active[stopping], reasons[stopping])
@@ -146,6 +171,12 @@ class MDE:
             self._streams = [stream for stream, goes in zip(self._streams, going, strict=True) if goes]
             if self._mutations is not None:
                 self._mutations = self._mutations.of(going)
+
+    def _pending(self) -> Array:
+        """Return the trials of this generation, made when they are first asked for."""
+        if self._trials is None:
+            self._trials = self._mutated()
+        return self._trials
 
     def _mutated(self) -> Array:
         k = (self.generation - 1) % BLOCK

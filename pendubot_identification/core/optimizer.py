@@ -78,11 +78,15 @@ class Optimizer(Protocol):
 
 
 def minimize(optimizer: Optimizer, objective: Objective, progress: Progress | None = None) -> OptimizationResult:
-    """Drive an optimiser until every run has stopped."""
+    """Drive an optimiser until every run has stopped; one that has a way to leap many generations takes it."""
+    leap: Callable[[Objective], bool] = getattr(optimizer, 'leap', lambda _: False)
+    told = 0
     while not optimizer.done:
-        optimizer.tell(objective(optimizer.ask()))
-        if progress is not None and optimizer.generation % PROGRESS_EVERY == 0:
-            progress(optimizer.generation, optimizer.best_value)
+        if not leap(objective):
+            optimizer.tell(objective(optimizer.ask()))
+        if progress is not None and optimizer.generation >= told + PROGRESS_EVERY:
+            told = optimizer.generation
+            progress(told, optimizer.best_value)
     if progress is not None:
         progress(optimizer.generation, optimizer.best_value)
     return optimizer.result()
@@ -139,6 +143,15 @@ class Found:
         self.x[active] = x
         self.generations[active] = generation
         self.history.append(self.value.copy())
+
+    def record_many(self, active: NDArray[np.intp], generations: NDArray[np.int64], history: Array, x: Array) -> None:
+        """Take many generations at once: the best values after each, and each run's last generation and best point."""
+        values = np.tile(self.value, (len(history), 1))
+        values[:, active] = history
+        self.history.extend(values)
+        self.value[active] = history[-1]
+        self.x[active] = x
+        self.generations[active] = generations
 
     def stop(self, stopping: NDArray[np.intp], reasons: Iterable[str]) -> None:
         """Note why runs have stopped."""

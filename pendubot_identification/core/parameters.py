@@ -199,7 +199,8 @@ def coupling_excess(theta: Vector) -> Vector:
     """
     P1, P2, P3 = theta[..., 0], theta[..., 1], theta[..., 2]
     with np.errstate(invalid='ignore', divide='ignore'):
-        excess = np.hypot(P1 - P2, 2 * P3 / LARGEST_COUPLING) / (P1 + P2) - 1
+        # Not hypot, which does not round alike everywhere.
+        excess = np.sqrt((P1 - P2) ** 2 + (2 * P3 / LARGEST_COUPLING) ** 2) / (P1 + P2) - 1
     return np.where(P1 + P2 > 0, np.maximum(excess, 0.0), np.abs(P3) + 1)
 
 

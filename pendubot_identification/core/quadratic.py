@@ -11,7 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import lsq_linear, minimize_scalar
 
 from .errors import ParameterError
-from .parameters import LARGEST_COUPLING, Bounds
+from .mde_kernel import Problem
+from .parameters import LARGEST_COUPLING, Bounds, coupling_excess
 
 Array = NDArray[np.float64]
 
@@ -67,11 +68,29 @@ class Quadratic:
         return float(self.triangle[-1, -1] ** 2 / self.count)
 
     def __call__(self, theta: ArrayLike) -> Array:
-        """Return J for parameter vectors of shape (..., D), as an array of shape (...)."""
-        residual = np.asarray(theta) @ self.phi.T
-        residual -= self.y
+        """Return J for parameter vectors of shape (..., D), as an array of shape (...).
+
+        Product by product, in an order of which the last bits depend: a BLAS has one of its own on every processor,
+        and the same seed would not give the same result. The compiled kernel keeps to this order.
+        """
+        vectors = np.asarray(theta, dtype=float)
+        x = np.ascontiguousarray(vectors.reshape(-1, vectors.shape[-1]).T)
+        phi = self.phi
+        residual = phi[:, -1:] * x[-1]
+        residual -= self.y[:, None]
+        for j in range(len(x) - 1):
+            residual[: j + 1] += phi[: j + 1, j, None] * x[j]
         residual *= residual
-        return np.asarray(residual.sum(axis=-1) / self.count + self.floor)
+        return np.asarray((residual.sum(axis=0) / self.count + self.floor).reshape(vectors.shape[:-1]))
+
+    @property
+    def problem(self) -> Problem:
+        """The criterion as the compiled kernel takes it."""
+        return self._problem(0.0)
+
+    def _problem(self, worth: float) -> Problem:
+        rest = (self.count, self.floor, worth, LARGEST_COUPLING)
+        return Problem('quadratic', np.concatenate([self.phi.ravel(), self.y, rest]))
 
     def minimum(self, bounds: Bounds) -> Array:
         """Return the exact minimiser, shape (D,), within the bounds and where M(q) is positive definite for every q.
@@ -163,6 +182,33 @@ class Quadratic:
         _, singular, right = np.linalg.svd(self.phi / scale)
         silent = np.abs(right[singular <= tolerance * singular[0]]).max(axis=0, initial=0.0) > 0.1
         return np.asarray(silent | (np.linalg.norm(self.phi, axis=0) == 0))
+
+
+@dataclass(frozen=True, slots=True)
+class Penalised:
+    """What an optimiser that knows boxes alone minimises: a criterion, and the price of an indefinite mass matrix.
+
+    Attributes:
+        criterion: of parameter vectors that begin with P1, P2, P3.
+        worth: of an excess of 1, see :func:`.parameters.coupling_excess`.
+    """
+
+    criterion: Quadratic
+    worth: float
+
+    @classmethod
+    def of(cls, criterion: Quadratic) -> Penalised:
+        """Make an excess of 1 cost as much as a rig that does not move at all."""
+        return cls(criterion, float(criterion(np.zeros_like(criterion.y))))
+
+    def __call__(self, theta: Array) -> Array:
+        """Return values for parameter vectors of shape (..., D), shape (...)."""
+        return np.asarray(self.criterion(theta) + self.worth * coupling_excess(theta))
+
+    @property
+    def problem(self) -> Problem:
+        """The same as the compiled kernel takes it."""
+        return self.criterion._problem(self.worth)
 
 
 def _coupled(theta: Array) -> bool:

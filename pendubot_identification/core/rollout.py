@@ -1,7 +1,8 @@
 """Many short simulations at once, with their sensitivities: the inner loop of the trajectory criterion.
 
-All that is hot lies behind :func:`roll` and :func:`sensitivities`, so that a faster kernel can replace them. Lanes
-(segments, or parameter vectors times segments) are the last axis: numpy is fastest over a long last axis.
+All that is hot lies behind :func:`roll` and :func:`sensitivities`, which the compiled kernel does where it is there,
+and numpy where it is not, to about 1e-12 of the same numbers. Lanes (segments, or parameter vectors times segments) are
+the last axis: both are fastest over a long last axis.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .dynamics import GRAVITY, SIGN_WIDTH, STRIBECK_SPEED, accelerations
+from .kernel import library
 
 Array = NDArray[np.float64]
 
@@ -40,6 +42,12 @@ def roll(theta: Array, state: Array, tau: Array, step: float) -> Array:
     """
     lanes = np.broadcast_shapes(theta.shape[1:], state.shape[1:])
     states = np.empty((tau.shape[1] + 1, 4, *lanes))
+    if (kernel := library()) is not None:
+        vectors = 1 if theta.ndim == 1 else theta.shape[1]
+        arrays = [np.ascontiguousarray(a, dtype=float) for a in (theta, state, tau)]
+        pointers = [a.ctypes.data for a in (*arrays, states)]
+        kernel.pendubot_roll(len(theta), vectors, state.shape[1], tau.shape[1], step, *pointers)
+        return states
     states[0] = state if theta.ndim == 1 else state[:, None]
     if theta.ndim == 1 and lanes[0] < FEW:
         values = tuple(map(float, theta))
@@ -102,6 +110,10 @@ def sensitivities(theta: Array, states: Array, tau: Array, step: float) -> Array
     _, steps, lanes = tau.shape
     size = 4 + len(theta)
     result = np.empty((steps, 4, size, lanes))
+    if (kernel := library()) is not None:
+        arrays = [np.ascontiguousarray(a, dtype=float) for a in (theta, states, tau)]
+        kernel.pendubot_sensitivities(len(theta), lanes, steps, step, *(a.ctypes.data for a in (*arrays, result)))
+        return result
     together = max(1, CHUNK // max(lanes, 1))
     unchained = np.zeros((4, size, min(together, steps) * lanes))
     unchained[range(4), range(4)] = 1.0

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from .estimate import NORMAL_95
 from .trajectory_fit import TrajectoryFit
@@ -127,7 +127,7 @@ def _jackknife(without: Array) -> tuple[Array, float]:
     """
     count = len(without)
     moves = without - without.mean(axis=0)
-    quantile = float(student.ppf(0.975, max(count - 1, 1))) / NORMAL_95
+    quantile = float(stdtrit(max(count - 1, 1), 0.975)) / NORMAL_95
     return quantile**2 * (count - 1) / count * moves.T @ moves, quantile
 
 

@@ -12,11 +12,10 @@ from numpy.typing import NDArray
 
 from .benchmark_functions import FUNCTIONS
 from .competition import ALGORITHMS, DIMENSION, MDE_SETTINGS, PER_VECTOR, PSO_SETTINGS, contestant, seed_of
-from .linear import penalised
 from .mde import MDE, MDESettings
 from .optimizer import MOST_VECTORS, Objective, OptimizationResult, Optimizer
 from .parameters import Bounds
-from .quadratic import Quadratic
+from .quadratic import Penalised, Quadratic
 
 Array = NDArray[np.float64]
 
@@ -124,7 +123,7 @@ def sweep(seed: int, runs: int, identification: Quadratic, bounds: Bounds) -> It
         for f in FUNCTIONS
     ]
     settings = MDESettings(target=least * (1 + NEAR))
-    problems.append((IDENTIFICATION, bounds, penalised(identification), settings, runs))
+    problems.append((IDENTIFICATION, bounds, Penalised.of(identification), settings, runs))
     for name, box, objective, settings, count in problems:
         for algorithm in ('MDE', PER_VECTOR):
             for threshold in THRESHOLDS:

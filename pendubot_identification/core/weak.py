@@ -22,7 +22,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import minimize_scalar
-from scipy.signal import upfirdn
 
 from .dynamics import GRAVITY, dry_friction_terms, energy_terms
 from .energy import Regression, require_plausible_speed
@@ -192,11 +191,9 @@ class _Bumps:
 
     def integrate(self, cells: Array) -> Array:
         """Return what every bump makes of cells' own integrals, shape (cells, ...) to (K, ...)."""
-        first = len(self.weights) - 1
-        skip = -first % self.stride  # zeros in front, so that the first whole bump is among those computed
-        flat = np.concatenate([np.zeros((skip, cells[0].size)), cells.reshape(len(cells), -1)])
-        sums = upfirdn(self.weights, flat, down=self.stride, axis=0)[(first + skip) // self.stride :]
-        return np.asarray(sums[: len(self.centres)].reshape(-1, *cells.shape[1:]))
+        flat = cells.reshape(len(cells), -1)
+        under = np.lib.stride_tricks.sliding_window_view(flat, len(self.weights), axis=0)[:: self.stride]
+        return np.asarray((under @ self.weights)[: len(self.centres)].reshape(-1, *cells.shape[1:]))
 
 
 def _state_columns(motion: Motion, bumps: _Bumps, size: int) -> Array:

@@ -20,7 +20,7 @@ from pendubot_identification.core.identification import identify
 from pendubot_identification.core.level import Level
 from pendubot_identification.core.mde import MDESettings
 from pendubot_identification.core.parameters import MODELS, NAMES, Bounds, default_bounds
-from pendubot_identification.core.settings import CRITERIA, DELAYS, HOLDS, OPTIMIZERS, Settings
+from pendubot_identification.core.settings import CRITERIA, DELAYS, HOLDS, OPTIMIZERS, SPREAD, Settings
 from pendubot_identification.report.tables import whole
 
 from .diagnostics import diagnostics_message
@@ -158,7 +158,7 @@ def _settings(values: dict[str, Any]) -> Settings:
         delays=(values['delay_min'], values['delay_max']),
         start=read_parameters(Path(values['start'])) if values['start'] else None,
         link_length=values['link_length'] or None,
-        mde=MDESettings(**mde) if mde else None,
+        mde=MDESettings(**mde, spread=SPREAD) if mde else None,
         runs=values['runs'] or None,
         seed=values['seed'],
         bounds=Bounds(np.array(lower), np.array(upper), NAMES[: max(len(lower), MODELS['viscous'])]),

@@ -113,8 +113,10 @@ def test_a_window_counts_from_the_bags_first_sample(bag, start, end, first, last
 
 def test_a_window_reads_no_more_than_itself_and_a_latency(bag, monkeypatch):
     read = []
-    breakup = mcap_file.breakup_chunk
-    monkeypatch.setattr(mcap_file, 'breakup_chunk', lambda c, validate_crc: read.append(c) or breakup(c, validate_crc))
+    unpack = mcap_file.get_chunk_data_stream
+    monkeypatch.setattr(
+        mcap_file, 'get_chunk_data_stream', lambda c, validate_crc: read.append(c) or unpack(c, validate_crc)
+    )
     read_trajectory(BagWindow(bag, 5, 5.5))
     assert len(read) < 35
     read.clear()

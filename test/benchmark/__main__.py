@@ -1,104 +1,59 @@
-"""Times MDE beside a peer in the same run: ``make benchmark``.
+"""Measures all that docs/performance.md shows: ``make benchmark``, or ``python -m test.benchmark NAME ...`` for parts.
 
-Ten runs of 30 vectors over 4000 generations on the energy criterion with the paper's seven parameters, of the sample
-bag and, where they exist, of the pooled real recordings; interleaved with scipy's differential evolution, vectorised,
-on the same criterion and with the same number of function values. Medians; the ratio is what carries over to another
-machine.
+Everything is interleaved with its peers in the same run, and shown as medians of at least five and as ratios: they are
+what carries over to another machine.
 """
 
-import csv
-import platform
-import statistics
-import time
+import argparse
+import re
+from pathlib import Path
 
-import numpy as np
-import scipy
-from scipy.optimize import differential_evolution
+from pendubot_identification.core import kernel
+from test.benchmark import bags, growth, measure, motions, optimisers, start
+from test.conftest import ROOT
 
-from pendubot_identification.adapters.bag_reader import read_trajectory
-from pendubot_identification.adapters.csv_import import import_csv
-from pendubot_identification.core.energy import energy_regression
-from pendubot_identification.core.mde import MDE, MDESettings
-from pendubot_identification.core.optimizer import minimize
-from pendubot_identification.core.parameters import coupling_excess, default_bounds
-from pendubot_identification.core.quadratic import Quadratic
-from test.conftest import RECORDINGS, ROOT
-
-REPETITIONS = 5
-RUNS, POPULATION, GENERATIONS = 10, 30, 4000
-
-
-def problems():
-    """Yield a name and its motions."""
-    motion = read_trajectory(ROOT / 'bags' / 'paper_experiment').trajectory
-    yield 'sample bag, 900 samples', [motion[: len(motion) // 2]]
-    if (RECORDINGS / 'manifest.csv').exists():
-        rows = list(csv.DictReader((RECORDINGS / 'manifest.csv').open()))
-        train = [r['file'] for r in rows if r['group'] == 'dfki_C1_sysid' and r['role'] == 'train']
-        motions = [import_csv(RECORDINGS / name) for name in train]
-        yield f'dfki_C1_sysid, {sum(map(len, motions))} samples pooled', motions
-
-
-def timed(work, *arguments):
-    begin = time.perf_counter()
-    result = work(*arguments)
-    return time.perf_counter() - begin, result
-
-
-def penalised(criterion):
-    """Return what ``pendubot identify`` minimises: a mass matrix that is not positive definite costs more."""
-    worth = float(criterion(np.zeros(7)))
-    return lambda x: criterion(x) + worth * coupling_excess(x)
-
-
-def scipy_once(objective, bounds, seed):
-    """One run of the peer with the same budget and no early stop, its population as wide as ours."""
-    return differential_evolution(
-        lambda x: objective(x.T),
-        list(zip(bounds.lower, bounds.upper, strict=True)),
-        init=bounds.lower + np.random.default_rng(seed).random((POPULATION, 7)) * (bounds.upper - bounds.lower),
-        maxiter=GENERATIONS,
-        tol=0,
-        atol=0,
-        polish=False,
-        vectorized=True,
-        updating='deferred',
-        seed=seed,
-    )
+PAGE, FIGURE = ROOT / 'docs' / 'performance.md', ROOT / 'docs' / 'growth.svg'
+PARTS = {
+    'optimisers': optimisers.full_budget,
+    'minimum': optimisers.to_the_minimum,
+    'functions': optimisers.benchmark_functions,
+    'simulation': motions.evaluation,
+    'sensitivities': motions.with_sensitivities,
+    'start': start.whole,
+    'growth': lambda: growth.figure(FIGURE),
+    'hour': bags.hour,
+}
 
 
 def main():
-    """Print a table."""
-    versions = f'Python {platform.python_version()}, numpy {np.__version__}, scipy {scipy.__version__}'
-    print(f'{platform.processor() or platform.machine()}, {versions}')
-    print(f'{RUNS} runs x {GENERATIONS} generations x {POPULATION} vectors, medians of {REPETITIONS}\n')
-    print('| problem | variant | time of all runs | runs at the minimum | generations to it | scipy DE / this |')
-    print('|---|---|---|---|---|---|')
-    bounds = default_bounds().of(7)
-    for name, motions in problems():
-        begin = time.perf_counter()
-        parts = [Quadratic.reduce(r.phi, r.y) for r in map(energy_regression, motions)]
-        criterion = Quadratic.pool(parts)
-        reduction = time.perf_counter() - begin
-        exact, objective = float(criterion(criterion.minimum(bounds))), penalised(criterion)
-        variants = {'per component': True, 'per vector': False}
-        times = {variant: [] for variant in variants}
-        results, peer = {}, []
-        for seed in range(REPETITIONS):
-            for variant, per_component in variants.items():
-                settings = MDESettings(POPULATION, GENERATIONS, per_component=per_component)
-                optimizer = MDE(bounds, settings, runs=RUNS, seed=seed)
-                spent, results[variant] = timed(minimize, optimizer, objective)
-                times[variant].append(spent)
-            peer.append(RUNS * timed(scipy_once, objective, bounds, seed)[0])
-        for variant in variants:
-            reached = results[variant].history <= exact * (1 + 1e-6)
-            median = statistics.median(times[variant])
-            print(
-                f'| {name} | {variant} | {median:.2f} s | {int(reached[-1].sum())} of {RUNS} '
-                f'| {int(np.median(reached.argmax(axis=0)))} | {statistics.median(peer) / median:.0f} |'
-            )
-        print(f'| {name} | reduction by QR, all samples | {reduction * 1e3:.1f} ms | | | |')
+    """Print tables, and with --write put them into the page."""
+    parser = argparse.ArgumentParser(prog='python -m test.benchmark', description=__doc__.split('\n\n')[0])
+    parser.add_argument('parts', nargs='*', metavar='NAME', help=f'of {", ".join(PARTS)} (default: all)')
+    parser.add_argument('--write', action='store_true', help='put the tables into docs/performance.md')
+    parser.add_argument('--cpu', action='store_true', help='measure processor time, on a machine that others use too')
+    args = parser.parse_args()
+    if unknown := set(args.parts) - set(PARTS):
+        parser.error(f'there is no {", ".join(unknown)}; choose of {", ".join(PARTS)}')
+    if kernel.library() is None:
+        parser.error(f'here it is {kernel.description()}; there is nothing to compare')
+    measure.clock = measure.cpu if args.cpu else measure.wall
+    where = measure.machine() + (', processor time' if args.cpu else '')
+    print(where, flush=True)
+    tables = {'machine': where}
+    for name in args.parts or PARTS:
+        tables[name] = PARTS[name]()
+        print(f'\n{name}\n\n{tables[name]}', flush=True)
+    if args.write:
+        write(PAGE, tables)
+
+
+def write(page: Path, tables):
+    """Put each table between the comments of its name."""
+    text = page.read_text(encoding='utf-8')
+    for name, table in tables.items():
+        marked = re.compile(rf'(<!-- {name} -->\n).*?(<!-- end -->)', re.DOTALL)
+        text = marked.sub(lambda found, table=table: f'{found[1]}{table}\n{found[2]}', text)
+    page.write_text(text, encoding='utf-8')
 
 
 if __name__ == '__main__':

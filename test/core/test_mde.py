@@ -5,10 +5,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from pendubot_identification.core.energy import energy_regression
 from pendubot_identification.core.errors import ParameterError
+from pendubot_identification.core.estimate import REACHED
 from pendubot_identification.core.mde import BLOCK, MDE, MDESettings, _Mutations
 from pendubot_identification.core.optimizer import minimize
-from pendubot_identification.core.parameters import Bounds
+from pendubot_identification.core.parameters import Bounds, default_bounds
+from pendubot_identification.core.quadratic import Penalised, Quadratic
+from pendubot_identification.core.settings import SPREAD
+from test.core.virtual import recording
 
 
 def box(dimension, low=-5.0, high=10.0):
@@ -85,6 +90,19 @@ def test_stops_at_the_target_at_the_spread_or_at_the_last_generation():
     assert set(minimize(MDE(box(2), MDESettings(generations=3)), sphere).stopped_by) == {'generations'}
 
 
+@pytest.mark.parametrize(('seed', 'strength'), [(1, 1.0), (2, 0.3), (4, 1.0)])
+def test_stopping_at_the_spread_loses_nothing_that_4000_generations_find(seed, strength):
+    """The default of an identification against the paper's, on the paper's criterion."""
+    regression = energy_regression(recording(900, seed=seed, strength=strength))
+    criterion, bounds = Quadratic.reduce(regression.phi, regression.y), default_bounds().of(7)
+    exact = float(criterion(criterion.minimum(bounds)))
+    objective = Penalised.of(criterion)
+    full, early = (minimize(MDE(bounds, MDESettings(spread=spread), seed=seed), objective) for spread in (None, SPREAD))
+    assert early.generations.max() < 4000
+    np.testing.assert_array_less(full.value, exact * (1 + REACHED))
+    np.testing.assert_array_less(early.value, exact * (1 + REACHED))
+
+
 @settings(max_examples=40)
 @given(st.integers(5, 40), st.integers(1, 8), st.booleans(), st.floats(0, 1), st.integers(0, 1000))
 def test_mutations_are_the_papers(population, dimension, per_component, threshold, seed):
@@ -145,6 +163,7 @@ def test_operators_partners_and_rates_are_drawn_as_often_as_told():
         ({'threshold': 1.5}, 'from 0 to 1'),
         ({'weight': (1.0, 0.4)}, 'weight F'),
         ({'crossover': (0.7, 1.2)}, 'at most 1'),
+        ({'spread': 0.0}, 'above 0'),
     ],
 )
 def test_settings_without_sense_are_refused(changes, sentence):

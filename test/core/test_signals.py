@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.signal import savgol_filter
 
 from pendubot_identification.core.errors import TrajectoryError
 from pendubot_identification.core.signals import WINDOWS, choose_smoothing, differentiate, encoder_step, held, resample
@@ -163,3 +164,13 @@ def test_coarser_encoders_are_smoothed_more_and_the_most_delicate_recording_deci
 def test_the_shortest_recordings_are_smoothed_the_least():
     t, q, _ = swing(0.025, 2000, 1)
     assert choose_smoothing([Trajectory(t, q, np.zeros_like(q))]) == WINDOWS[0]
+
+
+@pytest.mark.parametrize(('interval', 'window', 'samples'), [(0.01, 0.06, 7), (0.001, 0.1, 500), (0.004, 0.02, 90)])
+def test_differentiates_as_scipy_does(interval, window, samples):
+    q = np.cumsum(np.random.default_rng(1).normal(size=(samples, 2)), axis=0)
+    length = 2 * round(window / interval / 2) + 1
+    smooth, qd = differentiate(q, interval, window)
+    np.testing.assert_allclose(smooth, savgol_filter(q, length, 3, axis=0), atol=1e-11)
+    expected = savgol_filter(q, length, 3, deriv=1, delta=interval, axis=0)
+    np.testing.assert_allclose(qd, expected, atol=1e-11 * np.abs(expected).max())

@@ -1,0 +1,56 @@
+"""The optional compiled kernel, kernel.c: found by the import system like any extension, called through ctypes.
+
+Whoever can use it asks for :func:`library` and does without where that is None: no compiler was there at installation,
+or ``PENDUBOT_KERNEL=off`` is set. Nothing but the time depends on it.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from ctypes import CDLL
+
+#: Of kernel.c's calls; a library that an older version left behind is not used.
+VERSION = 1
+
+#: Set by the package from the environment.
+wanted = True
+
+
+def library() -> CDLL | None:
+    """Return the kernel, whose pointers are addresses of C-ordered arrays; None where it is not there or not wanted."""
+    return _library() if wanted else None
+
+
+def description() -> str:
+    """Say which path is taken, for people."""
+    if not wanted:
+        return 'numpy (the compiled kernel is switched off by PENDUBOT_KERNEL)'
+    return 'compiled kernel' if library() is not None else 'numpy (no compiled kernel: there was no C compiler)'
+
+
+@cache
+def _library() -> CDLL | None:
+    # Imported here, because the command line's --help needs neither.
+    from ctypes import CDLL, c_double, c_int64, c_void_p
+    from importlib.util import find_spec
+
+    spec = find_spec(f'{__package__}._kernel')
+    if spec is None or spec.origin is None:
+        return None
+    try:
+        found = CDLL(spec.origin)
+        found.pendubot_version.restype = c_int64
+        if found.pendubot_version() != VERSION:
+            return None
+        sizes, pointer = c_int64, c_void_p
+        found.pendubot_roll.argtypes = [*[sizes] * 4, c_double, *[pointer] * 4]
+        found.pendubot_sensitivities.argtypes = [*[sizes] * 3, c_double, *[pointer] * 4]
+        found.pendubot_mde.argtypes = [pointer, sizes, *[pointer] * 3, *[sizes] * 3, *[pointer] * 6]
+        found.pendubot_mde.restype = c_int64
+        found.pendubot_roll.restype = found.pendubot_sensitivities.restype = None
+    except (OSError, AttributeError):
+        return None  # made for another processor, or for another version
+    return found

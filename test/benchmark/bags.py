@@ -1,0 +1,144 @@
+"""A long bag: a window of it, and all of it, beside rosbags; each in a process of its own, whose memory is measured."""
+
+import json
+import os
+import statistics
+import struct
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from mcap.writer import CompressionType, Writer
+
+from pendubot_identification.adapters.bulk import _walk
+from pendubot_identification.adapters.joint_states import EPOCH_NS, JOINT_NAMES, JOINT_STATE, encode_joint_state
+from pendubot_identification.adapters.message_types import message_definition
+from test.benchmark import measure
+from test.benchmark.measure import REPETITIONS, seconds
+from test.conftest import ROOT
+
+#: A recording of a day's work: 3.6 million messages.
+RATE, SECONDS = 1000, 3600
+#: As rosbag2 writes them, and as this package's recorder flushes them ten times a second.
+CHUNKS = {'768 kB': 786_432, '0.1 s': 18_000}
+#: What rosbags reads of it, from which all of it is extrapolated.
+SHARE = 30
+
+#: The largest memory [MB] of a process itself; getrusage's is that of its parent too.
+MEMORY = """
+import json, sys, time
+def memory():
+    return int(open('/proc/self/status').read().split('VmHWM:')[1].split()[0]) / 1024
+"""
+OURS = (
+    MEMORY
+    + """
+from pathlib import Path
+from pendubot_identification.adapters.bag_reader import BagReader, BagWindow, read_trajectory
+clock = time.process_time if sys.argv.pop() == 'cpu' else time.perf_counter
+begin = clock()
+window = [float(x) for x in sys.argv[2:]]
+reader = BagReader(Path(sys.argv[1]))
+t, values = reader.joint_samples('/joint_states', ('shoulder', 'elbow'), *window)
+end = clock()
+print(json.dumps([end - begin, memory(), len(t)]))
+"""
+)
+THEIRS = (
+    MEMORY
+    + """
+from pathlib import Path
+from rosbags.highlevel import AnyReader
+clock = time.process_time if sys.argv.pop() == 'cpu' else time.perf_counter
+begin = clock()
+count = 0
+with AnyReader([Path(sys.argv[1])]) as reader:
+    first = reader.start_time
+    for connection, _, data in reader.messages(start=first, stop=first + int(float(sys.argv[2]) * 1e9)):
+        reader.deserialize(data, connection.msgtype)
+        count += 1
+end = clock()
+print(json.dumps([end - begin, memory(), count]))
+"""
+)
+
+
+def write(path, count, chunk_size):
+    """Write a bag's only file, quickly; metadata.yaml is not needed to read it."""
+    message = bytearray(encode_joint_state(EPOCH_NS, JOINT_NAMES, [0, 0], [0, 0], [0, 0]))
+    _, places, _ = _walk(bytes(message))
+    t = np.arange(count) / RATE
+    columns = (np.sin([3 * t, 2 * t]).T, np.cos([3 * t, 2 * t]).T, np.stack([np.sin(7 * t), 0 * t], axis=1))
+    with path.open('wb') as file:
+        writer = Writer(file, chunk_size=chunk_size, compression=CompressionType.NONE)
+        writer.start(profile='ros2')
+        schema = writer.register_schema(JOINT_STATE, 'ros2msg', message_definition(JOINT_STATE).text.encode())
+        channel = writer.register_channel('/joint_states', 'cdr', schema, {'offered_qos_profiles': ''})
+        for k in range(count):
+            stamp = EPOCH_NS + k * (1_000_000_000 // RATE)
+            struct.pack_into('<iI', message, 4, *divmod(stamp, 1_000_000_000))
+            for (first, _), column in zip(places, columns, strict=True):
+                message[first : first + 16] = column[k].tobytes()
+            writer.add_message(channel, stamp, bytes(message), stamp, k)
+        writer.finish()
+    metadata = {
+        'version': 9,
+        'storage_identifier': 'mcap',
+        'duration': {'nanoseconds': count * 1_000_000},
+        'starting_time': {'nanoseconds_since_epoch': EPOCH_NS},
+        'message_count': count,
+        'compression_format': '',
+        'compression_mode': '',
+        'relative_file_paths': [path.name],
+        'files': [],
+        'topics_with_message_count': [
+            {
+                'message_count': count,
+                'topic_metadata': {
+                    'name': '/joint_states',
+                    'type': JOINT_STATE,
+                    'serialization_format': 'cdr',
+                    'offered_qos_profiles': [],
+                    'type_description_hash': message_definition(JOINT_STATE).type_hash,
+                },
+            }
+        ],
+    }
+    (path.parent / 'metadata.yaml').write_text(json.dumps({'rosbag2_bagfile_information': metadata}))
+
+
+def measured(program, *arguments):
+    """Return median seconds, largest memory [MB] and messages of several runs of a program."""
+    runs = []
+    for _ in range(REPETITIONS):
+        answer = subprocess.run(
+            [sys.executable, '-c', program, *map(str, arguments), measure.clock.__name__],
+            cwd=ROOT,
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        runs.append(json.loads(answer.stdout))
+    times, memory, counts = zip(*runs, strict=True)
+    return statistics.median(times), max(memory), counts[0]
+
+
+def hour(duration=SECONDS):
+    rows = ['| chunks | what | time | memory | rosbags, the same | ratio |', '|---|---|---|---|---|---|']
+    with tempfile.TemporaryDirectory() as folder:
+        for name, size in CHUNKS.items():
+            bag = Path(folder, name.replace(' ', ''))
+            os.mkdir(bag)
+            write(bag / 'bag_0.mcap', duration * RATE, size)
+            theirs, _, count = measured(THEIRS, bag, duration / SHARE)
+            for what, window in (('10 s from the middle', (duration / 2, duration / 2 + 10)), ('all of it', ())):
+                spent, memory, read = measured(OURS, bag, *window)
+                same = theirs / count * read
+                rows.append(
+                    f'| {name} | {what}, {read} messages | {seconds(spent)} | {memory:.0f} MB | {seconds(same)} '
+                    f'| {same / spent:.3g} |'
+                )
+            (bag / 'bag_0.mcap').unlink()
+    return '\n'.join(rows)

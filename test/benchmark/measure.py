@@ -1,0 +1,88 @@
+"""Times taken side by side: what one machine, loaded or not, tells another is the ratio."""
+
+import os
+import platform
+import resource
+import statistics
+import subprocess
+import time
+from contextlib import contextmanager
+
+import numpy as np
+import scipy
+
+from pendubot_identification.core import kernel
+
+REPETITIONS = 5
+
+
+def wall():
+    """Return the time [s]."""
+    return time.perf_counter()
+
+
+def cpu():
+    """Return the processor time [s] of this process and its children: what is left to measure on a loaded machine."""
+    uses = (resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+    return sum(use.ru_utime + use.ru_stime for use in uses)
+
+
+#: By which everything is measured.
+clock = wall
+
+
+def interleaved(works, repetitions=REPETITIONS):
+    """Return, by name, the median seconds of each of the works, a dict of callables that are run in turn."""
+    spent = {name: [] for name in works}
+    for _ in range(repetitions):
+        for name, work in works.items():
+            begin = clock()
+            work()
+            spent[name].append(clock() - begin)
+    return {name: statistics.median(seconds) for name, seconds in spent.items()}
+
+
+@contextmanager
+def path(compiled):
+    """Take the compiled kernel, or numpy."""
+    before, kernel.wanted = kernel.wanted, compiled
+    try:
+        yield
+    finally:
+        kernel.wanted = before
+
+
+def on(compiled, work):
+    """Return the work on one of the two paths."""
+
+    def run():
+        with path(compiled):
+            return work()
+
+    return run
+
+
+def machine():
+    """Say where this was measured."""
+    lines = subprocess.run(['lscpu'], capture_output=True, text=True).stdout.splitlines()
+    name = next((line.split(':')[1].strip() for line in lines if line.startswith('Model name')), platform.machine())
+    versions = f'Python {platform.python_version()}, numpy {np.__version__}, scipy {scipy.__version__}'
+    return f'{name}, {os.cpu_count()} cores, {versions}'
+
+
+def seconds(value):
+    """Return a time as people write it."""
+    for unit, factor in (('s', 1), ('ms', 1e3)):
+        if value * factor >= 1:
+            return f'{value * factor:.3g} {unit}'
+    return f'{value * 1e6:.3g} µs'
+
+
+def table(spent, ours):
+    """Return the rows of a table: a work, its time, and that time over each of ours."""
+    head = f'| | time | {" | ".join(f"over {name}" for name in ours)} |'
+    rows = [head, '|' + '---|' * (2 + len(ours))]
+    for name, value in spent.items():
+        ratios = ['' if name in ours else f'{value / spent[other]:.3g}' for other in ours]
+        rows.append(f'| {name} | {seconds(value)} | {" | ".join(ratios)} |')
+    return '\n'.join(rows)

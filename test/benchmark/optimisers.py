@@ -1,0 +1,198 @@
+"""MDE beside differential evolutions from PyPI, all with the same number of function values."""
+
+import numpy as np
+from scipy.optimize import differential_evolution
+
+from pendubot_identification.adapters.bag_reader import read_trajectory
+from pendubot_identification.core.benchmark_functions import FUNCTIONS
+from pendubot_identification.core.energy import energy_regression
+from pendubot_identification.core.mde import MDE, MDESettings
+from pendubot_identification.core.optimizer import minimize
+from pendubot_identification.core.parameters import coupling_excess, default_bounds
+from pendubot_identification.core.quadratic import Penalised, Quadratic
+from test.benchmark.measure import interleaved, on, table
+from test.conftest import ROOT
+
+RUNS, POPULATION, GENERATIONS = 10, 30, 4000
+#: Of classic DE, about what MDE draws on average.
+WEIGHT, CROSSOVER = 0.7, 0.85
+
+
+def energy_criterion():
+    """The paper's criterion of the first half of the sample bag."""
+    motion = read_trajectory(ROOT / 'bags' / 'paper_experiment').trajectory
+    regression = energy_regression(motion[: len(motion) // 2])
+    return Quadratic.reduce(regression.phi, regression.y)
+
+
+def by_blas(criterion):
+    """The same criterion as a peer would write it, for a population at once, with the same penalty."""
+    phi, y, count, floor = criterion.phi.T.copy(), criterion.y, criterion.count, criterion.floor
+    worth = Penalised.of(criterion).worth
+
+    def value(x):
+        residual = x @ phi - y
+        return (residual * residual).sum(axis=-1) / count + floor + worth * coupling_excess(x)
+
+    return value
+
+
+def mde(objective, bounds, population=POPULATION, runs=RUNS, **settings):
+    chosen = MDESettings(population, **{'generations': GENERATIONS, **settings})
+    return lambda: minimize(MDE(bounds, chosen, runs=runs), objective)
+
+
+def scipys(value, bounds, population=POPULATION, runs=RUNS, target=None):
+    limits = list(zip(bounds.lower, bounds.upper, strict=True))
+
+    def run():
+        for seed in range(runs):
+            start = np.random.default_rng(seed).random((population, len(limits)))
+            differential_evolution(
+                lambda x: value(x.T),
+                limits,
+                init=bounds.lower + start * (bounds.upper - bounds.lower),
+                maxiter=GENERATIONS,
+                tol=0,
+                atol=-1,  # at 0 it would stop where all values are equal
+                polish=False,
+                vectorized=True,
+                updating='deferred',
+                mutation=WEIGHT,
+                recombination=CROSSOVER,
+                callback=None if target is None else lambda intermediate_result: intermediate_result.fun <= target,
+                rng=seed,
+            )
+
+    return run
+
+
+def pygmos(problem, population=POPULATION, runs=RUNS, target=None):
+    import pygmo
+
+    def run():
+        for seed in range(runs):
+            start = pygmo.population(pygmo.problem(problem), size=population, seed=seed)
+            step = GENERATIONS if target is None else 100
+            for _ in range(GENERATIONS // step):
+                how = pygmo.de(gen=step, F=WEIGHT, CR=CROSSOVER, ftol=0, xtol=0, seed=seed)
+                start = pygmo.algorithm(how).evolve(start)
+                if target is not None and start.champion_f[0] <= target:
+                    break
+
+    return run
+
+
+def pygmos_problem(criterion, bounds):
+    """The criterion for one vector at a time, as pygmo asks for it; the quickest way that numpy knows."""
+    phi, y, count, floor = np.ascontiguousarray(criterion.phi), criterion.y, criterion.count, criterion.floor
+
+    class Problem:
+        def fitness(self, x):
+            residual = phi @ x - y
+            return [residual @ residual / count + floor]
+
+        def get_bounds(self):
+            return bounds.lower, bounds.upper
+
+    return Problem()
+
+
+def minions(value, bounds, population=POPULATION, runs=RUNS, target=None):
+    import minionpy
+
+    def run():
+        for seed in range(runs):
+            minionpy.Minimizer(
+                lambda x: value(np.asarray(x)).tolist(),
+                list(zip(bounds.lower, bounds.upper, strict=True)),
+                algo='DE',
+                maxevals=population * (GENERATIONS + 1),
+                callback=None if target is None else lambda state: state.fun <= target,
+                seed=seed,
+                options={
+                    'population_size': population,
+                    'mutation_strategy': 'rand1bin',
+                    'mutation_rate': WEIGHT,
+                    'crossover_rate': CROSSOVER,
+                    'x_tol': -1.0,
+                },
+            ).optimize()
+
+    return run
+
+
+def pymoos(value, bounds, population=POPULATION, runs=RUNS):
+    from pymoo.algorithms.soo.nonconvex.de import DE
+    from pymoo.core.problem import Problem
+    from pymoo.optimize import minimize as pymoo_minimize
+
+    class Vectorised(Problem):
+        def __init__(self):
+            super().__init__(n_var=len(bounds.lower), n_obj=1, xl=bounds.lower, xu=bounds.upper)
+
+        def _evaluate(self, x, out, *_, **__):
+            out['F'] = value(x)[:, None]
+
+    # One run and the tenth part of its generations: it is far behind, and its time is proportional to them.
+    def run():
+        pymoo_minimize(Vectorised(), DE(pop_size=population), ('n_gen', GENERATIONS // 10), seed=1)
+
+    return run
+
+
+def full_budget():
+    criterion, bounds = energy_criterion(), default_bounds().of(7)
+    objective, value = Penalised.of(criterion), by_blas(criterion)
+    spent = interleaved(
+        {
+            'kernel': on(True, mde(objective, bounds)),
+            'numpy': on(False, mde(objective, bounds)),
+            'kernel, per vector': on(True, mde(objective, bounds, per_component=False)),
+            'scipy DE, vectorised': scipys(value, bounds),
+            'pygmo DE': pygmos(pygmos_problem(criterion, bounds)),
+            'minionpy DE': minions(value, bounds),
+            'pymoo DE (from a 100th of the work)': pymoos(value, bounds),
+            'exact bounded least squares (no MDE at all)': lambda: criterion.minimum(bounds),
+        }
+    )
+    spent['pymoo DE (from a 100th of the work)'] *= 10 * RUNS
+    return table(spent, ('kernel', 'numpy'))
+
+
+def to_the_minimum():
+    criterion, bounds = energy_criterion(), default_bounds().of(7)
+    value = by_blas(criterion)
+    target = float(criterion(criterion.minimum(bounds))) * (1 + 1e-6)
+    objective = Penalised.of(criterion)
+    return table(
+        interleaved(
+            {
+                'kernel': on(True, mde(objective, bounds, target=target)),
+                'kernel, per vector': on(True, mde(objective, bounds, target=target, per_component=False)),
+                'numpy, per vector': on(False, mde(objective, bounds, target=target, per_component=False)),
+                'scipy DE, vectorised': scipys(value, bounds, target=target),
+                'pygmo DE': pygmos(pygmos_problem(criterion, bounds), target=target),
+                'minionpy DE': minions(value, bounds, target=target),
+            }
+        ),
+        ('kernel', 'kernel, per vector'),
+    )
+
+
+def benchmark_functions(dimension=10):
+    import pygmo
+
+    theirs = {'Griewank': pygmo.griewank, 'Ackley': pygmo.ackley, 'Rastrigin': pygmo.rastrigin}
+    parts = []
+    for function in FUNCTIONS:
+        bounds = function.bounds(dimension)
+        works = {
+            'kernel': on(True, mde(function, bounds)),
+            'numpy': on(False, mde(function, bounds)),
+            'scipy DE, vectorised': scipys(function.value, bounds),
+        }
+        if function.name in theirs:
+            works['pygmo DE, its own C++ problem'] = pygmos(theirs[function.name](dimension))
+        parts.append(f'{function.name}\n\n' + table(interleaved(works), ('kernel', 'numpy')))
+    return '\n\n'.join(parts)

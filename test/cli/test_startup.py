@@ -1,0 +1,60 @@
+"""What nobody waits for: libraries that a subcommand does not need are not imported."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+from test.conftest import ROOT
+
+HEAVY = ('scipy', 'matplotlib', 'rclpy', 'tqdm')
+CHILD = """
+import json, sys
+from pendubot_identification.cli.main import main
+try:
+    main(sys.argv[1:])
+except SystemExit:
+    pass
+print(json.dumps(sorted({name.split('.')[0] for name in sys.modules})), file=sys.stderr)
+"""
+
+
+def imported(*arguments):
+    child = subprocess.run(
+        [sys.executable, '-c', CHILD, *arguments], cwd=ROOT, capture_output=True, text=True, timeout=60, check=True
+    )
+    return set(json.loads(child.stderr.splitlines()[-1]))
+
+
+@pytest.mark.parametrize('arguments', [['--help'], ['identify', '--help'], ['info', 'bags/paper_experiment']])
+def test_help_and_info_import_nothing_heavy(arguments):
+    assert not imported(*arguments) & set(HEAVY)
+
+
+@pytest.mark.parametrize('arguments', [['--help'], ['--version'], ['identify', '--help']])
+def test_help_imports_not_even_numpy(arguments):
+    assert not imported(*arguments) & {'numpy', 'mcap', 'rosbags', 'yaml'}
+
+
+def test_identifying_leaves_the_heaviest_parts_of_scipy_alone():
+    """Importing scipy.signal and scipy.stats takes half as long as a recording takes to be identified."""
+    child = 'import sys, pendubot_identification.core.identification; print([m for m in sys.modules if "scipy" in m])'
+    names = subprocess.run([sys.executable, '-c', child], capture_output=True, text=True, timeout=60, check=True).stdout
+    assert "'scipy.interpolate'" in names
+    assert "'scipy.signal'" not in names
+    assert "'scipy.stats'" not in names
+
+
+@pytest.mark.parametrize(('switch', 'path'), [('on', 'compiled kernel'), ('off', 'switched off by PENDUBOT_KERNEL')])
+def test_version_says_which_path_is_taken(switch, path):
+    said = subprocess.run(
+        [sys.executable, '-m', 'pendubot_identification.cli.main', '--version'],
+        env={'PENDUBOT_KERNEL': switch},
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=True,
+    ).stdout
+    assert said.startswith('pendubot 0.')
+    assert path in said or (switch == 'on' and 'there was no C compiler' in said)
