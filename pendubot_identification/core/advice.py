@@ -9,6 +9,8 @@ from .parameters import NAMES
 
 #: A standard error above this fraction of the value: the motion says little of the parameter.
 POORLY = 0.1
+#: Above this fraction it says nothing.
+NOT_AT_ALL = 100.0
 #: A correlation from here on is worth naming: what one parameter gains the other one loses.
 TOGETHER = 0.95
 
@@ -44,6 +46,6 @@ def advise(estimate: Estimate) -> tuple[str, ...]:
         apart = ''
         if correlation[k, partner] > TOGETHER:
             apart = f', hardly apart from {NAMES[partner]} (correlation {estimate.correlation[k, partner]:.2f})'
-        certain = f'its standard error is {100 * relative[k]:.0f} % of it' if np.isfinite(relative[k]) else 'not at all'
+        certain = f'its standard error is {100 * relative[k]:.0f} % of it' if relative[k] < NOT_AT_ALL else 'not at all'
         sentences.append(f'this motion tells little of {NAMES[k]} ({certain}{apart}); what helps: {HELP[NAMES[k]]}')
     return tuple(sentences)

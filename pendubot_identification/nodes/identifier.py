@@ -58,6 +58,15 @@ class Identifier(SettingsNode):
         Setting('runs', 0, 'independent runs of MDE; 0: by default', '', 0, 1000, dynamic=True),
         Setting('generations', 0, 'generations of a run; 0: by default', '', 0, 10_000_000, dynamic=True),
         Setting('population', 0, 'vectors of a run (NP); 0: by default', '', 0, 10_000, dynamic=True),
+        Setting(
+            'spread',
+            SPREAD,
+            'a run ends when its vectors are so close, relatively; 0: never',
+            '',
+            0.0,
+            1.0,
+            dynamic=True,
+        ),
         Setting('seed', 1, 'same seed, same result', '', 0, 2**31 - 1, dynamic=True),
         Setting('lower_bounds', default_bounds().lower.tolist(), f'of {" ".join(NAMES)}, in their units', dynamic=True),
         Setting('upper_bounds', default_bounds().upper.tolist(), f'of {" ".join(NAMES)}, in their units', dynamic=True),
@@ -147,6 +156,8 @@ class Identifier(SettingsNode):
 def _settings(values: dict[str, Any]) -> Settings:
     names = [name.strip() for name in values['criterion'].split(',') if name.strip()]
     mde = {name: values[name] for name in ('population', 'generations') if values[name]}
+    if values['spread'] != SPREAD:
+        mde['spread'] = values['spread'] or None
     lower, upper = values['lower_bounds'], values['upper_bounds']
     return Settings(
         criteria=tuple(names) or CRITERIA,
@@ -158,7 +169,7 @@ def _settings(values: dict[str, Any]) -> Settings:
         delays=(values['delay_min'], values['delay_max']),
         start=read_parameters(Path(values['start'])) if values['start'] else None,
         link_length=values['link_length'] or None,
-        mde=MDESettings(**mde, spread=SPREAD) if mde else None,
+        mde=MDESettings(**{'spread': SPREAD, **mde}) if mde else None,
         runs=values['runs'] or None,
         seed=values['seed'],
         bounds=Bounds(np.array(lower), np.array(upper), NAMES[: max(len(lower), MODELS['viscous'])]),

@@ -24,14 +24,15 @@ def white(seed, seconds=100.0, scale=(1.0, 10.0, 0.1)):
     return Regression(phi, rng.normal(size=len(phi)), np.linspace(0, seconds, len(phi)))
 
 
-@settings(max_examples=15)
-@given(st.integers(0, 10**6))
-def test_of_independent_residuals_it_is_the_textbooks(seed):
-    part = white(seed)
-    covariance = bootstrap_covariance([part], np.zeros(3), FREE, resamples=1000)
-    textbook = np.linalg.inv(part.phi.T @ part.phi)
-    np.testing.assert_allclose(np.diag(covariance) / np.diag(textbook), 1, atol=0.75)
-    assert (np.linalg.eigvalsh(covariance) > 0).all()
+def test_of_independent_residuals_it_is_the_textbooks():
+    """In the mean over recordings; that of one is made of fifty blocks, and as uncertain as that."""
+    ratios = []
+    for seed in range(30):
+        part = white(seed)
+        covariance = bootstrap_covariance([part], np.zeros(3), FREE, resamples=1000)
+        assert (np.linalg.eigvalsh(covariance) > 0).all()
+        ratios.append(np.diag(covariance) / np.diag(np.linalg.inv(part.phi.T @ part.phi)))
+    np.testing.assert_allclose(np.mean(ratios, axis=0), 1, atol=0.2)
 
 
 def test_residuals_that_repeat_tell_no_more():

@@ -221,7 +221,7 @@ def test_pause_resume_and_split_do_what_they_say(tmp_path, node, diagnostics):
     assert [value for topic, value in read if topic == '/latched'][-1] == 1.5
 
 
-@pytest.mark.parametrize('limit', [{'max_size': 100_000}, {'max_duration': 0.2}])
+@pytest.mark.parametrize('limit', [{'max_size': 100_000}, {'max_duration': 0.02}])
 def test_a_bag_of_several_files_holds_all_that_was_sent(tmp_path, node, limit):
     path = tmp_path / 'bag'
     message = joint_state(5)
