@@ -100,6 +100,7 @@ def result_page(
         f'{CRITERIA.get(criterion, "")}.</p>',
         '<h2>Parameters</h2>',
         _parameters(result, show, reference, reference_name),
+        *(f'<p>{escape(sentence)}.</p>' for sentence in result.get('advice', ())),
         _section('Recorded and simulated motion', motion),
         '<h2>How well they foresee</h2>',
         _quality(result, show),
@@ -268,6 +269,16 @@ def _how(result: Result, show: _Shown) -> str:
             f'{show.short("link_length.value")} m, standard error {show.short("link_length.std_error")} m{expected}. A '
             'length that is not the one of a ruler means wrong signs, zeros or stamps.</p>'
         )
+    if result.get('zeros'):
+        rows = [
+            [escape(zero['recording']), *(_angle(show, f'zeros.{k}.{joint}') for joint in ('q1', 'q2'))]
+            for k, zero in enumerate(result['zeros'])
+        ]
+        parts += [
+            '<p>So far off are the zeros of each recording, in degrees, what was read less what is true: friction may '
+            'hold the links where they do not hang straight when the encoders are set to zero.</p>',
+            _table(['recording', 'q1', 'q2'], rows),
+        ]
     for name, entry in result['criteria'].items():
         said = ''.join(f'<li>{escape(step)}</li>' for step in entry['steps'])
         parts.append(f'<h3>{escape(name)}: {CRITERIA.get(name, "")}</h3><ul>{said}</ul>')
@@ -289,6 +300,12 @@ def _how(result: Result, show: _Shown) -> str:
             '</p>',
         ]
     return '\n'.join(parts)
+
+
+def _angle(show: _Shown, path: str) -> str:
+    if show.entry(path) is None:
+        return '-'
+    return f'{show.fixed(path, 1)}<small>± {show.fixed(f"{path}_std_error", 1)}</small>'
 
 
 def _provenance(show: _Shown) -> str:

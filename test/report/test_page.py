@@ -83,6 +83,22 @@ def test_every_number_is_the_one_of_the_result_file(options):
     assert re.findall(r'\d+', text) == []
 
 
+def test_zeros_that_are_off_and_advice_are_shown():
+    zeros = {
+        'recording': 'swing',
+        'q1': -3.26,
+        'q1_std_error': 0.24,
+        'q2': None,
+        'q2_std_error': None,
+        'unit': 'degree',
+    }
+    text = result_page(plain() | {'zeros': [zeros], 'advice': ['move the elbow']}, [], {})
+    shown = {attributes['data-entry']: number for attributes, number in Page(text).data}
+    assert (shown['zeros.0.q1'], shown['zeros.0.q1_std_error']) == ('-3.3', '0.2')
+    assert 'zeros.0.q2' not in shown
+    assert 'move the elbow' in text
+
+
 def test_all_that_the_file_says_of_its_making_is_at_the_foot():
     result = plain()
     page = Page(result_page(result, [], {}))
