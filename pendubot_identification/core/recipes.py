@@ -39,6 +39,8 @@ EXACT_LADDER = (0.2, 0.5, 2.0)
 #: that a held one leaves. Where samples are no further apart than a simulation step, the difference is a delay of half
 #: an interval.
 LINEAR = 0.95
+#: A fit has ended in a valley of its own where its J is above so many times that of another answer.
+ELSEWHERE = 1.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,6 +112,10 @@ class Data:
         if settings.start is not None:
             low, high = settings.delays
             return settings.start.vector('geared')[: MODELS[model]], min(max(0.0, low), high)
+        return self.weak_start(model, like)
+
+    def weak_start(self, model: str, like: Linear | None = None) -> tuple[Array, float]:
+        """Return the weak criterion's answer, as far as a local optimiser can start from it."""
         theta, delay = self.solve_linear('weak', model, like)
         # On a bound of the inertias nothing moves as a rig does, and no fit finds its way from there.
         theta[:2] = np.maximum(theta[:2], LEAST_SHARE * max(theta[:2].sum(), 1e-6))
@@ -189,7 +195,7 @@ def _estimate_trajectory(data: Data, judges: Sequence[Motion], model: str, progr
     J, residuals = segment_cost(motions, found.fit.theta, found.fit.delay, bounds, scale)
     steps.append(f'Levenberg-Marquardt on states over {found.length:.2g} s: J from {before:.4g} to {J:.4g}')
     sharper = fit_positions(motions, found.fit.theta, found.fit.delay, bounds, settings.delays, progress=tell)
-    zeros = None
+    zeros, converged = None, found.fit.converged
     if sharper is None:
         zeros = Zeros(tuple(m.name for m in motions), *estimated_zeros(found, len(motions)))
     else:
@@ -199,6 +205,13 @@ def _estimate_trajectory(data: Data, judges: Sequence[Motion], model: str, progr
             f'Levenberg-Marquardt on recorded positions over {found.length:.3g} s: {found.variance:.3f} times the '
             'variance of their noise'
         )
+        converged = found.fit.converged
+    if settings.start is not None and settings.optimizer != 'mde' and not found.white:
+        # A valley of its own may hold what began far away; that another point is lower shows it.
+        elsewhere, _ = segment_cost(motions, *data.weak_start(model), bounds, scale)
+        if ELSEWHERE * elsewhere < J:
+            converged = False
+            steps.append(f"the weak criterion's answer has J = {elsewhere:.4g}: lower, without any search")
     size = MODELS[model]
     covariance, std_error, uncertainty = trajectory_covariance(found)
     return Estimate(
@@ -214,7 +227,7 @@ def _estimate_trajectory(data: Data, judges: Sequence[Motion], model: str, progr
         unit='variance',
         residuals=residuals,
         condition_number=scaled_condition_number(found),
-        converged=found.fit.converged,
+        converged=converged,
         steps=tuple(steps),
         runs=runs,
         J_validation=segment_cost(judges, found.fit.theta, found.fit.delay, bounds, scale)[0] if judges else np.nan,

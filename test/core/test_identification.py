@@ -190,6 +190,15 @@ def test_parameters_that_are_given_are_where_it_starts():
     assert wrong(result.best) < 0.005
 
 
+@pytest.mark.parametrize('seed', [0, 21, 23, 38])
+def test_a_start_that_is_wrong_by_three_arrives_or_is_said_to_have_not(seed):
+    off = 3.0 ** np.random.default_rng(seed).choice([-1, 1], 7)
+    result = identify([recording(400, seed=2)], [], replace(TRAJECTORY, start=Parameters(*(TRUTH * off))))
+    assert (wrong(result.best) < 0.01) == (seed == 0)
+    assert (result.level is Level.OK) == (seed == 0)
+    assert ('lower, without any search' in result.best.steps[-1]) == (seed == 23)
+
+
 def test_mde_finds_the_trajectory_criterions_basin_from_nowhere():
     how = replace(TRAJECTORY, optimizer='mde', mde=MDESettings(population=20, generations=50), seed=2)
     result = identify([recording(300, seed=2)], [], how)
