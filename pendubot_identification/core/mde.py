@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from .errors import ParameterError
 from .mde_kernel import Compiled, leap
-from .optimizer import Found, Objective, OptimizationResult, random_points, random_streams, require_runs
+from .optimizer import IndependentRuns, Objective, random_points
 from .parameters import Bounds
 
 Array = NDArray[np.float64]
@@ -70,7 +70,7 @@ class MDESettings:
             raise ParameterError(f'the crossover rate CR reaches {self.crossover[1]:g}; at most 1 is expected')
 
 
-class MDE:
+class MDE(IndependentRuns):
     """Ask/tell optimiser (see :class:`.optimizer.Optimizer`) of several independent runs.
 
     Each run has a random stream of its own, spawned from the seed, so that its result does not depend on how many
@@ -85,29 +85,14 @@ class MDE:
     """
 
     def __init__(self, bounds: Bounds, settings: MDESettings | None = None, *, runs: int = 10, seed: int = 1) -> None:
-        self.bounds = bounds
         self.settings = settings or MDESettings()
-        require_runs(runs, self.settings.population, seed)
-        self.generation = 0
         population, dimension = self.settings.population, len(bounds.lower)
-        self._streams = random_streams(seed, runs)
+        super().__init__(bounds, runs, seed, population)
         self._trials: Array | None = random_points(self._streams, population, bounds)
         # Behind the NP vectors of each run stands its best one once more, so that best/1 is an index like any other.
         self._vectors: Array = np.empty((runs, population + 1, dimension))
         self._values = np.full((runs, population), np.inf)
-        self._active = np.arange(runs)
         self._mutations: _Mutations | None = None
-        self._found = Found(runs, dimension, population, population)
-
-    @property
-    def done(self) -> bool:
-        """Whether every run has stopped."""
-        return not self._active.size
-
-    @property
-    def best_value(self) -> float:
-        """The lowest value of any run so far."""
-        return float(self._found.value.min())
 
     def ask(self) -> Array:
         """Return the points to evaluate, shape (active runs, NP, D): at first the initial population, then trials."""
@@ -145,10 +130,6 @@ class MDE:
         self._stop(done.reasons)
         self.generation = ended + len(done.history) + (not self.done)
         return True
-
-    def result(self) -> OptimizationResult:
-        """Return what the runs have found so far."""
-        return self._found.result()
 
     def _reasons(self, lowest: Array) -> NDArray[np.object_]:
         """Say of every active run why it stops; empty where it goes on."""

@@ -169,3 +169,39 @@ class Found:
             self._first + np.arange(len(self.history)) * self._each,
             tuple(self.stopped_by),
         )
+
+
+class IndependentRuns:
+    """What all optimisers here are made of: runs, each with its random stream, and what each has found.
+
+    Args:
+        bounds: the search box, of dimension D.
+        runs: number of independent runs.
+        seed: same seed, same result.
+        population: vectors of a run, and so the function values of a generation.
+
+    Raises:
+        ParameterError: see :func:`require_runs`.
+    """
+
+    def __init__(self, bounds: Bounds, runs: int, seed: int, population: int) -> None:
+        require_runs(runs, population, seed)
+        self.bounds = bounds
+        self.generation = 0
+        self._streams = random_streams(seed, runs)
+        self._active = np.arange(runs)
+        self._found = Found(runs, len(bounds.lower), population, population)
+
+    @property
+    def done(self) -> bool:
+        """Whether every run has stopped."""
+        return not self._active.size
+
+    @property
+    def best_value(self) -> float:
+        """The lowest value of any run so far."""
+        return float(self._found.value.min())
+
+    def result(self) -> OptimizationResult:
+        """Return what the runs have found so far."""
+        return self._found.result()

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import ParameterError
-from .optimizer import Found, OptimizationResult, random_points, random_streams, require_runs
+from .optimizer import IndependentRuns, random_points
 from .parameters import Bounds
 
 Array = NDArray[np.float64]
@@ -55,7 +55,7 @@ class PSOSettings:
             raise ParameterError('the weights w, c1 and c2 of the swarm must be finite numbers')
 
 
-class PSO:
+class PSO(IndependentRuns):
     """Ask/tell optimiser (see :class:`.optimizer.Optimizer`) of several independent swarms.
 
     Args:
@@ -66,28 +66,13 @@ class PSO:
     """
 
     def __init__(self, bounds: Bounds, settings: PSOSettings | None = None, *, runs: int = 10, seed: int = 1) -> None:
-        self.bounds = bounds
         self.settings = settings or PSOSettings()
-        particles, dimension = self.settings.particles, len(bounds.lower)
-        require_runs(runs, particles, seed)
-        self.generation = 0
+        particles = self.settings.particles
+        super().__init__(bounds, runs, seed, particles)
         self._width = bounds.upper - bounds.lower
-        self._streams = random_streams(seed, runs)
         self._x = random_points(self._streams, particles, bounds)
         self._v = random_points(self._streams, particles, Bounds(-self._width, self._width, bounds.names))
         self._best, self._values = self._x.copy(), np.full((runs, particles), np.inf)
-        self._active = np.arange(runs)
-        self._found = Found(runs, dimension, particles, particles)
-
-    @property
-    def done(self) -> bool:
-        """Whether every run has stopped."""
-        return not self._active.size
-
-    @property
-    def best_value(self) -> float:
-        """The lowest value of any run so far."""
-        return float(self._found.value.min())
 
     def ask(self) -> Array:
         """Return the particles, shape (active runs, s, D)."""
@@ -105,10 +90,6 @@ class PSO:
         if not self.done:
             self.generation += 1
             self._move(leader[going])
-
-    def result(self) -> OptimizationResult:
-        """Return what the runs have found so far."""
-        return self._found.result()
 
     def _going(self, lowest: Array) -> NDArray[np.bool_]:
         settings = self.settings
