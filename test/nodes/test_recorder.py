@@ -232,7 +232,7 @@ def test_a_bag_of_several_files_holds_all_that_was_sent(tmp_path, node, limit):
             message.header.stamp.nanosec = k
             publisher.publish(message)
             if k % 100 == 99:
-                wait(lambda k=k: f'{recorded(path)}' and recorded(path) > k - 500)
+                wait(lambda k=k: recorded(path) > k - 500)
         wait(lambda: recorded(path) == 2000)
         assert program.stop() == 0
     assert len(list(path.glob('*.mcap'))) > 1
@@ -277,7 +277,7 @@ def test_messages_that_were_lost_are_counted(tmp_path, node, diagnostics):
         program.process.send_signal(signal.SIGCONT)
         assert spin_until(node, lambda: diagnostics and int(diagnostics[-1][2]['/lost lost']) > 0, 20.0)
         publisher.publish(Float64(data=-1.0))
-        wait(lambda: f'{struct.unpack("<d", whole_messages(path)[-1][4:])[0]}' == '-1.0')
+        wait(lambda: struct.unpack('<d', whole_messages(path)[-1][4:])[0] == -1.0)
         assert spin_until(
             node,
             lambda: int(diagnostics[-1][2]['/lost lost']) + int(diagnostics[-1][2]['/lost messages']) == 20_001,
