@@ -3,6 +3,10 @@
 A sample's delay (arrival on the host's clock minus sampling on the board's) is a constant offset, plus the drift
 between the two clocks, plus transport and scheduling, which are never negative. So the true line lies under all
 points (board time, delay), and touches those that were not held up: it is the lower convex hull's edge.
+
+How far its slope is to be believed the points themselves say, by how far they lie above it: on a quiet machine by
+microseconds, on a busy one by milliseconds. So the skew is that slope filtered (Kalman 1960, of one state): known well
+it stays through a busy minute, and is found within seconds where nothing disturbs.
 """
 
 from __future__ import annotations
@@ -13,6 +17,17 @@ from itertools import pairwise
 from typing import NamedTuple
 
 WRAP = 1 << 32
+
+#: Fewer buckets than this tell no skew.
+FEWEST = 4
+#: By how much crystals usually differ, before anything is known [ns per us]: 200 ppm.
+USUAL_SKEW = 0.2
+#: How far the skew wanders in a microsecond, times its root [ns per us]: 0.1 ppm in a second.
+WANDER = 1e-4 / 1e3
+#: An edge's slope is uncertain by so many times the points' mean height above it, over the time that they span.
+DOUBT = 2.0
+#: Nearer to the line than this [ns] no point is believed to be.
+FINEST = 5_000.0
 
 
 class _Point(NamedTuple):
@@ -26,19 +41,13 @@ class BoardClock:
     Args:
         window: how far back delays are remembered [s].
         bucket: of each such stretch of board time [s] only the smallest delay is remembered.
-        settle: as long as less than this was seen [s], no skew is assumed; a slope through less is noise.
-        max_skew_ppm: no two crystals differ by more; a larger slope is clamped. The bound grows to this with what was
-            seen, in proportion to the window: a busy second delays everything by milliseconds, and early on that
-            looks like skew.
+        max_skew_ppm: no two crystals differ by more; a larger slope is clamped.
 
     Stamps strictly increase as long as samples are stamped, whatever happens to the mapping.
     """
 
-    def __init__(
-        self, window: float = 60.0, bucket: float = 0.5, settle: float = 10.0, max_skew_ppm: float = 1000.0
-    ) -> None:
+    def __init__(self, window: float = 60.0, bucket: float = 0.5, max_skew_ppm: float = 1000.0) -> None:
         self._bucket_us = round(bucket * 1e6)
-        self._settle_us = settle * 1e6
         self._window_us = window * 1e6
         self._max_slope = max_skew_ppm * 1e-3
         self._minima: deque[_Point] = deque(maxlen=math.ceil(window / bucket) + 1)
@@ -53,6 +62,7 @@ class BoardClock:
         self._arrival_ns = 0
         self._bucket_end = 0
         self._slope = 0.0  # ns of delay per us of board time; 1e-3 is 1 ppm
+        self._variance = USUAL_SKEW**2  # of the slope
         self._intercept = 0.0  # delay [ns] at the board's first sample, where the line is at its lowest
 
     @property
@@ -104,19 +114,29 @@ class BoardClock:
         return delay_ns - self._slope * (board_us - (self._origin_us or 0))
 
     def _refit(self, newest: _Point) -> None:
-        """Lay the line anew, once a bucket, along the hull's edge that spans the middle of the window.
+        """Lay the line anew, once a bucket."""
+        if len(self._minima) >= FEWEST:
+            self._follow(self._minima)
+        self._intercept = min(self._below(*point) for point in (*self._minima, newest))
+
+    def _follow(self, minima: deque[_Point]) -> None:
+        """Move the slope towards that of the hull's edge that spans the middle of the window.
 
         Of all lines under the points that edge is nearest to them on average.
         """
-        seen_us = self._minima[-1].board_us - self._minima[0].board_us if self._minima else 0
-        if seen_us >= self._settle_us:
-            hull = _lower_hull(self._minima)
-            middle = (self._minima[0].board_us + self._minima[-1].board_us) / 2
-            left, right = next(edge for edge in pairwise(hull) if edge[1].board_us >= middle)
-            slope = (right.delay_ns - left.delay_ns) / (right.board_us - left.board_us)
-            bound = self._max_slope * min(1.0, seen_us / self._window_us)
-            self._slope = max(-bound, min(bound, slope))
-        self._intercept = min(self._below(*point) for point in (*self._minima, newest))
+        seen_us, count = minima[-1].board_us - minima[0].board_us, len(minima)
+        middle = (minima[0].board_us + minima[-1].board_us) / 2
+        left, right = next(edge for edge in pairwise(_lower_hull(minima)) if edge[1].board_us >= middle)
+        slope = (right.delay_ns - left.delay_ns) / (right.board_us - left.board_us)
+        above = sum(p.delay_ns - left.delay_ns - slope * (p.board_us - left.board_us) for p in minima)
+        # Two of them the line was laid through.
+        error = DOUBT * max(above / (count - 2), FINEST) / seen_us
+        # A bucket more is that part of a window's news.
+        noise = error**2 * seen_us / self._bucket_us
+        self._variance += WANDER**2 * self._bucket_us
+        gain = self._variance / (self._variance + noise)
+        self._variance *= 1 - gain
+        self._slope += gain * (max(-self._max_slope, min(self._max_slope, slope)) - self._slope)
 
 
 def _lower_hull(points: deque[_Point]) -> list[_Point]:

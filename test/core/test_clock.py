@@ -42,6 +42,34 @@ def test_skew_is_not_guessed_from_a_short_span_and_clamped_where_no_crystal_has_
     assert mad.skew_ppm == pytest.approx(1000, rel=0.02)
 
 
+def test_skew_is_found_within_seconds_where_nothing_disturbs():
+    clock = BoardClock()
+    error = run(clock, seconds=20, skew_ppm=80)
+    assert np.abs(error[4000:]).max() < 60
+    assert clock.skew_ppm == pytest.approx(80, abs=2)
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_a_busy_minute_changes_no_skew_that_is_known(seed):
+    clock = BoardClock()
+    rng = np.random.default_rng(seed)
+    t = np.arange(0, 180, 1e-2)
+    delay = 1e-4 + np.where(t < 60, rng.exponential(5e-5, len(t)), 4e-3 * rng.weibull(4, len(t)))
+    for x, d in zip(t, delay, strict=True):
+        clock.stamp(round(x * 1e6), round((x * (1 + 50e-6) + d) * 1e9))
+    assert clock.skew_ppm == pytest.approx(50, abs=2)
+
+
+def test_one_sample_that_came_early_moves_the_line_but_does_not_turn_it():
+    clock = BoardClock()
+    t = np.arange(0, 100, 1e-3)
+    delay = 6e-4 + np.random.default_rng(1).exponential(5e-5, len(t))
+    delay[70_000] = 1e-4
+    stamps = [clock.stamp(round(x * 1e6), round((x + d) * 1e9)) for x, d in zip(t, delay, strict=True)]
+    assert abs(clock.skew_ppm) < 1
+    assert np.ptp((np.array(stamps) * 1e-9 - t)[70_000:]) < 5e-5
+
+
 @pytest.mark.parametrize('busy', [(1.0, 4.5), (0.6, 2.6), (7.0, 11.5)])
 def test_a_busy_machine_is_not_taken_for_skew(busy):
     """For seconds every sample is held up by 3 ms: their own times must hardly suffer."""
