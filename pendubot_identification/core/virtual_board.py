@@ -174,6 +174,12 @@ class VirtualBoard:
 
     def advance(self) -> bytes:
         """Take one sample, and let the plant move until the next; return what goes out to the host."""
+        out = self.sample()
+        self.move()
+        return out
+
+    def sample(self) -> bytes:
+        """Take one sample; return what goes out to the host. :meth:`move` follows, before the next."""
         if self._elapsed_us >= self._reset_due_us:
             self._reset_due_us = math.inf
             self._origin = self._encoders()
@@ -182,15 +188,16 @@ class VirtualBoard:
         if self._hello_due:
             self._hello_due = False
             out += self._transmit(self._hello())
-        state = self._sample()
-        self.last = state
-        out += self._transmit(self._glitched(state))
+        self.last = self._state()
+        return out + self._transmit(self._glitched(self.last))
+
+    def move(self) -> None:
+        """Let the plant move until the next sample is due."""
         self._held = self._held and not self._armed
-        if not self._held:
-            self._plant.advance((state.torque / 1e6, 0.0), self.settings.sample_period_us * 1e-6)
+        if not self._held and self.last is not None:
+            self._plant.advance((self.last.torque / 1e6, 0.0), self.settings.sample_period_us * 1e-6)
         self._clock_us += self.settings.sample_period_us
         self._elapsed_us += self.settings.sample_period_us
-        return out
 
     def _boot(self, reset_cause: int, clock_us: int = 0) -> None:
         self._boot_id = int(self._rng.integers(1, WRAP))
@@ -229,7 +236,7 @@ class VirtualBoard:
             standing |= Status.OVER_CURRENT
         return standing
 
-    def _sample(self) -> State:
+    def _state(self) -> State:
         faults = self._standing_faults()
         if self._armed and self._clock_us >= self._holds_until_us:
             self._armed, self._tripped = False, True
