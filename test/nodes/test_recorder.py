@@ -319,11 +319,12 @@ def test_sigkill_while_recording_at_1_khz_loses_at_most_a_tenth_of_a_second(tmp_
     assert min(losses) <= 100, losses
 
 
-def test_a_full_disk_is_one_sentence_and_leaves_what_is_whole(tmp_path, node):
+def test_a_full_disk_is_one_sentence_and_leaves_what_is_whole(tmp_path, node, diagnostics):
     path = tmp_path / 'bag'
     with recorder(path, '/too_much') as program:
         publisher = node.create_publisher(type(joint_state(0)), '/too_much', 1000)
         wait_for_subscriptions(publisher)
+        assert spin_until(node, lambda: diagnostics)
         # A limit on a file's size refuses a write as a full disk does.
         resource.prlimit(program.process.pid, resource.RLIMIT_FSIZE, (50_000, 50_000))
         k = 0
@@ -332,8 +333,10 @@ def test_a_full_disk_is_one_sentence_and_leaves_what_is_whole(tmp_path, node):
             k += 1
             time.sleep(0.001)
         assert program.process.returncode == 1
-    wait(lambda: 'is closed with all that was received before: the system limits files to 0.050 MB' in program.output)
+    said = 'is closed with all that was received before: the system limits files to 0.050 MB'
+    wait(lambda: said in program.output)
     assert 'Traceback' not in program.output
+    assert spin_until(node, lambda: diagnostics[-1][0] == 2 and said in diagnostics[-1][1])
     info = BagReader(path).info
     assert info.closed
     assert info.count > 50
