@@ -168,7 +168,7 @@ def stream(folder, seconds):
             time.sleep(0.5)
         bridge.stop()
         recorder.stop()
-        listener.stop(signal.SIGTERM)
+        listener.stop(signal.SIGTERM, 60)
     arrival, stamp, q, effort = listened(heard)
     judged = (stamp >= begun_ns) & (stamp < ended_ns)
     arrival, stamp = arrival[judged], stamp[judged]
@@ -389,12 +389,14 @@ def cable(folder, long):
             time.sleep(rng.uniform(0.0, 0.3))
             board.process.send_signal(signal.SIGUSR2)
             back.append(nanoseconds(board.wait_for('cable in')))
-            rig.until(lambda: rig.samples[-1][1] > back[-1] + 20 * MS)
+            rig.until(lambda: rig.samples[-1][1] > back[-1])
+            again = rig.samples[-1][1]
+            rig.until(lambda again=again: rig.samples[-1][1] > again + 20 * MS)
             disarmed += not newest(rig.trace_file)[4] & ARMED
         rig.fresh_values()
         after = holds(bridge.process.pid)
         alive = bridge.process.poll() is None
-        listener.stop(signal.SIGTERM)
+        listener.stop(signal.SIGTERM, 60)
     arrival, stamp, *_ = listened(heard)
     returned = [(arrival[stamp > moment][0] - moment) / MS for moment in back]
     return [

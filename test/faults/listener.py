@@ -12,6 +12,7 @@ import numpy as np
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import QoSProfile
+from rclpy.serialization import deserialize_message
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 
@@ -22,14 +23,15 @@ def main():
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     # A time server may set the computer's clock in the middle of a trial.
     steady = SteadyTime()
-    times, values = array('q'), array('d')
+    times, messages = array('q'), []
 
-    def on_sample(m):
-        times.extend((steady.ros_time(time.monotonic_ns()), m.header.stamp.sec * 10**9 + m.header.stamp.nanosec))
-        values.extend((m.position[0], m.position[1], m.effort[0]))
+    def on_sample(data):
+        # As it is: what a subscriber of Python's makes of a message is no part of the way to it.
+        times.append(steady.ros_time(time.monotonic_ns()))
+        messages.append(data)
 
     node = rclpy.create_node('fault_trial_listener', enable_rosout=False, start_parameter_services=False)
-    node.create_subscription(JointState, '/joint_states', on_sample, QoSProfile(depth=1000))
+    node.create_subscription(JointState, '/joint_states', on_sample, QoSProfile(depth=1000), raw=True)
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     ended = []
@@ -37,8 +39,12 @@ def main():
     print('listening', flush=True)
     while not ended:
         executor.spin_once(0.2)
+    stamps, values = array('q'), array('d')
+    for m in (deserialize_message(data, JointState) for data in messages):
+        stamps.append(m.header.stamp.sec * 10**9 + m.header.stamp.nanosec)
+        values.extend((*m.position, *m.effort[:1]))
     with open(sys.argv[1], 'wb') as file:
-        np.save(file, np.array(times, dtype=np.int64).reshape(-1, 2))
+        np.save(file, np.column_stack([times, stamps]).astype(np.int64))
         np.save(file, np.array(values).reshape(-1, 3))
     rclpy.try_shutdown()
 
