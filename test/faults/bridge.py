@@ -241,6 +241,7 @@ def busy(folder, long):
     latency = np.percentile(m['latency'], [50, 99])
     return [
         Figure('0 lost', delivered(m), m['whole'] and m['moving']),
+        Figure('the recorder has the same', 'yes' if m['recorded'] else 'no', m['recorded']),
         Figure('(latency)', f'median {latency[0]:.2f} ms, p99 {latency[1]:.1f} ms', True, time=True),
     ]
 
