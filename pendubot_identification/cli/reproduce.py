@@ -174,7 +174,7 @@ class _Reproduction:
         from pendubot_identification.report import paper_figures, paper_tables
 
         data = _sample()
-        training, validation = data.training[0], data.validation[0]
+        training, validation = held_parts([*data.training, *data.validation])
         # MDESettings() stops at no spread: every generation is taken, as in the paper.
         settings = Settings(('energy',), 'viscous', 'mde', mde=MDESettings(), runs=self._runs, seed=self._seed)
         with self._progress('identification') as bar:
@@ -209,7 +209,7 @@ class _Reproduction:
         from pendubot_identification.core.trials import sweep
         from pendubot_identification.report import paper_figures, paper_tables
 
-        regression = energy_regression(_sample().training[0])
+        regression = energy_regression(held_parts(_sample().training)[0])
         criterion = Quadratic.reduce(regression.phi, regression.y)
         trials = sweep(self._seed, self._runs, criterion, default_bounds().of(MODELS['viscous']))
         records, _ = self._run_trials('sweep', list(trials))
