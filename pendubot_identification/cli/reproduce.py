@@ -168,6 +168,7 @@ class _Reproduction:
     def _identification(self) -> None:
         from pendubot_identification.core.explained import energy_balance, foreseen
         from pendubot_identification.core.identification import identify
+        from pendubot_identification.core.long import held_parts
         from pendubot_identification.core.mde import MDESettings
         from pendubot_identification.core.parameters import Parameters
         from pendubot_identification.core.settings import Settings
@@ -204,6 +205,7 @@ class _Reproduction:
 
     def _sweep(self) -> None:
         from pendubot_identification.core.energy import energy_regression
+        from pendubot_identification.core.long import held_parts
         from pendubot_identification.core.parameters import MODELS, default_bounds
         from pendubot_identification.core.quadratic import Quadratic
         from pendubot_identification.core.trials import sweep

@@ -111,7 +111,8 @@ def identify(
     notes = [*notes, *suspicions([*training, *validation])]
     progress('preparing', 0, 0, np.nan)
     data = Data.prepare(training, settings)
-    judges, whole_judges = prepared(validation, data.smoothing, data.hold)
+    groups, whole_judges = prepared(validation, data.smoothing, data.hold)
+    judges = [motion for group in groups for motion in group]
     comparison = _Comparison(data, progress)
     model, scores = comparison.choose() if settings.model == 'auto' else (settings.model, [])
 
@@ -124,7 +125,7 @@ def identify(
     published = _best(estimates)
     best = estimates[published]
     progress('checking signs, zeros and stamps', 0, 0, best.J)
-    if len(held) > 1 and settings.criteria != ('energy',):
+    if len(data.groups) > 1 and settings.criteria != ('energy',):
         notes += contradictions(data, model, comparison.fit(model), comparison.without(model))
     length = link_length(data.motions, model, best.effort.delay)
     low, high = settings.delays

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from .errors import TrajectoryError
 from .estimate import Effort, Estimate, Progress, Zeros
 from .linear import Linear, estimate_linear, linear
-from .long import Long, Recording, held_parts
+from .long import STRETCH, Long, Recording, held_parts
 from .motion import AnyMotion, LongMotion, Motion
 from .parameters import MODELS
 from .prediction import state_scale
@@ -48,7 +48,7 @@ class Data:
     """Motions ready to be explained, and how they are taken.
 
     Attributes:
-        motions: the recordings, of long ones the stretches that stand for them.
+        groups: of each recording itself or, of a long one, the stretches that stand for it.
         whole: the recordings, long ones to be read piece by piece.
         smoothing: the window [s] that made their states.
         hold: how their torque behaves between samples.
@@ -56,7 +56,7 @@ class Data:
         settings: what was asked for.
     """
 
-    motions: tuple[Motion, ...]
+    groups: tuple[tuple[Motion, ...], ...]
     whole: tuple[AnyMotion, ...]
     smoothing: float
     hold: str
@@ -76,8 +76,9 @@ class Data:
         smoothing = choose_smoothing(trajectories) if settings.smoothing is None else settings.smoothing
 
         def taken(hold: str) -> Data:
-            motions, whole = prepared(recordings, smoothing, hold)
-            return cls(motions, whole, smoothing, hold, state_scale(motions), settings)
+            groups, whole = prepared(recordings, smoothing, hold)
+            scale = state_scale([motion for group in groups for motion in group])
+            return cls(groups, whole, smoothing, hold, scale, settings)
 
         if settings.hold != 'auto':
             return taken(settings.hold)
@@ -106,13 +107,18 @@ class Data:
         )
 
     @property
+    def motions(self) -> tuple[Motion, ...]:
+        """All that is held."""
+        return tuple(motion for group in self.groups for motion in group)
+
+    @property
     def long(self) -> tuple[LongMotion, ...]:
         """The recordings for which stretches of them stand."""
         return tuple(motion for motion in self.whole if isinstance(motion, LongMotion))
 
     def only(self, motions: Sequence[Motion]) -> Data:
         """Return some of the motions, measured by the same scale."""
-        return replace(self, motions=tuple(motions), whole=tuple(motions))
+        return replace(self, groups=tuple((motion,) for motion in motions), whole=tuple(motions))
 
     def start(self, model: str, like: Linear | None = None) -> tuple[Array, float]:
         """Return where a local optimiser starts: the user's parameters, or the weak criterion's."""
@@ -161,15 +167,14 @@ class Data:
 
 def prepared(
     recordings: Sequence[Recording], smoothing: float, hold: str
-) -> tuple[tuple[Motion, ...], tuple[AnyMotion, ...]]:
-    """Return what is held of recordings, made ready, and the recordings, long ones to be made so piece by piece."""
-    motions: list[Motion] = []
-    whole: list[AnyMotion] = []
-    for recording in recordings:
-        parts = [Motion.prepare(t, smoothing, hold) for t in held_parts([recording])]
-        motions += parts
-        whole += [LongMotion(recording, smoothing, hold)] if isinstance(recording, Long) else parts
-    return tuple(motions), tuple(whole)
+) -> tuple[tuple[tuple[Motion, ...], ...], tuple[AnyMotion, ...]]:
+    """Return what is held of each recording, made ready, and the recordings, long ones to be so piece by piece."""
+    groups = tuple(tuple(Motion.prepare(t, smoothing, hold) for t in held_parts([r])) for r in recordings)
+    whole = (
+        LongMotion(recording, smoothing, hold) if isinstance(recording, Long) else group[0]
+        for recording, group in zip(recordings, groups, strict=True)
+    )
+    return groups, tuple(whole)
 
 
 def estimate(
@@ -179,7 +184,7 @@ def estimate(
     spans = ', '.join(f'{m.name}, {m.end - m.start:.0f} s' for m in data.long)
     if criterion == 'trajectory':
         found = _estimate_trajectory(data, judges[0], model, progress)
-        said = f'from {len(data.motions)} stretches that stand for {spans}'
+        said = f'from {len(data.motions)} stretches of {STRETCH:g} s, spread over {spans}'
     else:
         made = linear(criterion, data.motions, model, data.settings)
         if data.long:
@@ -189,7 +194,7 @@ def estimate(
         found = estimate_linear(criterion, made, model, data.settings, data.hold, progress, judge)
         said = f'from all of {spans}'
         if criterion == 'weak':
-            said += f'; delay and weights from {len(data.motions)} stretches'
+            said += f'; delay and weights from {len(data.motions)} stretches of {STRETCH:g} s'
     return replace(found, steps=(said, *found.steps)) if data.long else found
 
 

@@ -99,21 +99,26 @@ def test_stretches_are_those_in_which_the_rig_is_driven():
         assert stretch.tau.any()
 
 
+class Backwards:
+    """A recording whose parts are each in order, and which is not."""
+
+    def __init__(self, motion):
+        self._motion, self.name, self.duration = motion, motion.name, motion.duration
+
+    def __len__(self):
+        return len(self._motion)
+
+    def __getitem__(self, part):
+        motion = self._motion[part]
+        return replace(motion, t=motion.t - 0.01 * (part.start >= 2500))
+
+
 def test_what_is_wrong_with_a_long_recording_is_named():
     motion = MOTIONS[0.0]
     hole = (motion.t < 70) | (motion.t > 71)
     with pytest.raises(TrajectoryError, match=r'virtual rig: 1\.0\d\d s without a sample begin at (69\.99|70\.0)'):
         long(motion[hole], 500)
-    back = motion.t.copy()
-    back[500:] -= 0.01
-    with pytest.raises(TrajectoryError, match=r'from 1\.996 s on: the stamp of sample 1 runs backwards by 0\.006 s'):
-        list(long_of(motion, back))
+    with pytest.raises(TrajectoryError, match=r'virtual rig.*: the stamp of sample \d+ runs backwards by 0\.006 s'):
+        long(Backwards(motion), 500)
     some = np.random.default_rng(1).random(len(motion)) > 0.1
     assert long(motion[some], 500).lost == pytest.approx((~some).sum(), rel=0.05)
-
-
-def long_of(motion, stamps):
-    """Return the stretches of what has stamps that each part of it may have, but not all of it."""
-    parts = [(a, min(a + 500, len(stamps))) for a in range(0, len(stamps), 500)]
-    pieces = [Trajectory(stamps[a:b], motion.q[a:b], motion.tau[a:b]) for a, b in parts]
-    return Long.survey('virtual rig', lambda: iter(pieces), motion.duration).stretches
