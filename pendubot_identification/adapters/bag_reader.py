@@ -18,7 +18,7 @@ import yaml
 from numpy.typing import NDArray
 
 from pendubot_identification.core.errors import BagError, TrajectoryError
-from pendubot_identification.core.long import LONG, Long, Recording
+from pendubot_identification.core.long import Long, Recording, is_long
 from pendubot_identification.core.trajectory import MINIMUM_SAMPLES, Trajectory
 
 from .bulk import Layout, Message, Samples
@@ -177,7 +177,7 @@ class BagReader:
     def is_long(self, topic: str, duration: float) -> bool:
         """Tell whether about so many seconds of a topic are too many samples to be held."""
         count = sum(t.count for t in self.info.topics if t.name == topic)
-        return count * duration > LONG * self.info.duration
+        return self.info.duration > 0 and is_long(count * duration / self.info.duration, duration)
 
     def content_hash(self) -> str:
         """Return the SHA-256 of the bag's .mcap files, one after the other, in hexadecimal."""
@@ -356,7 +356,12 @@ def read_recording(
         return read_trajectory(window, topic=topic, joint_names=joint_names, reader=reader)
     stream = reader.stream(topic, joint_names, window.start, window.end)
     while True:
-        long = Long.survey(str(window), lambda: stream.trajectories(str(window)), duration)
+        long = Long.survey(
+            str(window),
+            lambda: stream.trajectories(str(window)),
+            duration,
+            lambda begin, end: str(BagWindow(window.path, begin, end)),
+        )
         if not stream.missed():
             return RecordedTrajectory(long, window, reader.content_hash(), reader.info.closed, reader.info.note)
 

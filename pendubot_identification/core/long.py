@@ -14,10 +14,11 @@ from .trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
-#: A recording of more samples than this is long: what is made of so many takes some hundred megabytes.
-LONG = 200_000
+#: A recording of more samples than this, or that lasts longer than this [s], is long: held, with all that is made of
+#: it, it would take hundreds of megabytes and minutes.
+LONG_SAMPLES, LONG_SECONDS = 200_000, 600.0
 #: So many stretches of a long recording, of this length [s], stand for it where all of it is too much.
-STRETCHES, STRETCH = 12, 10.0
+STRETCHES, STRETCH = 12, 8.0
 #: A piece's length [s], without what it shares with its neighbours.
 PIECE = 10.0
 #: Samples after which a cubic spline's end is no longer felt, twice: (2 - sqrt 3)^50 is 1e-29.
@@ -28,6 +29,11 @@ THINNED = 100
 TOGETHER = 50
 
 Read = Callable[[], Iterator[Trajectory]]
+
+
+def is_long(samples: float, duration: float) -> bool:
+    """Tell whether so many samples over so many seconds are too long to be held, and worth being taken in stretches."""
+    return duration > LONG_SECONDS or (samples > LONG_SAMPLES and duration > 2 * STRETCHES * STRETCH)
 
 
 class Piece(NamedTuple):
@@ -114,13 +120,14 @@ class Long:
         return np.asarray(self.start + self.interval * np.arange(begin, end))
 
     @classmethod
-    def survey(cls, name: str, read: Read, duration: float) -> Long:
+    def survey(cls, name: str, read: Read, duration: float, part: Callable[[float, float], str]) -> Long:
         """Read a recording once.
 
         Args:
             name: of the recording.
             read: see :class:`Long`.
             duration: about how long it lasts [s].
+            part: what the part of it between two times [s] is called.
 
         Raises:
             TrajectoryError: samples too far apart, a gap, or stamps that repeat or run backwards.
@@ -132,10 +139,9 @@ class Long:
             moved = np.abs(np.diff(stretch.q, axis=0))
             whole = stretch.duration > STRETCH - 2 * stretch.interval if len(stretch) > 1 else False
             worth = whole, float((moved * np.abs(stretch.tau[:-1])).sum()), float(moved.sum())
-            part = min(int((piece.t[0] - stamps.start) / duration * STRETCHES), STRETCHES - 1)
-            if part not in best or worth > best[part][0]:
-                label = f'{name}, {stretch.t[0]:.0f} to {stretch.t[0] + STRETCH:.0f} s'
-                best[part] = worth, replace(stretch, name=label)
+            place = min(int((piece.t[0] - stamps.start) / duration * STRETCHES), STRETCHES - 1)
+            if place not in best or worth > best[place][0]:
+                best[place] = worth, stretch
         interval, size, near = stamps.grid(name)
         return cls(
             name=name,
@@ -147,7 +153,7 @@ class Long:
             size=size,
             near=near,
             lost=stamps.lost,
-            stretches=tuple(best[part][1] for part in sorted(best)),
+            stretches=tuple(_named(best[place][1], part) for place in sorted(best)),
         )
 
     def pieces(self, reach: float) -> Iterator[Piece]:
@@ -264,6 +270,11 @@ class _Stamps:
         if not strays(max(float((late - off).max()), float((off - early).max())), step):
             return spacing, self.count, True
         return step, int((self.last - self.start) / step + 1e-6) + 1, False
+
+
+def _named(stretch: Trajectory, part: Callable[[float, float], str]) -> Trajectory:
+    begin = round(float(stretch.t[0]), 3)
+    return replace(stretch, name=part(begin, begin + STRETCH))
 
 
 def _joined(parts: Iterable[Trajectory], length: float) -> Iterator[Trajectory]:
