@@ -133,13 +133,12 @@ class Long:
             TrajectoryError: samples too far apart, a gap, or stamps that repeat or run backwards.
         """
         stamps, best = _Stamps(), dict[int, tuple[tuple[bool, float, float], Trajectory]]()
-        for piece in _joined(read(), STRETCH):
-            stamps.add(name, piece.t)
-            stretch = piece[piece.t < piece.t[0] + STRETCH]
+        for stretch in _cut(read(), STRETCH):
+            stamps.add(name, stretch.t)
             moved = np.abs(np.diff(stretch.q, axis=0))
             whole = stretch.duration > STRETCH - 2 * stretch.interval if len(stretch) > 1 else False
             worth = whole, float((moved * np.abs(stretch.tau[:-1])).sum()), float(moved.sum())
-            place = min(int((piece.t[0] - stamps.start) / duration * STRETCHES), STRETCHES - 1)
+            place = min(int((stretch.t[0] - stamps.start) / duration * STRETCHES), STRETCHES - 1)
             if place not in best or worth > best[place][0]:
                 best[place] = worth, stretch
         interval, size, near = stamps.grid(name)
@@ -160,7 +159,7 @@ class Long:
         """Return the recording piece by piece, each with ``reach`` [s] and more of both neighbours."""
         reach += SETTLED * self.interval
         held, at, begin = list[Trajectory](), 0, 0
-        parts = _joined(self.read(), PIECE)
+        parts = _cut(self.read(), PIECE)
         new = next(parts, None)
         while new is not None:
             held.append(new)
@@ -277,14 +276,19 @@ def _named(stretch: Trajectory, part: Callable[[float, float], str]) -> Trajecto
     return replace(stretch, name=part(begin, begin + STRETCH))
 
 
-def _joined(parts: Iterable[Trajectory], length: float) -> Iterator[Trajectory]:
-    """Return the same samples in parts of at least ``length`` [s], but for the last."""
+def _cut(parts: Iterable[Trajectory], length: float) -> Iterator[Trajectory]:
+    """Return the same samples in parts of ``length`` [s] each, but for the last."""
     waiting = list[Trajectory]()
     for part in parts:
         waiting.append(part)
-        if part.t[-1] - waiting[0].t[0] >= length:
-            yield _together(waiting)
-            waiting = []
+        if part.t[-1] - waiting[0].t[0] < length:
+            continue
+        whole = _together(waiting)
+        while whole.t[-1] - whole.t[0] >= length:
+            end = int(np.searchsorted(whole.t, whole.t[0] + length))
+            yield whole[:end]
+            whole = whole[end:]
+        waiting = [whole]
     if waiting:
         yield _together(waiting)
 
