@@ -15,7 +15,7 @@ from .estimate import Estimate, Progress
 from .judgement import judge, require_excitation
 from .level import Level
 from .linear import Linear, linear
-from .long import Recording, held_parts
+from .long import STRETCH, Long, Recording, held_parts
 from .parameters import MODELS, Parameters
 from .prediction import Prediction, predict
 from .recipes import Data, estimate, prepared
@@ -107,6 +107,11 @@ def identify(
     held, held_judges = held_parts(training), held_parts(validation)
     for motion in (*held, *held_judges):
         motion.require_samples()
+    if settings.sliding is not None and settings.sliding >= STRETCH and any(isinstance(m, Long) for m in training):
+        raise TrajectoryError(
+            f'the sliding window of {settings.sliding:g} s is too long for a long recording, which is looked at in '
+            f'stretches of {STRETCH:g} s; choose a shorter one, or none'
+        )
     require_excitation(held, settings)
     notes = [*notes, *suspicions([*training, *validation])]
     progress('preparing', 0, 0, np.nan)

@@ -18,7 +18,7 @@ from .parameters import MODELS, repaired
 from .quadratic import Penalised, Quadratic
 from .settings import SPREAD, Settings
 from .signals import SMOOTHING
-from .uncertainty import Blocks, bootstrap_covariance
+from .uncertainty import BLOCK, Blocks, bootstrap_covariance
 from .weak import balance_weights, estimate_delay, weak_regression, weak_residuals
 
 Array = NDArray[np.float64]
@@ -57,7 +57,8 @@ def linear(
     if name == 'energy':
         smoothing = SMOOTHING if settings.smoothing is None else settings.smoothing
         residuals = [energy_residuals(m.recorded, settings.sliding, smoothing, model) for m in motions]
-        return Linear(residuals, Blocks.of(residuals), 0.0, np.empty(0))
+        block = BLOCK if settings.sliding else np.inf
+        return Linear(residuals, Blocks.of(residuals, block), 0.0, np.empty(0))
     delay, weights = _suited(motions, model, settings) if like is None else (like.delay, like.weights)
     residuals = [weak_residuals(m, model, delay, weights) for m in motions]
     return Linear(residuals, Blocks.of(residuals), delay, weights)
@@ -120,7 +121,7 @@ def estimate_linear(
         free=free,
         covariance=covariance,
         std_error=np.sqrt(np.where(free, np.diag(covariance), np.diag(off))),
-        uncertainty='block bootstrap over blocks of 2 s',
+        uncertainty=f'block bootstrap over blocks of {made.blocks.length:.3g} s',
         effort=Effort(hold if name == 'weak' else 'zero', made.delay),
         J=float(criterion(theta)),
         unit=UNITS[name],

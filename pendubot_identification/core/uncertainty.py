@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from .energy import Regression, Residuals
+from .energy import Residuals
 from .quadratic import Quadratic
 
 Array = NDArray[np.float64]
@@ -26,10 +26,12 @@ class Blocks:
     Attributes:
         triangles: of the QR factorisation of every block's [phi, y], shape (blocks, D+1, D+1).
         count: how many residuals they stand for.
+        length: of the blocks [s].
     """
 
     triangles: Array
     count: int
+    length: float
 
     @classmethod
     def of(cls, residuals: Sequence[Residuals], block: float = BLOCK) -> Blocks:
@@ -37,14 +39,15 @@ class Blocks:
 
         Args:
             residuals: of each recording.
-            block: length of the blocks [s]; shorter where there would be fewer than ten.
+            block: length of the blocks [s]; shorter where there would be fewer than ten. Infinite where each residual
+                holds all data before it, so that no stretch of time is apart from the rest: then there are ten.
         """
         length = min(block, sum(r.duration for r in residuals) / FEWEST_BLOCKS)
         triangles = []
         for r in residuals:
             number = max(1, round(r.duration / length)) if length else 1
             triangles += list(_reduced(r, -(-r.count * np.arange(1, number + 1) // number)))
-        return cls(np.array(triangles), sum(r.count for r in residuals))
+        return cls(np.array(triangles), sum(r.count for r in residuals), length)
 
     @property
     def criterion(self) -> Quadratic:
@@ -55,17 +58,16 @@ class Blocks:
 
 def _reduced(residuals: Residuals, ends: NDArray[np.signedinteger]) -> Iterator[Array]:
     """Return the triangle of every block of residuals; the blocks end before those of the numbers ``ends``."""
-    waiting: list[Regression] = []
+    waiting: list[Quadratic] = []
     block = first = 0
     for part in residuals.parts():
         begin = 0
         while begin < len(part.y):
             end = min(len(part.y), int(ends[block]) - first)
-            waiting.append(Regression(part.phi[begin:end], part.y[begin:end], part.t[begin:end]))
+            waiting.append(Quadratic.reduce(part.phi[begin:end], part.y[begin:end]))
             begin = end
             if first + end == ends[block]:
-                phi, y = (np.concatenate([getattr(w, name) for w in waiting]) for name in ('phi', 'y'))
-                yield Quadratic.reduce(phi, y).triangle
+                yield waiting[0].triangle if len(waiting) == 1 else Quadratic.pool(waiting).triangle
                 waiting, block = [], block + 1
         first += len(part.y)
 
@@ -83,7 +85,8 @@ def bootstrap_covariance(
     Residuals that are integrals over overlapping stretches of time are far from independent, so that the textbook
     covariance is many times too small. What can be drawn again independently is whole blocks of time. Against the
     spread over 24 recordings of the virtual rig these standard errors are 0.8 to 2.2 times as large with the weak
-    criterion, 0.7 to 2.1 with the energy criterion over 0.5 s, 0.5 to 2.3 with the cumulative one.
+    criterion, 0.7 to 2.1 with the energy criterion over 0.5 s, 0.5 to 2.3 with the cumulative one. Of that, parts of
+    an hour of it end up to 3.6 standard errors from the truth, and up to 15 with blocks of 2 s.
 
     Args:
         blocks: the residuals.

@@ -113,6 +113,11 @@ def test_gaps_and_stamps_that_run_back_are_named(tmp_path, soon):
     assert read_recording(BagWindow(tmp_path / 'hole', 0, 150)).trajectory.lost == 0
 
 
+def test_a_sliding_window_longer_than_a_stretch_is_one_sentence(bag, soon, capsys):
+    assert main(['identify', str(bag), '--criterion', 'energy', '--sliding', '20']) == 1
+    assert 'the sliding window of 20 s is too long for a long recording' in capsys.readouterr().err
+
+
 def test_a_short_recording_is_held(bag):
     assert isinstance(read_recording(BagWindow(bag)).trajectory, Trajectory)
     assert not BagReader(bag).is_long('/joint_states', 240.0)
