@@ -11,19 +11,22 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path, PurePath
-from typing import Generic, TypeVar
+from typing import TYPE_CHECKING, Generic, TypeVar
 
 import numpy as np
 import yaml
 from numpy.typing import NDArray
 
 from pendubot_identification.core.errors import BagError, TrajectoryError
-from pendubot_identification.core.long import Long, Recording, is_long
 from pendubot_identification.core.trajectory import MINIMUM_SAMPLES, Trajectory
 
 from .bulk import Layout, Message, Samples
 from .joint_states import JOINT_NAMES, JOINT_STATE, JOINT_STATES_TOPIC, JointState, decode_joint_state
 from .mcap_file import McapFile
+
+if TYPE_CHECKING:
+    # Not for who only looks at a bag: scipy takes longer to import than the index of most to read.
+    from pendubot_identification.core.long import Recording
 
 #: How far a message's stamp is looked for from where its log time would place it, before the whole bag is read [ns].
 LATENCY_NS = 1_000_000_000
@@ -33,7 +36,7 @@ AT_ONCE = 4096
 #: Longer than any bag [ns], and short enough to be added to a time.
 FOREVER_NS = 2**63
 
-Taken = TypeVar('Taken', bound=Recording, covariant=True)
+Taken = TypeVar('Taken', bound='Recording', covariant=True)
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,6 +179,8 @@ class BagReader:
 
     def is_long(self, topic: str, duration: float) -> bool:
         """Tell whether about so many seconds of a topic are too many samples to be held."""
+        from pendubot_identification.core.long import is_long
+
         count = sum(t.count for t in self.info.topics if t.name == topic)
         return self.info.duration > 0 and is_long(count * duration / self.info.duration, duration)
 
@@ -350,6 +355,8 @@ def read_recording(
         BagError: as :func:`read_trajectory`.
         TrajectoryError: as :func:`read_trajectory`; a long recording with gaps.
     """
+    from pendubot_identification.core.long import Long
+
     reader = reader or BagReader(window.path)
     duration = min(window.end or math.inf, reader.info.duration) - (window.start or 0.0)
     if not reader.is_long(topic, duration):
