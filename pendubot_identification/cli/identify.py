@@ -32,8 +32,8 @@ seconds from its first sample. Of one bag without a window the first half estima
 paper; with a window, the rest of the bag validates; several bags without windows all estimate, and each is foreseen
 from the others.
 
-What lasts longer than ten minutes, or has more than 200 000 samples, is read piece by piece: energy and weak take all of
-it, everything else twelve stretches of 8 s in which the rig is driven. An hour at 1 kHz takes less than 300 MB.
+What lasts longer than ten minutes, or has more than 200 000 samples, is read piece by piece: energy and weak take all
+of it, everything else twelve stretches of 8 s in which the rig is driven. An hour at 1 kHz takes less than 300 MB.
 
 Three criteria can be minimised. Each is held against data that it has not seen, by simulation; the one that foresees
 them best is published, and the others stand beside it:
