@@ -19,6 +19,8 @@ Array = NDArray[np.float64]
 LONG_SAMPLES, LONG_SECONDS = 200_000, 600.0
 #: So many stretches of a long recording, of this length [s], stand for it where all of it is too much.
 STRETCHES, STRETCH = 12, 8.0
+#: A stretch in which less work was done than this part of the most tells little.
+DRIVEN = 0.1
 #: A piece's length [s], without what it shares with its neighbours.
 PIECE = 10.0
 #: Samples after which a cubic spline's end is no longer felt, twice: (2 - sqrt 3)^50 is 1e-29.
@@ -84,7 +86,7 @@ class Long:
         size: places of that grid.
         near: whether the stamps lie on it but for their jitter; else positions are interpolated.
         lost: about how many samples are missing.
-        stretches: in which most work was done, one of each of as many equal parts.
+        stretches: in which most work was done, spread as far as it was.
     """
 
     name: str
@@ -132,15 +134,10 @@ class Long:
         Raises:
             TrajectoryError: samples too far apart, a gap, or stamps that repeat or run backwards.
         """
-        stamps, best = _Stamps(), dict[int, tuple[tuple[bool, float, float], Trajectory]]()
+        stamps, choice = _Stamps(), _Choice(duration)
         for stretch in _cut(read(), STRETCH):
             stamps.add(name, stretch.t)
-            moved = np.abs(np.diff(stretch.q, axis=0))
-            whole = stretch.duration > STRETCH - 2 * stretch.interval if len(stretch) > 1 else False
-            worth = whole, float((moved * np.abs(stretch.tau[:-1])).sum()), float(moved.sum())
-            place = min(int((stretch.t[0] - stamps.start) / duration * STRETCHES), STRETCHES - 1)
-            if place not in best or worth > best[place][0]:
-                best[place] = worth, stretch
+            choice.add(stretch, stretch.t[0] - stamps.start)
         interval, size, near = stamps.grid(name)
         return cls(
             name=name,
@@ -152,7 +149,7 @@ class Long:
             size=size,
             near=near,
             lost=stamps.lost,
-            stretches=tuple(_named(best[place][1], part) for place in sorted(best)),
+            stretches=tuple(_named(stretch, part) for stretch in choice.stretches()),
         )
 
     def pieces(self, reach: float) -> Iterator[Piece]:
@@ -203,6 +200,42 @@ def gridded(recording: Recording) -> Grid:
 def held_parts(recordings: Sequence[Recording]) -> list[Trajectory]:
     """Return what is held of recordings: the stretches of long ones, and all of others."""
     return [part for r in recordings for part in (r.stretches if isinstance(r, Long) else (r,))]
+
+
+class _Choice:
+    """The stretches that stand for a recording: of each twelfth the one in which most work was done.
+
+    Where nothing much was done in a twelfth, the best of others take its place.
+
+    Args:
+        duration: of the recording [s].
+    """
+
+    def __init__(self, duration: float) -> None:
+        self._duration = duration
+        self._of_each: dict[int, tuple[float, Trajectory]] = {}
+        self._of_all: list[tuple[float, Trajectory]] = []
+
+    def add(self, stretch: Trajectory, elapsed: float) -> None:
+        """Take what begins so long [s] after the recording."""
+        if len(stretch) < 2 or stretch.duration < STRETCH - 2 * stretch.interval:
+            return
+        moved = np.abs(np.diff(stretch.q, axis=0))
+        # Without any torque, what moves more.
+        worth = float((moved * (np.abs(stretch.tau[:-1]) + 1e-9)).sum())
+        place = min(int(elapsed / self._duration * STRETCHES), STRETCHES - 1)
+        if place not in self._of_each or worth > self._of_each[place][0]:
+            self._of_each[place] = worth, stretch
+        self._of_all = sorted([*self._of_all, (worth, stretch)], key=lambda each: -each[0])[:STRETCHES]
+
+    def stretches(self) -> list[Trajectory]:
+        """Return the chosen ones in the order of time."""
+        enough = DRIVEN * self._of_all[0][0]
+        found = {float(stretch.t[0]): stretch for worth, stretch in self._of_each.values() if worth >= enough}
+        for worth, stretch in self._of_all:
+            if len(found) < STRETCHES and worth >= enough:
+                found[float(stretch.t[0])] = stretch
+        return [found[begin] for begin in sorted(found)]
 
 
 class _Stamps:

@@ -86,6 +86,17 @@ def test_pieces_share_what_they_are_told_and_leave_nothing_out(jitter):
     assert end == recorded.size
 
 
+def test_stretches_are_taken_where_there_is_motion():
+    motion = MOTIONS[0.0]
+    rests = (motion.t < 60) | (motion.t > 130)
+    q = np.where(rests[:, None], motion.q[0], motion.q)
+    stretches = long(replace(motion, q=q, tau=np.where(rests[:, None], 0, motion.tau)), 300).stretches
+    assert 8 <= len(stretches) <= 10
+    assert all(np.ptp(stretch.q[:, 0]) > 0.2 for stretch in stretches)
+    starts = [stretch.t[0] for stretch in stretches]
+    assert starts == sorted(set(starts))
+
+
 def test_stretches_are_those_in_which_the_rig_is_driven():
     motion = MOTIONS[0.0]
     quiet = np.abs(motion.t % 15 - 6) > 3
