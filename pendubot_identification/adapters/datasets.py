@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from pendubot_identification.core.errors import TrajectoryError
-from pendubot_identification.core.long import Long, Recording, gridded
+from pendubot_identification.core.long import Long, Recording, gridded, sharing
 from pendubot_identification.core.trajectory import MINIMUM_SAMPLES, Trajectory
 
 from .bag_reader import BagReader, BagWindow, RecordedTrajectory, read_recording
@@ -71,6 +71,7 @@ def load_datasets(
         elif not all(map(_whole, windows)):
             judges = [r for window in _rest(windows) if (r := read.rest(window)) is not None]
             validation = [r.trajectory for r in judges]
+    training, validation = sharing(training), sharing(validation)
     pairs = [('training', r, t) for r, t in zip(recordings, training, strict=True)]
     pairs += [('validation', r, t) for r, t in zip(judges, validation, strict=True)]
     notes = [r.note for _, r, _ in pairs if r.note]

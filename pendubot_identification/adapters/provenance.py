@@ -59,7 +59,8 @@ def recordings(
         samples = source['samples']
         motion = recorded.trajectory
         if isinstance(motion, Long):
-            found[source['role']] += motion.stretches
+            taken = source['stretches']
+            found[source['role']] += [s for s in motion.stretches if round(float(s.t[0]), 3) in taken]
             continue
         part = slice(samples) if source['role'] == 'training' else slice(len(motion) - samples, None)
         found[source['role']].append(motion[part])

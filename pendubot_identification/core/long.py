@@ -202,6 +202,12 @@ def held_parts(recordings: Sequence[Recording]) -> list[Trajectory]:
     return [part for r in recordings for part in (r.stretches if isinstance(r, Long) else (r,))]
 
 
+def sharing(recordings: Sequence[Recording]) -> list[Recording]:
+    """Return recordings of which long ones have, together, no more stretches than one alone, but two each at least."""
+    several = min(sum(isinstance(r, Long) for r in recordings), STRETCHES // 2)
+    return [replace(r, stretches=r.stretches[::several]) if isinstance(r, Long) else r for r in recordings]
+
+
 class _Choice:
     """The stretches that stand for a recording: of each twelfth the one in which most work was done.
 

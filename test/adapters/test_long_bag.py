@@ -96,6 +96,14 @@ def test_what_is_quadratic_is_that_of_all_of_it(bag, monkeypatch):
         assert [m.name for m in part] == [m.name for m in recorded[0].stretches]
 
 
+def test_several_long_recordings_share_the_stretches(bag, soon):
+    data = load_datasets([f'{bag}@0:100', f'{bag}@140:240'], [f'{bag}@0:95'])
+    assert [len(recorded.stretches) for recorded in (*data.training, *data.validation)] == [6, 6, 11]
+    found = identify(data.training, data.validation, SETTINGS)
+    motions = recordings(result_data(found, data.sources))
+    assert [len(part) for part in motions] == [12, 11]
+
+
 def test_trajectory_takes_the_stretches_and_says_so(bag, soon, tmp_path, capsys):
     arguments = ('--criterion', 'trajectory', '--model', 'viscous', '--report', str(tmp_path / 'look'))
     assert main(['identify', str(bag), *arguments]) == 0
