@@ -359,10 +359,9 @@ def read_recording(
 
     reader = reader or BagReader(window.path)
     duration = min(window.end or math.inf, reader.info.duration) - (window.start or 0.0)
-    if not reader.is_long(topic, duration):
-        return read_trajectory(window, topic=topic, joint_names=joint_names, reader=reader)
+    long = None
     stream = reader.stream(topic, joint_names, window.start, window.end)
-    while True:
+    while reader.is_long(topic, duration):
         long = Long.survey(
             str(window),
             lambda: stream.trajectories(str(window)),
@@ -370,7 +369,11 @@ def read_recording(
             lambda begin, end: str(BagWindow(window.path, begin, end)),
         )
         if not stream.missed():
-            return RecordedTrajectory(long, window, reader.content_hash(), reader.info.closed, reader.info.note)
+            break
+    if long is None:
+        # Other topics may have lasted longer.
+        return read_trajectory(window, topic=topic, joint_names=joint_names, reader=reader)
+    return RecordedTrajectory(long, window, reader.content_hash(), reader.info.closed, reader.info.note)
 
 
 def read_trajectory(

@@ -58,13 +58,15 @@ def load_datasets(
     """
     windows = [BagWindow.parse(text) for text in bags]
     read = _Reader(topic, joint_names)
-    rest = [BagWindow.parse(text) for text in validate]
-    if not rest and len(windows) == 1 and (halves := read.halves(windows[0])):
-        windows, rest = halves[:1], halves[1:]
-    recordings, judges = [read(window) for window in windows], [read(window) for window in rest]
+    recordings = [read(window) for window in windows]
+    judges = [read(BagWindow.parse(text)) for text in validate]
+    alone = not judges and len(windows) == 1 and _whole(windows[0])
+    if alone and isinstance(long := recordings[0].trajectory, Long):
+        middle, path = round((long.start + long.last) / 2, 3), windows[0].path
+        recordings, judges = [read(BagWindow(path, None, middle))], [read(BagWindow(path, middle, None))]
     training, validation = [r.trajectory for r in recordings], [r.trajectory for r in judges]
     if not judges:
-        if len(windows) == 1 and _whole(windows[0]) and isinstance(whole := training[0], Trajectory):
+        if alone and isinstance(whole := training[0], Trajectory):
             half = len(whole) // 2
             training, validation = [whole[:half]], [whole[half:]]
             judges = list(recordings)
@@ -114,22 +116,10 @@ class _Reader:
         self._opened: dict[Path, BagReader] = {}
 
     def __call__(self, window: BagWindow) -> RecordedTrajectory[Recording]:
-        reader = self._open(window)
-        return read_recording(window, topic=self._topic, joint_names=self._joint_names, reader=reader)
-
-    def _open(self, window: BagWindow) -> BagReader:
         if window.path not in self._opened:
             self._opened[window.path] = BagReader(window.path)
-        return self._opened[window.path]
-
-    def halves(self, window: BagWindow) -> list[BagWindow]:
-        """Return the halves of a bag without a window that is too long to be held; of all others none."""
-        reader = self._open(window)
-        duration = reader.info.duration
-        if not _whole(window) or not reader.is_long(self._topic, duration):
-            return []
-        middle = round(duration / 2, 3)
-        return [BagWindow(window.path, None, middle), BagWindow(window.path, middle, None)]
+        reader = self._opened[window.path]
+        return read_recording(window, topic=self._topic, joint_names=self._joint_names, reader=reader)
 
     def rest(self, window: BagWindow) -> RecordedTrajectory[Recording] | None:
         """Return what lies outside the windows, or None where that is too little to judge by, or has gaps."""

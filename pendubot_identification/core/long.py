@@ -122,7 +122,7 @@ class Long:
         return np.asarray(self.start + self.interval * np.arange(begin, end))
 
     @classmethod
-    def survey(cls, name: str, read: Read, duration: float, part: Callable[[float, float], str]) -> Long:
+    def survey(cls, name: str, read: Read, duration: float, part: Callable[[float, float], str]) -> Long | None:
         """Read a recording once.
 
         Args:
@@ -131,6 +131,9 @@ class Long:
             duration: about how long it lasts [s].
             part: what the part of it between two times [s] is called.
 
+        Returns:
+            None where it does not even hold one stretch: then it was not so long.
+
         Raises:
             TrajectoryError: samples too far apart, a gap, or stamps that repeat or run backwards.
         """
@@ -138,6 +141,9 @@ class Long:
         for stretch in _cut(read(), STRETCH):
             stamps.add(name, stretch.t)
             choice.add(stretch, stretch.t[0] - stamps.start)
+        stretches = choice.stretches()
+        if not stretches:
+            return None
         interval, size, near = stamps.grid(name)
         return cls(
             name=name,
@@ -149,7 +155,7 @@ class Long:
             size=size,
             near=near,
             lost=stamps.lost,
-            stretches=tuple(_named(stretch, part) for stretch in choice.stretches()),
+            stretches=tuple(_named(stretch, part) for stretch in stretches),
         )
 
     def pieces(self, reach: float) -> Iterator[Piece]:
@@ -236,6 +242,8 @@ class _Choice:
 
     def stretches(self) -> list[Trajectory]:
         """Return the chosen ones in the order of time."""
+        if not self._of_all:
+            return []
         enough = DRIVEN * self._of_all[0][0]
         found = {float(stretch.t[0]): stretch for worth, stretch in self._of_each.values() if worth >= enough}
         for worth, stretch in self._of_all:

@@ -5,9 +5,17 @@ import shutil
 import numpy as np
 import pytest
 
+from pendubot_identification.adapters.bag_metadata import Qos
 from pendubot_identification.adapters.bag_reader import BagReader, BagWindow, read_recording, read_trajectory
+from pendubot_identification.adapters.bag_writer import BagWriter
 from pendubot_identification.adapters.datasets import load_datasets
-from pendubot_identification.adapters.joint_states import write_trajectory
+from pendubot_identification.adapters.joint_states import (
+    EPOCH_NS,
+    JOINT_NAMES,
+    JOINT_STATE,
+    encode_joint_state,
+    write_trajectory,
+)
 from pendubot_identification.adapters.provenance import recordings
 from pendubot_identification.adapters.result_file import result_data
 from pendubot_identification.cli.main import main
@@ -111,6 +119,23 @@ def test_trajectory_takes_the_stretches_and_says_so(bag, soon, tmp_path, capsys)
     assert f'from {STRETCHES} stretches of 8 s, spread over {bag}@:119.995, 120 s' in said
     page = (tmp_path / 'look' / 'report.html').read_text()
     assert f'what lies between {STRETCHES} stretches of {bag}@:119.995, 120 s' in page
+
+
+def test_a_topic_that_ended_long_before_the_bag_is_taken_as_long_as_it_is(tmp_path, soon):
+    motion = recording()
+    writer = BagWriter(tmp_path / 'bag')
+    joints = writer.add_topic('/joint_states', JOINT_STATE, Qos())
+    other = writer.add_topic('/other', JOINT_STATE, Qos())
+    for k in range(SAMPLES):
+        stamp = EPOCH_NS + k * 10_000_000
+        message = encode_joint_state(stamp, JOINT_NAMES, motion.q[k], [0, 0], motion.tau[k])
+        if k < 500 or k == 23_000:
+            writer.write(joints if k < 500 else other, message, stamp, stamp)
+    writer.close()
+    data = load_datasets([str(tmp_path / 'bag')])
+    assert [len(d) for d in (*data.training, *data.validation)] == [250, 250]
+    with pytest.raises(TrajectoryError, match='the window holds no sample'):
+        load_datasets([f'{tmp_path / "bag"}@100:'])
 
 
 def test_gaps_and_stamps_that_run_back_are_named(tmp_path, soon):
