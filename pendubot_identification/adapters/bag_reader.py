@@ -11,6 +11,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path, PurePath
+from typing import TYPE_CHECKING, Generic, TypeVar
 
 import numpy as np
 import yaml
@@ -23,11 +24,19 @@ from .bulk import Layout, Message, Samples
 from .joint_states import JOINT_NAMES, JOINT_STATE, JOINT_STATES_TOPIC, JointState, decode_joint_state
 from .mcap_file import McapFile
 
+if TYPE_CHECKING:
+    # Not for who only looks at a bag: scipy takes longer to import than the index of most to read.
+    from pendubot_identification.core.long import Recording
+
 #: How far a message's stamp is looked for from where its log time would place it, before the whole bag is read [ns].
 LATENCY_NS = 1_000_000_000
 
+#: Samples of a long recording that are looked at together.
+AT_ONCE = 4096
 #: Longer than any bag [ns], and short enough to be added to a time.
 FOREVER_NS = 2**63
+
+Taken = TypeVar('Taken', bound='Recording', covariant=True)
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,19 +126,20 @@ class BagInfo:
         return sum(topic.count for topic in self.topics)
 
 
-@dataclass(frozen=True, slots=True)
-class RecordedTrajectory:
+@dataclass(frozen=True)
+class RecordedTrajectory(Generic[Taken]):
     """A motion from a bag, and what a result must say of that bag.
 
     Attributes:
-        trajectory: t [s] from the bag's first sample on the topic, by ``header.stamp``.
+        trajectory: t [s] from the bag's first sample on the topic, by ``header.stamp``; or what stands for a motion
+            that is too long to be held.
         window: which part of which bag it is.
         sha256: of the bag's .mcap files, one after the other.
         closed: whether the bag's recording came to an end.
         note: what could be read, in a sentence, where it did not; else empty.
     """
 
-    trajectory: Trajectory
+    trajectory: Taken
     window: BagWindow
     sha256: str
     closed: bool
@@ -145,6 +155,7 @@ class BagReader:
 
     def __init__(self, path: Path) -> None:
         self.path = Path(path)
+        self._hash: str | None = None
         self._files, unread = _open_all(_mcap_files(self.path))
         topics: dict[str, TopicInfo] = {}
         for file in self._files:
@@ -166,14 +177,23 @@ class BagReader:
         """The bag's files in order."""
         return self._files
 
+    def is_long(self, topic: str, duration: float) -> bool:
+        """Tell whether about so many seconds of a topic are too many samples to be held."""
+        from pendubot_identification.core.long import is_long
+
+        count = sum(t.count for t in self.info.topics if t.name == topic)
+        return self.info.duration > 0 and is_long(count * duration / self.info.duration, duration)
+
     def content_hash(self) -> str:
         """Return the SHA-256 of the bag's .mcap files, one after the other, in hexadecimal."""
-        digest = hashlib.sha256()
-        for file in self._files:
-            with file.path.open('rb') as stream:
-                while block := stream.read(1 << 20):
-                    digest.update(block)
-        return digest.hexdigest()
+        if self._hash is None:
+            digest = hashlib.sha256()
+            for file in self._files:
+                with file.path.open('rb') as stream:
+                    while block := stream.read(1 << 20):
+                        digest.update(block)
+            self._hash = digest.hexdigest()
+        return self._hash
 
     def joint_samples(
         self, topic: str, joint_names: Sequence[str], start: float | None = None, end: float | None = None
@@ -188,36 +208,28 @@ class BagReader:
             BagError: the topic or a joint is not there or without position or effort, or a part that is needed is
                 damaged.
         """
-        self._require(topic)
-        logged_ns, first = next(self._decoded(topic))
-        low = 0 if start is None else round(start * 1e9)
-        high = FOREVER_NS if end is None else round(end * 1e9)
-        # The index is of log times. Stamps are a latency older, so a little more is read; and where it turns out that
-        # they are of quite another clock, everything.
-        for margin in (LATENCY_NS, FOREVER_NS):
+        stream = self.stream(topic, joint_names, start, end)
+        while True:
             # Arrays of the standard library grow in place, and are not copied to become numpy's.
             times, values = array('q'), array('d')
-            earliest, latest = FOREVER_NS, -FOREVER_NS
-            until_ns = logged_ns + high + margin
-            for block in self._blocks(topic, joint_names, logged_ns + low - margin, until_ns):
-                if isinstance(block, Samples):
-                    stamps, block_values = block.stamp_ns, block.values
-                else:
-                    state = decode_joint_state(block.data)
-                    where = f'{self.path}: sample {len(times)} of {topic}'
-                    stamps = np.array([state.stamp_ns])
-                    block_values = np.array(_of_joints(state, joint_names, where)).reshape(1, 3, 2)
-                elapsed_ns = stamps - first.stamp_ns
-                earliest, latest = min(earliest, int(elapsed_ns.min())), max(latest, int(elapsed_ns.max()))
-                # With no START, stamps that run back beyond the first are there to be complained of.
-                wanted = elapsed_ns < high if start is None else (low <= elapsed_ns) & (elapsed_ns < high)
-                times.frombytes(elapsed_ns[wanted].tobytes())
-                values.frombytes(block_values[wanted].tobytes())
-            if earliest <= low and (latest >= high or until_ns > (self.info.last_ns or 0)):
-                break
-        return np.frombuffer(times, dtype=np.int64), np.frombuffer(values).reshape(-1, 3, 2)
+            for elapsed_ns, block in stream:
+                times.frombytes(elapsed_ns.tobytes())
+                values.frombytes(block.tobytes())
+            if not stream.missed():
+                return np.frombuffer(times, dtype=np.int64), np.frombuffer(values).reshape(-1, 3, 2)
 
-    def _blocks(
+    def stream(
+        self, topic: str, joint_names: Sequence[str], start: float | None = None, end: float | None = None
+    ) -> Stream:
+        """Return the same samples, block by block, to be read again and again.
+
+        Raises:
+            BagError: the topic is not there.
+        """
+        self._require(topic)
+        return Stream(self, topic, joint_names, start, end)
+
+    def blocks(
         self, topic: str, joint_names: Sequence[str], from_ns: int, until_ns: int
     ) -> Iterator[Samples | Message]:
         """Return the topic's messages of these log times, as many at once as are laid out alike."""
@@ -240,12 +252,10 @@ class BagReader:
                 if within.any():
                     yield block.part(within)
 
-    def _decoded(
-        self, topic: str, from_ns: int | None = None, until_ns: int | None = None
-    ) -> Iterator[tuple[int, JointState]]:
-        for file in self._files:
-            for message in file.messages(topic, from_ns, until_ns):
-                yield message.log_time, decode_joint_state(message.data)
+    def first(self, topic: str) -> tuple[int, JointState]:
+        """Return the first message of a topic that there is, and its log time [ns]."""
+        message = next(message for file in self._files for message in file.messages(topic))
+        return message.log_time, decode_joint_state(message.data)
 
     def _require(self, topic: str) -> None:
         if not self.info.count:
@@ -260,13 +270,120 @@ class BagReader:
             raise BagError(f'{self.path}: {topic} is of type {found.type_name}; name a topic of type {JOINT_STATE}')
 
 
+class Stream:
+    """The samples of two joints with START <= t < END, read anew at every iteration.
+
+    Iterating gives blocks, each of t [ns] from the bag's first sample, shape (N,), and values, shape (N, 3, 2), as
+    :meth:`BagReader.joint_samples` returns them.
+    """
+
+    def __init__(
+        self, reader: BagReader, topic: str, joint_names: Sequence[str], start: float | None, end: float | None
+    ) -> None:
+        self._reader, self._topic, self._joint_names = reader, topic, joint_names
+        self._from_start = start is None
+        self._low = 0 if start is None else round(start * 1e9)
+        self._high = FOREVER_NS if end is None else round(end * 1e9)
+        # The index is of log times. Stamps are a latency older, so a little more is read; and where it turns out that
+        # they are of quite another clock, everything.
+        self._margin = LATENCY_NS
+        self._missed = False
+
+    def __iter__(self) -> Iterator[tuple[NDArray[np.int64], NDArray[np.float64]]]:
+        reader, low, high = self._reader, self._low, self._high
+        logged_ns, first = reader.first(self._topic)
+        earliest, latest, count = FOREVER_NS, -FOREVER_NS, 0
+        until_ns = logged_ns + high + self._margin
+        for block in reader.blocks(self._topic, self._joint_names, logged_ns + low - self._margin, until_ns):
+            if isinstance(block, Samples):
+                stamps, values = block.stamp_ns, block.values
+            else:
+                state = decode_joint_state(block.data)
+                where = f'{reader.path}: sample {count} of {self._topic}'
+                stamps = np.array([state.stamp_ns])
+                values = np.array(_of_joints(state, self._joint_names, where)).reshape(1, 3, 2)
+            elapsed_ns = stamps - first.stamp_ns
+            earliest, latest = min(earliest, int(elapsed_ns.min())), max(latest, int(elapsed_ns.max()))
+            # With no START, stamps that run back beyond the first are there to be complained of.
+            wanted = elapsed_ns < high if self._from_start else (low <= elapsed_ns) & (elapsed_ns < high)
+            count += int(wanted.sum())
+            yield elapsed_ns[wanted], values[wanted]
+        self._missed = not (earliest <= low and (latest >= high or until_ns > (reader.info.last_ns or 0)))
+
+    def missed(self) -> bool:
+        """Tell whether the last reading may have missed samples; if so, the next one misses none."""
+        missed = self._missed and self._margin < FOREVER_NS
+        if missed:
+            self._margin = FOREVER_NS
+        return missed
+
+    def trajectories(self, name: str) -> Iterator[Trajectory]:
+        """Return the same as motions without velocities, of a few thousand samples each."""
+        waiting: list[tuple[NDArray[np.int64], NDArray[np.float64]]] = []
+        count = 0
+
+        def together() -> Trajectory:
+            times, values = (np.concatenate(parts) for parts in zip(*waiting, strict=True))
+            return Trajectory(times / 1e9, values[:, 0], values[:, 1], name=name)
+
+        for block in self:
+            waiting.append(block)
+            count += len(block[0])
+            if count >= AT_ONCE:
+                yield together()
+                waiting, count = [], 0
+        if count:
+            yield together()
+
+
+def read_recording(
+    window: BagWindow,
+    *,
+    topic: str = JOINT_STATES_TOPIC,
+    joint_names: Sequence[str] = JOINT_NAMES,
+    reader: BagReader | None = None,
+) -> RecordedTrajectory[Recording]:
+    """Read the motion of two joints from a window of a bag; what is too long to be held is read through once.
+
+    Args:
+        window: the bag, and which part of it.
+        topic: as in :func:`read_trajectory`.
+        joint_names: as in :func:`read_trajectory`.
+        reader: of the bag, where there is one already.
+
+    Raises:
+        BagError: as :func:`read_trajectory`.
+        TrajectoryError: as :func:`read_trajectory`; a long recording with gaps.
+    """
+    from pendubot_identification.core.long import Long
+
+    reader = reader or BagReader(window.path)
+    duration = min(window.end or math.inf, reader.info.duration) - (window.start or 0.0)
+    long = None
+    stream = reader.stream(topic, joint_names, window.start, window.end)
+    while reader.is_long(topic, duration):
+        long = Long.survey(
+            str(window),
+            lambda: stream.trajectories(str(window)),
+            duration,
+            lambda begin, end: str(BagWindow(window.path, begin, end)),
+        )
+        if not stream.missed():
+            break
+    if long is None:
+        # Other topics may have lasted longer.
+        return read_trajectory(window, topic=topic, joint_names=joint_names, reader=reader)
+    return RecordedTrajectory(long, window, reader.content_hash(), reader.info.closed, reader.info.note)
+
+
 def read_trajectory(
     window: BagWindow | Path,
     *,
     topic: str = JOINT_STATES_TOPIC,
     joint_names: Sequence[str] = JOINT_NAMES,
     minimum: int = MINIMUM_SAMPLES,
-) -> RecordedTrajectory:
+    reader: BagReader | None = None,
+) -> RecordedTrajectory[Trajectory]:
     """Read the motion of two joints from a window of a bag.
 
     Args:
@@ -274,6 +391,7 @@ def read_trajectory(
         topic: of type ``sensor_msgs/msg/JointState``.
         joint_names: the shoulder's and the elbow's; messages may hold them in any order, among others.
         minimum: fewer samples than this are refused.
+        reader: of the bag, where there is one already.
 
     Raises:
         BagError: the bag, the topic or a joint is not there, or without effort or position.
@@ -282,7 +400,7 @@ def read_trajectory(
     """
     if isinstance(window, Path):
         window = BagWindow(window)
-    reader = BagReader(window.path)
+    reader = reader or BagReader(window.path)
     elapsed_ns, values = reader.joint_samples(topic, joint_names, window.start, window.end)
     if not len(values):
         raise TrajectoryError(

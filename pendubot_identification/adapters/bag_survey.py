@@ -51,13 +51,13 @@ class TopicTimes:
 
     def times(self) -> NDArray[np.int64]:
         """Return the stamps, or where the type has none, the log times [ns], shape (N,)."""
-        return np.array(self.stamps or self.logged, dtype=np.int64)
+        return np.frombuffer(self.stamps or self.logged or b'', dtype=np.int64)
 
     def latency(self) -> NDArray[np.float64]:
         """Return how much later than its stamp each message was received [s], shape (N,) or (0,)."""
         if not self.stamps:
             return np.empty(0)
-        return (np.array(self.logged, dtype=np.int64) - np.array(self.stamps, dtype=np.int64)) / 1e9
+        return np.asarray(np.subtract(*(np.frombuffer(x, dtype=np.int64) for x in (self.logged, self.stamps))) / 1e9)
 
 
 def survey(files: list[McapFile]) -> tuple[dict[str, TopicTimes], dict[str, list[Damage]]]:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 
 from pendubot_identification.core.errors import TrajectoryError
-from pendubot_identification.core.signals import resample
+from pendubot_identification.core.long import Long, Recording, gridded, sharing
 from pendubot_identification.core.trajectory import MINIMUM_SAMPLES, Trajectory
 
-from .bag_reader import BagWindow, RecordedTrajectory, read_trajectory
+from .bag_reader import BagReader, BagWindow, RecordedTrajectory, read_recording
 from .joint_states import JOINT_NAMES, JOINT_STATES_TOPIC
 
 
@@ -25,14 +26,16 @@ class Source:
     closed: bool
     topic: str = JOINT_STATES_TOPIC
     joint_names: list[str] = field(default_factory=lambda: list(JOINT_NAMES))
+    #: When the stretches begin that stand for a long recording, of which not everything is looked at [s].
+    stretches: list[float] = field(default_factory=list)
 
 
 @dataclass(frozen=True, slots=True)
 class Datasets:
     """Motions that estimate, motions that validate, where they came from, and what the user should know of that."""
 
-    training: tuple[Trajectory, ...]
-    validation: tuple[Trajectory, ...]
+    training: tuple[Recording, ...]
+    validation: tuple[Recording, ...]
     sources: tuple[Source, ...]
     notes: tuple[str, ...]
 
@@ -54,31 +57,47 @@ def load_datasets(
         TrajectoryError: a window that is empty or too short, or samples that cannot be used.
     """
     windows = [BagWindow.parse(text) for text in bags]
-    recordings = [_read(window, topic, joint_names) for window in windows]
-    judges = [_read(BagWindow.parse(text), topic, joint_names) for text in validate]
-    training = [r.trajectory for r in recordings]
-    validation = [r.trajectory for r in judges]
+    read = _Reader(topic, joint_names)
+    recordings = [read(window) for window in windows]
+    judges = [read(BagWindow.parse(text)) for text in validate]
+    alone = not judges and len(windows) == 1 and _whole(windows[0])
+    if alone and isinstance(long := recordings[0].trajectory, Long):
+        middle, path = round((long.start + long.last) / 2, 3), windows[0].path
+        recordings, judges = [read(BagWindow(path, None, middle))], [read(BagWindow(path, middle, None))]
+    training, validation = [r.trajectory for r in recordings], [r.trajectory for r in judges]
     if not judges:
-        if len(windows) == 1 and _whole(windows[0]):
-            half = len(training[0]) // 2
-            training, validation = [training[0][:half]], [training[0][half:]]
+        if alone and isinstance(whole := training[0], Trajectory):
+            half = len(whole) // 2
+            training, validation = [whole[:half]], [whole[half:]]
             judges = list(recordings)
         elif not all(map(_whole, windows)):
-            judges = [r for window in _rest(windows) if (r := _read_rest(window, topic, joint_names)) is not None]
+            judges = [r for window in _rest(windows) if (r := read.rest(window)) is not None]
             validation = [r.trajectory for r in judges]
+    training, validation = sharing(training), sharing(validation)
     pairs = [('training', r, t) for r, t in zip(recordings, training, strict=True)]
     pairs += [('validation', r, t) for r, t in zip(judges, validation, strict=True)]
     notes = [r.note for _, r, _ in pairs if r.note]
     for k, (role, first, motion) in enumerate(pairs):
         for _, second, other in pairs[k + 1 :]:
-            common = first.sha256 == second.sha256 and motion.t[0] <= other.t[-1] and other.t[0] <= motion.t[-1]
+            starts, ends = zip(_span(motion), _span(other), strict=True)
+            common = first.sha256 == second.sha256 and max(starts) <= min(ends)
             if common and role == 'training':
                 notes.append(
                     f'{first.window} and {second.window} share samples: they count twice, and standard errors and J on '
                     'validation look better than they are'
                 )
     sources = (
-        Source(str(r.window), role, len(t), t.duration, r.sha256, r.closed, topic, list(joint_names))
+        Source(
+            str(r.window),
+            role,
+            len(t),
+            t.duration,
+            r.sha256,
+            r.closed,
+            topic,
+            list(joint_names),
+            [round(float(s.t[0]), 3) for s in t.stretches] if isinstance(t, Long) else [],
+        )
         for role, r, t in pairs
     )
     return Datasets(
@@ -89,18 +108,34 @@ def load_datasets(
     )
 
 
-def _read(window: BagWindow, topic: str, joint_names: Sequence[str]) -> RecordedTrajectory:
-    return read_trajectory(window, topic=topic, joint_names=joint_names)
+class _Reader:
+    """Reads windows of bags, each of which is opened once."""
+
+    def __init__(self, topic: str, joint_names: Sequence[str]) -> None:
+        self._topic, self._joint_names = topic, joint_names
+        self._opened: dict[Path, BagReader] = {}
+
+    def __call__(self, window: BagWindow) -> RecordedTrajectory[Recording]:
+        if window.path not in self._opened:
+            self._opened[window.path] = BagReader(window.path)
+        reader = self._opened[window.path]
+        return read_recording(window, topic=self._topic, joint_names=self._joint_names, reader=reader)
+
+    def rest(self, window: BagWindow) -> RecordedTrajectory[Recording] | None:
+        """Return what lies outside the windows, or None where that is too little to judge by, or has gaps."""
+        try:
+            recording = self(window)
+            gridded(recording.trajectory)
+        except TrajectoryError:
+            return None
+        return recording if len(recording.trajectory) >= MINIMUM_SAMPLES else None
 
 
-def _read_rest(window: BagWindow, topic: str, joint_names: Sequence[str]) -> RecordedTrajectory | None:
-    """Return what lies outside the windows, or None where that is too little to judge by, or has gaps."""
-    try:
-        recording = _read(window, topic, joint_names)
-        resample(recording.trajectory)
-    except TrajectoryError:
-        return None
-    return recording if len(recording.trajectory) >= MINIMUM_SAMPLES else None
+def _span(recording: Recording) -> tuple[float, float]:
+    """Return the first and the last stamp [s]."""
+    if isinstance(recording, Long):
+        return recording.start, recording.last
+    return float(recording.t[0]), float(recording.t[-1])
 
 
 def _whole(window: BagWindow) -> bool:

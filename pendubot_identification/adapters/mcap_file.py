@@ -14,12 +14,12 @@ from pathlib import Path
 from typing import Any, BinaryIO, TypeVar
 
 from mcap.exceptions import UnsupportedCompressionError
-from mcap.reader import make_reader
-from mcap.records import Channel, Chunk, ChunkIndex, DataEnd, Message, Schema
+from mcap.records import Channel, Chunk, DataEnd, Message, Schema, Statistics
 from mcap.stream_reader import StreamReader, breakup_chunk, get_chunk_data_stream
 
 from pendubot_identification.core.errors import BagError
 
+from .chunk_index import RECORD, ChunkIndex
 from .mcap_salvage import MAGIC, Damage, whole_parts, whole_records
 
 Unpacked = TypeVar('Unpacked')
@@ -53,7 +53,7 @@ class McapFile:
         self.last_ns: int | None = None
         self._channels: dict[int, Channel] = {}
         self._schemas: dict[int, Schema] = {}
-        self._chunks: list[ChunkIndex] = []
+        self._chunks, _ = ChunkIndex.split(b'')
         counts: Counter[int] = Counter()
         self._check_magic()
         self.closed = self._read_summary(counts)
@@ -132,17 +132,18 @@ class McapFile:
         try:
             with self.path.open('rb') as file:
                 file.seek(-len(MAGIC), os.SEEK_END)
-                if file.tell() == 0 or file.read() != MAGIC or not _summary_is_whole(file):
+                if file.tell() == 0 or file.read() != MAGIC:
                     return False
-                file.seek(0)
-                summary = make_reader(file).get_summary()
+                chunks, others = ChunkIndex.split(_summary(file))
+            records = list(StreamReader(BytesIO(others + MAGIC), skip_magic=True).records)
         except Exception:
             return False
-        if summary is None or summary.statistics is None or not summary.channels:
+        channels = {r.id: r for r in records if isinstance(r, Channel)}
+        statistics = next((r for r in records if isinstance(r, Statistics)), None)
+        if statistics is None or not channels:
             return True
-        statistics = summary.statistics
-        self._channels, self._schemas = dict(summary.channels), dict(summary.schemas)
-        self._chunks = sorted(summary.chunk_indexes, key=lambda chunk: chunk.chunk_start_offset)
+        self._chunks, self._channels = chunks, channels
+        self._schemas = {r.id: r for r in records if isinstance(r, Schema)}
         if statistics.message_count:
             self.first_ns, self.last_ns = statistics.message_start_time, statistics.message_end_time
             counts.update(statistics.channel_message_counts)
@@ -194,21 +195,19 @@ class McapFile:
         self, channels: set[int], low: int, high: int, unpack: Callable[[Chunk], Unpacked]
     ) -> Iterator[Unpacked]:
         with self.path.open('rb') as file:
-            for index in self._chunks:
-                relevant = not index.message_index_offsets or channels & index.message_index_offsets.keys()
-                if not relevant or index.message_end_time < low or index.message_start_time >= high:
-                    continue
+            for k in self._chunks.holding(channels, low, high):
+                offset = int(self._chunks.offset[k])
+                after = (int(self._chunks.first_ns[k]) - (self.first_ns or 0)) / 1e9
                 try:
-                    file.seek(index.chunk_start_offset)
-                    record = BytesIO(file.read(index.chunk_length))
+                    file.seek(offset)
+                    record = BytesIO(file.read(int(self._chunks.length[k])))
                     chunk: Any = next(StreamReader(record, skip_magic=True, emit_chunks=True).records)
                     unpacked = unpack(chunk)
                 except UnsupportedCompressionError as error:
                     raise self._unsupported(error) from error
                 except Exception as error:
                     raise BagError(
-                        f'{self.path} is damaged {index.chunk_start_offset} bytes from its start, '
-                        f'{(index.message_start_time - (self.first_ns or 0)) / 1e9:.3f} s after its first message; '
+                        f'{self.path} is damaged {offset} bytes from its start, {after:.3f} s after its first message; '
                         'copy it again from where it was recorded, choose a window without that time, or save what is '
                         f'whole with pendubot repair {self.path.parent}'
                     ) from error
@@ -236,10 +235,18 @@ def _joined(parts: Iterator[bytes]) -> Iterator[bytes]:
     yield b''.join(together)
 
 
-def _summary_is_whole(file: BinaryIO) -> bool:
-    """Tell whether an MCAP file's summary is what was written: an index with a wrong time would hide messages."""
+def _summary(file: BinaryIO) -> bytes:
+    """Return the records of an MCAP file's summary and its footer.
+
+    Raises:
+        ValueError: they are not what was written: an index with a wrong time would hide messages.
+    """
     end = file.seek(-len(MAGIC) - FOOTER.size, os.SEEK_END)
     start, _, crc = FOOTER.unpack(file.read(FOOTER.size))
+    start = start or end - RECORD.size
     file.seek(start)
+    summary = file.read(end + FOOTER.size - start)
     # The CRC covers all from the summary's start to the CRC itself.
-    return crc == 0 or start == 0 or zlib.crc32(file.read(end + FOOTER.size - 4 - start)) == crc
+    if crc != 0 and zlib.crc32(summary[:-4]) != crc:
+        raise ValueError('the summary is damaged')
+    return summary

@@ -10,11 +10,12 @@ import numpy as np
 
 from pendubot_identification.core.errors import BagError
 from pendubot_identification.core.evidence import Answer
+from pendubot_identification.core.long import Long
 from pendubot_identification.core.parameters import NAMES, Bounds
 from pendubot_identification.core.settings import Settings
 from pendubot_identification.core.trajectory import Trajectory
 
-from .bag_reader import BagWindow, read_trajectory
+from .bag_reader import BagWindow, read_recording
 from .joint_states import JOINT_NAMES, JOINT_STATES_TOPIC
 
 
@@ -28,7 +29,7 @@ def recordings(
         folder: where the bags lie now, by their own names; None: where they lay.
 
     Returns:
-        Motions that estimate, motions that validate.
+        Motions that estimate, motions that validate; of long ones the stretches that stand for them.
 
     Raises:
         BagError: a bag is gone, or is another one than it was.
@@ -44,7 +45,7 @@ def recordings(
                 f'there is no bag {window.path}, of which this result was made; was it moved, or is this another '
                 'folder? --bags FOLDER names where it lies now'
             )
-        recorded = read_trajectory(
+        recorded = read_recording(
             window,
             topic=source.get('topic', JOINT_STATES_TOPIC),
             joint_names=source.get('joint_names', JOINT_NAMES),
@@ -56,8 +57,13 @@ def recordings(
             )
         # One bag without a window was halved: the first samples estimate, the last ones validate.
         samples = source['samples']
-        part = slice(samples) if source['role'] == 'training' else slice(len(recorded.trajectory) - samples, None)
-        found[source['role']].append(recorded.trajectory[part])
+        motion = recorded.trajectory
+        if isinstance(motion, Long):
+            taken = source['stretches']
+            found[source['role']] += [s for s in motion.stretches if round(float(s.t[0]), 3) in taken]
+            continue
+        part = slice(samples) if source['role'] == 'training' else slice(len(motion) - samples, None)
+        found[source['role']].append(motion[part])
     return tuple(found['training']), tuple(found['validation'])
 
 

@@ -118,7 +118,8 @@ def _foreseen(results: Results, args: argparse.Namespace) -> dict[str, Any]:
     """Return how far each result's simulation of a bag's motion is off, by horizon."""
     import numpy as np
 
-    from pendubot_identification.adapters.bag_reader import BagWindow, read_trajectory
+    from pendubot_identification.adapters.bag_reader import BagWindow, read_recording
+    from pendubot_identification.core.long import held_parts
     from pendubot_identification.core.motion import Motion
     from pendubot_identification.core.parameters import NAMES
     from pendubot_identification.core.prediction import HORIZONS, predict, state_scale
@@ -126,15 +127,16 @@ def _foreseen(results: Results, args: argparse.Namespace) -> dict[str, Any]:
 
     from .identify import joints
 
-    recorded = read_trajectory(BagWindow.parse(args.on), topic=args.topic, joint_names=joints(args.joints))
+    recorded = read_recording(BagWindow.parse(args.on), topic=args.topic, joint_names=joints(args.joints))
+    parts = held_parts([recorded.trajectory])
     # States as all results are held against them; the torque as each result takes it.
-    smoothing = choose_smoothing([recorded.trajectory])
+    smoothing = choose_smoothing(parts)
     errors, notes = [], []
     for name, result in results.items():
         effort = result.get('effort') or {}
-        motion = Motion.prepare(recorded.trajectory, smoothing, effort.get('hold', 'zero'))
+        motions = [Motion.prepare(part, smoothing, effort.get('hold', 'zero')) for part in parts]
         theta = np.array([result['parameters'][n]['value'] for n in NAMES if n in result['parameters']])
-        prediction = predict([motion], theta, effort.get('delay', 0.0), state_scale([motion]))
+        prediction = predict(motions, theta, effort.get('delay', 0.0), state_scale(motions))
         errors.append(_numbers(prediction.error))
         still = _numbers(prediction.standing_still)
         if recorded.sha256 in _training(result):

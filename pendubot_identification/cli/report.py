@@ -136,8 +136,18 @@ def write_result_report(
     sections, left_out = _sections(result, motions, beside, progress)
     other, name = beside or (None, '')
     files = _files(picture for section in sections.values() for picture in section)
-    page = result_page(result, sections.pop(MOTION), sections, other, name, [*notes, *left_out])
+    page = result_page(result, sections.pop(MOTION), sections, other, name, [*notes, *left_out, *_between(result)])
     return _write(folder, page, {'result.yaml': result_text(result)} | files)
+
+
+def _between(result: Mapping[str, Any]) -> list[str]:
+    """Return what no figure shows of long recordings."""
+    return [
+        f'what lies between {len(source["stretches"])} stretches of {source["bag"]}, {source["duration"]:.0f} s; the '
+        'figures, and the residuals in them, are of these stretches alone'
+        for source in result['bags']
+        if source.get('stretches')
+    ]
 
 
 def write_failure_report(folder: OutputFolder, reason: str, asked: Sequence[str], motions: Recordings | None) -> Path:

@@ -168,13 +168,14 @@ class _Reproduction:
     def _identification(self) -> None:
         from pendubot_identification.core.explained import energy_balance, foreseen
         from pendubot_identification.core.identification import identify
+        from pendubot_identification.core.long import held_parts
         from pendubot_identification.core.mde import MDESettings
         from pendubot_identification.core.parameters import Parameters
         from pendubot_identification.core.settings import Settings
         from pendubot_identification.report import paper_figures, paper_tables
 
         data = _sample()
-        training, validation = data.training[0], data.validation[0]
+        training, validation = held_parts([*data.training, *data.validation])
         # MDESettings() stops at no spread: every generation is taken, as in the paper.
         settings = Settings(('energy',), 'viscous', 'mde', mde=MDESettings(), runs=self._runs, seed=self._seed)
         with self._progress('identification') as bar:
@@ -204,12 +205,13 @@ class _Reproduction:
 
     def _sweep(self) -> None:
         from pendubot_identification.core.energy import energy_regression
+        from pendubot_identification.core.long import held_parts
         from pendubot_identification.core.parameters import MODELS, default_bounds
         from pendubot_identification.core.quadratic import Quadratic
         from pendubot_identification.core.trials import sweep
         from pendubot_identification.report import paper_figures, paper_tables
 
-        regression = energy_regression(_sample().training[0])
+        regression = energy_regression(held_parts(_sample().training)[0])
         criterion = Quadratic.reduce(regression.phi, regression.y)
         trials = sweep(self._seed, self._runs, criterion, default_bounds().of(MODELS['viscous']))
         records, _ = self._run_trials('sweep', list(trials))

@@ -33,25 +33,25 @@ def contradictions(data: Data, model: str, together: TrajectoryFit, without: Seq
         together: the fit of all of them.
         without: for each recording, the fit of all others where it is known already.
     """
-    motions = data.motions
-    alone = [data.only([m]).fit(model) for m in motions]
-    if len(motions) == 2:
+    groups, count = data.groups, len(data.groups)
+    alone = [data.only(group).fit(model) for group in groups]
+    if count == 2:
         without = alone[::-1]
-    elif len(without) != len(motions):
-        without = [data.only([m for m in motions if m is not left_out]).fit(model) for left_out in motions]
+    elif len(without) != count:
+        without = [data.only([m for g in groups if g is not left_out for m in g]).fit(model) for left_out in groups]
 
-    def error(motion: int, fit: TrajectoryFit) -> float:
-        return float(np.exp(predict([motions[motion]], fit.fit.theta, fit.fit.delay, data.scale).loss))
+    def error(recording: int, fit: TrajectoryFit) -> float:
+        return float(np.exp(predict(groups[recording], fit.fit.theta, fit.fit.delay, data.scale).loss))
 
     own = np.array([error(k, fit) for k, fit in enumerate(alone)])
     own = np.minimum(own, EXPLAINED * np.nanmedian(own))
-    common = np.array([error(k, together) for k in range(len(motions))])
+    common = np.array([error(k, together) for k in range(count)])
     if not (common > AGREEING * own).any():
         return []
     apart = np.array([error(k, fit) for k, fit in enumerate(without)])
     odd = (apart > CONTRADICTING * own) & (apart > CONTRADICTION)
-    names = [m.name for m in motions]
-    if len(motions) == 2:
+    names = [recording.name for recording in data.whole]
+    if count == 2:
         if not odd.all():
             return []
         return [
@@ -62,7 +62,7 @@ def contradictions(data: Data, model: str, together: TrajectoryFit, without: Seq
     if not odd.any():
         return []
     # All are foreseen badly by a crowd with one stranger in it. The stranger is whom the others agree without.
-    others = [[j for j in range(len(motions)) if j != k] for k in range(len(motions))]
+    others = [[j for j in range(count) if j != k] for k in range(count)]
     pairs = zip(others, without, strict=True)
     strife = np.array([np.mean([np.log(error(j, fit) / own[j]) for j in rest]) for rest, fit in pairs])
     stranger = int(np.nanargmin(strife))

@@ -20,14 +20,14 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from .dynamics import GRAVITY
-from .energy import Regression
+from .energy import Regression, Residuals
 from .errors import TrajectoryError
 from .motion import Motion
 from .parameters import MODELS, NAMES, default_bounds
 from .quadratic import Quadratic
 from .simulation import HANGING
 from .trajectory import Trajectory
-from .uncertainty import bootstrap_covariance
+from .uncertainty import Blocks, bootstrap_covariance
 from .weak import estimate_delay, weak_regression
 
 Array = NDArray[np.float64]
@@ -183,7 +183,7 @@ def link_length(motions: Sequence[Motion], model: str, delay: float = 0.0) -> tu
         # Gravity, the column that neither smoothing nor noise spoils, in terms of all others divided by P5.
         parts.append(Regression(np.column_stack([phi[:, others], -y]), -phi[:, names.index('P5')], t))
     ratios = Quadratic.pool([Quadratic.reduce(part.phi, part.y) for part in parts]).free_minimum()
-    covariance = bootstrap_covariance(parts, ratios, np.ones(len(ratios), dtype=bool))
+    covariance = bootstrap_covariance(_blocks(parts), ratios, np.ones(len(ratios), dtype=bool))
     return float(ratios[0]), math.sqrt(covariance[0, 0])
 
 
@@ -273,7 +273,7 @@ class _Zeros:
         turning = [(3, 4), (2, 4)][joint]
         columns = np.column_stack([_turned(angles), _turned(further)[:, turning] @ theta[list(turning)]])
         parts = [Regression(part.phi @ columns, part.y, part.t) for part in self.parts]
-        return math.sqrt(bootstrap_covariance(parts, np.append(theta, 0.0), np.append(free, True))[-1, -1])
+        return math.sqrt(bootstrap_covariance(_blocks(parts), np.append(theta, 0.0), np.append(free, True))[-1, -1])
 
 
 class _Remedy(NamedTuple):
@@ -362,3 +362,7 @@ def _unexplained(criterion: Quadratic) -> float:
     theta = criterion.minimum_in_box(BOUNDS)
     effort = float(criterion(np.zeros_like(theta)))
     return float(criterion(theta)) / effort if effort > 0 else 1.0
+
+
+def _blocks(parts: Sequence[Regression]) -> Blocks:
+    return Blocks.of([Residuals.of(part) for part in parts])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,8 +10,9 @@ from numpy.typing import NDArray
 
 from .dynamics import dry_friction_terms, energy_terms
 from .errors import TrajectoryError
+from .long import Grid, Recording, gridded
 from .parameters import MODELS
-from .signals import SMOOTHING, differentiate, held, resample
+from .signals import SMOOTHING, differentiate, held
 from .trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -34,6 +36,26 @@ class Regression:
     t: Array
 
 
+@dataclass(frozen=True, slots=True)
+class Residuals:
+    """Residuals linear in theta, part by part: those of a long recording are never all there at once.
+
+    Attributes:
+        count: how many there are.
+        duration: from the first to the last of them [s].
+        parts: gives them, in the order of time.
+    """
+
+    count: int
+    duration: float
+    parts: Callable[[], Iterator[Regression]]
+
+    @classmethod
+    def of(cls, regression: Regression) -> Residuals:
+        """Return those of a regression."""
+        return cls(len(regression.y), float(np.ptp(regression.t)), lambda: iter([regression]))
+
+
 def energy_regression(
     trajectory: Trajectory, window: float | None = None, smoothing: float = SMOOTHING, model: str = 'viscous'
 ) -> Regression:
@@ -51,32 +73,76 @@ def energy_regression(
     Raises:
         TrajectoryError: the motion is shorter than the window, has a gap, or is faster than a rig can be.
     """
-    motion = resample(trajectory)
-    q, qd = differentiate(motion.q, motion.interval, smoothing)
-    require_plausible_speed(trajectory.name, motion.t - motion.t[0], qd)
-    work = _work(trajectory, motion)
-    dry = dry_friction_terms(qd, np.zeros_like(qd))[..., :2] * qd[..., None]
-    rates = np.column_stack([qd**2, dry[..., 0], dry[..., 1]])
-    means = (rates[1:] + rates[:-1]) / 2 * motion.interval
-    load = np.abs(motion.tau[:-1]) * means[:, 2:4]
-    viscous, coulomb, stribeck = np.split(_accumulated(means), 3, axis=1)
-    rotor = qd[:, 1] ** 2 / 2
-    phi = np.column_stack([energy_terms(q, qd), viscous, coulomb, rotor, stribeck, _accumulated(load)])
-    phi = phi[:, : MODELS[model]]
-    if window is None:
-        return Regression(phi[1:] - phi[0], work[1:] - work[0], motion.t[1:])
-    if window < motion.interval / 2:
-        raise TrajectoryError(
-            f'{trajectory.name}: the sliding window of {window:g} s is shorter than the sampling interval of '
-            f'{motion.interval:.4g} s; choose a longer one'
-        )
-    span = max(1, round(min(window / motion.interval, len(motion))))
-    if span >= len(motion):
-        raise TrajectoryError(
-            f'{trajectory.name}: {motion.duration:.3f} s are shorter than the sliding window of {window:g} s; choose a '
-            'longer part of the recording or a shorter sliding window'
-        )
-    return Regression(phi[span:] - phi[:-span], work[span:] - work[:-span], motion.t[span:])
+    (regression,) = energy_residuals(trajectory, window, smoothing, model).parts()
+    return regression
+
+
+def energy_residuals(
+    recording: Recording, window: float | None = None, smoothing: float = SMOOTHING, model: str = 'viscous'
+) -> Residuals:
+    """Return the same of a recording that may be long, in parts.
+
+    Raises:
+        TrajectoryError: as :func:`energy_regression`, some of it only when the parts are asked for.
+    """
+    grid = gridded(recording)
+    span, duration = 0, grid.interval * (grid.size - 1)
+    if window is not None:
+        if window < grid.interval / 2:
+            raise TrajectoryError(
+                f'{grid.name}: the sliding window of {window:g} s is shorter than the sampling interval of '
+                f'{grid.interval:.4g} s; choose a longer one'
+            )
+        span = max(1, round(min(window / grid.interval, grid.size)))
+        if span >= grid.size:
+            raise TrajectoryError(
+                f'{grid.name}: {duration:.3f} s are shorter than the sliding window of {window:g} s; choose a '
+                'longer part of the recording or a shorter sliding window'
+            )
+    count = grid.size - max(span, 1)
+    return Residuals(count, grid.interval * (count - 1), lambda: _differences(grid, span, smoothing, MODELS[model]))
+
+
+def _differences(grid: Grid, span: int, smoothing: float, size: int) -> Iterator[Regression]:
+    """Return, part by part, what the sums of the balance gain over so many samples; since the first one for 0."""
+    phi, work = np.empty((0, size)), np.empty(0)
+    for t, new_phi, new_work in _sums(grid, smoothing, size):
+        phi, work = np.concatenate([phi, new_phi]), np.concatenate([work, new_work])
+        if span:
+            gained, done = phi[span:] - phi[:-span], work[span:] - work[:-span]
+            phi, work = phi[-span:], work[-span:]
+        else:
+            gained, done = phi[1:] - phi[0], work[1:] - work[0]
+            phi, work = phi[:1], work[:1]
+        yield Regression(gained, done, t[len(t) - len(done) :])
+
+
+def _sums(grid: Grid, smoothing: float, size: int) -> Iterator[tuple[Array, Array, Array]]:
+    """Return, part by part, times [s], what multiplies the parameters, and the work [J], summed from the start on."""
+    total: Array = np.zeros((1, 8))
+    done, done_at = np.zeros(1), 0
+    for piece in grid.pieces(smoothing):
+        motion = piece.even
+        q, qd = differentiate(motion.q, grid.interval, smoothing)
+        done, done_at = _accumulated(done[piece.at - done_at], _work_between(piece.recorded)), piece.at
+        own = slice(piece.begin - piece.first, piece.end - piece.first)
+        elapsed = grid.interval * np.arange(piece.begin, piece.end, dtype=float)
+        require_plausible_speed(grid.name, elapsed, qd[own])
+        work = _work_until(piece.recorded, done, motion, grid.interval)[own]
+        # From the last place of the piece before on.
+        since = slice(max(own.start - 1, 0), own.stop)
+        q, qd, tau = q[since], qd[since], motion.tau[since]
+        dry = dry_friction_terms(qd, np.zeros_like(qd))[..., :2] * qd[..., None]
+        rates = np.column_stack([qd**2, dry[..., 0], dry[..., 1]])
+        means = (rates[1:] + rates[:-1]) / 2 * grid.interval
+        load = np.abs(tau[:-1]) * means[:, 2:4]
+        sums = _accumulated(total[-1], np.column_stack([means, load]))
+        total = sums[-1:]
+        new = slice(len(q) - (own.stop - own.start), None)
+        viscous, coulomb, stribeck, load = np.split(sums[new], 4, axis=1)
+        rotor = qd[new, 1] ** 2 / 2
+        phi = np.column_stack([energy_terms(q[new], qd[new]), viscous, coulomb, rotor, stribeck, load])
+        yield motion.t[own], phi[:, :size], work
 
 
 def require_plausible_speed(name: str, elapsed: Array, qd: Array) -> None:
@@ -95,16 +161,21 @@ def require_plausible_speed(name: str, elapsed: Array, qd: Array) -> None:
         )
 
 
-def _work(recorded: Trajectory, motion: Trajectory) -> Array:
-    """Return the work done [J] from the recording's start until each time of the resampled motion.
+def _work_between(recorded: Trajectory) -> Array:
+    """Return the work done [J] from each sample to the next.
 
     A held torque does the work tau[k] (q[k+1] - q[k]) on its joint, whatever the motion in between. It is summed
     over the samples as they were recorded: on a grid of other times a torque of one sample may be held for none.
     """
-    done = _accumulated((recorded.tau[:-1] * np.diff(recorded.q, axis=0)).sum(axis=1))
-    k = held(recorded.t, motion.t)
+    return np.asarray((recorded.tau[:-1] * np.diff(recorded.q, axis=0)).sum(axis=1))
+
+
+def _work_until(recorded: Trajectory, done: Array, motion: Trajectory, interval: float) -> Array:
+    """Return the work done [J] until each time of the resampled motion from that done until each sample."""
+    k = held(recorded.t, motion.t, interval)
     return np.asarray(done[k] + (recorded.tau[k] * (motion.q - recorded.q[k])).sum(axis=1))
 
 
-def _accumulated(increments: Array) -> Array:
-    return np.concatenate([np.zeros_like(increments[:1]), np.cumsum(increments, axis=0)])
+def _accumulated(start: Array | float, increments: Array) -> Array:
+    """Return the sums from a start on, one more than there are increments."""
+    return np.cumsum(np.concatenate([np.asarray(start)[None], increments]), axis=0)

@@ -136,6 +136,7 @@ class Estimate:
     def correlation(self) -> Array:
         """Correlation matrix, shape (D, D); NaN where the covariance is."""
         deviation = np.sqrt(np.diag(self.covariance))
+        deviation = np.where(deviation > 0, deviation, np.nan)
         return np.asarray(self.covariance / deviation / deviation[:, None])
 
     @property

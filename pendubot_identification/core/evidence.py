@@ -187,7 +187,7 @@ def residuals(
         names = BALANCES if answer.criterion == 'weak' else ('energy',)
         unit = 'N m' if answer.criterion == 'weak' else 'J'
         parts = []
-        for r in made.regressions:
+        for r in (part for residuals in made.residuals for part in residuals.parts()):
             left = (r.y - r.phi @ answer.theta).reshape(-1, len(names))
             parts.append((r.t[:: len(names)], left))
         interval = float(np.median(np.concatenate([np.diff(t) for t, _ in parts])))

@@ -15,14 +15,13 @@ from .estimate import Estimate, Progress
 from .judgement import judge, require_excitation
 from .level import Level
 from .linear import Linear, linear
-from .motion import Motion
+from .long import STRETCH, Long, Recording, held_parts
 from .parameters import MODELS, Parameters
 from .prediction import Prediction, predict
-from .recipes import Data, estimate
+from .recipes import Data, estimate, prepared
 from .selection import Fold, ModelScore, compare_models, folds
 from .settings import Settings
 from .suspicions import suspicions
-from .trajectory import Trajectory
 from .trajectory_fit import TrajectoryFit
 
 Array = NDArray[np.float64]
@@ -80,13 +79,17 @@ class Identification:
 
 
 def identify(
-    training: Sequence[Trajectory],
-    validation: Sequence[Trajectory] = (),
+    training: Sequence[Recording],
+    validation: Sequence[Recording] = (),
     settings: Settings | None = None,
     progress: Progress | None = None,
     notes: Sequence[str] = (),
 ) -> Identification:
     """Estimate the parameters of a rig from one or more of its motions.
+
+    Of a long recording the quadratic criteria, energy and weak, take all, piece by piece. What is not quadratic (the
+    choice of smoothing, delay, weights and model, the trajectory criterion, predictions, and what looks for faults)
+    takes the stretches that stand for it.
 
     Args:
         training: the motions that estimate; they are pooled.
@@ -101,31 +104,38 @@ def identify(
         ExcitationError: a motion from which some parameters cannot be told.
     """
     settings, progress = settings or Settings(), progress or _silent
-    for motion in (*training, *validation):
+    held, held_judges = held_parts(training), held_parts(validation)
+    for motion in (*held, *held_judges):
         motion.require_samples()
-    require_excitation(training, settings)
+    if settings.sliding is not None and settings.sliding >= STRETCH and any(isinstance(m, Long) for m in training):
+        raise TrajectoryError(
+            f'the sliding window of {settings.sliding:g} s is too long for a long recording, which is looked at in '
+            f'stretches of {STRETCH:g} s; choose a shorter one, or none'
+        )
+    require_excitation(held, settings)
     notes = [*notes, *suspicions([*training, *validation])]
     progress('preparing', 0, 0, np.nan)
     data = Data.prepare(training, settings)
-    judges = [Motion.prepare(motion, data.smoothing, data.hold) for motion in validation]
+    groups, whole_judges = prepared(validation, data.smoothing, data.hold)
+    judges = [motion for group in groups for motion in group]
     comparison = _Comparison(data, progress)
     model, scores = comparison.choose() if settings.model == 'auto' else (settings.model, [])
 
     estimates = []
     for criterion in settings.criteria:
-        answer = estimate(criterion, data, judges, model, progress)
+        answer = estimate(criterion, data, (judges, whole_judges), model, progress)
         parts = [predict([j], answer.theta, answer.effort.delay, data.scale) for j in judges]
         parts = parts or comparison.foreseen(criterion, model)
         estimates.append(replace(answer, prediction=Prediction.pool(parts)))
     published = _best(estimates)
     best = estimates[published]
     progress('checking signs, zeros and stamps', 0, 0, best.J)
-    if len(training) > 1 and settings.criteria != ('energy',):
+    if len(data.groups) > 1 and settings.criteria != ('energy',):
         notes += contradictions(data, model, comparison.fit(model), comparison.without(model))
     length = link_length(data.motions, model, best.effort.delay)
     low, high = settings.delays
     declared = low if low == high else 0.0
-    faults = diagnose(training, data.smoothing, data.hold, model, declared, settings.link_length)
+    faults = diagnose(held, data.smoothing, data.hold, model, declared, settings.link_length)
     notes += faults
     if faults:
         # Zeros of single recordings would make up for what is wrong with all of them.
@@ -159,7 +169,8 @@ class _Comparison:
     def method(self) -> str:
         """In words, what foresees what."""
         if len(self._folds) == len(self._data.motions):
-            return 'each recording foreseen from the others'
+            what = 'stretch' if self._data.long else 'recording'
+            return f'each {what} foreseen from the others'
         return f'each of {len(self._folds)} blocks of time foreseen from the others'
 
     def choose(self) -> tuple[str, list[ModelScore]]:

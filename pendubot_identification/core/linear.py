@@ -9,17 +9,17 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .energy import Regression, energy_regression
+from .energy import Residuals, energy_residuals
 from .estimate import REACHED, Effort, Estimate, Progress
 from .mde import MDE
-from .motion import Motion
+from .motion import AnyMotion, Motion
 from .optimizer import minimize
 from .parameters import MODELS, repaired
 from .quadratic import Penalised, Quadratic
 from .settings import SPREAD, Settings
 from .signals import SMOOTHING
-from .uncertainty import bootstrap_covariance
-from .weak import balance_weights, estimate_delay, weak_regression
+from .uncertainty import BLOCK, Blocks, bootstrap_covariance
+from .weak import balance_weights, estimate_delay, weak_regression, weak_residuals
 
 Array = NDArray[np.float64]
 
@@ -30,38 +30,50 @@ class Linear(NamedTuple):
     """A quadratic criterion made of recordings.
 
     Attributes:
-        regressions: one a recording.
+        residuals: of each recording.
+        blocks: the same reduced.
         delay: of the effort [s].
         weights: of the weak criterion's three balances, shape (3,); empty for ``energy``.
     """
 
-    regressions: list[Regression]
+    residuals: list[Residuals]
+    blocks: Blocks
     delay: float
     weights: Array
 
     @property
     def criterion(self) -> Quadratic:
         """The pooled criterion."""
-        return Quadratic.pool([Quadratic.reduce(r.phi, r.y) for r in self.regressions])
+        return self.blocks.criterion
 
 
-def linear(name: str, motions: Sequence[Motion], model: str, settings: Settings, like: Linear | None = None) -> Linear:
-    """Make the criterion ``name`` of recordings, with the delay and the weights that suit them or those of another."""
+def linear(
+    name: str, motions: Sequence[AnyMotion], model: str, settings: Settings, like: Linear | None = None
+) -> Linear:
+    """Make the criterion ``name`` of recordings, with the delay and the weights that suit them or those of another.
+
+    Delay and weights suit motions that are held: long ones take them from another.
+    """
     if name == 'energy':
         smoothing = SMOOTHING if settings.smoothing is None else settings.smoothing
-        return Linear(
-            [energy_regression(m.recorded, settings.sliding, smoothing, model) for m in motions], 0.0, np.empty(0)
-        )
+        residuals = [energy_residuals(m.recorded, settings.sliding, smoothing, model) for m in motions]
+        block = BLOCK if settings.sliding else np.inf
+        return Linear(residuals, Blocks.of(residuals, block), 0.0, np.empty(0))
+    delay, weights = _suited(motions, model, settings) if like is None else (like.delay, like.weights)
+    residuals = [weak_residuals(m, model, delay, weights) for m in motions]
+    return Linear(residuals, Blocks.of(residuals), delay, weights)
+
+
+def _suited(motions: Sequence[AnyMotion], model: str, settings: Settings) -> tuple[float, Array]:
+    """Return the effort's delay [s] and the weights of the weak criterion's balances with which motions agree best."""
     bounds = settings.bounds.of(MODELS[model])
     low, high = settings.delays
-    if like is None:
-        delay = low if low == high else estimate_delay(motions, model, bounds, low, high)
-        weights = balance_weights([weak_regression(m, model, delay, weights=(1, 1, 1)) for m in motions], bounds)
-        if low < high:
-            delay = estimate_delay(motions, model, bounds, low, high, weights=weights)
-    else:
-        delay, weights = like.delay, like.weights
-    return Linear([weak_regression(m, model, delay, weights=weights) for m in motions], delay, weights)
+    held = [m for m in motions if isinstance(m, Motion)]
+    delay = low if low == high else estimate_delay(held, model, bounds, low, high)
+    weights = balance_weights([weak_regression(m, model, delay, weights=(1, 1, 1)) for m in held], bounds)
+    if low < high:
+        delay = estimate_delay(held, model, bounds, low, high, weights=weights)
+    return delay, weights
 
 
 def estimate_linear(
@@ -98,9 +110,9 @@ def estimate_linear(
             f'J = {runs.value.min():.6e}, exact {J_exact:.6e}'
         ]
     free = ~bounds.at_bound(theta, tolerance=1e-7)
-    covariance = bootstrap_covariance(made.regressions, theta, free, seed=settings.seed)
+    covariance = bootstrap_covariance(made.blocks, theta, free, seed=settings.seed)
     everything = np.ones(len(theta), dtype=bool)
-    off = covariance if free.all() else bootstrap_covariance(made.regressions, theta, everything, seed=settings.seed)
+    off = covariance if free.all() else bootstrap_covariance(made.blocks, theta, everything, seed=settings.seed)
     judge = None if validation is None else validation.criterion
     return Estimate(
         criterion=name,
@@ -109,7 +121,7 @@ def estimate_linear(
         free=free,
         covariance=covariance,
         std_error=np.sqrt(np.where(free, np.diag(covariance), np.diag(off))),
-        uncertainty='block bootstrap over blocks of 2 s',
+        uncertainty=f'block bootstrap over blocks of {made.blocks.length:.3g} s',
         effort=Effort(hold if name == 'weak' else 'zero', made.delay),
         J=float(criterion(theta)),
         unit=UNITS[name],

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline, PPoly
 
+from .long import Long
 from .signals import differentiate, resample
 from .trajectory import Trajectory
 
@@ -47,7 +50,12 @@ class Motion:
                 it. ``linear``: it was measured at its sample and changes linearly until the next one.
         """
         even = resample(trajectory)
-        q, qd = differentiate(even.q, even.interval, smoothing)
+        return cls.of(trajectory, even, even.interval, smoothing, hold)
+
+    @classmethod
+    def of(cls, trajectory: Trajectory, even: Trajectory, interval: float, smoothing: float, hold: str) -> Motion:
+        """Do so with the recording on a uniform grid, of a given interval [s]."""
+        q, qd = differentiate(even.q, interval, smoothing)
         if q is even.q:
             # Samples too far apart to be smoothed: a spline through them knows their speed ten times better than
             # differences do.
@@ -58,11 +66,15 @@ class Motion:
             name=trajectory.name,
             start=float(even.t[0]),
             end=float(even.t[-1]),
-            interval=even.interval,
+            interval=interval,
             smoothed=CubicSpline(even.t, np.column_stack([q, qd])),
             impulse=PPoly(np.array(pieces), t).antiderivative(),
             recorded=trajectory,
         )
+
+    def pieces(self, reach: float) -> Iterator[tuple[Motion, float, float]]:
+        """Return the whole motion, and from when to when it is its own piece."""
+        yield self, -math.inf, math.inf
 
     def part(self, start: float, end: float) -> Motion:
         """Return the motion from ``start`` to ``end`` [s of its own time], cut to what there is."""
@@ -82,3 +94,49 @@ class Motion:
         """Return the mean torques [N m] over consecutive steps from each of the times ``start``, shape (2, K, L)."""
         edges = start + step * np.arange(steps + 1)[:, None]
         return np.asarray(np.moveaxis(np.diff(self.impulse(edges), axis=0), -1, 0) / step)
+
+
+@dataclass(frozen=True, slots=True)
+class LongMotion:
+    """A long recording, made ready piece by piece.
+
+    Attributes:
+        recorded: the recording.
+        smoothing: the differentiator's window [s].
+        hold: how the torque behaves between its samples, see :meth:`Motion.prepare`.
+    """
+
+    recorded: Long
+    smoothing: float
+    hold: str
+
+    @property
+    def name(self) -> str:
+        """Of the recording."""
+        return self.recorded.name
+
+    @property
+    def start(self) -> float:
+        """Time of its first sample [s]."""
+        return self.recorded.start
+
+    @property
+    def end(self) -> float:
+        """Time of its last one [s]."""
+        return self.recorded.end
+
+    @property
+    def interval(self) -> float:
+        """Its sampling interval [s]."""
+        return self.recorded.interval
+
+    def pieces(self, reach: float) -> Iterator[tuple[Motion, float, float]]:
+        """Return motions that reach ``reach`` [s] into their neighbours, and from when to when [s] each is its own."""
+        long = self.recorded
+        for piece in long.pieces(reach + self.smoothing):
+            motion = Motion.of(piece.recorded, piece.even, long.interval, self.smoothing, self.hold)
+            begin = long.time(piece.begin) if piece.begin else -math.inf
+            yield motion, begin, long.time(piece.end) if piece.end < long.size else math.inf
+
+
+AnyMotion = Motion | LongMotion

@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 from .errors import TrajectoryError
 from .estimate import Effort, Estimate, Progress, Zeros
 from .linear import Linear, estimate_linear, linear
-from .motion import Motion
+from .long import STRETCH, Long, Recording, held_parts
+from .motion import AnyMotion, LongMotion, Motion
 from .parameters import MODELS
 from .prediction import state_scale
 from .sandwich import estimated_zeros, scaled_condition_number, trajectory_covariance
 from .settings import Settings
 from .shooting import LONGEST_STEP
 from .signals import choose_smoothing
-from .trajectory import Trajectory
 from .trajectory_fit import TrajectoryFit, fit_positions, fit_states, search, segment_cost
 
 Array = NDArray[np.float64]
@@ -48,22 +48,25 @@ class Data:
     """Motions ready to be explained, and how they are taken.
 
     Attributes:
-        motions: the recordings.
+        groups: of each recording itself or, of a long one, the stretches that stand for it.
+        whole: the recordings, long ones to be read piece by piece.
         smoothing: the window [s] that made their states.
         hold: how their torque behaves between samples.
         scale: the states' standard deviations, shape (4,).
         settings: what was asked for.
     """
 
-    motions: tuple[Motion, ...]
+    groups: tuple[tuple[Motion, ...], ...]
+    whole: tuple[AnyMotion, ...]
     smoothing: float
     hold: str
     scale: Array
     settings: Settings
 
     @classmethod
-    def prepare(cls, trajectories: Sequence[Trajectory], settings: Settings) -> Data:
+    def prepare(cls, recordings: Sequence[Recording], settings: Settings) -> Data:
         """Choose smoothing and hold, and make the recordings ready."""
+        trajectories = held_parts(recordings)
         longest = max(trajectories, key=lambda t: t.duration)
         if settings.criteria != ('energy',) and longest.duration < SHORTEST:
             raise TrajectoryError(
@@ -73,8 +76,9 @@ class Data:
         smoothing = choose_smoothing(trajectories) if settings.smoothing is None else settings.smoothing
 
         def taken(hold: str) -> Data:
-            motions = tuple(Motion.prepare(t, smoothing, hold) for t in trajectories)
-            return cls(motions, smoothing, hold, state_scale(motions), settings)
+            groups, whole = prepared(recordings, smoothing, hold)
+            scale = state_scale([motion for group in groups for motion in group])
+            return cls(groups, whole, smoothing, hold, scale, settings)
 
         if settings.hold != 'auto':
             return taken(settings.hold)
@@ -102,9 +106,19 @@ class Data:
             self.motions, near.fit.theta, near.fit.delay, bounds, self.settings.delays, ladder=EXACT_LADDER
         )
 
+    @property
+    def motions(self) -> tuple[Motion, ...]:
+        """All that is held."""
+        return tuple(motion for group in self.groups for motion in group)
+
+    @property
+    def long(self) -> tuple[LongMotion, ...]:
+        """The recordings for which stretches of them stand."""
+        return tuple(motion for motion in self.whole if isinstance(motion, LongMotion))
+
     def only(self, motions: Sequence[Motion]) -> Data:
         """Return some of the motions, measured by the same scale."""
-        return replace(self, motions=tuple(motions))
+        return replace(self, groups=tuple((motion,) for motion in motions), whole=tuple(motions))
 
     def start(self, model: str, like: Linear | None = None) -> tuple[Array, float]:
         """Return where a local optimiser starts: the user's parameters, or the weak criterion's."""
@@ -151,13 +165,37 @@ class Data:
         )
 
 
-def estimate(criterion: str, data: Data, judges: Sequence[Motion], model: str, progress: Progress) -> Estimate:
-    """Return one criterion's answer, with its J on the motions that judge."""
+def prepared(
+    recordings: Sequence[Recording], smoothing: float, hold: str
+) -> tuple[tuple[tuple[Motion, ...], ...], tuple[AnyMotion, ...]]:
+    """Return what is held of each recording, made ready, and the recordings, long ones to be so piece by piece."""
+    groups = tuple(tuple(Motion.prepare(t, smoothing, hold) for t in held_parts([r])) for r in recordings)
+    whole = (
+        LongMotion(recording, smoothing, hold) if isinstance(recording, Long) else group[0]
+        for recording, group in zip(recordings, groups, strict=True)
+    )
+    return groups, tuple(whole)
+
+
+def estimate(
+    criterion: str, data: Data, judges: tuple[Sequence[Motion], Sequence[AnyMotion]], model: str, progress: Progress
+) -> Estimate:
+    """Return one criterion's answer, with its J on the motions that judge, as :func:`prepared` returns them."""
+    spans = ', '.join(f'{m.name}, {m.end - m.start:.0f} s' for m in data.long)
     if criterion == 'trajectory':
-        return _estimate_trajectory(data, judges, model, progress)
-    made = linear(criterion, data.motions, model, data.settings)
-    judge = linear(criterion, judges, model, data.settings, like=made) if judges else None
-    return estimate_linear(criterion, made, model, data.settings, data.hold, progress, judge)
+        found = _estimate_trajectory(data, judges[0], model, progress)
+        said = f'from {len(data.motions)} stretches of {STRETCH:g} s, spread over {spans}'
+    else:
+        made = linear(criterion, data.motions, model, data.settings)
+        if data.long:
+            progress(f'{criterion}: reading {spans}', 0, 0, np.nan)
+            made = linear(criterion, data.whole, model, data.settings, like=made)
+        judge = linear(criterion, judges[1], model, data.settings, like=made) if judges[1] else None
+        found = estimate_linear(criterion, made, model, data.settings, data.hold, progress, judge)
+        said = f'from all of {spans}'
+        if criterion == 'weak':
+            said += f'; delay and weights from {len(data.motions)} stretches of {STRETCH:g} s'
+    return replace(found, steps=(said, *found.steps)) if data.long else found
 
 
 def _estimate_trajectory(data: Data, judges: Sequence[Motion], model: str, progress: Progress) -> Estimate:
@@ -213,7 +251,7 @@ def _estimate_trajectory(data: Data, judges: Sequence[Motion], model: str, progr
             converged = False
             steps.append(f"the weak criterion's answer has J = {elsewhere:.4g}: lower, without any search")
     size = MODELS[model]
-    covariance, std_error, uncertainty = trajectory_covariance(found)
+    covariance, std_error, uncertainty = trajectory_covariance(found, 'stretches' if data.long else 'recordings')
     return Estimate(
         criterion='trajectory',
         model=model,

@@ -25,7 +25,7 @@ ZEROS_BLOCK = 2.0
 ZERO_PRIOR = math.radians(20.0)
 
 
-def trajectory_covariance(found: TrajectoryFit) -> tuple[Array, Array, str]:
+def trajectory_covariance(found: TrajectoryFit, groups: str = 'recordings') -> tuple[Array, Array, str]:
     """Return covariance and standard errors of theta and delay, and in words how they were found.
 
     White residuals: the inverse of the condensed Gauss-Newton matrix times the residuals' variance. Otherwise the
@@ -38,6 +38,7 @@ def trajectory_covariance(found: TrajectoryFit) -> tuple[Array, Array, str]:
 
     Args:
         found: the fit of D parameters and the delay, G = D + 1.
+        groups: what its recordings are called.
 
     Returns:
         Covariance, shape (G, G), NaN where a bound holds; standard errors, shape (G,), of what a bound holds those
@@ -51,7 +52,7 @@ def trajectory_covariance(found: TrajectoryFit) -> tuple[Array, Array, str]:
         words = f"Gauss-Newton; the residuals are white, with {variance:.2f} times the variance of the positions' noise"
     else:
         several = len(np.unique(found.group)) >= FEWEST_RECORDINGS
-        clusters, what = (found.group, 'recordings') if several else _blocks(found, BLOCK)
+        clusters, what = (found.group, groups) if several else _blocks(found, BLOCK)
         members = [clusters == k for k in np.unique(clusters)]
         rest = [information - fit.informations[m].sum(axis=0)[:-2, :-2] for m in members]
         moves = [_solve(r, slopes[m].sum(axis=0), free) for r, m in zip(rest, members, strict=True)]

@@ -41,33 +41,61 @@ def resample(trajectory: Trajectory, interval: float | None = None) -> Trajector
         TrajectoryError: samples too far apart, or a gap too long to be bridged.
     """
     t = trajectory.t
-    if trajectory.interval > LONGEST_GAP:
-        raise TrajectoryError(
-            f'{trajectory.name}: its samples are {trajectory.interval:g} s apart and at most {LONGEST_GAP:g} s is '
-            'expected; are its stamps in seconds? record at a higher rate'
-        )
     step = trajectory.interval if interval is None else interval
     gaps = np.diff(t)
     widest = int(np.argmax(gaps))
-    if gaps[widest] > max(LONGEST_GAP, 5 * step):
+    require_dense(trajectory.name, trajectory.interval, gaps[widest], t[widest] - t[0], step)
+    even = np.linspace(t[0], t[-1], len(t))
+    if interval is None and not strays(np.abs(even - t).max(), step):
+        return replace(trajectory, t=even)
+    return on_grid(trajectory, t[0] + step * np.arange(int((t[-1] - t[0]) / step + 1e-6) + 1))
+
+
+def strays(distance: float, interval: float) -> bool:
+    """Tell whether stamps that are so far [s] from a uniform grid do not lie on it."""
+    return bool(distance >= JITTER * interval)
+
+
+def require_dense(name: str, interval: float, widest: float, at: float, step: float | None = None) -> None:
+    """Refuse samples between which the motion is unknown.
+
+    Args:
+        name: of the recording.
+        interval: its usual interval [s].
+        widest: its longest one [s].
+        at: when that begins, from the first sample on [s].
+        step: the interval of the grid that is wanted [s]; by default the usual one.
+
+    Raises:
+        TrajectoryError: samples too far apart, or a gap too long to be bridged.
+    """
+    if interval > LONGEST_GAP:
         raise TrajectoryError(
-            f'{trajectory.name}: {gaps[widest]:.3f} s without a sample begin at {t[widest] - t[0]:.3f} s, where '
+            f'{name}: its samples are {interval:g} s apart and at most {LONGEST_GAP:g} s is '
+            'expected; are its stamps in seconds? record at a higher rate'
+        )
+    step = interval if step is None else step
+    if widest > max(LONGEST_GAP, 5 * step):
+        raise TrajectoryError(
+            f'{name}: {widest:.3f} s without a sample begin at {at:.3f} s, where '
             f'{step:.4g} s is the usual interval; choose a window on one side of the gap'
         )
-    even = np.linspace(t[0], t[-1], len(t))
-    if interval is None and np.abs(even - t).max() < JITTER * step:
-        return replace(trajectory, t=even)
-    grid = t[0] + step * np.arange(int((t[-1] - t[0]) / step + 1e-6) + 1)
+
+
+def on_grid(trajectory: Trajectory, grid: Array, interval: float | None = None) -> Trajectory:
+    """Return positions and velocities at the times of a grid [s] by cubic splines, and torques as they were held."""
+    t = trajectory.t
     qd = None if trajectory.qd is None else CubicSpline(t, trajectory.qd)(grid)
-    return replace(trajectory, t=grid, q=CubicSpline(t, trajectory.q)(grid), tau=trajectory.tau[held(t, grid)], qd=qd)
+    tau = trajectory.tau[held(t, grid, interval)]
+    return replace(trajectory, t=grid, q=CubicSpline(t, trajectory.q)(grid), tau=tau, qd=qd)
 
 
-def held(t: Array, at: Array) -> NDArray[np.intp]:
+def held(t: Array, at: Array, interval: float | None = None) -> NDArray[np.intp]:
     """Return, for each of the times ``at`` [s], the number of the sample at ``t`` whose torque is then applied.
 
     A time that lies before a sample by no more than the jitter belongs to that sample already.
     """
-    tolerance = JITTER * float(np.median(np.diff(t)))
+    tolerance = JITTER * (float(np.median(np.diff(t))) if interval is None else interval)
     return np.maximum(np.searchsorted(t, at + tolerance, side='right') - 1, 0)
 
 
@@ -86,7 +114,8 @@ def differentiate(q: Array, interval: float, window: float) -> tuple[Array, Arra
     Raises:
         TrajectoryError: fewer samples than the window holds.
     """
-    length = 2 * round(min(window / interval, 2 * len(q)) / 2) + 1
+    # Rounded twice, so that the last bits of the interval do not decide about halves.
+    length = 2 * round(round(min(window / interval, 2 * len(q)) / 2, 6)) + 1
     if length <= DEGREE + 1:
         return q, np.gradient(q, interval, axis=0)
     if len(q) < length:

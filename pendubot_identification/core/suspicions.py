@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from .long import Recording, held_parts
 from .signals import encoder_step
 from .trajectory import Trajectory
 
@@ -21,15 +22,24 @@ SATURATED = 0.2
 STANDS, TIMES, ABRUPT = 3, 3, 4.0
 
 
-def suspicions(trajectories: Sequence[Trajectory]) -> list[str]:
-    """Return a sentence for every recording with samples missing, an effort at a limit, or angles that are cut off."""
-    return [text for motion in trajectories for text in (*_missing(motion), *_saturated(motion), *_clipped(motion))]
+def suspicions(recordings: Sequence[Recording]) -> list[str]:
+    """Return a sentence for every recording with samples missing, an effort at a limit, or angles that are cut off.
+
+    Of long recordings the latter two are looked for in their stretches.
+    """
+    return [
+        text
+        for recording in recordings
+        for text in (
+            *_missing(recording),
+            *(said for motion in held_parts([recording]) for said in (*_saturated(motion), *_clipped(motion))),
+        )
+    ]
 
 
-def _missing(motion: Trajectory) -> list[str]:
-    """Say where samples are missing; a jittering stamp alone makes no interval of two."""
-    steps = np.diff(motion.t) / motion.interval
-    lost = int(np.rint(steps[steps > 1.9] - 1).sum())
+def _missing(motion: Recording) -> list[str]:
+    """Say where samples are missing."""
+    lost = motion.lost
     if lost <= MISSING * len(motion):
         return []
     return [

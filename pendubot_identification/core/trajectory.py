@@ -77,6 +77,12 @@ class Trajectory:
         """The median sampling interval [s]."""
         return float(np.median(np.diff(self.t)))
 
+    @property
+    def lost(self) -> int:
+        """About how many samples are missing; a jittering stamp alone makes no interval of two."""
+        steps = np.diff(self.t) / self.interval
+        return int(np.rint(steps[steps > 1.9] - 1).sum())
+
     def window(self, start: float | None = None, end: float | None = None) -> Trajectory:
         """Return the samples with start <= t - t[0] < end, in seconds from the first sample; None leaves a side open.
 

@@ -16,17 +16,17 @@ middle of the cell; summed by parts, that is what stands above (Messenger and Bo
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import minimize_scalar
 
 from .dynamics import GRAVITY, dry_friction_terms, energy_terms
-from .energy import Regression, require_plausible_speed
+from .energy import Regression, Residuals, require_plausible_speed
 from .errors import TrajectoryError
-from .motion import Motion
+from .motion import AnyMotion, Motion
 from .parameters import MODELS, Bounds
 from .quadratic import Quadratic
 
@@ -34,6 +34,8 @@ Array = NDArray[np.float64]
 
 #: Of a bump, from zero to zero [s].
 WIDTH = 0.3
+#: From one bump to the next [s].
+STRIDE = 0.01
 #: The longest cell [s]: within it the motion of a bench-top rig is nearly straight.
 LONGEST_CELL = 0.005
 #: Of the balances of the shoulder's momentum, the elbow's [both N m], and energy [W, divided by about a rig's speed].
@@ -54,7 +56,7 @@ def weak_regression(
     *,
     weights: ArrayLike = (1.0, 1.0, 1.0),
     width: float = WIDTH,
-    stride: float = 0.01,
+    stride: float = STRIDE,
 ) -> Regression:
     """Return the three balances of a motion under each of many bumps.
 
@@ -74,9 +76,30 @@ def weak_regression(
         TrajectoryError: the motion is shorter than the bump, or faster than a rig can be.
     """
     bumps = _Bumps.cover(motion, width, stride, delay, delay)
-    phi, y = _state_columns(motion, bumps, MODELS[model]), _torque_columns(motion, bumps, MODELS[model], delay)
+    return _regression(motion, bumps, MODELS[model], delay, weights)
+
+
+def weak_residuals(motion: AnyMotion, model: str, delay: float, weights: ArrayLike) -> Residuals:
+    """Return the same of a motion that may be long, in parts.
+
+    Raises:
+        TrajectoryError: as :func:`weak_regression`, some of it only when the parts are asked for.
+    """
+    bumps = _Bumps.cover(motion, WIDTH, STRIDE, delay, delay)
+
+    def parts() -> Iterator[Regression]:
+        for piece, begin, end in motion.pieces(WIDTH + abs(delay)):
+            own = bumps.between(begin, end)
+            if len(own):
+                yield _regression(piece, own, MODELS[model], delay, weights)
+
+    return Residuals(3 * len(bumps), bumps.stride * bumps.step * (len(bumps) - 1), parts)
+
+
+def _regression(motion: Motion, bumps: _Bumps, size: int, delay: float, weights: ArrayLike) -> Regression:
+    phi, y = _state_columns(motion, bumps, size), _torque_columns(motion, bumps, size, delay)
     rows = np.concatenate([phi, y], axis=2) * np.reshape(weights, (3, 1))
-    flat = rows.reshape(-1, MODELS[model] + 1)
+    flat = rows.reshape(-1, size + 1)
     return Regression(flat[:, :-1], flat[:, -1], np.repeat(bumps.centres, 3))
 
 
@@ -149,20 +172,28 @@ def estimate_delay(
 
 @dataclass(frozen=True, slots=True)
 class _Bumps:
-    """Bumps that cover a motion, and the cells of time over which they are summed.
+    """Bumps that cover a motion or a part of it, and the cells of time over which they are summed.
 
     Attributes:
-        nodes: where cells begin and end [s], shape (cells + 1,).
+        origin: the motion's start [s].
+        start: where the first cell of the motion begins [s].
+        step: a cell's length [s].
+        first: the number of the first cell under these bumps.
+        cells: how many there are.
         weights: of the cells under one bump [1/s], with integral 1.
         stride: cells from one bump to the next.
     """
 
-    nodes: Array
+    origin: float
+    start: float
+    step: float
+    first: int
+    cells: int
     weights: Array
     stride: int
 
     @classmethod
-    def cover(cls, motion: Motion, width: float, stride: float, lowest: float, highest: float) -> _Bumps:
+    def cover(cls, motion: AnyMotion, width: float, stride: float, lowest: float, highest: float) -> _Bumps:
         """Cover what is known of a motion for delays of the effort from ``lowest`` to ``highest`` [s]."""
         start, end = motion.start + max(highest, 0.0), motion.end + min(lowest, 0.0)
         per_stride = math.ceil(stride / min(motion.interval, LONGEST_CELL) - 1e-9)
@@ -176,31 +207,41 @@ class _Bumps:
             )
         x = (np.arange(under) + 0.5) / under * 2 - 1
         bump = (1 - x**2) ** 3
-        return cls(start + step * np.arange(cells + 1.0), bump / (bump.sum() * step), per_stride)
+        return cls(motion.start, start, step, 0, cells, bump / (bump.sum() * step), per_stride)
+
+    def __len__(self) -> int:
+        return (self.cells - len(self.weights)) // self.stride + 1
+
+    def between(self, begin: float, end: float) -> _Bumps:
+        """Return the bumps that begin at begin <= t < end [s]."""
+        places = (np.array([begin, end]) - self.start) / (self.step * self.stride)
+        low, high = np.clip(np.ceil(places), 0, len(self)).astype(int).tolist()
+        cells = (high - low - 1) * self.stride + len(self.weights)
+        return replace(self, first=self.first + low * self.stride, cells=cells)
 
     @property
-    def step(self) -> float:
-        """A cell's length [s]."""
-        return float(self.nodes[1] - self.nodes[0])
+    def nodes(self) -> Array:
+        """Where cells begin and end [s], shape (cells + 1,)."""
+        return self.start + self.step * np.arange(self.first, self.first + self.cells + 1.0)
 
     @property
     def centres(self) -> Array:
         """The bumps' middles [s], shape (K,)."""
-        under = len(self.weights)
-        return self.nodes[: len(self.nodes) - under : self.stride] + under * self.step / 2
+        return self.nodes[:: self.stride][: len(self)] + len(self.weights) * self.step / 2
 
     def integrate(self, cells: Array) -> Array:
         """Return what every bump makes of cells' own integrals, shape (cells, ...) to (K, ...)."""
         flat = cells.reshape(len(cells), -1)
         under = np.lib.stride_tricks.sliding_window_view(flat, len(self.weights), axis=0)[:: self.stride]
-        return np.asarray((under @ self.weights)[: len(self.centres)].reshape(-1, *cells.shape[1:]))
+        return np.asarray((under @ self.weights).reshape(-1, *cells.shape[1:]))
 
 
 def _state_columns(motion: Motion, bumps: _Bumps, size: int) -> Array:
     """Return the columns of theta that the torque does not change: all but k1 and k2, shape (K, 3, 7 to 12)."""
-    states = motion.states(bumps.nodes)
+    nodes = bumps.nodes
+    states = motion.states(nodes)
     q, v = states[:2].T, states[2:].T
-    require_plausible_speed(motion.name, bumps.nodes - motion.start, v)
+    require_plausible_speed(motion.name, nodes - bumps.origin, v)
     s2, c2 = np.sin(q[:, 1]), np.cos(q[:, 1])
     v1, v2 = v.T
     v12 = v1 + v2
@@ -232,16 +273,16 @@ def _torque_columns(motion: Motion, bumps: _Bumps, size: int, delay: float) -> A
     Within a cell a torque may change from sample to sample. So impulse and work are summed over the parts between
     its changes: a held torque does the work tau (q[end] - q[start]), whatever the motion in between.
     """
-    changes = motion.impulse.x + delay
-    edges = np.union1d(bumps.nodes, changes[(changes > bumps.nodes[0]) & (changes < bumps.nodes[-1])])
+    nodes, changes = bumps.nodes, motion.impulse.x + delay
+    edges = np.union1d(nodes, changes[(changes > nodes[0]) & (changes < nodes[-1])])
     impulse = np.diff(motion.impulse(edges - delay), axis=0)
     work = impulse / np.diff(edges)[:, None] * np.diff(motion.states(edges)[:2].T, axis=0)
     parts = np.concatenate([impulse, np.abs(impulse), work.sum(axis=1, keepdims=True)], axis=1)
-    cells = np.add.reduceat(parts, np.searchsorted(edges, bumps.nodes[:-1]))
+    cells = np.add.reduceat(parts, np.searchsorted(edges, nodes[:-1]))
     columns = np.zeros((len(cells), 3, 1 if size < 14 else 3))
     columns[:, :2, -1], columns[:, 2, -1] = cells[:, :2], cells[:, 4]
     if size == 14:
-        v = motion.states(bumps.nodes)[2:].T
+        v = motion.states(nodes)[2:].T
         sign = dry_friction_terms(v, np.zeros_like(v))[..., 0]
         columns[:, [0, 1], [0, 1]] = _means(sign) * cells[:, 2:4]
         columns[:, 2, :2] = _means(sign * v) * cells[:, 2:4]

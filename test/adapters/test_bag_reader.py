@@ -229,8 +229,8 @@ def test_a_damaged_index_hides_no_message(bag, tmp_path):
     path = shutil.copytree(bag, tmp_path / 'bag')
     whole = (path / 'bag_0.mcap').read_bytes()
     # The time of a chunk's first message stands in the file for the last time in the index.
-    first = mcap_file.McapFile(path / 'bag_0.mcap')._chunks[-1].message_start_time
-    at = whole.rindex(first.to_bytes(8, 'little'))
+    first = mcap_file.McapFile(path / 'bag_0.mcap')._chunks.first_ns[-1]
+    at = whole.rindex(int(first).to_bytes(8, 'little'))
     (path / 'bag_0.mcap').write_bytes(whole[: at + 6] + bytes([whole[at + 6] ^ 64]) + whole[at + 7 :])
     read = read_trajectory(BagWindow(path, 0, 9.99))
     assert len(read.trajectory) == 999

@@ -22,6 +22,7 @@ PARTS = {
     'start': start.whole,
     'growth': lambda: growth.figure(FIGURE),
     'hour': bags.hour,
+    'identify': bags.identified,
 }
 
 

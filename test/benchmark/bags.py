@@ -15,6 +15,11 @@ from mcap.writer import CompressionType, Writer
 from pendubot_identification.adapters.bulk import _walk
 from pendubot_identification.adapters.joint_states import EPOCH_NS, JOINT_NAMES, JOINT_STATE, encode_joint_state
 from pendubot_identification.adapters.message_types import message_definition
+from pendubot_identification.core.excitation import PulseTrain
+from pendubot_identification.core.parameters import NAMES, PAPER
+from pendubot_identification.core.rollout import roll
+from pendubot_identification.core.simulation import quantised
+from pendubot_identification.core.trajectory import Trajectory
 from test.benchmark import measure
 from test.benchmark.measure import REPETITIONS, seconds
 from test.conftest import ROOT
@@ -65,12 +70,42 @@ print(json.dumps([end - begin, memory(), count]))
 )
 
 
-def write(path, count, chunk_size):
+IDENTIFY = (
+    MEMORY
+    + """
+import contextlib, io
+from pendubot_identification.cli.main import main
+clock = time.process_time if sys.argv.pop() == 'cpu' else time.perf_counter
+begin = clock()
+with contextlib.redirect_stdout(io.StringIO()) as out:
+    main(['identify', *sys.argv[1:], '--json'])
+print(json.dumps([clock() - begin, memory(), json.loads(out.getvalue())['parameters']]))
+"""
+)
+
+
+def sines(count):
+    """Return positions, velocities and efforts that move."""
+    t = np.arange(count) / RATE
+    return np.sin([3 * t, 2 * t]).T, np.cos([3 * t, 2 * t]).T, np.stack([np.sin(7 * t), 0 * t], axis=1)
+
+
+def motion(count):
+    """Return what encoders read of the virtual rig under the paper's pulses, no velocities, and the efforts."""
+    t, train = np.arange(count) / RATE, PulseTrain()
+    minute = 60 * RATE
+    torque = np.concatenate([train.torques(t[k : k + minute]) for k in range(0, count, minute)])
+    tau = np.column_stack([torque, np.zeros(count)])
+    hanging = np.array([[-np.pi / 2], [0], [0], [0]])
+    states = roll(PAPER.vector(), hanging, tau.T[:, :-1, None], 1 / RATE)[:, :, 0]
+    return quantised(Trajectory(t, states[:, :2], tau), 4000).q, np.zeros((count, 2)), tau
+
+
+def write(path, columns, chunk_size):
     """Write a bag's only file, quickly; metadata.yaml is not needed to read it."""
+    count = len(columns[0])
     message = bytearray(encode_joint_state(EPOCH_NS, JOINT_NAMES, [0, 0], [0, 0], [0, 0]))
     _, places, _ = _walk(bytes(message))
-    t = np.arange(count) / RATE
-    columns = (np.sin([3 * t, 2 * t]).T, np.cos([3 * t, 2 * t]).T, np.stack([np.sin(7 * t), 0 * t], axis=1))
     with path.open('wb') as file:
         writer = Writer(file, chunk_size=chunk_size, compression=CompressionType.NONE)
         writer.start(profile='ros2')
@@ -109,18 +144,18 @@ def write(path, count, chunk_size):
     (path.parent / 'metadata.yaml').write_text(json.dumps({'rosbag2_bagfile_information': metadata}))
 
 
+def run(program, *arguments):
+    """Return what a program says in a process of its own."""
+    command = [sys.executable, '-c', program, *map(str, arguments)]
+    answer = subprocess.run(command, cwd=ROOT, stdout=subprocess.PIPE, text=True, check=True)
+    return json.loads(answer.stdout)
+
+
 def measured(program, *arguments):
     """Return median seconds, largest memory [MB] and messages of several runs of a program."""
     runs = []
     for _ in range(REPETITIONS):
-        answer = subprocess.run(
-            [sys.executable, '-c', program, *map(str, arguments), measure.clock.__name__],
-            cwd=ROOT,
-            capture_output=True,
-            text=True,
-            check=True,
-        )
-        runs.append(json.loads(answer.stdout))
+        runs.append(run(program, *arguments, measure.clock.__name__))
     times, memory, counts = zip(*runs, strict=True)
     return statistics.median(times), max(memory), counts[0]
 
@@ -131,7 +166,7 @@ def hour(duration=SECONDS):
         for name, size in CHUNKS.items():
             bag = Path(folder, name.replace(' ', ''))
             os.mkdir(bag)
-            write(bag / 'bag_0.mcap', duration * RATE, size)
+            write(bag / 'bag_0.mcap', sines(duration * RATE), size)
             theirs, _, count = measured(THEIRS, bag, duration / SHARE)
             for what, window in (('10 s from the middle', (duration / 2, duration / 2 + 10)), ('all of it', ())):
                 spent, memory, read = measured(OURS, bag, *window)
@@ -141,4 +176,17 @@ def hour(duration=SECONDS):
                     f'| {same / spent:.3g} |'
                 )
             (bag / 'bag_0.mcap').unlink()
+    return '\n'.join(rows)
+
+
+def identified(duration=SECONDS):
+    """What identifying a long recording of the virtual rig takes, and how far from the truth it ends."""
+    rows = ['| criterion | time | memory | farthest from the truth |', '|---|---|---|---|']
+    with tempfile.TemporaryDirectory() as folder:
+        write(Path(folder, 'bag_0.mcap'), motion(duration * RATE), CHUNKS['0.1 s'])
+        for criterion in ('energy', 'weak', 'energy,weak,trajectory'):
+            spent, memory, found = run(IDENTIFY, folder, '--criterion', criterion, measure.clock.__name__)
+            off = {name: found[name]['value'] / value - 1 for name, value in zip(NAMES, PAPER.vector(), strict=False)}
+            worst = max(off, key=lambda name: abs(off[name]))
+            rows.append(f'| {criterion} | {spent:.0f} s | {memory:.0f} MB | {worst}, by {100 * off[worst]:.2g} % |')
     return '\n'.join(rows)

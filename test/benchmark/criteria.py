@@ -94,7 +94,9 @@ def fits(job):
             off = 3.0 ** np.random.default_rng([seed, 7]).choice([-1, 1], 7)
             settings = replace(settings, start=Parameters.from_vector(truth * off))
         begin = time.perf_counter()
-        found = estimate(*settings.criteria, replace(data, settings=settings), judges, 'viscous', lambda *_: None)
+        found = estimate(
+            *settings.criteria, replace(data, settings=settings), (judges, judges), 'viscous', lambda *_: None
+        )
         seconds = time.perf_counter() - begin
         found = replace(found, prediction=predict(judges, found.theta, found.effort.delay, data.scale))
         found = judge(found, settings, link_length(data.motions, 'viscous', found.effort.delay), notes)
@@ -178,7 +180,7 @@ def real(job):
 
     def again(trajectories, found):
         settings = Settings(criteria=(found.criterion,), model=found.model)
-        return estimate(found.criterion, Data.prepare(trajectories, settings), [], found.model, lambda *_: None)
+        return estimate(found.criterion, Data.prepare(trajectories, settings), ([], []), found.model, lambda *_: None)
 
     def foreseen(role, found, which=slice(None)):
         of = motions[role][which]

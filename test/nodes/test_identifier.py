@@ -161,7 +161,7 @@ def test_identifies_again_with_the_parameters_of_the_moment(listener, bag):
 
 
 def test_answers_while_it_computes(listener, bag):
-    endless = {'criterion': 'energy', 'model': 'viscous', 'generations': 10_000_000}
+    endless = {'criterion': 'energy', 'model': 'viscous', 'generations': 10_000_000, 'spread': 0.0}
     with Program('identifier', *parameters(bags=f"['{bag}']", **endless)) as node:
         node.wait_for('energy: MDE')
         answer = listener.identify()

@@ -1,0 +1,347 @@
+"""A recording too long to be held: all of it piece by piece, and stretches of it that stand for the rest."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .signals import on_grid, require_dense, resample, strays
+from .trajectory import Trajectory
+
+Array = NDArray[np.float64]
+
+#: A recording of more samples than this, or that lasts longer than this [s], is long: held, with all that is made of
+#: it, it would take hundreds of megabytes and minutes.
+LONG_SAMPLES, LONG_SECONDS = 200_000, 600.0
+#: So many stretches of a long recording, of this length [s], stand for it where all of it is too much.
+STRETCHES, STRETCH = 12, 8.0
+#: A stretch in which less work was done than this part of the most tells little.
+DRIVEN = 0.1
+#: A piece's length [s], without what it shares with its neighbours.
+PIECE = 10.0
+#: Samples after which a cubic spline's end is no longer felt, twice: (2 - sqrt 3)^50 is 1e-29.
+SETTLED = 100
+#: Samples of which a survey keeps but the earliest and the latest.
+THINNED = 100
+#: Pieces of which intervals are counted before the counts are added up.
+TOGETHER = 50
+
+Read = Callable[[], Iterator[Trajectory]]
+
+
+def is_long(samples: float, duration: float) -> bool:
+    """Tell whether so many samples over so many seconds are too long to be held, and worth being taken in stretches."""
+    return duration > LONG_SECONDS or (samples > LONG_SAMPLES and duration > 2 * STRETCHES * STRETCH)
+
+
+class Piece(NamedTuple):
+    """A part of a recording, and what it shares with its neighbours.
+
+    Attributes:
+        recorded: its samples.
+        at: the number of the first of them in the recording.
+        even: the same on the uniform grid of the whole recording.
+        first: the number of its first place on that grid.
+        begin, end: from which to which place, that one not included, the grid is the piece's own.
+    """
+
+    recorded: Trajectory
+    at: int
+    even: Trajectory
+    first: int
+    begin: int
+    end: int
+
+
+class Grid(NamedTuple):
+    """A recording on a uniform grid.
+
+    Attributes:
+        name: of the recording.
+        interval: from one place to the next [s].
+        size: how many there are.
+        pieces: gives the recording piece by piece when told how much [s] neighbours share.
+    """
+
+    name: str
+    interval: float
+    size: int
+    pieces: Callable[[float], Iterator[Piece]]
+
+
+@dataclass(frozen=True, slots=True)
+class Long:
+    """A recording that is read again and again, and never held.
+
+    Attributes:
+        name: of the recording.
+        read: gives its samples from the first on, some thousands at a time.
+        samples: how many there are.
+        start, last: the first stamp and the last [s].
+        interval: of the uniform grid on which it is taken [s].
+        size: places of that grid.
+        near: whether the stamps lie on it but for their jitter; else positions are interpolated.
+        lost: about how many samples are missing.
+        stretches: in which most work was done, spread as far as it was.
+    """
+
+    name: str
+    read: Read
+    samples: int
+    start: float
+    last: float
+    interval: float
+    size: int
+    near: bool
+    lost: int
+    stretches: tuple[Trajectory, ...]
+
+    def __len__(self) -> int:
+        return self.samples
+
+    @property
+    def duration(self) -> float:
+        """Seconds from the first to the last sample."""
+        return self.last - self.start
+
+    @property
+    def end(self) -> float:
+        """The last place of the grid [s]."""
+        return self.time(self.size - 1)
+
+    def time(self, place: int) -> float:
+        """Return where a place of the grid lies [s]."""
+        return self.start + self.interval * place
+
+    def times(self, begin: int, end: int) -> Array:
+        """Return where consecutive places lie [s], shape (end - begin,)."""
+        return np.asarray(self.start + self.interval * np.arange(begin, end))
+
+    @classmethod
+    def survey(cls, name: str, read: Read, duration: float, part: Callable[[float, float], str]) -> Long | None:
+        """Read a recording once.
+
+        Args:
+            name: of the recording.
+            read: see :class:`Long`.
+            duration: about how long it lasts [s].
+            part: what the part of it between two times [s] is called.
+
+        Returns:
+            None where it does not even hold one stretch: then it was not so long.
+
+        Raises:
+            TrajectoryError: samples too far apart, a gap, or stamps that repeat or run backwards.
+        """
+        stamps, choice = _Stamps(), _Choice(duration)
+        for stretch in _cut(read(), STRETCH):
+            stamps.add(name, stretch.t)
+            choice.add(stretch, stretch.t[0] - stamps.start)
+        stretches = choice.stretches()
+        if not stretches:
+            return None
+        interval, size, near = stamps.grid(name)
+        return cls(
+            name=name,
+            read=read,
+            samples=stamps.count,
+            start=stamps.start,
+            last=stamps.last,
+            interval=interval,
+            size=size,
+            near=near,
+            lost=stamps.lost,
+            stretches=tuple(_named(stretch, part) for stretch in stretches),
+        )
+
+    def pieces(self, reach: float) -> Iterator[Piece]:
+        """Return the recording piece by piece, each with ``reach`` [s] and more of both neighbours."""
+        reach += SETTLED * self.interval
+        held, at, begin = list[Trajectory](), 0, 0
+        parts = _cut(self.read(), PIECE)
+        new = next(parts, None)
+        while new is not None:
+            held.append(new)
+            following = next(parts, None)
+            known = (new.t[-1] - reach - self.start) / self.interval
+            end = self.size if following is None else min(int(known), self.size - 1)
+            if end > begin:
+                recorded = _together(held)
+                even, first = self._even(recorded, at)
+                yield Piece(recorded, at, even, first, begin, end)
+                begin = end
+                drop = int(np.searchsorted(recorded.t, self.time(begin) - reach))
+                held, at = [recorded[drop:]], at + drop
+            new = following
+
+    def _even(self, recorded: Trajectory, at: int) -> tuple[Trajectory, int]:
+        """Return samples on the recording's grid, and the first place's number."""
+        if self.near:
+            return replace(recorded, t=self.times(at, at + len(recorded))), at
+        first = int(np.ceil((recorded.t[0] - self.start) / self.interval - 1e-9))
+        last = min(int((recorded.t[-1] - self.start) / self.interval + 1e-6), self.size - 1)
+        return on_grid(recorded, self.times(first, last + 1), self.interval), first
+
+
+Recording = Trajectory | Long
+
+
+def gridded(recording: Recording) -> Grid:
+    """Return a recording on a uniform grid; what is not long is one piece.
+
+    Raises:
+        TrajectoryError: samples too far apart, or a gap too long to be bridged.
+    """
+    if isinstance(recording, Long):
+        return Grid(recording.name, recording.interval, recording.size, recording.pieces)
+    even = resample(recording)
+    size = len(even)
+    return Grid(recording.name, even.interval, size, lambda _: iter([Piece(recording, 0, even, 0, 0, size)]))
+
+
+def held_parts(recordings: Sequence[Recording]) -> list[Trajectory]:
+    """Return what is held of recordings: the stretches of long ones, and all of others."""
+    return [part for r in recordings for part in (r.stretches if isinstance(r, Long) else (r,))]
+
+
+def sharing(recordings: Sequence[Recording]) -> list[Recording]:
+    """Return recordings of which long ones have, together, no more stretches than one alone, but two each at least."""
+    several = min(sum(isinstance(r, Long) for r in recordings), STRETCHES // 2)
+    return [replace(r, stretches=r.stretches[::several]) if isinstance(r, Long) else r for r in recordings]
+
+
+class _Choice:
+    """The stretches that stand for a recording: of each twelfth the one in which most work was done.
+
+    Where nothing much was done in a twelfth, the best of others take its place.
+
+    Args:
+        duration: of the recording [s].
+    """
+
+    def __init__(self, duration: float) -> None:
+        self._duration = duration
+        self._of_each: dict[int, tuple[float, Trajectory]] = {}
+        self._of_all: list[tuple[float, Trajectory]] = []
+
+    def add(self, stretch: Trajectory, elapsed: float) -> None:
+        """Take what begins so long [s] after the recording."""
+        if len(stretch) < 2 or stretch.duration < STRETCH - 2 * stretch.interval:
+            return
+        moved = np.abs(np.diff(stretch.q, axis=0))
+        # Without any torque, what moves more.
+        worth = float((moved * (np.abs(stretch.tau[:-1]) + 1e-9)).sum())
+        place = min(int(elapsed / self._duration * STRETCHES), STRETCHES - 1)
+        if place not in self._of_each or worth > self._of_each[place][0]:
+            self._of_each[place] = worth, stretch
+        self._of_all = sorted([*self._of_all, (worth, stretch)], key=lambda each: -each[0])[:STRETCHES]
+
+    def stretches(self) -> list[Trajectory]:
+        """Return the chosen ones in the order of time."""
+        if not self._of_all:
+            return []
+        enough = DRIVEN * self._of_all[0][0]
+        found = {float(stretch.t[0]): stretch for worth, stretch in self._of_each.values() if worth >= enough}
+        for worth, stretch in self._of_all:
+            if len(found) < STRETCHES and worth >= enough:
+                found[float(stretch.t[0])] = stretch
+        return [found[begin] for begin in sorted(found)]
+
+
+class _Stamps:
+    """The stamps of a recording, of which little is kept."""
+
+    def __init__(self) -> None:
+        self.count, self.start, self.last = 0, np.nan, np.nan
+        self._nominal = np.nan
+        self._steps: list[tuple[Array, NDArray[np.intp]]] = []
+        self._widest, self._widest_at = 0.0, 0.0
+        self._extremes: list[Array] = []
+
+    def add(self, name: str, t: Array) -> None:
+        """Take the stamps [s] that follow."""
+        if not self.count:
+            self.start, self._nominal = float(t[0]), float(t[-1] - t[0]) / max(len(t) - 1, 1)
+            steps = np.diff(t)
+        else:
+            # Stamps that repeat or run back are refused as those of any motion.
+            both, nothing = np.array([self.last, t[0]]), np.zeros((2, 2))
+            Trajectory(both, nothing, nothing, name=f'{name}, from {self.last:.3f} s on')
+            steps = np.diff(t, prepend=self.last)
+        if len(steps):
+            k = int(np.argmax(steps))
+            if steps[k] > self._widest:
+                self._widest, self._widest_at = float(steps[k]), float(t[k - len(steps)] - steps[k])
+            self._steps.append(np.unique(steps, return_counts=True))
+        if len(self._steps) > TOGETHER:
+            self._steps = [self._counted()]
+        number = self.count + np.arange(len(t), dtype=float)
+        late, groups = t - self.start - self._nominal * number, np.arange(0, len(t), THINNED)
+        self._extremes.append(
+            np.array([number[groups], np.minimum.reduceat(late, groups), np.maximum.reduceat(late, groups)])
+        )
+        self.count, self.last = self.count + len(t), float(t[-1])
+
+    def _counted(self) -> tuple[Array, NDArray[np.intp]]:
+        values, place = np.unique(np.concatenate([v for v, _ in self._steps]), return_inverse=True)
+        counts = np.bincount(place.ravel(), np.concatenate([c for _, c in self._steps]))
+        return values, counts.astype(np.intp)
+
+    @property
+    def interval(self) -> float:
+        """The median interval [s]."""
+        values, counts = self._counted()
+        below, total = np.cumsum(counts), self.count - 1
+        low, high = (values[np.searchsorted(below, k, side='right')] for k in ((total - 1) // 2, total // 2))
+        return float((low + high) / 2)
+
+    @property
+    def lost(self) -> int:
+        """About how many samples are missing, as :attr:`.Trajectory.lost`."""
+        values, counts = self._counted()
+        steps = values / self.interval
+        return int(((np.rint(steps) - 1) * counts)[steps > 1.9].sum())
+
+    def grid(self, name: str) -> tuple[float, int, bool]:
+        """Return interval [s] and size of a uniform grid, and whether the stamps lie on it but for their jitter."""
+        step = self.interval
+        require_dense(name, step, self._widest, self._widest_at - self.start)
+        spacing = (self.last - self.start) / (self.count - 1)
+        number, early, late = np.concatenate(self._extremes, axis=1)
+        off = (spacing - self._nominal) * number
+        if not strays(max(float((late - off).max()), float((off - early).max())), step):
+            return spacing, self.count, True
+        return step, int((self.last - self.start) / step + 1e-6) + 1, False
+
+
+def _named(stretch: Trajectory, part: Callable[[float, float], str]) -> Trajectory:
+    begin = round(float(stretch.t[0]), 3)
+    return replace(stretch, name=part(begin, begin + STRETCH))
+
+
+def _cut(parts: Iterable[Trajectory], length: float) -> Iterator[Trajectory]:
+    """Return the same samples in parts of ``length`` [s] each, but for the last."""
+    waiting = list[Trajectory]()
+    for part in parts:
+        waiting.append(part)
+        if part.t[-1] - waiting[0].t[0] < length:
+            continue
+        whole = _together(waiting)
+        while whole.t[-1] - whole.t[0] >= length:
+            end = int(np.searchsorted(whole.t, whole.t[0] + length))
+            yield whole[:end]
+            whole = whole[end:]
+        waiting = [whole]
+    if waiting:
+        yield _together(waiting)
+
+
+def _together(parts: Sequence[Trajectory]) -> Trajectory:
+    if len(parts) == 1:
+        return parts[0]
+    t, q, tau = (np.concatenate([getattr(part, name) for part in parts]) for name in ('t', 'q', 'tau'))
+    return Trajectory(t, q, tau, name=parts[0].name)
