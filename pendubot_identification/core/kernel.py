@@ -6,6 +6,7 @@ or ``PENDUBOT_KERNEL=off`` is set. Nothing but the time depends on it.
 
 from __future__ import annotations
 
+import os
 from functools import cache
 from typing import TYPE_CHECKING
 
@@ -13,15 +14,28 @@ if TYPE_CHECKING:
     from ctypes import CDLL
 
 #: Of kernel.c's calls; a library that an older version left behind is not used.
-VERSION = 1
+VERSION = 2
 
-#: Set by the package from the environment.
+#: Set by the package from the environment: whether to use it, and on how many threads at most (0: all cores).
 wanted = True
+most_threads = 0
 
 
 def library() -> CDLL | None:
     """Return the kernel, whose pointers are addresses of C-ordered arrays; None where it is not there or not wanted."""
     return _library() if wanted else None
+
+
+def threads() -> int:
+    """Return how many threads the kernel may take: what it gives does not depend on it."""
+    return most_threads or _cores()
+
+
+def _cores() -> int:
+    try:
+        return len(os.sched_getaffinity(0))
+    except AttributeError:  # not on Linux
+        return os.cpu_count() or 1
 
 
 def description() -> str:
@@ -46,9 +60,9 @@ def _library() -> CDLL | None:
         if found.pendubot_version() != VERSION:
             return None
         sizes, pointer = c_int64, c_void_p
-        found.pendubot_roll.argtypes = [*[sizes] * 4, c_double, *[pointer] * 4]
-        found.pendubot_sensitivities.argtypes = [*[sizes] * 3, c_double, *[pointer] * 4]
-        found.pendubot_mde.argtypes = [pointer, sizes, *[pointer] * 3, *[sizes] * 3, *[pointer] * 6]
+        found.pendubot_roll.argtypes = [*[sizes] * 5, c_double, *[pointer] * 4]
+        found.pendubot_sensitivities.argtypes = [*[sizes] * 4, c_double, *[pointer] * 4]
+        found.pendubot_mde.argtypes = [sizes, pointer, sizes, *[pointer] * 3, *[sizes] * 3, *[pointer] * 6]
         found.pendubot_mde.restype = c_int64
         found.pendubot_roll.restype = found.pendubot_sensitivities.restype = None
     except (OSError, AttributeError):

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,6 +20,9 @@ Array = NDArray[np.float64]
 #: Rows that are factorised at once: they stay in a cache, and none of them is worth a thread.
 BLOCK = 256
 
+#: A vector whose P1 P2 is by so much more than (P3 / LARGEST_COUPLING)^2 has no excess, whatever is rounded.
+CLEAR = 1 + 1e-12
+
 
 @dataclass(frozen=True, slots=True)
 class Quadratic:
@@ -31,6 +35,7 @@ class Quadratic:
 
     triangle: Array
     count: int
+    _last: Any = field(default=None, init=False, repr=False, compare=False)
 
     @classmethod
     def reduce(cls, phi: Array, y: Array) -> Quadratic:
@@ -75,13 +80,30 @@ class Quadratic:
         """
         vectors = np.asarray(theta, dtype=float)
         x = np.ascontiguousarray(vectors.reshape(-1, vectors.shape[-1]).T)
-        phi = self.phi
-        residual = phi[:, -1:] * x[-1]
-        residual -= self.y[:, None]
-        for j in range(len(x) - 1):
-            residual[: j + 1] += phi[: j + 1, j, None] * x[j]
+        diagonals, residual = self._spread(x.shape[1])
+        residual = residual.copy()
+        for k, diagonal in enumerate(diagonals):
+            residual[: len(diagonal)] += diagonal * x[k:]
         residual *= residual
-        return np.asarray((residual.sum(axis=0) / self.count + self.floor).reshape(vectors.shape[:-1]))
+        # Row after row, not in pairs, as numpy would add what stands side by side.
+        value = residual[0] + residual[1] if len(residual) > 1 else residual[0]
+        for row in residual[2:]:
+            value += row
+        value += self.floor
+        return np.asarray(value.reshape(vectors.shape[:-1]))
+
+    def _spread(self, count: int) -> tuple[list[Array], Array]:
+        """Return phi's diagonals, the main one first, and -y, each over the root of N and repeated for many vectors.
+
+        Whole diagonals need few calls, and repeated numbers are quicker than ones that numpy has to repeat; so the last
+        ones are kept, for an optimiser that asks for as many values again and again.
+        """
+        if self._last is None or self._last[0] != count:
+            root = math.sqrt(self.count)
+            phi = self.phi / root
+            diagonals = [np.repeat(phi.diagonal(k)[:, None], count, axis=1) for k in range(len(phi))]
+            object.__setattr__(self, '_last', (count, diagonals, np.repeat(-self.y[:, None] / root, count, axis=1)))
+        return self._last[1:]
 
     @property
     def problem(self) -> Problem:
@@ -89,8 +111,8 @@ class Quadratic:
         return self._problem(0.0)
 
     def _problem(self, worth: float) -> Problem:
-        rest = (self.count, self.floor, worth, LARGEST_COUPLING)
-        return Problem('quadratic', np.concatenate([self.phi.ravel(), self.y, rest]))
+        reduced, rest = self.triangle[:-1] / math.sqrt(self.count), (self.floor, worth, LARGEST_COUPLING)
+        return Problem('quadratic', np.concatenate([reduced[:, :-1].ravel(), reduced[:, -1], rest]))
 
     def minimum(self, bounds: Bounds) -> Array:
         """Return the exact minimiser, shape (D,), within the bounds and where M(q) is positive definite for every q.
@@ -203,7 +225,14 @@ class Penalised:
 
     def __call__(self, theta: Array) -> Array:
         """Return values for parameter vectors of shape (..., D), shape (...)."""
-        return np.asarray(self.criterion(theta) + self.worth * coupling_excess(theta))
+        value, theta = self.criterion(theta), np.asarray(theta, dtype=float)
+        P1, P2, P3 = theta[..., 0], theta[..., 1], theta[..., 2]
+        # Roots and quotients are slow, and most vectors are clear of it.
+        clear = P3 * P3 * (CLEAR / LARGEST_COUPLING**2) < P1 * P2
+        clear &= P1 > 0
+        if np.count_nonzero(clear) < clear.size:
+            value[~clear] += self.worth * coupling_excess(theta[~clear])
+        return value
 
     @property
     def problem(self) -> Problem:
