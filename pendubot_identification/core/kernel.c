@@ -4,12 +4,15 @@
  * those of mde.py, from the same random numbers and with the same roundings; motions are those of rollout.py and
  * dynamics.py, whose names are used. Compiled without contraction, so that every processor gives the same numbers.
  */
+#define _GNU_SOURCE
 #include <math.h>
 #include <pthread.h>
+#include <sched.h>
 #include <stddef.h>
 #include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 #define VERSION 2 /* of the calls below; kernel.py asks for it */
 
@@ -87,11 +90,23 @@ static void *do_part(void *argument)
     return NULL;
 }
 
-/* Do `count` parts of some work, each of so many nanoseconds, on up to so many threads, of which this is one. What a
- * part gives does not depend on who does it. */
+/* The cores that this process may use. */
+static int64_t cores(void)
+{
+#ifdef CPU_COUNT
+    cpu_set_t set;
+    if (!sched_getaffinity(0, sizeof(set), &set))
+        return CPU_COUNT(&set);
+#endif
+    return sysconf(_SC_NPROCESSORS_ONLN);
+}
+
+/* Do `count` parts of some work, each of so many nanoseconds, on up to so many threads, of which this is one; 0 is one
+ * on every core. What a part gives does not depend on who does it. */
 static int64_t share(Work *work, const void *what, int64_t count, double nanoseconds, int64_t threads)
 {
     double worth = nanoseconds * count / WORTH_A_THREAD;
+    threads = threads ? threads : worth < 2.0 ? 1 : cores();
     threads = threads < count ? threads : count;
     threads = threads < worth ? threads : (int64_t)worth;
     threads = threads < 1 ? 1 : threads > MOST_THREADS ? MOST_THREADS : threads;

@@ -6,7 +6,6 @@ or ``PENDUBOT_KERNEL=off`` is set. Nothing but the time depends on it.
 
 from __future__ import annotations
 
-import os
 from functools import cache
 from typing import TYPE_CHECKING
 
@@ -16,26 +15,15 @@ if TYPE_CHECKING:
 #: Of kernel.c's calls; a library that an older version left behind is not used.
 VERSION = 2
 
-#: Set by the package from the environment: whether to use it, and on how many threads at most (0: all cores).
+#: Set by the package from the environment: whether to use it, and on how many threads at most (0: as many as this
+#: process may use cores). No number depends on them.
 wanted = True
-most_threads = 0
+threads = 0
 
 
 def library() -> CDLL | None:
     """Return the kernel, whose pointers are addresses of C-ordered arrays; None where it is not there or not wanted."""
     return _library() if wanted else None
-
-
-def threads() -> int:
-    """Return how many threads the kernel may take: what it gives does not depend on it."""
-    return most_threads or _cores()
-
-
-def _cores() -> int:
-    try:
-        return len(os.sched_getaffinity(0))
-    except AttributeError:  # not on Linux
-        return os.cpu_count() or 1
 
 
 def description() -> str:

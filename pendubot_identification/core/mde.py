@@ -19,13 +19,13 @@ from .optimizer import IndependentRuns, Objective, random_points
 from .parameters import Bounds
 
 Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
+Steps = NDArray[np.integer]
 
 #: What chances and rates are whole multiples of: a uniform number of 15 bits is below `rate` with probability
 #: rate / UNIT, exactly, from never (0) to always (UNIT).
 UNIT = 1 << 15
 #: Generations whose random numbers are drawn at once.
-BLOCK = 16
+BLOCK = 32
 #: Ordered triples of partners that are tabulated (those of 52 vectors); of more they are computed, to the same.
 LARGEST_TABLE = 1 << 17
 
@@ -120,12 +120,15 @@ class MDE(IndependentRuns):
         # stands a number of places behind the target, which does not depend on which target it is.
         self._rows: Array = np.zeros((dimension, runs, 3 * population))
         self._values = np.full((runs, population), np.inf)
-        self._lower, self._upper = (bound[:, None, None] for bound in (bounds.lower, bounds.upper))
-        self._drawn: _Mutations | None = None
+        # What is drawn for the generations to come, and how many these are.
+        self._steps: Steps = np.empty(0, dtype=np.uint16)
+        self._weight, self._left = np.empty(0), 0
+        self._lay_out()
 
     def ask(self) -> Array:
         """Return the points to evaluate, shape (active runs, NP, D): at first the initial population, then trials."""
-        return self._pending().transpose(1, 2, 0)
+        trials: Array = self._pending().transpose(1, 2, 0)
+        return trials
 
     def tell(self, values: Array) -> None:
         """Take the values of the points asked for, shape (active runs, NP): select, stop, and mutate anew."""
@@ -144,7 +147,7 @@ class MDE(IndependentRuns):
         Returns:
             False where there is none, it does not know the objective, or random numbers are drawn already.
         """
-        waiting = self._trials is not None or self._drawn is not None
+        waiting = self._trials is not None or self._left > 0
         if waiting or not isinstance(objective, Compiled):
             return False
         ended, population = self.generation - 1, self.settings.population
@@ -161,21 +164,35 @@ class MDE(IndependentRuns):
 
     def _leaders(self) -> Array:
         """Return the best vector of every active run, shape (active runs, D)."""
-        return self._rows[:, :, -1].T
+        return np.asarray(self._rows[:, :, -1].T)
 
     @property
     def _targets(self) -> Array:
         """The population, shape (D, active runs, NP)."""
         return self._rows[:, :, : self.settings.population]
 
+    def _lay_out(self) -> None:
+        """Say where in the flattened rows the targets stand, shape (D, active runs, NP), and make room."""
+        dimension, runs, width = self._rows.shape
+        population = self.settings.population
+        first = np.arange(dimension * runs).reshape(dimension, runs) * width
+        self._first_values = np.arange(runs) * population
+        self._first, self._places = first, first[..., None] + np.arange(population)
+        self._where = np.empty((3, *self._places.shape), dtype=np.intp)
+        # Repeated, because numpy is slow where it has to repeat.
+        self._lower, self._upper = (
+            np.ascontiguousarray(np.broadcast_to(bound[:, None, None], self._places.shape))
+            for bound in (self.bounds.lower, self.bounds.upper)
+        )
+
     def _settle(self) -> Array:
         """Bring the rest of the rows in line with the population, and return the best values, shape (active runs,)."""
-        runs, population = self._values.shape
+        population = self.settings.population
         best = self._values.argmin(axis=1)
-        run = np.arange(runs)
         self._rows[:, :, population : 2 * population] = self._targets
-        self._rows[:, :, 2 * population :] = self._rows[:, run, best][..., None]
-        return np.asarray(self._values[run, best])
+        self._rows[:, :, 2 * population :] = self._rows.ravel().take(self._first + best)[..., None]
+        lowest: Array = self._values.ravel().take(best + self._first_values)
+        return lowest
 
     def _stop_where_due(self, lowest: Array) -> None:
         settings = self.settings
@@ -197,8 +214,9 @@ class MDE(IndependentRuns):
             self._active, self._values = self._active[going], self._values[going]
             self._rows = self._rows.compress(going, axis=1)
             self._streams = [stream for stream, goes in zip(self._streams, going, strict=True) if goes]
-            if self._drawn is not None:
-                self._drawn.keep(going)
+            if self._left:
+                self._steps, self._weight = self._steps.compress(going, axis=2), self._weight.compress(going, axis=1)
+            self._lay_out()
 
     def _pending(self) -> Array:
         """Return the trials of this generation, shape (D, active runs, NP), made when they are first asked for."""
@@ -207,12 +225,14 @@ class MDE(IndependentRuns):
         return self._trials
 
     def _mutated(self) -> Array:
-        if self._drawn is None:
-            self._drawn = _Mutations.draw(self._streams, self.settings, len(self._rows))
-        weight, where = self._drawn.pop()
-        if not self._drawn.left:
-            self._drawn = None
-        trials, minus, base = self._rows.ravel().take(where, mode='clip')
+        if not self._left:
+            self._steps, self._weight = _draw(self._streams, self.settings, len(self._rows))
+            self._left = BLOCK
+        weight = self._weight[-self._left]
+        np.copyto(self._where, self._steps[-self._left, ..., :3].transpose(3, 0, 1, 2))
+        self._where += self._places
+        self._left -= 1
+        trials, minus, base = self._rows.ravel().take(self._where, mode='clip')
         trials -= minus
         trials *= weight
         trials += base
@@ -223,58 +243,18 @@ class MDE(IndependentRuns):
         return np.asarray(trials)
 
 
-class _Mutations:
-    """What chance decides in a block of generations: trial = x[base] + weight (x[plus] - x[minus]).
-
-    Args:
-        steps: plus, minus and base as :func:`_steps` gives them, shape (BLOCK, D, runs, NP, 3 or more).
-        weight: F, shape (BLOCK, runs, NP).
-    """
-
-    def __init__(self, steps: NDArray[np.integer], weight: Array) -> None:
-        self.left, dimension, runs, population, _ = steps.shape
-        self._weight = weight
-        # Flat positions in an MDE's rows, shape (BLOCK, 3, D, runs, NP).
-        self._where = np.empty((self.left, 3, dimension, runs, population), dtype=np.intp)
-        for k in range(3):
-            self._where[:, k] = steps[..., k]
-        self._where += _places(dimension, runs, population)
-
-    @classmethod
-    def draw(cls, streams: list[np.random.Generator], settings: MDESettings, dimension: int) -> _Mutations:
-        """Draw the next block of every stream."""
-        return cls(*_draw(streams, settings, dimension))
-
-    def pop(self) -> tuple[Array, Indices]:
-        """Return the next generation's weights, shape (runs, NP), and positions, shape (3, D, runs, NP)."""
-        self.left -= 1
-        return self._weight[-1 - self.left], self._where[-1 - self.left]
-
-    def keep(self, going: NDArray[np.bool_]) -> None:
-        """Forget the runs that do not go on."""
-        dimension, _, population = self._where.shape[2:]
-        steps = self._where - _places(*self._where.shape[2:])
-        self._where = steps.compress(going, axis=3) + _places(dimension, int(going.sum()), population)
-        self._weight = self._weight.compress(going, axis=1)
-
-
-def _places(dimension: int, runs: int, population: int) -> Indices:
-    """Return where the targets stand in an MDE's flattened rows, shape (D, runs, NP)."""
-    rows = np.arange(dimension * runs).reshape(dimension, runs, 1) * (3 * population)
-    return np.asarray(rows + np.arange(population))
-
-
-def _draw(
-    streams: list[np.random.Generator], settings: MDESettings, dimension: int
-) -> tuple[NDArray[np.integer], Array]:
+def _draw(streams: list[np.random.Generator], settings: MDESettings, dimension: int) -> tuple[Steps, Array]:
     """Draw a block: :func:`_steps` for every component, shape (BLOCK, D, runs, NP, 3 or more), and F.
 
-    In a generation a run takes whole fours of SFC64's 64-bit words. As little-endian numbers of 32 and 16 bits they are,
-    in this order: for every target F (32), CR (16) and jrand (16); for every component, or once for all, of every target
-    the partners (32); for every component of every target whether it crosses over, and how (16); and once for every
-    target, if so for all its components, the operator (16). Of F's the lowest bit is not used, nor of the chances':
-    15 bits are below CR or not. Since a component that crosses has a chance uniform below CR, that it is below
-    threshold times CR too, and so the operator best/1, is as likely as the threshold says.
+    In a generation a run takes whole fours of SFC64's 64-bit words. As little-endian numbers of 32 and 16 bits they
+    are, in this order: for every target F (32), CR (16) and jrand (16); for every component of every target its
+    partners (32), or once for all components; for every component of every target whether it crosses over, and how
+    (16); and where partners are drawn once, so is the operator, for every target (16). The lowest bit is not used of F
+    and of what decides crossing and operator: chances of 15 bits, so that a rate of 1 is a number of 16.
+
+    A component crosses over where its chance is below CR, and is best/1 where it is below threshold times CR: given the
+    first, the second is as likely as the threshold says, to 1 / UNIT. The component j = jrand crosses anyway, as if its
+    CR were 1.
     """
     population, per_component = settings.population, settings.per_component
     choices = dimension if per_component else 1
@@ -289,21 +269,22 @@ def _draw(
         nonlocal at
         part = rest[size][..., at // size : at // size + rows * population]
         at += size * rows * population
-        return part.reshape(len(streams), BLOCK, rows, population).transpose(1, 2, 0, 3)
+        return np.asarray(part.reshape(len(streams), BLOCK, rows, population).transpose(1, 2, 0, 3))
 
     F, CR, jrand = numbers(4, 1)[:, 0], numbers(2, 1), numbers(2, 1)
     partners, chance = numbers(4, choices), numbers(2, dimension) >> 1
     threshold, (rate, rates), (low, step) = settings.threshold_units, settings.crossover_units, settings.weight_steps
-    crossing = np.multiply(CR, rates, dtype=np.uint32) // 2**16 + rate
-    best = crossing * threshold // UNIT
-    forced = np.multiply(jrand, dimension, dtype=np.uint32) // 2**16 == np.arange(dimension)[:, None, None]
+    crossing = (np.multiply(CR, rates, dtype=np.uint32) >> 16) + rate
+    best = (crossing * threshold >> 15).astype(np.uint16)
+    component = (np.multiply(jrand, dimension, dtype=np.uint32) >> 16).astype(np.uint16)
+    forced = component == np.arange(dimension, dtype=np.uint16)[:, None, None]
     crosses = (chance < crossing.astype(np.uint16)) | forced
     if per_component:
-        is_best = (chance < best.astype(np.uint16)) | (forced & (chance < threshold))
+        is_best = (chance < best) | (forced & (chance < threshold))
     else:
         is_best = crosses & (numbers(2, 1) >> 1 < threshold)
     how = crosses.view(np.uint8) + is_best.view(np.uint8)
-    return _looked_up(partners, how, population), low + (F >> 1) * step
+    return _looked_up(partners, how, population), np.asarray(low + (F >> 1) * step)
 
 
 def _steps(u: NDArray[np.unsignedinteger], how: NDArray[np.uint8], population: int) -> NDArray[np.int64]:
@@ -334,9 +315,7 @@ def _steps(u: NDArray[np.unsignedinteger], how: NDArray[np.uint8], population: i
     return np.stack(np.broadcast_arrays(plus, minus, base), axis=-1)
 
 
-def _looked_up(
-    u: NDArray[np.unsignedinteger], how: NDArray[np.uint8], population: int
-) -> NDArray[np.integer]:
+def _looked_up(u: NDArray[np.unsignedinteger], how: NDArray[np.uint8], population: int) -> Steps:
     """Return :func:`_steps` from a table if it is not too large."""
     triples = _triples(population)
     if triples > LARGEST_TABLE:

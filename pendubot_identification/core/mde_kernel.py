@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from .kernel import library, threads
+from . import kernel as compiled
+from .kernel import library
 
 if TYPE_CHECKING:
     from .mde import MDESettings
@@ -98,7 +99,7 @@ def leap(
     history, generations = np.empty((runs, count)), np.empty(runs, dtype=np.int64)
     reasons = np.empty(runs, dtype=np.int64)
     failed = kernel.pendubot_mde(
-        threads(),
+        compiled.threads,
         ctypes.byref(how),
         KINDS.index(problem.kind),
         *(a.ctypes.data for a in (data, bounds.lower, bounds.upper)),

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -35,7 +34,7 @@ class Quadratic:
 
     triangle: Array
     count: int
-    _last: Any = field(default=None, init=False, repr=False, compare=False)
+    _last: tuple[int, list[Array], Array] | None = field(default=None, init=False, repr=False, compare=False)
 
     @classmethod
     def reduce(cls, phi: Array, y: Array) -> Quadratic:
@@ -80,15 +79,13 @@ class Quadratic:
         """
         vectors = np.asarray(theta, dtype=float)
         x = np.ascontiguousarray(vectors.reshape(-1, vectors.shape[-1]).T)
-        diagonals, residual = self._spread(x.shape[1])
-        residual = residual.copy()
-        for k, diagonal in enumerate(diagonals):
-            residual[: len(diagonal)] += diagonal * x[k:]
+        diagonals, start = self._spread(x.shape[1])
+        residual, product = diagonals[0] * x, np.empty_like(x)
+        residual += start
+        for k in range(1, len(x)):
+            residual[:-k] += np.multiply(diagonals[k], x[k:], out=product[k:])
         residual *= residual
-        # Row after row, not in pairs, as numpy would add what stands side by side.
-        value = residual[0] + residual[1] if len(residual) > 1 else residual[0]
-        for row in residual[2:]:
-            value += row
+        value = np.add.reduce(residual, axis=0)
         value += self.floor
         return np.asarray(value.reshape(vectors.shape[:-1]))
 
@@ -98,12 +95,13 @@ class Quadratic:
         Whole diagonals need few calls, and repeated numbers are quicker than ones that numpy has to repeat; so the last
         ones are kept, for an optimiser that asks for as many values again and again.
         """
-        if self._last is None or self._last[0] != count:
-            root = math.sqrt(self.count)
-            phi = self.phi / root
-            diagonals = [np.repeat(phi.diagonal(k)[:, None], count, axis=1) for k in range(len(phi))]
-            object.__setattr__(self, '_last', (count, diagonals, np.repeat(-self.y[:, None] / root, count, axis=1)))
-        return self._last[1:]
+        if self._last is not None and self._last[0] == count:
+            return self._last[1:]
+        phi, y = (part / math.sqrt(self.count) for part in (self.phi, self.y))
+        diagonals = [np.repeat(phi.diagonal(k)[:, None], count, axis=1) for k in range(len(phi))]
+        start = np.repeat(-y[:, None], count, axis=1)
+        object.__setattr__(self, '_last', (count, diagonals, start))  # the one thing here that is not frozen
+        return diagonals, start
 
     @property
     def problem(self) -> Problem:

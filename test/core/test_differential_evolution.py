@@ -35,7 +35,8 @@ class Numbers:
         def row(size):
             return [int.from_bytes(stream.read(size), 'little') for _ in range(n)]
 
-        u = {'F': row(4), 'CR': row(2), 'jrand': row(2), 'partners': [row(4) for _ in range(d if self.per_component else 1)]}
+        u = {'F': row(4), 'CR': row(2), 'jrand': row(2)}
+        u['partners'] = [row(4) for _ in range(d if self.per_component else 1)]
         u['chance'] = [[v // 2 for v in row(2)] for _ in range(d)]
         if not self.per_component:
             u['operator'] = [v // 2 for v in row(2)]
