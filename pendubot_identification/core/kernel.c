@@ -594,8 +594,6 @@ INLINE void benchmark(int64_t kind, int32_t dimension, int32_t rows, const doubl
     }
 }
 
-INLINE uint32_t high_half(uint32_t a, uint32_t b) { return (uint64_t)a * b >> 32; }
-
 /* Make the trials of one generation. */
 INLINE void mutate(const Settings *how, const Room *room, int32_t width, const double *lower, const double *upper)
 {
@@ -614,22 +612,28 @@ INLINE void mutate(const Settings *how, const Room *room, int32_t width, const d
     EACH(t, rows)
     {
         crossing[t] = rate + (int32_t)(CR[t] * rates >> 16);
-        best[t] = (crossing[t] * threshold) >> 15;
+        best[t] = per_component ? (crossing[t] * threshold) >> 15 : threshold;
         forced[t] = (int32_t)(jrand[t] * (uint32_t)d >> 16);
     }
     for (int32_t j = 0; j < d; j++) {
         const uint32_t *u = partners + (per_component ? j * n : 0);
-        const uint16_t *v = chances + j * n;
+        const uint16_t *v = chances + j * n, *operator = per_component ? v : operators;
         EACH(t, rows)
         {
-            uint32_t first = u[t] * others, second = first * (others - 1); /* what is left behind a digit */
-            int32_t p = high_half(u[t], others), m = high_half(first, others - 1), b = high_half(second, others - 2);
+            /* Digits of u / 2^32: products of 48 bits, as high and low halves. */
+            uint32_t h = u[t] >> 16, l = u[t] & 0xffff;
+            l *= others, h = h * others + (l >> 16);
+            int32_t p = h >> 16;
+            l = (l & 0xffff) * (others - 1), h = (h & 0xffff) * (others - 1) + (l >> 16);
+            int32_t m = h >> 16;
+            l = (l & 0xffff) * (others - 2), h = (h & 0xffff) * (others - 2) + (l >> 16);
+            int32_t b = h >> 16;
             m += m >= p;
             int32_t low = p < m ? p : m, high = p < m ? m : p;
             b += b >= low;
             b += b >= high;
             int32_t chance = v[t] >> 1, is_forced = forced[t] == j, crosses = is_forced | (chance < crossing[t]);
-            int32_t is_best = per_component ? chance < (is_forced ? threshold : best[t]) : (operators[t] >> 1) < threshold;
+            int32_t is_best = (operator[t] >> 1) < (is_forced ? threshold : best[t]);
             b = is_best ? 2 * n : t + 1 + b;
             plus[t] = t + 1 + p;
             minus[t] = crosses ? t + 1 + m : t + 1 + p; /* a difference of 0 */
@@ -653,8 +657,7 @@ INLINE int32_t select_better(const Settings *how, const Room *room, int32_t widt
     const double *restrict offered = room->values;
     for (int32_t j = 0; j < d; j++) {
         double *restrict x = room->population + j * width, *restrict trials = room->trials + j * rows;
-        EACH(t, rows) trials[t] = offered[t] <= values[t] ? trials[t] : x[t];
-        EACH(t, rows) x[t] = trials[t];
+        EACH(t, rows) x[t] = trials[t] = offered[t] <= values[t] ? trials[t] : x[t];
         EACH(t, rows) x[n + t] = trials[t];
     }
     EACH(t, n) values[t] = offered[t] <= values[t] ? offered[t] : values[t];

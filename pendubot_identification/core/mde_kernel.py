@@ -20,6 +20,8 @@ Array = NDArray[np.float64]
 #: In the order of kernel.c: objectives that it knows, and why a run has stopped.
 KINDS = ('quadratic', 'sphere', 'griewank', 'ackley', 'rastrigin')
 REASONS = ('', 'generations', 'spread', 'target')
+#: Of a population: the kernel multiplies numbers of 16 bits.
+MOST_VECTORS = 1 << 16
 #: Components that are advanced before Python has its turn again, to tell how far it is or to be interrupted.
 LEAP = 4_000_000
 
@@ -80,12 +82,12 @@ def leap(
         values: shape (runs, NP); changed in place.
 
     Returns:
-        None where there is no kernel.
+        None where there is no kernel, or it does not know so large a population.
     """
-    kernel = library()
-    if kernel is None:
+    kernel, population = library(), settings.population
+    if kernel is None or population > MOST_VECTORS:
         return None
-    runs, population, dimension = len(streams), settings.population, len(bounds.lower)
+    runs, dimension = len(streams), len(bounds.lower)
     count = min(max(1, LEAP // (runs * population * dimension)), settings.generations - generation)
     none = float('nan')
     how = _Settings(
