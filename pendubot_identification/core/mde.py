@@ -24,8 +24,8 @@ Steps = NDArray[np.integer]
 #: What chances and rates are whole multiples of: a uniform number of 15 bits is below `rate` with probability
 #: rate / UNIT, exactly, from never (0) to always (UNIT).
 UNIT = 1 << 15
-#: Generations whose random numbers are drawn at once.
-BLOCK = 32
+#: Generations whose random numbers are drawn at once, and of how many components at most: what a cache holds.
+BLOCK, COMPONENTS = 32, 1 << 17
 #: Ordered triples of partners that are tabulated (those of 52 vectors); of more they are computed, to the same.
 LARGEST_TABLE = 1 << 17
 
@@ -227,7 +227,7 @@ class MDE(IndependentRuns):
     def _mutated(self) -> Array:
         if not self._left:
             self._steps, self._weight = _draw(self._streams, self.settings, len(self._rows))
-            self._left = BLOCK
+            self._left = len(self._steps)
         weight = self._weight[-self._left]
         np.copyto(self._where, self._steps[-self._left, ..., :3].transpose(3, 0, 1, 2))
         self._where += self._places
@@ -244,7 +244,7 @@ class MDE(IndependentRuns):
 
 
 def _draw(streams: list[np.random.Generator], settings: MDESettings, dimension: int) -> tuple[Steps, Array]:
-    """Draw a block: :func:`_steps` for every component, shape (BLOCK, D, runs, NP, 3 or more), and F.
+    """Draw some generations: :func:`_steps`, shape (generations, D, runs, NP, 3 or more), and F.
 
     In a generation a run takes whole fours of SFC64's 64-bit words. As little-endian numbers of 32 and 16 bits they
     are, in this order: for every target F (32), CR (16) and jrand (16); for every component of every target its
@@ -260,16 +260,17 @@ def _draw(streams: list[np.random.Generator], settings: MDESettings, dimension: 
     choices = dimension if per_component else 1
     bits = 64 * population + 32 * choices * population + 16 * (dimension + (not per_component)) * population
     words = -(-bits // 256) * 4
-    drawn = np.stack([stream.bit_generator.random_raw((BLOCK, words)) for stream in streams]).astype('<u8', copy=False)
+    block = max(1, min(BLOCK, COMPONENTS // (len(streams) * population * dimension)))
+    drawn = np.stack([stream.bit_generator.random_raw((block, words)) for stream in streams]).astype('<u8', copy=False)
     rest = {2: drawn.view('<u2'), 4: drawn.view('<u4')}
     at = 0
 
     def numbers(size: int, rows: int) -> NDArray[np.unsignedinteger]:
-        """Return the next numbers of so many bytes, shape (BLOCK, rows, runs, NP)."""
+        """Return the next numbers of so many bytes, shape (generations, rows, runs, NP)."""
         nonlocal at
         part = rest[size][..., at // size : at // size + rows * population]
         at += size * rows * population
-        return np.asarray(part.reshape(len(streams), BLOCK, rows, population).transpose(1, 2, 0, 3))
+        return np.asarray(part.reshape(len(streams), block, rows, population).transpose(1, 2, 0, 3))
 
     F, CR, jrand = numbers(4, 1)[:, 0], numbers(2, 1), numbers(2, 1)
     partners, chance = numbers(4, choices), numbers(2, dimension) >> 1

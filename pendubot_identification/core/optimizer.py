@@ -20,7 +20,7 @@ Progress = Callable[[int, float], None]
 
 #: Generations between two calls of the progress function.
 PROGRESS_EVERY = 50
-#: Of all runs together; each takes about 10 kB, for the random numbers of a block.
+#: Of all runs together.
 MOST_VECTORS = 100_000
 
 
