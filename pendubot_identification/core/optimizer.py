@@ -141,13 +141,13 @@ class Found:
         """Take the best values of the runs that are still going."""
         self.value[active] = value
         self.generations[active] = generation
-        self.history.append(self.value.copy())
+        self.history.append(self.value.copy()[None])
 
     def record_many(self, active: NDArray[np.intp], generations: NDArray[np.int64], history: Array) -> None:
         """Take many generations at once: the best values after each, and each run's last generation."""
         values = np.tile(self.value, (len(history), 1))
         values[:, active] = history
-        self.history.extend(values)
+        self.history.append(values)
         self.value[active] = history[-1]
         self.generations[active] = generations
 
@@ -159,13 +159,14 @@ class Found:
 
     def result(self) -> OptimizationResult:
         """Return all of it."""
+        history = np.concatenate(self.history) if self.history else np.empty((0, len(self.value)))
         return OptimizationResult(
             self.x.copy(),
             self.value.copy(),
             self.generations.copy(),
             self._first + self.generations * self._each,
-            np.array(self.history),
-            self._first + np.arange(len(self.history)) * self._each,
+            history,
+            self._first + np.arange(len(history)) * self._each,
             tuple(self.stopped_by),
         )
 
