@@ -34,7 +34,7 @@ class Quadratic:
 
     triangle: Array
     count: int
-    _last: tuple[int, list[Array], Array] | None = field(default=None, init=False, repr=False, compare=False)
+    _last: tuple[Array, Array, NDArray[np.intp]] | None = field(default=None, init=False, repr=False, compare=False)
 
     @classmethod
     def reduce(cls, phi: Array, y: Array) -> Quadratic:
@@ -79,29 +79,35 @@ class Quadratic:
         """
         vectors = np.asarray(theta, dtype=float)
         x = np.ascontiguousarray(vectors.reshape(-1, vectors.shape[-1]).T)
-        diagonals, start = self._spread(x.shape[1])
-        residual, product = diagonals[0] * x, np.empty_like(x)
+        start, factors, columns = self._spread(x.shape[1])
+        # The products of phi's main diagonal, then of the one above it, and so on.
+        products = x.take(columns, axis=0)
+        products *= factors
+        residual, at = products[: len(x)], len(x)
         residual += start
-        for k in range(1, len(x)):
-            residual[:-k] += np.multiply(diagonals[k], x[k:], out=product[k:])
+        for rows in range(len(x) - 1, 0, -1):
+            residual[:rows] += products[at : at + rows]
+            at += rows
         residual *= residual
         value = np.add.reduce(residual, axis=0)
         value += self.floor
         return np.asarray(value.reshape(vectors.shape[:-1]))
 
-    def _spread(self, count: int) -> tuple[list[Array], Array]:
-        """Return phi's diagonals, the main one first, and -y, each over the root of N and repeated for many vectors.
+    def _spread(self, count: int) -> tuple[Array, Array, NDArray[np.intp]]:
+        """Return what to call for so many vectors takes: -y, phi's diagonals, and which parameters they multiply.
 
-        Whole diagonals need few calls, and repeated numbers are quicker than ones that numpy has to repeat; so the last
+        The first two over the root of N, and repeated for every vector: numpy is slow where it has to repeat. The last
         ones are kept, for an optimiser that asks for as many values again and again.
         """
-        if self._last is not None and self._last[0] == count:
-            return self._last[1:]
+        if self._last is not None and len(self._last[0][0]) == count:
+            return self._last
         phi, y = (part / math.sqrt(self.count) for part in (self.phi, self.y))
-        diagonals = [np.repeat(phi.diagonal(k)[:, None], count, axis=1) for k in range(len(phi))]
-        start = np.repeat(-y[:, None], count, axis=1)
-        object.__setattr__(self, '_last', (count, diagonals, start))  # the one thing here that is not frozen
-        return diagonals, start
+        size = len(y)
+        columns = np.concatenate([np.arange(k, size) for k in range(size)])
+        factors = np.concatenate([phi.diagonal(k) for k in range(size)])
+        start, factors = (np.repeat(column[:, None], count, axis=1) for column in (-y, factors))
+        object.__setattr__(self, '_last', (start, factors, columns))  # the one thing here that is not frozen
+        return start, factors, columns
 
     @property
     def problem(self) -> Problem:
