@@ -50,7 +50,8 @@ INLINE void draw(Streams *streams, uint64_t to[RUNS][WORDS + 20])
         }
         for (int w = 0; w < 2; w++) {
             __m512i a = _mm512_shuffle_i64x2(y[w], y[w + 2], 0x88), b = _mm512_shuffle_i64x2(y[w], y[w + 2], 0xdd);
-            __m512i c = _mm512_shuffle_i64x2(y[w + 4], y[w + 6], 0x88), d = _mm512_shuffle_i64x2(y[w + 4], y[w + 6], 0xdd);
+            __m512i c = _mm512_shuffle_i64x2(y[w + 4], y[w + 6], 0x88);
+            __m512i d = _mm512_shuffle_i64x2(y[w + 4], y[w + 6], 0xdd);
             _mm512_storeu_si512(&to[w][at], _mm512_shuffle_i64x2(a, c, 0x88));
             _mm512_storeu_si512(&to[4 + w][at], _mm512_shuffle_i64x2(a, c, 0xdd));
             _mm512_storeu_si512(&to[2 + w][at], _mm512_shuffle_i64x2(b, d, 0x88));
@@ -100,7 +101,8 @@ INLINE void mutate(const Settings *how, const uint64_t *drawn, const double *pop
         const double *x = population + j * WIDTH;
         __m512d low = _mm512_set1_pd(lower[j]), high = _mm512_set1_pd(upper[j]);
         for (int h = 0; h < 4 && !whole; h++) {
-            __m512d a = _mm512_loadu_pd(x + 8 * h + 1), b = _mm512_loadu_pd(x + 8 * h + 2), own = _mm512_loadu_pd(x + 8 * h);
+            __m512d own = _mm512_loadu_pd(x + 8 * h);
+            __m512d a = _mm512_loadu_pd(x + 8 * h + 1), b = _mm512_loadu_pd(x + 8 * h + 2);
             __m512d y = _mm512_add_pd(_mm512_mul_pd(_mm512_sub_pd(a, b), weight[h]), own);
             _mm512_storeu_pd(&trials[j][8 * h], inside(y, own, low, high));
         }
