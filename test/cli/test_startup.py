@@ -65,5 +65,6 @@ def test_version_says_which_path_is_taken(switch, path):
 def test_the_kernel_takes_no_more_threads_than_told(given, threads):
     child = 'import pendubot_identification.core.kernel as kernel; print(kernel.threads)'
     env = {**os.environ, 'PENDUBOT_THREADS': given}
-    said = subprocess.run([sys.executable, '-c', child], env=env, capture_output=True, text=True, timeout=60, check=True)
+    command = [sys.executable, '-c', child]
+    said = subprocess.run(command, env=env, capture_output=True, text=True, timeout=60, check=True)
     assert int(said.stdout) == threads
