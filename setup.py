@@ -27,8 +27,9 @@ KERNEL = Extension(
     [f'{NAME}/core/kernel.c'],
     extra_compile_args=[
         *('-std=gnu11', '-O3', '-ffp-contract=off', '-fno-math-errno', '-fno-trapping-math'),
-        *('-fvisibility=hidden', '-Wno-psabi'),
+        *('-fvisibility=hidden', '-Wno-psabi', '-pthread'),
     ],
+    extra_link_args=['-pthread'],
     libraries=['m'],
     optional=True,
 )

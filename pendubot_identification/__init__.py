@@ -7,3 +7,4 @@ from .core import kernel
 __version__ = '0.1.0'
 
 kernel.wanted = environ.get('PENDUBOT_KERNEL', 'on') != 'off'
+kernel.threads = int(given) if (given := environ.get('PENDUBOT_THREADS', '')).isdecimal() else 0

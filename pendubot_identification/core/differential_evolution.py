@@ -67,7 +67,7 @@ class HDE(MDE):
         trials = super().ask()
         if self.generation == 0:
             return trials
-        best = self._vectors[:, -1]
+        best = self._leaders()
         self._step = np.clip(best - self._rate * self._gradient(best), self.bounds.lower, self.bounds.upper)
         return np.concatenate([trials, self._step[:, None]], axis=1)
 
@@ -81,6 +81,6 @@ class HDE(MDE):
             rows, best = np.arange(len(values)), self._values.argmin(axis=1)
             better = values[:, -1] <= self._values[rows, best]
             self._values[rows[better], best[better]] = values[better, -1]
-            self._vectors[rows[better], best[better]] = self._step[better]
+            self._targets[:, rows[better], best[better]] = self._step[better].T
             values, self._step = values[:, :-1], None
         super().tell(values)

@@ -4,26 +4,53 @@
  * those of mde.py, from the same random numbers and with the same roundings; motions are those of rollout.py and
  * dynamics.py, whose names are used. Compiled without contraction, so that every processor gives the same numbers.
  */
-#include <float.h>
+#define _GNU_SOURCE
 #include <math.h>
+#include <pthread.h>
+#include <sched.h>
 #include <stddef.h>
 #include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
-#define VERSION 1 /* of the calls below; kernel.py asks for it */
+#define VERSION 2 /* of the calls below; kernel.py asks for it */
 
 #define EXPORT __attribute__((visibility("default")))
 #define INLINE static inline __attribute__((always_inline))
-#if defined(__x86_64__) && defined(__gnu_linux__) && defined(__GNUC__) && !defined(__clang__)
-/* Compiled twice; the loader takes what the processor can do. */
-#define CLONES __attribute__((target_clones("avx2", "default")))
-#else
-#define CLONES
+
+#if __BYTE_ORDER__ != __ORDER_LITTLE_ENDIAN__
+#error "random words are taken apart as on a little-endian processor; without this kernel numpy does the work"
 #endif
 
-/* Vectors of four: one register or two, as the processor has them. (Of eight they were no faster here, and on processors
- * without AVX-512 three times slower: the compiler takes them apart.) */
+/* Work that can be split: do parts `first` to `end` of it, and return 0, or 1 without memory. */
+typedef int64_t Work(const void *what, int64_t first, int64_t end);
+
+/* VERSIONS(name) compiles the inline function `name` for several processors; BEST_OF(name) is what this one can do. */
+#if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__)
+#define VERSION_FOR(name, processor, features) \
+    __attribute__((target(features))) static int64_t name##_##processor(const void *what, int64_t first, int64_t end) \
+    { \
+        return name(what, first, end); \
+    }
+/* Tuned for a processor whose gathers pay. */
+#define AVX512 "avx2,bmi2,avx512f,avx512dq,avx512bw,avx512vl,prefer-vector-width=512,tune=icelake-server"
+#define VERSIONS(name) \
+    VERSION_FOR(name, avx512, AVX512) \
+    VERSION_FOR(name, avx2, "avx2,bmi2") \
+    static int64_t name##_any(const void *what, int64_t first, int64_t end) { return name(what, first, end); }
+#define CAN(feature) __builtin_cpu_supports(feature)
+#define BEST_OF(name) \
+    (CAN("avx512f") && CAN("avx512dq") && CAN("avx512bw") && CAN("avx512vl") && CAN("bmi2") ? name##_avx512 \
+            : CAN("avx2") && CAN("bmi2")                                                  ? name##_avx2 \
+                                                                                           : name##_any)
+#else
+#define VERSIONS(name)
+#define BEST_OF(name) name
+#endif
+
+/* Vectors of four: one register or two, as the processor has them. (Of eight they are three times slower on processors
+ * without AVX-512: the compiler takes them apart.) */
 #define LANES 4
 typedef double vec __attribute__((vector_size(8 * LANES)));
 typedef int64_t ints __attribute__((vector_size(8 * LANES)));
@@ -37,14 +64,64 @@ INLINE vec square_root(vec x)
         x[w] = sqrt(x[w]);
     return x;
 }
-INLINE int any(ints mask)
-{
-    int64_t found = 0;
-    for (int w = 0; w < LANES; w++)
-        found |= mask[w];
-    return found != 0;
-}
 INLINE vec magnitude(vec x) { return (vec)((ints)x & INT64_MAX); }
+
+/* ---- Several cores ---- */
+
+#define MOST_THREADS 64
+/* Nanoseconds of work that are worth a thread. */
+#define WORTH_A_THREAD 100000.0
+
+typedef struct {
+    Work *work;
+    const void *what;
+    int64_t first, end, failed;
+} Part;
+
+static void *do_part(void *argument)
+{
+    Part *part = argument;
+    part->failed = part->work(part->what, part->first, part->end);
+    return NULL;
+}
+
+/* The cores that this process may use. */
+static int64_t cores(void)
+{
+#ifdef CPU_COUNT
+    cpu_set_t set;
+    if (!sched_getaffinity(0, sizeof(set), &set))
+        return CPU_COUNT(&set);
+#endif
+    return sysconf(_SC_NPROCESSORS_ONLN);
+}
+
+/* Do `count` parts of some work, each of so many nanoseconds, on up to so many threads, of which this is one; 0 is one
+ * on every core. What a part gives does not depend on who does it. */
+static int64_t share(Work *work, const void *what, int64_t count, double nanoseconds, int64_t threads)
+{
+    double worth = nanoseconds * count / WORTH_A_THREAD;
+    threads = threads ? threads : worth < 2.0 ? 1 : cores();
+    threads = threads < count ? threads : count;
+    threads = threads < worth ? threads : (int64_t)worth;
+    threads = threads < 1 ? 1 : threads > MOST_THREADS ? MOST_THREADS : threads;
+    Part parts[MOST_THREADS];
+    pthread_t others[MOST_THREADS];
+    int started[MOST_THREADS] = {0};
+    int64_t failed = 0;
+    for (int64_t i = threads - 1; i >= 0; i--) {
+        parts[i] = (Part){work, what, i * count / threads, (i + 1) * count / threads, 0};
+        started[i] = i > 0 && !pthread_create(&others[i], NULL, do_part, &parts[i]);
+        if (!started[i])
+            do_part(&parts[i]);
+    }
+    for (int64_t i = 0; i < threads; i++) {
+        if (started[i])
+            pthread_join(others[i], NULL);
+        failed |= parts[i].failed;
+    }
+    return failed;
+}
 
 /* ---- Elementary functions, to about one unit in the last place; coefficients of sine and cosine as in fdlibm ---- */
 
@@ -101,6 +178,17 @@ INLINE vec tangent_hyperbolic(vec x)
     vec twice = 2.0 * magnitude(x);
     vec e = exp_minus_1(either(twice > 40.0, all(40.0), twice));
     return (vec)((ints)(e / (e + 2.0)) | ((ints)x & INT64_MIN));
+}
+
+/* 1 - cos(2 pi x), exact at whole x, to about 4e-16 between them: twice the square of sin(pi r), r from -1/2 to 1/2, by
+ * a polynomial that is least wrong at its worst. */
+INLINE double versine_of_turns(double x)
+{
+    double r = x - ((x + WHOLE) - WHOLE), z = r * r;
+    double s = r * (3.141592653589793 + z * (-5.167712780049969 + z * (2.5501640398773007 + z * (-0.5992645293189447
+        + z * (0.0821458865731029 + z * (-0.007370430505916944 + z * (0.0004662998161898394
+        + z * (-2.1903497074626018e-05 + z * 7.697826768224191e-07))))))));
+    return 2.0 * (s * s);
 }
 
 /* ---- Motion: dynamics.py and rollout.py ---- */
@@ -179,13 +267,22 @@ INLINE vec gather(const double *from, const int64_t *index)
     return x;
 }
 
-/* states (steps + 1, 4, vectors, lanes) of theta (size, vectors), state (4, lanes), tau (2, steps, lanes). */
-EXPORT CLONES void pendubot_roll(int64_t size, int64_t vectors, int64_t lanes, int64_t steps, double h,
-    const double *theta, const double *state, const double *tau, double *states)
+/* Motions, or what they depend on: theta (size, vectors or 1), tau (2, steps, lanes). */
+typedef struct {
+    int64_t size, vectors, lanes, steps;
+    double h;
+    const double *theta, *state, *tau;
+    double *result;
+} Motions;
+
+/* Blocks of LANES of all motions. */
+INLINE int64_t roll(const void *what, int64_t begin, int64_t end)
 {
-    int64_t total = vectors * lanes;
-    double half = h / 2, sixth = h / 6;
-    for (int64_t first = 0; first < total; first += LANES) {
+    const Motions *m = what;
+    int64_t size = m->size, vectors = m->vectors, lanes = m->lanes, steps = m->steps, total = vectors * lanes;
+    const double *theta = m->theta, *state = m->state, *tau = m->tau;
+    double h = m->h, half = h / 2, sixth = h / 6;
+    for (int64_t first = LANES * begin; first < total && first < LANES * end; first += LANES) {
         int64_t count = total - first < LANES ? total - first : LANES;
         int64_t vector[LANES], lane[LANES], adjacent = 1;
         for (int w = 0; w < LANES; w++) {
@@ -199,7 +296,7 @@ EXPORT CLONES void pendubot_roll(int64_t size, int64_t vectors, int64_t lanes, i
             th.p[j] = gather(theta + j * vectors, vector);
         vec q1 = gather(state, lane), q2 = gather(state + lanes, lane);
         vec v1 = gather(state + 2 * lanes, lane), v2 = gather(state + 3 * lanes, lane);
-        double *out = states + first;
+        double *out = m->result + first;
         for (int64_t k = 0;; k++) {
             if (count == LANES) {
                 store(out, q1, LANES), store(out + total, q2, LANES);
@@ -231,6 +328,21 @@ EXPORT CLONES void pendubot_roll(int64_t size, int64_t vectors, int64_t lanes, i
             v2 += sixth * (k2[0] + 2.0 * (k2[1] + k2[2]) + k2[3]);
         }
     }
+    return 0;
+}
+VERSIONS(roll)
+
+#define BLOCKS(count) (((count) + LANES - 1) / LANES)
+/* What a block takes for a step, about, in nanoseconds. */
+#define ROLLING 150.0
+#define DERIVING 500.0
+
+/* states (steps + 1, 4, vectors, lanes) of theta (size, vectors), state (4, lanes), tau (2, steps, lanes). */
+EXPORT void pendubot_roll(int64_t threads, int64_t size, int64_t vectors, int64_t lanes, int64_t steps, double h,
+    const double *theta, const double *state, const double *tau, double *states)
+{
+    Motions what = {size, vectors, lanes, steps, h, theta, state, tau, states};
+    share(BEST_OF(roll), &what, BLOCKS(vectors * lanes), ROLLING * steps, threads);
 }
 
 /* Derivatives of the accelerations from those of positions and velocities, columns (state 4, then theta). */
@@ -311,16 +423,18 @@ INLINE void step_sensitivity(const Theta *theta, double h, const vec state[4], v
     }
 }
 
-/* result (steps, 4, 4 + size, lanes) of theta (size), states (steps + 1, 4, lanes), tau (2, steps, lanes). */
-EXPORT CLONES void pendubot_sensitivities(int64_t size, int64_t lanes, int64_t steps, double h, const double *theta,
-    const double *states, const double *tau, double *result)
+/* Blocks of LANES of all lanes. */
+INLINE int64_t sensitivities(const void *what, int64_t begin, int64_t finish)
 {
-    int64_t columns = 4 + size;
+    const Motions *m = what;
+    int64_t size = m->size, columns = 4 + size, lanes = m->lanes, steps = m->steps;
+    const double *states = m->state, *tau = m->tau;
+    int64_t last = LANES * finish < lanes ? LANES * finish : lanes;
     Theta th = {size, {}};
     for (int64_t j = 0; j < size; j++)
-        th.p[j] = all(theta[j]);
-    for (int64_t group = 0; group < lanes; group += LANES * TOGETHER) {
-        int64_t end = group + LANES * TOGETHER < lanes ? group + LANES * TOGETHER : lanes;
+        th.p[j] = all(m->theta[j]);
+    for (int64_t group = LANES * begin; group < last; group += LANES * TOGETHER) {
+        int64_t end = group + LANES * TOGETHER < last ? group + LANES * TOGETHER : last;
         vec chained[TOGETHER][4][COLUMNS] = {}; /* derivatives of q1, q2, v1, v2 */
         for (int b = 0; b < TOGETHER; b++)
             for (int i = 0; i < 4; i++)
@@ -333,8 +447,8 @@ EXPORT CLONES void pendubot_sensitivities(int64_t size, int64_t lanes, int64_t s
                 vec state[4], t1 = load(torque, count), t2 = load(torque + steps * lanes, count);
                 for (int i = 0; i < 4; i++)
                     state[i] = load(now + i * lanes, count);
-                step_sensitivity(&th, h, state, t1, t2, x);
-                double *out = result + k * 4 * columns * lanes + first;
+                step_sensitivity(&th, m->h, state, t1, t2, x);
+                double *out = m->result + k * 4 * columns * lanes + first;
                 for (int i = 0; i < 4; i++)
                     for (int64_t c = 0; c < columns; c++)
                         if (count == LANES)
@@ -344,11 +458,21 @@ EXPORT CLONES void pendubot_sensitivities(int64_t size, int64_t lanes, int64_t s
             }
         }
     }
+    return 0;
+}
+VERSIONS(sensitivities)
+
+/* result (steps, 4, 4 + size, lanes) of theta (size), states (steps + 1, 4, lanes), tau (2, steps, lanes). */
+EXPORT void pendubot_sensitivities(int64_t threads, int64_t size, int64_t lanes, int64_t steps, double h,
+    const double *theta, const double *states, const double *tau, double *result)
+{
+    Motions what = {size, 1, lanes, steps, h, theta, states, tau, result};
+    share(BEST_OF(sensitivities), &what, BLOCKS(lanes), DERIVING * steps, threads);
 }
 
-/* ---- Modified differential evolution: mde.py ---- */
+/* ---- Modified differential evolution: mde.py, _draw and _steps of which say what the random words mean ---- */
 
-/* Random numbers of numpy's SFC64 for LANES streams at once, one per lane. */
+/* Random words of numpy's SFC64 for LANES streams at once, one per lane. */
 typedef struct {
     words a, b, c, counter;
 } Streams;
@@ -363,165 +487,191 @@ INLINE words next(Streams *s)
     return x;
 }
 
-/* A float in [0, 1) as numpy makes it of 32 bits. */
-INLINE float unit(uint32_t bits) { return (float)(int32_t)(bits >> 8) * (1.0f / 16777216.0f); }
+/* Write the next `count` words, a multiple of LANES, of each stream: (LANES, stride). */
+INLINE void draw(Streams *streams, int64_t count, int64_t stride, uint64_t *to)
+{
+    Streams s = *streams;
+    for (int64_t at = 0; at < count; at += LANES) {
+        words a = next(&s), b = next(&s), c = next(&s), d = next(&s);
+        words ab = __builtin_shuffle(a, b, (ints){0, 4, 2, 6}), cd = __builtin_shuffle(c, d, (ints){0, 4, 2, 6});
+        words ba = __builtin_shuffle(a, b, (ints){1, 5, 3, 7}), dc = __builtin_shuffle(c, d, (ints){1, 5, 3, 7});
+        words stream[LANES] = {
+            __builtin_shuffle(ab, cd, (ints){0, 1, 4, 5}), __builtin_shuffle(ba, dc, (ints){0, 1, 4, 5}),
+            __builtin_shuffle(ab, cd, (ints){2, 3, 6, 7}), __builtin_shuffle(ba, dc, (ints){2, 3, 6, 7}),
+        };
+        for (int w = 0; w < LANES; w++)
+            memcpy(to + w * stride + at, &stream[w], sizeof(words));
+    }
+    *streams = s;
+}
 
 typedef struct {
     int64_t population, dimension, per_component, generations;
-    double threshold, weight_low, weight_high, crossover_low, crossover_high, target, spread; /* the last two may be NaN */
+    int64_t threshold, crossover_low, crossover_count; /* in units of mde.UNIT */
+    double weight_low, weight_step, target, spread; /* the last two may be NaN */
 } Settings;
 
 enum { QUADRATIC, SPHERE, GRIEWANK, ACKLEY, RASTRIGIN };
 
-/* Values of points x (dimension, room), room a multiple of LANES. `data` of QUADRATIC: phi (D, D), y (D), the count of
- * residuals, the least value, and what being indefinite costs at the rate of 1, for what LARGEST_COUPLING. */
-INLINE void evaluate(int64_t kind, const double *data, int64_t dimension, int64_t room, const double *x, double *values)
-{
-    const double *y = data + dimension * dimension, *rest = y + dimension;
-    for (int64_t t = 0; t < room; t += LANES) {
-        vec sum = {}, part = {}, s, c;
-        if (kind == QUADRATIC) {
-            for (int64_t k = 0; k < dimension; k++) {
-                /* In the order of quadratic.py. */
-                vec r = data[(k + 1) * dimension - 1] * load(x + (dimension - 1) * room + t, LANES) - y[k];
-                for (int64_t j = k; j < dimension - 1; j++)
-                    r += data[k * dimension + j] * load(x + j * room + t, LANES);
-                sum += r * r;
-            }
-            sum = sum / rest[0] + rest[1];
-            if (rest[2] != 0.0) {
-                vec P1 = load(x + t, LANES), P2 = load(x + room + t, LANES), P3 = load(x + 2 * room + t, LANES);
-                vec both = P1 + P2, apart = P1 - P2, rough = P3 * (2.0 / rest[3]);
-                /* Roots and quotients are slow, and most vectors are clearly without excess. */
-                if (any(~(apart * apart + rough * rough < both * both * (1.0 - 1e-12)) | ~(both > 0.0))) {
-                    vec coupling = 2.0 * P3 / rest[3], root = square_root(apart * apart + coupling * coupling);
-                    vec excess = root / both - 1.0;
-                    excess = either(excess > 0.0, excess, all(0.0));
-                    sum += rest[2] * either(both > 0.0, excess, magnitude(P3) + 1.0);
-                }
-            }
-        } else {
-            double size = dimension;
-            vec product = all(1.0);
-            for (int64_t j = 0; j < dimension; j++) {
-                vec z = load(x + j * room + t, LANES);
-                sum += z * z;
-                if (kind == GRIEWANK) {
-                    sine_cosine(z / sqrt(j + 1.0), &s, &c);
-                    product *= c;
-                } else if (kind == ACKLEY || kind == RASTRIGIN) {
-                    sine_cosine(6.28318530717958647693 * z, &s, &c);
-                    part += c;
-                }
-            }
-            if (kind == GRIEWANK)
-                sum = 1.0 + sum / 4000.0 - product;
-            if (kind == RASTRIGIN)
-                sum += 10.0 * (size - part);
-            if (kind == ACKLEY) {
-                sum = -20.0 * exp_minus_1(-0.2 * square_root(sum / size)) - 2.71828182845904523536 * exp_minus_1(part / size - 1.0);
-            }
-        }
-        store(values + t, sum, LANES);
-    }
-}
+/* All loops of the search go along rows, one component of all vectors, whose length is a multiple of the longest
+ * register's (in elements of four bytes): what is left over is computed along for nothing. The compiler makes vectors
+ * of them, of the length that the processor has. */
+#define REGISTER 16
+#define UP(count) (((count) + REGISTER - 1) & ~(REGISTER - 1))
+#define EACH(t, count) _Pragma("GCC ivdep") for (int32_t t = 0; t < (count); t++)
 
-INLINE int32_t whole(float u, int32_t count) { return (int32_t)(u * (float)count); }
-
-/* What one generation needs beside the runs themselves. Elements are the components of the population's vectors, one
- * vector after the other, and what is left over up to a whole number of registers is computed along for nothing. */
+/* What one run's generation needs. Rows, but for `drawn` and `population`. */
 typedef struct {
-    uint32_t *bits; /* (LANES, room for one generation's) random bits */
-    int32_t *target, *component; /* of an element: where its target's vector begins, and which component it is */
-    int32_t *plus, *minus, *base, *jrand, *drawn_target, *drawn_plus, *drawn_minus, *drawn_base;
-    float *crossover;
-    double *weight, *lower, *upper, *trials, *transposed, *values;
+    const uint64_t *drawn; /* random words */
+    double *population; /* (dimension, width): a row is the population, the same again, and its best vector */
+    int32_t *crossing, *best, *forced, *plus, *minus, *base;
+    double *weight, *trials, *values, *scratch; /* trials (dimension, rows) */
 } Room;
 
-#define REGISTER 16 /* elements of four bytes in the longest register */
-#define UP(count) (((count) + REGISTER - 1) & ~(REGISTER - 1))
-#define EACH(e, count) _Pragma("GCC ivdep") for (int32_t e = 0; e < UP(count); e++)
-/* Fill `width` elements, or up to three more, which the next ones overwrite. */
-#define FILL(to, first, width, value) \
-    for (int32_t j_ = 0; j_ < (width); j_ += LANES) \
-        for (int w_ = 0; w_ < LANES; w_++) \
-            (to)[(first) + j_ + w_] = (value)
+/* A vector whose P1 P2 is by so much more than (P3 / LARGEST_COUPLING)^2 has no excess, whatever is rounded. */
+#define CLEAR (1.0 + 1e-12)
 
-/* Make the trials of one generation of one run: _Mutations.draw and MDE._mutated. */
-INLINE void mutate(const Settings *how, const Room *room, const uint32_t *bits, const double *vectors)
+/* phi (D, D) and y (D), both by the root of the count of residuals; then the least value, what being indefinite costs
+ * at the rate of 1, and for what LARGEST_COUPLING. Added in the order of quadratic.py. */
+INLINE void quadratic(const double *data, int32_t dimension, int32_t rows, const double *x, double *restrict r,
+    double *restrict values)
 {
-    int32_t n = how->population, d = how->dimension, elements = n * d, draws = how->per_component ? elements : n;
-    const uint32_t *cross = bits + 3 * n, *operator = cross + elements;
-    const uint32_t *first = operator + draws, *second = first + draws, *third = second + draws;
-    double weights = how->weight_high - how->weight_low, rates = how->crossover_high - how->crossover_low;
-    float threshold = how->threshold;
-    const int32_t *component = room->component, *jrand = room->jrand, *targets = room->target;
-    int32_t *plus = room->plus, *minus = room->minus, *base = room->base;
-    const double *lower = room->lower, *upper = room->upper;
-    double *weight = room->weight, *trials = room->trials;
-    const float *crossover = room->crossover;
-    for (int32_t t = 0; t < n; t++) {
-        double F = how->weight_low + (double)unit(bits[t]) * weights;
-        double CR = how->crossover_low + (double)unit(bits[n + t]) * rates;
-        /* A float is below CR exactly where it is below the first float that is not. */
-        float rate = CR;
-        uint32_t bits_of_rate;
-        memcpy(&bits_of_rate, &rate, 4);
-        bits_of_rate += rate < CR;
-        memcpy(&rate, &bits_of_rate, 4);
-        int32_t forced = whole(unit(bits[2 * n + t]), d);
-        FILL(room->weight, t * d, d, F);
-        FILL(room->crossover, t * d, d, rate);
-        FILL(room->jrand, t * d, d, forced);
+    const double *y = data + dimension * dimension, *rest = y + dimension;
+    double floor = rest[0], worth = rest[1], limit = rest[2];
+    EACH(t, rows) values[t] = 0.0;
+    for (int32_t k = 0; k < dimension; k++) {
+        double from = y[k], first = data[k * dimension + k];
+        const double *own = x + k * rows;
+        EACH(t, rows) r[t] = first * own[t] - from;
+        for (int32_t j = k + 1; j < dimension; j++) {
+            const double *z = x + j * rows;
+            double phi = data[k * dimension + j];
+            EACH(t, rows) r[t] += phi * z[t];
+        }
+        EACH(t, rows) values[t] += r[t] * r[t];
     }
-    int32_t *to_plus = how->per_component ? plus : room->drawn_plus;
-    int32_t *to_minus = how->per_component ? minus : room->drawn_minus;
-    int32_t *to_base = how->per_component ? base : room->drawn_base;
-    const int32_t *target = how->per_component ? targets : room->drawn_target;
-    EACH(e, draws) {
-        int32_t p = 1 + whole(unit(first[e]), n - 1), m = 1 + whole(unit(second[e]), n - 2);
-        int32_t b = 1 + whole(unit(third[e]), n - 3);
-        m += m >= p;
-        b += b >= (p < m ? p : m);
-        b += b >= (p < m ? m : p);
-        p = target[e] + p * d, m = target[e] + m * d, b = target[e] + b * d;
-        to_plus[e] = p >= elements ? p - elements : p;
-        to_minus[e] = m >= elements ? m - elements : m;
-        b = b >= elements ? b - elements : b;
-        to_base[e] = unit(operator[e]) <= threshold ? elements : b; /* behind the population stands the best one */
-    }
-    for (int32_t t = 0; t < n && !how->per_component; t++) {
-        FILL(plus, t * d, d, to_plus[t]);
-        FILL(minus, t * d, d, to_minus[t]);
-        FILL(base, t * d, d, to_base[t]);
-    }
-    EACH(e, elements) {
-        int crosses = (unit(cross[e]) < crossover[e]) | (component[e] == jrand[e]);
-        base[e] = (crosses ? base[e] : targets[e]) + component[e];
-        plus[e] += component[e];
-        minus[e] = crosses ? minus[e] + component[e] : plus[e]; /* a difference of 0 */
-    }
-    EACH(e, elements) {
-        double x = (vectors[plus[e]] - vectors[minus[e]]) * weight[e] + vectors[base[e]];
-        x = x < lower[e] ? (vectors[e] + lower[e]) * 0.5 : x;
-        trials[e] = x > upper[e] ? (vectors[e] + upper[e]) * 0.5 : x;
+    EACH(t, rows) values[t] += floor;
+    if (worth == 0.0)
+        return;
+    const double *P1 = x, *P2 = x + rows, *P3 = x + 2 * rows;
+    double factor = CLEAR / (limit * limit);
+    int64_t some = 0;
+    EACH(t, rows) some |= !((P3[t] * P3[t] * factor < P1[t] * P2[t]) & (P1[t] > 0.0));
+    for (int32_t t = 0; some && t < rows; t += LANES) {
+        vec a = load(P1 + t, LANES), b = load(P2 + t, LANES), c = load(P3 + t, LANES), value = load(values + t, LANES);
+        vec sum = a + b, apart = a - b, coupling = 2.0 * c / limit;
+        vec excess = square_root(apart * apart + coupling * coupling) / sum - 1.0;
+        excess = either(sum > 0.0, either(excess > 0.0, excess, all(0.0)), magnitude(c) + 1.0);
+        store(values + t, either((c * c * factor < a * b) & (a > 0.0), value, value + worth * excess), LANES);
     }
 }
 
-/* Take the trials' values, and return the number of the best vector. */
-INLINE int64_t select_better(const Settings *how, const Room *room, double *vectors, double *values)
+/* The paper's Table 2, as in benchmark_functions.py. */
+INLINE void benchmark(int64_t kind, int32_t dimension, int32_t rows, const double *x, double *restrict waves,
+    double *restrict values)
 {
-    int64_t n = how->population, d = how->dimension, best = 0;
-    for (int64_t t = 0; t < n; t++)
-        if (room->values[t] <= values[t]) {
-            values[t] = room->values[t];
-            for (int64_t j = 0; j < d; j++)
-                vectors[t * d + j] = room->trials[t * d + j];
+    double size = dimension;
+    EACH(t, rows) values[t] = 0.0, waves[t] = kind == GRIEWANK;
+    for (int32_t j = 0; j < dimension; j++) {
+        const double *z = x + j * rows;
+        double turns = kind == GRIEWANK ? 1.0 / (6.28318530717958647693 * sqrt(j + 1.0)) : 1.0;
+        EACH(t, rows) values[t] += z[t] * z[t];
+        if (kind == GRIEWANK)
+            EACH(t, rows) waves[t] *= 1.0 - versine_of_turns(z[t] * turns);
+        else if (kind != SPHERE)
+            EACH(t, rows) waves[t] += versine_of_turns(z[t]);
+    }
+    if (kind == GRIEWANK)
+        EACH(t, rows) values[t] = 1.0 + values[t] / 4000.0 - waves[t];
+    if (kind == RASTRIGIN)
+        EACH(t, rows) values[t] += 10.0 * waves[t];
+    for (int32_t t = 0; kind == ACKLEY && t < rows; t += LANES) {
+        vec distance = square_root(load(values + t, LANES) / size), flat = load(waves + t, LANES) / -size;
+        store(values + t, -20.0 * exp_minus_1(-0.2 * distance) - 2.71828182845904523536 * exp_minus_1(flat), LANES);
+    }
+}
+
+/* Make the trials of one generation. */
+INLINE void mutate(const Settings *how, const Room *room, int32_t width, const double *lower, const double *upper)
+{
+    int32_t n = how->population, d = how->dimension, rows = UP(n), per_component = how->per_component;
+    int32_t threshold = how->threshold, rate = how->crossover_low;
+    uint32_t rates = how->crossover_count, others = n - 1;
+    double low_weight = how->weight_low, weight_step = how->weight_step;
+    const uint32_t *F = (const uint32_t *)room->drawn;
+    const uint16_t *CR = (const uint16_t *)(F + n), *jrand = CR + n;
+    const uint32_t *partners = (const uint32_t *)(jrand + n);
+    const uint16_t *chances = (const uint16_t *)(partners + (per_component ? n * d : n)), *operators = chances + n * d;
+    int32_t *restrict crossing = room->crossing, *restrict best = room->best, *restrict forced = room->forced;
+    int32_t *restrict plus = room->plus, *restrict minus = room->minus, *restrict base = room->base;
+    double *restrict weight = room->weight;
+    EACH(t, rows) weight[t] = low_weight + (double)(int32_t)(F[t] >> 1) * weight_step;
+    EACH(t, rows)
+    {
+        crossing[t] = rate + (int32_t)(CR[t] * rates >> 16);
+        best[t] = per_component ? (crossing[t] * threshold) >> 15 : threshold;
+        forced[t] = (int32_t)(jrand[t] * (uint32_t)d >> 16);
+    }
+    for (int32_t j = 0; j < d; j++) {
+        const uint32_t *u = partners + (per_component ? j * n : 0);
+        const uint16_t *v = chances + j * n, *operator = per_component ? v : operators;
+        EACH(t, rows)
+        {
+            /* Digits of u / 2^32: products of 48 bits, as high and low halves. */
+            uint32_t h = u[t] >> 16, l = u[t] & 0xffff;
+            l *= others, h = h * others + (l >> 16);
+            int32_t p = h >> 16;
+            l = (l & 0xffff) * (others - 1), h = (h & 0xffff) * (others - 1) + (l >> 16);
+            int32_t m = h >> 16;
+            l = (l & 0xffff) * (others - 2), h = (h & 0xffff) * (others - 2) + (l >> 16);
+            int32_t b = h >> 16;
+            m += m >= p;
+            int32_t low = p < m ? p : m, high = p < m ? m : p;
+            b += b >= low;
+            b += b >= high;
+            int32_t chance = v[t] >> 1, is_forced = forced[t] == j, crosses = is_forced | (chance < crossing[t]);
+            int32_t is_best = (operator[t] >> 1) < (is_forced ? threshold : best[t]);
+            b = is_best ? 2 * n : t + 1 + b;
+            plus[t] = t + 1 + p;
+            minus[t] = crosses ? t + 1 + m : t + 1 + p; /* a difference of 0 */
+            base[t] = crosses ? b : t;
         }
-    for (int64_t t = 1; t < n; t++)
-        best = values[t] < values[best] ? t : best;
-    for (int64_t j = 0; j < d; j++)
-        vectors[n * d + j] = vectors[best * d + j];
+        const double *x = room->population + j * width;
+        double *restrict trials = room->trials + j * rows, low = lower[j], high = upper[j];
+        EACH(t, rows)
+        {
+            double y = (x[plus[t]] - x[minus[t]]) * weight[t] + x[base[t]], bound = y < low ? low : high;
+            trials[t] = (y < low) | (y > high) ? (x[t] + bound) * 0.5 : y;
+        }
+    }
+}
+
+/* Take the trials that are at least as good, and return the number of the best vector, the first of equals. `values`
+ * is a row, with infinity behind the population's. */
+INLINE int32_t select_better(const Settings *how, const Room *room, int32_t width, double *restrict values)
+{
+    int32_t n = how->population, d = how->dimension, rows = UP(n), best = 0;
+    const double *restrict offered = room->values;
+    for (int32_t j = 0; j < d; j++) {
+        double *restrict x = room->population + j * width, *restrict trials = room->trials + j * rows;
+        EACH(t, rows) x[t] = trials[t] = offered[t] <= values[t] ? trials[t] : x[t];
+        EACH(t, rows) x[n + t] = trials[t];
+    }
+    EACH(t, n) values[t] = offered[t] <= values[t] ? offered[t] : values[t];
+    vec least = load(values, LANES);
+    ints number = {0, 1, 2, 3}, where = number;
+    for (int32_t t = LANES; t < rows; t += LANES) {
+        vec x = load(values + t, LANES);
+        number += LANES;
+        ints less = x < least;
+        least = either(less, x, least);
+        where = (less & number) | (~less & where);
+    }
+    best = where[0];
+    for (int w = 1; w < LANES; w++)
+        best = least[w] < values[best] || (least[w] == values[best] && where[w] < best) ? where[w] : best;
+    for (int32_t j = 0; j < d; j++)
+        room->population[j * width + 2 * n] = room->population[j * width + best];
     return best;
 }
 
@@ -529,95 +679,132 @@ enum { RUNNING, GENERATIONS, CLOSE, REACHED };
 
 INLINE int64_t stops(const Settings *how, int64_t generation, const double *values, double lowest)
 {
-    double highest = lowest;
-    for (int64_t t = 0; t < how->population && !isnan(how->spread); t++)
-        highest = values[t] > highest ? values[t] : highest;
+    int32_t n = how->population;
+    int64_t apart = isnan(how->spread);
+    double spread = how->spread * fabs(lowest);
     if (lowest <= how->target)
         return REACHED;
-    if (highest - lowest <= how->spread * fabs(lowest))
+    if (!apart)
+        EACH(t, n) apart |= !(values[t] - lowest <= spread);
+    if (!apart)
         return CLOSE;
     return generation >= how->generations ? GENERATIONS : RUNNING;
 }
 
-/* Lead up to LANES runs on from the end of `generation`, by `count` generations or until they stop.
+/* Arguments of pendubot_mde. */
+typedef struct {
+    const Settings *how;
+    int64_t kind;
+    const double *data, *lower, *upper;
+    int64_t runs, generation, count;
+    uint64_t *streams;
+    double *vectors, *values, *history;
+    int64_t *last, *reason;
+} Search;
+
+/* Lead up to LANES runs, from the `first` on. */
+INLINE void lead(const Search *search, int64_t first, int64_t runs, Room room, int64_t needed, int64_t stride,
+    uint64_t *drawn, double *populations, double *costs)
+{
+    const Settings *how = search->how;
+    int64_t n = how->population, d = how->dimension, rows = UP(n), width = UP(n + UP(n + 1)), going = runs;
+    Streams s = {};
+    for (int64_t r = 0; r < runs; r++) {
+        const uint64_t *state = search->streams + 4 * (first + r);
+        s.a[r] = state[0], s.b[r] = state[1], s.c[r] = state[2], s.counter[r] = state[3];
+        search->reason[first + r] = RUNNING;
+        for (int64_t j = 0; j < d; j++) {
+            const double *from = search->vectors + ((first + r) * d + j) * (n + 1);
+            double *to = populations + (r * d + j) * width;
+            memcpy(to, from, n * sizeof(double)), memcpy(to + n, from, (n + 1) * sizeof(double));
+        }
+        for (int64_t t = 0; t < rows; t++)
+            costs[r * rows + t] = t < n ? search->values[(first + r) * n + t] : INFINITY;
+    }
+    for (int64_t k = 0; k < search->count; k++) {
+        if (going)
+            draw(&s, needed, stride, drawn);
+        for (int64_t r = 0; r < runs; r++) {
+            double *cost = costs + r * rows, *history = search->history + (first + r) * search->count + k;
+            if (search->reason[first + r] != RUNNING) { /* it keeps its value */
+                *history = history[-1];
+                continue;
+            }
+            room.drawn = drawn + r * stride, room.population = populations + r * d * width;
+            mutate(how, &room, width, search->lower, search->upper);
+            if (search->kind == QUADRATIC)
+                quadratic(search->data, d, rows, room.trials, room.scratch, room.values);
+            else
+                benchmark(search->kind, d, rows, room.trials, room.scratch, room.values);
+            *history = cost[select_better(how, &room, width, cost)];
+            search->last[first + r] = search->generation + k + 1;
+            search->reason[first + r] = stops(how, search->last[first + r], cost, *history);
+            going -= search->reason[first + r] != RUNNING;
+        }
+    }
+    for (int64_t r = 0; r < runs; r++) {
+        uint64_t *state = search->streams + 4 * (first + r);
+        state[0] = s.a[r], state[1] = s.b[r], state[2] = s.c[r], state[3] = s.counter[r];
+        for (int64_t j = 0; j < d; j++)
+            memcpy(search->vectors + ((first + r) * d + j) * (n + 1), populations + (r * d + j) * width + n,
+                (n + 1) * sizeof(double));
+        memcpy(search->values + (first + r) * n, costs + r * rows, n * sizeof(double));
+    }
+}
+
+/* Memory that begins with a register; NULL where there is none. */
+static void *zeros(int64_t count, size_t size)
+{
+    size_t all = (count * size + 63) & ~(size_t)63;
+    void *memory = aligned_alloc(64, all);
+    return memory ? memset(memory, 0, all) : NULL;
+}
+
+INLINE int64_t lead_all(const void *what, int64_t first, int64_t end)
+{
+    const Search *search = what;
+    const Settings *how = search->how;
+    int64_t n = how->population, d = how->dimension, rows = UP(n), width = UP(n + UP(n + 1));
+    int64_t bits = 64 * n + 16 * n * d + (how->per_component ? 32 * n * d : 48 * n);
+    int64_t needed = (bits + 255) / 256 * LANES, stride = needed + REGISTER; /* _draw's words of a generation */
+    double *doubles = zeros((3 + d) * rows + LANES * (d * width + rows), sizeof(double));
+    int32_t *integers = zeros(6 * rows, sizeof(int32_t));
+    uint64_t *drawn = zeros(LANES * stride, sizeof(uint64_t));
+    int64_t failed = !doubles || !integers || !drawn;
+    if (!failed) {
+        Room room = {
+            NULL, NULL, integers, integers + rows, integers + 2 * rows, integers + 3 * rows, integers + 4 * rows,
+            integers + 5 * rows, doubles, doubles + 3 * rows, doubles + rows, doubles + 2 * rows,
+        };
+        double *populations = doubles + (3 + d) * rows, *costs = populations + LANES * d * width;
+        for (; first < end; first += LANES) {
+            int64_t some = end - first < LANES ? end - first : LANES;
+            lead(search, first, some, room, needed, stride, drawn, populations, costs);
+        }
+    }
+    free(doubles), free(integers), free(drawn);
+    return failed;
+}
+VERSIONS(lead_all)
+
+/* What an element of a generation takes, about, in nanoseconds. */
+#define LEADING 2.5
+
+/* Lead runs on from the end of `generation`, by `count` generations or until they stop.
  *
- * An even number of random numbers, of which every run takes the same, must have been drawn: any multiple of mde.BLOCK
- * generations. streams (runs, 4), vectors (runs, population + 1, dimension), values (runs, population), history (count,
- * runs), last (runs) the last generation of each, reason (runs) as above. Returns 0, or 1 without memory.
+ * streams (runs, 4), vectors (runs, dimension, population + 1) with the best one behind, values (runs, population),
+ * history (runs, count), last (runs) the last generation of each, reason (runs) as above. Returns 0, or 1 without
+ * memory.
  */
-EXPORT CLONES int64_t pendubot_mde(const Settings *how, int64_t kind, const double *data, const double *lower,
+EXPORT int64_t pendubot_mde(int64_t threads, const Settings *how, int64_t kind, const double *data, const double *lower,
     const double *upper, int64_t runs, int64_t generation, int64_t count, uint64_t *streams, double *vectors,
     double *values, double *history, int64_t *last, int64_t *reason)
 {
-    int64_t n = how->population, d = how->dimension, elements = n * d, draws = how->per_component ? elements : n;
-    int64_t needed = 3 * n + elements + 4 * draws; /* random numbers of a generation, two from each word */
-    int64_t bits = UP(needed + REGISTER), some = UP(elements + d + REGISTER), rows = UP(n);
-    double *doubles = calloc(4 * some + d * rows + rows + runs * some, sizeof(double));
-    int32_t *integers = calloc(11 * some, sizeof(int32_t));
-    uint32_t *halves = calloc(LANES * bits, sizeof(uint32_t));
-    if (!doubles || !integers || !halves) {
-        free(doubles), free(integers), free(halves);
-        return 1;
-    }
-    double *own = doubles + 4 * some + d * rows + rows; /* vectors, with room behind those of each run */
-    Room room = {
-        halves, integers, integers + some, integers + 2 * some, integers + 3 * some, integers + 4 * some,
-        integers + 5 * some, integers + 6 * some, integers + 7 * some, integers + 8 * some, integers + 9 * some,
-        (float *)(integers + 10 * some), doubles, doubles + some, doubles + 2 * some, doubles + 3 * some,
-        doubles + 4 * some, doubles + 4 * some + d * rows,
+    Search search = {
+        how, kind, data, lower, upper, runs, generation, count, streams, vectors, values, history, last, reason,
     };
-    for (int64_t e = 0; e < elements; e++) {
-        room.target[e] = e / d * d, room.component[e] = e % d;
-        room.lower[e] = lower[e % d], room.upper[e] = upper[e % d];
-    }
-    for (int64_t t = 0; t < n; t++)
-        room.drawn_target[t] = t * d;
-    Streams s = {};
-    for (int64_t r = 0; r < runs; r++) {
-        s.a[r] = streams[4 * r], s.b[r] = streams[4 * r + 1];
-        s.c[r] = streams[4 * r + 2], s.counter[r] = streams[4 * r + 3];
-        reason[r] = RUNNING;
-        memcpy(own + r * some, vectors + r * (elements + d), (elements + d) * sizeof(double));
-    }
-    int64_t going = runs, left_over = 0;
-    for (int64_t k = 0; k < count; k++) {
-        if (!going) { /* all have stopped: they keep their values */
-            memcpy(history + k * runs, history + (k - 1) * runs, runs * sizeof(double));
-            continue;
-        }
-        /* Of an odd number one half of the last word is left, and is the next generation's first. */
-        for (int64_t w = 0; left_over && w < runs; w++)
-            halves[w * bits] = halves[w * bits + needed];
-        for (int64_t at = left_over; at < needed; at += 2) {
-            words x = next(&s);
-            for (int w = 0; w < LANES; w++)
-                memcpy(halves + w * bits + at, (char *)&x + 8 * w, 8);
-        }
-        left_over = (needed - left_over) & 1;
-        for (int64_t r = 0; r < runs; r++) {
-            double *costs = values + r * n;
-            if (reason[r] == RUNNING) {
-                mutate(how, &room, halves + r * bits, own + r * some);
-                for (int64_t j = 0; j < d; j++)
-                    for (int64_t t = 0; t < n; t++)
-                        room.transposed[j * rows + t] = room.trials[t * d + j];
-                evaluate(kind, data, d, rows, room.transposed, room.values);
-                int64_t best = select_better(how, &room, own + r * some, costs);
-                last[r] = generation + k + 1;
-                history[k * runs + r] = costs[best];
-                reason[r] = stops(how, last[r], costs, costs[best]);
-                going -= reason[r] != RUNNING;
-            } else
-                history[k * runs + r] = history[(k - 1) * runs + r];
-        }
-    }
-    for (int64_t r = 0; r < runs; r++) {
-        streams[4 * r] = s.a[r], streams[4 * r + 1] = s.b[r];
-        streams[4 * r + 2] = s.c[r], streams[4 * r + 3] = s.counter[r];
-        memcpy(vectors + r * (elements + d), own + r * some, (elements + d) * sizeof(double));
-    }
-    free(doubles), free(integers), free(halves);
-    return 0;
+    double work = LEADING * how->population * how->dimension * count;
+    return share(BEST_OF(lead_all), &search, runs, work, threads);
 }
 
 EXPORT int64_t pendubot_version(void)

@@ -13,10 +13,12 @@ if TYPE_CHECKING:
     from ctypes import CDLL
 
 #: Of kernel.c's calls; a library that an older version left behind is not used.
-VERSION = 1
+VERSION = 2
 
-#: Set by the package from the environment.
+#: Set by the package from the environment: whether to use it, and on how many threads at most (0: as many as this
+#: process may use cores). No number depends on them.
 wanted = True
+threads = 0
 
 
 def library() -> CDLL | None:
@@ -46,9 +48,9 @@ def _library() -> CDLL | None:
         if found.pendubot_version() != VERSION:
             return None
         sizes, pointer = c_int64, c_void_p
-        found.pendubot_roll.argtypes = [*[sizes] * 4, c_double, *[pointer] * 4]
-        found.pendubot_sensitivities.argtypes = [*[sizes] * 3, c_double, *[pointer] * 4]
-        found.pendubot_mde.argtypes = [pointer, sizes, *[pointer] * 3, *[sizes] * 3, *[pointer] * 6]
+        found.pendubot_roll.argtypes = [*[sizes] * 5, c_double, *[pointer] * 4]
+        found.pendubot_sensitivities.argtypes = [*[sizes] * 4, c_double, *[pointer] * 4]
+        found.pendubot_mde.argtypes = [sizes, pointer, sizes, *[pointer] * 3, *[sizes] * 3, *[pointer] * 6]
         found.pendubot_mde.restype = c_int64
         found.pendubot_roll.restype = found.pendubot_sensitivities.restype = None
     except (OSError, AttributeError):

@@ -8,6 +8,7 @@ its target where it is at least as good.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,10 +19,15 @@ from .optimizer import IndependentRuns, Objective, random_points
 from .parameters import Bounds
 
 Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
+Steps = NDArray[np.integer]
 
-#: Generations whose random numbers are drawn at once. Part of what a seed means, so not a setting.
-BLOCK = 16
+#: What chances and rates are whole multiples of: a uniform number of 15 bits is below `rate` with probability
+#: rate / UNIT, exactly, from never (0) to always (UNIT).
+UNIT = 1 << 15
+#: Generations whose random numbers are drawn at once, and of how many components at most: what a cache holds.
+BLOCK, COMPONENTS = 32, 1 << 17
+#: Ordered triples of partners that are tabulated (those of 52 vectors); of more they are computed, to the same.
+LARGEST_TABLE = 1 << 17
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,6 +75,23 @@ class MDESettings:
         if self.crossover[1] > 1:
             raise ParameterError(f'the crossover rate CR reaches {self.crossover[1]:g}; at most 1 is expected')
 
+    @property
+    def threshold_units(self) -> int:
+        """The threshold in units of 1 / :data:`UNIT`, to the nearest."""
+        return round(self.threshold * UNIT)
+
+    @property
+    def crossover_units(self) -> tuple[int, int]:
+        """The least CR in units of 1 / :data:`UNIT`, and how many values it may take from there on."""
+        low, high = (round(rate * UNIT) for rate in self.crossover)
+        return low, high - low + 1
+
+    @property
+    def weight_steps(self) -> tuple[float, float]:
+        """The least F, and the 2^31st part of its interval."""
+        low, high = self.weight
+        return low, (high - low) / 2**31
+
 
 class MDE(IndependentRuns):
     """Ask/tell optimiser (see :class:`.optimizer.Optimizer`) of several independent runs.
@@ -88,150 +111,230 @@ class MDE(IndependentRuns):
         self.settings = settings or MDESettings()
         population, dimension = self.settings.population, len(bounds.lower)
         super().__init__(bounds, runs, seed, population)
-        self._trials: Array | None = random_points(self._streams, population, bounds)
-        # Behind the NP vectors of each run stands its best one once more, so that best/1 is an index like any other.
-        self._vectors: Array = np.empty((runs, population + 1, dimension))
+        # Component by component, shape (D, active runs, NP): what all vectors share is then a scalar of a row, and
+        # what all components share a row.
+        self._trials: Array | None = np.ascontiguousarray(
+            random_points(self._streams, population, bounds).transpose(2, 0, 1)
+        )
+        # A row is the population, the same once more, and its best vector NP times, so that whatever a mutation takes
+        # stands a number of places behind the target, which does not depend on which target it is.
+        self._rows: Array = np.zeros((dimension, runs, 3 * population))
         self._values = np.full((runs, population), np.inf)
-        self._mutations: _Mutations | None = None
+        # What is drawn for the generations to come, and how many these are.
+        self._steps: Steps = np.empty(0, dtype=np.uint16)
+        self._weight, self._left = np.empty(0), 0
+        self._lay_out()
 
     def ask(self) -> Array:
         """Return the points to evaluate, shape (active runs, NP, D): at first the initial population, then trials."""
-        return self._pending()
+        trials: Array = self._pending().transpose(1, 2, 0)
+        return trials
 
     def tell(self, values: Array) -> None:
         """Take the values of the points asked for, shape (active runs, NP): select, stop, and mutate anew."""
         better = values <= self._values
         np.copyto(self._values, values, where=better)
-        np.copyto(self._vectors[:, :-1], self._pending(), where=better[..., None])
+        np.copyto(self._targets, self._pending(), where=better)
         self._trials = None
-        best = self._values.argmin(axis=1)
-        rows = np.arange(len(best))
-        self._vectors[:, -1] = self._vectors[rows, best]
-        lowest = self._values[rows, best]
-        self._found.record(self._active, self.generation, lowest, self._vectors[:, -1])
-        self._stop(self._reasons(lowest))
+        lowest = self._settle()
+        self._found.record(self._active, self.generation, lowest)
+        self._stop_where_due(lowest)
         self.generation += not self.done
 
     def leap(self, objective: Objective) -> bool:
         """Advance by many generations at once in the compiled kernel, to the same numbers.
 
         Returns:
-            False where there is none, it does not know the objective, or it is not at the start of a block's draw.
+            False where there is none, it does not know the objective, or random numbers are drawn already.
         """
-        begun = self.generation == 0 or (self.generation - 1) % BLOCK or self._trials is not None
-        if begun or not isinstance(objective, Compiled):
+        waiting = self._trials is not None or self._left > 0
+        if waiting or not isinstance(objective, Compiled):
             return False
-        ended = self.generation - 1
-        how = self.settings, self.bounds, ended, BLOCK
-        done = leap(objective.problem, *how, self._streams, self._vectors, self._values)
+        ended, population = self.generation - 1, self.settings.population
+        vectors = np.ascontiguousarray(self._rows[:, :, population : 2 * population + 1].transpose(1, 0, 2))
+        done = leap(objective.problem, self.settings, self.bounds, ended, self._streams, vectors, self._values)
         if done is None:
             return False
-        self._found.record_many(self._active, done.generations, done.history, self._vectors[:, -1])
+        np.copyto(self._targets, vectors[:, :, :population].transpose(1, 0, 2))
+        self._settle()
+        self._found.record_many(self._active, done.generations, done.history)
         self._stop(done.reasons)
         self.generation = ended + len(done.history) + (not self.done)
         return True
 
-    def _reasons(self, lowest: Array) -> NDArray[np.object_]:
-        """Say of every active run why it stops; empty where it goes on."""
+    def _leaders(self) -> Array:
+        """Return the best vector of every active run, shape (active runs, D)."""
+        return np.asarray(self._rows[:, :, -1].T)
+
+    @property
+    def _targets(self) -> Array:
+        """The population, shape (D, active runs, NP)."""
+        return self._rows[:, :, : self.settings.population]
+
+    def _lay_out(self) -> None:
+        """Say where in the flattened rows the targets stand, shape (D, active runs, NP), and make room."""
+        dimension, runs, width = self._rows.shape
+        population = self.settings.population
+        first = np.arange(dimension * runs).reshape(dimension, runs) * width
+        self._first_values = np.arange(runs) * population
+        self._first, self._places = first, first[..., None] + np.arange(population)
+        self._where = np.empty((3, *self._places.shape), dtype=np.intp)
+        # Repeated, because numpy is slow where it has to repeat.
+        self._lower, self._upper = (
+            np.ascontiguousarray(np.broadcast_to(bound[:, None, None], self._places.shape))
+            for bound in (self.bounds.lower, self.bounds.upper)
+        )
+
+    def _settle(self) -> Array:
+        """Bring the rest of the rows in line with the population, and return the best values, shape (active runs,)."""
+        population = self.settings.population
+        best = self._values.argmin(axis=1)
+        self._rows[:, :, population : 2 * population] = self._targets
+        self._rows[:, :, 2 * population :] = self._rows.ravel().take(self._first + best)[..., None]
+        lowest: Array = self._values.ravel().take(best + self._first_values)
+        return lowest
+
+    def _stop_where_due(self, lowest: Array) -> None:
         settings = self.settings
-        reasons = np.full(len(lowest), '', dtype=object)
-        if self.generation >= settings.generations:
-            reasons[:] = 'generations'
+        over = self.generation >= settings.generations
+        if not over and settings.spread is None and settings.target is None:
+            return
+        reasons = np.full(len(lowest), 'generations' if over else '', dtype=object)
         if settings.spread is not None:
             reasons[self._values.max(axis=1) - lowest <= settings.spread * np.abs(lowest)] = 'spread'
         if settings.target is not None:
             reasons[lowest <= settings.target] = 'target'
-        return reasons
+        self._stop(reasons)
 
     def _stop(self, reasons: NDArray[np.object_]) -> None:
         stopping = reasons != ''
         if stopping.any():
-            self._found.stop(self._active[stopping], reasons[stopping])
+            self._found.stop(self._active[stopping], reasons[stopping], self._leaders()[stopping])
             going = ~stopping
-            self._active, self._vectors, self._values = self._active[going], self._vectors[going], self._values[going]
+            self._active, self._values = self._active[going], self._values[going]
+            self._rows = self._rows.compress(going, axis=1)
             self._streams = [stream for stream, goes in zip(self._streams, going, strict=True) if goes]
-            if self._mutations is not None:
-                self._mutations = self._mutations.of(going)
+            if self._left:
+                self._steps, self._weight = self._steps.compress(going, axis=2), self._weight.compress(going, axis=1)
+            self._lay_out()
 
     def _pending(self) -> Array:
-        """Return the trials of this generation, made when they are first asked for."""
+        """Return the trials of this generation, shape (D, active runs, NP), made when they are first asked for."""
         if self._trials is None:
             self._trials = self._mutated()
         return self._trials
 
     def _mutated(self) -> Array:
-        k = (self.generation - 1) % BLOCK
-        if k == 0:
-            self._mutations = _Mutations.draw(self._streams, self.settings, self._vectors.shape[2])
-        mutations = self._mutations
-        assert mutations is not None  # for the type checker; drawn at the first generation
-        offset = np.arange(len(self._vectors)).reshape(-1, 1, 1) * self._vectors[0].size
-        flat = self._vectors.ravel()
-        trials: Array = flat.take(mutations.plus[k] + offset)
-        trials -= flat.take(mutations.minus[k] + offset)
-        trials *= mutations.weight[k]
-        trials += flat.take(mutations.base[k] + offset)
-        targets = self._vectors[:, :-1]
-        for bound, outside in ((self.bounds.lower, np.less), (self.bounds.upper, np.greater)):
-            out = outside(trials, bound)
-            if out.any():
-                np.copyto(trials, (targets + bound) / 2, where=out)
-        return trials
+        if not self._left:
+            self._steps, self._weight = _draw(self._streams, self.settings, len(self._rows))
+            self._left = len(self._steps)
+        weight = self._weight[-self._left]
+        np.copyto(self._where, self._steps[-self._left, ..., :3].transpose(3, 0, 1, 2))
+        self._where += self._places
+        self._left -= 1
+        trials, minus, base = self._rows.ravel().take(self._where, mode='clip')
+        trials -= minus
+        trials *= weight
+        trials += base
+        below, above = trials < self._lower, trials > self._upper
+        if np.count_nonzero(below) or np.count_nonzero(above):
+            for out, bound in ((below, self._lower), (above, self._upper)):
+                np.copyto(trials, (self._targets + bound) * 0.5, where=out)
+        return np.asarray(trials)
 
 
-@dataclass(slots=True)
-class _Mutations:
-    """What chance decides in a block of generations: trial = vectors[base] + weight (vectors[plus] - vectors[minus]).
+def _draw(streams: list[np.random.Generator], settings: MDESettings, dimension: int) -> tuple[Steps, Array]:
+    """Draw some generations: :func:`_steps`, shape (generations, D, runs, NP, 3 or more), and F.
 
-    Arrays of shape (BLOCK, runs, NP, D): flat positions within a run's (NP + 1, D) vectors, and weights, which are 0
-    where a component does not cross over and so keeps its target's value.
+    In a generation a run takes whole fours of SFC64's 64-bit words. As little-endian numbers of 32 and 16 bits they
+    are, in this order: for every target F (32), CR (16) and jrand (16); for every component of every target its
+    partners (32), or once for all components; for every component of every target whether it crosses over, and how
+    (16); and where partners are drawn once, so is the operator, for every target (16). The lowest bit is not used of F
+    and of what decides crossing and operator: chances of 15 bits, so that a rate of 1 is a number of 16.
+
+    A component crosses over where its chance is below CR, and is best/1 where it is below threshold times CR: given the
+    first, the second is as likely as the threshold says, to 1 / UNIT. The component j = jrand crosses anyway, as if its
+    CR were 1.
     """
+    population, per_component = settings.population, settings.per_component
+    choices = dimension if per_component else 1
+    bits = 64 * population + 32 * choices * population + 16 * (dimension + (not per_component)) * population
+    words = -(-bits // 256) * 4
+    block = max(1, min(BLOCK, COMPONENTS // (len(streams) * population * dimension)))
+    drawn = np.stack([stream.bit_generator.random_raw((block, words)) for stream in streams]).astype('<u8', copy=False)
+    rest = {2: drawn.view('<u2'), 4: drawn.view('<u4')}
+    at = 0
 
-    base: Indices
-    plus: Indices
-    minus: Indices
-    weight: Array
+    def numbers(size: int, rows: int) -> NDArray[np.unsignedinteger]:
+        """Return the next numbers of so many bytes, shape (generations, rows, runs, NP)."""
+        nonlocal at
+        part = rest[size][..., at // size : at // size + rows * population]
+        at += size * rows * population
+        return np.asarray(part.reshape(len(streams), block, rows, population).transpose(1, 2, 0, 3))
 
-    @classmethod
-    def draw(cls, streams: list[np.random.Generator], settings: MDESettings, dimension: int) -> _Mutations:
-        np_, choices = settings.population, dimension if settings.per_component else 1
-        shapes = [(np_, 1), (np_, 1), (np_, 1), (np_, dimension), (np_, choices), *[(np_, choices)] * 3]
-        ends = np.cumsum([a * b for a, b in shapes])
-        drawn = np.stack([s.random((BLOCK, int(ends[-1])), dtype=np.float32) for s in streams], axis=1)
-        F, CR, jrand, cross, operator, u1, u2, u3 = (
-            part.reshape(*drawn.shape[:2], *shape)
-            for part, shape in zip(np.split(drawn, ends[:-1], axis=2), shapes, strict=True)
-        )
-        component = np.arange(dimension)
-        crosses = cross < _between(settings.crossover, CR)
-        crosses |= component == _whole(jrand, dimension)
-        # Three partners that differ from each other and from the target, as steps round the ring of the population.
-        # Which of the three is called r1 makes no difference, so the base is the one that best/1 does not need.
-        plus, minus, base = 1 + _whole(u1, np_ - 1), 1 + _whole(u2, np_ - 2), 1 + _whole(u3, np_ - 3)
-        minus += minus >= plus
-        base += base >= np.minimum(plus, minus)
-        base += base >= np.maximum(plus, minus)
-        # Where a target's ring position leads in the run's flattened vectors; the best one stands behind them.
-        ring = np.tile(np.arange(np_), 2) * dimension
-        target = np.arange(np_, dtype=np.int32)[:, None]
-        best = (operator <= settings.threshold) & (settings.threshold > 0)  # of 2^24 numbers one is 0
-        partner = np.where(best, np_ * dimension, ring.take(target + base))
-        return cls(
-            np.where(crosses, partner, target * dimension) + component,
-            ring.take(target + plus) + component,
-            ring.take(target + minus) + component,
-            crosses * _between(settings.weight, F),
-        )
-
-    def of(self, going: NDArray[np.bool_]) -> _Mutations:
-        return _Mutations(self.base[:, going], self.plus[:, going], self.minus[:, going], self.weight[:, going])
+    F, CR, jrand = numbers(4, 1)[:, 0], numbers(2, 1), numbers(2, 1)
+    partners, chance = numbers(4, choices), numbers(2, dimension) >> 1
+    threshold, (rate, rates), (low, step) = settings.threshold_units, settings.crossover_units, settings.weight_steps
+    crossing = (np.multiply(CR, rates, dtype=np.uint32) >> 16) + rate
+    best = (crossing * threshold >> 15).astype(np.uint16)
+    component = (np.multiply(jrand, dimension, dtype=np.uint32) >> 16).astype(np.uint16)
+    forced = component == np.arange(dimension, dtype=np.uint16)[:, None, None]
+    crosses = (chance < crossing.astype(np.uint16)) | forced
+    if per_component:
+        is_best = (chance < best) | (forced & (chance < threshold))
+    else:
+        is_best = crosses & (numbers(2, 1) >> 1 < threshold)
+    how = crosses.view(np.uint8) + is_best.view(np.uint8)
+    return _looked_up(partners, how, population), np.asarray(low + (F >> 1) * step)
 
 
-def _between(interval: tuple[float, float], u: NDArray[np.float32]) -> Array:
-    low, high = interval
-    return low + u.astype(np.float64) * (high - low)
+def _steps(u: NDArray[np.unsignedinteger], how: NDArray[np.uint8], population: int) -> NDArray[np.int64]:
+    """Return how many places behind its target stand x[plus], x[minus] and x[base], shape (..., 3).
+
+    The partners are three others, drawn one after the other from those that are left, in their order round the ring of
+    the population: the digits of u / 2^32 in a numeral system of mixed radix, NP - 1, NP - 2 and NP - 3. (Beyond 1600
+    vectors not all their combinations have a number of 32 bits.) Which of them the paper calls r1 makes no difference,
+    so the base is the one that best/1 does not need.
+
+    Args:
+        u: numbers of 32 bits.
+        how: 0 where the target is kept, 1 for rand/1, 2 for best/1.
+        population: NP.
+    """
+    digits, rest = [], u.astype(np.uint64)
+    for left in (population - 1, population - 2, population - 3):
+        rest = rest * np.uint64(left)
+        digits.append((rest >> np.uint64(32)).astype(np.int64))
+        rest &= np.uint64(2**32 - 1)
+    plus, minus, base = digits
+    minus += minus >= plus
+    base += base >= np.minimum(plus, minus)
+    base += base >= np.maximum(plus, minus)
+    plus, minus, base = 1 + plus, 1 + minus, 1 + base
+    minus = np.where(how > 0, minus, plus)  # a difference of 0
+    base = np.choose(how, (0, base, 2 * population))
+    return np.stack(np.broadcast_arrays(plus, minus, base), axis=-1)
 
 
-def _whole(u: NDArray[np.float32], count: int) -> NDArray[np.int32]:
-    scaled: NDArray[np.float32] = u * np.float32(count)
-    return scaled.astype(np.int32)
+def _looked_up(u: NDArray[np.unsignedinteger], how: NDArray[np.uint8], population: int) -> Steps:
+    """Return :func:`_steps` from a table if it is not too large."""
+    triples = _triples(population)
+    if triples > LARGEST_TABLE:
+        return _steps(u, how, population)
+    number = np.multiply(how, triples, dtype=np.int64)
+    number += (np.multiply(u, triples, dtype=np.uint64) >> np.uint64(32)).view(np.int64)
+    return _table(population).take(number, mode='clip').view(np.uint16).reshape(*number.shape, 4)
+
+
+def _triples(population: int) -> int:
+    return (population - 1) * (population - 2) * (population - 3)
+
+
+@cache
+def _table(population: int) -> NDArray[np.uint64]:
+    """Return the steps for every triple of partners, for each of the three values of ``how``, packed into words."""
+    triples = _triples(population)
+    u = ((np.arange(triples, dtype=np.uint64) << np.uint64(32)) + np.uint64(triples - 1)) // np.uint64(triples)
+    packed = np.zeros((3, triples, 4), dtype=np.uint16)
+    packed[..., :3] = _steps(u, np.arange(3, dtype=np.uint8)[:, None], population)
+    return packed.view(np.uint64).ravel()

@@ -20,7 +20,7 @@ Progress = Callable[[int, float], None]
 
 #: Generations between two calls of the progress function.
 PROGRESS_EVERY = 50
-#: Of all runs together; each takes about 10 kB, for the random numbers of a block.
+#: Of all runs together.
 MOST_VECTORS = 100_000
 
 
@@ -137,36 +137,36 @@ class Found:
         self.stopped_by = ['running'] * runs
         self._first, self._each = first, each
 
-    def record(self, active: NDArray[np.intp], generation: int, value: Array, x: Array) -> None:
-        """Take the best of the runs that are still going."""
+    def record(self, active: NDArray[np.intp], generation: int, value: Array) -> None:
+        """Take the best values of the runs that are still going."""
         self.value[active] = value
-        self.x[active] = x
         self.generations[active] = generation
-        self.history.append(self.value.copy())
+        self.history.append(self.value.copy()[None])
 
-    def record_many(self, active: NDArray[np.intp], generations: NDArray[np.int64], history: Array, x: Array) -> None:
-        """Take many generations at once: the best values after each, and each run's last generation and best point."""
+    def record_many(self, active: NDArray[np.intp], generations: NDArray[np.int64], history: Array) -> None:
+        """Take many generations at once: the best values after each, and each run's last generation."""
         values = np.tile(self.value, (len(history), 1))
         values[:, active] = history
-        self.history.extend(values)
+        self.history.append(values)
         self.value[active] = history[-1]
-        self.x[active] = x
         self.generations[active] = generations
 
-    def stop(self, stopping: NDArray[np.intp], reasons: Iterable[str]) -> None:
-        """Note why runs have stopped."""
+    def stop(self, stopping: NDArray[np.intp], reasons: Iterable[str], x: Array) -> None:
+        """Note why runs have stopped, and their best points."""
+        self.x[stopping] = x
         for run, reason in zip(stopping, reasons, strict=True):
             self.stopped_by[run] = reason
 
     def result(self) -> OptimizationResult:
         """Return all of it."""
+        history = np.concatenate(self.history) if self.history else np.empty((0, len(self.value)))
         return OptimizationResult(
             self.x.copy(),
             self.value.copy(),
             self.generations.copy(),
             self._first + self.generations * self._each,
-            np.array(self.history),
-            self._first + np.arange(len(self.history)) * self._each,
+            history,
+            self._first + np.arange(len(history)) * self._each,
             tuple(self.stopped_by),
         )
 
@@ -204,4 +204,9 @@ class IndependentRuns:
 
     def result(self) -> OptimizationResult:
         """Return what the runs have found so far."""
+        self._found.x[self._active] = self._leaders()
         return self._found.result()
+
+    def _leaders(self) -> Array:
+        """Return the best point of every active run so far, shape (active runs, D)."""
+        raise NotImplementedError

@@ -83,15 +83,18 @@ class PSO(IndependentRuns):
         better = values < self._values
         np.copyto(self._values, values, where=better)
         np.copyto(self._best, self._x, where=better[..., None])
-        rows, best = np.arange(len(values)), self._values.argmin(axis=1)
-        lowest, leader = self._values[rows, best], self._best[rows, best]
-        self._found.record(self._active, self.generation, lowest, leader)
-        going = self._going(lowest)
+        lowest = self._values.min(axis=1)
+        self._found.record(self._active, self.generation, lowest)
+        self._stop_where_due(lowest)
         if not self.done:
             self.generation += 1
-            self._move(leader[going])
+            self._move()
 
-    def _going(self, lowest: Array) -> NDArray[np.bool_]:
+    def _leaders(self) -> Array:
+        """Return the best point of every active run so far, shape (active runs, D)."""
+        return np.asarray(self._best[np.arange(len(self._best)), self._values.argmin(axis=1)])
+
+    def _stop_where_due(self, lowest: Array) -> None:
         settings = self.settings
         reasons = np.full(len(lowest), '', dtype=object)
         if self.generation + 1 >= math.ceil(settings.evaluations / settings.particles):
@@ -99,17 +102,16 @@ class PSO(IndependentRuns):
         if settings.target is not None:
             reasons[lowest <= settings.target] = 'target'
         going: NDArray[np.bool_] = reasons == ''
-        self._found.stop(self._active[~going], reasons[~going])
+        self._found.stop(self._active[~going], reasons[~going], self._leaders()[~going])
         self._active, self._x, self._v = self._active[going], self._x[going], self._v[going]
         self._best, self._values = self._best[going], self._values[going]
         self._streams = [stream for stream, goes in zip(self._streams, going, strict=True) if goes]
-        return going
 
-    def _move(self, leader: Array) -> None:
+    def _move(self) -> None:
         settings = self.settings
         drawn = np.stack([stream.random((2, settings.particles, 1)) for stream in self._streams])
         v = settings.inertia * self._v
         v += settings.personal * drawn[:, 0] * (self._best - self._x)
-        v += settings.social * drawn[:, 1] * (leader[:, None] - self._x)
+        v += settings.social * drawn[:, 1] * (self._leaders()[:, None] - self._x)
         self._v = np.clip(v, -self._width, self._width)
         self._x = np.clip(self._x + self._v, self.bounds.lower, self.bounds.upper)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,6 +19,9 @@ Array = NDArray[np.float64]
 #: Rows that are factorised at once: they stay in a cache, and none of them is worth a thread.
 BLOCK = 256
 
+#: A vector whose P1 P2 is by so much more than (P3 / LARGEST_COUPLING)^2 has no excess, whatever is rounded.
+CLEAR = 1 + 1e-12
+
 
 @dataclass(frozen=True, slots=True)
 class Quadratic:
@@ -31,6 +34,7 @@ class Quadratic:
 
     triangle: Array
     count: int
+    _last: tuple[Array, Array, NDArray[np.intp]] | None = field(default=None, init=False, repr=False, compare=False)
 
     @classmethod
     def reduce(cls, phi: Array, y: Array) -> Quadratic:
@@ -75,13 +79,35 @@ class Quadratic:
         """
         vectors = np.asarray(theta, dtype=float)
         x = np.ascontiguousarray(vectors.reshape(-1, vectors.shape[-1]).T)
-        phi = self.phi
-        residual = phi[:, -1:] * x[-1]
-        residual -= self.y[:, None]
-        for j in range(len(x) - 1):
-            residual[: j + 1] += phi[: j + 1, j, None] * x[j]
+        start, factors, columns = self._spread(x.shape[1])
+        # The products of phi's main diagonal, then of the one above it, and so on.
+        products = x.take(columns, axis=0)
+        products *= factors
+        residual, at = products[: len(x)], len(x)
+        residual += start
+        for rows in range(len(x) - 1, 0, -1):
+            residual[:rows] += products[at : at + rows]
+            at += rows
         residual *= residual
-        return np.asarray((residual.sum(axis=0) / self.count + self.floor).reshape(vectors.shape[:-1]))
+        value = np.add.reduce(residual, axis=0)
+        value += self.floor
+        return np.asarray(value.reshape(vectors.shape[:-1]))
+
+    def _spread(self, count: int) -> tuple[Array, Array, NDArray[np.intp]]:
+        """Return what to call for so many vectors takes: -y, phi's diagonals, and which parameters they multiply.
+
+        The first two over the root of N, and repeated for every vector: numpy is slow where it has to repeat. The last
+        ones are kept, for an optimiser that asks for as many values again and again.
+        """
+        if self._last is not None and len(self._last[0][0]) == count:
+            return self._last
+        phi, y = (part / math.sqrt(self.count) for part in (self.phi, self.y))
+        size = len(y)
+        columns = np.concatenate([np.arange(k, size) for k in range(size)])
+        factors = np.concatenate([phi.diagonal(k) for k in range(size)])
+        start, factors = (np.repeat(column[:, None], count, axis=1) for column in (-y, factors))
+        object.__setattr__(self, '_last', (start, factors, columns))  # the one thing here that is not frozen
+        return start, factors, columns
 
     @property
     def problem(self) -> Problem:
@@ -89,8 +115,8 @@ class Quadratic:
         return self._problem(0.0)
 
     def _problem(self, worth: float) -> Problem:
-        rest = (self.count, self.floor, worth, LARGEST_COUPLING)
-        return Problem('quadratic', np.concatenate([self.phi.ravel(), self.y, rest]))
+        reduced, rest = self.triangle[:-1] / math.sqrt(self.count), (self.floor, worth, LARGEST_COUPLING)
+        return Problem('quadratic', np.concatenate([reduced[:, :-1].ravel(), reduced[:, -1], rest]))
 
     def minimum(self, bounds: Bounds) -> Array:
         """Return the exact minimiser, shape (D,), within the bounds and where M(q) is positive definite for every q.
@@ -203,7 +229,14 @@ class Penalised:
 
     def __call__(self, theta: Array) -> Array:
         """Return values for parameter vectors of shape (..., D), shape (...)."""
-        return np.asarray(self.criterion(theta) + self.worth * coupling_excess(theta))
+        value, theta = self.criterion(theta), np.asarray(theta, dtype=float)
+        P1, P2, P3 = theta[..., 0], theta[..., 1], theta[..., 2]
+        # Roots and quotients are slow, and most vectors are clear of it.
+        clear = P3 * P3 * (CLEAR / LARGEST_COUPLING**2) < P1 * P2
+        clear &= P1 > 0
+        if np.count_nonzero(clear) < clear.size:
+            value[~clear] += self.worth * coupling_excess(theta[~clear])
+        return value
 
     @property
     def problem(self) -> Problem:

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from . import kernel as compiled
 from .dynamics import GRAVITY, SIGN_WIDTH, STRIBECK_SPEED, accelerations
 from .kernel import library
 
@@ -46,7 +47,7 @@ def roll(theta: Array, state: Array, tau: Array, step: float) -> Array:
         vectors = 1 if theta.ndim == 1 else theta.shape[1]
         arrays = [np.ascontiguousarray(a, dtype=float) for a in (theta, state, tau)]
         pointers = [a.ctypes.data for a in (*arrays, states)]
-        kernel.pendubot_roll(len(theta), vectors, state.shape[1], tau.shape[1], step, *pointers)
+        kernel.pendubot_roll(compiled.threads, len(theta), vectors, state.shape[1], tau.shape[1], step, *pointers)
         return states
     states[0] = state if theta.ndim == 1 else state[:, None]
     if theta.ndim == 1 and lanes[0] < FEW:
@@ -112,7 +113,8 @@ def sensitivities(theta: Array, states: Array, tau: Array, step: float) -> Array
     result = np.empty((steps, 4, size, lanes))
     if (kernel := library()) is not None:
         arrays = [np.ascontiguousarray(a, dtype=float) for a in (theta, states, tau)]
-        kernel.pendubot_sensitivities(len(theta), lanes, steps, step, *(a.ctypes.data for a in (*arrays, result)))
+        pointers = [a.ctypes.data for a in (*arrays, result)]
+        kernel.pendubot_sensitivities(compiled.threads, len(theta), lanes, steps, step, *pointers)
         return result
     together = max(1, CHUNK // max(lanes, 1))
     unchained = np.zeros((4, size, min(together, steps) * lanes))

@@ -1,4 +1,9 @@
-"""MDE beside differential evolutions from PyPI, all with the same number of function values."""
+"""MDE beside differential evolutions from PyPI, all with the same number of function values; and beside its limit."""
+
+import ctypes
+import subprocess
+import tempfile
+from pathlib import Path
 
 import numpy as np
 from scipy.optimize import differential_evolution
@@ -7,10 +12,11 @@ from pendubot_identification.adapters.bag_reader import read_trajectory
 from pendubot_identification.core.benchmark_functions import FUNCTIONS
 from pendubot_identification.core.energy import energy_regression
 from pendubot_identification.core.mde import MDE, MDESettings
+from pendubot_identification.core.mde_kernel import leap
 from pendubot_identification.core.optimizer import minimize
 from pendubot_identification.core.parameters import coupling_excess, default_bounds
 from pendubot_identification.core.quadratic import Penalised, Quadratic
-from test.benchmark.measure import interleaved, on, table
+from test.benchmark.measure import interleaved, on, one_thread, seconds, table
 from test.conftest import ROOT
 
 RUNS, POPULATION, GENERATIONS = 10, 30, 4000
@@ -147,8 +153,9 @@ def full_budget():
     spent = interleaved(
         {
             'kernel': on(True, mde(objective, bounds)),
+            'kernel, one thread': one_thread(mde(objective, bounds)),
             'numpy': on(False, mde(objective, bounds)),
-            'kernel, per vector': on(True, mde(objective, bounds, per_component=False)),
+            'kernel, one thread, per vector': one_thread(mde(objective, bounds, per_component=False)),
             'scipy DE, vectorised': scipys(value, bounds),
             'pygmo DE': pygmos(pygmos_problem(criterion, bounds)),
             'minionpy DE': minions(value, bounds),
@@ -157,7 +164,7 @@ def full_budget():
         }
     )
     spent['pymoo DE (from a 100th of the work)'] *= 10 * RUNS
-    return table(spent, ('kernel', 'numpy'))
+    return table(spent, ('kernel', 'kernel, one thread', 'numpy'))
 
 
 def to_the_minimum():
@@ -169,14 +176,17 @@ def to_the_minimum():
         interleaved(
             {
                 'kernel': on(True, mde(objective, bounds, target=target)),
-                'kernel, per vector': on(True, mde(objective, bounds, target=target, per_component=False)),
+                'kernel, one thread': one_thread(mde(objective, bounds, target=target)),
+                'kernel, one thread, per vector': one_thread(
+                    mde(objective, bounds, target=target, per_component=False)
+                ),
                 'numpy, per vector': on(False, mde(objective, bounds, target=target, per_component=False)),
                 'scipy DE, vectorised': scipys(value, bounds, target=target),
                 'pygmo DE': pygmos(pygmos_problem(criterion, bounds), target=target),
                 'minionpy DE': minions(value, bounds, target=target),
             }
         ),
-        ('kernel', 'kernel, per vector'),
+        ('kernel', 'kernel, one thread', 'kernel, one thread, per vector'),
     )
 
 
@@ -189,10 +199,69 @@ def benchmark_functions(dimension=10):
         bounds = function.bounds(dimension)
         works = {
             'kernel': on(True, mde(function, bounds)),
+            'kernel, one thread': one_thread(mde(function, bounds)),
             'numpy': on(False, mde(function, bounds)),
             'scipy DE, vectorised': scipys(function.value, bounds),
         }
         if function.name in theirs:
             works['pygmo DE, its own C++ problem'] = pygmos(theirs[function.name](dimension))
-        parts.append(f'{function.name}\n\n' + table(interleaved(works), ('kernel', 'numpy')))
+        parts.append(f'{function.name}\n\n' + table(interleaved(works), ('kernel', 'kernel, one thread', 'numpy')))
     return '\n\n'.join(parts)
+
+
+class _HandWritten(ctypes.Structure):
+    _fields_ = (
+        *((name, ctypes.c_int64) for name in ('threshold', 'crossover_low', 'crossover_count')),
+        *((name, ctypes.c_double) for name in ('weight_low', 'weight_step')),
+    )
+
+
+def limit(runs=8, generations=2000):
+    """The kernel's generations beside limit.c: the same written by hand, and random words, sums and products alone."""
+    criterion, bounds, settings = energy_criterion(), default_bounds().of(7), MDESettings(generations=generations)
+    how = _HandWritten(settings.threshold_units, *settings.crossover_units, *settings.weight_steps)
+    optimizer = MDE(bounds, settings, runs=runs)
+    points = optimizer.ask()
+    values = criterion(points)
+    best = points[np.arange(runs), values.argmin(axis=1)]
+    vectors = np.concatenate([points, best[:, None]], axis=1).transpose(0, 2, 1).copy()
+    states = [stream.bit_generator.state for stream in optimizer._streams]
+    results = {}
+
+    def compiled():
+        for stream, state in zip(optimizer._streams, states, strict=True):
+            stream.bit_generator.state = state
+        arguments = optimizer._streams, vectors.copy(), values.copy()
+        results['kernel'] = leap(criterion.problem, settings, bounds, 0, *arguments).history
+
+    with tempfile.TemporaryDirectory() as folder:
+        built = Path(folder) / 'limit.so'
+        source = Path(__file__).with_name('limit.c')
+        flags = ['-std=gnu11', '-O3', '-march=native', '-mprefer-vector-width=512', '-ffp-contract=off']
+        command = ['cc', *flags, '-shared', '-fPIC', str(source), '-o', str(built)]
+        if subprocess.run(command, capture_output=True).returncode:
+            return 'Not measured: limit.c wants a processor and a compiler with AVX-512.'
+        call = ctypes.CDLL(str(built)).limit
+
+    def by_hand(whole):
+        def work():
+            state = np.array([state['state']['state'] for state in states])
+            history = np.empty((runs, generations))
+            arrays = criterion.problem.data, bounds.lower, bounds.upper, state, vectors.copy(), values.copy(), history
+            pointers = [ctypes.c_void_p(array.ctypes.data) for array in arrays]
+            call(ctypes.c_int64(whole), ctypes.c_int64(generations), ctypes.byref(how), *pointers)
+            results[whole] = history.T
+
+        return work
+
+    spent = interleaved(
+        {
+            'kernel, one thread': one_thread(compiled),
+            'the same, written by hand in AVX-512': by_hand(1),
+            'its random words, sums and products alone': by_hand(0),
+        }
+    )
+    np.testing.assert_array_equal(results[1], results['kernel'])
+    kernel = spent['kernel, one thread']
+    rows = [f'| {name} | {seconds(value)} | {kernel / value:.3g} |' for name, value in spent.items()]
+    return '\n'.join(['| | time | kernel over it |', '|---|---|---|', *rows])

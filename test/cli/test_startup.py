@@ -1,6 +1,7 @@
 """What nobody waits for: libraries that a subcommand does not need are not imported."""
 
 import json
+import os
 import subprocess
 import sys
 
@@ -58,3 +59,12 @@ def test_version_says_which_path_is_taken(switch, path):
     ).stdout
     assert said.startswith('pendubot 0.')
     assert path in said or (switch == 'on' and 'there was no C compiler' in said)
+
+
+@pytest.mark.parametrize(('given', 'threads'), [('1', 1), ('3', 3), ('', 0), ('many', 0), ('-2', 0)])
+def test_the_kernel_takes_no_more_threads_than_told(given, threads):
+    child = 'import pendubot_identification.core.kernel as kernel; print(kernel.threads)'
+    env = {**os.environ, 'PENDUBOT_THREADS': given}
+    command = [sys.executable, '-c', child]
+    said = subprocess.run(command, env=env, capture_output=True, text=True, timeout=60, check=True)
+    assert int(said.stdout) == threads

@@ -1,5 +1,9 @@
 """MDE, DE and HDE against the paper's Table 1 written as plain loops; DE also against SwarmOps."""
 
+import io
+import math
+from fractions import Fraction
+
 import numpy as np
 import pytest
 from scipy.stats import mannwhitneyu
@@ -7,7 +11,7 @@ from scipy.stats import mannwhitneyu
 from pendubot_identification.core.benchmark_functions import FUNCTIONS
 from pendubot_identification.core.competition import DE_SETTINGS
 from pendubot_identification.core.differential_evolution import HDE, classic
-from pendubot_identification.core.mde import BLOCK, MDE, MDESettings
+from pendubot_identification.core.mde import MDE, MDESettings
 from pendubot_identification.core.optimizer import minimize
 from test.core.swarmops_peer import peer
 
@@ -15,37 +19,39 @@ RASTRIGIN = FUNCTIONS[3]
 
 
 class Numbers:
-    """The random numbers of one run in the order in which a seed gives them, handed out by name."""
+    """What chance says of one run, generation by generation, read from its stream's bytes one number at a time."""
 
     def __init__(self, seed, run, population, dimension, per_component):
         self.stream = np.random.Generator(np.random.SFC64([seed, run]))
         self.start = self.stream.random((population, dimension))
-        choices = dimension if per_component else 1
-        self.shapes = {'F': 1, 'CR': 1, 'jrand': 1, 'cross': dimension, 'operator': choices}
-        self.shapes |= {'r1': choices, 'r2': choices, 'r3': choices}
-        self.population, self.left = population, []
+        self.population, self.dimension, self.per_component = population, dimension, per_component
 
     def generation(self):
-        if not self.left:
-            size = self.population * sum(self.shapes.values())
-            self.left = list(self.stream.random((BLOCK, size), dtype=np.float32))
-        row, drawn = self.left.pop(0), {}
-        for name, width in self.shapes.items():
-            drawn[name], row = (
-                row[: self.population * width].reshape(self.population, width),
-                row[self.population * width :],
-            )
-        return drawn
+        n, d = self.population, self.dimension
+        size = n * (4 + 2 + 2 + 2 * d + (4 * d if self.per_component else 4 + 2))
+        words = self.stream.bit_generator.random_raw(4 * math.ceil(size / 32))
+        stream = io.BytesIO(b''.join(int(word).to_bytes(8, 'little') for word in words))
 
+        def row(size):
+            return [int.from_bytes(stream.read(size), 'little') for _ in range(n)]
 
-def whole(u, count):
-    return int(np.float32(u) * np.float32(count))
+        u = {'F': row(4), 'CR': row(2), 'jrand': row(2)}
+        u['partners'] = [row(4) for _ in range(d if self.per_component else 1)]
+        u['chance'] = [[v // 2 for v in row(2)] for _ in range(d)]
+        if not self.per_component:
+            u['operator'] = [v // 2 for v in row(2)]
+        return u
 
 
 def partners(i, population, u):
-    """Three others, each drawn from those that are left."""
-    left = [(i + 1 + k) % population for k in range(population - 1)]
-    return [left.pop(whole(chance, len(left))) for chance in u]
+    """Three others, one after the other from those that are left, by the digits of a number from 0 to 1."""
+    left, chance = [(i + 1 + k) % population for k in range(population - 1)], Fraction(u, 2**32)
+    chosen = []
+    for _ in range(3):
+        chance *= len(left)
+        chosen.append(left.pop(int(chance)))
+        chance %= 1
+    return chosen
 
 
 def inside(x, target, low, high):
@@ -61,12 +67,12 @@ def plain_de(function, dimension, numbers, generations, F, CR, mutation):
         u, best = numbers.generation(), X[int(np.argmin(J))]
         trials = []
         for i, x in enumerate(X):
-            r2, r3, r1 = partners(i, len(X), (u['r1'][i, 0], u['r2'][i, 0], u['r3'][i, 0]))
+            r2, r3, r1 = partners(i, len(X), u['partners'][0][i])
             base = X[r1] if mutation == 'rand/1' else best
-            jrand = whole(u['jrand'][i, 0], dimension)
+            jrand = u['jrand'][i] * dimension // 2**16
             v = list(x)
             for j in range(dimension):
-                if u['cross'][i, j] < CR or j == jrand:
+                if u['chance'][j][i] < round(CR * 2**15) or j == jrand:
                     v[j] = inside(base[j] + F * (X[r2][j] - X[r3][j]), x[j], -half, half)
             trials.append(v)
         for i, v in enumerate(trials):
@@ -79,22 +85,31 @@ def plain_de(function, dimension, numbers, generations, F, CR, mutation):
 def papers_mde(function, dimension, numbers, generations, settings):
     """The pseudocode of the paper's Table 1, line by line, with one flag for its text's reading."""
     half, NP = function.half_width, settings.population
+    (F_low, F_high), (CR_low, CR_high) = settings.weight, (round(CR * 2**15) for CR in settings.crossover)
+    threshold = round(settings.threshold * 2**15)
     X = (-half + numbers.start * (2 * half)).tolist()
     J = [float(function.value(np.array(x))) for x in X]
     for _ in range(generations):
         u, best = numbers.generation(), X[int(np.argmin(J))]
         trials = []
         for i in range(NP):
-            F = settings.weight[0] + float(u['F'][i, 0]) * (settings.weight[1] - settings.weight[0])
-            CR = settings.crossover[0] + float(u['CR'][i, 0]) * (settings.crossover[1] - settings.crossover[0])
-            jrand = whole(u['jrand'][i, 0], dimension)
+            F = F_low + u['F'][i] // 2 / 2**31 * (F_high - F_low)
+            CR = CR_low + u['CR'][i] * (CR_high - CR_low + 1) // 2**16
+            jrand = u['jrand'][i] * dimension // 2**16
             v = list(X[i])
             for j in range(dimension):
-                if u['cross'][i, j] < CR or j == jrand:
+                chance = u['chance'][j][i]
+                if chance < CR or j == jrand:
                     k = j if settings.per_component else 0
                     # r1, r2, r3 of the paper are any three; best/1 uses two of them, rand/1 all.
-                    a, b, c = partners(i, NP, (u['r1'][i, k], u['r2'][i, k], u['r3'][i, k]))
-                    base = X[c][j] if u['operator'][i, k] > np.float32(settings.threshold) else best[j]
+                    a, b, c = partners(i, NP, u['partners'][k][i])
+                    if not settings.per_component:
+                        is_best = u['operator'][i] < threshold
+                    elif j == jrand:
+                        is_best = chance < threshold
+                    else:
+                        is_best = chance < CR * threshold // 2**15
+                    base = best[j] if is_best else X[c][j]
                     v[j] = inside(base + F * (X[a][j] - X[b][j]), X[i][j], -half, half)
             trials.append(v)
         for i, v in enumerate(trials):

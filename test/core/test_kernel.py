@@ -87,6 +87,31 @@ def test_a_whole_identification_search_is_the_same_bit_for_bit(per_component):
     assert_same_result(*both(lambda: minimize(MDE(default_bounds().of(7), chosen, seed=3), Penalised.of(J))))
 
 
+@pytest.mark.parametrize('per_component', [True, False])
+@pytest.mark.parametrize('runs', [1, 5, 10, 23])
+def test_what_comes_out_does_not_depend_on_the_threads(monkeypatch, runs, per_component):
+    objective, found = Penalised.of(criterion(7, 2, indefinite=True)), []
+    chosen = MDESettings(generations=900, spread=1e-3, per_component=per_component)
+    for threads in (1, 2, 3, 64):
+        monkeypatch.setattr(kernel, 'threads', threads)
+        found.append(minimize(MDE(box(7), chosen, runs=runs, seed=4), objective))
+    for other in found[1:]:
+        assert_same_result(found[0], other)
+
+
+@pytest.mark.parametrize('lanes', [1, 90, 203])
+def test_motions_do_not_depend_on_the_threads(monkeypatch, lanes):
+    x, tau = random_motion(lanes, 900, 3)
+    found = []
+    for threads in (1, 2, 5):
+        monkeypatch.setattr(kernel, 'threads', threads)
+        states = roll(GEARED, x, tau, 1e-3)
+        found.append((states, sensitivities(GEARED, states, tau, 1e-3)))
+    for other in found[1:]:
+        for a, b in zip(found[0], other, strict=True):
+            np.testing.assert_array_equal(a, b)
+
+
 def test_numpy_goes_on_where_the_kernel_has_stopped():
     """After a leap the optimiser is where it would be: whoever asks then is told the same."""
     objective, states = criterion(7, 1), []

@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.stats import binomtest, chisquare
 
 from pendubot_identification.core.energy import energy_regression
 from pendubot_identification.core.errors import ParameterError
 from pendubot_identification.core.estimate import REACHED
-from pendubot_identification.core.mde import BLOCK, MDE, MDESettings, _Mutations
+from pendubot_identification.core.mde import BLOCK, MDE, MDESettings, _draw, _looked_up, _steps
 from pendubot_identification.core.optimizer import minimize
 from pendubot_identification.core.parameters import Bounds, default_bounds
 from pendubot_identification.core.quadratic import Penalised, Quadratic
@@ -104,55 +105,110 @@ def test_stopping_at_the_spread_loses_nothing_that_4000_generations_find(seed, s
 
 
 @settings(max_examples=40)
-@given(st.integers(5, 40), st.integers(1, 8), st.booleans(), st.floats(0, 1), st.integers(0, 1000))
+@given(st.integers(5, 60), st.integers(1, 8), st.booleans(), st.floats(0, 1), st.integers(0, 1000))
 def test_mutations_are_the_papers(population, dimension, per_component, threshold, seed):
     """Partners differ from each other and the target; one component at least crosses over; F within its range."""
     chosen = MDESettings(population=population, threshold=threshold, per_component=per_component)
-    m = _Mutations.draw([np.random.Generator(np.random.SFC64(seed))], chosen, dimension)
-    target = np.arange(population)[:, None]
-    rows = {name: getattr(m, name) // dimension for name in ('base', 'plus', 'minus')}
-    for name in rows:
-        assert (getattr(m, name) % dimension == np.arange(dimension)).all(), 'a component mixes with its own kind only'
-    crosses = m.weight > 0
-    assert crosses.any(axis=-1).all()
-    assert m.weight.shape == (BLOCK, 1, population, dimension)
-    assert m.weight[crosses].min() >= 0.4
-    assert m.weight[crosses].max() <= 1.0
-    assert (rows['base'][~crosses] == np.broadcast_to(target, m.base.shape)[~crosses]).all()
-    best = crosses & (rows['base'] == population)
-    partners = crosses & ~best
-    assert (rows['plus'] != rows['minus']).all()
-    assert (rows['plus'] != target).all()
-    assert (rows['minus'] != target).all()
-    assert (rows['base'] != target)[partners].all()
-    assert (rows['base'] != rows['plus'])[partners].all()
-    assert (rows['base'] != rows['minus'])[partners].all()
-    assert (
-        max(r.max() for r in (rows['plus'], rows['minus'], rows['base'][partners])) < population
-        if partners.any()
-        else True
-    )
+    steps, weight = _draw([np.random.Generator(np.random.SFC64(seed))], chosen, dimension)
+    assert weight.shape == (BLOCK, 1, population)
+    assert weight.min() >= 0.4
+    assert weight.max() <= 1.0
+    assert steps.shape[:4] == (BLOCK, dimension, 1, population)
+    plus, minus, base = (steps[..., k].astype(int) for k in range(3))
+    kept, best = base == 0, base == 2 * population
+    crosses, rand = ~kept, ~kept & ~best
+    assert (plus == minus)[kept].all(), 'a difference of 0'
+    assert crosses.any(axis=1).all()
+    for others in (plus, minus, base[rand]):
+        assert 1 <= others.min(initial=1) <= others.max(initial=1) < population, 'once round the ring is the target'
+    assert (plus != minus)[crosses].all()
+    assert (base != plus)[rand].all()
+    assert (base != minus)[rand].all()
     if not per_component:
-        assert (best.any(axis=-1) == (best == crosses).all(axis=-1)).all(), 'one operator for the whole vector'
+        one = crosses.argmax(axis=1)[:, None]
+        for what in (plus, minus, base):
+            same = np.take_along_axis(what, one, axis=1)
+            assert ((what == same) | kept).all(), 'partners and operator are those of the whole vector'
 
 
-def test_operators_partners_and_rates_are_drawn_as_often_as_told():
-    chosen = MDESettings(population=10, threshold=0.3)
+def test_a_threshold_is_kept_at_its_ends():
+    for threshold, best in ((0.0, False), (1.0, True)):
+        for per_component in (True, False):
+            chosen = MDESettings(crossover=(0.0, 1.0), threshold=threshold, per_component=per_component)
+            base = _draw([np.random.Generator(np.random.SFC64(1))], chosen, 7)[0][..., 2]
+            assert ((base[base > 0] == 60) == best).all()
+
+
+@pytest.mark.parametrize('rate', [0.0, 1.0])
+def test_a_crossover_rate_is_kept_at_its_ends(rate):
+    steps, _ = _draw([np.random.Generator(np.random.SFC64(1))], MDESettings(crossover=(rate, rate)), 7)
+    assert ((steps[..., 2] > 0).sum(axis=1) == (7 if rate else 1)).all()
+
+
+@settings(max_examples=30)
+@given(st.integers(5, 60), st.integers(0, 1000))
+def test_a_table_of_partners_tells_what_is_computed(population, seed):
+    rng = np.random.default_rng(seed)
+    ends = [0, 1, 2**31, 2**32 - 1]
+    u = np.concatenate([ends, rng.integers(2**32, size=500)]).astype(np.uint32)
+    how = rng.integers(3, size=len(u)).astype(np.uint8)
+    tabulated = _looked_up(u, how, population)[..., :3]
+    np.testing.assert_array_equal(tabulated, _steps(u, how, population))
+
+
+def drawn(generations, per_component, population=6, dimension=7):
+    """Return what many generations drew, shape (generations, D, NP, 3), and the weights, shape (generations, NP)."""
+    chosen = MDESettings(population=population, threshold=0.3, per_component=per_component)
     stream = np.random.Generator(np.random.SFC64(1))
-    drawn = [_Mutations.draw([stream], chosen, 7) for _ in range(60)]
-    weight = np.concatenate([m.weight for m in drawn])
-    base = np.concatenate([m.base for m in drawn]) // 7
-    plus = np.concatenate([m.plus for m in drawn]) // 7
-    crosses = weight > 0
-    # CR ~ U[0.7, 1] crosses 0.85 of the components, and jrand one of the seven others.
-    assert crosses.mean() == pytest.approx(0.85 + 0.15 / 7, abs=0.005)
-    assert (base[crosses] == 10).mean() == pytest.approx(0.3, abs=0.01)
-    assert weight[crosses].mean() == pytest.approx(0.7, abs=0.005)
-    steps = (plus - np.arange(10)[:, None]) % 10
-    np.testing.assert_allclose(np.bincount(steps.ravel(), minlength=10)[1:] / steps.size, 1 / 9, atol=0.005)
-    rand1 = crosses & (base < 10)
-    steps = ((base - np.arange(10)[:, None]) % 10)[rand1]
-    np.testing.assert_allclose(np.bincount(steps, minlength=10)[1:] / steps.size, 1 / 9, atol=0.005)
+    parts = [_draw([stream], chosen, dimension) for _ in range(generations // BLOCK)]
+    steps = np.concatenate([steps[..., :3].astype(int) for steps, _ in parts])[:, :, 0]
+    return steps, np.concatenate([weight for _, weight in parts])[:, 0]
+
+
+@pytest.mark.parametrize('per_component', [True, False])
+def test_partners_and_operators_are_drawn_as_often_as_told(per_component):
+    """Chi-square tests, of a draw that is the same every time."""
+    population, dimension = 6, 7
+    steps, weight = drawn(8000, per_component)
+    plus, minus, base = np.moveaxis(steps, -1, 0)
+    crosses = base > 0
+    best = base == 2 * population
+    if not per_component:  # once for a vector
+        one = crosses.argmax(axis=1)[:, None]
+        plus, minus, base, best = (np.take_along_axis(a, one, axis=1) for a in (plus, minus, base, best))
+        of_draws = np.ones_like(best)
+    else:
+        of_draws = crosses
+    rand = of_draws & ~best
+    triples = np.stack([plus[rand], minus[rand], base[rand]])
+    _, counts = np.unique(triples, axis=1, return_counts=True)
+    assert len(counts) == 5 * 4 * 3
+    assert chisquare(counts).pvalue > 0.01
+    pairs = np.unique(np.stack([plus[best], minus[best]]), axis=1, return_counts=True)[1]
+    assert len(pairs) == 5 * 4
+    assert chisquare(pairs).pvalue > 0.01, 'of best/1 too: partners do not depend on the operator'
+    # One of seven components is forced; of the others CR ~ U[0.7, 1] crosses 0.85.
+    share = 0.85 + 0.15 / dimension
+    counted = [crosses.sum(), (~crosses).sum()]
+    assert chisquare(counted, np.multiply([share, 1 - share], crosses.size)).pvalue > 0.01
+    counted = [best[of_draws].sum(), rand.sum()]
+    assert chisquare(counted, np.multiply([0.3, 0.7], of_draws.sum())).pvalue > 0.01
+    counted = np.histogram(weight, 30, (0.4, 1.0))[0]
+    assert chisquare(counted).pvalue > 0.01
+
+
+def test_the_operator_depends_neither_on_the_crossover_rate_nor_on_how_a_component_came_to_cross():
+    """Of vectors in which many components cross, and so of high CR, and of those whose forced one alone does."""
+    for crossover in ((0.7, 1.0), (0.0, 0.05), (0.0, 1.0)):
+        chosen = MDESettings(population=20, crossover=crossover, threshold=0.3)
+        stream = np.random.Generator(np.random.SFC64(2))
+        base = np.concatenate([_draw([stream], chosen, 7)[0][..., 2] for _ in range(60)])
+        crosses = base > 0
+        many = np.broadcast_to(crosses.sum(axis=1)[:, None], crosses.shape)
+        for count in range(1, 8):
+            here = crosses & (many == count)
+            if here.sum() > 200:
+                assert binomtest(int((base[here] == 40).sum()), int(here.sum()), 0.3).pvalue > 1e-3
 
 
 @pytest.mark.parametrize(
