@@ -11,9 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.duration import Duration
-from rclpy.subscription import Subscription
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 from std_srvs.srv import Trigger
 
@@ -25,6 +23,7 @@ from pendubot_identification.core.health import Diagnosis
 from pendubot_identification.core.level import Level
 
 from .diagnostics import diagnostics_message
+from .fetching import DEPTH, Fetcher
 from .matching import check_names, heard, matched, message_class
 from .runtime import Setting, SettingsNode, run
 
@@ -33,19 +32,6 @@ FETCH_PERIOD = 0.01  #: How often what has come is fetched from the middleware [
 FLUSH_PERIOD = 0.05  #: How often what was recorded is handed to the system, which keeps it through a SIGKILL [s].
 SYNC_PERIOD = 1.0  #: How often it is put on the disk, which keeps it through a power cut [s].
 PATIENCE = 5.0  #: After this time topics that nobody publishes are named in a warning [s].
-BATCH = 500  #: Messages of one topic that are fetched before the others, and all else, have a turn.
-DEPTH = 10_000  #: Messages that may wait while the disk or the processor is busy: ten seconds' worth at 1 kHz.
-
-
-class FetchedCallbackGroup(ReentrantCallbackGroup):
-    """Subscriptions that no executor waits for: who made them fetches what has come, whenever it likes.
-
-    To wake up for one message costs an executor five times as much as to fetch it, a thousand times a second.
-    """
-
-    def can_execute(self, _: Any) -> bool:
-        """Tell the executor to leave it alone."""
-        return False
 
 
 class Recorder(SettingsNode):
@@ -75,9 +61,7 @@ class Recorder(SettingsNode):
         s = self.settings()
         self._names = self._resolved(s['topics'])
         self._max_messages: int = s['max_messages']
-        self._subscriptions_to: dict[str, Subscription] = {}
-        self._fetched = FetchedCallbackGroup()
-        self._fetching = threading.RLock()
+        self._fetcher = Fetcher(self, self._take)
         self._troubles: dict[str, str] = {}
         self._ending = threading.Event()
         self._failure: BagError | None = None
@@ -90,7 +74,7 @@ class Recorder(SettingsNode):
         for name in ('pause', 'resume', 'split'):
             self.create_service(Trigger, f'~/{name}', partial(self._serve, getattr(self._recording, name)))
         self.create_timer(DISCOVERY_PERIOD, partial(self._guarded, self._discover))
-        self.create_timer(FETCH_PERIOD, self._fetch)
+        self.create_timer(FETCH_PERIOD, self._fetcher.fetch)
         self.create_timer(FLUSH_PERIOD, partial(self._guarded, self._recording.flush))
         self.create_timer(1.0, lambda: self._tell(self._recording.diagnose([*filter(None, self._troubles.values())])))
         threading.Thread(target=self._keep_synced, name='sync', daemon=True).start()
@@ -109,7 +93,7 @@ class Recorder(SettingsNode):
         Raises:
             BagError: the system refused to write.
         """
-        self._fetch_rest()
+        self._fetcher.fetch_all()
         self._ending.set()
         try:
             self._recording.close()
@@ -154,51 +138,23 @@ class Recorder(SettingsNode):
             if trouble and trouble != self._troubles.get(name):
                 self.get_logger().error(trouble)
             self._troubles[name] = trouble
-        missing = [name for name in self._names if name not in self._subscriptions_to]
+        missing = [name for name in self._names if self._fetcher.qos(name) is None]
         if missing and time.monotonic() - self._missing_since > PATIENCE:
             self._missing_since = float('inf')
             self.get_logger().warning(f'nobody publishes {", ".join(missing)} yet; still waiting')
 
     def _follow(self, name: str, type_name: str, publishers: list[TopicEndpointInfo]) -> str:
         """Subscribe, or again where the publishers there now are others; return who is not heard, if anybody."""
-        known = self._subscriptions_to.get(name)
-        if known is None or not heard(publishers, known.qos_profile):
+        qos = self._fetcher.qos(name)
+        if qos is None or not heard(publishers, qos):
             qos = matched(publishers, DEPTH)
             message_type = message_class(name, type_name)
             self._recording.begin(name, type_name, Qos(qos.reliability.name.lower(), qos.durability.name.lower()))
-            with self._fetching:
-                if known is not None:
-                    self._fetch_rest()
-                    self.destroy_subscription(known)
-                known = self.create_subscription(
-                    message_type, name, lambda _: None, qos, callback_group=self._fetched, raw=True
-                )
-                self._subscriptions_to[name] = known
+            self._fetcher.subscribe(name, message_type, qos)
             self.get_logger().info(f'recording {name} [{type_name}]')
         self._recording.publishers(name, len(publishers))
-        deaf = len(publishers) - heard(publishers, known.qos_profile)
+        deaf = len(publishers) - heard(publishers, qos)
         return f'{name}: {deaf} of {len(publishers)} publishers offer less and are not heard' if deaf else ''
-
-    def _fetch(self) -> bool:
-        """Write what has come, up to a batch of each topic; return whether there may be more."""
-        with self._fetching:
-            counts = [self._take_some(name, source) for name, source in self._subscriptions_to.items()]
-            return BATCH in counts
-
-    def _fetch_rest(self) -> None:
-        """Write all that waits; what is published even faster than that is not waited for."""
-        for _ in range(DEPTH // BATCH):
-            if not self._fetch():
-                return
-
-    def _take_some(self, name: str, source: Subscription) -> int:
-        """Write up to a batch of a topic's messages; return how many there were."""
-        with source.handle:
-            for k in range(BATCH):
-                if (message := source.handle.take_message(source.msg_type, True)) is None:
-                    return k
-                self._take(name, *message)
-        return BATCH
 
     def _take(self, name: str, data: bytes, info: dict[str, Any]) -> None:
         received_ns = info['received_timestamp'] or time.time_ns()
@@ -210,6 +166,8 @@ class Recorder(SettingsNode):
             self.end(self.exit_status)
 
     def _serve(self, action: Callable[[], str], _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        # What came before is treated as it was then.
+        self._fetcher.fetch_all()
         try:
             response.message, response.success = action(), True
         except BagError as error:

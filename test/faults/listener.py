@@ -3,6 +3,7 @@
 At SIGTERM it writes one row for each message: arrival and stamp [ns], q1, q2, effort.
 """
 
+import gc
 import signal
 import sys
 import time
@@ -21,6 +22,7 @@ from pendubot_identification.nodes.steady_time import SteadyTime
 
 def main():
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    gc.disable()  # so many messages take long to be looked through
     # A time server may set the computer's clock in the middle of a trial.
     steady = SteadyTime()
     times, messages = array('q'), []
