@@ -206,17 +206,12 @@ class MDE(IndependentRuns):
             reasons[lowest <= settings.target] = 'target'
         self._stop(reasons)
 
-    def _stop(self, reasons: NDArray[np.object_]) -> None:
-        stopping = reasons != ''
-        if stopping.any():
-            self._found.stop(self._active[stopping], reasons[stopping], self._leaders()[stopping])
-            going = ~stopping
-            self._active, self._values = self._active[going], self._values[going]
-            self._rows = self._rows.compress(going, axis=1)
-            self._streams = [stream for stream, goes in zip(self._streams, going, strict=True) if goes]
-            if self._left:
-                self._steps, self._weight = self._steps.compress(going, axis=2), self._weight.compress(going, axis=1)
-            self._lay_out()
+    def _keep(self, going: NDArray[np.bool_]) -> None:
+        self._values = self._values[going]
+        self._rows = self._rows.compress(going, axis=1)
+        if self._left:
+            self._steps, self._weight = self._steps.compress(going, axis=2), self._weight.compress(going, axis=1)
+        self._lay_out()
 
     def _pending(self) -> Array:
         """Return the trials of this generation, shape (D, active runs, NP), made when they are first asked for."""

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import kernel as compiled
-from .kernel import library
 
 if TYPE_CHECKING:
     from .mde import MDESettings
@@ -84,7 +83,7 @@ def leap(
     Returns:
         None where there is no kernel, or it does not know so large a population.
     """
-    kernel, population = library(), settings.population
+    kernel, population = compiled.library(), settings.population
     if kernel is None or population > MOST_VECTORS:
         return None
     runs, dimension = len(streams), len(bounds.lower)

@@ -207,6 +207,20 @@ class IndependentRuns:
         self._found.x[self._active] = self._leaders()
         return self._found.result()
 
+    def _stop(self, reasons: NDArray[np.object_]) -> None:
+        """End the active runs for which there is a reason, shape (active runs,); the others go on."""
+        going: NDArray[np.bool_] = reasons == ''
+        if going.all():
+            return
+        self._found.stop(self._active[~going], reasons[~going], self._leaders()[~going])
+        self._active = self._active[going]
+        self._streams = [stream for stream, goes in zip(self._streams, going, strict=True) if goes]
+        self._keep(going)
+
     def _leaders(self) -> Array:
         """Return the best point of every active run so far, shape (active runs, D)."""
+        raise NotImplementedError
+
+    def _keep(self, going: NDArray[np.bool_]) -> None:
+        """Keep of all that belongs to the runs what belongs to those that go on."""
         raise NotImplementedError

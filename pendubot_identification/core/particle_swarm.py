@@ -101,11 +101,11 @@ class PSO(IndependentRuns):
             reasons[:] = 'evaluations'
         if settings.target is not None:
             reasons[lowest <= settings.target] = 'target'
-        going: NDArray[np.bool_] = reasons == ''
-        self._found.stop(self._active[~going], reasons[~going], self._leaders()[~going])
-        self._active, self._x, self._v = self._active[going], self._x[going], self._v[going]
+        self._stop(reasons)
+
+    def _keep(self, going: NDArray[np.bool_]) -> None:
+        self._x, self._v = self._x[going], self._v[going]
         self._best, self._values = self._best[going], self._values[going]
-        self._streams = [stream for stream, goes in zip(self._streams, going, strict=True) if goes]
 
     def _move(self) -> None:
         settings = self.settings

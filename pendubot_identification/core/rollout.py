@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 from . import kernel as compiled
 from .dynamics import GRAVITY, SIGN_WIDTH, STRIBECK_SPEED, accelerations
-from .kernel import library
 
 Array = NDArray[np.float64]
 
@@ -43,7 +42,7 @@ def roll(theta: Array, state: Array, tau: Array, step: float) -> Array:
     """
     lanes = np.broadcast_shapes(theta.shape[1:], state.shape[1:])
     states = np.empty((tau.shape[1] + 1, 4, *lanes))
-    if (kernel := library()) is not None:
+    if (kernel := compiled.library()) is not None:
         vectors = 1 if theta.ndim == 1 else theta.shape[1]
         arrays = [np.ascontiguousarray(a, dtype=float) for a in (theta, state, tau)]
         pointers = [a.ctypes.data for a in (*arrays, states)]
@@ -111,7 +110,7 @@ def sensitivities(theta: Array, states: Array, tau: Array, step: float) -> Array
     _, steps, lanes = tau.shape
     size = 4 + len(theta)
     result = np.empty((steps, 4, size, lanes))
-    if (kernel := library()) is not None:
+    if (kernel := compiled.library()) is not None:
         arrays = [np.ascontiguousarray(a, dtype=float) for a in (theta, states, tau)]
         pointers = [a.ctypes.data for a in (*arrays, result)]
         kernel.pendubot_sensitivities(compiled.threads, len(theta), lanes, steps, step, *pointers)
