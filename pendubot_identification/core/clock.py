@@ -20,6 +20,10 @@ WRAP = 1 << 32
 
 #: Fewer buckets than this tell no skew.
 FEWEST = 4
+#: A young clock's buckets are so many times shorter: its skew is to be found before it has cost much ...
+FINER = 4
+#: ... and when there are so many of them, two become one.
+FULL = 16
 #: By how much crystals usually differ, before anything is known [ns per us]: 200 ppm.
 USUAL_SKEW = 0.2
 #: How far the skew wanders in a microsecond, times its root [ns per us]: 0.1 ppm in a second.
@@ -40,7 +44,7 @@ class BoardClock:
 
     Args:
         window: how far back delays are remembered [s].
-        bucket: of each such stretch of board time [s] only the smallest delay is remembered.
+        bucket: of each such stretch of board time [s] only the smallest delay is remembered; of shorter ones at first.
         max_skew_ppm: no two crystals differ by more; a larger slope is clamped.
 
     Stamps strictly increase as long as samples are stamped, whatever happens to the mapping.
@@ -50,13 +54,14 @@ class BoardClock:
         self._bucket_us = round(bucket * 1e6)
         self._window_us = window * 1e6
         self._max_slope = max_skew_ppm * 1e-3
-        self._minima: deque[_Point] = deque(maxlen=math.ceil(window / bucket) + 1)
+        self._minima: deque[_Point] = deque(maxlen=max(FULL, math.ceil(window / bucket) + 1))
         self._last_stamp: int | None = None
         self.restart()
 
     def restart(self) -> None:
         """Begin anew with another clock, of a board that restarted; stamps go on increasing."""
         self._minima.clear()
+        self._span_us = self._bucket_us // FINER  # of the present buckets
         self._origin_us: int | None = None
         self._board_us = 0
         self._arrival_ns = 0
@@ -85,7 +90,9 @@ class BoardClock:
             self._origin_us = board_us
         self._board_us, self._arrival_ns = board_us, arrival_ns
         if not self._minima or board_us >= self._bucket_end:
-            self._bucket_end = board_us + self._bucket_us
+            if len(self._minima) >= FULL and self._span_us < self._bucket_us:
+                self._coarsen()
+            self._bucket_end = board_us + self._span_us
             while self._minima and self._minima[0].board_us < board_us - self._window_us:
                 self._minima.popleft()
             point = _Point(board_us, delay_ns)
@@ -113,6 +120,13 @@ class BoardClock:
         """Return where a line of the present slope through this point starts."""
         return delay_ns - self._slope * (board_us - (self._origin_us or 0))
 
+    def _coarsen(self) -> None:
+        """Make one bucket of two."""
+        minima = list(self._minima)
+        self._minima.clear()
+        self._minima.extend(min(pair, key=lambda p: p.delay_ns) for pair in zip(minima[::2], minima[1::2], strict=True))
+        self._span_us *= 2
+
     def _refit(self, newest: _Point) -> None:
         """Lay the line anew, once a bucket."""
         if len(self._minima) >= FEWEST:
@@ -132,8 +146,8 @@ class BoardClock:
         # Two of them the line was laid through.
         error = DOUBT * max(above / (count - 2), FINEST) / seen_us
         # A bucket more is that part of a window's news.
-        noise = error**2 * seen_us / self._bucket_us
-        self._variance += WANDER**2 * self._bucket_us
+        noise = error**2 * seen_us / self._span_us
+        self._variance += WANDER**2 * self._span_us
         gain = self._variance / (self._variance + noise)
         self._variance *= 1 - gain
         self._slope += gain * (max(-self._max_slope, min(self._max_slope, slope)) - self._slope)

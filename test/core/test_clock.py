@@ -35,7 +35,7 @@ def test_skew_is_followed(skew):
 
 def test_skew_is_not_guessed_from_a_short_span_and_clamped_where_no_crystal_has_it():
     short = BoardClock()
-    run(short, seconds=1.5, skew_ppm=200)
+    run(short, seconds=0.3, skew_ppm=200)
     assert short.skew_ppm == 0
     mad = BoardClock()
     run(mad, seconds=70, rate=100, skew_ppm=5000)
@@ -47,6 +47,13 @@ def test_skew_is_found_within_seconds_where_nothing_disturbs():
     error = run(clock, seconds=20, skew_ppm=80)
     assert np.abs(error[4000:]).max() < 60
     assert clock.skew_ppm == pytest.approx(80, abs=2)
+
+
+@pytest.mark.parametrize('seed', range(3))
+@pytest.mark.parametrize('skew', [-150.0, 60.0])
+def test_skew_costs_little_before_it_is_known(skew, seed):
+    error = run(BoardClock(), seconds=6, skew_ppm=skew, seed=seed, jitter_us=30)
+    assert np.percentile(np.abs(error - np.median(error)), 99) < 50
 
 
 @pytest.mark.parametrize('seed', range(3))
