@@ -57,7 +57,6 @@ setup(
         'matplotlib>=3.6',
         'PyYAML>=6.0',
         'tqdm>=4.66',
-        'matplotlib>=3.6',
     ],
     extras_require={
         'ros': ['ros-rclpy[fastrtps]==7.1.6', 'ros-jazzy-rclpy', 'ros-jazzy-common-interfaces'],

@@ -5,9 +5,9 @@ import time
 
 import numpy as np
 
-from pendubot_identification.core.parameters import BALANCE, NAMES
-from pendubot_identification.core.rehearsal import HELD, deviation
-from pendubot_identification.core.simulation import HANGING
+from pendubot_identification.core.controller.rehearsal import HELD, deviation
+from pendubot_identification.core.model.parameters import BALANCE, NAMES
+from pendubot_identification.core.model.simulation import HANGING
 from test.processes import Program, call, parameters, spin_until
 
 ARMED = 1

@@ -5,8 +5,8 @@ import functools
 from pendubot_identification.adapters.bag_reader import read_trajectory
 from pendubot_identification.adapters.datasets import Source
 from pendubot_identification.adapters.result_file import result_data
-from pendubot_identification.core.identification import identify
-from pendubot_identification.core.settings import CRITERIA, Settings
+from pendubot_identification.core.estimation.identification import identify
+from pendubot_identification.core.estimation.settings import CRITERIA, Settings
 from test.conftest import ROOT
 
 SAMPLE = ROOT / 'bags' / 'paper_experiment'

@@ -30,13 +30,13 @@ def test_an_import_of_ros_in_the_core_would_be_found(tmp_path):
     """The contract is able to fail: the same check on a copy of the package that breaks it."""
     shutil.copytree(ROOT / 'pendubot_identification', tmp_path / 'pendubot_identification')
     shutil.copy(ROOT / 'pyproject.toml', tmp_path)
-    module = tmp_path / 'pendubot_identification' / 'core' / 'energy.py'
+    module = tmp_path / 'pendubot_identification' / 'core' / 'criteria' / 'energy.py'
     module.write_text(module.read_text() + '\nimport rclpy\n')
     result = subprocess.run(
         [str(BIN / 'lint-imports'), '--no-cache'], cwd=tmp_path, capture_output=True, text=True, timeout=300
     )
     assert result.returncode == 1
-    assert 'pendubot_identification.core.energy -> rclpy' in result.stdout.replace('  ', ' ')
+    assert 'pendubot_identification.core.criteria.energy -> rclpy' in result.stdout.replace('  ', ' ')
 
 
 def test_package_xml_names_every_dependency_and_no_other():

@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 from pendubot_identification.adapters.bag_reader import read_trajectory
-from pendubot_identification.core.parameters import NAMES, PAPER
+from pendubot_identification.core.model.parameters import NAMES, PAPER
 from test.processes import Program, parameters, run_program
 
 pytestmark = pytest.mark.ros

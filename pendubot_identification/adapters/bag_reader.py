@@ -18,7 +18,7 @@ import yaml
 from numpy.typing import NDArray
 
 from pendubot_identification.core.errors import BagError, TrajectoryError
-from pendubot_identification.core.trajectory import MINIMUM_SAMPLES, Trajectory
+from pendubot_identification.core.trajectories.trajectory import MINIMUM_SAMPLES, Trajectory
 
 from .bulk import Layout, Message, Samples
 from .joint_states import JOINT_NAMES, JOINT_STATE, JOINT_STATES_TOPIC, JointState, decode_joint_state
@@ -26,7 +26,7 @@ from .mcap_file import McapFile
 
 if TYPE_CHECKING:
     # Not for who only looks at a bag: scipy takes longer to import than the index of most to read.
-    from pendubot_identification.core.long import Recording
+    from pendubot_identification.core.trajectories.long import Recording
 
 #: How far a message's stamp is looked for from where its log time would place it, before the whole bag is read [ns].
 LATENCY_NS = 1_000_000_000
@@ -179,7 +179,7 @@ class BagReader:
 
     def is_long(self, topic: str, duration: float) -> bool:
         """Tell whether about so many seconds of a topic are too many samples to be held."""
-        from pendubot_identification.core.long import is_long
+        from pendubot_identification.core.trajectories.long import is_long
 
         count = sum(t.count for t in self.info.topics if t.name == topic)
         return self.info.duration > 0 and is_long(count * duration / self.info.duration, duration)
@@ -355,7 +355,7 @@ def read_recording(
         BagError: as :func:`read_trajectory`.
         TrajectoryError: as :func:`read_trajectory`; a long recording with gaps.
     """
-    from pendubot_identification.core.long import Long
+    from pendubot_identification.core.trajectories.long import Long
 
     reader = reader or BagReader(window.path)
     duration = min(window.end or math.inf, reader.info.duration) - (window.start or 0.0)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pendubot_identification.core.errors import CsvError
-from pendubot_identification.core.trajectory import Trajectory
+from pendubot_identification.core.trajectories.trajectory import Trajectory
 
 REQUIRED = ('t', 'q1', 'q2', 'tau1')
 OPTIONAL = ('tau2', 'dq1', 'dq2')

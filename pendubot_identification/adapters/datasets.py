@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from pendubot_identification.core.errors import TrajectoryError
-from pendubot_identification.core.long import Long, Recording, gridded, sharing
-from pendubot_identification.core.trajectory import MINIMUM_SAMPLES, Trajectory
+from pendubot_identification.core.trajectories.long import Long, Recording, gridded, sharing
+from pendubot_identification.core.trajectories.trajectory import MINIMUM_SAMPLES, Trajectory
 
 from .bag_reader import BagReader, BagWindow, RecordedTrajectory, read_recording
 from .joint_states import JOINT_NAMES, JOINT_STATES_TOPIC

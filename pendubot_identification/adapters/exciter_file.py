@@ -11,7 +11,7 @@ from typing import Any
 import yaml
 
 from pendubot_identification.core.errors import ParameterError, ResultError
-from pendubot_identification.core.excitation import PulseTrain
+from pendubot_identification.core.experiment.excitation import PulseTrain
 
 from .files import write_whole
 from .resources import resource

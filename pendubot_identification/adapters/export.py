@@ -8,7 +8,7 @@ from typing import Any
 
 import yaml
 
-from pendubot_identification.core.parameters import SPECIFICATIONS
+from pendubot_identification.core.model.parameters import SPECIFICATIONS
 
 Result = Mapping[str, Any]
 

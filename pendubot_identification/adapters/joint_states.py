@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from rosbags.serde import SerdeError
 
 from pendubot_identification.core.errors import BagError
-from pendubot_identification.core.trajectory import Trajectory
+from pendubot_identification.core.trajectories.trajectory import Trajectory
 
 from .bag_writer import BagWriter
 from .message_types import typestore

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from pendubot_identification.core.errors import BagError
-from pendubot_identification.core.evidence import Answer
-from pendubot_identification.core.long import Long
-from pendubot_identification.core.parameters import NAMES, Bounds
-from pendubot_identification.core.settings import Settings
-from pendubot_identification.core.trajectory import Trajectory
+from pendubot_identification.core.estimation.evidence import Answer
+from pendubot_identification.core.estimation.settings import Settings
+from pendubot_identification.core.model.parameters import NAMES, Bounds
+from pendubot_identification.core.trajectories.long import Long
+from pendubot_identification.core.trajectories.trajectory import Trajectory
 
 from .bag_reader import BagWindow, read_recording
 from .joint_states import JOINT_NAMES, JOINT_STATES_TOPIC

@@ -16,7 +16,7 @@ from types import TracebackType
 from typing import TextIO
 
 from pendubot_identification.core.errors import LinkError
-from pendubot_identification.core.virtual_board import VirtualBoard
+from pendubot_identification.core.link.virtual_board import VirtualBoard
 
 from .frame_writer import FrameWriter
 

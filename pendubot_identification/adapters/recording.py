@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from pendubot_identification.core.errors import BagError
-from pendubot_identification.core.flow import Flow, diagnose
-from pendubot_identification.core.health import Diagnosis
+from pendubot_identification.core.link.health import Diagnosis
+from pendubot_identification.core.messages.flow import Flow, diagnose
 
 from .bag_metadata import Qos
 from .bag_writer import BagWriter, Limits

@@ -14,15 +14,15 @@ from numpy.typing import NDArray
 
 from pendubot_identification import __version__
 from pendubot_identification.core.errors import ResultError
-from pendubot_identification.core.parameters import MODELS, NAMES, UNITS, Parameters
+from pendubot_identification.core.model.parameters import MODELS, NAMES, UNITS, Parameters
 
 from .files import write_whole
 
 if TYPE_CHECKING:
     # Not for who only reads parameters: this takes a hundred times as long to import.
-    from pendubot_identification.core.estimate import Estimate
-    from pendubot_identification.core.identification import Identification
-    from pendubot_identification.core.settings import Settings
+    from pendubot_identification.core.estimation.estimate import Estimate
+    from pendubot_identification.core.estimation.identification import Identification
+    from pendubot_identification.core.estimation.settings import Settings
 
     from .datasets import Source
 
@@ -179,7 +179,7 @@ def _J(e: Estimate) -> dict[str, Any]:
 
 def _prediction(e: Estimate) -> dict[str, Any]:
     """Return simulation errors in standard deviations, and fits in per cent, by horizon [s]."""
-    from pendubot_identification.core.prediction import HORIZONS
+    from pendubot_identification.core.estimation.prediction import HORIZONS
 
     if e.prediction is None:
         return {}

@@ -117,9 +117,9 @@ def _show(folder: Path, watcher: _Watcher) -> int:
     import numpy as np
 
     from pendubot_identification.adapters.result_file import read_parameters
-    from pendubot_identification.core.parameters import BALANCE
-    from pendubot_identification.core.rehearsal import deviation, held_since
-    from pendubot_identification.core.trajectory import Trajectory
+    from pendubot_identification.core.controller.rehearsal import deviation, held_since
+    from pendubot_identification.core.model.parameters import BALANCE
+    from pendubot_identification.core.trajectories.trajectory import Trajectory
     from pendubot_identification.report.balance_figure import draw_balance
 
     t, q1, q2, tau = np.array(watcher.samples).T

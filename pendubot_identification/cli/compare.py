@@ -74,7 +74,7 @@ def _parameters(results: Results) -> dict[str, Any]:
 
     The distance is in standard errors of both together; None where one of them is not known or not estimated.
     """
-    from pendubot_identification.core.parameters import NAMES, UNITS
+    from pendubot_identification.core.model.parameters import NAMES, UNITS
 
     rows: dict[str, Any] = {}
     for name, unit in zip(NAMES, UNITS, strict=True):
@@ -119,11 +119,11 @@ def _foreseen(results: Results, args: argparse.Namespace) -> dict[str, Any]:
     import numpy as np
 
     from pendubot_identification.adapters.bag_reader import BagWindow, read_recording
-    from pendubot_identification.core.long import held_parts
-    from pendubot_identification.core.motion import Motion
-    from pendubot_identification.core.parameters import NAMES
-    from pendubot_identification.core.prediction import HORIZONS, predict, state_scale
-    from pendubot_identification.core.signals import choose_smoothing
+    from pendubot_identification.core.estimation.prediction import HORIZONS, predict, state_scale
+    from pendubot_identification.core.model.parameters import NAMES
+    from pendubot_identification.core.trajectories.long import held_parts
+    from pendubot_identification.core.trajectories.motion import Motion
+    from pendubot_identification.core.trajectories.signals import choose_smoothing
 
     from .identify import joints
 

@@ -86,7 +86,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _show(folder: Path, theta: list[float], label: str) -> int:
     from pendubot_identification.adapters.result_file import read_result
-    from pendubot_identification.core.parameters import PAPER
+    from pendubot_identification.core.model.parameters import PAPER
     from pendubot_identification.report.tables import comparison_table, criterion_table, judgement, quality_table, steps
 
     result = read_result(folder / 'result.yaml')

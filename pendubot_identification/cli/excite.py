@@ -71,9 +71,9 @@ def run(args: argparse.Namespace) -> int:
     from pendubot_identification.adapters.exciter_file import read_exciter, write_exciter
     from pendubot_identification.adapters.files import refuse_existing
     from pendubot_identification.adapters.result_file import read_estimate
-    from pendubot_identification.core.design import Experiment, Limits, design, foresee, paper_pulses
     from pendubot_identification.core.errors import ParameterError
-    from pendubot_identification.core.parameters import PAPER
+    from pendubot_identification.core.experiment.design import Experiment, Limits, design, foresee, paper_pulses
+    from pendubot_identification.core.model.parameters import PAPER
     from pendubot_identification.report.excitation import excitation_table, motion_lines
 
     parameters, errors = (PAPER, None) if args.estimate is None else read_estimate(args.estimate)

@@ -187,7 +187,7 @@ def _identify(args: argparse.Namespace, settings: Any, folder: Any, beside: Any,
     """Identify, print, write; what was read is left in ``read``, also where all else fails."""
     from pendubot_identification.adapters.datasets import load_datasets
     from pendubot_identification.adapters.result_file import result_data, write_result
-    from pendubot_identification.core.identification import identify
+    from pendubot_identification.core.estimation.identification import identify
     from pendubot_identification.report.tables import whole
 
     data = load_datasets(args.bags, args.validate, topic=args.topic, joint_names=joints(args.joints))
@@ -212,7 +212,7 @@ def _identify(args: argparse.Namespace, settings: Any, folder: Any, beside: Any,
 
 def _shown(data: Datasets) -> Recordings:
     """Return the motions that a report shows, which of long recordings are stretches."""
-    from pendubot_identification.core.long import held_parts
+    from pendubot_identification.core.trajectories.long import held_parts
 
     return held_parts(data.training), held_parts(data.validation)
 
@@ -242,8 +242,8 @@ def _asked(args: argparse.Namespace) -> list[str]:
 
 def _settings(args: argparse.Namespace) -> Any:
     from pendubot_identification.adapters.result_file import read_parameters
-    from pendubot_identification.core.mde import MDESettings
-    from pendubot_identification.core.settings import DELAYS, SPREAD, Settings
+    from pendubot_identification.core.estimation.settings import DELAYS, SPREAD, Settings
+    from pendubot_identification.core.optimizers.mde import MDESettings
 
     mde = {'population': args.population, 'generations': args.generations}
     mde = {name: value for name, value in mde.items() if value is not None}
@@ -288,7 +288,7 @@ def _delays(text: str) -> tuple[float, float]:
 
 def _bounds(texts: list[str]) -> Any:
     from pendubot_identification.core.errors import ParameterError
-    from pendubot_identification.core.parameters import default_bounds
+    from pendubot_identification.core.model.parameters import default_bounds
 
     bounds = default_bounds()
     for text in texts:

@@ -78,7 +78,7 @@ def summarise(info: BagInfo, topics: dict[str, TopicTimes], damages: dict[str, l
 def _of_topic(name: str, type_name: str, times: TopicTimes) -> dict[str, Any]:
     import numpy as np
 
-    from pendubot_identification.core.regularity import regularity
+    from pendubot_identification.core.messages.regularity import regularity
 
     at = times.times()
     found = regularity(at)

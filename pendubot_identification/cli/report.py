@@ -16,8 +16,8 @@ from .progress import Progress, progress_bar
 
 if TYPE_CHECKING:
     from pendubot_identification.adapters.files import OutputFolder
-    from pendubot_identification.core.evidence import Answer
-    from pendubot_identification.core.trajectory import Trajectory
+    from pendubot_identification.core.estimation.evidence import Answer
+    from pendubot_identification.core.trajectories.trajectory import Trajectory
     from pendubot_identification.report.figures import Picture
 
     Recordings = tuple[Sequence[Trajectory], Sequence[Trajectory]]
@@ -181,9 +181,9 @@ def _sections(
 ) -> tuple[dict[str, list[Picture]], list[str]]:
     """Return the figures under their headings, and why any of them is missing."""
     from pendubot_identification.adapters.provenance import answers, hold, settings
-    from pendubot_identification.core.evidence import excitation, residuals, simulate_beside
-    from pendubot_identification.core.motion import Motion
-    from pendubot_identification.core.prediction import state_scale
+    from pendubot_identification.core.estimation.evidence import excitation, residuals, simulate_beside
+    from pendubot_identification.core.estimation.prediction import state_scale
+    from pendubot_identification.core.trajectories.motion import Motion
     from pendubot_identification.report import figures
 
     found = answers(result)

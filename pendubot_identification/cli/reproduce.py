@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from pendubot_identification.adapters.datasets import Datasets
     from pendubot_identification.adapters.files import OutputFolder
-    from pendubot_identification.core.identification import Identification
-    from pendubot_identification.core.settings import Settings
-    from pendubot_identification.core.trials import Trial
+    from pendubot_identification.core.estimation.identification import Identification
+    from pendubot_identification.core.estimation.settings import Settings
+    from pendubot_identification.core.paper.trials import Trial
     from pendubot_identification.report.paper_tables import Table
 
 #: What can be asked for, and the experiment that it is made of.
@@ -82,7 +82,7 @@ def run(args: argparse.Namespace) -> int:
     """Run the experiments, write, print."""
     from pendubot_identification.adapters.files import OutputFolder
     from pendubot_identification.core.errors import ParameterError, PendubotError
-    from pendubot_identification.core.trials import MOST_RUNS
+    from pendubot_identification.core.paper.trials import MOST_RUNS
 
     if not 1 <= args.runs <= MOST_RUNS:
         raise ParameterError(f'{args.runs} runs were asked for; a number from 1 to {MOST_RUNS} is expected')
@@ -146,7 +146,7 @@ class _Reproduction:
         }
 
     def _competition(self) -> None:
-        from pendubot_identification.core.trials import competition
+        from pendubot_identification.core.paper.trials import competition
         from pendubot_identification.report import paper_figures, paper_tables
 
         records, seconds = self._run_trials('competition', list(competition(self._seed, self._runs)))
@@ -166,12 +166,12 @@ class _Reproduction:
             self._add_figure('figure1_evaluations', caption, paper_figures.convergence, records, 'function values')
 
     def _identification(self) -> None:
-        from pendubot_identification.core.explained import energy_balance, foreseen
-        from pendubot_identification.core.identification import identify
-        from pendubot_identification.core.long import held_parts
-        from pendubot_identification.core.mde import MDESettings
-        from pendubot_identification.core.parameters import Parameters
-        from pendubot_identification.core.settings import Settings
+        from pendubot_identification.core.estimation.identification import identify
+        from pendubot_identification.core.estimation.settings import Settings
+        from pendubot_identification.core.model.parameters import Parameters
+        from pendubot_identification.core.optimizers.mde import MDESettings
+        from pendubot_identification.core.paper.explained import energy_balance, foreseen
+        from pendubot_identification.core.trajectories.long import held_parts
         from pendubot_identification.report import paper_figures, paper_tables
 
         data = _sample()
@@ -204,11 +204,11 @@ class _Reproduction:
             self._add_figure('fit', caption, paper_figures.fit, training, validation, balances, pieces)
 
     def _sweep(self) -> None:
-        from pendubot_identification.core.energy import energy_regression
-        from pendubot_identification.core.long import held_parts
-        from pendubot_identification.core.parameters import MODELS, default_bounds
-        from pendubot_identification.core.quadratic import Quadratic
-        from pendubot_identification.core.trials import sweep
+        from pendubot_identification.core.criteria.energy import energy_regression
+        from pendubot_identification.core.criteria.quadratic import Quadratic
+        from pendubot_identification.core.model.parameters import MODELS, default_bounds
+        from pendubot_identification.core.paper.trials import sweep
+        from pendubot_identification.core.trajectories.long import held_parts
         from pendubot_identification.report import paper_figures, paper_tables
 
         regression = energy_regression(held_parts(_sample().training)[0])
@@ -223,7 +223,7 @@ class _Reproduction:
             self._add_table(paper_tables.operator_table(records))
 
     def _dimensions(self) -> None:
-        from pendubot_identification.core.trials import dimensions
+        from pendubot_identification.core.paper.trials import dimensions
         from pendubot_identification.report import paper_figures, paper_tables
 
         records, _ = self._run_trials('dimensions', list(dimensions(self._seed, self._runs)))
@@ -237,7 +237,7 @@ class _Reproduction:
 
     def _run_trials(self, experiment: str, trials: Sequence[Trial]) -> tuple[list[dict[str, Any]], list[float]]:
         """Return what came of the trials, and what each took [s]; what was done is written also after an interrupt."""
-        from pendubot_identification.core.optimizer import minimize
+        from pendubot_identification.core.optimizers.optimizer import minimize
 
         records: list[dict[str, Any]] = []
         seconds: list[float] = []

@@ -67,9 +67,9 @@ def run(args: argparse.Namespace) -> int:
     from pendubot_identification.adapters.joint_states import write_trajectory
     from pendubot_identification.adapters.result_file import read_parameters
     from pendubot_identification.core.errors import ParameterError
-    from pendubot_identification.core.excitation import PulseTrain
-    from pendubot_identification.core.parameters import PAPER
-    from pendubot_identification.core.simulation import quantised, simulate
+    from pendubot_identification.core.experiment.excitation import PulseTrain
+    from pendubot_identification.core.model.parameters import PAPER
+    from pendubot_identification.core.model.simulation import quantised, simulate
 
     if args.samples < 1 or not 1 <= args.rate <= 100_000 or args.counts < 0:
         raise ParameterError(

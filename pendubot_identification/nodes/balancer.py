@@ -20,11 +20,11 @@ from std_msgs.msg import Float64, Float64MultiArray
 from std_srvs.srv import Trigger
 
 from pendubot_identification.adapters.joint_states import JOINT_NAMES
-from pendubot_identification.core.balancing import Balancing, Phase, Plan
-from pendubot_identification.core.control import Limits, Loop
+from pendubot_identification.core.controller.balancing import Balancing, Phase, Plan
+from pendubot_identification.core.controller.control import Limits, Loop
 from pendubot_identification.core.errors import ParameterError, PendubotError
 from pendubot_identification.core.level import Level
-from pendubot_identification.core.parameters import Parameters
+from pendubot_identification.core.model.parameters import Parameters
 
 from .diagnostics import diagnostics_message
 from .messages import LATCHED, joint_sample

@@ -20,11 +20,11 @@ from std_srvs.srv import Trigger
 
 from pendubot_identification.adapters.serial_link import SerialLink
 from pendubot_identification.core.errors import ParameterError
-from pendubot_identification.core.health import Health
-from pendubot_identification.core.host import Host
-from pendubot_identification.core.host_config import HostConfig
 from pendubot_identification.core.level import Level
-from pendubot_identification.core.news import Armed, ArmingFailed, HostEvent, Report, Sample
+from pendubot_identification.core.link.health import Health
+from pendubot_identification.core.link.host import Host
+from pendubot_identification.core.link.host_config import HostConfig
+from pendubot_identification.core.link.news import Armed, ArmingFailed, HostEvent, Report, Sample
 
 from .diagnostics import diagnostics_message
 from .joint_state_bytes import JointStateBytes

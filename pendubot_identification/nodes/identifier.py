@@ -16,11 +16,11 @@ from pendubot_identification.adapters.files import refuse_existing
 from pendubot_identification.adapters.joint_states import JOINT_NAMES, JOINT_STATES_TOPIC
 from pendubot_identification.adapters.result_file import read_parameters, result_data, write_result
 from pendubot_identification.core.errors import ParameterError, PendubotError
-from pendubot_identification.core.identification import identify
+from pendubot_identification.core.estimation.identification import identify
+from pendubot_identification.core.estimation.settings import CRITERIA, DELAYS, HOLDS, OPTIMIZERS, SPREAD, Settings
 from pendubot_identification.core.level import Level
-from pendubot_identification.core.mde import MDESettings
-from pendubot_identification.core.parameters import MODELS, NAMES, Bounds, default_bounds
-from pendubot_identification.core.settings import CRITERIA, DELAYS, HOLDS, OPTIMIZERS, SPREAD, Settings
+from pendubot_identification.core.model.parameters import MODELS, NAMES, Bounds, default_bounds
+from pendubot_identification.core.optimizers.mde import MDESettings
 from pendubot_identification.report.tables import whole
 
 from .diagnostics import diagnostics_message

@@ -10,8 +10,8 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 
 from pendubot_identification.core.errors import ControlError
-from pendubot_identification.core.identification import Identification
-from pendubot_identification.core.parameters import NAMES
+from pendubot_identification.core.estimation.identification import Identification
+from pendubot_identification.core.model.parameters import NAMES
 
 #: A subscriber that joins later still receives the last message.
 LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)

@@ -18,7 +18,7 @@ from std_srvs.srv import Trigger
 
 from pendubot_identification.adapters.playback import Playback
 from pendubot_identification.core.errors import ParameterError, PendubotError
-from pendubot_identification.core.pace import Pace
+from pendubot_identification.core.messages.pace import Pace
 
 from .matching import check_names, message_class
 from .runtime import Setting, SettingsNode, run

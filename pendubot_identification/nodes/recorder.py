@@ -19,8 +19,8 @@ from pendubot_identification.adapters.bag_metadata import Qos
 from pendubot_identification.adapters.bag_writer import Limits
 from pendubot_identification.adapters.recording import Arrival, Recording
 from pendubot_identification.core.errors import BagError, ParameterError
-from pendubot_identification.core.health import Diagnosis
 from pendubot_identification.core.level import Level
+from pendubot_identification.core.link.health import Diagnosis
 
 from .diagnostics import diagnostics_message
 from .fetching import DEPTH, Fetcher

@@ -16,9 +16,9 @@ from pathlib import Path
 
 from pendubot_identification.adapters.pty_server import PtyServer
 from pendubot_identification.core.errors import ParameterError, PendubotError
-from pendubot_identification.core.parameters import PRESETS
-from pendubot_identification.core.simulation import HANGING, LatePlant
-from pendubot_identification.core.virtual_board import BoardSettings, Faults, VirtualBoard
+from pendubot_identification.core.link.virtual_board import BoardSettings, Faults, VirtualBoard
+from pendubot_identification.core.model.parameters import PRESETS
+from pendubot_identification.core.model.simulation import HANGING, LatePlant
 
 EPILOG = f"""\
 faults: {', '.join(each.name for each in fields(Faults))}

@@ -9,9 +9,9 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
 
-from pendubot_identification.core.competition import ALGORITHMS, PER_VECTOR, TARGET
-from pendubot_identification.core.explained import Balance
-from pendubot_identification.core.trajectory import Trajectory
+from pendubot_identification.core.paper.competition import ALGORITHMS, PER_VECTOR, TARGET
+from pendubot_identification.core.paper.explained import Balance
+from pendubot_identification.core.trajectories.trajectory import Trajectory
 
 from .style import GREY, STYLES, legend_above, panels
 

@@ -14,10 +14,10 @@ from typing import Any
 
 import numpy as np
 
-from pendubot_identification.core.benchmark_functions import FUNCTIONS
-from pendubot_identification.core.competition import ALGORITHMS, PER_VECTOR, TARGET, rank_sum, ranks
-from pendubot_identification.core.parameters import NAMES, PAPER, UNITS
-from pendubot_identification.core.trials import BUDGET, IDENTIFICATION
+from pendubot_identification.core.model.parameters import NAMES, PAPER, UNITS
+from pendubot_identification.core.paper.benchmark_functions import FUNCTIONS
+from pendubot_identification.core.paper.competition import ALGORITHMS, PER_VECTOR, TARGET, rank_sum, ranks
+from pendubot_identification.core.paper.trials import BUDGET, IDENTIFICATION
 
 from .published import TABLE_4, TRAINING, VALIDATION_AVERAGE
 

@@ -11,7 +11,7 @@ from pendubot_identification.adapters.bag_writer import BagWriter
 from pendubot_identification.adapters.joint_states import JOINT_STATE, encode_joint_state, write_trajectory
 from pendubot_identification.adapters.message_types import message_definition
 from pendubot_identification.core.errors import BagError, TrajectoryError
-from pendubot_identification.core.trajectory import Trajectory
+from pendubot_identification.core.trajectories.trajectory import Trajectory
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND

@@ -22,7 +22,7 @@ from pendubot_identification.adapters.joint_states import (
 )
 from pendubot_identification.adapters.message_types import message_definition
 from pendubot_identification.core.errors import BagError
-from pendubot_identification.core.trajectory import Trajectory
+from pendubot_identification.core.trajectories.trajectory import Trajectory
 
 START = 1_700_000_000_000_000_000
 STEP = 10_000_000

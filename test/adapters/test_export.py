@@ -10,7 +10,7 @@ import pytest
 import yaml
 
 from pendubot_identification.adapters.export import FORMATS, SUFFIXES
-from pendubot_identification.core.parameters import NAMES
+from pendubot_identification.core.model.parameters import NAMES
 from test.results import identified, plain
 
 

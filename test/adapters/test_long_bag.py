@@ -19,16 +19,16 @@ from pendubot_identification.adapters.joint_states import (
 from pendubot_identification.adapters.provenance import recordings
 from pendubot_identification.adapters.result_file import result_data
 from pendubot_identification.cli.main import main
-from pendubot_identification.core import long
 from pendubot_identification.core.errors import TrajectoryError
-from pendubot_identification.core.excitation import PulseTrain
-from pendubot_identification.core.identification import identify
-from pendubot_identification.core.long import STRETCH, STRETCHES, Long
-from pendubot_identification.core.parameters import PAPER
-from pendubot_identification.core.rollout import roll
-from pendubot_identification.core.settings import Settings
-from pendubot_identification.core.simulation import quantised
-from pendubot_identification.core.trajectory import Trajectory
+from pendubot_identification.core.estimation.identification import identify
+from pendubot_identification.core.estimation.settings import Settings
+from pendubot_identification.core.experiment.excitation import PulseTrain
+from pendubot_identification.core.model.parameters import PAPER
+from pendubot_identification.core.model.rollout import roll
+from pendubot_identification.core.model.simulation import quantised
+from pendubot_identification.core.trajectories import long
+from pendubot_identification.core.trajectories.long import STRETCH, STRETCHES, Long
+from pendubot_identification.core.trajectories.trajectory import Trajectory
 
 INTERVAL, SAMPLES = 0.01, 24_000
 SETTINGS = Settings(('energy', 'weak'), 'viscous', 'lsq', delays=(0.0, 0.0))

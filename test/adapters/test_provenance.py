@@ -8,8 +8,8 @@ import pytest
 from pendubot_identification.adapters.datasets import load_datasets
 from pendubot_identification.adapters.provenance import answers, hold, recordings, settings
 from pendubot_identification.adapters.result_file import result_data
-from pendubot_identification.core.parameters import NAMES, Bounds
-from pendubot_identification.core.settings import Settings
+from pendubot_identification.core.estimation.settings import Settings
+from pendubot_identification.core.model.parameters import NAMES, Bounds
 from test.conftest import ROOT
 from test.results import identified, plain
 

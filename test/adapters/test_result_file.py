@@ -19,10 +19,10 @@ from pendubot_identification.adapters.result_file import (
     write_result,
 )
 from pendubot_identification.core.errors import ResultError
-from pendubot_identification.core.estimate import Zeros
-from pendubot_identification.core.parameters import MODELS, NAMES, PAPER, Parameters
-from pendubot_identification.core.prediction import HORIZONS
-from pendubot_identification.core.settings import CRITERIA
+from pendubot_identification.core.estimation.estimate import Zeros
+from pendubot_identification.core.estimation.prediction import HORIZONS
+from pendubot_identification.core.estimation.settings import CRITERIA
+from pendubot_identification.core.model.parameters import MODELS, NAMES, PAPER, Parameters
 from test.conftest import RECORDINGS
 from test.results import SOURCE, identified, plain
 

@@ -18,10 +18,10 @@ from pendubot_identification.adapters.frame_writer import FrameWriter
 from pendubot_identification.adapters.pty_server import PtyServer
 from pendubot_identification.adapters.serial_link import SerialLink, open_port
 from pendubot_identification.core.errors import LinkError
-from pendubot_identification.core.parameters import PAPER
-from pendubot_identification.core.protocol import Decoder, Hello, HelloRequest, State, Status, encode
-from pendubot_identification.core.simulation import Plant
-from pendubot_identification.core.virtual_board import BoardSettings, VirtualBoard
+from pendubot_identification.core.link.protocol import Decoder, Hello, HelloRequest, State, Status, encode
+from pendubot_identification.core.link.virtual_board import BoardSettings, VirtualBoard
+from pendubot_identification.core.model.parameters import PAPER
+from pendubot_identification.core.model.simulation import Plant
 
 
 class Ear:

@@ -15,11 +15,11 @@ from mcap.writer import CompressionType, Writer
 from pendubot_identification.adapters.bulk import _walk
 from pendubot_identification.adapters.joint_states import EPOCH_NS, JOINT_NAMES, JOINT_STATE, encode_joint_state
 from pendubot_identification.adapters.message_types import message_definition
-from pendubot_identification.core.excitation import PulseTrain
-from pendubot_identification.core.parameters import NAMES, PAPER
-from pendubot_identification.core.rollout import roll
-from pendubot_identification.core.simulation import quantised
-from pendubot_identification.core.trajectory import Trajectory
+from pendubot_identification.core.experiment.excitation import PulseTrain
+from pendubot_identification.core.model.parameters import NAMES, PAPER
+from pendubot_identification.core.model.rollout import roll
+from pendubot_identification.core.model.simulation import quantised
+from pendubot_identification.core.trajectories.trajectory import Trajectory
 from test.benchmark import measure
 from test.benchmark.measure import REPETITIONS, seconds
 from test.conftest import ROOT

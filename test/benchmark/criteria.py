@@ -23,20 +23,20 @@ from typing import NamedTuple
 import numpy as np
 
 from pendubot_identification.adapters.csv_import import import_csv
-from pendubot_identification.core.diagnosis import diagnose, link_length
-from pendubot_identification.core.energy import energy_regression
-from pendubot_identification.core.excitation import PulseTrain
-from pendubot_identification.core.identification import identify
-from pendubot_identification.core.judgement import judge
+from pendubot_identification.core.criteria.energy import energy_regression
+from pendubot_identification.core.criteria.quadratic import Quadratic
+from pendubot_identification.core.estimation.diagnosis import diagnose, link_length
+from pendubot_identification.core.estimation.identification import identify
+from pendubot_identification.core.estimation.judgement import judge
+from pendubot_identification.core.estimation.prediction import HORIZONS, Prediction, predict, state_scale
+from pendubot_identification.core.estimation.recipes import Data, estimate
+from pendubot_identification.core.estimation.settings import Settings
+from pendubot_identification.core.experiment.excitation import PulseTrain
 from pendubot_identification.core.level import Level
-from pendubot_identification.core.motion import Motion
-from pendubot_identification.core.parameters import BALANCE, NAMES, PAPER, Parameters, default_bounds
-from pendubot_identification.core.prediction import HORIZONS, Prediction, predict, state_scale
-from pendubot_identification.core.quadratic import Quadratic
-from pendubot_identification.core.recipes import Data, estimate
-from pendubot_identification.core.settings import Settings
-from pendubot_identification.core.simulation import quantised, simulate
-from pendubot_identification.core.suspicions import suspicions
+from pendubot_identification.core.model.parameters import BALANCE, NAMES, PAPER, Parameters, default_bounds
+from pendubot_identification.core.model.simulation import quantised, simulate
+from pendubot_identification.core.trajectories.motion import Motion
+from pendubot_identification.core.trajectories.suspicions import suspicions
 from test.conftest import RECORDINGS
 
 COUNTS, RATE, SAMPLES, SEVEN = 4000, 100, 900, NAMES[:7]

@@ -9,13 +9,13 @@ import numpy as np
 from scipy.optimize import differential_evolution
 
 from pendubot_identification.adapters.bag_reader import read_trajectory
-from pendubot_identification.core.benchmark_functions import FUNCTIONS
-from pendubot_identification.core.energy import energy_regression
-from pendubot_identification.core.mde import MDE, MDESettings
-from pendubot_identification.core.mde_kernel import leap
-from pendubot_identification.core.optimizer import minimize
-from pendubot_identification.core.parameters import coupling_excess, default_bounds
-from pendubot_identification.core.quadratic import Penalised, Quadratic
+from pendubot_identification.core.criteria.energy import energy_regression
+from pendubot_identification.core.criteria.quadratic import Penalised, Quadratic
+from pendubot_identification.core.model.parameters import coupling_excess, default_bounds
+from pendubot_identification.core.optimizers.mde import MDE, MDESettings
+from pendubot_identification.core.optimizers.mde_kernel import leap
+from pendubot_identification.core.optimizers.optimizer import minimize
+from pendubot_identification.core.paper.benchmark_functions import FUNCTIONS
 from test.benchmark.measure import interleaved, on, one_thread, seconds, table
 from test.conftest import ROOT
 

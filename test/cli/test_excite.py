@@ -5,7 +5,7 @@ import yaml
 from pendubot_identification.adapters.bag_reader import read_trajectory
 from pendubot_identification.adapters.exciter_file import read_exciter
 from pendubot_identification.cli.main import main
-from pendubot_identification.core.excitation import PulseTrain
+from pendubot_identification.core.experiment.excitation import PulseTrain
 from test.conftest import ROOT
 from test.results import plain
 

@@ -15,9 +15,9 @@ from pendubot_identification.adapters.joint_states import write_trajectory
 from pendubot_identification.adapters.result_file import read_parameters
 from pendubot_identification.cli import identify as command
 from pendubot_identification.cli.main import main
-from pendubot_identification.core.parameters import MODELS, NAMES, PAPER
-from pendubot_identification.core.settings import CRITERIA, HOLDS, OPTIMIZERS
-from pendubot_identification.core.trajectory import Trajectory
+from pendubot_identification.core.estimation.settings import CRITERIA, HOLDS, OPTIMIZERS
+from pendubot_identification.core.model.parameters import MODELS, NAMES, PAPER
+from pendubot_identification.core.trajectories.trajectory import Trajectory
 from test.conftest import RECORDINGS, ROOT
 
 SAMPLE = ROOT / 'bags' / 'paper_experiment'

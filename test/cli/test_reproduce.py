@@ -13,7 +13,7 @@ import pytest
 
 from pendubot_identification.cli.main import main
 from pendubot_identification.cli.reproduce import PARTS
-from pendubot_identification.core import trials
+from pendubot_identification.core.paper import trials
 from test.conftest import ROOT
 
 COMMAND = [sys.executable, '-m', 'pendubot_identification.cli.main']

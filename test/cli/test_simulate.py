@@ -7,8 +7,8 @@ import yaml
 from pendubot_identification.adapters.bag_reader import read_trajectory
 from pendubot_identification.adapters.result_file import SCHEMA
 from pendubot_identification.cli.main import main
-from pendubot_identification.core.parameters import PAPER
-from pendubot_identification.core.simulation import simulate
+from pendubot_identification.core.model.parameters import PAPER
+from pendubot_identification.core.model.simulation import simulate
 
 GEARED = replace(PAPER, Fc1=0.004, Fc2=0.001, J2=1e-4, Fs1=0.002, Fs2=0.0005, k1=0.1, k2=0.1)
 

@@ -40,7 +40,8 @@ def test_help_imports_not_even_numpy(arguments):
 
 def test_identifying_leaves_the_heaviest_parts_of_scipy_alone():
     """Importing scipy.signal and scipy.stats takes half as long as a recording takes to be identified."""
-    child = 'import sys, pendubot_identification.core.identification; print([m for m in sys.modules if "scipy" in m])'
+    imported = 'pendubot_identification.core.estimation.identification'
+    child = f'import sys, {imported}; print([m for m in sys.modules if "scipy" in m])'
     names = subprocess.run([sys.executable, '-c', child], capture_output=True, text=True, timeout=60, check=True).stdout
     assert "'scipy.interpolate'" in names
     assert "'scipy.signal'" not in names

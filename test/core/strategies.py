@@ -3,8 +3,8 @@
 import numpy as np
 from hypothesis import strategies as st
 
-from pendubot_identification.core.dynamics import GRAVITY
-from pendubot_identification.core.parameters import MODELS, Parameters
+from pendubot_identification.core.model.dynamics import GRAVITY
+from pendubot_identification.core.model.parameters import MODELS, Parameters
 
 
 @st.composite

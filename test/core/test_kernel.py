@@ -8,13 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pendubot_identification.core import kernel
-from pendubot_identification.core.benchmark_functions import FUNCTIONS
-from pendubot_identification.core.differential_evolution import HDE, classic
-from pendubot_identification.core.mde import MDE, MDESettings
-from pendubot_identification.core.optimizer import minimize
-from pendubot_identification.core.parameters import MODELS, Bounds, default_bounds
-from pendubot_identification.core.quadratic import Penalised, Quadratic
-from pendubot_identification.core.rollout import roll, sensitivities
+from pendubot_identification.core.criteria.quadratic import Penalised, Quadratic
+from pendubot_identification.core.model.parameters import MODELS, Bounds, default_bounds
+from pendubot_identification.core.model.rollout import roll, sensitivities
+from pendubot_identification.core.optimizers.differential_evolution import HDE, classic
+from pendubot_identification.core.optimizers.mde import MDE, MDESettings
+from pendubot_identification.core.optimizers.optimizer import minimize
+from pendubot_identification.core.paper.benchmark_functions import FUNCTIONS
 from test.core.virtual import GEARED
 
 # Here and nowhere else: whoever switches the kernel off wants to see that all the rest works without it.

@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from pendubot_identification.core.excitation import PulseTrain
-from pendubot_identification.core.motion import Motion
-from pendubot_identification.core.parameters import MODELS, PAPER
-from pendubot_identification.core.rollout import roll
-from pendubot_identification.core.simulation import quantised, simulate
-from pendubot_identification.core.trajectory import Trajectory
+from pendubot_identification.core.experiment.excitation import PulseTrain
+from pendubot_identification.core.model.parameters import MODELS, PAPER
+from pendubot_identification.core.model.rollout import roll
+from pendubot_identification.core.model.simulation import quantised, simulate
+from pendubot_identification.core.trajectories.motion import Motion
+from pendubot_identification.core.trajectories.trajectory import Trajectory
 
 #: A rig with geared motors, as heavy as an arm on a table; of it, every model has its part.
 GEARED = np.array([0.06, 0.05, 0.032, 0.23, 0.16, 0.01, 0.005, 0.25, 0.19, 0.0026, 0.1, 0.05, 0.15, 0.2])

@@ -15,13 +15,13 @@ import numpy as np
 import serial
 
 from pendubot_identification.adapters.pty_server import PtyServer
-from pendubot_identification.core.host import Host
-from pendubot_identification.core.host_config import HostConfig
-from pendubot_identification.core.news import Sample
-from pendubot_identification.core.parameters import PAPER
-from pendubot_identification.core.protocol import Command, Decoder, Hello, HelloRequest, Mode, State, encode
-from pendubot_identification.core.simulation import Plant
-from pendubot_identification.core.virtual_board import BoardSettings, Faults, VirtualBoard
+from pendubot_identification.core.link.host import Host
+from pendubot_identification.core.link.host_config import HostConfig
+from pendubot_identification.core.link.news import Sample
+from pendubot_identification.core.link.protocol import Command, Decoder, Hello, HelloRequest, Mode, State, encode
+from pendubot_identification.core.link.virtual_board import BoardSettings, Faults, VirtualBoard
+from pendubot_identification.core.model.parameters import PAPER
+from pendubot_identification.core.model.simulation import Plant
 from test.processes import Program, call, parameters, spin_until
 from test.rig import ARMED, WATCHDOG, Rig
 

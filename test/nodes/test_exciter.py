@@ -5,7 +5,7 @@ import signal
 
 import pytest
 
-from pendubot_identification.core.excitation import PulseTrain
+from pendubot_identification.core.experiment.excitation import PulseTrain
 from test.processes import Program, call, parameters, run_program, spin_until
 
 pytestmark = pytest.mark.ros

@@ -5,7 +5,7 @@ import pytest
 import yaml
 
 from pendubot_identification.cli.main import main
-from pendubot_identification.core.parameters import NAMES, PAPER
+from pendubot_identification.core.model.parameters import NAMES, PAPER
 from test.processes import Program, call, parameters, run_program, spin_until
 
 pytestmark = pytest.mark.ros
@@ -187,7 +187,7 @@ def test_a_failure_is_published_and_the_node_lives_on(listener, bag):
 def test_an_unphysical_result_is_published_at_level_error(listener, tmp_path, bag):
     from pendubot_identification.adapters.bag_reader import read_trajectory
     from pendubot_identification.adapters.joint_states import write_trajectory
-    from pendubot_identification.core.trajectory import Trajectory
+    from pendubot_identification.core.trajectories.trajectory import Trajectory
 
     t = read_trajectory(bag).trajectory
     write_trajectory(tmp_path / 'wrong_sign', Trajectory(t.t, t.q, -t.tau))

@@ -7,9 +7,9 @@ import yaml
 
 from pendubot_identification.adapters.result_file import SCHEMA
 from pendubot_identification.core.errors import ParameterError, ResultError
-from pendubot_identification.core.parameters import BALANCE, PAPER
-from pendubot_identification.core.protocol import Command, Mode, encode
-from pendubot_identification.core.simulation import LatePlant
+from pendubot_identification.core.link.protocol import Command, Mode, encode
+from pendubot_identification.core.model.parameters import BALANCE, PAPER
+from pendubot_identification.core.model.simulation import LatePlant
 from pendubot_identification.nodes.virtual_board import make_board, parser
 
 

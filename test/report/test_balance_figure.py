@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from pendubot_identification.core.trajectory import Trajectory
+from pendubot_identification.core.trajectories.trajectory import Trajectory
 from pendubot_identification.report.balance_figure import draw_balance
 
 

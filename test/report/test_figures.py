@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pendubot_identification.core.evidence import Excitation, Residuals, Simulation
-from pendubot_identification.core.trajectory import Trajectory
+from pendubot_identification.core.estimation.evidence import Excitation, Residuals, Simulation
+from pendubot_identification.core.trajectories.trajectory import Trajectory
 from pendubot_identification.report import figures
 from test.results import plain
 

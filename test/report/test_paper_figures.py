@@ -8,10 +8,10 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_rgb
 
-from pendubot_identification.core import trials
-from pendubot_identification.core.explained import energy_balance, foreseen
-from pendubot_identification.core.optimizer import minimize
-from pendubot_identification.core.parameters import PAPER
+from pendubot_identification.core.model.parameters import PAPER
+from pendubot_identification.core.optimizers.optimizer import minimize
+from pendubot_identification.core.paper import trials
+from pendubot_identification.core.paper.explained import energy_balance, foreseen
 from pendubot_identification.report import paper_figures, style
 from test.core.virtual import recording
 

@@ -1,0 +1,1 @@
+"""A controller that uses the parameters: swing up and balance."""

@@ -1,0 +1,1 @@
+"""What is minimised, and the exact minimum where there is one."""

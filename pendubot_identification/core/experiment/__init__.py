@@ -1,0 +1,1 @@
+"""The next recording: torques that tell much."""

@@ -1,0 +1,1 @@
+"""The bytes between board and host, and the rules of both ends."""

@@ -1,0 +1,1 @@
+"""Messages that come, that came, and that come again."""

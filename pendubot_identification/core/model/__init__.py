@@ -1,0 +1,1 @@
+"""The pendubot: its parameters, its equations of motion, its simulation."""

@@ -1,0 +1,1 @@
+"""What minimises: modified differential evolution, and its competitors."""

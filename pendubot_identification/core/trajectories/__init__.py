@@ -1,0 +1,1 @@
+"""Motions: as they were recorded, filtered, in pieces, as splines."""
