@@ -7,16 +7,7 @@ from setuptools import Extension, find_packages, setup
 NAME = 'pendubot_identification'
 SHARE = f'share/{NAME}'
 
-PROGRAMS = {
-    'pendubot': 'cli.main',
-    'bridge': 'nodes.bridge',
-    'recorder': 'nodes.recorder',
-    'player': 'nodes.player',
-    'identifier': 'nodes.identifier',
-    'exciter': 'nodes.exciter',
-    'balancer': 'nodes.balancer',
-    'virtual_board': 'nodes.virtual_board',
-}
+NODES = ['bridge', 'recorder', 'player', 'identifier', 'exciter', 'balancer', 'virtual_board']
 
 BAGS = [(f'{SHARE}/{folder}', sorted(glob(f'{folder}/*.*'))) for folder in ['bags', *sorted(glob('bags/*/'))]]
 
@@ -84,6 +75,6 @@ setup(
     description='Bridge, recorder and identifier for a pendubot: from the board to its parameters.',
     license='Apache-2.0',
     entry_points={
-        'console_scripts': [f'{name} = {NAME}.{module}:main' for name, module in PROGRAMS.items()],
+        'console_scripts': [f'pendubot = {NAME}.cli.main:main', *(f'{n} = {NAME}.programs:{n}' for n in NODES)],
     },
 )

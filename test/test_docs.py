@@ -12,6 +12,7 @@ import zlib
 
 import pytest
 
+from pendubot_identification import programs
 from pendubot_identification.cli.main import main, parser
 from pendubot_identification.core.link.protocol import Command, Decoder, Hello, HelloRequest, State, encode
 from test.conftest import RECORDINGS, ROOT
@@ -83,7 +84,7 @@ def unknown_in(words):
             return rest[1]
         return next((name for name in assigned if name not in launch_arguments(rest[1])), None)
     if kind == 'run':
-        if f"'{rest[1]}': 'nodes.{rest[1]}'" not in (ROOT / 'setup.py').read_text():
+        if not hasattr(programs, rest[1]):
             return rest[1]
         known = {setting.name for setting in node_class(rest[1]).SETTINGS} if rest[1] != 'virtual_board' else set()
         return next((name for name in assigned if name not in known), None)

@@ -1,0 +1,33 @@
+"""The nodes as programs: where there is no ROS to start them with, a sentence says so."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from functools import partial
+
+
+def _start(name: str) -> int:
+    """Run a node; return the exit status."""
+    try:
+        node = importlib.import_module(f'pendubot_identification.nodes.{name}')
+    except ImportError as error:
+        missing = (error.name or '').split('.')[0]
+        if missing == __package__:
+            raise
+        print(
+            f'{name}: {missing or "ROS"} cannot be imported ({error}), and {name} needs ROS 2: source your ROS '
+            "workspace, or install the package with pip install '.[ros]'; pendubot needs none, see pendubot --help",
+            file=sys.stderr,
+        )
+        return 1
+    return int(node.main())
+
+
+bridge = partial(_start, 'bridge')
+recorder = partial(_start, 'recorder')
+player = partial(_start, 'player')
+identifier = partial(_start, 'identifier')
+exciter = partial(_start, 'exciter')
+balancer = partial(_start, 'balancer')
+virtual_board = partial(_start, 'virtual_board')
