@@ -161,7 +161,7 @@ def test_an_unknown_table_or_figure_is_wrong_usage(tmp_path, capsys, name):
 
 def test_an_interrupt_keeps_what_is_done(tmp_path):
     folder = tmp_path / 'out'
-    options = ['--only', 'dataset,threshold', '--runs', '10', '--output', str(folder)]
+    options = ['--only', 'dataset,threshold', '--runs', '67', '--output', str(folder)]
     process = subprocess.Popen([*COMMAND, 'reproduce', *options], cwd=ROOT, stderr=subprocess.PIPE, text=True)
     end = time.monotonic() + 120
     while not (folder / 'figures' / 'dataset.svg').exists() and process.poll() is None and time.monotonic() < end:
