@@ -45,6 +45,9 @@ CHUNK_HEAD = struct.Struct('<QQQLL')
 #: A message's fields before its data: channel, sequence number, log time, publish time.
 MESSAGE_HEAD = struct.Struct('<HLQQ')
 
+#: The same as they are read.
+MessageHead = tuple[int, int, int, int]
+
 #: How much is searched at once for the next whole chunk [bytes].
 BLOCK = 1 << 20
 
@@ -73,9 +76,15 @@ class Damage:
 
 
 class Whole(NamedTuple):
-    """Something whole: a record, or the content of a chunk as bytes, which a checksum vouches for."""
+    """Something whole: a record, or the content of a chunk as bytes, which a checksum vouches for.
+
+    Attributes:
+        offset, size: where its record begins, and how long that is [bytes].
+        content: the record; of a chunk the bytes of its records.
+    """
 
     offset: int
+    size: int
     content: Any
 
 
@@ -108,9 +117,10 @@ def whole_parts(path: Path, damages: list[Damage] | None = None) -> Iterator[Who
                 at = end
                 continue
             chunked = chunked or isinstance(part, bytes)
+            record = HEAD.size + len(content or b'')
             if isinstance(part, (bytes, Schema, Channel, Message, DataEnd)):
-                yield Whole(at, part)
-            at += HEAD.size + len(content or b'')
+                yield Whole(at, record, part)
+            at += record
 
 
 def whole_records(path: Path, damages: list[Damage] | None = None) -> Iterator[tuple[bool, Any]]:
@@ -124,7 +134,7 @@ def whole_records(path: Path, damages: list[Damage] | None = None) -> Iterator[t
         UnsupportedCompressionError: a chunk is compressed in a way that cannot be read here.
         OSError: the system refuses to read.
     """
-    for _, part in whole_parts(path, damages):
+    for *_, part in whole_parts(path, damages):
         if isinstance(part, bytes):
             for record in chunk_records(part):
                 yield True, record
@@ -134,16 +144,29 @@ def whole_records(path: Path, damages: list[Damage] | None = None) -> Iterator[t
 
 def chunk_records(data: bytes) -> Iterator[Any]:
     """Return the schemas, channels and messages in a chunk's content."""
+    for head, begin, end in chunk_parts(data):
+        if isinstance(head, tuple):
+            channel, sequence, log_time, publish_time = head
+            yield Message(channel, log_time, data[begin:end], publish_time, sequence)
+        else:
+            yield head
+
+
+def chunk_parts(data: bytes) -> Iterator[tuple[Any, int, int]]:
+    """Return the same, of messages only their heads: a bag holds millions.
+
+    Returns:
+        a message's channel, sequence number, log time and publish time as a tuple, or another record; and where the
+        message's data, or the other's fields, begin and end.
+    """
     at, end = 0, len(data)
     while at < end:
         opcode, length = HEAD.unpack_from(data, at)
         at += HEAD.size
         if opcode == Opcode.MESSAGE:
-            channel, sequence, log_time, publish_time = MESSAGE_HEAD.unpack_from(data, at)
-            content = data[at + MESSAGE_HEAD.size : at + length]
-            yield Message(channel, log_time, content, publish_time, sequence)
+            yield MESSAGE_HEAD.unpack_from(data, at), at + MESSAGE_HEAD.size, at + length
         elif opcode in _RECORDS:
-            yield _RECORDS[opcode].read(ReadDataStream(BytesIO(data[at : at + length])))
+            yield _RECORDS[opcode].read(ReadDataStream(BytesIO(data[at : at + length]))), at, at + length
         at += length
 
 
