@@ -1,8 +1,8 @@
 """Where the chunks of an .mcap file stand, and what times and channels are in them: its index, as arrays.
 
 A recorder that flushes often makes many chunks; parsed record by record their index takes longer than a window's
-samples. Neighbouring records are nearly always laid out alike, so they are read as one array. A file that was never closed has no index; the same is made of what was
-found in it.
+samples. Neighbouring records are nearly always laid out alike, so they are read as one array. A file that was never
+closed has no index; the same is made of what was found in it.
 """
 
 from __future__ import annotations

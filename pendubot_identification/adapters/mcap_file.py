@@ -22,7 +22,7 @@ from mcap.stream_reader import StreamReader, breakup_chunk, get_chunk_data_strea
 from pendubot_identification.core.errors import BagError
 
 from .chunk_index import RECORD, ChunkIndex, FoundChunk
-from .mcap_salvage import MAGIC, Damage, MessageHead, chunk_parts, whole_parts, whole_records
+from .mcap_salvage import MAGIC, Damage, MessageHead, chunk_parts, is_chunk_of, whole_parts, whole_records
 
 Unpacked = TypeVar('Unpacked')
 
@@ -220,9 +220,11 @@ class McapFile:
                 offset = int(self._chunks.offset[k])
                 try:
                     file.seek(offset)
-                    record = file.read(int(self._chunks.length[k]))
-                    # A checksum proves a chunk, even where its opcode was hit.
-                    unpacked = unpack(Chunk.read(ReadDataStream(BytesIO(record[RECORD.size :]))))
+                    content = file.read(int(self._chunks.length[k]))[RECORD.size :]
+                    # As for the index: a checksum proves a chunk, even where its opcode was hit.
+                    if not is_chunk_of(len(content), content):
+                        raise ValueError('something else stands there')
+                    unpacked = unpack(Chunk.read(ReadDataStream(BytesIO(content))))
                 except UnsupportedCompressionError:
                     raise
                 except Exception as error:

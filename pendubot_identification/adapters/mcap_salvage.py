@@ -207,7 +207,7 @@ def _understood(opcode: int, content: bytes, chunked: bool) -> Any:
 
 def _chunk(content: bytes) -> bytes | None:
     """Return the messages of a chunk, decompressed; None where its fields or its checksum are wrong."""
-    if not _is_chunk_of(len(content), content):
+    if not is_chunk_of(len(content), content):
         return None
     try:
         chunk = Chunk.read(ReadDataStream(BytesIO(content)))
@@ -220,7 +220,7 @@ def _chunk(content: bytes) -> bytes | None:
     return data if length == chunk.uncompressed_size else None
 
 
-def _is_chunk_of(length: int, head: bytes) -> bool:
+def is_chunk_of(length: int, head: bytes) -> bool:
     """Tell whether the lengths inside a chunk, of which this is the beginning, add up to that of its record."""
     if len(head) < CHUNK_HEAD.size:
         return False
@@ -231,7 +231,7 @@ def _is_chunk_of(length: int, head: bytes) -> bool:
 
 def _after_damage(file: BinaryIO, at: int, size: int, content: bytes | None) -> int:
     """Return where to go on after what is broken at an offset: at its end, or at the next whole chunk, or nowhere."""
-    if content is not None and _is_chunk_of(len(content), content):
+    if content is not None and is_chunk_of(len(content), content):
         return at + HEAD.size + len(content)
     overlap = HEAD.size + CHUNK_HEAD.size + 16
     start = at + 1
@@ -241,7 +241,7 @@ def _after_damage(file: BinaryIO, at: int, size: int, content: bytes | None) -> 
         found = block.find(Opcode.CHUNK)
         while 0 <= found < BLOCK and found + overlap <= len(block):
             _, length = HEAD.unpack_from(block, found)
-            if _is_chunk_of(length, block[found + HEAD.size : found + overlap]):
+            if is_chunk_of(length, block[found + HEAD.size : found + overlap]):
                 _, candidate = _record(file, start + found, size)
                 if candidate is not None and _chunk(candidate) is not None:
                     return start + found
