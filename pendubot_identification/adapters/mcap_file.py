@@ -8,7 +8,6 @@ import zlib
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from functools import partial
 from io import BytesIO
 from itertools import chain
 from pathlib import Path
@@ -17,12 +16,21 @@ from typing import Any, BinaryIO, TypeVar
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import UnsupportedCompressionError
 from mcap.records import Channel, Chunk, DataEnd, Message, Schema, Statistics
-from mcap.stream_reader import StreamReader, breakup_chunk, get_chunk_data_stream
+from mcap.stream_reader import StreamReader, get_chunk_data_stream
 
 from pendubot_identification.core.errors import BagError
 
 from .chunk_index import RECORD, ChunkIndex, FoundChunk
-from .mcap_salvage import MAGIC, Damage, MessageHead, chunk_parts, is_chunk_of, whole_parts, whole_records
+from .mcap_salvage import (
+    MAGIC,
+    Damage,
+    MessageHead,
+    chunk_parts,
+    chunk_records,
+    is_chunk_of,
+    whole_parts,
+    whole_records,
+)
 
 Unpacked = TypeVar('Unpacked')
 
@@ -77,9 +85,8 @@ class McapFile:
         low = 0 if start_ns is None else start_ns
         high = 2**64 if end_ns is None else end_ns
         channels = {k for k, channel in self._channels.items() if channel.topic == topic}
-        chunks = self._indexed(channels, low, high, partial(breakup_chunk, validate_crc=True))
-        records = chain.from_iterable(chunks) if self._chunks else self._whole_records()
-        for record in records:
+        indexed = chain.from_iterable(self._indexed(channels, low, high, _records))
+        for record in indexed if self._chunks else self._whole_records():
             if isinstance(record, Message) and record.channel_id in channels and low <= record.log_time < high:
                 yield record
 
@@ -234,10 +241,7 @@ class McapFile:
     def _damaged(self, offset: int, first_ns: int) -> BagError:
         where = f'{offset} bytes from its start'
         if not self.closed:
-            # It was whole when the index was made.
-            return BagError(
-                f'{self.path} was changed {where} while it was read; read it again when nobody writes to it'
-            )
+            return BagError(f'{self.path} was whole {where} when it was opened, and is not any more; read it again')
         after = (first_ns - (self.first_ns or 0)) / 1e9
         return BagError(
             f'{self.path} is damaged {where}, {after:.3f} s after its first message; copy it again from where it was '
@@ -260,6 +264,10 @@ def _unpacked(chunk: Chunk) -> bytes:
     """Return a chunk's records as bytes, decompressed and checked."""
     stream, length = get_chunk_data_stream(chunk, validate_crc=True)
     return stream.read(length)
+
+
+def _records(chunk: Chunk) -> list[Any]:
+    return list(chunk_records(_unpacked(chunk)))
 
 
 def _joined(parts: Iterator[bytes]) -> Iterator[bytes]:

@@ -7,6 +7,7 @@ them; what stands outside of chunks has none, and is believed only as far as not
 from __future__ import annotations
 
 import struct
+from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
 from io import BytesIO
@@ -143,7 +144,11 @@ def whole_records(path: Path, damages: list[Damage] | None = None) -> Iterator[t
 
 
 def chunk_records(data: bytes) -> Iterator[Any]:
-    """Return the schemas, channels and messages in a chunk's content."""
+    """Return the schemas, channels and messages in a chunk's content.
+
+    Raises:
+        Exception: as :func:`chunk_parts`.
+    """
     for head, begin, end in chunk_parts(data):
         if isinstance(head, tuple):
             channel, sequence, log_time, publish_time = head
@@ -158,11 +163,16 @@ def chunk_parts(data: bytes) -> Iterator[tuple[Any, int, int]]:
     Returns:
         a message's channel, sequence number, log time and publish time as a tuple, or another record; and where the
         message's data, or the other's fields, begin and end.
+
+    Raises:
+        ValueError, struct.error, or whatever the library raises: the bytes are no records.
     """
     at, end = 0, len(data)
     while at < end:
         opcode, length = HEAD.unpack_from(data, at)
         at += HEAD.size
+        if at + length > end:
+            raise ValueError('a record reaches beyond its chunk')
         if opcode == Opcode.MESSAGE:
             yield MESSAGE_HEAD.unpack_from(data, at), at + MESSAGE_HEAD.size, at + length
         elif opcode in _RECORDS:
@@ -213,6 +223,9 @@ def _chunk(content: bytes) -> bytes | None:
         chunk = Chunk.read(ReadDataStream(BytesIO(content)))
         stream, length = get_chunk_data_stream(chunk, validate_crc=True)
         data = stream.read(length)
+        if not chunk.uncompressed_crc:
+            # Written without a checksum: its records at least must follow each other to its end.
+            deque(chunk_parts(data), maxlen=0)
     except UnsupportedCompressionError:
         raise
     except Exception:

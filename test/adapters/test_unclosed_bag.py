@@ -170,7 +170,7 @@ def test_a_file_that_became_another_one_is_one_sentence(closed, tmp_path):
     reader = BagReader(folder)
     for data in (closed.data[: closed.parts[20].begin + 50], bytes(len(closed.data))):
         unclosed(folder, data)
-        with pytest.raises(BagError, match=r'bag_0\.mcap was changed \d+ bytes from its start while it was read'):
+        with pytest.raises(BagError, match=r'bag_0\.mcap was whole \d+ bytes from its start when it was opened'):
             list(reader.files[0].messages(TOPIC))
     (folder / 'bag_0.mcap').unlink()
     with pytest.raises(BagError, match='cannot be read: No such file'):
@@ -199,6 +199,16 @@ def test_compressed_chunks_are_read_through_their_index(tmp_path, compression, m
     t, values = reader.joint_samples(TOPIC, JOINT_NAMES, 1, 2)
     np.testing.assert_array_equal(t, np.arange(100, 200) * STEP)
     np.testing.assert_array_equal(values[:, 1, 0], np.arange(100, 200))
+
+
+def test_without_checksums_a_chunk_is_whole_as_far_as_its_records_make_sense(tmp_path):
+    data = bytearray(foreign(tmp_path / 'file', range(300), compression=CompressionType.NONE, enable_crcs=False))
+    parts = parts_of(tmp_path / 'file')
+    hit = parts[len(parts) // 2]
+    # The length of its last message.
+    data[hit.end - len(sample(0)) - 30] ^= 0x40
+    messages = [message for part in parts if part != hit for message in part.messages]
+    check(BagReader(unclosed(tmp_path / 'bag', data)), messages)
 
 
 @pytest.mark.parametrize('chunked', [0, 50])
