@@ -239,14 +239,15 @@ class McapFile:
                 yield unpacked
 
     def _damaged(self, offset: int, first_ns: int) -> BagError:
-        where = f'{offset} bytes from its start'
         if not self.closed:
-            return BagError(f'{self.path} was whole {where} when it was opened, and is not any more; read it again')
+            return BagError(
+                f'{self.path} was whole {offset} bytes from its start when it was opened and is not now; read it again'
+            )
         after = (first_ns - (self.first_ns or 0)) / 1e9
         return BagError(
-            f'{self.path} is damaged {where}, {after:.3f} s after its first message; copy it again from where it was '
-            'recorded, choose a window without that time, or save what is whole with pendubot repair '
-            f'{self.path.parent}'
+            f'{self.path} is damaged {offset} bytes from its start, {after:.3f} s after its first message; '
+            'copy it again from where it was recorded, choose a window without that time, or save what is '
+            f'whole with pendubot repair {self.path.parent}'
         )
 
     @contextmanager
