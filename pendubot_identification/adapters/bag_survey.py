@@ -7,12 +7,11 @@ from array import array
 from dataclasses import dataclass, field
 
 import numpy as np
-from mcap.opcode import Opcode
 from mcap.records import Message, Schema
 from numpy.typing import NDArray
 
 from .mcap_file import McapFile
-from .mcap_salvage import HEAD, MESSAGE_HEAD, Damage, whole_parts
+from .mcap_salvage import Damage, chunk_parts, whole_parts
 
 #: Where the stamp of a message that begins with a header stands, after four bytes of encapsulation.
 STAMP_OFFSET = 4
@@ -74,7 +73,7 @@ def survey(files: list[McapFile]) -> tuple[dict[str, TopicTimes], dict[str, list
             number: (topics[channel.topic], begins_with_header(file.schemas.get(channel.schema_id)))
             for number, channel in file.channels.items()
         }
-        for _, part in whole_parts(file.path, damages[file.path.name]):
+        for *_, part in whole_parts(file.path, damages[file.path.name]):
             if isinstance(part, bytes):
                 _survey_chunk(part, by_number)
             elif isinstance(part, Message) and part.channel_id in by_number:
@@ -95,17 +94,11 @@ def begins_with_header(schema: Schema | None) -> bool:
 
 
 def _survey_chunk(data: bytes, by_number: dict[int, tuple[TopicTimes, bool]]) -> None:
-    # Without making an object of each message: a bag holds millions.
-    at, end = 0, len(data)
-    while at < end:
-        opcode, length = HEAD.unpack_from(data, at)
-        at += HEAD.size
-        if opcode == Opcode.MESSAGE:
-            channel, number, logged, _ = MESSAGE_HEAD.unpack_from(data, at)
-            if (known := by_number.get(channel)) is not None:
-                topic, stamped = known
-                topic.add(logged, number, _stamp(data, at + MESSAGE_HEAD.size) if stamped else None)
-        at += length
+    for head, begin, _ in chunk_parts(data):
+        if isinstance(head, tuple) and (known := by_number.get(head[0])) is not None:
+            _, number, logged, _ = head
+            topic, stamped = known
+            topic.add(logged, number, _stamp(data, begin) if stamped else None)
 
 
 def _stamp(data: bytes, at: int) -> int:

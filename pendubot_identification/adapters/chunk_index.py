@@ -1,15 +1,17 @@
-"""Where the chunks of a closed .mcap file stand, and what times and channels are in them: its index, as arrays.
+"""Where the chunks of an .mcap file stand, and what times and channels are in them: its index, as arrays.
 
 A recorder that flushes often makes many chunks; parsed record by record their index takes longer than a window's
-samples. Neighbouring records are nearly always laid out alike, so they are read as one array.
+samples. Neighbouring records are nearly always laid out alike, so they are read as one array. A file that was never
+closed has no index; the same is made of what was found in it.
 """
 
 from __future__ import annotations
 
 import struct
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
-from typing import Any
+from itertools import chain
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +23,16 @@ RECORD, BEGIN = struct.Struct('<BQ'), struct.Struct('<QQQQI')
 #: A channel and where its index stands; what follows the channels, without the compression's name.
 PLACE, REST = 10, 28
 HEAD = RECORD.size + BEGIN.size
+
+
+class FoundChunk(NamedTuple):
+    """A chunk that was read: its messages' first and last log time [ns], where it stands [bytes], their channels."""
+
+    first_ns: int
+    last_ns: int
+    offset: int
+    length: int
+    channels: Collection[int]
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,6 +56,15 @@ class ChunkIndex:
 
     def __len__(self) -> int:
         return len(self.offset)
+
+    @classmethod
+    def of(cls, chunks: Sequence[FoundChunk]) -> ChunkIndex:
+        """Return the index of chunks in the order in which they stand in the file."""
+        first_ns, last_ns, offset, length = np.array([chunk[:4] for chunk in chunks], np.uint64).reshape(-1, 4).T
+        places = [len(chunk.channels) for chunk in chunks]
+        channel = np.fromiter(chain.from_iterable(chunk.channels for chunk in chunks), np.uint16)
+        said, holder = np.ones(len(chunks), np.bool_), np.repeat(np.arange(len(chunks)), places)
+        return cls(first_ns, last_ns, offset, length, said, holder, channel)
 
     @classmethod
     def split(cls, summary: bytes) -> tuple[ChunkIndex, bytes]:

@@ -1,4 +1,4 @@
-"""Reading one .mcap file: through its index where it was closed, in the order of writing as far as it is whole."""
+"""Reading one .mcap file through its index; where it was not closed, through one that is made of what is whole."""
 
 from __future__ import annotations
 
@@ -7,20 +7,30 @@ import struct
 import zlib
 from collections import Counter
 from collections.abc import Callable, Iterator
-from functools import partial
+from contextlib import contextmanager
 from io import BytesIO
 from itertools import chain
 from pathlib import Path
 from typing import Any, BinaryIO, TypeVar
 
+from mcap.data_stream import ReadDataStream
 from mcap.exceptions import UnsupportedCompressionError
 from mcap.records import Channel, Chunk, DataEnd, Message, Schema, Statistics
-from mcap.stream_reader import StreamReader, breakup_chunk, get_chunk_data_stream
+from mcap.stream_reader import StreamReader, get_chunk_data_stream
 
 from pendubot_identification.core.errors import BagError
 
-from .chunk_index import RECORD, ChunkIndex
-from .mcap_salvage import MAGIC, Damage, whole_parts, whole_records
+from .chunk_index import RECORD, ChunkIndex, FoundChunk
+from .mcap_salvage import (
+    MAGIC,
+    Damage,
+    MessageHead,
+    chunk_parts,
+    chunk_records,
+    is_chunk_of,
+    whole_parts,
+    whole_records,
+)
 
 Unpacked = TypeVar('Unpacked')
 
@@ -53,7 +63,7 @@ class McapFile:
         self.last_ns: int | None = None
         self._channels: dict[int, Channel] = {}
         self._schemas: dict[int, Schema] = {}
-        self._chunks, _ = ChunkIndex.split(b'')
+        self._chunks = ChunkIndex.of([])
         counts: Counter[int] = Counter()
         self._check_magic()
         self.closed = self._read_summary(counts)
@@ -67,17 +77,16 @@ class McapFile:
     def messages(self, topic: str, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[Message]:
         """Return the messages of a topic in the order of writing, without those logged outside the times [ns].
 
-        Only what holds messages of the topic and of these times is read, where the file has an index.
+        Only what holds messages of the topic and of these times is read, where there are chunks.
 
         Raises:
-            BagError: a part of a closed file is damaged.
+            BagError: a part of a closed file is damaged, or the file is not any more what it was.
         """
         low = 0 if start_ns is None else start_ns
         high = 2**64 if end_ns is None else end_ns
         channels = {k for k, channel in self._channels.items() if channel.topic == topic}
-        chunks = self._indexed(channels, low, high, partial(breakup_chunk, validate_crc=True)) if self._chunks else []
-        records = chain.from_iterable(chunks) if self._chunks else (r for _, r in self._whole_records())
-        for record in records:
+        indexed = chain.from_iterable(self._indexed(channels, low, high, _records))
+        for record in indexed if self._chunks else self._whole_records():
             if isinstance(record, Message) and record.channel_id in channels and low <= record.log_time < high:
                 yield record
 
@@ -85,10 +94,10 @@ class McapFile:
         """Return the records in the chunks that hold messages of a topic and of these times [ns], many chunks at once.
 
         Returns:
-            None where the file has no index.
+            None where messages stand outside of chunks.
 
         Raises:
-            BagError: a part of the file is damaged.
+            BagError: as :meth:`messages`.
         """
         if not self._chunks:
             return None
@@ -150,24 +159,46 @@ class McapFile:
         return True
 
     def _scan(self, counts: Counter[int]) -> None:
-        """Learn by reading everything what no index says."""
-        ended = False
+        """Learn by reading everything what no index says, and make the index."""
+        ended = loose = False
         damages: list[Damage] = []
-        for vouched, record in self._whole_records(damages):
-            if isinstance(record, (Schema, Channel)):
-                known: dict[int, Any] = self._schemas if isinstance(record, Schema) else self._channels
-                # What a checksum vouches for is right, where the two differ.
-                if vouched or record.id not in known:
-                    known[record.id] = record
-            elif isinstance(record, Message):
-                counts[record.channel_id] += 1
-                time = record.log_time
-                self.first_ns = time if self.first_ns is None else min(self.first_ns, time)
-                self.last_ns = time if self.last_ns is None else max(self.last_ns, time)
-            ended = ended or isinstance(record, DataEnd)
+        chunks: list[FoundChunk] = []
+        with self._explained():
+            for offset, size, part in whole_parts(self.path, damages):
+                heads: list[MessageHead] = []
+                if isinstance(part, bytes):
+                    for record, _, _ in chunk_parts(part):
+                        if isinstance(record, tuple):
+                            heads.append(record)
+                        else:
+                            self._learn(record, vouched=True)
+                elif isinstance(part, Message):
+                    loose = True
+                    heads.append((part.channel_id, part.sequence, part.log_time, part.publish_time))
+                else:
+                    self._learn(part, vouched=False)
+                    ended = ended or isinstance(part, DataEnd)
+                if not heads:
+                    continue
+                channels, _, times, _ = zip(*heads, strict=True)
+                counts.update(channels)
+                first, last = min(times), max(times)
+                self.first_ns = first if self.first_ns is None else min(self.first_ns, first)
+                self.last_ns = last if self.last_ns is None else max(self.last_ns, last)
+                # An index has no place for what stands outside of chunks.
+                if not loose:
+                    chunks.append(FoundChunk(first, last, offset, size, tuple(set(channels))))
+        self._chunks = ChunkIndex.of([] if loose else chunks)
         self.closed = self.closed and ended
         if not self.closed:
             self.note = self._found(sum(counts[k] for k in self._channels), damages)
+
+    def _learn(self, record: Any, *, vouched: bool) -> None:
+        if isinstance(record, (Schema, Channel)):
+            known: dict[int, Any] = self._schemas if isinstance(record, Schema) else self._channels
+            # What a checksum vouches for is right, where the two differ.
+            if vouched or record.id not in known:
+                known[record.id] = record
 
     def _found(self, count: int, damages: list[Damage]) -> str:
         seconds = ((self.last_ns or 0) - (self.first_ns or 0)) / 1e9
@@ -182,45 +213,62 @@ class McapFile:
             f'first at byte {inside[0].offset}'
         )
 
-    def _whole_records(self, damages: list[Damage] | None = None) -> Iterator[tuple[bool, Any]]:
-        """Every record that is whole, and whether a checksum vouches for it."""
-        try:
-            yield from whole_records(self.path, damages)
-        except UnsupportedCompressionError as error:
-            raise self._unsupported(error) from error
-        except OSError as error:
-            raise BagError(f'{self.path} cannot be read: {error.strerror or error}; copy it to another disk') from error
+    def _whole_records(self) -> Iterator[Any]:
+        """Every record that is whole, of a file with messages outside of chunks."""
+        with self._explained():
+            for _, record in whole_records(self.path):
+                yield record
 
     def _indexed(
         self, channels: set[int], low: int, high: int, unpack: Callable[[Chunk], Unpacked]
     ) -> Iterator[Unpacked]:
-        with self.path.open('rb') as file:
+        with self._explained(), self.path.open('rb') as file:
             for k in self._chunks.holding(channels, low, high):
                 offset = int(self._chunks.offset[k])
-                after = (int(self._chunks.first_ns[k]) - (self.first_ns or 0)) / 1e9
                 try:
                     file.seek(offset)
-                    record = BytesIO(file.read(int(self._chunks.length[k])))
-                    chunk: Any = next(StreamReader(record, skip_magic=True, emit_chunks=True).records)
-                    unpacked = unpack(chunk)
-                except UnsupportedCompressionError as error:
-                    raise self._unsupported(error) from error
+                    content = file.read(int(self._chunks.length[k]))[RECORD.size :]
+                    # As for the index: a checksum proves a chunk, even where its opcode was hit.
+                    if not is_chunk_of(len(content), content):
+                        raise ValueError('something else stands there')
+                    unpacked = unpack(Chunk.read(ReadDataStream(BytesIO(content))))
+                except UnsupportedCompressionError:
+                    raise
                 except Exception as error:
-                    raise BagError(
-                        f'{self.path} is damaged {offset} bytes from its start, {after:.3f} s after its first message; '
-                        'copy it again from where it was recorded, choose a window without that time, or save what is '
-                        f'whole with pendubot repair {self.path.parent}'
-                    ) from error
+                    raise self._damaged(offset, int(self._chunks.first_ns[k])) from error
                 yield unpacked
 
-    def _unsupported(self, error: Exception) -> BagError:
-        return BagError(f'{self.path} cannot be read: {error}; install that package with pip')
+    def _damaged(self, offset: int, first_ns: int) -> BagError:
+        if not self.closed:
+            return BagError(
+                f'{self.path} was whole {offset} bytes from its start when it was opened and is not now; read it again'
+            )
+        after = (first_ns - (self.first_ns or 0)) / 1e9
+        return BagError(
+            f'{self.path} is damaged {offset} bytes from its start, {after:.3f} s after its first message; '
+            'copy it again from where it was recorded, choose a window without that time, or save what is '
+            f'whole with pendubot repair {self.path.parent}'
+        )
+
+    @contextmanager
+    def _explained(self) -> Iterator[None]:
+        """Turn what cannot be read here into a sentence."""
+        try:
+            yield
+        except UnsupportedCompressionError as error:
+            raise BagError(f'{self.path} cannot be read: {error}; install that package with pip') from error
+        except OSError as error:
+            raise BagError(f'{self.path} cannot be read: {error.strerror or error}; copy it to another disk') from error
 
 
 def _unpacked(chunk: Chunk) -> bytes:
     """Return a chunk's records as bytes, decompressed and checked."""
     stream, length = get_chunk_data_stream(chunk, validate_crc=True)
     return stream.read(length)
+
+
+def _records(chunk: Chunk) -> list[Any]:
+    return list(chunk_records(_unpacked(chunk)))
 
 
 def _joined(parts: Iterator[bytes]) -> Iterator[bytes]:

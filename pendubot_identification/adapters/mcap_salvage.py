@@ -7,6 +7,7 @@ them; what stands outside of chunks has none, and is believed only as far as not
 from __future__ import annotations
 
 import struct
+from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
 from io import BytesIO
@@ -45,6 +46,9 @@ CHUNK_HEAD = struct.Struct('<QQQLL')
 #: A message's fields before its data: channel, sequence number, log time, publish time.
 MESSAGE_HEAD = struct.Struct('<HLQQ')
 
+#: The same as they are read.
+MessageHead = tuple[int, int, int, int]
+
 #: How much is searched at once for the next whole chunk [bytes].
 BLOCK = 1 << 20
 
@@ -73,9 +77,15 @@ class Damage:
 
 
 class Whole(NamedTuple):
-    """Something whole: a record, or the content of a chunk as bytes, which a checksum vouches for."""
+    """Something whole: a record, or the content of a chunk as bytes, which a checksum vouches for.
+
+    Attributes:
+        offset, size: where its record begins, and how long that is [bytes].
+        content: the record; of a chunk the bytes of its records.
+    """
 
     offset: int
+    size: int
     content: Any
 
 
@@ -108,9 +118,10 @@ def whole_parts(path: Path, damages: list[Damage] | None = None) -> Iterator[Who
                 at = end
                 continue
             chunked = chunked or isinstance(part, bytes)
+            record = HEAD.size + len(content or b'')
             if isinstance(part, (bytes, Schema, Channel, Message, DataEnd)):
-                yield Whole(at, part)
-            at += HEAD.size + len(content or b'')
+                yield Whole(at, record, part)
+            at += record
 
 
 def whole_records(path: Path, damages: list[Damage] | None = None) -> Iterator[tuple[bool, Any]]:
@@ -124,7 +135,7 @@ def whole_records(path: Path, damages: list[Damage] | None = None) -> Iterator[t
         UnsupportedCompressionError: a chunk is compressed in a way that cannot be read here.
         OSError: the system refuses to read.
     """
-    for _, part in whole_parts(path, damages):
+    for *_, part in whole_parts(path, damages):
         if isinstance(part, bytes):
             for record in chunk_records(part):
                 yield True, record
@@ -133,17 +144,39 @@ def whole_records(path: Path, damages: list[Damage] | None = None) -> Iterator[t
 
 
 def chunk_records(data: bytes) -> Iterator[Any]:
-    """Return the schemas, channels and messages in a chunk's content."""
+    """Return the schemas, channels and messages in a chunk's content.
+
+    Raises:
+        Exception: as :func:`chunk_parts`.
+    """
+    for head, begin, end in chunk_parts(data):
+        if isinstance(head, tuple):
+            channel, sequence, log_time, publish_time = head
+            yield Message(channel, log_time, data[begin:end], publish_time, sequence)
+        else:
+            yield head
+
+
+def chunk_parts(data: bytes) -> Iterator[tuple[Any, int, int]]:
+    """Return the same, of messages only their heads: a bag holds millions.
+
+    Returns:
+        a message's channel, sequence number, log time and publish time as a tuple, or another record; and where the
+        message's data, or the other's fields, begin and end.
+
+    Raises:
+        ValueError, struct.error, or whatever the library raises: the bytes are no records.
+    """
     at, end = 0, len(data)
     while at < end:
         opcode, length = HEAD.unpack_from(data, at)
         at += HEAD.size
+        if at + length > end:
+            raise ValueError('a record reaches beyond its chunk')
         if opcode == Opcode.MESSAGE:
-            channel, sequence, log_time, publish_time = MESSAGE_HEAD.unpack_from(data, at)
-            content = data[at + MESSAGE_HEAD.size : at + length]
-            yield Message(channel, log_time, content, publish_time, sequence)
+            yield MESSAGE_HEAD.unpack_from(data, at), at + MESSAGE_HEAD.size, at + length
         elif opcode in _RECORDS:
-            yield _RECORDS[opcode].read(ReadDataStream(BytesIO(data[at : at + length])))
+            yield _RECORDS[opcode].read(ReadDataStream(BytesIO(data[at : at + length]))), at, at + length
         at += length
 
 
@@ -184,12 +217,15 @@ def _understood(opcode: int, content: bytes, chunked: bool) -> Any:
 
 def _chunk(content: bytes) -> bytes | None:
     """Return the messages of a chunk, decompressed; None where its fields or its checksum are wrong."""
-    if not _is_chunk_of(len(content), content):
+    if not is_chunk_of(len(content), content):
         return None
     try:
         chunk = Chunk.read(ReadDataStream(BytesIO(content)))
         stream, length = get_chunk_data_stream(chunk, validate_crc=True)
         data = stream.read(length)
+        if not chunk.uncompressed_crc:
+            # Written without a checksum: its records at least must follow each other to its end.
+            deque(chunk_parts(data), maxlen=0)
     except UnsupportedCompressionError:
         raise
     except Exception:
@@ -197,7 +233,7 @@ def _chunk(content: bytes) -> bytes | None:
     return data if length == chunk.uncompressed_size else None
 
 
-def _is_chunk_of(length: int, head: bytes) -> bool:
+def is_chunk_of(length: int, head: bytes) -> bool:
     """Tell whether the lengths inside a chunk, of which this is the beginning, add up to that of its record."""
     if len(head) < CHUNK_HEAD.size:
         return False
@@ -208,7 +244,7 @@ def _is_chunk_of(length: int, head: bytes) -> bool:
 
 def _after_damage(file: BinaryIO, at: int, size: int, content: bytes | None) -> int:
     """Return where to go on after what is broken at an offset: at its end, or at the next whole chunk, or nowhere."""
-    if content is not None and _is_chunk_of(len(content), content):
+    if content is not None and is_chunk_of(len(content), content):
         return at + HEAD.size + len(content)
     overlap = HEAD.size + CHUNK_HEAD.size + 16
     start = at + 1
@@ -218,7 +254,7 @@ def _after_damage(file: BinaryIO, at: int, size: int, content: bytes | None) -> 
         found = block.find(Opcode.CHUNK)
         while 0 <= found < BLOCK and found + overlap <= len(block):
             _, length = HEAD.unpack_from(block, found)
-            if _is_chunk_of(length, block[found + HEAD.size : found + overlap]):
+            if is_chunk_of(length, block[found + HEAD.size : found + overlap]):
                 _, candidate = _record(file, start + found, size)
                 if candidate is not None and _chunk(candidate) is not None:
                     return start + found

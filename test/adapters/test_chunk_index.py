@@ -1,6 +1,7 @@
 """The index of a file's chunks, beside the MCAP library's reading of the same records."""
 
 import struct
+from dataclasses import fields
 
 import pytest
 from hypothesis import given
@@ -9,7 +10,7 @@ from mcap.data_stream import RecordBuilder
 from mcap.records import ChunkIndex as Record
 from mcap.records import Statistics
 
-from pendubot_identification.adapters.chunk_index import ChunkIndex
+from pendubot_identification.adapters.chunk_index import ChunkIndex, FoundChunk
 
 times = st.integers(0, 2**64 - 1)
 places = st.dictionaries(st.integers(0, 4), times, max_size=3)
@@ -63,6 +64,27 @@ def test_chunks_are_found_as_one_by_one(chunks, channels, low, high):
         and chunk.message_start_time < high
         and low < high
     ]
+
+
+@given(st.lists(records.filter(lambda chunk: chunk.message_index_offsets), max_size=8))
+def test_what_was_found_makes_the_index_that_would_have_been_written(chunks):
+    chunks = sorted(chunks, key=lambda chunk: chunk.chunk_start_offset)
+    found = ChunkIndex.of(
+        [
+            FoundChunk(
+                chunk.message_start_time,
+                chunk.message_end_time,
+                chunk.chunk_start_offset,
+                chunk.chunk_length,
+                tuple(chunk.message_index_offsets),
+            )
+            for chunk in chunks
+        ]
+    )
+    written_index, _ = ChunkIndex.split(written(*chunks))
+    for field in fields(ChunkIndex):
+        one, other = getattr(found, field.name), getattr(written_index, field.name)
+        assert (one.dtype, one.tolist()) == (other.dtype, other.tolist()), field.name
 
 
 @given(st.lists(records, min_size=1, max_size=3), st.data())
