@@ -146,12 +146,17 @@ def _writer(device: serial.SerialBase) -> Callable[[bytes], bool]:
 
 
 def _reader(device: serial.SerialBase) -> Callable[[], tuple[bytes, int]]:
-    """Return what waits for bytes and returns all that are there, with the time of their arrival."""
+    """Return what waits for bytes and returns all that are there, with a time by which all of them had arrived.
+
+    The time is taken after reading: if this process loses the processor in between, what comes meanwhile is read too,
+    and must not seem to have come before it was sent.
+    """
 
     def through_pyserial() -> tuple[bytes, int]:
         data = device.read(1)
-        arrival = time.monotonic_ns()
-        return (data + device.read(device.in_waiting) if data else b''), arrival
+        if data:
+            data += device.read(device.in_waiting)
+        return data, time.monotonic_ns()
 
     if not isinstance(device, serial.Serial):
         return through_pyserial
@@ -162,17 +167,13 @@ def _reader(device: serial.SerialBase) -> Callable[[], tuple[bytes, int]]:
     poll.register(descriptor, select.POLLIN)
 
     def directly() -> tuple[bytes, int]:
-        ready = poll.poll(_READ_TIMEOUT * 1000)
-        arrival = time.monotonic_ns()
-        if not ready:
-            return b'', arrival
-        try:
-            data = os.read(descriptor, 4096)
-        except BlockingIOError:
-            return b'', arrival
-        if not data:
-            raise OSError(errno.ENODEV, 'the device is gone')
-        return data, arrival
+        data = b''
+        if poll.poll(_READ_TIMEOUT * 1000):
+            with contextlib.suppress(BlockingIOError):
+                data = os.read(descriptor, 4096)
+                if not data:
+                    raise OSError(errno.ENODEV, 'the device is gone')
+        return data, time.monotonic_ns()
 
     return directly
 

@@ -98,6 +98,25 @@ def test_bytes_arrive_with_their_time_and_go_out(port):
         device.unplug()
 
 
+def test_bytes_that_came_while_they_were_read_do_not_seem_to_have_come_before_they_were_sent(port, monkeypatch):
+    """As when this process loses the processor between waking up and reading."""
+    device, sent = Pty(port), []
+    read = os.read
+
+    def late(descriptor, size):
+        if not sent:
+            os.write(device.master, b'second')
+            sent.append(time.monotonic_ns())
+        return read(descriptor, size)
+
+    with Ear(port) as ear:
+        ear.wait(lambda e: e.opened)
+        monkeypatch.setattr('pendubot_identification.adapters.serial_link.os.read', late)
+        os.write(device.master, b'first')
+        ear.wait(lambda e: e.data == b'firstsecond')
+        assert ear.arrivals[-1] >= sent[0]
+
+
 def test_what_came_before_the_port_was_opened_is_not_heard(port):
     device = Pty(port)
     os.write(device.master, b'stale' * 1000)
