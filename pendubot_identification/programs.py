@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import importlib
+import os
 import sys
 from functools import partial
+
+from pendubot_identification.nodes.ending import at_signal
 
 
 def _start(name: str) -> int:
     """Run a node; return the exit status."""
+    # Importing takes a while, and nothing is open yet that would have to be closed.
+    at_signal(lambda: os._exit(0))
     try:
         node = importlib.import_module(f'pendubot_identification.nodes.{name}')
     except ImportError as error:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import difflib
 import math
 import re
-import signal
 import sys
 import textwrap
 import threading
@@ -25,6 +25,9 @@ from rclpy.utilities import remove_ros_args
 
 from pendubot_identification.adapters.resources import resource
 from pendubot_identification.core.errors import ParameterError, PendubotError
+
+from .ending import at_signal, ended
+from .parameter_files import unheard
 
 
 @dataclass(frozen=True)
@@ -123,6 +126,7 @@ class SettingsNode(Node):
                 given = re.search(r"to '(.*)' of type|\((.*)\) for parameter", str(error), re.DOTALL)
                 value = 'of another type' if given is None else given.group(given.lastindex or 0)
                 raise setting.refusal(value) from error
+        self._refuse_unknown()
         self._check(self.settings())
         self.add_on_set_parameters_callback(self._on_set)
 
@@ -151,6 +155,15 @@ class SettingsNode(Node):
 
     def close(self) -> None:
         """Give back what the node holds; ROS still works. A subclass overrides this."""
+
+    def _refuse_unknown(self) -> None:
+        """Refuse parameters that there are not: a limit that is misspelt would not limit anything."""
+        for name in self._parameter_overrides:
+            # The latter are declared with their topics.
+            if not self.has_parameter(name) and not name.startswith('qos_overrides.'):
+                near = difflib.get_close_matches(name, [setting.name for setting in self.SETTINGS], 1)
+                meant = f'is {near[0]} meant' if near else 'which is meant'
+                raise ParameterError(f'{self.PROGRAM} has no parameter {name}; {meant}? --help lists them all')
 
     def _check(self, values: dict[str, Any]) -> None:
         for setting in self.SETTINGS:
@@ -188,7 +201,7 @@ def help_text(node_class: type[SettingsNode]) -> str:
 
 
 def run(node_class: type[SettingsNode], args: Sequence[str] | None = None) -> int:
-    """Run a node until SIGINT, SIGTERM or :meth:`SettingsNode.end`; return the exit status.
+    """Run a node until a signal or :meth:`SettingsNode.end`; return the exit status.
 
     The executor spins in a thread of its own, so that a signal reaches the main thread at once and
     :meth:`SettingsNode.close` can still use services and publishers.
@@ -208,7 +221,7 @@ def run(node_class: type[SettingsNode], args: Sequence[str] | None = None) -> in
         return 2
     try:
         rclpy.init(args=argv, signal_handler_options=SignalHandlerOptions.NO)
-        return _run_until_ended(node_class)
+        return _run_until_ended(node_class, argv)
     except Exception as error:
         if '--debug' in own:
             traceback.print_exc()
@@ -218,20 +231,22 @@ def run(node_class: type[SettingsNode], args: Sequence[str] | None = None) -> in
         return 1
     finally:
         rclpy.try_shutdown()
+        ended()
 
 
-def _run_until_ended(node_class: type[SettingsNode]) -> int:
-    ended = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: ended.set())
+def _run_until_ended(node_class: type[SettingsNode], argv: Sequence[str]) -> int:
+    ending = threading.Event()
+    at_signal(ending.set)
     # In two steps, so that a node that refuses its parameters takes leave: else others go on seeing its services.
     node = node_class.__new__(node_class)
     try:
-        node.__init__(ended)  # type: ignore[misc]
+        node.__init__(ending)  # type: ignore[misc]
     except BaseException:
         with suppress(Exception):
             node.destroy_node()
         raise
+    for sentence in unheard(argv, node.get_name()):
+        node.get_logger().warning(sentence)
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     failures: list[BaseException] = []
@@ -244,12 +259,12 @@ def _run_until_ended(node_class: type[SettingsNode]) -> int:
         except BaseException as error:
             failures.append(error)
         finally:
-            ended.set()
+            ending.set()
 
     thread = threading.Thread(target=spin, daemon=True)
     thread.start()
     try:
-        ended.wait()
+        ending.wait()
     finally:
         try:
             node.close()

@@ -20,6 +20,8 @@ from pendubot_identification.core.link.virtual_board import BoardSettings, Fault
 from pendubot_identification.core.model.parameters import PRESETS
 from pendubot_identification.core.model.simulation import HANGING, LatePlant
 
+from .ending import at_signal, ended
+
 EPILOG = f"""\
 faults: {', '.join(each.name for each in fields(Faults))}
   (those named _at are seconds after the start, the others probabilities for each frame or sample)
@@ -154,8 +156,7 @@ def main(args: Sequence[str] | None = None) -> int:
         # A real board has another boot_id each time it starts; the same one would claim that it never stopped.
         options.seed = secrets.randbits(32)
     stop = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: stop.set())
+    at_signal(stop.set)
     try:
         with PtyServer(make_board(options), options.link, options.trace, _tell) as server:
             signal.signal(signal.SIGUSR1, lambda *_: server.pull())
@@ -165,6 +166,8 @@ def main(args: Sequence[str] | None = None) -> int:
     except PendubotError as error:
         print(f'virtual_board: {error}', file=sys.stderr)
         return 1
+    finally:
+        ended()
     return 0
 
 

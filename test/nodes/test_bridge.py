@@ -37,7 +37,7 @@ def test_it_is_armed_only_after_arm_and_obeys_until_disarm(rig):
     r.until(lambda: r.trace()[-1, 4] == 0)
 
 
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_disarms_and_ends_with_0(rig, number):
     r = rig()
     r.start_board()

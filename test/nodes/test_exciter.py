@@ -39,7 +39,7 @@ def test_excites_by_the_pulse_train_then_ends_disarmed(rig):
     assert int(trace()[-1]['status']) & 1 == 0, 'disarmed at the end'
 
 
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize('number', [signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_leaves_zero_torque_and_a_disarmed_board(rig, number):
     trace, _ = rig
     with Program('exciter', *parameters(arm='true', duration=0.0, width=1.0, amplitude_min=0.1)) as exciter:
