@@ -109,12 +109,15 @@ class BoardClock:
 
     def map(self, board_us: int) -> int:
         """Return the host time [ns], above every earlier stamp, of a board time that :meth:`observe` returned."""
-        delay = self._intercept + self._slope * (board_us - (self._origin_us or 0))
-        stamp = 1000 * board_us + round(delay)
+        stamp = self.taken(board_us)
         if self._last_stamp is not None:
             stamp = max(stamp, self._last_stamp + 1)
         self._last_stamp = stamp
         return stamp
+
+    def taken(self, board_us: int) -> int:
+        """Return the host time [ns] at which, as far as is known now, a board time was."""
+        return 1000 * board_us + round(self._intercept + self._slope * (board_us - (self._origin_us or 0)))
 
     def _below(self, board_us: int, delay_ns: int) -> float:
         """Return where a line of the present slope through this point starts."""

@@ -24,10 +24,11 @@ UNANSWERED = 5
 #: Link lost: nothing valid for the longer of this and five sample periods.
 SILENCE = 100 * MS
 SILENT_PERIODS = 5
+WAITING = 'waiting for the board to say HELLO'
 #: A clock that goes back further than this, not by its wrap, belongs to a board that restarted.
 CLOCK_BACK_US = 10_000
-#: A wrap moves the clock on by about what passed here, plus what may have waited in a buffer.
-WRAP_SLACK_US = 10_000_000
+#: No clock is faster than another by more than this.
+FASTER = 1e-3
 
 # As plain numbers: a status is looked at a thousand times a second, and an IntFlag takes its time.
 _DAMAGED_FRAME, _OVERRUN, _FAULTS = int(Status.DAMAGED_FRAME), int(Status.OVERRUN), int(FAULTS)
@@ -68,12 +69,13 @@ class Host:
         self._held_up = False
         # The board
         self._boot_id: int | None = None
-        self._hello_refused = False
+        self._nonsense: str | None = None  # what HELLO said that nobody can work with
         self._asking = False
         self._last_request = 0
         self._unanswered = 0
         self._state: State | None = None
         self._state_arrival = 0
+        self._state_taken = 0  # when it was taken, by the board's clock as it is mapped [ns]
         self._last_jump = -10 * SECOND
 
     # What can be asked at any time
@@ -144,7 +146,7 @@ class Host:
         if status & _FAULTS:
             return Report(Level.ERROR, names(status & _FAULTS))
         if self.hello is None:
-            return Report(Level.WARN, 'waiting for the board to say HELLO')
+            return Report(*((Level.ERROR, self._nonsense) if self._nonsense else (Level.WARN, WAITING)))
         if status & Status.WATCHDOG:
             return Report(Level.WARN, "the board's watchdog tripped; arm again")
         if self._motor.effort_stopped:
@@ -253,19 +255,17 @@ class Host:
         self._sequence.confirm_gap()
         self._boot_id = hello.boot_id
         self._unanswered = 0
-        nonsense = self._nonsense(hello)
-        self._asking = nonsense is not None
-        if nonsense is not None:
-            if not self._hello_refused:
-                self._news.report(Level.ERROR, nonsense)
-            self._hello_refused = True
+        before, self._nonsense = self._nonsense, self._nonsense_in(hello)
+        self._asking = self._nonsense is not None
+        if self._nonsense is not None:
+            if self._nonsense != before:
+                self._news.report(Level.ERROR, self._nonsense)
             return
-        self._hello_refused = False
         if self.hello is None or _introduction(hello) != _introduction(self.hello):
             self._news.report(Level.OK, _introduction(hello))
         self._motor.board = hello
 
-    def _nonsense(self, hello: Hello) -> str | None:
+    def _nonsense_in(self, hello: Hello) -> str | None:
         """Return why nobody can work with what the board says, or None."""
         said = (hello.cpr1, hello.cpr2)
         if 0 in (given or own for given, own in zip(self.config.counts_per_turn, said, strict=True)):
@@ -286,6 +286,7 @@ class Host:
             self._board_overruns += bool(state.status & _OVERRUN)
         self._motor.follow(state, before.status if before else 0, now)
         board_us = self.clock.observe(state.t_us, now)
+        self._state_taken = self.clock.taken(board_us)
         cpr = self._counts_per_turn
         if cpr is None:
             self._unscaled += 1
@@ -317,8 +318,10 @@ class Host:
             return False
         if self._state.t_us - frame.t_us <= CLOCK_BACK_US:
             return False
-        elapsed_us = (now - self._state_arrival) // 1000
-        return (frame.t_us - self._state.t_us) % WRAP > elapsed_us + WRAP_SLACK_US
+        # A wrap moves the clock on by no more than what passed since the sample before was taken, however long that
+        # waited somewhere: no frame is sent before its time.
+        elapsed_us = (now - self._state_taken) * 1e-3 * (1 + FASTER)
+        return (frame.t_us - self._state.t_us) % WRAP > elapsed_us + CLOCK_BACK_US
 
     def _restarted(self, evidence: str, now: int) -> None:
         self._restarts += 1

@@ -164,7 +164,7 @@ class VirtualBoard:
             if isinstance(event, Damaged):
                 self._notes |= Status.DAMAGED_FRAME
             elif isinstance(event, HelloRequest):
-                self._hello_due = True
+                self._hellos_due += 1
             elif isinstance(event, Command):
                 self._obey(event)
 
@@ -185,8 +185,8 @@ class VirtualBoard:
             self._origin = self._encoders()
             self._boot(2)
         out = b''
-        if self._hello_due:
-            self._hello_due = False
+        while self._hellos_due:
+            self._hellos_due -= 1
             out += self._transmit(self._hello())
         self.last = self._state()
         return out + self._transmit(self._glitched(self.last))
@@ -212,7 +212,7 @@ class VirtualBoard:
         self._torque = 0
         self._holds_until_us = 0
         self._notes = Status(0)
-        self._hello_due = True
+        self._hellos_due = 1
 
     def _obey(self, command: Command) -> None:
         if command.mode == Mode.DISARM:
@@ -240,8 +240,7 @@ class VirtualBoard:
         faults = self._standing_faults()
         if self._armed and self._clock_us >= self._holds_until_us:
             self._armed, self._tripped = False, True
-        if faults & FAULTS and self._armed:
-            self._armed, self._locked = False, True
+        self._armed = self._armed and not faults & FAULTS
         wanted = self._torque if self._armed else 0
         limit = round(self.settings.torque_limit * 1e6)
         torque = max(-limit, min(limit, wanted))

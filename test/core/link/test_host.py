@@ -7,6 +7,7 @@ from itertools import pairwise
 import pytest
 
 from pendubot_identification.core.level import Level
+from pendubot_identification.core.link.clock import WRAP
 from pendubot_identification.core.link.health import Health
 from pendubot_identification.core.link.host import Host
 from pendubot_identification.core.link.host_config import HostConfig
@@ -156,6 +157,15 @@ def test_a_hello_that_makes_no_sense_is_reported_and_changes_nothing(change, tex
     assert (report.level, text in report.text) == (Level.ERROR, True)
     assert wire.host.hello == HELLO
     assert len(only(wire.state(3, 20_000), Sample)) == 1
+
+
+def test_another_nonsense_is_reported_too_and_stands_in_the_diagnosis():
+    wire = Wire(hello=None)
+    for k, change in enumerate([{'cpr1': 0}, {'cpr1': 0}, {'torque_limit': -5}]):
+        reports = only(wire.host.receive(encode(replace(HELLO, seq=k, **change)), wire.now), Report)
+        assert len(reports) == (k != 1)
+        assert ('torque limit' in wire.host.condition().text) == (k == 2)
+        assert wire.host.condition().level == Level.ERROR
 
 
 def test_counts_per_turn_given_for_one_encoder_replace_what_the_board_does_not_know():
@@ -593,6 +603,28 @@ def test_a_restart_long_after_boot_is_no_wrap():
     wire.state(40_000, 2_400_000_000)
     wire.state(1, 10_000)
     assert wire.host.counters().restarts == 1
+
+
+@pytest.mark.parametrize('before_us', [50_000, 1_000_000, 9_000_000])
+def test_a_restart_shortly_before_the_clock_would_wrap_is_no_wrap(before_us):
+    wire = Wire(hello=replace(HELLO, seq=39_999))
+    wire.state(40_000, WRAP - before_us - 10_000)
+    wire.state(40_001, WRAP - before_us)
+    wire.state(1, 100)
+    assert wire.host.counters().restarts == 1
+
+
+@pytest.mark.parametrize('held_up_ms', [400, 60_000])
+def test_a_wrap_among_samples_that_waited_and_were_lost_is_no_restart(held_up_ms):
+    """A process that stood still reads what its buffer took, and then what comes now."""
+    wire = Wire(hello=replace(HELLO, seq=999))
+    for k in range(100):
+        wire.state(1000 + k, WRAP - 1_050_000 + 10_000 * k)
+    wire.now += held_up_ms * MS
+    for k in range(100, 105):
+        wire.state(1000 + k, (WRAP - 1_050_000 + 10_000 * k) % WRAP, step=0)
+    wire.state(1099 + held_up_ms // 10, held_up_ms * 1000 - 60_000, step=0)
+    assert wire.host.counters().restarts == 0
 
 
 def test_a_wrap_of_the_clock_is_no_restart():

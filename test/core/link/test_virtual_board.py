@@ -122,9 +122,16 @@ def test_a_fault_switches_off_and_mode_1_is_ignored_while_it_stands():
     bench.send(1)
     assert bench.step().status == Status.OVER_CURRENT
     assert bench.step(10).status == 0
-    bench.send(0)
     bench.send(1)
     assert bench.step().status == Status.ARMED
+
+
+def test_every_request_gets_its_hello():
+    bench = Bench()
+    bench.step(5)
+    for _ in range(3):
+        bench.board.receive(encode(HelloRequest(0, 0)))
+    assert [type(event) for event in bench.events(2)] == [Hello, Hello, Hello, State, State]
 
 
 def test_an_emergency_stop_stands_until_the_board_restarts():
