@@ -47,7 +47,7 @@ class Bridge(SettingsNode):
         Setting('baud', 921600, 'speed of the port', 'bit/s', 1200, 12_000_000),
         Setting('joint_names', ['shoulder', 'elbow'], 'names of the two joints in /joint_states'),
         Setting('sign', [1, 1], '1 or -1 for each joint: which way its encoder counts', '', -1, 1),
-        Setting('zero', [-math.pi / 2, 0.0], 'position of each joint at count 0', 'rad', -100.0, 100.0),
+        Setting('zero', [-math.pi / 2, 0.0], 'position of each joint at count 0', 'rad', -7.0, 7.0),
         Setting('counts_per_turn', [0, 0], 'of each encoder; 0 asks the board', 'counts', 0, 1 << 31),
         Setting(
             'torque_limit', 2.0, 'largest torque that is ever sent; the board has its own limit', 'N m', 0.0, 1000.0

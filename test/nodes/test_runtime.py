@@ -36,6 +36,14 @@ def test_a_parameter_that_there_is_not_is_refused_and_the_one_that_is_meant_is_n
     assert sentence == f'{program}: {program} has no parameter {name}; {asked}? --help lists them all'
 
 
+def test_degrees_are_no_radians():
+    ended = run_program('bridge', *parameters(zero='[-90.0, 0.0]'))
+    assert ended.returncode == 1
+    assert ended.stderr == (
+        'bridge: zero is -90.0; a list of numbers with decimal points from -7 to 7 rad is expected\n'
+    )
+
+
 def test_the_same_in_a_parameter_file(tmp_path):
     file = tmp_path / 'mine.yaml'
     file.write_text('bridge:\n  ros__parameters:\n    torque_limt: 0.1\n')
