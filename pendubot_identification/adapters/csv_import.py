@@ -87,7 +87,8 @@ def _read(path: Path, wanted: Mapping[str, tuple[str, bool]]) -> dict[str, NDArr
         raise CsvError(f'{path} is no text in UTF-8; export it as CSV in that encoding') from error
     lines = text.splitlines()
     header = lines[0] if lines else ''
-    reader = csv.reader(lines, delimiter=max(',;\t', key=header.count))
+    delimiter = max(',;\t', key=header.count)
+    reader = csv.reader(lines, delimiter=delimiter)
     names = [name.strip() for name in next(reader, [])]
     there: dict[str, int] = {}
     for quantity, (column, required) in wanted.items():
@@ -107,8 +108,16 @@ def _read(path: Path, wanted: Mapping[str, tuple[str, bool]]) -> dict[str, NDArr
         for row in reader:
             if not any(cell.strip() for cell in row):
                 continue
+            # Some programs end a row with a separator; anything else means that cells are not where they belong.
+            if len(row) < len(names) or any(cell.strip() for cell in row[len(names) :]):
+                comma = delimiter == ',' and len(row) > len(names)
+                why = 'decimals may be written with commas: write them with points, or ' if comma else ''
+                raise CsvError(
+                    f'{path}, line {reader.line_num} has {len(row)} cells; {len(names)} are expected, one for each '
+                    f'column name; {why}mend or remove that row'
+                )
             for quantity, k in there.items():
-                values[quantity].append(_number(row[k] if k < len(row) else '', path, reader.line_num, names[k]))
+                values[quantity].append(_number(row[k], path, reader.line_num, names[k]))
     except csv.Error as error:
         raise CsvError(f'{path}, line {reader.line_num}: {error}; mend or remove that row') from error
     if not values['t']:

@@ -43,7 +43,14 @@ def test_what_may_be_absent(given):
 
 
 @pytest.mark.parametrize(
-    'text', [TEXT.replace(',', ';'), TEXT.replace(',', ' , '), TEXT.replace(',', '\t'), TEXT + '\n,,\n']
+    'text',
+    [
+        TEXT.replace(',', ';'),
+        TEXT.replace(',', ' , '),
+        TEXT.replace(',', '\t'),
+        TEXT + '\n,,\n',
+        TEXT.replace('7,6', '7,6,'),
+    ],
 )
 def test_other_ways_to_write_the_same(given, text):
     np.testing.assert_array_equal(import_csv(given(text)).q, import_csv(given()).q)
@@ -93,7 +100,25 @@ def test_the_same_pose_in_every_convention(tmp_path, zero, elbow):
         (TEXT.replace('0.5', 'open'), r"line 3, column 'q2': 'open' is no finite number"),
         (TEXT.replace('0.5', 'nan'), r"line 3, column 'q2': 'nan' is no finite number"),
         (TEXT.replace('0.5', ''), r"line 3, column 'q2': nothing is no finite number"),
-        (TEXT.replace(',7,6', ''), r"line 4, column 'tau1': nothing is no finite number"),
+        (
+            TEXT.replace(',7,6', ''),
+            'line 4 has 5 cells; 7 are expected, one for each column name; mend or remove that row',
+        ),
+        (TEXT.replace('9,8,7,6', '9,8,7'), 'line 4 has 6 cells'),
+        (TEXT.replace('9,8,7,6', '9,8,7,6,5'), 'line 4 has 8 cells; 7 are expected'),
+        (
+            TEXT.replace('9,8,7,6', '9,8,7,6,5').replace(',', ';'),
+            '7 are expected, one for each column name; mend or remove that row',
+        ),
+        # Decimal commas, in all columns and in the last alone.
+        (
+            't,q1,q2,tau1\n0,00,0,10,0,20,0,30\n0,01,0,10,0,20,0,30\n',
+            'line 2 has 8 cells; 4 are .*decimals .*commas: .*points',
+        ),
+        (
+            't,q1,q2,tau1\n0.00,0.1,0.2,0,30\n0.01,0.1,0.2,0,31\n',
+            'line 2 has 5 cells; 4 are .*decimals .*commas: .*points',
+        ),
         (TEXT.splitlines()[0], 'holds no row of numbers'),
         (TEXT.replace(',', ';').replace('.', ','), "'5,00' is no finite number; write decimals with a point"),
         (TEXT.replace('dq1', 'q1'), "has 2 columns 'q1'; rename all but the one for q1"),
