@@ -69,7 +69,7 @@ def add_parser(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     """Design or check, show, write."""
     from pendubot_identification.adapters.exciter_file import read_exciter, write_exciter
-    from pendubot_identification.adapters.files import refuse_existing
+    from pendubot_identification.adapters.files import refuse_existing, refuse_input
     from pendubot_identification.adapters.result_file import read_estimate
     from pendubot_identification.core.errors import ParameterError
     from pendubot_identification.core.experiment.design import Experiment, Limits, design, foresee, paper_pulses
@@ -82,8 +82,10 @@ def run(args: argparse.Namespace) -> int:
             'a design needs to know what the rig may do; give --torque [N m] and --speed [rad/s], and --angle where '
             'there are cables or stops'
         )
-    if args.output is not None and not args.force:
-        refuse_existing(args.output)
+    if args.output is not None:
+        refuse_input(args.output, [args.check, args.estimate])
+        if not args.force:
+            refuse_existing(args.output)
     if not args.rate > 0:
         raise ParameterError(f'the sampling rate is {args.rate:g} Hz; a number above 0 is expected')
     if args.design:

@@ -44,7 +44,7 @@ def add_parser(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     """Read, convert, write."""
     from pendubot_identification.adapters.export import FORMATS, SUFFIXES
-    from pendubot_identification.adapters.files import write_whole
+    from pendubot_identification.adapters.files import refuse_input, write_whole
     from pendubot_identification.adapters.result_file import parameters_of, read_result
     from pendubot_identification.core.errors import ParameterError
 
@@ -52,6 +52,8 @@ def run(args: argparse.Namespace) -> int:
     if name is None:
         given = 'no format was given' if args.output is None else f'{args.output} has no suffix that names a format'
         raise ParameterError(f'{given}; add --format with one of {", ".join(FORMATS)}, or end on {", ".join(SUFFIXES)}')
+    if args.output is not None:
+        refuse_input(args.output, [args.result])
     result = read_result(args.result)
     parameters_of(result, args.result)
     text = FORMATS[name](result)

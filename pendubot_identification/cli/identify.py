@@ -164,8 +164,11 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Identify, print, write."""
-    from pendubot_identification.adapters.files import OutputFolder, refuse_existing
+    from pendubot_identification.adapters.files import OutputFolder, refuse_existing, refuse_input
 
+    for written in (args.output, args.report and args.report / 'result.yaml'):
+        if written is not None:
+            refuse_input(written, [*_bags(args), args.start, args.reference])
     settings = _settings(args)
     if args.output is not None and not args.force:
         refuse_existing(args.output)
@@ -208,6 +211,17 @@ def _identify(args: argparse.Namespace, settings: Any, folder: Any, beside: Any,
         if written is not None:
             print(f'written to {written}')
     return 0
+
+
+def _bags(args: argparse.Namespace) -> list[Path]:
+    """Return where the bags are.
+
+    Raises:
+        BagError: one is not understood.
+    """
+    from pendubot_identification.adapters.bag_reader import BagWindow
+
+    return [BagWindow.parse(text).path for text in (*args.bags, *args.validate)]
 
 
 def _shown(data: Datasets) -> Recordings:

@@ -80,13 +80,14 @@ def run(args: argparse.Namespace) -> int:
     Raises:
         PendubotError: there is no such result, or the folder cannot be written.
     """
-    from pendubot_identification.adapters.files import OutputFolder
+    from pendubot_identification.adapters.files import OutputFolder, refuse_input
     from pendubot_identification.adapters.provenance import recordings
     from pendubot_identification.adapters.result_file import read_whole_result
 
     result = read_whole_result(args.result)
     beside = reference(args.reference)
     path = args.output or args.result.with_name(f'{args.result.stem}_report')
+    refuse_input(path / 'result.yaml', [args.reference])
     folder = OutputFolder(path, overwrite=args.force)
     motions, notes = None, []
     try:

@@ -84,6 +84,17 @@ def test_what_a_user_can_do_wrong_is_explained(tmp_path, monkeypatch, capsys, ar
     assert 'Traceback' not in error
 
 
+def test_what_is_read_is_never_written_over(tmp_path, capsys):
+    result, exciter = tmp_path / 'result.yaml', tmp_path / 'exciter.yaml'
+    result.write_text(yaml.safe_dump(plain(('weak',))))
+    exciter.write_text((ROOT / 'config' / 'exciter.yaml').read_text())
+    before = result.read_text(), exciter.read_text()
+    for what, output in ((['--design', *QUICK, '--from', result], result), (['--check', exciter], exciter)):
+        assert main(['excite', *map(str, what), '--output', str(output), '--force']) == 1
+        assert 'is read, so it cannot be written as well' in capsys.readouterr().err
+    assert (result.read_text(), exciter.read_text()) == before
+
+
 def test_design_or_check_must_be_chosen(capsys):
     with pytest.raises(SystemExit) as ended:
         main(['excite', '--torque', '1'])

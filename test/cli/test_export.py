@@ -39,6 +39,16 @@ def test_an_existing_file_stays_and_force_replaces_it(result, tmp_path, capsys):
     assert json.loads(output.read_text())['schema'] == 1
 
 
+def test_the_result_itself_is_never_written_over(result, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    before = result.read_text()
+    (tmp_path / 'link.yaml').symlink_to(result)
+    for output in ('result.yaml', './result.yaml', 'link.yaml'):
+        assert main(['export', str(result), '--output', output, '--force']) == 1
+        assert f'{output.removeprefix("./")} is read, so it cannot be written as well' in capsys.readouterr().err
+    assert result.read_text() == before
+
+
 def test_a_doubtful_result_is_exported_and_said_to_be_doubtful(result, tmp_path, capsys):
     data = yaml.safe_load(result.read_text()) | {'level': 'ERROR', 'warnings': ['not physical: P1']}
     result.write_text(yaml.safe_dump(data))

@@ -301,6 +301,21 @@ def test_what_a_user_did_wrong_is_one_sentence(capsys, bag, arguments, sentence)
     assert sentence in refused(capsys, *(a.format(bag=bag, root=ROOT) for a in arguments))
 
 
+def test_what_is_read_is_never_written_over(capsys, bag, tmp_path):
+    (file,), start = bag.glob('*.mcap'), tmp_path / 'result.yaml'
+    start.write_text('mine')
+    before = file.read_bytes()
+    for options in (
+        ('--output', file),
+        ('--output', bag / 'metadata.yaml'),
+        ('--output', start, '--start', start),
+        ('--report', tmp_path, '--reference', start),
+    ):
+        assert 'is read, so it cannot be written as well' in refused(capsys, bag, *options, '--force')
+    assert (file.read_bytes(), start.read_text()) == (before, 'mine')
+    assert not list(tmp_path.glob('*.html'))
+
+
 def test_a_motion_without_excitation_names_what_cannot_be_told(capsys, bag, tmp_path):
     still = np.tile([-np.pi / 2, 0.0], (1800, 1))
     assert 'none of P1, P2' in refused(capsys, broken(bag, tmp_path, q=still))

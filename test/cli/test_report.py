@@ -96,6 +96,12 @@ def test_a_reference_stands_beside_the_result(made, tmp_path, capsys):
     assert 'earlier result' not in ' '.join(page.text)
 
 
+def test_a_reference_is_not_written_over(made, tmp_path, capsys):
+    shutil.copy(made / 'result.yaml', tmp_path)
+    arguments = ('report', made / 'result.yaml', '--reference', tmp_path / 'result.yaml', '--output', tmp_path)
+    assert 'is read, so it cannot be written as well' in refused(capsys, *arguments, '--force')
+
+
 def test_a_failed_identification_has_a_page_that_says_why(made, tmp_path, capsys):
     status, out, err = run(capsys, 'identify', f'{made / "swing"}@0:0.2', '--report', tmp_path / 'look', *FAST)
     assert status == 1
