@@ -18,6 +18,7 @@ examples:
   pendubot excite --design --torque 1 --speed 20 --from result.yaml            for yours; 20 rad/s at most
   pendubot excite --design --torque 1 --speed 20 --angle 1.5 6.3               cables: a quarter turn, one turn
   pendubot excite --check exciter.yaml --from result.yaml                      what would it do, and tell?
+  pendubot excite --check exciter.yaml --speed 20                              does it keep within 20 rad/s?
 
 then: ros2 run pendubot_identification exciter --ros-args --params-file exciter.yaml
 A rig differs from its estimate: watch the first run, with a hand at the emergency stop.
@@ -43,7 +44,9 @@ def add_parser(subparsers: Any) -> None:
         metavar='RESULT.yaml',
         help="the rig's parameters as known now: a result of pendubot identify (default: the paper's rig)",
     )
-    limits = parser.add_argument_group('limits of a design')
+    limits = parser.add_argument_group(
+        'limits', 'a design keeps within them; what is checked is held against those that are given'
+    )
     limits.add_argument('--torque', type=float, metavar='NM', help='greatest torque, either way [N m]')
     limits.add_argument('--speed', type=float, metavar='RAD_S', help='greatest speed of either joint [rad/s]')
     limits.add_argument(
@@ -102,17 +105,45 @@ def run(args: argparse.Namespace) -> int:
                 progress=progress,
             )
     else:
+        given = {'torque': args.torque, 'speed': args.speed}
+        limits = Limits(**{name: limit for name, limit in given.items() if limit is not None}, angle=tuple(args.angle))
         train, duration = read_exciter(args.check)
         experiment = Experiment(duration or args.duration, 1 / args.rate, args.counts)
         (found,) = foresee(parameters, [train], experiment)
-    torque = max(abs(found.train.amplitude_min), abs(found.train.amplitude_max)) if args.torque is None else args.torque
-    (paper,) = foresee(parameters, [paper_pulses(torque)], experiment)
+    torque = max(abs(found.train.amplitude_min), abs(found.train.amplitude_max))
+    (paper,) = foresee(parameters, [paper_pulses(args.torque if args.design else torque)], experiment)
     moved = motion_lines(found, experiment)
     print(*moved, '', excitation_table(parameters, errors, paper, found), sep='\n')
+    if args.check is not None:
+        _hold_against(args, [torque, *found.speed, *found.angle])
     if args.output is not None:
         write_exciter(args.output, found.train, experiment.duration, moved, overwrite=args.force)
         print(f'\nwritten to {args.output}')
     return 0
+
+
+def _hold_against(args: argparse.Namespace, reached: list[float]) -> None:
+    """Compare the greatest torque, speeds and angles with the limits that were given.
+
+    Raises:
+        ParameterError: one is exceeded.
+    """
+    from pendubot_identification.core.errors import ParameterError
+
+    of = ('torque', 'speed of the shoulder', 'speed of the elbow', 'angle of the shoulder', 'angle of the elbow')
+    limits = (args.torque, args.speed, args.speed, *args.angle)
+    units = ('N m', 'rad/s', 'rad/s', 'rad', 'rad')
+    # A motion that runs off into what is no number exceeds any limit.
+    exceeded = [
+        f'{name} up to {value:.4g} {unit} where {limit:g} {unit} are allowed'
+        for name, value, limit, unit in zip(of, reached, limits, units, strict=True)
+        if limit is not None and not value <= limit
+    ]
+    if exceeded:
+        raise ParameterError(
+            f'{args.check} exceeds the limits: {"; ".join(exceeded)}; give it smaller torques or shorter pulses, or '
+            'search another with --design'
+        )
 
 
 def _progress_bar() -> Any:

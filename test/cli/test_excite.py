@@ -1,3 +1,5 @@
+import re
+
 import numpy as np
 import pytest
 import yaml
@@ -82,6 +84,35 @@ def test_what_a_user_can_do_wrong_is_explained(tmp_path, monkeypatch, capsys, ar
     error = capsys.readouterr().err
     assert sentence in error
     assert 'Traceback' not in error
+
+
+def test_what_is_checked_is_held_against_the_limits_that_are_given(tmp_path, capsys):
+    """The paper's pulses, 1 N m: each limit is said that is exceeded, and nothing else changes by it."""
+    file, never = tmp_path / 'exciter.yaml', tmp_path / 'never.yaml'
+    file.write_text((ROOT / 'config' / 'exciter.yaml').read_text())
+
+    def check(*limits):
+        status = main(['excite', '--check', str(file), *limits])
+        printed = capsys.readouterr()
+        return status, printed.out, printed.err
+
+    status, shown, said = check()
+    assert (status, said) == (0, '')
+    assert check('--torque', '1', '--speed', '1000', '--angle', '1000', '1000') == (0, shown, '')
+    status, out, said = check('--torque', '0.5', '--output', str(never))
+    assert (status, out) == (1, shown)
+    assert f'{file} exceeds the limits: torque up to 1 N m where 0.5 N m are allowed; give it smaller' in said
+    assert not never.exists()
+    said = check('--speed', '0.25', '--angle', '0.125', '1000')[2]
+    assert re.findall(r'(\w+ of the \w+) up to [.\d]+ \S+ where ([.\d]+) ', said) == [
+        ('speed of the shoulder', '0.25'),
+        ('speed of the elbow', '0.25'),
+        ('angle of the shoulder', '0.125'),
+    ]
+    assert 'torque up' not in said
+    status, out, said = check('--speed', '-1')
+    assert (status, out) == (1, '')
+    assert 'limit of the speed is -1' in said
 
 
 def test_what_is_read_is_never_written_over(tmp_path, capsys):
