@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -433,6 +434,15 @@ def test_the_choices_are_those_of_the_core_and_help_does_not_wait_for_it():
     )
     result = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, timeout=60)
     assert result.returncode == 0, result.stderr
+
+
+def test_what_cannot_be_encoded_costs_no_result(bag):
+    command = [sys.executable, '-m', 'pendubot_identification.cli.main', 'identify', bag, *FAST]
+    env = os.environ | {'PYTHONIOENCODING': 'ascii'}
+    child = subprocess.run(command, capture_output=True, text=True, env=env, timeout=120)
+    assert (child.returncode, child.stderr) == (0, '')
+    assert all(re.search(rf'^{name} ', child.stdout, re.MULTILINE) for name in SEVEN)
+    assert r'\xb1' in child.stdout, 'in the place of a sign that ASCII lacks'
 
 
 def test_debug_shows_where(capsys):
