@@ -1,3 +1,4 @@
+import re
 from dataclasses import asdict, replace
 
 import numpy as np
@@ -57,6 +58,13 @@ def test_parameters_that_no_rig_has_are_refused_in_a_sentence(tmp_path, result, 
     options = ['--parameters', str(result(asdict(PAPER) | change))]
     assert main(['simulate', '--output', str(tmp_path / 'never'), *options]) == 1
     assert sentence in capsys.readouterr().err
+    assert not (tmp_path / 'never').exists()
+
+
+@pytest.mark.parametrize('amplitude', [('1000', '2000'), ('1e300', '1e301')])
+def test_torques_that_no_motion_can_follow_are_refused_in_a_sentence(tmp_path, capsys, amplitude):
+    assert main(['simulate', '--output', str(tmp_path / 'never'), '--samples', '300', '--amplitude', *amplitude]) == 1
+    assert re.search(r'too fast to be followed 0\.\d+ s after .* N m are too large', capsys.readouterr().err)
     assert not (tmp_path / 'never').exists()
 
 
