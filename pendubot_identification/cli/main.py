@@ -54,10 +54,14 @@ def parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     top.add_argument('--version', action=_Version, nargs=0, help='say which version this is and whether it is compiled')
-    top.add_argument('--debug', action='store_true', help='show the traceback of a failure, and whether it is compiled')
     subparsers = top.add_subparsers(title='subcommands', metavar='SUBCOMMAND', required=True)
     for subcommand in SUBCOMMANDS:
         subcommand.add_parser(subparsers)
+    top.set_defaults(debug=False)
+    for place in (top, *subparsers.choices.values()):
+        # Also after the subcommand, where it is typed to run again; a default of False there would undo the one before.
+        what = 'show the traceback of a failure, and whether it is compiled'
+        place.add_argument('--debug', action='store_true', default=argparse.SUPPRESS, help=what)
     return top
 
 
@@ -90,7 +94,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except Exception as error:
         if args.debug:
             traceback.print_exc()
-        sentence = f'{type(error).__name__}: {error}; run pendubot --debug ... to see where'
+        sentence = f'{type(error).__name__}: {error}; run again with --debug to see where'
         if isinstance(error, PendubotError):
             sentence = str(error)
         elif isinstance(error, OSError):

@@ -446,8 +446,9 @@ def test_what_cannot_be_encoded_costs_no_result(bag):
 
 
 def test_debug_shows_where(capsys):
-    assert main(['--debug', 'identify', '/nowhere']) == 1
-    assert 'Traceback' in capsys.readouterr().err
+    for arguments in (['--debug', 'identify', '/nowhere'], ['identify', '/nowhere', '--debug']):
+        assert main(arguments) == 1
+        assert 'Traceback' in capsys.readouterr().err
 
 
 def test_simulate_is_reproducible_and_refuses_nonsense(capsys, bag, tmp_path):
