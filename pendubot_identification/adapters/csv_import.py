@@ -46,7 +46,7 @@ def import_csv(
         CsvError: the file cannot be read, a column is missing, a value is not a number.
         TrajectoryError: stamps that repeat or run backwards.
     """
-    values = _read(Path(path), _wanted(columns or {}))
+    values = _read(Path(path), wanted(columns or {}))
     unit = math.pi / 180 if degrees else 1.0
     t = values['t']
     q = unit * np.column_stack([values['q1'], values['q2']])
@@ -68,16 +68,27 @@ def import_csv(
     return trajectory
 
 
-def _wanted(columns: Mapping[str, str]) -> dict[str, tuple[str, bool]]:
-    """Return for every quantity its column's name and whether it must be there."""
+def wanted(columns: Mapping[str, str]) -> dict[str, tuple[str, bool]]:
+    """Return for every quantity its column's name and whether it must be there, given some of the names.
+
+    Raises:
+        CsvError: there is no such quantity, or one column is named for two.
+    """
     if unknown := [name for name in columns if name not in REQUIRED + OPTIONAL]:
         raise CsvError(
             f'{unknown[0]!r} is no quantity of a motion; columns can be named for {", ".join(REQUIRED + OPTIONAL)}'
         )
-    return {name: (columns.get(name, name), name in REQUIRED or name in columns) for name in REQUIRED + OPTIONAL}
+    named = {name: columns.get(name, name) for name in REQUIRED + OPTIONAL}
+    for name, column in columns.items():
+        if other := next((other for other in named if other != name and named[other] == column), None):
+            raise CsvError(
+                f'column {column!r} stands for both {name} and {other}; name one column for each quantity, '
+                f'such as {other}=NAME'
+            )
+    return {name: (column, name in REQUIRED or name in columns) for name, column in named.items()}
 
 
-def _read(path: Path, wanted: Mapping[str, tuple[str, bool]]) -> dict[str, NDArray[np.float64]]:
+def _read(path: Path, quantities: Mapping[str, tuple[str, bool]]) -> dict[str, NDArray[np.float64]]:
     """Return the wanted columns that are there, each of shape (N,)."""
     try:
         text = path.read_text(encoding='utf-8-sig')
@@ -91,7 +102,7 @@ def _read(path: Path, wanted: Mapping[str, tuple[str, bool]]) -> dict[str, NDArr
     reader = csv.reader(lines, delimiter=delimiter)
     names = [name.strip() for name in next(reader, [])]
     there: dict[str, int] = {}
-    for quantity, (column, required) in wanted.items():
+    for quantity, (column, required) in quantities.items():
         if names.count(column) > 1:
             raise CsvError(
                 f'{path} has {names.count(column)} columns {column!r}; rename all but the one for {quantity}'

@@ -9,6 +9,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from .usage import UsageError, wrong_usage
+
 Results = Mapping[str, Mapping[str, Any]]
 
 DESCRIPTION = """\
@@ -52,16 +54,15 @@ def run(args: argparse.Namespace) -> int:
         PendubotError: fewer than two results, one that cannot be read, or a bag that cannot.
     """
     from pendubot_identification.adapters.result_file import read_parameters, read_result
-    from pendubot_identification.core.errors import ResultError
     from pendubot_identification.report.tables import side_by_side
 
     if len(args.results) < 2:
-        raise ResultError(f'{args.results[0]} is one result alone; name two or more to be compared')
+        raise UsageError(f'{args.results[0]} is one result alone; name two or more to be compared')
     for path in args.results:
         read_parameters(path)
     results = {str(path): read_result(path) for path in args.results}
     if len(results) < len(args.results):
-        raise ResultError('the same result is named twice; name two or more that differ')
+        raise UsageError('the same result is named twice; name two or more that differ')
     plain = {'results': list(results), 'parameters': _parameters(results), 'notes': _shared(results)}
     if args.on is not None:
         plain |= _foreseen(results, args)
@@ -127,7 +128,9 @@ def _foreseen(results: Results, args: argparse.Namespace) -> dict[str, Any]:
 
     from .identify import joints
 
-    recorded = read_recording(BagWindow.parse(args.on), topic=args.topic, joint_names=joints(args.joints))
+    with wrong_usage():
+        window, names = BagWindow.parse(args.on), joints(args.joints)
+    recorded = read_recording(window, topic=args.topic, joint_names=names)
     parts = held_parts([recorded.trajectory])
     # States as all results are held against them; the torque as each result takes it.
     smoothing = choose_smoothing(parts)

@@ -7,6 +7,8 @@ import math
 from pathlib import Path
 from typing import Any
 
+from .usage import UsageError, wrong_usage
+
 DESCRIPTION = """\
 Design an excitation, or foresee what a given one does. A design is the pulse train whose motion tells most of the
 parameters (D-optimal: the smallest ellipsoid of confidence), simulated from hanging at rest with the parameters as they
@@ -74,14 +76,13 @@ def run(args: argparse.Namespace) -> int:
     from pendubot_identification.adapters.exciter_file import read_exciter, write_exciter
     from pendubot_identification.adapters.files import refuse_existing, refuse_input
     from pendubot_identification.adapters.result_file import read_estimate
-    from pendubot_identification.core.errors import ParameterError
     from pendubot_identification.core.experiment.design import Experiment, Limits, design, foresee, paper_pulses
     from pendubot_identification.core.model.parameters import PAPER
     from pendubot_identification.report.excitation import excitation_table, motion_lines
 
     parameters, errors = (PAPER, None) if args.estimate is None else read_estimate(args.estimate)
     if args.design and (args.torque is None or args.speed is None):
-        raise ParameterError(
+        raise UsageError(
             'a design needs to know what the rig may do; give --torque [N m] and --speed [rad/s], and --angle where '
             'there are cables or stops'
         )
@@ -90,10 +91,12 @@ def run(args: argparse.Namespace) -> int:
         if not args.force:
             refuse_existing(args.output)
     if not args.rate > 0:
-        raise ParameterError(f'the sampling rate is {args.rate:g} Hz; a number above 0 is expected')
+        raise UsageError(f'the sampling rate is {args.rate:g} Hz; a number above 0 is expected')
+    given = {'torque': args.torque, 'speed': args.speed}
+    with wrong_usage():
+        limits = Limits(**{name: limit for name, limit in given.items() if limit is not None}, angle=tuple(args.angle))
     if args.design:
         experiment = Experiment(args.duration, 1 / args.rate, args.counts)
-        limits = Limits(args.torque, args.speed, tuple(args.angle))
         with _progress_bar() as progress:
             found = design(
                 parameters,
@@ -105,8 +108,6 @@ def run(args: argparse.Namespace) -> int:
                 progress=progress,
             )
     else:
-        given = {'torque': args.torque, 'speed': args.speed}
-        limits = Limits(**{name: limit for name, limit in given.items() if limit is not None}, angle=tuple(args.angle))
         train, duration = read_exciter(args.check)
         experiment = Experiment(duration or args.duration, 1 / args.rate, args.counts)
         (found,) = foresee(parameters, [train], experiment)

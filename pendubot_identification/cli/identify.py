@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +13,7 @@ from pendubot_identification.core.errors import PendubotError
 
 from .progress import progress_bar
 from .report import add_reference, previous, reference, write_failure_report, write_result_report
+from .usage import UsageError, wrong_usage
 
 if TYPE_CHECKING:
     from pendubot_identification.adapters.datasets import Datasets
@@ -165,11 +167,16 @@ def add_parser(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     """Identify, print, write."""
     from pendubot_identification.adapters.files import OutputFolder, refuse_existing, refuse_input
+    from pendubot_identification.adapters.result_file import read_parameters
 
+    with wrong_usage():
+        settings, bags = _settings(args), _bags(args)
+        joints(args.joints)
     for written in (args.output, args.report and args.report / 'result.yaml'):
         if written is not None:
-            refuse_input(written, [*_bags(args), args.start, args.reference])
-    settings = _settings(args)
+            refuse_input(written, [*bags, args.start, args.reference])
+    if args.start is not None:
+        settings = replace(settings, start=read_parameters(args.start))
     if args.output is not None and not args.force:
         refuse_existing(args.output)
     beside = _beside(args)
@@ -235,7 +242,7 @@ def _beside(args: argparse.Namespace) -> tuple[Mapping[str, Any], str] | None:
     """Return what the report shows beside the result: a reference, or the result that it takes the place of."""
     if args.report is None:
         if args.reference is not None:
-            raise PendubotError('--reference stands beside a result in its report; add --report DIR')
+            raise UsageError('--reference stands beside a result in its report; add --report DIR')
         return None
     if args.reference is not None:
         return reference(args.reference)
@@ -255,7 +262,11 @@ def _asked(args: argparse.Namespace) -> list[str]:
 
 
 def _settings(args: argparse.Namespace) -> Any:
-    from pendubot_identification.adapters.result_file import read_parameters
+    """Return the settings, but for where to start.
+
+    Raises:
+        ParameterError: an option makes no sense.
+    """
     from pendubot_identification.core.estimation.settings import DELAYS, SPREAD, Settings
     from pendubot_identification.core.optimizers.mde import MDESettings
 
@@ -273,7 +284,6 @@ def _settings(args: argparse.Namespace) -> Any:
         smoothing=args.smoothing,
         hold=args.hold,
         delays=args.delay or DELAYS,
-        start=None if args.start is None else read_parameters(args.start),
         link_length=args.link_length,
         mde=MDESettings(**{'spread': SPREAD, **mde}) if mde else None,
         runs=args.runs,

@@ -26,6 +26,7 @@ from . import (
     reproduce,
     simulate,
 )
+from .usage import UsageError
 
 DESCRIPTION = """\
 Identify the parameters of a pendubot from recorded bags, without ROS.
@@ -102,7 +103,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         elif isinstance(error, MemoryError):
             sentence = f'not enough memory ({error}); ask for less'
         print(f'pendubot: {sentence}', file=sys.stderr)
-        return 1
+        return 2 if isinstance(error, UsageError) else 1
 
 
 if __name__ == '__main__':

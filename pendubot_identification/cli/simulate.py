@@ -6,6 +6,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from .usage import UsageError, wrong_usage
+
 DESCRIPTION = """\
 Write a bag of the virtual rig (the paper's parameters, or a result's) under the paper's pulse train, as its encoders
 would have read it, much faster than real time and without ROS. The same options give the same bag.
@@ -66,18 +68,18 @@ def run(args: argparse.Namespace) -> int:
     from pendubot_identification.adapters.exciter_file import read_exciter
     from pendubot_identification.adapters.joint_states import write_trajectory
     from pendubot_identification.adapters.result_file import read_parameters
-    from pendubot_identification.core.errors import ParameterError
     from pendubot_identification.core.experiment.excitation import PulseTrain
     from pendubot_identification.core.model.parameters import PAPER
     from pendubot_identification.core.model.simulation import quantised, simulate
 
     if args.samples < 1 or not 1 <= args.rate <= 100_000 or args.counts < 0:
-        raise ParameterError(
+        raise UsageError(
             f'{args.samples} samples at {args.rate:g} Hz with {args.counts} counts per turn make no recording; at '
             'least one sample, a rate from 1 to 100000 Hz and counts of at least 0 are expected'
         )
     low, high = args.amplitude
-    pulses = PulseTrain(args.period, args.width, low, high, args.hold, args.seed)
+    with wrong_usage():
+        pulses = PulseTrain(args.period, args.width, low, high, args.hold, args.seed)
     if args.excitation is not None:
         pulses, _ = read_exciter(args.excitation)
     parameters = PAPER if args.parameters is None else read_parameters(args.parameters)

@@ -95,20 +95,20 @@ def test_models_of_different_size_and_parameters_by_hand(results, tmp_path, caps
 
 
 @pytest.mark.parametrize(
-    ('named', 'sentence'),
+    ('named', 'status', 'sentence'),
     [
-        (['a.yaml'], 'is one result alone; name two or more to be compared'),
-        (['a.yaml', 'a.yaml'], 'the same result is named twice'),
-        (['a.yaml', 'none.yaml'], 'none.yaml cannot be read (No such file or directory)'),
-        (['a.yaml', 'other.yaml'], 'other.yaml is no result of schema 1'),
-        (['a.yaml', 'b.yaml', '--on', '/nowhere'], 'there is no bag /nowhere'),
-        (['a.yaml', 'b.yaml', '--on', f'{SAMPLE}@90:99'], 'the window holds no sample'),
-        (['a.yaml', 'b.yaml', '--on', str(SAMPLE), '--joints', 'one'], 'two are expected'),
+        (['a.yaml'], 2, 'is one result alone; name two or more to be compared'),
+        (['a.yaml', 'a.yaml'], 2, 'the same result is named twice'),
+        (['a.yaml', 'none.yaml'], 1, 'none.yaml cannot be read (No such file or directory)'),
+        (['a.yaml', 'other.yaml'], 1, 'other.yaml is no result of schema 1'),
+        (['a.yaml', 'b.yaml', '--on', '/nowhere'], 1, 'there is no bag /nowhere'),
+        (['a.yaml', 'b.yaml', '--on', f'{SAMPLE}@90:99'], 1, 'the window holds no sample'),
+        (['a.yaml', 'b.yaml', '--on', str(SAMPLE), '--joints', 'one'], 2, 'two are expected'),
     ],
 )
-def test_bad_input_gets_one_sentence(results, capsys, named, sentence):
+def test_bad_input_gets_one_sentence(results, capsys, named, status, sentence):
     (results / 'other.yaml').write_text('schema: 2\n')
-    status, out, err = compare(capsys, *(results / n if n.endswith('.yaml') else n for n in named))
-    assert (status, out) == (1, '')
+    ended, out, err = compare(capsys, *(results / n if n.endswith('.yaml') else n for n in named))
+    assert (ended, out) == (status, '')
     (line,) = err.strip().splitlines()
     assert sentence in line

@@ -62,25 +62,25 @@ def test_the_exciter_takes_a_written_file(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ('arguments', 'sentence'),
+    ('arguments', 'status', 'sentence'),
     [
-        (['--design', '--torque', '1'], 'give --torque [N m] and --speed [rad/s]'),
-        (['--design', '--torque', '-1', '--speed', '5'], 'limit of the torque is -1'),
-        (['--design', *QUICK, '--rate', '0'], 'sampling rate is 0'),
-        (['--design', *QUICK, '--output', 'taken.yaml'], 'exists already'),
-        (['--design', *QUICK, '--from', 'missing.yaml'], 'missing.yaml cannot be read'),
-        (['--check', 'missing.yaml'], 'missing.yaml cannot be read'),
-        (['--check', 'taken.yaml'], 'no parameters of the node exciter'),
-        (['--check', 'wrong.yaml'], 'numbers are expected'),
-        (['--check', 'noise.yaml'], 'is no YAML file'),
+        (['--design', '--torque', '1'], 2, 'give --torque [N m] and --speed [rad/s]'),
+        (['--design', '--torque', '-1', '--speed', '5'], 2, 'limit of the torque is -1'),
+        (['--design', *QUICK, '--rate', '0'], 2, 'sampling rate is 0'),
+        (['--design', *QUICK, '--output', 'taken.yaml'], 1, 'exists already'),
+        (['--design', *QUICK, '--from', 'missing.yaml'], 1, 'missing.yaml cannot be read'),
+        (['--check', 'missing.yaml'], 1, 'missing.yaml cannot be read'),
+        (['--check', 'taken.yaml'], 1, 'no parameters of the node exciter'),
+        (['--check', 'wrong.yaml'], 1, 'numbers are expected'),
+        (['--check', 'noise.yaml'], 1, 'is no YAML file'),
     ],
 )
-def test_what_a_user_can_do_wrong_is_explained(tmp_path, monkeypatch, capsys, arguments, sentence):
+def test_what_a_user_can_do_wrong_is_explained(tmp_path, monkeypatch, capsys, arguments, status, sentence):
     monkeypatch.chdir(tmp_path)
     (tmp_path / 'taken.yaml').write_text('bridge: {}\n')
     (tmp_path / 'wrong.yaml').write_text('exciter: {ros__parameters: {period: often}}\n')
     (tmp_path / 'noise.yaml').write_text('{{{')
-    assert main(['excite', *arguments]) == 1
+    assert main(['excite', *arguments]) == status
     error = capsys.readouterr().err
     assert sentence in error
     assert 'Traceback' not in error
@@ -111,7 +111,7 @@ def test_what_is_checked_is_held_against_the_limits_that_are_given(tmp_path, cap
     ]
     assert 'torque up' not in said
     status, out, said = check('--speed', '-1')
-    assert (status, out) == (1, '')
+    assert (status, out) == (2, '')
     assert 'limit of the speed is -1' in said
 
 

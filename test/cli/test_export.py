@@ -59,19 +59,19 @@ def test_a_doubtful_result_is_exported_and_said_to_be_doubtful(result, tmp_path,
 
 
 @pytest.mark.parametrize(
-    ('arguments', 'sentence'),
+    ('arguments', 'status', 'sentence'),
     [
-        (['result.yaml'], 'no format was given'),
-        (['result.yaml', '--output', 'parameters.txt'], 'no suffix that names a format'),
-        (['missing.yaml', '--format', 'c'], 'cannot be read'),
-        (['empty.yaml', '--format', 'c'], 'no parameter vector'),
-        (['result.yaml', '--output', 'no/such/folder/p.h'], 'cannot be written'),
+        (['result.yaml'], 2, 'no format was given'),
+        (['result.yaml', '--output', 'parameters.txt'], 2, 'no suffix that names a format'),
+        (['missing.yaml', '--format', 'c'], 1, 'cannot be read'),
+        (['empty.yaml', '--format', 'c'], 1, 'no parameter vector'),
+        (['result.yaml', '--output', 'no/such/folder/p.h'], 1, 'cannot be written'),
     ],
 )
-def test_what_a_user_can_do_wrong_is_explained(result, tmp_path, monkeypatch, capsys, arguments, sentence):
+def test_what_a_user_can_do_wrong_is_explained(result, tmp_path, monkeypatch, capsys, arguments, status, sentence):
     monkeypatch.chdir(tmp_path)
     (tmp_path / 'empty.yaml').write_text('schema: 1\n')
-    assert main(['export', *arguments]) == 1
+    assert main(['export', *arguments]) == status
     error = capsys.readouterr().err
     assert sentence in error
     assert 'Traceback' not in error

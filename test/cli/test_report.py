@@ -31,10 +31,10 @@ def run(capsys, *arguments):
     return status, captured.out, captured.err
 
 
-def refused(capsys, *arguments):
-    """Assert exit 1 with one line, no traceback and nothing printed; return the sentence."""
-    status, out, err = run(capsys, *arguments)
-    assert (status, out) == (1, '')
+def refused(capsys, *arguments, status=1):
+    """Assert this exit status with one line, no traceback and nothing printed; return the sentence."""
+    ended, out, err = run(capsys, *arguments)
+    assert (ended, out) == (status, '')
     (line,) = err.strip().splitlines()
     assert line.startswith('pendubot: ')
     return line
@@ -158,7 +158,9 @@ def test_a_reference_that_is_none_is_refused(made, tmp_path, capsys):
     assert 'no result of schema 1' in refused(
         capsys, 'report', made / 'result.yaml', '--reference', tmp_path / 'r.yaml', '--output', tmp_path / 'out'
     )
-    assert 'add --report DIR' in refused(capsys, 'identify', made / 'swing', '--reference', made / 'result.yaml')
+    assert 'add --report DIR' in refused(
+        capsys, 'identify', made / 'swing', '--reference', made / 'result.yaml', status=2
+    )
     assert not (tmp_path / 'out').exists()
 
 
