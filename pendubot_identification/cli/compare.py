@@ -53,19 +53,19 @@ def run(args: argparse.Namespace) -> int:
     Raises:
         PendubotError: fewer than two results, one that cannot be read, or a bag that cannot.
     """
-    from pendubot_identification.adapters.result_file import read_parameters, read_result
+    from pendubot_identification.adapters.result_file import read_result, unphysical
     from pendubot_identification.report.tables import side_by_side
 
     if len(args.results) < 2:
         raise UsageError(f'{args.results[0]} is one result alone; name two or more to be compared')
-    for path in args.results:
-        read_parameters(path)
     results = {str(path): read_result(path) for path in args.results}
+    doubts = [f'{path}: {problem}' for path, data in results.items() for problem in unphysical(data, Path(path))]
     if len(results) < len(args.results):
         raise UsageError('the same result is named twice; name two or more that differ')
-    plain = {'results': list(results), 'parameters': _parameters(results), 'notes': _shared(results)}
+    plain = {'results': list(results), 'parameters': _parameters(results), 'notes': [*doubts, *_shared(results)]}
     if args.on is not None:
-        plain |= _foreseen(results, args)
+        foreseen = _foreseen(results, args)
+        plain |= foreseen | {'notes': [*plain['notes'], *foreseen['notes']]}
     print(json.dumps(plain, indent=2) if args.json else side_by_side(plain))
     return 0
 
@@ -151,7 +151,7 @@ def _foreseen(results: Results, args: argparse.Namespace) -> dict[str, Any]:
         'horizons': list(HORIZONS),
         'error': errors,
         'standing_still': still,
-        'notes': [*_shared(results), *notes],
+        'notes': notes,
     }
 
 

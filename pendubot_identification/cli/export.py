@@ -47,7 +47,7 @@ def run(args: argparse.Namespace) -> int:
     """Read, convert, write."""
     from pendubot_identification.adapters.export import FORMATS, SUFFIXES
     from pendubot_identification.adapters.files import refuse_input, write_whole
-    from pendubot_identification.adapters.result_file import parameters_of, read_result
+    from pendubot_identification.adapters.result_file import read_result, unphysical
 
     name = args.format or (SUFFIXES.get(args.output.suffix) if args.output is not None else None)
     if name is None:
@@ -56,7 +56,10 @@ def run(args: argparse.Namespace) -> int:
     if args.output is not None:
         refuse_input(args.output, [args.result])
     result = read_result(args.result)
-    parameters_of(result, args.result)
+    if problems := unphysical(result, args.result):
+        # As an identification says it, though a hand may have written these parameters.
+        warnings = dict.fromkeys([*(result.get('warnings') or []), *problems])
+        result |= {'level': 'ERROR', 'warnings': list(warnings)}
     text = FORMATS[name](result)
     if result.get('level') in ('WARN', 'ERROR'):
         print(f'level {result["level"]}: {"; ".join(result.get("warnings") or [])}', file=sys.stderr)

@@ -116,10 +116,12 @@ def previous(path: Path) -> tuple[Mapping[str, Any], str]:
 
 
 def _with_parameters(path: Path) -> Mapping[str, Any]:
-    from pendubot_identification.adapters.result_file import read_parameters, read_result
+    from pendubot_identification.adapters.result_file import read_result, unphysical
 
-    read_parameters(path)
-    return read_result(path)
+    data = read_result(path)
+    for problem in unphysical(data, path):
+        print(f'pendubot: {path}: {problem}', file=sys.stderr)
+    return data
 
 
 def write_result_report(

@@ -94,6 +94,18 @@ def test_models_of_different_size_and_parameters_by_hand(results, tmp_path, caps
     assert compare(capsys, *named)[0] == 0
 
 
+@pytest.mark.parametrize('options', [[], ['--on', f'{SAMPLE}@9:12']])
+def test_parameters_that_no_rig_has_are_said_to_be_so(results, capsys, options):
+    data = yaml.safe_load((results / 'b.yaml').read_text())
+    data['parameters']['P1']['value'] = -0.0022
+    (results / 'c.yaml').write_text(yaml.safe_dump(data))
+    status, out, _ = compare(capsys, results / 'a.yaml', results / 'c.yaml', '--json', *options)
+    assert status == 0
+    notes = json.loads(out)['notes']
+    assert notes[0] == f'{results / "c.yaml"}: not physical: P1 = -0.0022 is not positive'
+    assert len(set(notes)) == len(notes)
+
+
 @pytest.mark.parametrize(
     ('named', 'status', 'sentence'),
     [

@@ -58,6 +58,18 @@ def test_a_doubtful_result_is_exported_and_said_to_be_doubtful(result, tmp_path,
     assert 'level: ERROR' in printed.out
 
 
+@pytest.mark.parametrize('name', NAMED)
+def test_parameters_that_no_rig_has_are_said_to_be_so(result, capsys, name):
+    data = yaml.safe_load(result.read_text())
+    data['parameters']['P1']['value'] = -0.0022
+    result.write_text(yaml.safe_dump(data))
+    assert main(['export', str(result), '--format', name]) == 0
+    printed = capsys.readouterr()
+    for text in printed:
+        assert 'not physical: P1 = -0.0022 is not positive' in text
+    assert 'level ERROR' in printed.err
+
+
 @pytest.mark.parametrize(
     ('arguments', 'status', 'sentence'),
     [

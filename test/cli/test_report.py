@@ -96,6 +96,16 @@ def test_a_reference_stands_beside_the_result(made, tmp_path, capsys):
     assert 'earlier result' not in ' '.join(page.text)
 
 
+def test_a_reference_that_no_rig_has_is_said_to_be_so(made, tmp_path, capsys):
+    by_hand = yaml.safe_load((made / 'result.yaml').read_text())
+    by_hand['parameters']['P1']['value'] = -0.0022
+    (tmp_path / 'hand.yaml').write_text(yaml.safe_dump(by_hand))
+    arguments = ('report', made / 'result.yaml', '--reference', tmp_path / 'hand.yaml', '--output', tmp_path / 'out')
+    status, _, err = run(capsys, *arguments)
+    assert status == 0
+    assert f'{tmp_path / "hand.yaml"}: not physical: P1 = -0.0022 is not positive' in err
+
+
 def test_a_reference_is_not_written_over(made, tmp_path, capsys):
     shutil.copy(made / 'result.yaml', tmp_path)
     arguments = ('report', made / 'result.yaml', '--reference', tmp_path / 'result.yaml', '--output', tmp_path)
