@@ -282,8 +282,8 @@ class Stream:
     ) -> None:
         self._reader, self._topic, self._joint_names = reader, topic, joint_names
         self._from_start = start is None
-        self._low = 0 if start is None else round(start * 1e9)
-        self._high = FOREVER_NS if end is None else round(end * 1e9)
+        self._low = 0 if start is None else round(min(start * 1e9, FOREVER_NS))
+        self._high = FOREVER_NS if end is None else round(min(end * 1e9, FOREVER_NS))
         # The index is of log times. Stamps are a latency older, so a little more is read; and where it turns out that
         # they are of quite another clock, everything.
         self._margin = LATENCY_NS

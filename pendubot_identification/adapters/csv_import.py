@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Literal
@@ -43,8 +44,7 @@ def import_csv(
         elbow: whether the file's q2 and dq2 are relative to link 1 or, like q1, to the world.
 
     Raises:
-        CsvError: the file cannot be read, a column is missing, a value is not a number.
-        TrajectoryError: stamps that repeat or run backwards.
+        CsvError: the file cannot be read, a column is missing, a value is not a number, a stamp repeats or runs back.
     """
     values = _read(Path(path), wanted(columns or {}))
     unit = math.pi / 180 if degrees else 1.0
@@ -97,9 +97,15 @@ def _read(path: Path, quantities: Mapping[str, tuple[str, bool]]) -> dict[str, N
     except UnicodeDecodeError as error:
         raise CsvError(f'{path} is no text in UTF-8; export it as CSV in that encoding') from error
     lines = text.splitlines()
-    header = lines[0] if lines else ''
-    delimiter = max(',;\t', key=header.count)
+    if not any(map(str.strip, lines)):
+        raise CsvError(f'{path} is empty; a line of column names and rows of numbers are expected: export it again')
+    # Excel may be told the separator, and tells it, by a line of its own.
+    told = re.fullmatch(r'"?sep=(.)"?', lines[0].strip(' '), re.IGNORECASE)
+    header = lines[1] if told and len(lines) > 1 else lines[0]
+    delimiter = told[1] if told else max(',;\t', key=header.count)
     reader = csv.reader(lines, delimiter=delimiter)
+    if told:
+        next(reader)
     names = [name.strip() for name in next(reader, [])]
     there: dict[str, int] = {}
     for quantity, (column, required) in quantities.items():
@@ -129,11 +135,22 @@ def _read(path: Path, quantities: Mapping[str, tuple[str, bool]]) -> dict[str, N
                 )
             for quantity, k in there.items():
                 values[quantity].append(_number(row[k], path, reader.line_num, names[k]))
+            _require_later(values['t'], path, reader.line_num)
     except csv.Error as error:
         raise CsvError(f'{path}, line {reader.line_num}: {error}; mend or remove that row') from error
     if not values['t']:
         raise CsvError(f'{path} holds no row of numbers; export the recording again')
     return {quantity: np.array(column) for quantity, column in values.items()}
+
+
+def _require_later(times: list[float], path: Path, line: int) -> None:
+    """Refuse a last time that is not later than the one before."""
+    if len(times) > 1 and not times[-1] > times[-2]:
+        what = 'repeats' if times[-1] == times[-2] else 'runs back'
+        raise CsvError(
+            f'{path}, line {line}: the time {times[-1]:.12g} {what}, after {times[-2]:.12g}; every row needs a later '
+            'one: export more digits, or mend or remove that row'
+        )
 
 
 def _number(cell: str, path: Path, line: int, column: str) -> float:

@@ -265,7 +265,7 @@ def _settings(args: argparse.Namespace) -> Any:
     """Return the settings, but for where to start.
 
     Raises:
-        ParameterError: an option makes no sense.
+        PendubotError: an option makes no sense.
     """
     from pendubot_identification.core.estimation.settings import DELAYS, SPREAD, Settings
     from pendubot_identification.core.optimizers.mde import MDESettings
@@ -275,6 +275,10 @@ def _settings(args: argparse.Namespace) -> Any:
     if args.per_vector:
         mde['per_component'] = False
     if args.spread is not None:
+        if not args.spread >= 0:
+            raise UsageError(
+                f'--spread is {args.spread:g}; 0, which takes every generation, or a number above it is expected'
+            )
         mde['spread'] = args.spread or None
     return Settings(
         criteria=args.criterion,

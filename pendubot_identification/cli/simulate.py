@@ -72,10 +72,10 @@ def run(args: argparse.Namespace) -> int:
     from pendubot_identification.core.model.parameters import PAPER
     from pendubot_identification.core.model.simulation import quantised, simulate
 
-    if args.samples < 1 or not 1 <= args.rate <= 100_000 or args.counts < 0:
+    if not 1 <= args.samples <= 10_000_000 or not 1 <= args.rate <= 100_000 or args.counts < 0:
         raise UsageError(
-            f'{args.samples} samples at {args.rate:g} Hz with {args.counts} counts per turn make no recording; at '
-            'least one sample, a rate from 1 to 100000 Hz and counts of at least 0 are expected'
+            f'{args.samples} samples at {args.rate:g} Hz with {args.counts} counts per turn make no recording; 1 to '
+            '10000000 samples, a rate from 1 to 100000 Hz and counts of at least 0 are expected'
         )
     low, high = args.amplitude
     with wrong_usage():

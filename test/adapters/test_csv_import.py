@@ -7,7 +7,7 @@ import pytest
 from pendubot_identification.adapters.bag_reader import read_trajectory
 from pendubot_identification.adapters.csv_import import import_csv
 from pendubot_identification.adapters.joint_states import write_trajectory
-from pendubot_identification.core.errors import CsvError, TrajectoryError
+from pendubot_identification.core.errors import CsvError
 
 from ..conftest import RECORDINGS
 
@@ -50,6 +50,9 @@ def test_what_may_be_absent(given):
         TEXT.replace(',', '\t'),
         TEXT + '\n,,\n',
         TEXT.replace('7,6', '7,6,'),
+        'sep=;\n' + TEXT.replace(',', ';'),
+        '"SEP=|"\n' + TEXT.replace(',', '|'),
+        'sep=\t\n' + TEXT.replace(',', '\t'),
     ],
 )
 def test_other_ways_to_write_the_same(given, text):
@@ -124,7 +127,10 @@ def test_the_same_pose_in_every_convention(tmp_path, zero, elbow):
         (TEXT.replace('dq1', 'q1'), "has 2 columns 'q1'; rename all but the one for q1"),
         (TEXT.replace('0.5', '5' * 200_000), 'line 3: field larger than field limit'),
         ('t,q1,q2,tau1\n0,1,2,3\n10,1,2,3\n20,1,2,3\n', r'rows are 10 s apart.*divide milliseconds by 1000'),
-        ('', "no column 't' for t; its columns are none"),
+        ('', 'run.csv is empty; a line of column names and rows of numbers are expected'),
+        (' \n\n', 'run.csv is empty'),
+        ('sep=;', "no column 't' for t"),
+        ('sep=;\nt;q1;q2;tau1\n0;1;2;nan\n', "line 3, column 'tau1': 'nan'"),
     ],
 )
 def test_a_file_that_cannot_be_used_is_one_sentence(given, text, sentence):
@@ -139,9 +145,9 @@ def test_a_column_that_was_named_must_be_there(given):
         import_csv(given(), {'theta1': 'q1'})
 
 
-@pytest.mark.parametrize(('stamp', 'what'), [('5.00', 'repeats'), ('4.99', 'runs backwards')])
+@pytest.mark.parametrize(('stamp', 'what'), [('5.00', 'repeats'), ('4.99', 'runs back')])
 def test_stamps_that_do_not_increase_are_one_sentence(given, stamp, what):
-    with pytest.raises(TrajectoryError, match=what):
+    with pytest.raises(CsvError, match=rf'line 3: the time .* {what}, after 5; every row needs a later one'):
         import_csv(given(TEXT.replace('5.01', stamp)))
 
 

@@ -272,6 +272,7 @@ def broken(bag, tmp_path, **changes):
         (['{bag}', '--joints', 'a,b'], "has no joint 'a'; its joints are shoulder, elbow"),
         (['b' * 300], 'there is no bag bbb'),
         (['{bag}@50:60'], 'holds no sample'),
+        (['{bag}@1e300:'], '@1e+300:: the window holds no sample'),
         (['{bag}@1:1.1'], '10 samples over 0.090 s are too few'),
         (['{bag}', '--sliding', '100'], 'shorter than the sliding window'),
         (['{bag}', '--output', '{root}/README.md'], 'exists already'),
@@ -303,6 +304,7 @@ def test_what_a_user_did_wrong_is_one_sentence(capsys, bag, arguments, sentence)
         (['{bag}', '--sliding', '-3'], 'sliding window is -3 s'),
         (['{bag}', '--smoothing', '-0.1'], 'smoothing window is -0.1 s'),
         (['{bag}', '--delay', '0.02:0.01'], 'searched from 0.02 to 0.01 s'),
+        (['{bag}', '--spread', '-1'], '--spread is -1; 0, which takes every generation, or a number above it'),
         (['{bag}', '--delay', '3'], 'two times within half a second are expected'),
         (['{bag}', '--link-length', '0'], 'length of link 1 is 0 m'),
     ],
@@ -369,6 +371,16 @@ def test_a_gap_outside_the_window_does_no_harm(capsys, bag, tmp_path):
     gap = broken(bag, tmp_path, t=t + np.where(t > 10, 5, 0))
     assert '5.010 s without a sample begin at 1.000 s' in refused(capsys, gap, *FAST)
     assert identify(capsys, f'{gap}@0:9', *FAST)[0] == 0
+
+
+def test_a_value_far_too_large_is_said_in_few_digits(capsys, bag, tmp_path):
+    from pendubot_identification.adapters.bag_reader import read_trajectory
+
+    q = read_trajectory(bag).trajectory.q.copy()
+    q[50, 0] = 1e300
+    line = refused(capsys, broken(bag, tmp_path, q=q))
+    assert 'e+301 rad/s' in line
+    assert len(line) < 400
 
 
 def test_not_a_number_in_the_samples(capsys, tmp_path, bag):
@@ -466,6 +478,7 @@ def test_simulate_is_reproducible_and_refuses_nonsense(capsys, bag, tmp_path):
     assert first.read_bytes() == second.read_bytes()
     for options in (
         ['--samples', '0'],
+        ['--samples', '9' * 30],
         ['--rate', 'nan'],
         ['--width', '2'],
         ['--amplitude', '1', '-1'],
