@@ -270,6 +270,7 @@ def _settings(args: argparse.Namespace) -> Any:
     from pendubot_identification.core.estimation.settings import DELAYS, SPREAD, Settings
     from pendubot_identification.core.optimizers.mde import MDESettings
 
+    _refuse_what_does_nothing(args)
     mde = {'population': args.population, 'generations': args.generations}
     mde = {name: value for name, value in mde.items() if value is not None}
     if args.per_vector:
@@ -294,6 +295,31 @@ def _settings(args: argparse.Namespace) -> Any:
         seed=args.seed,
         bounds=_bounds(args.bounds),
     )
+
+
+def _refuse_what_does_nothing(args: argparse.Namespace) -> None:
+    """Refuse options of one optimiser, and bounds of one model, where another was asked for.
+
+    Raises:
+        UsageError: it names them both.
+    """
+    from pendubot_identification.core.model.parameters import MODELS, NAMES
+
+    for option in ('runs', 'population', 'generations', 'spread', 'per_vector'):
+        given = getattr(args, option)
+        # Of a spread, 0 is something.
+        if args.optimizer == 'lsq' and given is not None and given is not False:
+            raise UsageError(
+                f'--{option.replace("_", "-")} is of MDE, and --optimizer lsq does without; leave one of the two out'
+            )
+    names = NAMES[: MODELS.get(args.model, len(NAMES))]
+    for text in args.bounds:
+        name = text.partition('=')[0]
+        if name in NAMES and name not in names:
+            raise UsageError(
+                f'--bounds {text} is of a parameter that --model {args.model} does not have; its parameters are '
+                f'{", ".join(names)}'
+            )
 
 
 def _criteria(text: str) -> tuple[str, ...]:
