@@ -50,6 +50,18 @@ def test_commands_work_as_printed(page, tmp_path, monkeypatch, capsys):
         assert main([*shlex.split(command)[1:], *quick]) == 0, f'{page.name}: {command}\n{capsys.readouterr().err}'
 
 
+def test_no_page_writes_what_another_has_written():
+    """Whoever follows the pages in one folder is not refused."""
+    written = []
+    for page in PAGES:
+        for command in commands(page):
+            written += re.findall(r'--(?:output|report) (\S+)', command)
+            if match := re.match(r'pendubot (report|repair) (\S+)(?!.*--output)', command):
+                written.append(f'{match[2].removesuffix(".yaml")}_{match[1]}')
+    assert len(written) > 10
+    assert sorted(written) == sorted(set(written))
+
+
 def test_every_subcommand_is_shown_somewhere():
     shown = {command.split()[1] for page in PAGES for command in commands(page)} | LIVE
     (subparsers,) = [action for action in parser()._actions if hasattr(action, 'choices') and action.choices]

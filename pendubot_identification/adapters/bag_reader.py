@@ -282,8 +282,8 @@ class Stream:
     ) -> None:
         self._reader, self._topic, self._joint_names = reader, topic, joint_names
         self._from_start = start is None
-        self._low = 0 if start is None else round(start * 1e9)
-        self._high = FOREVER_NS if end is None else round(end * 1e9)
+        self._low = 0 if start is None else round(min(start * 1e9, FOREVER_NS))
+        self._high = FOREVER_NS if end is None else round(min(end * 1e9, FOREVER_NS))
         # The index is of log times. Stamps are a latency older, so a little more is read; and where it turns out that
         # they are of quite another clock, everything.
         self._margin = LATENCY_NS
@@ -443,14 +443,19 @@ def _mcap_files(path: Path) -> list[Path]:
     """Return the .mcap files of a bag, in order.
 
     Raises:
-        BagError: there is no such bag, or it is none.
+        BagError: there is no such bag, it is none, or it may not be read.
     """
     # Path's own methods raise where a name is too long or a folder above is closed.
     if os.path.isfile(path):
         return [path]
-    if not os.path.isdir(path):
-        raise BagError(f'there is no bag {path}; give a bag folder or a .mcap file')
-    found = {file.name: file for file in path.glob('*.mcap')}
+    try:
+        found = {name: path / name for name in os.listdir(path) if name.endswith('.mcap')}
+    except PermissionError as error:
+        raise BagError(
+            f'{path} cannot be read: {error.strerror}; check the permissions of this folder and of those above'
+        ) from error
+    except OSError:
+        raise BagError(f'there is no bag {path}; give a bag folder or a .mcap file') from None
     listed = _listed_files(path)
     # Splits are numbered, NAME_0.mcap to NAME_10.mcap; metadata.yaml may be missing or stale.
     names = listed if listed and found.keys() >= set(listed) else sorted(found, key=lambda name: (len(name), name))

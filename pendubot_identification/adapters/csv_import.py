@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Literal
@@ -43,10 +44,9 @@ def import_csv(
         elbow: whether the file's q2 and dq2 are relative to link 1 or, like q1, to the world.
 
     Raises:
-        CsvError: the file cannot be read, a column is missing, a value is not a number.
-        TrajectoryError: stamps that repeat or run backwards.
+        CsvError: the file cannot be read, a column is missing, a value is not a number, a stamp repeats or runs back.
     """
-    values = _read(Path(path), _wanted(columns or {}))
+    values = _read(Path(path), wanted(columns or {}))
     unit = math.pi / 180 if degrees else 1.0
     t = values['t']
     q = unit * np.column_stack([values['q1'], values['q2']])
@@ -68,16 +68,27 @@ def import_csv(
     return trajectory
 
 
-def _wanted(columns: Mapping[str, str]) -> dict[str, tuple[str, bool]]:
-    """Return for every quantity its column's name and whether it must be there."""
+def wanted(columns: Mapping[str, str]) -> dict[str, tuple[str, bool]]:
+    """Return for every quantity its column's name and whether it must be there, given some of the names.
+
+    Raises:
+        CsvError: there is no such quantity, or one column is named for two.
+    """
     if unknown := [name for name in columns if name not in REQUIRED + OPTIONAL]:
         raise CsvError(
             f'{unknown[0]!r} is no quantity of a motion; columns can be named for {", ".join(REQUIRED + OPTIONAL)}'
         )
-    return {name: (columns.get(name, name), name in REQUIRED or name in columns) for name in REQUIRED + OPTIONAL}
+    named = {name: columns.get(name, name) for name in REQUIRED + OPTIONAL}
+    for name, column in columns.items():
+        if other := next((other for other in named if other != name and named[other] == column), None):
+            raise CsvError(
+                f'column {column!r} stands for both {name} and {other}; name one column for each quantity, '
+                f'such as {other}=NAME'
+            )
+    return {name: (column, name in REQUIRED or name in columns) for name, column in named.items()}
 
 
-def _read(path: Path, wanted: Mapping[str, tuple[str, bool]]) -> dict[str, NDArray[np.float64]]:
+def _read(path: Path, quantities: Mapping[str, tuple[str, bool]]) -> dict[str, NDArray[np.float64]]:
     """Return the wanted columns that are there, each of shape (N,)."""
     try:
         text = path.read_text(encoding='utf-8-sig')
@@ -86,11 +97,18 @@ def _read(path: Path, wanted: Mapping[str, tuple[str, bool]]) -> dict[str, NDArr
     except UnicodeDecodeError as error:
         raise CsvError(f'{path} is no text in UTF-8; export it as CSV in that encoding') from error
     lines = text.splitlines()
-    header = lines[0] if lines else ''
-    reader = csv.reader(lines, delimiter=max(',;\t', key=header.count))
+    if not any(map(str.strip, lines)):
+        raise CsvError(f'{path} is empty; a line of column names and rows of numbers are expected: export it again')
+    # Excel may be told the separator, and tells it, by a line of its own.
+    told = re.fullmatch(r'"?sep=(.)"?', lines[0].strip(' '), re.IGNORECASE)
+    header = lines[1] if told and len(lines) > 1 else lines[0]
+    delimiter = told[1] if told else max(',;\t', key=header.count)
+    reader = csv.reader(lines, delimiter=delimiter)
+    if told:
+        next(reader)
     names = [name.strip() for name in next(reader, [])]
     there: dict[str, int] = {}
-    for quantity, (column, required) in wanted.items():
+    for quantity, (column, required) in quantities.items():
         if names.count(column) > 1:
             raise CsvError(
                 f'{path} has {names.count(column)} columns {column!r}; rename all but the one for {quantity}'
@@ -107,13 +125,32 @@ def _read(path: Path, wanted: Mapping[str, tuple[str, bool]]) -> dict[str, NDArr
         for row in reader:
             if not any(cell.strip() for cell in row):
                 continue
+            # Some programs end a row with a separator; anything else means that cells are not where they belong.
+            if len(row) < len(names) or any(cell.strip() for cell in row[len(names) :]):
+                comma = delimiter == ',' and len(row) > len(names)
+                why = 'decimals may be written with commas: write them with points, or ' if comma else ''
+                raise CsvError(
+                    f'{path}, line {reader.line_num} has {len(row)} cells; {len(names)} are expected, one for each '
+                    f'column name; {why}mend or remove that row'
+                )
             for quantity, k in there.items():
-                values[quantity].append(_number(row[k] if k < len(row) else '', path, reader.line_num, names[k]))
+                values[quantity].append(_number(row[k], path, reader.line_num, names[k]))
+            _require_later(values['t'], path, reader.line_num)
     except csv.Error as error:
         raise CsvError(f'{path}, line {reader.line_num}: {error}; mend or remove that row') from error
     if not values['t']:
         raise CsvError(f'{path} holds no row of numbers; export the recording again')
     return {quantity: np.array(column) for quantity, column in values.items()}
+
+
+def _require_later(times: list[float], path: Path, line: int) -> None:
+    """Refuse a last time that is not later than the one before."""
+    if len(times) > 1 and not times[-1] > times[-2]:
+        what = 'repeats' if times[-1] == times[-2] else 'runs back'
+        raise CsvError(
+            f'{path}, line {line}: the time {times[-1]:.12g} {what}, after {times[-2]:.12g}; every row needs a later '
+            'one: export more digits, or mend or remove that row'
+        )
 
 
 def _number(cell: str, path: Path, line: int, column: str) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import tempfile
+from collections.abc import Iterable
 from pathlib import Path
 
 from pendubot_identification.core.errors import ResultError
@@ -17,6 +18,24 @@ def refuse_existing(path: Path) -> None:
     """
     if path.exists():
         raise ResultError(f'{path} exists already and was left as it is; choose another name or add --force')
+
+
+def refuse_input(output: Path, inputs: Iterable[Path | None]) -> None:
+    """Refuse to write over what is read, whatever ``--force`` says, and over a file of a bag that is read.
+
+    Args:
+        output: the file to be written.
+        inputs: the files and folders of bags that are read; None for those that were not named.
+
+    Raises:
+        ResultError: the output is one of these.
+    """
+    for given in inputs:
+        if given is None or not os.path.exists(output):
+            continue
+        for read in (given, *given.glob('*.mcap'), given / 'metadata.yaml'):
+            if os.path.exists(read) and os.path.samefile(read, output):
+                raise ResultError(f'{output} is read, so it cannot be written as well; give another name')
 
 
 def write_whole(path: Path, content: str | bytes, *, overwrite: bool = False) -> None:

@@ -299,6 +299,15 @@ def parameters_of(data: Mapping[str, Any], path: Path) -> Parameters:
     return Parameters(**values)
 
 
+def unphysical(data: Mapping[str, Any], path: Path) -> list[str]:
+    """Return why no rig can have the parameters of a result file, in the words of an identification's warnings.
+
+    Raises:
+        ResultError: its parameters are no numbers by name.
+    """
+    return [f'not physical: {problem}' for problem in parameters_of(data, path).unphysical()]
+
+
 def _value(entry: Any, key: str = 'value') -> float | None:
     """Return the number in an entry ``{value: number, ...}``; None where there is none."""
     try:

@@ -9,6 +9,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from .usage import UsageError, wrong_usage
+
 Results = Mapping[str, Mapping[str, Any]]
 
 DESCRIPTION = """\
@@ -51,20 +53,19 @@ def run(args: argparse.Namespace) -> int:
     Raises:
         PendubotError: fewer than two results, one that cannot be read, or a bag that cannot.
     """
-    from pendubot_identification.adapters.result_file import read_parameters, read_result
-    from pendubot_identification.core.errors import ResultError
+    from pendubot_identification.adapters.result_file import read_result, unphysical
     from pendubot_identification.report.tables import side_by_side
 
     if len(args.results) < 2:
-        raise ResultError(f'{args.results[0]} is one result alone; name two or more to be compared')
-    for path in args.results:
-        read_parameters(path)
+        raise UsageError(f'{args.results[0]} is one result alone; name two or more to be compared')
     results = {str(path): read_result(path) for path in args.results}
+    doubts = [f'{path}: {problem}' for path, data in results.items() for problem in unphysical(data, Path(path))]
     if len(results) < len(args.results):
-        raise ResultError('the same result is named twice; name two or more that differ')
-    plain = {'results': list(results), 'parameters': _parameters(results), 'notes': _shared(results)}
+        raise UsageError('the same result is named twice; name two or more that differ')
+    plain = {'results': list(results), 'parameters': _parameters(results), 'notes': [*doubts, *_shared(results)]}
     if args.on is not None:
-        plain |= _foreseen(results, args)
+        foreseen = _foreseen(results, args)
+        plain |= foreseen | {'notes': [*plain['notes'], *foreseen['notes']]}
     print(json.dumps(plain, indent=2) if args.json else side_by_side(plain))
     return 0
 
@@ -127,7 +128,9 @@ def _foreseen(results: Results, args: argparse.Namespace) -> dict[str, Any]:
 
     from .identify import joints
 
-    recorded = read_recording(BagWindow.parse(args.on), topic=args.topic, joint_names=joints(args.joints))
+    with wrong_usage():
+        window, names = BagWindow.parse(args.on), joints(args.joints)
+    recorded = read_recording(window, topic=args.topic, joint_names=names)
     parts = held_parts([recorded.trajectory])
     # States as all results are held against them; the torque as each result takes it.
     smoothing = choose_smoothing(parts)
@@ -148,7 +151,7 @@ def _foreseen(results: Results, args: argparse.Namespace) -> dict[str, Any]:
         'horizons': list(HORIZONS),
         'error': errors,
         'standing_still': still,
-        'notes': [*_shared(results), *notes],
+        'notes': notes,
     }
 
 

@@ -7,6 +7,8 @@ import math
 from pathlib import Path
 from typing import Any
 
+from .usage import UsageError, wrong_usage
+
 DESCRIPTION = """\
 Design an excitation, or foresee what a given one does. A design is the pulse train whose motion tells most of the
 parameters (D-optimal: the smallest ellipsoid of confidence), simulated from hanging at rest with the parameters as they
@@ -18,6 +20,7 @@ examples:
   pendubot excite --design --torque 1 --speed 20 --from result.yaml            for yours; 20 rad/s at most
   pendubot excite --design --torque 1 --speed 20 --angle 1.5 6.3               cables: a quarter turn, one turn
   pendubot excite --check exciter.yaml --from result.yaml                      what would it do, and tell?
+  pendubot excite --check exciter.yaml --speed 20                              does it keep within 20 rad/s?
 
 then: ros2 run pendubot_identification exciter --ros-args --params-file exciter.yaml
 A rig differs from its estimate: watch the first run, with a hand at the emergency stop.
@@ -43,7 +46,9 @@ def add_parser(subparsers: Any) -> None:
         metavar='RESULT.yaml',
         help="the rig's parameters as known now: a result of pendubot identify (default: the paper's rig)",
     )
-    limits = parser.add_argument_group('limits of a design')
+    limits = parser.add_argument_group(
+        'limits', 'a design keeps within them; what is checked is held against those that are given'
+    )
     limits.add_argument('--torque', type=float, metavar='NM', help='greatest torque, either way [N m]')
     limits.add_argument('--speed', type=float, metavar='RAD_S', help='greatest speed of either joint [rad/s]')
     limits.add_argument(
@@ -69,26 +74,29 @@ def add_parser(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     """Design or check, show, write."""
     from pendubot_identification.adapters.exciter_file import read_exciter, write_exciter
-    from pendubot_identification.adapters.files import refuse_existing
+    from pendubot_identification.adapters.files import refuse_existing, refuse_input
     from pendubot_identification.adapters.result_file import read_estimate
-    from pendubot_identification.core.errors import ParameterError
     from pendubot_identification.core.experiment.design import Experiment, Limits, design, foresee, paper_pulses
     from pendubot_identification.core.model.parameters import PAPER
     from pendubot_identification.report.excitation import excitation_table, motion_lines
 
     parameters, errors = (PAPER, None) if args.estimate is None else read_estimate(args.estimate)
     if args.design and (args.torque is None or args.speed is None):
-        raise ParameterError(
+        raise UsageError(
             'a design needs to know what the rig may do; give --torque [N m] and --speed [rad/s], and --angle where '
             'there are cables or stops'
         )
-    if args.output is not None and not args.force:
-        refuse_existing(args.output)
+    if args.output is not None:
+        refuse_input(args.output, [args.check, args.estimate])
+        if not args.force:
+            refuse_existing(args.output)
     if not args.rate > 0:
-        raise ParameterError(f'the sampling rate is {args.rate:g} Hz; a number above 0 is expected')
+        raise UsageError(f'the sampling rate is {args.rate:g} Hz; a number above 0 is expected')
+    given = {'torque': args.torque, 'speed': args.speed}
+    with wrong_usage():
+        limits = Limits(**{name: limit for name, limit in given.items() if limit is not None}, angle=tuple(args.angle))
     if args.design:
         experiment = Experiment(args.duration, 1 / args.rate, args.counts)
-        limits = Limits(args.torque, args.speed, tuple(args.angle))
         with _progress_bar() as progress:
             found = design(
                 parameters,
@@ -103,14 +111,40 @@ def run(args: argparse.Namespace) -> int:
         train, duration = read_exciter(args.check)
         experiment = Experiment(duration or args.duration, 1 / args.rate, args.counts)
         (found,) = foresee(parameters, [train], experiment)
-    torque = max(abs(found.train.amplitude_min), abs(found.train.amplitude_max)) if args.torque is None else args.torque
-    (paper,) = foresee(parameters, [paper_pulses(torque)], experiment)
+    torque = max(abs(found.train.amplitude_min), abs(found.train.amplitude_max))
+    (paper,) = foresee(parameters, [paper_pulses(args.torque if args.design else torque)], experiment)
     moved = motion_lines(found, experiment)
     print(*moved, '', excitation_table(parameters, errors, paper, found), sep='\n')
+    if args.check is not None:
+        _hold_against(args, [torque, *found.speed, *found.angle])
     if args.output is not None:
         write_exciter(args.output, found.train, experiment.duration, moved, overwrite=args.force)
         print(f'\nwritten to {args.output}')
     return 0
+
+
+def _hold_against(args: argparse.Namespace, reached: list[float]) -> None:
+    """Compare the greatest torque, speeds and angles with the limits that were given.
+
+    Raises:
+        ParameterError: one is exceeded.
+    """
+    from pendubot_identification.core.errors import ParameterError
+
+    of = ('torque', 'speed of the shoulder', 'speed of the elbow', 'angle of the shoulder', 'angle of the elbow')
+    limits = (args.torque, args.speed, args.speed, *args.angle)
+    units = ('N m', 'rad/s', 'rad/s', 'rad', 'rad')
+    # A motion that runs off into what is no number exceeds any limit.
+    exceeded = [
+        f'{name} up to {value:.4g} {unit} where {limit:g} {unit} are allowed'
+        for name, value, limit, unit in zip(of, reached, limits, units, strict=True)
+        if limit is not None and not value <= limit
+    ]
+    if exceeded:
+        raise ParameterError(
+            f'{args.check} exceeds the limits: {"; ".join(exceeded)}; give it smaller torques or shorter pulses, or '
+            'search another with --design'
+        )
 
 
 def _progress_bar() -> Any:

@@ -7,6 +7,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from .usage import UsageError
+
 # The names of the adapter's formats and suffixes, again: importing them takes time, which no --help is worth.
 FORMATS = ('yaml', 'json', 'matlab', 'c')
 
@@ -44,16 +46,20 @@ def add_parser(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     """Read, convert, write."""
     from pendubot_identification.adapters.export import FORMATS, SUFFIXES
-    from pendubot_identification.adapters.files import write_whole
-    from pendubot_identification.adapters.result_file import parameters_of, read_result
-    from pendubot_identification.core.errors import ParameterError
+    from pendubot_identification.adapters.files import refuse_input, write_whole
+    from pendubot_identification.adapters.result_file import read_result, unphysical
 
     name = args.format or (SUFFIXES.get(args.output.suffix) if args.output is not None else None)
     if name is None:
         given = 'no format was given' if args.output is None else f'{args.output} has no suffix that names a format'
-        raise ParameterError(f'{given}; add --format with one of {", ".join(FORMATS)}, or end on {", ".join(SUFFIXES)}')
+        raise UsageError(f'{given}; add --format with one of {", ".join(FORMATS)}, or end on {", ".join(SUFFIXES)}')
+    if args.output is not None:
+        refuse_input(args.output, [args.result])
     result = read_result(args.result)
-    parameters_of(result, args.result)
+    if problems := unphysical(result, args.result):
+        # As an identification says it, though a hand may have written these parameters.
+        warnings = dict.fromkeys([*(result.get('warnings') or []), *problems])
+        result |= {'level': 'ERROR', 'warnings': list(warnings)}
     text = FORMATS[name](result)
     if result.get('level') in ('WARN', 'ERROR'):
         print(f'level {result["level"]}: {"; ".join(result.get("warnings") or [])}', file=sys.stderr)

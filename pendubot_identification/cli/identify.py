@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +13,7 @@ from pendubot_identification.core.errors import PendubotError
 
 from .progress import progress_bar
 from .report import add_reference, previous, reference, write_failure_report, write_result_report
+from .usage import UsageError, wrong_usage
 
 if TYPE_CHECKING:
     from pendubot_identification.adapters.datasets import Datasets
@@ -164,9 +166,17 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Identify, print, write."""
-    from pendubot_identification.adapters.files import OutputFolder, refuse_existing
+    from pendubot_identification.adapters.files import OutputFolder, refuse_existing, refuse_input
+    from pendubot_identification.adapters.result_file import read_parameters
 
-    settings = _settings(args)
+    with wrong_usage():
+        settings, bags = _settings(args), _bags(args)
+        joints(args.joints)
+    for written in (args.output, args.report and args.report / 'result.yaml'):
+        if written is not None:
+            refuse_input(written, [*bags, args.start, args.reference])
+    if args.start is not None:
+        settings = replace(settings, start=read_parameters(args.start))
     if args.output is not None and not args.force:
         refuse_existing(args.output)
     beside = _beside(args)
@@ -210,6 +220,17 @@ def _identify(args: argparse.Namespace, settings: Any, folder: Any, beside: Any,
     return 0
 
 
+def _bags(args: argparse.Namespace) -> list[Path]:
+    """Return where the bags are.
+
+    Raises:
+        BagError: one is not understood.
+    """
+    from pendubot_identification.adapters.bag_reader import BagWindow
+
+    return [BagWindow.parse(text).path for text in (*args.bags, *args.validate)]
+
+
 def _shown(data: Datasets) -> Recordings:
     """Return the motions that a report shows, which of long recordings are stretches."""
     from pendubot_identification.core.trajectories.long import held_parts
@@ -221,7 +242,7 @@ def _beside(args: argparse.Namespace) -> tuple[Mapping[str, Any], str] | None:
     """Return what the report shows beside the result: a reference, or the result that it takes the place of."""
     if args.report is None:
         if args.reference is not None:
-            raise PendubotError('--reference stands beside a result in its report; add --report DIR')
+            raise UsageError('--reference stands beside a result in its report; add --report DIR')
         return None
     if args.reference is not None:
         return reference(args.reference)
@@ -241,15 +262,24 @@ def _asked(args: argparse.Namespace) -> list[str]:
 
 
 def _settings(args: argparse.Namespace) -> Any:
-    from pendubot_identification.adapters.result_file import read_parameters
+    """Return the settings, but for where to start.
+
+    Raises:
+        PendubotError: an option makes no sense.
+    """
     from pendubot_identification.core.estimation.settings import DELAYS, SPREAD, Settings
     from pendubot_identification.core.optimizers.mde import MDESettings
 
+    _refuse_what_does_nothing(args)
     mde = {'population': args.population, 'generations': args.generations}
     mde = {name: value for name, value in mde.items() if value is not None}
     if args.per_vector:
         mde['per_component'] = False
     if args.spread is not None:
+        if not args.spread >= 0:
+            raise UsageError(
+                f'--spread is {args.spread:g}; 0, which takes every generation, or a number above it is expected'
+            )
         mde['spread'] = args.spread or None
     return Settings(
         criteria=args.criterion,
@@ -259,13 +289,37 @@ def _settings(args: argparse.Namespace) -> Any:
         smoothing=args.smoothing,
         hold=args.hold,
         delays=args.delay or DELAYS,
-        start=None if args.start is None else read_parameters(args.start),
         link_length=args.link_length,
         mde=MDESettings(**{'spread': SPREAD, **mde}) if mde else None,
         runs=args.runs,
         seed=args.seed,
         bounds=_bounds(args.bounds),
     )
+
+
+def _refuse_what_does_nothing(args: argparse.Namespace) -> None:
+    """Refuse options of one optimiser, and bounds of one model, where another was asked for.
+
+    Raises:
+        UsageError: it names them both.
+    """
+    from pendubot_identification.core.model.parameters import MODELS, NAMES
+
+    for option in ('runs', 'population', 'generations', 'spread', 'per_vector'):
+        given = getattr(args, option)
+        # Of a spread, 0 is something.
+        if args.optimizer == 'lsq' and given is not None and given is not False:
+            raise UsageError(
+                f'--{option.replace("_", "-")} is of MDE, and --optimizer lsq does without; leave one of the two out'
+            )
+    names = NAMES[: MODELS.get(args.model, len(NAMES))]
+    for text in args.bounds:
+        name = text.partition('=')[0]
+        if name in NAMES and name not in names:
+            raise UsageError(
+                f'--bounds {text} is of a parameter that --model {args.model} does not have; its parameters are '
+                f'{", ".join(names)}'
+            )
 
 
 def _criteria(text: str) -> tuple[str, ...]:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from .usage import wrong_usage
+
 DESCRIPTION = """\
 Turn a CSV file into a bag with the topic /joint_states, as the recorder writes it.
 
@@ -81,9 +83,11 @@ def run(args: argparse.Namespace) -> int:
     Raises:
         PendubotError: the file cannot be read or the bag not written.
     """
-    from pendubot_identification.adapters.csv_import import import_csv
+    from pendubot_identification.adapters.csv_import import import_csv, wanted
     from pendubot_identification.adapters.joint_states import write_trajectory
 
+    with wrong_usage():
+        wanted(args.columns)
     trajectory = import_csv(args.file, args.columns, degrees=args.degrees, zero=args.zero, elbow=args.elbow)
     write_trajectory(args.output, trajectory, overwrite=args.force)
     rate = (len(trajectory) - 1) / trajectory.duration if trajectory.duration else 0.0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import io
 import sys
 import traceback
 from collections.abc import Sequence
@@ -25,6 +26,7 @@ from . import (
     reproduce,
     simulate,
 )
+from .usage import UsageError
 
 DESCRIPTION = """\
 Identify the parameters of a pendubot from recorded bags, without ROS.
@@ -53,10 +55,14 @@ def parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     top.add_argument('--version', action=_Version, nargs=0, help='say which version this is and whether it is compiled')
-    top.add_argument('--debug', action='store_true', help='show the traceback of a failure, and whether it is compiled')
     subparsers = top.add_subparsers(title='subcommands', metavar='SUBCOMMAND', required=True)
     for subcommand in SUBCOMMANDS:
         subcommand.add_parser(subparsers)
+    top.set_defaults(debug=False)
+    for place in (top, *subparsers.choices.values()):
+        # Also after the subcommand, where it is typed to run again; a default of False there would undo the one before.
+        what = 'show the traceback of a failure, and whether it is compiled'
+        place.add_argument('--debug', action='store_true', default=argparse.SUPPRESS, help=what)
     return top
 
 
@@ -70,6 +76,10 @@ class _Version(argparse.Action):
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line and return the exit status."""
+    for stream in (sys.stdout, sys.stderr):
+        # What was computed for minutes is not lost where a terminal or pipe knows no ±.
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors='backslashreplace')
     args = parser().parse_args(argv)
     if args.debug:
         print(f'pendubot: {kernel.description()}', file=sys.stderr)
@@ -85,7 +95,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except Exception as error:
         if args.debug:
             traceback.print_exc()
-        sentence = f'{type(error).__name__}: {error}; run pendubot --debug ... to see where'
+        sentence = f'{type(error).__name__}: {error}; run again with --debug to see where'
         if isinstance(error, PendubotError):
             sentence = str(error)
         elif isinstance(error, OSError):
@@ -93,7 +103,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         elif isinstance(error, MemoryError):
             sentence = f'not enough memory ({error}); ask for less'
         print(f'pendubot: {sentence}', file=sys.stderr)
-        return 1
+        return 2 if isinstance(error, UsageError) else 1
 
 
 if __name__ == '__main__':

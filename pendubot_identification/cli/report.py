@@ -80,13 +80,14 @@ def run(args: argparse.Namespace) -> int:
     Raises:
         PendubotError: there is no such result, or the folder cannot be written.
     """
-    from pendubot_identification.adapters.files import OutputFolder
+    from pendubot_identification.adapters.files import OutputFolder, refuse_input
     from pendubot_identification.adapters.provenance import recordings
     from pendubot_identification.adapters.result_file import read_whole_result
 
     result = read_whole_result(args.result)
     beside = reference(args.reference)
     path = args.output or args.result.with_name(f'{args.result.stem}_report')
+    refuse_input(path / 'result.yaml', [args.reference])
     folder = OutputFolder(path, overwrite=args.force)
     motions, notes = None, []
     try:
@@ -115,10 +116,12 @@ def previous(path: Path) -> tuple[Mapping[str, Any], str]:
 
 
 def _with_parameters(path: Path) -> Mapping[str, Any]:
-    from pendubot_identification.adapters.result_file import read_parameters, read_result
+    from pendubot_identification.adapters.result_file import read_result, unphysical
 
-    read_parameters(path)
-    return read_result(path)
+    data = read_result(path)
+    for problem in unphysical(data, path):
+        print(f'pendubot: {path}: {problem}', file=sys.stderr)
+    return data
 
 
 def write_result_report(

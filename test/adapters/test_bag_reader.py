@@ -1,4 +1,7 @@
+import os
 import shutil
+import tempfile
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -252,6 +255,24 @@ def test_damage_in_a_closed_file_is_named_and_can_be_avoided(bag, tmp_path):
     assert 985 <= info.count < 1000
     assert f'its {info.count} messages that are whole' in info.note
     assert 'bytes among them are not, first at byte' in info.note
+
+
+@pytest.mark.parametrize('closed', ['.', 'bag'])
+def test_a_bag_that_may_not_be_read_is_said_to_be_so(closed):
+    """Root reads all; so this is who is nobody, for whom the folders of pytest are closed already."""
+    with tempfile.TemporaryDirectory() as folder:
+        os.chmod(folder, 0o755)
+        path = write(Path(folder) / 'bag', samples(100))
+        os.chmod(path, 0o755)
+        os.chmod(Path(folder) / closed, 0)
+        user = os.geteuid()
+        try:
+            os.seteuid(user or 65534)
+            with pytest.raises(BagError, match=r'bag cannot be read: Permission denied; check the permissions'):
+                BagReader(path)
+        finally:
+            os.seteuid(user)
+            os.chmod(Path(folder) / closed, 0o755)
 
 
 def test_no_bag_is_one_sentence(tmp_path):

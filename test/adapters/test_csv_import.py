@@ -7,7 +7,7 @@ import pytest
 from pendubot_identification.adapters.bag_reader import read_trajectory
 from pendubot_identification.adapters.csv_import import import_csv
 from pendubot_identification.adapters.joint_states import write_trajectory
-from pendubot_identification.core.errors import CsvError, TrajectoryError
+from pendubot_identification.core.errors import CsvError
 
 from ..conftest import RECORDINGS
 
@@ -43,7 +43,17 @@ def test_what_may_be_absent(given):
 
 
 @pytest.mark.parametrize(
-    'text', [TEXT.replace(',', ';'), TEXT.replace(',', ' , '), TEXT.replace(',', '\t'), TEXT + '\n,,\n']
+    'text',
+    [
+        TEXT.replace(',', ';'),
+        TEXT.replace(',', ' , '),
+        TEXT.replace(',', '\t'),
+        TEXT + '\n,,\n',
+        TEXT.replace('7,6', '7,6,'),
+        'sep=;\n' + TEXT.replace(',', ';'),
+        '"SEP=|"\n' + TEXT.replace(',', '|'),
+        'sep=\t\n' + TEXT.replace(',', '\t'),
+    ],
 )
 def test_other_ways_to_write_the_same(given, text):
     np.testing.assert_array_equal(import_csv(given(text)).q, import_csv(given()).q)
@@ -93,13 +103,34 @@ def test_the_same_pose_in_every_convention(tmp_path, zero, elbow):
         (TEXT.replace('0.5', 'open'), r"line 3, column 'q2': 'open' is no finite number"),
         (TEXT.replace('0.5', 'nan'), r"line 3, column 'q2': 'nan' is no finite number"),
         (TEXT.replace('0.5', ''), r"line 3, column 'q2': nothing is no finite number"),
-        (TEXT.replace(',7,6', ''), r"line 4, column 'tau1': nothing is no finite number"),
+        (
+            TEXT.replace(',7,6', ''),
+            'line 4 has 5 cells; 7 are expected, one for each column name; mend or remove that row',
+        ),
+        (TEXT.replace('9,8,7,6', '9,8,7'), 'line 4 has 6 cells'),
+        (TEXT.replace('9,8,7,6', '9,8,7,6,5'), 'line 4 has 8 cells; 7 are expected'),
+        (
+            TEXT.replace('9,8,7,6', '9,8,7,6,5').replace(',', ';'),
+            '7 are expected, one for each column name; mend or remove that row',
+        ),
+        # Decimal commas, in all columns and in the last alone.
+        (
+            't,q1,q2,tau1\n0,00,0,10,0,20,0,30\n0,01,0,10,0,20,0,30\n',
+            'line 2 has 8 cells; 4 are .*decimals .*commas: .*points',
+        ),
+        (
+            't,q1,q2,tau1\n0.00,0.1,0.2,0,30\n0.01,0.1,0.2,0,31\n',
+            'line 2 has 5 cells; 4 are .*decimals .*commas: .*points',
+        ),
         (TEXT.splitlines()[0], 'holds no row of numbers'),
         (TEXT.replace(',', ';').replace('.', ','), "'5,00' is no finite number; write decimals with a point"),
         (TEXT.replace('dq1', 'q1'), "has 2 columns 'q1'; rename all but the one for q1"),
         (TEXT.replace('0.5', '5' * 200_000), 'line 3: field larger than field limit'),
         ('t,q1,q2,tau1\n0,1,2,3\n10,1,2,3\n20,1,2,3\n', r'rows are 10 s apart.*divide milliseconds by 1000'),
-        ('', "no column 't' for t; its columns are none"),
+        ('', 'run.csv is empty; a line of column names and rows of numbers are expected'),
+        (' \n\n', 'run.csv is empty'),
+        ('sep=;', "no column 't' for t"),
+        ('sep=;\nt;q1;q2;tau1\n0;1;2;nan\n', "line 3, column 'tau1': 'nan'"),
     ],
 )
 def test_a_file_that_cannot_be_used_is_one_sentence(given, text, sentence):
@@ -114,9 +145,9 @@ def test_a_column_that_was_named_must_be_there(given):
         import_csv(given(), {'theta1': 'q1'})
 
 
-@pytest.mark.parametrize(('stamp', 'what'), [('5.00', 'repeats'), ('4.99', 'runs backwards')])
+@pytest.mark.parametrize(('stamp', 'what'), [('5.00', 'repeats'), ('4.99', 'runs back')])
 def test_stamps_that_do_not_increase_are_one_sentence(given, stamp, what):
-    with pytest.raises(TrajectoryError, match=what):
+    with pytest.raises(CsvError, match=rf'line 3: the time .* {what}, after 5; every row needs a later one'):
         import_csv(given(TEXT.replace('5.01', stamp)))
 
 

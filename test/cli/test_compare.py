@@ -94,21 +94,33 @@ def test_models_of_different_size_and_parameters_by_hand(results, tmp_path, caps
     assert compare(capsys, *named)[0] == 0
 
 
+@pytest.mark.parametrize('options', [[], ['--on', f'{SAMPLE}@9:12']])
+def test_parameters_that_no_rig_has_are_said_to_be_so(results, capsys, options):
+    data = yaml.safe_load((results / 'b.yaml').read_text())
+    data['parameters']['P1']['value'] = -0.0022
+    (results / 'c.yaml').write_text(yaml.safe_dump(data))
+    status, out, _ = compare(capsys, results / 'a.yaml', results / 'c.yaml', '--json', *options)
+    assert status == 0
+    notes = json.loads(out)['notes']
+    assert notes[0] == f'{results / "c.yaml"}: not physical: P1 = -0.0022 is not positive'
+    assert len(set(notes)) == len(notes)
+
+
 @pytest.mark.parametrize(
-    ('named', 'sentence'),
+    ('named', 'status', 'sentence'),
     [
-        (['a.yaml'], 'is one result alone; name two or more to be compared'),
-        (['a.yaml', 'a.yaml'], 'the same result is named twice'),
-        (['a.yaml', 'none.yaml'], 'none.yaml cannot be read (No such file or directory)'),
-        (['a.yaml', 'other.yaml'], 'other.yaml is no result of schema 1'),
-        (['a.yaml', 'b.yaml', '--on', '/nowhere'], 'there is no bag /nowhere'),
-        (['a.yaml', 'b.yaml', '--on', f'{SAMPLE}@90:99'], 'the window holds no sample'),
-        (['a.yaml', 'b.yaml', '--on', str(SAMPLE), '--joints', 'one'], 'two are expected'),
+        (['a.yaml'], 2, 'is one result alone; name two or more to be compared'),
+        (['a.yaml', 'a.yaml'], 2, 'the same result is named twice'),
+        (['a.yaml', 'none.yaml'], 1, 'none.yaml cannot be read (No such file or directory)'),
+        (['a.yaml', 'other.yaml'], 1, 'other.yaml is no result of schema 1'),
+        (['a.yaml', 'b.yaml', '--on', '/nowhere'], 1, 'there is no bag /nowhere'),
+        (['a.yaml', 'b.yaml', '--on', f'{SAMPLE}@90:99'], 1, 'the window holds no sample'),
+        (['a.yaml', 'b.yaml', '--on', str(SAMPLE), '--joints', 'one'], 2, 'two are expected'),
     ],
 )
-def test_bad_input_gets_one_sentence(results, capsys, named, sentence):
+def test_bad_input_gets_one_sentence(results, capsys, named, status, sentence):
     (results / 'other.yaml').write_text('schema: 2\n')
-    status, out, err = compare(capsys, *(results / n if n.endswith('.yaml') else n for n in named))
-    assert (status, out) == (1, '')
+    ended, out, err = compare(capsys, *(results / n if n.endswith('.yaml') else n for n in named))
+    assert (ended, out) == (status, '')
     (line,) = err.strip().splitlines()
     assert sentence in line

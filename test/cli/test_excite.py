@@ -1,3 +1,5 @@
+import re
+
 import numpy as np
 import pytest
 import yaml
@@ -60,28 +62,68 @@ def test_the_exciter_takes_a_written_file(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ('arguments', 'sentence'),
+    ('arguments', 'status', 'sentence'),
     [
-        (['--design', '--torque', '1'], 'give --torque [N m] and --speed [rad/s]'),
-        (['--design', '--torque', '-1', '--speed', '5'], 'limit of the torque is -1'),
-        (['--design', *QUICK, '--rate', '0'], 'sampling rate is 0'),
-        (['--design', *QUICK, '--output', 'taken.yaml'], 'exists already'),
-        (['--design', *QUICK, '--from', 'missing.yaml'], 'missing.yaml cannot be read'),
-        (['--check', 'missing.yaml'], 'missing.yaml cannot be read'),
-        (['--check', 'taken.yaml'], 'no parameters of the node exciter'),
-        (['--check', 'wrong.yaml'], 'numbers are expected'),
-        (['--check', 'noise.yaml'], 'is no YAML file'),
+        (['--design', '--torque', '1'], 2, 'give --torque [N m] and --speed [rad/s]'),
+        (['--design', '--torque', '-1', '--speed', '5'], 2, 'limit of the torque is -1'),
+        (['--design', *QUICK, '--rate', '0'], 2, 'sampling rate is 0'),
+        (['--design', *QUICK, '--output', 'taken.yaml'], 1, 'exists already'),
+        (['--design', *QUICK, '--from', 'missing.yaml'], 1, 'missing.yaml cannot be read'),
+        (['--check', 'missing.yaml'], 1, 'missing.yaml cannot be read'),
+        (['--check', 'taken.yaml'], 1, 'no parameters of the node exciter'),
+        (['--check', 'wrong.yaml'], 1, 'numbers are expected'),
+        (['--check', 'noise.yaml'], 1, 'is no YAML file'),
     ],
 )
-def test_what_a_user_can_do_wrong_is_explained(tmp_path, monkeypatch, capsys, arguments, sentence):
+def test_what_a_user_can_do_wrong_is_explained(tmp_path, monkeypatch, capsys, arguments, status, sentence):
     monkeypatch.chdir(tmp_path)
     (tmp_path / 'taken.yaml').write_text('bridge: {}\n')
     (tmp_path / 'wrong.yaml').write_text('exciter: {ros__parameters: {period: often}}\n')
     (tmp_path / 'noise.yaml').write_text('{{{')
-    assert main(['excite', *arguments]) == 1
+    assert main(['excite', *arguments]) == status
     error = capsys.readouterr().err
     assert sentence in error
     assert 'Traceback' not in error
+
+
+def test_what_is_checked_is_held_against_the_limits_that_are_given(tmp_path, capsys):
+    """The paper's pulses, 1 N m: each limit is said that is exceeded, and nothing else changes by it."""
+    file, never = tmp_path / 'exciter.yaml', tmp_path / 'never.yaml'
+    file.write_text((ROOT / 'config' / 'exciter.yaml').read_text())
+
+    def check(*limits):
+        status = main(['excite', '--check', str(file), *limits])
+        printed = capsys.readouterr()
+        return status, printed.out, printed.err
+
+    status, shown, said = check()
+    assert (status, said) == (0, '')
+    assert check('--torque', '1', '--speed', '1000', '--angle', '1000', '1000') == (0, shown, '')
+    status, out, said = check('--torque', '0.5', '--output', str(never))
+    assert (status, out) == (1, shown)
+    assert f'{file} exceeds the limits: torque up to 1 N m where 0.5 N m are allowed; give it smaller' in said
+    assert not never.exists()
+    said = check('--speed', '0.25', '--angle', '0.125', '1000')[2]
+    assert re.findall(r'(\w+ of the \w+) up to [.\d]+ \S+ where ([.\d]+) ', said) == [
+        ('speed of the shoulder', '0.25'),
+        ('speed of the elbow', '0.25'),
+        ('angle of the shoulder', '0.125'),
+    ]
+    assert 'torque up' not in said
+    status, out, said = check('--speed', '-1')
+    assert (status, out) == (2, '')
+    assert 'limit of the speed is -1' in said
+
+
+def test_what_is_read_is_never_written_over(tmp_path, capsys):
+    result, exciter = tmp_path / 'result.yaml', tmp_path / 'exciter.yaml'
+    result.write_text(yaml.safe_dump(plain(('weak',))))
+    exciter.write_text((ROOT / 'config' / 'exciter.yaml').read_text())
+    before = result.read_text(), exciter.read_text()
+    for what, output in ((['--design', *QUICK, '--from', result], result), (['--check', exciter], exciter)):
+        assert main(['excite', *map(str, what), '--output', str(output), '--force']) == 1
+        assert 'is read, so it cannot be written as well' in capsys.readouterr().err
+    assert (result.read_text(), exciter.read_text()) == before
 
 
 def test_design_or_check_must_be_chosen(capsys):

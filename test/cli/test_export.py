@@ -39,6 +39,16 @@ def test_an_existing_file_stays_and_force_replaces_it(result, tmp_path, capsys):
     assert json.loads(output.read_text())['schema'] == 1
 
 
+def test_the_result_itself_is_never_written_over(result, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    before = result.read_text()
+    (tmp_path / 'link.yaml').symlink_to(result)
+    for output in ('result.yaml', './result.yaml', 'link.yaml'):
+        assert main(['export', str(result), '--output', output, '--force']) == 1
+        assert f'{output.removeprefix("./")} is read, so it cannot be written as well' in capsys.readouterr().err
+    assert result.read_text() == before
+
+
 def test_a_doubtful_result_is_exported_and_said_to_be_doubtful(result, tmp_path, capsys):
     data = yaml.safe_load(result.read_text()) | {'level': 'ERROR', 'warnings': ['not physical: P1']}
     result.write_text(yaml.safe_dump(data))
@@ -48,20 +58,32 @@ def test_a_doubtful_result_is_exported_and_said_to_be_doubtful(result, tmp_path,
     assert 'level: ERROR' in printed.out
 
 
+@pytest.mark.parametrize('name', NAMED)
+def test_parameters_that_no_rig_has_are_said_to_be_so(result, capsys, name):
+    data = yaml.safe_load(result.read_text())
+    data['parameters']['P1']['value'] = -0.0022
+    result.write_text(yaml.safe_dump(data))
+    assert main(['export', str(result), '--format', name]) == 0
+    printed = capsys.readouterr()
+    for text in printed:
+        assert 'not physical: P1 = -0.0022 is not positive' in text
+    assert 'level ERROR' in printed.err
+
+
 @pytest.mark.parametrize(
-    ('arguments', 'sentence'),
+    ('arguments', 'status', 'sentence'),
     [
-        (['result.yaml'], 'no format was given'),
-        (['result.yaml', '--output', 'parameters.txt'], 'no suffix that names a format'),
-        (['missing.yaml', '--format', 'c'], 'cannot be read'),
-        (['empty.yaml', '--format', 'c'], 'no parameter vector'),
-        (['result.yaml', '--output', 'no/such/folder/p.h'], 'cannot be written'),
+        (['result.yaml'], 2, 'no format was given'),
+        (['result.yaml', '--output', 'parameters.txt'], 2, 'no suffix that names a format'),
+        (['missing.yaml', '--format', 'c'], 1, 'cannot be read'),
+        (['empty.yaml', '--format', 'c'], 1, 'no parameter vector'),
+        (['result.yaml', '--output', 'no/such/folder/p.h'], 1, 'cannot be written'),
     ],
 )
-def test_what_a_user_can_do_wrong_is_explained(result, tmp_path, monkeypatch, capsys, arguments, sentence):
+def test_what_a_user_can_do_wrong_is_explained(result, tmp_path, monkeypatch, capsys, arguments, status, sentence):
     monkeypatch.chdir(tmp_path)
     (tmp_path / 'empty.yaml').write_text('schema: 1\n')
-    assert main(['export', *arguments]) == 1
+    assert main(['export', *arguments]) == status
     error = capsys.readouterr().err
     assert sentence in error
     assert 'Traceback' not in error

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -44,10 +45,10 @@ def said(out):
     return ' '.join(out.split())
 
 
-def refused(capsys, *arguments):
-    """Assert exit 1 with one line, no traceback and nothing printed; return the sentence."""
-    status, out, err = identify(capsys, *arguments)
-    assert status == 1
+def refused(capsys, *arguments, status=1):
+    """Assert this exit status with one line, no traceback and nothing printed; return the sentence."""
+    ended, out, err = identify(capsys, *arguments)
+    assert ended == status
     assert out == ''
     line = err.strip().splitlines()[-1]
     assert line.startswith('pendubot: ')
@@ -269,14 +270,29 @@ def broken(bag, tmp_path, **changes):
         (['{root}/docs'], 'is no bag that can be read here'),
         (['{bag}', '--topic', '/imu'], 'holds nothing on /imu; its topics are /joint_states'),
         (['{bag}', '--joints', 'a,b'], "has no joint 'a'; its joints are shoulder, elbow"),
+        (['b' * 300], 'there is no bag bbb'),
+        (['{bag}@50:60'], 'holds no sample'),
+        (['{bag}@1e300:'], '@1e+300:: the window holds no sample'),
+        (['{bag}@1:1.1'], '10 samples over 0.090 s are too few'),
+        (['{bag}', '--sliding', '100'], 'shorter than the sliding window'),
+        (['{bag}', '--output', '{root}/README.md'], 'exists already'),
+        (['{bag}', '--start', '/nowhere.yaml'], '/nowhere.yaml cannot be read'),
+        (['{bag}', '--start', '{root}/package.xml'], 'is no YAML file'),
+        (['{bag}', '--output', '/nowhere/result.yaml', *FAST], 'cannot be written'),
+    ],
+)
+def test_what_a_user_did_wrong_is_one_sentence(capsys, bag, arguments, sentence):
+    assert sentence in refused(capsys, *(a.format(bag=bag, root=ROOT) for a in arguments))
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'sentence'),
+    [
         (['{bag}', '--joints', 'elbow,elbow'], 'names 1 joints; two are expected'),
         (['{bag}', '--runs', '100000000'], 'at most 100000'),
-        (['b' * 300], 'there is no bag bbb'),
         (['{bag}', '--joints', 'a'], 'names 1 joints; two are expected'),
         (['{bag}@9:2'], 'reversed'),
         (['{bag}@3:3'], 'empty or reversed'),
-        (['{bag}@50:60'], 'holds no sample'),
-        (['{bag}@1:1.1'], '10 samples over 0.090 s are too few'),
         (['{bag}@one:2'], 'must be numbers of seconds'),
         (['{bag}', '--bounds', 'P1=2:1'], 'bounds of P1 are inverted'),
         (['{bag}', '--bounds', 'P1=2'], 'NAME=LOW:HIGH is expected'),
@@ -286,19 +302,35 @@ def broken(bag, tmp_path, **changes):
         (['{bag}', '--runs', '0'], '0 runs'),
         (['{bag}', '--seed', '-1'], 'seed is -1'),
         (['{bag}', '--sliding', '-3'], 'sliding window is -3 s'),
-        (['{bag}', '--sliding', '100'], 'shorter than the sliding window'),
-        (['{bag}', '--output', '{root}/README.md'], 'exists already'),
         (['{bag}', '--smoothing', '-0.1'], 'smoothing window is -0.1 s'),
         (['{bag}', '--delay', '0.02:0.01'], 'searched from 0.02 to 0.01 s'),
+        (['{bag}', '--bounds', 'Fc1=0:1', '--model', 'viscous'], 'that --model viscous does not have'),
+        (['{bag}', '--runs', '3', '--optimizer', 'lsq'], '--runs is of MDE, and --optimizer lsq does without'),
+        (['{bag}', '--population', '30', '--optimizer', 'lsq'], '--population is of MDE'),
+        (['{bag}', '--per-vector', '--optimizer', 'lsq'], '--per-vector is of MDE'),
+        (['{bag}', '--spread', '0', '--optimizer', 'lsq'], '--spread is of MDE'),
+        (['{bag}', '--spread', '-1'], '--spread is -1; 0, which takes every generation, or a number above it'),
         (['{bag}', '--delay', '3'], 'two times within half a second are expected'),
         (['{bag}', '--link-length', '0'], 'length of link 1 is 0 m'),
-        (['{bag}', '--start', '/nowhere.yaml'], '/nowhere.yaml cannot be read'),
-        (['{bag}', '--start', '{root}/package.xml'], 'is no YAML file'),
-        (['{bag}', '--output', '/nowhere/result.yaml', *FAST], 'cannot be written'),
     ],
 )
-def test_what_a_user_did_wrong_is_one_sentence(capsys, bag, arguments, sentence):
-    assert sentence in refused(capsys, *(a.format(bag=bag, root=ROOT) for a in arguments))
+def test_what_can_be_told_from_the_command_line_alone_is_wrong_usage(capsys, bag, arguments, sentence):
+    assert sentence in refused(capsys, *(a.format(bag=bag) for a in arguments), status=2)
+
+
+def test_what_is_read_is_never_written_over(capsys, bag, tmp_path):
+    (file,), start = bag.glob('*.mcap'), tmp_path / 'result.yaml'
+    start.write_text('mine')
+    before = file.read_bytes()
+    for options in (
+        ('--output', file),
+        ('--output', bag / 'metadata.yaml'),
+        ('--output', start, '--start', start),
+        ('--report', tmp_path, '--reference', start),
+    ):
+        assert 'is read, so it cannot be written as well' in refused(capsys, bag, *options, '--force')
+    assert (file.read_bytes(), start.read_text()) == (before, 'mine')
+    assert not list(tmp_path.glob('*.html'))
 
 
 def test_a_motion_without_excitation_names_what_cannot_be_told(capsys, bag, tmp_path):
@@ -346,6 +378,16 @@ def test_a_gap_outside_the_window_does_no_harm(capsys, bag, tmp_path):
     assert identify(capsys, f'{gap}@0:9', *FAST)[0] == 0
 
 
+def test_a_value_far_too_large_is_said_in_few_digits(capsys, bag, tmp_path):
+    from pendubot_identification.adapters.bag_reader import read_trajectory
+
+    q = read_trajectory(bag).trajectory.q.copy()
+    q[50, 0] = 1e300
+    line = refused(capsys, broken(bag, tmp_path, q=q))
+    assert 'e+301 rad/s' in line
+    assert len(line) < 400
+
+
 def test_not_a_number_in_the_samples(capsys, tmp_path, bag):
     from pendubot_identification.adapters.bag_writer import BagWriter
     from pendubot_identification.adapters.joint_states import encode_joint_state
@@ -380,7 +422,7 @@ def test_what_the_system_refuses_is_one_sentence(capsys, monkeypatch, failure, s
 
 def test_a_rate_that_no_recording_has_is_refused(capsys, tmp_path):
     for rate in ('1e-9', 'nan', 'inf'):
-        assert main(['simulate', '--output', str(tmp_path / 'bag'), '--rate', rate]) == 1
+        assert main(['simulate', '--output', str(tmp_path / 'bag'), '--rate', rate]) == 2
         assert 'a rate from 1 to 100000 Hz' in capsys.readouterr().err
 
 
@@ -420,9 +462,19 @@ def test_the_choices_are_those_of_the_core_and_help_does_not_wait_for_it():
     assert result.returncode == 0, result.stderr
 
 
+def test_what_cannot_be_encoded_costs_no_result(bag):
+    command = [sys.executable, '-m', 'pendubot_identification.cli.main', 'identify', bag, *FAST]
+    env = os.environ | {'PYTHONIOENCODING': 'ascii'}
+    child = subprocess.run(command, capture_output=True, text=True, env=env, timeout=120)
+    assert (child.returncode, child.stderr) == (0, '')
+    assert all(re.search(rf'^{name} ', child.stdout, re.MULTILINE) for name in SEVEN)
+    assert r'\xb1' in child.stdout, 'in the place of a sign that ASCII lacks'
+
+
 def test_debug_shows_where(capsys):
-    assert main(['--debug', 'identify', '/nowhere']) == 1
-    assert 'Traceback' in capsys.readouterr().err
+    for arguments in (['--debug', 'identify', '/nowhere'], ['identify', '/nowhere', '--debug']):
+        assert main(arguments) == 1
+        assert 'Traceback' in capsys.readouterr().err
 
 
 def test_simulate_is_reproducible_and_refuses_nonsense(capsys, bag, tmp_path):
@@ -431,12 +483,13 @@ def test_simulate_is_reproducible_and_refuses_nonsense(capsys, bag, tmp_path):
     assert first.read_bytes() == second.read_bytes()
     for options in (
         ['--samples', '0'],
+        ['--samples', '9' * 30],
         ['--rate', 'nan'],
         ['--width', '2'],
         ['--amplitude', '1', '-1'],
         ['--hold', '0'],
     ):
-        assert main(['simulate', '--output', str(tmp_path / 'never'), *options]) == 1
+        assert main(['simulate', '--output', str(tmp_path / 'never'), *options]) == 2
     assert main(['simulate', '--output', str(bag)]) == 1
     assert not (tmp_path / 'never').exists()
     assert 'exists already' in capsys.readouterr().err

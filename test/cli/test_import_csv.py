@@ -5,6 +5,7 @@ import pytest
 
 from pendubot_identification.adapters.bag_reader import BagReader, read_trajectory
 from pendubot_identification.cli import import_csv
+from pendubot_identification.cli.main import main
 from pendubot_identification.core.errors import BagError, CsvError
 
 
@@ -63,3 +64,17 @@ def test_columns_that_are_not_understood_are_wrong_usage(file, tmp_path, columns
         run(file, '--output', tmp_path / 'bag', '--columns', columns)
     assert ended.value.code == 2
     assert 't=NAME,q1=NAME' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ('columns', 'sentence'),
+    [
+        ('q1=a,q2=a', "column 'a' stands for both q1 and q2; name one column for each quantity, such as q2=NAME"),
+        ('q1=q2', "column 'q2' stands for both q1 and q2"),
+        ('q3=a', "'q3' is no quantity of a motion; columns can be named for t, q1"),
+    ],
+)
+def test_columns_that_cannot_be_meant_are_wrong_usage(file, tmp_path, columns, sentence, capsys):
+    assert main(['import-csv', str(file), '--output', str(tmp_path / 'bag'), '--columns', columns]) == 2
+    assert sentence in capsys.readouterr().err
+    assert not (tmp_path / 'bag').exists()

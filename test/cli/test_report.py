@@ -31,10 +31,10 @@ def run(capsys, *arguments):
     return status, captured.out, captured.err
 
 
-def refused(capsys, *arguments):
-    """Assert exit 1 with one line, no traceback and nothing printed; return the sentence."""
-    status, out, err = run(capsys, *arguments)
-    assert (status, out) == (1, '')
+def refused(capsys, *arguments, status=1):
+    """Assert this exit status with one line, no traceback and nothing printed; return the sentence."""
+    ended, out, err = run(capsys, *arguments)
+    assert (ended, out) == (status, '')
     (line,) = err.strip().splitlines()
     assert line.startswith('pendubot: ')
     return line
@@ -96,6 +96,22 @@ def test_a_reference_stands_beside_the_result(made, tmp_path, capsys):
     assert 'earlier result' not in ' '.join(page.text)
 
 
+def test_a_reference_that_no_rig_has_is_said_to_be_so(made, tmp_path, capsys):
+    by_hand = yaml.safe_load((made / 'result.yaml').read_text())
+    by_hand['parameters']['P1']['value'] = -0.0022
+    (tmp_path / 'hand.yaml').write_text(yaml.safe_dump(by_hand))
+    arguments = ('report', made / 'result.yaml', '--reference', tmp_path / 'hand.yaml', '--output', tmp_path / 'out')
+    status, _, err = run(capsys, *arguments)
+    assert status == 0
+    assert f'{tmp_path / "hand.yaml"}: not physical: P1 = -0.0022 is not positive' in err
+
+
+def test_a_reference_is_not_written_over(made, tmp_path, capsys):
+    shutil.copy(made / 'result.yaml', tmp_path)
+    arguments = ('report', made / 'result.yaml', '--reference', tmp_path / 'result.yaml', '--output', tmp_path)
+    assert 'is read, so it cannot be written as well' in refused(capsys, *arguments, '--force')
+
+
 def test_a_failed_identification_has_a_page_that_says_why(made, tmp_path, capsys):
     status, out, err = run(capsys, 'identify', f'{made / "swing"}@0:0.2', '--report', tmp_path / 'look', *FAST)
     assert status == 1
@@ -152,7 +168,9 @@ def test_a_reference_that_is_none_is_refused(made, tmp_path, capsys):
     assert 'no result of schema 1' in refused(
         capsys, 'report', made / 'result.yaml', '--reference', tmp_path / 'r.yaml', '--output', tmp_path / 'out'
     )
-    assert 'add --report DIR' in refused(capsys, 'identify', made / 'swing', '--reference', made / 'result.yaml')
+    assert 'add --report DIR' in refused(
+        capsys, 'identify', made / 'swing', '--reference', made / 'result.yaml', status=2
+    )
     assert not (tmp_path / 'out').exists()
 
 

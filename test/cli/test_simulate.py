@@ -1,3 +1,4 @@
+import re
 from dataclasses import asdict, replace
 
 import numpy as np
@@ -9,6 +10,7 @@ from pendubot_identification.adapters.result_file import SCHEMA
 from pendubot_identification.cli.main import main
 from pendubot_identification.core.model.parameters import PAPER
 from pendubot_identification.core.model.simulation import simulate
+from test.conftest import ROOT
 
 GEARED = replace(PAPER, Fc1=0.004, Fc2=0.001, J2=1e-4, Fs1=0.002, Fs2=0.0005, k1=0.1, k2=0.1)
 
@@ -57,6 +59,21 @@ def test_parameters_that_no_rig_has_are_refused_in_a_sentence(tmp_path, result, 
     options = ['--parameters', str(result(asdict(PAPER) | change))]
     assert main(['simulate', '--output', str(tmp_path / 'never'), *options]) == 1
     assert sentence in capsys.readouterr().err
+    assert not (tmp_path / 'never').exists()
+
+
+@pytest.mark.parametrize('option', ['--amplitude -1 1', '--period 1', '--width 0.05', '--hold 0.01', '--seed 0'])
+def test_pulses_are_told_once(tmp_path, capsys, option):
+    options = ['--excitation', str(ROOT / 'config' / 'exciter.yaml'), *option.split()]
+    assert main(['simulate', '--output', str(tmp_path / 'never'), *options]) == 2
+    assert f'and so does {option.split()[0]}; give one of the two' in capsys.readouterr().err
+    assert not (tmp_path / 'never').exists()
+
+
+@pytest.mark.parametrize('amplitude', [('1000', '2000'), ('1e300', '1e301')])
+def test_torques_that_no_motion_can_follow_are_refused_in_a_sentence(tmp_path, capsys, amplitude):
+    assert main(['simulate', '--output', str(tmp_path / 'never'), '--samples', '300', '--amplitude', *amplitude]) == 1
+    assert re.search(r'too fast to be followed 0\.\d+ s after .* N m are too large', capsys.readouterr().err)
     assert not (tmp_path / 'never').exists()
 
 

@@ -8,7 +8,7 @@ from collections import deque
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import ParameterError
+from ..errors import ParameterError, TrajectoryError
 from ..trajectories.trajectory import Trajectory
 from .dynamics import GRAVITY, SIGN_WIDTH
 from .parameters import Parameters
@@ -133,7 +133,7 @@ def simulate(
 
     Raises:
         ParameterError: the parameters are not physical.
-        TrajectoryError: times or torques do not belong together.
+        TrajectoryError: times or torques do not belong together, or the motion runs off into what is no number.
     """
     times, torques = np.asarray(t, dtype=float), np.asarray(tau, dtype=float)
     plant = Plant(parameters, q, qd)
@@ -141,7 +141,16 @@ def simulate(
     for k in range(len(times)):
         states[k] = (*plant.q, *plant.qd)
         if k + 1 < len(times):
-            plant.advance((float(torques[k, 0]), float(torques[k, 1])), float(times[k + 1] - times[k]))
+            try:
+                plant.advance((float(torques[k, 0]), float(torques[k, 1])), float(times[k + 1] - times[k]))
+            except (ValueError, OverflowError, ZeroDivisionError):
+                plant.place((math.nan, math.nan), (math.nan, math.nan))
+            if not all(map(math.isfinite, (*plant.q, *plant.qd))):
+                raise TrajectoryError(
+                    f'the simulated motion is too fast to be followed {times[k + 1] - times[0]:.3g} s after it began: '
+                    f'torques of up to {np.abs(torques).max():g} N m are too large for these parameters; give smaller '
+                    'ones'
+                )
     return Trajectory(times, states[:, :2], torques, states[:, 2:], name='simulation')
 
 
