@@ -18,7 +18,8 @@ from .programs import new_folder, own_ros, parameters, program
 DESCRIPTION = """\
 Run the complete job on the virtual rig: a virtual board on a pseudo-terminal, the bridge, the exciter and the recorder
 in processes of their own; then the identifier on the recorded bag; then a subscriber that joins late and receives the
-parameters. Needs ROS 2 (rclpy); it talks in a ROS domain of its own and reaches no real rig.
+parameters. Needs ROS 2 (rclpy); it talks on this computer alone, in a ROS domain of its own in which nobody else is,
+whatever ROS_DOMAIN_ID and the like say, and reaches no real rig.
 """
 BAG = 'paper_experiment'
 SAMPLES = 1800
@@ -52,36 +53,37 @@ def run(args: argparse.Namespace) -> int:
 
         return balance_demo.run(args)
     folder = new_folder(args.output)
-    rclpy, domain = own_ros()
+    with own_ros() as (rclpy, domain):
+        print(f'virtual rig in ROS domain {domain}, files in {folder}')
+        theta, label = _identified(rclpy, folder, args.seed)
+    return _show(folder, theta, label)
+
+
+def _identified(rclpy: Any, folder: Path, seed: int) -> tuple[list[float], str]:
+    """Run the chain in the folder; return what the late subscriber received."""
     from tqdm import tqdm
 
     port, bag, result = folder / 'board', folder / BAG, folder / 'result.yaml'
-    print(f'virtual rig in ROS domain {domain}, files in {folder}')
-    rclpy.init()
-    try:
-        with ExitStack() as stack:
-            board = stack.enter_context(program(folder, 'virtual_board', '--link', port, '--rate', RATE))
-            board.wait_until(port.exists, 'opened no port')
-            print(f'virtual board on {port}: {RATE} Hz, 4000 counts per turn, the parameters of the paper')
-            stack.enter_context(program(folder, 'bridge', *parameters(port=port)))
-            recorder = stack.enter_context(program(folder, 'recorder', *parameters(output=bag, max_messages=SAMPLES)))
-            stack.enter_context(
-                program(folder, 'exciter', *parameters(arm='true', duration=2.0 * SAMPLES / RATE, seed=args.seed))
-            )
-            print(f'exciting and recording for {SAMPLES / RATE:g} s')
-            with tqdm(total=SAMPLES, unit=' samples', disable=None, leave=False) as bar:
-                recorder.wait_until(lambda: recorder.ended, 'did not finish its bag', 60.0, counting(rclpy, bar))
-        print(f'recorded {bag}')
-        # The bridge's torques are held; to find that out from the data would take some seconds more.
-        asked = parameters(bags=f"['{bag}']", output=result, hold='zero')
-        with program(folder, 'identifier', *asked) as identifier:
-            begin = time.monotonic()
-            identifier.wait_until(result.exists, 'wrote no result', 120.0)
-            print(f'identified in {time.monotonic() - begin:.1f} s, start of the node included')
-            theta, label = late_subscriber(rclpy)
-    finally:
-        rclpy.try_shutdown()
-    return _show(folder, theta, label)
+    with ExitStack() as stack:
+        board = stack.enter_context(program(folder, 'virtual_board', '--link', port, '--rate', RATE))
+        board.wait_until(port.exists, 'opened no port')
+        print(f'virtual board on {port}: {RATE} Hz, 4000 counts per turn, the parameters of the paper')
+        stack.enter_context(program(folder, 'bridge', *parameters(port=port)))
+        recorder = stack.enter_context(program(folder, 'recorder', *parameters(output=bag, max_messages=SAMPLES)))
+        stack.enter_context(
+            program(folder, 'exciter', *parameters(arm='true', duration=2.0 * SAMPLES / RATE, seed=seed))
+        )
+        print(f'exciting and recording for {SAMPLES / RATE:g} s')
+        with tqdm(total=SAMPLES, unit=' samples', disable=None, leave=False) as bar:
+            recorder.wait_until(lambda: recorder.ended, 'did not finish its bag', 60.0, counting(rclpy, bar))
+    print(f'recorded {bag}')
+    # The bridge's torques are held; to find that out from the data would take some seconds more.
+    asked = parameters(bags=f"['{bag}']", output=result, hold='zero')
+    with program(folder, 'identifier', *asked) as identifier:
+        begin = time.monotonic()
+        identifier.wait_until(result.exists, 'wrote no result', 120.0)
+        print(f'identified in {time.monotonic() - begin:.1f} s, start of the node included')
+        return late_subscriber(rclpy)
 
 
 def _show(folder: Path, theta: list[float], label: str) -> int:

@@ -3,27 +3,52 @@
 from __future__ import annotations
 
 import os
+import random
 import signal
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from pendubot_identification.core.errors import PendubotError
 
+#: What would reach beyond this computer, or lead into a domain that is none.
+OUTWARD = (
+    *('ROS_STATIC_PEERS', 'ROS_LOCALHOST_ONLY', 'ROS_DISCOVERY_SERVER', 'ROS_SUPER_CLIENT', 'CYCLONEDDS_URI'),
+    *('FASTDDS_DEFAULT_PROFILES_FILE', 'FASTRTPS_DEFAULT_PROFILES_FILE'),
+)
+#: Domains whose ports every system leaves free, 0 being everyone's, and how many of them are tried.
+DOMAINS, TRIES = range(1, 101), 5
+#: Whoever is in a domain is discovered within this [s]: mostly in 0.2 s, but where first announcements are missed, with
+#: the next, which Fast DDS sends every 3 s.
+DISCOVERY = 4.0
 
-def own_ros() -> tuple[Any, str]:
-    """Return rclpy and the number of a ROS domain of our own.
+
+@contextmanager
+def own_ros(domains: Sequence[int] = ()) -> Iterator[tuple[Any, int]]:
+    """Initialise ROS in a domain in which nobody is, on this computer alone, and give it up at the end.
+
+    Neither the domain nor the range of discovery that the environment names is used: a rig may be there. What is
+    found and started meanwhile is in the same domain.
+
+    Args:
+        domains: to be tried, in this order; none: some drawn at random.
+
+    Yields:
+        rclpy, and the number of the domain.
 
     Raises:
-        PendubotError: there is no ROS.
+        PendubotError: there is no ROS, or somebody is in every domain.
     """
-    domain = os.environ.setdefault('ROS_DOMAIN_ID', str(1 + os.getpid() % 100))
-    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    given = os.environ.get('ROS_DOMAIN_ID', '').strip()
+    exported = int(given) if given.isdecimal() else 0
+    for name in OUTWARD:
+        os.environ.pop(name, None)
+    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     try:
         import rclpy
     except ImportError as error:
@@ -31,7 +56,32 @@ def own_ros() -> tuple[Any, str]:
             f'rclpy cannot be imported ({error}), and the demo needs ROS 2: source your ROS workspace, or install the '
             "package with pip install '.[ros]'; pendubot simulate and pendubot identify need no ROS"
         ) from error
-    return rclpy, domain
+    others = [domain for domain in domains or random.sample(DOMAINS, TRIES + 1) if domain != exported][:TRIES]
+    try:
+        for domain in others:
+            os.environ['ROS_DOMAIN_ID'] = str(domain)
+            rclpy.init()
+            # It stays, so that others who look for a domain of their own find this one taken.
+            if _alone(rclpy.create_node('demo')):
+                yield rclpy, domain
+                return
+            rclpy.shutdown()
+        raise PendubotError(
+            f'other ROS programs are in each of the domains {", ".join(map(str, others))}, and the demo arms only in '
+            'one of its own; nothing was armed; end those programs, or try again'
+        )
+    finally:
+        rclpy.try_shutdown()
+
+
+def _alone(node: Any) -> bool:
+    """Return whether nobody else is discovered in the node's domain, and nobody publishes joint states there."""
+    deadline = time.monotonic() + DISCOVERY
+    while time.monotonic() < deadline:
+        if len(node.get_node_names()) > 1 or node.count_publishers('/joint_states'):
+            return False
+        time.sleep(0.02)
+    return True
 
 
 def new_folder(wanted: Path | None) -> Path:
