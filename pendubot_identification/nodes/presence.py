@@ -13,6 +13,8 @@ from std_msgs.msg import Float64
 
 from pendubot_identification.core.errors import PendubotError
 
+#: The nodes that make a rig move.
+DRIVERS = ('exciter', 'balancer')
 #: What rmw says of an endpoint whose node it does not know yet, and how long that may take [s].
 UNKNOWN, PATIENCE = '_NODE_NAME_UNKNOWN_', 2.0
 #: So long one looks for others before the first message; and then again, with every message [s].
@@ -65,6 +67,15 @@ class CommandGuard:
                     'bridge, or name in topics what is to be played, without it (named there, it is played)'
                 )
         self._seen[publisher] = count, time.monotonic() + FRESH
+
+
+def rival(node: Node, publisher: Publisher) -> str:
+    """Return the name of another exciter or balancer on the publisher's topic; empty where there is none."""
+    there = node.get_publishers_info_by_topic(publisher.topic_name)
+    names = [full_name(each) for each in there if each.node_name in DRIVERS]
+    if (own := node.get_fully_qualified_name()) in names:
+        names.remove(own)  # once: another may have the same name
+    return names[0] if names else ''
 
 
 def full_name(endpoint: TopicEndpointInfo) -> str:
