@@ -10,7 +10,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -51,6 +51,7 @@ def own_ros(domains: Sequence[int] = ()) -> Iterator[tuple[Any, int]]:
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     try:
         import rclpy
+        import rclpy.signals
     except ImportError as error:
         raise PendubotError(
             f'rclpy cannot be imported ({error}), and the demo needs ROS 2: source your ROS workspace, or install the '
@@ -60,7 +61,8 @@ def own_ros(domains: Sequence[int] = ()) -> Iterator[tuple[Any, int]]:
     try:
         for domain in others:
             os.environ['ROS_DOMAIN_ID'] = str(domain)
-            rclpy.init()
+            # Without its handlers, which would end ROS beneath the demo before the demo knows of it.
+            rclpy.init(signal_handler_options=rclpy.signals.SignalHandlerOptions.NO)
             # It stays, so that others who look for a domain of their own find this one taken.
             if _alone(rclpy.create_node('demo')):
                 yield rclpy, domain
@@ -72,6 +74,20 @@ def own_ros(domains: Sequence[int] = ()) -> Iterator[tuple[Any, int]]:
         )
     finally:
         rclpy.try_shutdown()
+
+
+@contextmanager
+def interruptible(bag: Path) -> Iterator[None]:
+    """Let SIGTERM do what Ctrl-C does, and say where the bag is that was being recorded."""
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    except KeyboardInterrupt:
+        if bag.exists():
+            print(f'what was recorded so far is kept in {bag}', file=sys.stderr)
+        raise
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def _alone(node: Any) -> bool:
@@ -107,29 +123,63 @@ def parameters(**values: object) -> list[str]:
 
 
 class Program:
-    """A program of this package in a process of its own, its output in a file beside the bag."""
+    """A program of this package in a process of its own, its output in a file beside the bag.
 
-    def __init__(self, name: str, process: subprocess.Popen[bytes], log: Path) -> None:
-        self.name, self.process, self.log = name, process, log
+    ``finite``: it ends by itself when its work is done.
+    """
+
+    def __init__(self, name: str, process: subprocess.Popen[bytes], log: Path, finite: bool) -> None:
+        self.name, self.process, self.log, self.finite = name, process, log, finite
 
     @property
     def ended(self) -> bool:
         """Whether it has ended well."""
         return self.process.poll() == 0
 
-    def wait_until(
+    @property
+    def failed(self) -> bool:
+        """Whether it has ended otherwise than it should."""
+        status = self.process.poll()
+        return status is not None and not (status == 0 and self.finite)
+
+    def failure(self, reason: str) -> PendubotError:
+        """Return the error that says what it said last."""
+        last = self.log.read_text(errors='replace').strip().splitlines()[-1:] or ['it said nothing']
+        return PendubotError(f'{self.name} {reason}: {last[0]} (all it said: {self.log})')
+
+
+class Programs(ExitStack):
+    """Programs that run until the end of the block, their output in the folder; the last is ended first."""
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__()
+        self._folder, self._started = folder, list[Program]()
+
+    def start(self, name: str, *arguments: object, finite: bool = False) -> Program:
+        """Start a program of this package."""
+        self._started.append(self.enter_context(_program(self._folder, name, *arguments, finite=finite)))
+        return self._started[-1]
+
+    def wait(
         self,
+        program: Program,
         condition: Callable[[], bool],
         otherwise: str,
         timeout: float = 20.0,
         meanwhile: Callable[[], object] | None = None,
     ) -> None:
-        """Wait for a condition, failing where the program does or where it takes too long."""
+        """Wait for what a program brings about.
+
+        Raises:
+            PendubotError: that takes too long, or any of the programs has ended early.
+        """
         deadline = time.monotonic() + timeout
         while not condition():
-            if self.process.poll() or time.monotonic() > deadline:
-                last = self.log.read_text(errors='replace').strip().splitlines()[-1:] or ['it said nothing']
-                raise PendubotError(f'{self.name} {otherwise}: {last[0]} (all it said: {self.log})')
+            for each in self._started:
+                if each.failed:
+                    raise each.failure('ended early')
+            if time.monotonic() > deadline:
+                raise program.failure(otherwise)
             if meanwhile is None:
                 time.sleep(0.02)
             else:
@@ -137,8 +187,7 @@ class Program:
 
 
 @contextmanager
-def program(folder: Path, name: str, *arguments: object) -> Iterator[Program]:
-    """Run a program of this package until the end of the block, its output in the folder."""
+def _program(folder: Path, name: str, *arguments: object, finite: bool) -> Iterator[Program]:
     log = folder / f'{name}.log'
     with log.open('wb') as output:
         process = subprocess.Popen(
@@ -148,7 +197,7 @@ def program(folder: Path, name: str, *arguments: object) -> Iterator[Program]:
             stderr=subprocess.STDOUT,
         )
         try:
-            yield Program(name, process, log)
+            yield Program(name, process, log, finite)
         finally:
             process.send_signal(signal.SIGINT)
             try:
