@@ -1,5 +1,6 @@
 """The complete main job in real processes: from the board's bytes to a latched parameter vector."""
 
+import os
 import re
 import subprocess
 import sys
@@ -24,6 +25,8 @@ def test_the_demo_ends_in_a_table_of_all_criteria_beside_the_truth(tmp_path):
         timeout=120,
     )
     assert demo.returncode == 0, demo.stdout + demo.stderr
+    domain = re.search(r'virtual rig in ROS domain (\d+),', demo.stdout)[1]
+    assert domain not in ('0', os.environ['ROS_DOMAIN_ID'])
     row = r'^(P[1-5]|b[12]) \[.*\] +' + 3 * r'([0-9.]+) +[+-][0-9.]+ % +' + r'([0-9.]+)$'
     rows = re.findall(row, demo.stdout, re.MULTILINE)
     assert [name for name, *_ in rows] == list(NAMES[:7])

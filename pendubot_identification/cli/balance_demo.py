@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import argparse
 import time
-from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
 from pendubot_identification.core.errors import PendubotError
 
 from .demo import counting
-from .programs import new_folder, own_ros, parameters, program
+from .programs import Programs, interruptible, new_folder, own_ros, parameters
 
 RATE, SAMPLES, DELAY, LIMIT = 200, 2400, 0.004, 2.0
 #: It is to be upright within this, and is then held for so long [s].
@@ -21,44 +20,46 @@ PATIENCE, HOLD = 20.0, 10.0
 def run(args: argparse.Namespace) -> int:
     """Excite, record, identify, swing up, hold, draw."""
     folder = new_folder(args.output)
-    rclpy, domain = own_ros()
+    with interruptible(folder / 'excitation'), own_ros() as (rclpy, domain):
+        print(f'virtual rig in ROS domain {domain}, files in {folder}', flush=True)
+        watcher = _balanced(rclpy, folder, args.seed)
+    return _show(folder, watcher)
+
+
+def _balanced(rclpy: Any, folder: Path, seed: int) -> _Watcher:
+    """Run the chain in the folder; return who saw the swing-up."""
     from tqdm import tqdm
 
     port, bag = folder / 'board', folder / 'excitation'
-    print(f'virtual rig in ROS domain {domain}, files in {folder}')
-    rclpy.init()
-    try:
-        with ExitStack() as stack:
-            rig = ['--preset', 'balance', '--rate', RATE, '--delay', DELAY, '--torque-limit', LIMIT]
-            board = stack.enter_context(program(folder, 'virtual_board', '--link', port, *rig))
-            board.wait_until(port.exists, 'opened no port')
-            print(f'virtual board: {RATE} Hz, 4000 counts per turn, a motor {1e3 * DELAY:g} ms late, {LIMIT:g} N m')
-            stack.enter_context(program(folder, 'bridge', *parameters(port=port)))
-            recording = parameters(output=bag, max_messages=SAMPLES)
-            recorder = stack.enter_context(program(folder, 'recorder', *recording))
-            pulses = parameters(
-                arm='true', duration=SAMPLES / RATE + 2, amplitude_min=-LIMIT, amplitude_max=LIMIT, seed=args.seed
-            )
-            exciter = stack.enter_context(program(folder, 'exciter', *pulses))
-            print(f'exciting and recording for {SAMPLES / RATE:g} s')
-            with tqdm(total=SAMPLES, unit=' samples', disable=None, leave=False) as bar:
-                recorder.wait_until(lambda: recorder.ended, 'did not finish its bag', 60.0, counting(rclpy, bar))
-            exciter.wait_until(lambda: exciter.ended, 'did not end')
-            result = folder / 'result.yaml'
-            asked = parameters(bags=f"['{bag}']", output=result, hold='zero', model='viscous')
-            identifier = stack.enter_context(program(folder, 'identifier', *asked))
-            identifier.wait_until(result.exists, 'wrote no result', 120.0)
-            print('identified')
-            balancer = stack.enter_context(program(folder, 'balancer', *parameters(torque_limit=LIMIT)))
-            watcher = _Watcher(rclpy)
-            balancer.wait_until(lambda: watcher.says('ready'), 'was not ready', 60.0, watcher.spin)
-            watcher.samples.clear()
-            watcher.start()
-            print('the balancer knows the rig through /pendubot/params alone; it swings it up')
-            balancer.wait_until(watcher.has_seen_enough, 'did not hold it', PATIENCE + HOLD, watcher.spin)
-        return _show(folder, watcher)
-    finally:
-        rclpy.try_shutdown()
+    with Programs(folder) as programs:
+        rig = ['--preset', 'balance', '--rate', RATE, '--delay', DELAY, '--torque-limit', LIMIT]
+        board = programs.start('virtual_board', '--link', port, *rig)
+        programs.wait(board, port.exists, 'opened no port')
+        print(f'virtual board: {RATE} Hz, 4000 counts per turn, a motor {1e3 * DELAY:g} ms late, {LIMIT:g} N m')
+        programs.start('bridge', *parameters(port=port))
+        recording = parameters(output=bag, max_messages=SAMPLES)
+        recorder = programs.start('recorder', *recording, finite=True)
+        pulses = parameters(
+            arm='true', duration=SAMPLES / RATE + 2, amplitude_min=-LIMIT, amplitude_max=LIMIT, seed=seed
+        )
+        exciter = programs.start('exciter', *pulses, finite=True)
+        print(f'exciting and recording for {SAMPLES / RATE:g} s')
+        with tqdm(total=SAMPLES, unit=' samples', disable=None, leave=False) as bar:
+            programs.wait(recorder, lambda: recorder.ended, 'did not finish its bag', 60.0, counting(rclpy, bar))
+        programs.wait(exciter, lambda: exciter.ended, 'did not end')
+        result = folder / 'result.yaml'
+        asked = parameters(bags=f"['{bag}']", output=result, hold='zero', model='viscous')
+        identifier = programs.start('identifier', *asked)
+        programs.wait(identifier, result.exists, 'wrote no result', 120.0)
+        print('identified')
+        balancer = programs.start('balancer', *parameters(torque_limit=LIMIT))
+        watcher = _Watcher(rclpy)
+        programs.wait(balancer, lambda: watcher.says('ready'), 'was not ready', 60.0, watcher.spin)
+        watcher.samples.clear()
+        watcher.start()
+        print('the balancer knows the rig through /pendubot/params alone; it swings it up')
+        programs.wait(balancer, watcher.has_seen_enough, 'did not hold it', PATIENCE + HOLD, watcher.spin)
+    return watcher
 
 
 class _Watcher:

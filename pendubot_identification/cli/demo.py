@@ -6,19 +6,19 @@ import argparse
 import sys
 import time
 from collections.abc import Callable
-from contextlib import ExitStack
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from pendubot_identification.core.errors import PendubotError
 
-from .programs import new_folder, own_ros, parameters, program
+from .programs import Programs, interruptible, new_folder, own_ros, parameters
 
 DESCRIPTION = """\
 Run the complete job on the virtual rig: a virtual board on a pseudo-terminal, the bridge, the exciter and the recorder
 in processes of their own; then the identifier on the recorded bag; then a subscriber that joins late and receives the
-parameters. Needs ROS 2 (rclpy); it talks in a ROS domain of its own and reaches no real rig.
+parameters. Needs ROS 2 (rclpy); it talks on this computer alone, in a ROS domain of its own in which nobody else is,
+whatever ROS_DOMAIN_ID and the like say, and reaches no real rig.
 """
 BAG = 'paper_experiment'
 SAMPLES = 1800
@@ -36,13 +36,24 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument(
         '--output', type=Path, metavar='DIR', help='new folder for bag and result (default: a temporary one)'
     )
-    parser.add_argument('--seed', type=int, default=1, help='of the torque (default %(default)s)')
+    parser.add_argument('--seed', type=seed, default=1, help='of the torque, 0 or more (default %(default)s)')
     parser.add_argument(
         '--balance',
         action='store_true',
         help='then swing up and hold the virtual rig, another one, by the identified parameters, and draw that',
     )
     parser.set_defaults(run=run)
+
+
+def seed(text: str) -> int:
+    """Return a seed that the exciter takes.
+
+    Raises:
+        argparse.ArgumentTypeError: it would not.
+    """
+    if not text.isdecimal() or int(text) >= 2**31:
+        raise argparse.ArgumentTypeError(f'{text!r} is no seed; a whole number from 0 to {2**31 - 1} is expected')
+    return int(text)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -52,36 +63,35 @@ def run(args: argparse.Namespace) -> int:
 
         return balance_demo.run(args)
     folder = new_folder(args.output)
-    rclpy, domain = own_ros()
+    with interruptible(folder / BAG), own_ros() as (rclpy, domain):
+        print(f'virtual rig in ROS domain {domain}, files in {folder}', flush=True)
+        theta, label = _identified(rclpy, folder, args.seed)
+    return _show(folder, theta, label)
+
+
+def _identified(rclpy: Any, folder: Path, seed: int) -> tuple[list[float], str]:
+    """Run the chain in the folder; return what the late subscriber received."""
     from tqdm import tqdm
 
     port, bag, result = folder / 'board', folder / BAG, folder / 'result.yaml'
-    print(f'virtual rig in ROS domain {domain}, files in {folder}')
-    rclpy.init()
-    try:
-        with ExitStack() as stack:
-            board = stack.enter_context(program(folder, 'virtual_board', '--link', port, '--rate', RATE))
-            board.wait_until(port.exists, 'opened no port')
-            print(f'virtual board on {port}: {RATE} Hz, 4000 counts per turn, the parameters of the paper')
-            stack.enter_context(program(folder, 'bridge', *parameters(port=port)))
-            recorder = stack.enter_context(program(folder, 'recorder', *parameters(output=bag, max_messages=SAMPLES)))
-            stack.enter_context(
-                program(folder, 'exciter', *parameters(arm='true', duration=2.0 * SAMPLES / RATE, seed=args.seed))
-            )
-            print(f'exciting and recording for {SAMPLES / RATE:g} s')
-            with tqdm(total=SAMPLES, unit=' samples', disable=None, leave=False) as bar:
-                recorder.wait_until(lambda: recorder.ended, 'did not finish its bag', 60.0, counting(rclpy, bar))
-        print(f'recorded {bag}')
+    with Programs(folder) as programs:
+        board = programs.start('virtual_board', '--link', port, '--rate', RATE)
+        programs.wait(board, port.exists, 'opened no port')
+        print(f'virtual board on {port}: {RATE} Hz, 4000 counts per turn, the parameters of the paper')
+        programs.start('bridge', *parameters(port=port))
+        recorder = programs.start('recorder', *parameters(output=bag, max_messages=SAMPLES), finite=True)
+        programs.start('exciter', *parameters(arm='true', duration=2.0 * SAMPLES / RATE, seed=seed), finite=True)
+        print(f'exciting and recording for {SAMPLES / RATE:g} s', flush=True)
+        with tqdm(total=SAMPLES, unit=' samples', disable=None, leave=False) as bar:
+            programs.wait(recorder, lambda: recorder.ended, 'did not finish its bag', 60.0, counting(rclpy, bar))
+    print(f'recorded {bag}')
+    with Programs(folder) as programs:
         # The bridge's torques are held; to find that out from the data would take some seconds more.
-        asked = parameters(bags=f"['{bag}']", output=result, hold='zero')
-        with program(folder, 'identifier', *asked) as identifier:
-            begin = time.monotonic()
-            identifier.wait_until(result.exists, 'wrote no result', 120.0)
-            print(f'identified in {time.monotonic() - begin:.1f} s, start of the node included')
-            theta, label = late_subscriber(rclpy)
-    finally:
-        rclpy.try_shutdown()
-    return _show(folder, theta, label)
+        identifier = programs.start('identifier', *parameters(bags=f"['{bag}']", output=result, hold='zero'))
+        begin = time.monotonic()
+        programs.wait(identifier, result.exists, 'wrote no result', 120.0)
+        print(f'identified in {time.monotonic() - begin:.1f} s, start of the node included')
+        return late_subscriber(rclpy)
 
 
 def _show(folder: Path, theta: list[float], label: str) -> int:

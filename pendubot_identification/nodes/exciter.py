@@ -14,10 +14,13 @@ from std_srvs.srv import Trigger
 
 from pendubot_identification.core.experiment.excitation import PulseTrain
 
+from .presence import rival
 from .runtime import Setting, SettingsNode, run
 
 #: Without joint states for this long [s] the excitation ends: nobody is watching the rig.
 SILENCE = 2.0
+#: Whoever is there is found within this [s], and the first joint state is here; what Fast DDS announces every 3 s.
+DISCOVERY = 4.0
 #: Without an answer for this long [s] it asks to be armed once more.
 PATIENCE = 3.0
 
@@ -48,10 +51,13 @@ class Exciter(SettingsNode):
         self._duration = values['duration'] or float('inf')
         self._arms: bool = values['arm']
         self._asked: float | None = None
+        self._born = time.monotonic()
         self._running = False
+        self._since = self._born
         self._start: float | None = None
         self._heard: float | None = None
         self._disarmed = 0
+        self._armed: bool | None = None
         self._effort = self.create_publisher(Float64, '/pendubot/effort_command', QoSProfile(depth=1))
         self._arm = self.create_client(Trigger, '/bridge/arm')
         self._disarm = self.create_client(Trigger, '/bridge/disarm')
@@ -65,9 +71,11 @@ class Exciter(SettingsNode):
 
     def close(self) -> None:
         """Command zero torque and disarm; wait, for a second at most, until the bridge has answered."""
+        if self._asked is None and self._start is None:
+            return  # what moves is another's
         self._running = False
         self._effort.publish(Float64(data=0.0))
-        if (self._asked is not None or self._start is not None) and self._disarm.service_is_ready():
+        if self._disarm.service_is_ready():
             answered = threading.Event()
             self._disarm.call_async(Trigger.Request()).add_done_callback(lambda _: answered.set())
             if not answered.wait(1.0):
@@ -76,6 +84,8 @@ class Exciter(SettingsNode):
     def _on_joint_state(self, message: JointState) -> None:
         self._heard = time.monotonic()
         if not self._running:
+            if self._armed is not False and self._is_new() and self._asked is None:
+                return  # another may be driving
             # Discarded while disarmed; from the moment of arming on, the bridge is not left without a command.
             self._effort.publish(Float64(data=0.0))
             return
@@ -95,36 +105,64 @@ class Exciter(SettingsNode):
             armed = {value.key: value.value for value in status.values}.get('armed')
             if status.name != 'bridge' or armed is None or self.ended.is_set():
                 continue
+            self._armed = armed == 'True'
             # One that was under way when the motor was armed may still say the contrary.
             self._disarmed = 0 if armed == 'True' else self._disarmed + 1
             if self._running and self._disarmed > 1:
                 self.get_logger().error(f'stopped, for the bridge is no longer armed: {status.message}')
                 self._finish(1)
-            elif armed == 'True':
-                self._running = True
+            elif self._armed:
+                self._begin()
 
     def _supervise(self) -> None:
         """Arm, if that is wanted, once joint states come in; give up when they no longer do."""
-        silent = float('inf') if self._heard is None else time.monotonic() - self._heard
         if self.ended.is_set():
             return
+        now = time.monotonic()
+        silent = float('inf') if self._heard is None else now - self._heard
         if self._running:
-            if silent > SILENCE:
+            silent = min(silent, now - self._since)
+            if silent > (DISCOVERY if self._heard is None else SILENCE):
                 self.get_logger().error(f'stopped: no joint states for {silent:.1f} s; look at the bridge')
                 self._finish(1)
+        elif self._is_new() and self._gives_way():
+            return
         elif silent > SILENCE:
             self.get_logger().info('waiting for /joint_states: start the bridge', throttle_duration_sec=5.0)
         elif not self._arms:
             self.get_logger().info('waiting to be armed: call /bridge/arm', throttle_duration_sec=5.0)
-        elif self._arm.service_is_ready() and (self._asked is None or time.monotonic() - self._asked > PATIENCE):
-            # An answer may be lost where both sides have only just met: ask again.
-            self._asked = time.monotonic()
+        elif self._armed is not False and self._is_new():
+            return  # armed by whom? they are found in a moment
+        elif self._arm.service_is_ready() and self._may_ask(now) and not self._gives_way():
+            self._asked = now
             self._arm.call_async(Trigger.Request()).add_done_callback(self._on_armed)
+
+    def _may_ask(self, now: float) -> bool:
+        """Return whether to ask: an answer may be lost where both sides have only just met, so it asks again."""
+        return self._asked is None or now - self._asked > PATIENCE
+
+    def _is_new(self) -> bool:
+        return time.monotonic() - self._born < DISCOVERY
+
+    def _gives_way(self) -> bool:
+        """Refuse, and return True, where another drives the rig or is about to."""
+        other = rival(self, self._effort)
+        if other:
+            self.get_logger().error(f'{other} drives this rig, too; end it, or let it end, then start the exciter')
+            self._finish(1)
+        return bool(other)
+
+    def _begin(self) -> None:
+        """Excite from the next sample on, unless others do, or may still be found to do so."""
+        if self._running or self.ended.is_set() or (self._asked is None and self._is_new()):
+            return
+        if not self._gives_way():
+            self._running, self._since = True, time.monotonic()
 
     def _on_armed(self, future: Any) -> None:
         response = future.result()
         if response.success:
-            self._running = True
+            self._begin()
         else:
             self.get_logger().error(f'the bridge did not arm: {response.message}')
             self._finish(1)

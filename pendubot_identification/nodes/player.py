@@ -21,6 +21,7 @@ from pendubot_identification.core.errors import ParameterError, PendubotError
 from pendubot_identification.core.messages.pace import Pace
 
 from .matching import check_names, message_class
+from .presence import CommandGuard
 from .runtime import Setting, SettingsNode, run
 
 SECOND = 1_000_000_000
@@ -35,7 +36,8 @@ class Player(SettingsNode):
     SUMMARY = (
         "Publishes a bag's messages byte for byte, on the topics, with the quality of service and at the pace at which "
         'they were recorded. ~/pause and ~/resume (std_srvs/Trigger) stop and go on; rate may be set meanwhile. With a '
-        'clock, nodes with use_sim_time see the time of the recording. Ends at the end of the bag.'
+        'clock, nodes with use_sim_time see the time of the recording. Ends at the end of the bag. Effort commands are '
+        'not played to a bridge, unless topics names them.'
     )
     SETTINGS = (
         Setting('bag', '', 'the bag: a folder or a .mcap file, closed or not'),
@@ -77,6 +79,9 @@ class Player(SettingsNode):
             )
             for topic in self._playback.topics
         }
+        # Torques of a recording must move no rig: to a bridge they are played only where they are asked for by name.
+        unasked = [publisher for name, publisher in self._publishers_of.items() if name not in s['topics']]
+        self._guard = CommandGuard(self, unasked)
         for name in ('pause', 'resume'):
             self.create_service(Trigger, f'~/{name}', partial(self._serve, name == 'pause'))
         self.add_post_set_parameters_callback(lambda changed: self._follow({p.name: p.value for p in changed}))
@@ -114,6 +119,7 @@ class Player(SettingsNode):
     def _play(self) -> None:
         try:
             self._await_subscribers()
+            self._guard.look_around(self.ended)
             self.get_logger().info(f'playing {", ".join(self._publishers_of)}')
             self._alter(lambda: self._pace.jump(self._start_ns, time.monotonic_ns()))
             if self._times is not None:
@@ -135,7 +141,9 @@ class Player(SettingsNode):
         for log_ns, topic, data in self._playback.messages(self._start_ns, self._end_ns):
             if not self._await(log_ns):
                 return count
-            self._publishers_of[topic].publish(data)
+            publisher = self._publishers_of[topic]
+            self._guard.check(publisher)
+            publisher.publish(data)
             count += 1
         # What comes after the last message is part of a duration, too.
         self._await(min(self._end_ns, self._playback.last_ns + 1))

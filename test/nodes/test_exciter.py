@@ -2,6 +2,7 @@
 
 import csv
 import signal
+from itertools import pairwise
 
 import pytest
 
@@ -99,6 +100,66 @@ def test_stops_when_the_motor_is_disarmed(rig, ros):
             assert exciter.process.wait(10) == 1
     finally:
         node.destroy_node()
+
+
+@pytest.fixture
+def armed_bridge(ros):
+    """A node in the bridge's place that says it is armed, and publishes joint states when told to."""
+    from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+    from sensor_msgs.msg import JointState
+    from std_msgs.msg import Float64
+
+    node, torques = ros.create_node('bridge'), []
+    diagnostics = node.create_publisher(DiagnosticArray, '/diagnostics', 10)
+    joint_states = node.create_publisher(JointState, '/joint_states', 10)
+    node.create_subscription(Float64, '/pendubot/effort_command', lambda m: torques.append(m.data), 100)
+    armed = DiagnosticStatus(name='bridge', values=[KeyValue(key='armed', value='True')])
+    node.create_timer(0.1, lambda: diagnostics.publish(DiagnosticArray(status=[armed])))
+    yield node, lambda: joint_states.publish(JointState()), torques
+    node.destroy_node()
+
+
+def test_waits_for_the_first_sample_of_an_armed_bridge(armed_bridge):
+    """It may hear that the bridge is armed before it hears a joint state."""
+    node, publish, torques = armed_bridge
+    with Program('exciter', *parameters(duration=0.0)) as exciter:
+        assert not spin_until(node, lambda: exciter.process.poll() is not None, 5.5), exciter.output
+        assert spin_until(node, lambda: publish() or torques), exciter.output
+        exciter.wait_for('exciting for inf s')
+        assert spin_until(node, lambda: exciter.process.poll() == 1), 'the samples ended'
+        exciter.wait_for('stopped: no joint states for 2')
+
+
+def test_says_how_long_it_waited_for_a_first_sample_that_never_came(armed_bridge):
+    node, _, torques = armed_bridge
+    with Program('exciter', *parameters(duration=0.0)) as exciter:
+        assert spin_until(node, lambda: exciter.process.poll() == 1, 20.0), exciter.output
+        exciter.wait_for('stopped: no joint states for 4')
+    assert not any(torques)
+
+
+def test_refuses_where_another_drives_the_rig(rig, ros):
+    from std_msgs.msg import Float64
+
+    trace, _ = rig
+    pulses = {'duration': 0.0, 'width': 1.0, 'amplitude_min': 0.1, 'amplitude_max': 0.2}
+    with Program('exciter', *parameters(arm='true', **pulses)) as first:
+        first.wait_for('exciting')
+        with Program('exciter', *parameters(arm='true', duration=0.0, amplitude_max=0.9)) as second:
+            second.wait_for('/exciter drives this rig, too; end it')
+            assert second.process.wait(10) == 1
+        assert first.process.poll() is None, 'the first goes on'
+        assert first.stop() == 0
+    armed = [int(row['status']) & 1 for row in trace()]
+    assert sum(a != b for a, b in pairwise(armed)) == 2, 'armed once, and till the end'
+    assert max(torques(trace())) <= 200_000
+    balancer = ros.create_node('balancer', namespace='lab')
+    try:
+        balancer.create_publisher(Float64, '/pendubot/effort_command', 1)
+        with Program('exciter', *parameters(arm='true')) as exciter:
+            exciter.wait_for('/lab/balancer drives this rig, too')
+    finally:
+        balancer.destroy_node()
 
 
 def test_stops_when_the_bridge_is_gone(rig):

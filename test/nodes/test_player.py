@@ -16,6 +16,7 @@ pytestmark = pytest.mark.ros
 START = 1_700_000_000_000_000_000
 MS = 1_000_000
 FLOAT = 'std_msgs/msg/Float64'
+COMMAND = '/pendubot/effort_command'
 
 
 @pytest.fixture
@@ -171,6 +172,64 @@ def test_damage_in_a_closed_bag_is_one_sentence(bag):
     assert ended.returncode == 1
     assert 'is damaged' in ended.stderr
     assert 'Traceback' not in ended.stderr
+
+
+@pytest.fixture
+def commands(tmp_path):
+    """Half a second of effort commands."""
+    path = tmp_path / 'commands'
+    with BagWriter(path) as writer:
+        effort = writer.add_topic(COMMAND, FLOAT)
+        for k in range(50):
+            writer.write(effort, bytes([0, 1, 0, 0]) + struct.pack('<d', 1.0), START + 10 * k * MS)
+    return path
+
+
+@pytest.fixture
+def listener(ros):
+    """Makes nodes that listen to effort commands, some of which arm; what comes is in their list."""
+    from std_msgs.msg import Float64
+    from std_srvs.srv import Trigger
+
+    nodes = []
+
+    def make(name, arms):
+        nodes.append(ros.create_node(name))
+        came = []
+        nodes[-1].create_subscription(Float64, COMMAND, lambda m: came.append(m.data), 100)
+        if arms:
+            nodes[-1].create_service(Trigger, '~/arm', lambda _, answer: answer)
+        return nodes[-1], came
+
+    yield make
+    for each in nodes:
+        each.destroy_node()
+
+
+@pytest.mark.parametrize(('name', 'arms'), [('bridge', False), ('left_rig', True)])
+def test_effort_commands_are_not_played_to_a_bridge(commands, listener, name, arms):
+    there, came = listener(name, arms)
+    with player(commands) as program:
+        program.wait_for(f'/{name} obeys {COMMAND}, which this bag holds: an armed rig would move; stop the bridge')
+        assert program.process.wait(10) == 1
+    assert not spin_until(there, lambda: came, 0.2)
+
+
+def test_effort_commands_end_when_a_bridge_comes(commands, listener):
+    with player(commands, wait=0.0, loop='true') as program:
+        program.wait_for('playing')
+        there, came = listener('bridge', True)
+        program.wait_for('/bridge obeys')
+        assert program.process.wait(10) == 1
+    assert not spin_until(there, lambda: came, 0.2)
+
+
+@pytest.mark.parametrize(('name', 'values'), [('plotter', {}), ('bridge', {'topics': f'[{COMMAND}]'})])
+def test_effort_commands_are_played_to_others_and_where_asked_for(commands, listener, name, values):
+    there, came = listener(name, False)
+    with player(commands, **values) as program:
+        assert spin_until(there, lambda: len(came) == 50, 20.0), program.output
+        assert program.process.wait(10) == 0
 
 
 @pytest.mark.parametrize(
