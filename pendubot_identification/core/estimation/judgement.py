@@ -16,6 +16,7 @@ from ..model.parameters import LARGEST_COUPLING, MODELS, NAMES, UNITS, Parameter
 from ..trajectories.signals import SMOOTHING
 from ..trajectories.trajectory import Trajectory
 from .advice import advise
+from .diagnosis import Fault
 from .estimate import NORMAL_95, Estimate
 from .prediction import HORIZONS, JUDGED
 from .settings import Settings
@@ -82,10 +83,12 @@ def judge(estimate: Estimate, settings: Settings, link_length: tuple[float, floa
         link_length: P3 / P5 [m] of the elbow's own equation, and its standard error.
         notes: what else the user should know of the data.
     """
-    failures = [*_unphysical(estimate, settings), *_lost(estimate)]
+    grave = [note for note in notes if isinstance(note, Fault) and note.level == Level.ERROR]
+    # A fault of the recording comes first: it is why the rest is as it is.
+    failures = [*grave, *_unphysical(estimate, settings), *_lost(estimate)]
     warnings = [
         *failures,
-        *notes,
+        *(note for note in notes if note not in grave),
         *_doubts(estimate, settings),
         *_wrong_zeros(estimate),
         *_wrong_length(estimate, link_length),
