@@ -63,8 +63,8 @@ ANY_SCALE = 1e6
 ALIKE = 1.5
 #: Another smoothing and hold than were given must leave so many times less, for half an interval looks like a delay.
 REREAD = 10.0
-#: So many of the remedies that leave least are tried with a second one.
-TRIED = 4
+#: Remedies that leave up to so many times what the best one does are tried with a second one.
+TRIED = 5.0
 #: A zero that is off by less [rad] matters little.
 LEAST_ZERO = math.radians(2.0)
 #: How many times the angle at which friction holds a hanging link a zero must be off; zeros of several recordings are
@@ -192,9 +192,9 @@ def diagnose(
     cured, left, faults = _cured(rig)
     if faults or left > UNFIT:
         # Of spoiled data smoothing and hold, where these were chosen from them, are spoiled as well.
-        for other in (replace(rig, smoothing=min(smoothing, SMOOTHING), hold=h) for h in ('zero', 'linear')):
-            if (found := _cured(other))[1] * REREAD < left:
-                cured, left, faults = found
+        other = replace(rig, smoothing=min(smoothing, SMOOTHING), hold='linear' if hold == 'zero' else 'zero')
+        if (found := _cured(other))[1] * REREAD < left:
+            cured, left, faults = found
     if not faults:
         faults = _unfit(rig)
     if expected_link_length is not None:
@@ -214,7 +214,7 @@ def _cured(rig: _Rig) -> tuple[_Rig, float, list[Fault]]:
     # Of those that leave the very same only the first: on a pendubot the effort is the shoulder's alone.
     firsts = {remedy.after: remedy for kind in reversed(kinds) for remedy in reversed(kind(rig, zeros))}
     cures: list[tuple[float, _Remedy, _Remedy | None]] = []
-    for first in sorted(firsts.values(), key=lambda remedy: remedy.after)[:TRIED]:
+    for first in (remedy for after, remedy in firsts.items() if after <= TRIED * min(firsts)):
         others = _Zeros(first.rig)
         seconds = [remedy for kind in kinds[1:] for remedy in kind(first.rig, others)]
         second = min(seconds, key=lambda remedy: remedy.after, default=None)
