@@ -134,9 +134,9 @@ class Estimate:
 
     @property
     def correlation(self) -> Array:
-        """Correlation matrix, shape (D, D); NaN where the covariance is."""
+        """Correlation matrix, shape (D, D); NaN where the covariance is, or tells nothing: where it is infinite."""
         deviation = np.sqrt(np.diag(self.covariance))
-        deviation = np.where(deviation > 0, deviation, np.nan)
+        deviation = np.where((deviation > 0) & np.isfinite(deviation), deviation, np.nan)
         return np.asarray(self.covariance / deviation / deviation[:, None])
 
     @property

@@ -16,6 +16,7 @@ from ..model.parameters import LARGEST_COUPLING, MODELS, NAMES, UNITS, Parameter
 from ..trajectories.signals import SMOOTHING
 from ..trajectories.trajectory import Trajectory
 from .advice import advise
+from .diagnosis import Fault
 from .estimate import NORMAL_95, Estimate
 from .prediction import HORIZONS, JUDGED
 from .settings import Settings
@@ -82,10 +83,12 @@ def judge(estimate: Estimate, settings: Settings, link_length: tuple[float, floa
         link_length: P3 / P5 [m] of the elbow's own equation, and its standard error.
         notes: what else the user should know of the data.
     """
-    failures = [*_unphysical(estimate, settings), *_lost(estimate)]
+    grave = [note for note in notes if isinstance(note, Fault) and note.level == Level.ERROR]
+    # A fault of the recording comes first: it is why the rest is as it is.
+    failures = [*grave, *_unphysical(estimate, settings), *_lost(estimate)]
     warnings = [
         *failures,
-        *notes,
+        *(note for note in notes if note not in grave),
         *_doubts(estimate, settings),
         *_wrong_zeros(estimate),
         *_wrong_length(estimate, link_length),
@@ -133,7 +136,13 @@ def _doubts(estimate: Estimate, settings: Settings) -> list[str]:
     theta = estimate.theta
     bounds = settings.bounds.of(len(theta))
     doubts = []
-    if estimate.condition_number > ILL_CONDITIONED:
+    untold = np.isinf(estimate.std_error)
+    if untold.any():
+        doubts.append(
+            f'cannot be told: {", ".join(np.array(NAMES[: len(theta)])[untold])}; the residuals do not depend on them '
+            '(the information matrix is singular): excite both joints more, or choose another window'
+        )
+    elif estimate.condition_number > ILL_CONDITIONED:
         doubts.append(
             f'ill-conditioned: condition number {estimate.condition_number:.3g} (above {ILL_CONDITIONED:g}); this '
             'motion hardly tells some parameters apart: excite both joints more'
@@ -144,7 +153,7 @@ def _doubts(estimate: Estimate, settings: Settings) -> list[str]:
         if k < 5 or viscous or theta[k] > bounds.lower[k] + 0.5 * (bounds.upper[k] - bounds.lower[k]):
             nearest = bounds.lower[k] if theta[k] - bounds.lower[k] < bounds.upper[k] - theta[k] else bounds.upper[k]
             doubts.append(f'{NAMES[k]} lies on its bound {nearest:g} {UNITS[k]}: the data ask for a value beyond')
-    poor = [NAMES[k] for k in np.flatnonzero(estimate.free & ~estimate.determined) if k < 5 or viscous]
+    poor = [NAMES[k] for k in np.flatnonzero(estimate.free & ~estimate.determined & ~untold) if k < 5 or viscous]
     if poor:
         doubts.append(f'poorly determined: the standard error of {", ".join(poor)} exceeds half the value')
     if estimate.criterion != 'trajectory' and estimate.runs_at_minimum < len(estimate.J_runs):

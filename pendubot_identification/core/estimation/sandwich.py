@@ -63,7 +63,7 @@ def trajectory_covariance(found: TrajectoryFit, groups: str = 'recordings') -> t
             moved, _ = _freed(found)
             covariance += np.outer(moved, moved)
             words += "; the recordings' zeros too"
-    untold = free & (np.diag(information) <= 0)
+    untold = _untold(information, free)
     covariance[untold, untold] = np.inf
     std_error = np.sqrt(np.diag(covariance))
     everything = np.sqrt(np.diag(_inverse(information, np.ones_like(free))))
@@ -140,10 +140,30 @@ def _blocks(found: TrajectoryFit, longest: float) -> tuple[NDArray[np.intp], str
     return np.unique(labels, axis=0, return_inverse=True)[1].ravel(), f'blocks of {block:.2g} s'
 
 
+def _untold(information: Array, free: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return which free unknowns have a part in a direction that nothing tells, shape (G,)."""
+    untold = free & (np.diag(information) <= 0)
+    _, vectors = _told(_scaled(information[np.ix_(free, free)])[0])
+    untold[free] |= (vectors**2).sum(axis=1) < 1 - 1e-6
+    return untold
+
+
+def _told(scaled: Array) -> tuple[Array, Array]:
+    """Return the eigenvalues and eigenvectors of the directions that are told.
+
+    Rounding makes those of a singular matrix a little positive or negative: a variance below 0 is none.
+    """
+    values, vectors = np.linalg.eigh(scaled)
+    told = values > len(values) * np.finfo(float).eps * values.max(initial=0.0)
+    return values[told], vectors[:, told]
+
+
 def _inverse(information: Array, free: NDArray[np.bool_]) -> Array:
     result = np.zeros_like(information)
     scaled, scale = _scaled(information[np.ix_(free, free)])
-    result[np.ix_(free, free)] = np.linalg.pinv(scaled, hermitian=True) / scale / scale[:, None]
+    values, vectors = _told(scaled)
+    inverse = (vectors / values) @ vectors.T
+    result[np.ix_(free, free)] = inverse / scale / scale[:, None]
     return result
 
 

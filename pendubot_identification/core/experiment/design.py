@@ -103,7 +103,9 @@ class Limits:
     def used(self, speed: Array, angle: Array) -> Array:
         """Return what part of the limits motions use: speeds [rad/s] and angles [rad], shape (2, ...); shape (...)."""
         allowed = np.reshape(self.angle, (2,) + (1,) * (angle.ndim - 1))
-        return np.asarray(np.maximum((speed / self.speed).max(axis=0), (angle / allowed).max(axis=0)))
+        # A joint without a limit uses nothing of it, even where the motion is lost to infinity.
+        turned = np.divide(angle, allowed, out=np.zeros(angle.shape), where=np.isfinite(allowed))
+        return np.asarray(np.maximum((speed / self.speed).max(axis=0), turned.max(axis=0)))
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,10 @@ import numpy as np
 import pytest
 
 from pendubot_identification.core.estimation.diagnosis import diagnose, link_length
+from pendubot_identification.core.estimation.identification import identify
+from pendubot_identification.core.estimation.settings import Settings
 from pendubot_identification.core.experiment.excitation import PulseTrain
+from pendubot_identification.core.level import Level
 from pendubot_identification.core.model.parameters import PAPER
 from pendubot_identification.core.model.simulation import HANGING, quantised, simulate
 from pendubot_identification.core.trajectories.motion import Motion
@@ -44,6 +47,15 @@ FAULTS = {
         "the shoulder's position has the wrong sign",
     ),
     'effort': (lambda m: replace(m, tau=-m.tau), 'the effort has the wrong sign'),
+    'shoulder encoder from the horizontal': (
+        lambda m: replace(m, q=m.q * [-1, 1]),
+        "the shoulder's position has the wrong sign, as measured from the horizontal",
+    ),
+    'order as measured': (
+        lambda m: replace(m, q=m.q[:, ::-1], tau=m.tau[:, ::-1]),
+        'the joints are in the wrong order',
+    ),
+    'columns as measured': (lambda m: replace(m, q=m.q[:, ::-1]), "the joints' positions are in the wrong order"),
     'order': (
         lambda m: replace(m, q=(m.q - HANG)[:, ::-1] + HANG, tau=m.tau[:, ::-1]),
         'the joints are in the wrong order',
@@ -59,6 +71,10 @@ FAULTS = {
 }
 
 
+#: All others are errors.
+MILD = ('q1 zero', 'q2 zero', 'hanging', 'late effort')
+
+
 @pytest.mark.parametrize('fault', FAULTS)
 def test_a_fault_of_the_papers_rig_is_named(fault):
     spoil, found = FAULTS[fault]
@@ -68,6 +84,7 @@ def test_a_fault_of_the_papers_rig_is_named(fault):
     assert len(sentences) == 1
     assert re.match(found, sentences[0])
     assert re.search(r'[\d.]+ % of the squared effort is left unexplained as recorded and [\d.]+ % with', sentences[0])
+    assert sentences[0].level == (Level.WARN if fault in MILD else Level.ERROR)
 
 
 @pytest.mark.parametrize('rate', [100, 500])
@@ -81,6 +98,29 @@ def test_two_faults_are_named_one_after_the_other():
     first, second = diagnose([late(FAULTS['effort'][0](pulses()))], 0.02, 'zero', 'viscous')
     assert 'the effort has the wrong sign' in first.split(':')[0].split(', or ')
     assert second.startswith('the effort is stamped 20 ms later than it acts')
+
+
+def test_a_constant_effort_is_no_zero():
+    (sentence,) = diagnose([replace(m := pulses(), tau=m.tau + np.array([0.05, 0]))], 0.02, 'zero', 'viscous')
+    assert sentence.startswith("the shoulder's effort is off by a constant 0.05 N m: ")
+    assert 'zero' not in sentence.split(':')[0]
+    # Read as the wrong data ask for, a zero explains it better.
+    (sentence,) = diagnose([replace(m := pulses(), tau=m.tau + np.array([0.05, 0]))], 0.05, 'linear', 'viscous')
+    assert sentence.startswith("the shoulder's effort is off by a constant 0.05 N m: ")
+
+
+@pytest.mark.parametrize('criterion', ['trajectory', 'weak'])
+def test_a_result_with_a_wrong_sign_is_an_error_whatever_the_criterion(criterion):
+    found = identify([FAULTS['effort'][0](pulses())], (), Settings((criterion,), 'viscous', optimizer='lsq'))
+    assert found.level == Level.ERROR
+    assert found.warnings[0].startswith('the effort has the wrong sign')
+
+
+@pytest.mark.parametrize('columns', [lambda m: m.tau[::-1], lambda m: np.roll(m.tau, len(m.tau) // 3, axis=0)])
+def test_a_motion_that_no_remedy_mends_is_said_to_fit_none(columns):
+    (found,) = diagnose([replace(m := pulses(), tau=columns(m))], 0.02, 'zero', 'viscous')
+    assert found.startswith('the motion does not fit any pendubot: ')
+    assert found.level == Level.ERROR
 
 
 def test_a_delay_that_is_known_is_no_fault():

@@ -185,6 +185,26 @@ def test_what_nothing_tells_has_an_infinite_error_and_spoils_no_other(white):
     assert scaled_condition_number(found) == np.inf
 
 
+@pytest.mark.filterwarnings('error')
+@pytest.mark.parametrize('white', [False, True])
+@pytest.mark.parametrize('seed', range(5))
+def test_what_cannot_be_told_apart_has_infinite_errors_and_no_warning(white, seed):
+    phi, y, group, start = clustered(np.random.default_rng(seed), 6)
+    phi[:, :, 1] = 0.3 * phi[:, :, 0]
+    covariance, std_error, _ = trajectory_covariance(line(phi, y, group, start, white=white)[0])
+    assert np.isinf(std_error).tolist() == [True, True, False]
+    assert np.isfinite(covariance[2, 2])
+
+
+@pytest.mark.filterwarnings('error')
+@pytest.mark.parametrize('white', [False, True])
+def test_a_bound_that_holds_one_of_two_that_look_alike_leaves_the_other_told(white):
+    phi, y, group, start = clustered(np.random.default_rng(1), 6)
+    phi[:, :, 1] = 0.3 * phi[:, :, 0]
+    held = line(phi, y, group, start, white=white, free=np.array([True, False, True]))[0]
+    assert np.isfinite(trajectory_covariance(held)[1]).all()
+
+
 def test_the_condition_number_is_that_of_the_columns_scaled_to_one():
     phi, y, group, start = clustered(np.random.default_rng(8), 5)
     phi[..., 2] = phi[..., 0] + 0.01 * phi[..., 2]

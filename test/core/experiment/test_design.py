@@ -101,3 +101,11 @@ def test_refuses_what_makes_no_sense():
         design(PAPER, Limits(torque=1.0, speed=1e-3), SHORT, generations=2)
     with pytest.raises(ParameterError, match='no rig moves like this'):
         foresee(Parameters(1e-3, 1e-3, 1e-3, 0, 0, 0, 0), [paper_pulses(1.0)], SHORT)
+
+
+@pytest.mark.filterwarnings('error')
+def test_torques_that_throw_the_rig_out_of_all_floats_are_no_design_and_no_warning():
+    limits = Limits(torque=1000.0, speed=1e5)
+    assert limits.used(np.full(2, np.inf), np.full(2, np.inf)) == np.inf
+    with pytest.raises(ExcitationError, match='no pulses up to 1000 N m were found'):
+        design(PAPER, limits, Experiment(), generations=1)
