@@ -1,6 +1,7 @@
 """What every test shares: a private ROS domain, temporary logs, and where the real recordings lie, if they do."""
 
 import os
+import signal
 import tempfile
 from pathlib import Path
 
@@ -11,6 +12,9 @@ import pytest
 os.environ.setdefault('ROS_DOMAIN_ID', str(1 + os.getpid() % 100))
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
 os.environ.setdefault('ROS_LOG_DIR', tempfile.mkdtemp(prefix='pendubot-test-log-'))
+
+# Where the tests themselves were started by nohup, the programs that they start are not.
+signal.signal(signal.SIGHUP, lambda *_: None)
 
 # The same examples at every run where nobody watches; new ones at every run by hand. Speed is not a property.
 hypothesis.settings.register_profile('ci', derandomize=True, deadline=None)
