@@ -111,7 +111,6 @@ def result_data(result: Identification, sources: Sequence[Source]) -> dict[str, 
             'start': None if settings.start is None else list(astuple(settings.start)),
             'link_length': settings.link_length,
             'seed': settings.seed,
-            'per_component': settings.mde is None or settings.mde.per_component,
             'lower_bounds': settings.bounds.lower.tolist(),
             'upper_bounds': settings.bounds.upper.tolist(),
         },
@@ -194,11 +193,12 @@ def _prediction(e: Estimate) -> dict[str, Any]:
     }
 
 
-def _mde(e: Estimate, settings: Settings) -> dict[str, int] | None:
+def _mde(e: Estimate, settings: Settings) -> dict[str, Any] | None:
     if e.runs is None:
         return None
-    how, runs = settings.search(e.criterion)
-    return {'runs': runs, 'population': how.population, 'generations': how.generations}
+    how, runs = settings.search(e.criterion, e.model)
+    names = ('population', 'generations', 'per_component', 'spread')
+    return {'runs': runs, **{name: getattr(how, name) for name in names}}
 
 
 def _convergence(e: Estimate) -> dict[str, Any] | None:

@@ -142,7 +142,7 @@ def add_parser(subparsers: Any) -> None:
         type=float,
         metavar='R',
         help='stop a run when the worst J of its population exceeds the best by no more than this fraction (default '
-        '1e-9, which loses nothing); 0 takes every generation, as in the paper',
+        '1e-9, which loses nothing; 1e-6 for trajectory); 0 takes every generation, as in the paper',
     )
     how.add_argument(
         '--per-vector',
@@ -267,8 +267,7 @@ def _settings(args: argparse.Namespace) -> Any:
     Raises:
         PendubotError: an option makes no sense.
     """
-    from pendubot_identification.core.estimation.settings import DELAYS, SPREAD, Settings
-    from pendubot_identification.core.optimizers.mde import MDESettings
+    from pendubot_identification.core.estimation.settings import DELAYS, Settings
 
     _refuse_what_does_nothing(args)
     mde = {'population': args.population, 'generations': args.generations}
@@ -290,7 +289,7 @@ def _settings(args: argparse.Namespace) -> Any:
         hold=args.hold,
         delays=args.delay or DELAYS,
         link_length=args.link_length,
-        mde=MDESettings(**{'spread': SPREAD, **mde}) if mde else None,
+        mde=mde,
         runs=args.runs,
         seed=args.seed,
         bounds=_bounds(args.bounds),

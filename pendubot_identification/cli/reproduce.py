@@ -169,15 +169,14 @@ class _Reproduction:
         from pendubot_identification.core.estimation.identification import identify
         from pendubot_identification.core.estimation.settings import Settings
         from pendubot_identification.core.model.parameters import Parameters
-        from pendubot_identification.core.optimizers.mde import MDESettings
         from pendubot_identification.core.paper.explained import energy_balance, foreseen
         from pendubot_identification.core.trajectories.long import held_parts
         from pendubot_identification.report import paper_figures, paper_tables
 
         data = _sample()
         training, validation = held_parts([*data.training, *data.validation])
-        # MDESettings() stops at no spread: every generation is taken, as in the paper.
-        settings = Settings(('energy',), 'viscous', 'mde', mde=MDESettings(), runs=self._runs, seed=self._seed)
+        # At no spread a run stops early: every generation is taken, as in the paper.
+        settings = Settings(('energy',), 'viscous', 'mde', mde={'spread': None}, runs=self._runs, seed=self._seed)
         with self._progress('identification') as bar:
 
             def tell(what: str, done: int, of: int, best: float) -> None:
@@ -288,7 +287,7 @@ def _sample() -> Datasets:
 
 def _identified(result: Identification, data: Datasets, settings: Settings) -> dict[str, Any]:
     """Return the identification as plain data."""
-    best, (mde, _) = result.best, settings.search('energy')
+    best, (mde, _) = result.best, settings.search('energy', 'viscous')
     assert best.runs is not None  # for the type checker; MDE was asked for
     return {
         'bag': SAMPLE,

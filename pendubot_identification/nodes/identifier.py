@@ -20,7 +20,6 @@ from pendubot_identification.core.estimation.identification import identify
 from pendubot_identification.core.estimation.settings import CRITERIA, DELAYS, HOLDS, OPTIMIZERS, SPREAD, Settings
 from pendubot_identification.core.level import Level
 from pendubot_identification.core.model.parameters import MODELS, NAMES, Bounds, default_bounds
-from pendubot_identification.core.optimizers.mde import MDESettings
 from pendubot_identification.report.tables import whole
 
 from .diagnostics import diagnostics_message
@@ -169,7 +168,7 @@ def _settings(values: dict[str, Any]) -> Settings:
         delays=(values['delay_min'], values['delay_max']),
         start=read_parameters(Path(values['start'])) if values['start'] else None,
         link_length=values['link_length'] or None,
-        mde=MDESettings(**{'spread': SPREAD, **mde}) if mde else None,
+        mde=mde,
         runs=values['runs'] or None,
         seed=values['seed'],
         bounds=Bounds(np.array(lower), np.array(upper), NAMES[: max(len(lower), MODELS['viscous'])]),

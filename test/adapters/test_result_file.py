@@ -144,7 +144,8 @@ def test_zeros_are_in_degrees_by_recording():
 
 def test_what_made_it():
     data = plain(('energy',), optimizer='mde')
-    assert data['criteria']['energy']['mde'] == {'runs': 10, 'population': 30, 'generations': 4000}
+    how = {'runs': 10, 'population': 30, 'generations': 4000, 'per_component': True, 'spread': 1e-9}
+    assert data['criteria']['energy']['mde'] == how
     assert len(data['J']['training_runs']) == data['J']['runs_at_least_squares'] == 10
     made_by = data['made_by']
     assert (made_by['optimizer'], made_by['seed'], made_by['criteria']) == ('mde', 1, ['energy'])

@@ -71,7 +71,8 @@ def test_the_papers_way(capsys, tmp_path):
     result = yaml.safe_load(output.read_text())
     assert (result['criterion'], result['model'], list(result['criteria'])) == ('energy', 'viscous', ['energy'])
     assert [b['samples'] for b in result['bags']] == [900, 900]
-    assert result['criteria']['energy']['mde'] == {'runs': 10, 'population': 30, 'generations': 4000}
+    how = {'runs': 10, 'population': 30, 'generations': 4000, 'per_component': True, 'spread': 1e-9}
+    assert result['criteria']['energy']['mde'] == how
     assert result['J']['runs_at_least_squares'] == 10
     assert max(result['J']['training_runs']) <= result['J']['least_squares'] * (1 + 1e-6)
     assert len(result['J']['validation_runs']) == 10
@@ -231,10 +232,11 @@ def test_trajectory_starts_where_it_is_told(capsys, bag, tmp_path):
 def test_trajectory_by_mde_takes_what_suits_it_unless_told(capsys, bag):
     options = (f'{bag}@0:4', '--criterion', 'trajectory', '--hold', 'zero', '--optimizer', 'mde')
     result = one(capsys, *options)
-    assert result['criteria']['trajectory']['mde'] == {'runs': 1, 'population': 40, 'generations': 120}
+    how = {'runs': 1, 'population': 40, 'generations': 120, 'per_component': False, 'spread': 1e-6}
+    assert result['criteria']['trajectory']['mde'] == how
     np.testing.assert_allclose([e['value'] for e in result['parameters'].values()], PAPER.vector(), rtol=0.05)
     told = one(capsys, *options, '--generations', '3', '--population', '10', '--runs', '2')
-    assert told['criteria']['trajectory']['mde'] == {'runs': 2, 'population': 10, 'generations': 3}
+    assert told['criteria']['trajectory']['mde'] == how | {'runs': 2, 'population': 10, 'generations': 3}
 
 
 def test_several_bags_are_foreseen_from_each_other(capsys, bag, tmp_path):

@@ -133,7 +133,8 @@ def segment_cost(
 ) -> tuple[float, int]:
     """Return the criterion's J and how many residuals it averages, with the initial states alone estimated.
 
-    J is the mean square of the four states' errors over segments of half a second, in variances of the states.
+    J is the mean square of the four states' errors over segments of half a second, in variances of the states, and
+    what the initial states cost that leave the smoothed ones.
     """
     _, comparison, fit = _initial_states(motions, theta, delay, bounds, scale)
     lanes = len(comparison.segments)

@@ -164,10 +164,9 @@ def estimate_delay(
     delays = np.linspace(lowest, highest, math.ceil((highest - lowest) / DELAY_STEP - 1e-9) + 1)
     unexplained_at = np.array([unexplained(delay) for delay in delays])
     best, none = delays[np.argmin(unexplained_at)], np.argmin(np.abs(delays))
-    if unexplained_at.min() > TELLING * unexplained_at[none]:
-        return float(delays[none])
     around = max(lowest, best - DELAY_STEP), min(highest, best + DELAY_STEP)
-    return float(minimize_scalar(unexplained, bounds=around, method='bounded', options={'xatol': 1e-5}).x)
+    found = minimize_scalar(unexplained, bounds=around, method='bounded', options={'xatol': 1e-5})
+    return float(found.x if found.fun < TELLING * unexplained_at[none] else delays[none])
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,7 +22,7 @@ from scipy.optimize import minimize_scalar
 
 from ..criteria.energy import Regression, Residuals
 from ..criteria.quadratic import Quadratic
-from ..criteria.weak import estimate_delay, weak_regression
+from ..criteria.weak import WIDTH, estimate_delay, weak_regression
 from ..errors import TrajectoryError
 from ..level import Level
 from ..model.dynamics import GRAVITY
@@ -271,9 +271,12 @@ def link_length(motions: Sequence[Motion], model: str, delay: float = 0.0) -> tu
         model: the name of one of :data:`.parameters.MODELS`.
         delay: of the effort [s].
 
-    Raises:
-        TrajectoryError: a motion is shorter than the bump.
+    Returns:
+        Both NaN where no motion is as long as the bump: ``energy`` is satisfied with less.
     """
+    motions = [motion for motion in motions if motion.end - motion.start > WIDTH + abs(delay)]
+    if not motions:
+        return math.nan, math.nan
     names = NAMES[: MODELS[model]]
     others = [names.index(name) for name in ('P3', 'P2', 'b2', 'Fc2', 'J2', 'Fs2', 'k2') if name in names]
     parts = []

@@ -164,7 +164,8 @@ def residuals(
 ) -> Residuals:
     """Return what an answer leaves of its training data; their mean square is its J.
 
-    Of ``trajectory`` only segments that do not overlap are returned, a part of those that J averages.
+    Of ``trajectory`` only segments that do not overlap are returned, a part of those that J averages, and not what
+    J adds for initial states that leave the smoothed ones.
 
     Args:
         motions: the training data.

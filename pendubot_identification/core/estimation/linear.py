@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -18,7 +17,7 @@ from ..optimizers.optimizer import minimize
 from ..trajectories.motion import AnyMotion, Motion
 from ..trajectories.signals import SMOOTHING
 from .estimate import REACHED, Effort, Estimate, Progress
-from .settings import SPREAD, Settings
+from .settings import Settings
 from .uncertainty import BLOCK, Blocks, bootstrap_covariance
 
 Array = NDArray[np.float64]
@@ -91,11 +90,7 @@ def estimate_linear(
     J_exact = float(criterion(exact))
     theta, runs, steps = exact, None, ['exact bounded least squares']
     if settings.optimizer != 'lsq':
-        paper = name == 'energy' and model == 'viscous'
-        how, count = settings.search(name)
-        # Beyond the paper's criterion and model MDE draws its operator once per vector, without which it does not
-        # arrive in thousands of generations, and would then stand still for the rest of them.
-        how = how if paper else replace(how, per_component=False, spread=SPREAD)
+        how, count = settings.search(name, model)
         mde = MDE(bounds, how, runs=count, seed=settings.seed)
 
         def tell(generation: int, best: float) -> None:

@@ -209,8 +209,7 @@ def _estimate_trajectory(data: Data, judges: Sequence[Motion], model: str, progr
         progress('trajectory: Levenberg-Marquardt', iteration, 0, cost)
 
     if settings.optimizer == 'mde':
-        how, count = settings.search('trajectory')
-        mde = replace(how, per_component=False, spread=1e-6)
+        mde, count = settings.search('trajectory', model)
         runs = search(
             motions,
             bounds,

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -21,9 +23,13 @@ RUNS = 10
 #: A run of MDE stops when its population has come together this closely: then its best J has long been the minimum's
 #: to a relative 1e-6, and what is left of 4000 generations changes nothing that can be seen.
 SPREAD = 1e-9
-#: On ``trajectory`` MDE looks for a basin, and Levenberg-Marquardt goes to its bottom: so much is enough, of runs whose
-#: operator is drawn once per vector. (Per component, the valley in which all parameters grow together is too narrow.)
-SEARCH, SEARCH_RUNS = MDESettings(population=40, generations=120), 1
+#: The paper's MDE, for its criterion and model.
+THE_PAPERS = MDESettings(spread=SPREAD)
+#: Beyond them the operator is drawn once per vector: per component MDE does not arrive in thousands of generations.
+PER_VECTOR = MDESettings(per_component=False, spread=SPREAD)
+#: On ``trajectory`` MDE looks for a basin, and Levenberg-Marquardt goes to its bottom: so much is enough. (Per
+#: component, the valley in which all parameters grow together is too narrow.)
+SEARCH, SEARCH_RUNS = MDESettings(population=40, generations=120, per_component=False, spread=1e-6), 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,10 +50,11 @@ class Settings:
         delays: within which the effort's delay is searched [s]; equal ones fix it. ``energy`` has none.
         start: where ``lsq`` starts on ``trajectory``, instead of the answer of ``weak``.
         link_length: l1 [m], to be held against P3 / P5.
-        mde: population, generations and the rest; None: what suits each criterion, see :meth:`search`.
+        mde: those fields of :class:`.mde.MDESettings` that are chosen, by name; the others are what suits each
+            criterion, see :meth:`search`.
         runs: independent runs of MDE; None likewise.
         seed: of its random numbers.
-        bounds: the search box, of all 14 parameters or the first of them.
+        bounds: the search box, of all 14 parameters or the first of them; the others' are then the default ones.
 
     Raises:
         ParameterError: a name that is not known, or a number that makes no sense.
@@ -62,7 +69,7 @@ class Settings:
     delays: tuple[float, float] = DELAYS
     start: Parameters | None = None
     link_length: float | None = None
-    mde: MDESettings | None = None
+    mde: Mapping[str, Any] = field(default_factory=dict)
     runs: int | None = None
     seed: int = 1
     bounds: Bounds = field(default_factory=default_bounds)
@@ -88,19 +95,23 @@ class Settings:
             )
         if self.link_length is not None and not (np.isfinite(self.link_length) and self.link_length > 0):
             raise ParameterError(f'the length of link 1 is {self.link_length:g} m; a length above 0 is expected')
-        size = MODELS['geared' if self.model == 'auto' else self.model]
-        if len(self.bounds.lower) < size:
-            raise ParameterError(
-                f'bounds of {len(self.bounds.lower)} parameters were given; the model {self.model} has up to {size}'
-            )
+        given, size = len(self.bounds.lower), MODELS['geared' if self.model == 'auto' else self.model]
+        if given < size:
+            raise ParameterError(f'bounds of {given} parameters were given; the model {self.model} has up to {size}')
+        # Whatever is asked for, other models are tried on the way.
+        object.__setattr__(self, 'bounds', self.bounds.completed())
         for criterion in self.criteria:
-            mde, runs = self.search(criterion)
+            mde, runs = self.search(criterion, self.model)
             require_runs(runs, mde.population, self.seed)
 
-    def search(self, criterion: str) -> tuple[MDESettings, int]:
-        """Return how MDE minimises a criterion, and in how many runs.
-
-        The paper's way, but that a run stops at :data:`SPREAD`; of its own for ``trajectory``.
-        """
-        mde, runs = (SEARCH, SEARCH_RUNS) if criterion == 'trajectory' else (MDESettings(spread=SPREAD), RUNS)
-        return self.mde or mde, runs if self.runs is None else self.runs
+    def search(self, criterion: str, model: str) -> tuple[MDESettings, int]:
+        """Return how MDE minimises a criterion of a model, and in how many runs."""
+        usual, runs = PER_VECTOR, RUNS
+        if criterion == 'trajectory':
+            usual, runs = SEARCH, SEARCH_RUNS
+        elif criterion == 'energy' and model == 'viscous':
+            usual = THE_PAPERS
+        chosen = replace(usual, **self.mde)
+        # That the operator is drawn per component can be chosen away, not to.
+        chosen = replace(chosen, per_component=usual.per_component and chosen.per_component)
+        return chosen, runs if self.runs is None else self.runs

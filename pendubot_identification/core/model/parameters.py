@@ -172,6 +172,11 @@ class Bounds:
         """Return the bounds of the first ``size`` parameters."""
         return Bounds(self.lower[:size], self.upper[:size], self.names[:size])
 
+    def completed(self) -> Bounds:
+        """Return the bounds of all parameters: these, and the default ones of those that they leave out."""
+        default, size = default_bounds(), len(self.names)
+        return Bounds(np.append(self.lower, default.lower[size:]), np.append(self.upper, default.upper[size:]))
+
     def at_bound(self, theta: Sequence[float] | Vector, tolerance: float = 1e-9) -> NDArray[np.bool_]:
         """Tell, per component, whether theta lies on a bound (within ``tolerance`` of the interval's width)."""
         margin = tolerance * (self.upper - self.lower)

@@ -16,6 +16,7 @@ from pendubot_identification.core.trajectories.motion import Motion
 from pendubot_identification.core.trajectories.trajectory import Trajectory
 from test.core.estimation.test_identification import recorded
 from test.core.strategies import physical_parameters
+from test.core.virtual import recording
 
 GEARED = (0.06, 0.05, 0.032, 0.23, 0.16, 0.005, 0.004, 0.2, 0.15, 0.0026, 0.1, 0.08, 0.1, 0.08)
 PUBLISHED = {
@@ -131,6 +132,14 @@ def test_a_delay_is_found(samples, seed):
     late = Trajectory(late.t, late.q, np.roll(late.tau, -samples, axis=0))
     delay = estimate_delay([Motion.prepare(late, 0.02)], 'viscous', default_bounds())
     assert delay == pytest.approx(0.01 * samples, abs=1e-3)
+
+
+@pytest.mark.parametrize(('rate', 'delay'), [(100, 0.002), (200, 0.001), (200, -0.002), (500, 0.001), (500, 0.002)])
+def test_a_delay_of_a_millisecond_is_found_and_does_not_bend_the_answer(rate, delay):
+    motion = Motion.prepare(recording(9 * rate, 1 / rate, delay=delay), 0.02)
+    found = estimate_delay([motion], 'viscous', default_bounds())
+    assert found == pytest.approx(delay, abs=4e-4)
+    np.testing.assert_allclose(estimate([motion], 'viscous', found), PAPER.vector(), rtol=0.03)
 
 
 def test_a_delay_is_looked_for_within_its_range_only():

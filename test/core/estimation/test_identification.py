@@ -17,7 +17,6 @@ from pendubot_identification.core.estimation.settings import Settings
 from pendubot_identification.core.level import Level
 from pendubot_identification.core.model.parameters import PAPER, Parameters, default_bounds
 from pendubot_identification.core.model.simulation import HANGING, simulate
-from pendubot_identification.core.optimizers.mde import MDESettings
 from pendubot_identification.core.trajectories.motion import Motion
 from pendubot_identification.core.trajectories.trajectory import Trajectory
 from test.conftest import RECORDINGS
@@ -29,7 +28,7 @@ ENERGY = Settings(criteria=('energy',), model='viscous', optimizer='lsq')
 WEAK = Settings(criteria=('weak',), model='viscous', optimizer='lsq', hold='zero')
 TRAJECTORY = Settings(criteria=('trajectory',), model='viscous', hold='zero')
 #: The paper's own.
-THE_PAPERS = Settings(criteria=('energy',), model='viscous', optimizer='mde', mde=MDESettings())
+THE_PAPERS = Settings(criteria=('energy',), model='viscous', optimizer='mde', mde={'spread': None})
 
 
 def recorded(group, role):
@@ -116,15 +115,41 @@ def test_the_papers_settings_reach_the_exact_minimum_in_every_run():
     assert result.validation == 'on data that was not used for estimation'
 
 
+def test_of_mde_what_is_chosen_counts_and_the_rest_is_what_suits_each_criterion():
+    how = Settings(optimizer='mde', mde={'population': 60})
+    assert [how.search(name, 'viscous')[0].generations for name in how.criteria] == [4000, 4000, 120]
+    assert {how.search(name, 'viscous')[0].population for name in how.criteria} == {60}
+    assert Settings(mde={'generations': 200}).search('trajectory', 'rotor')[0].population == 40
+    assert [Settings().search('energy', model)[0].per_component for model in ('viscous', 'rotor')] == [True, False]
+    everything = Settings(('weak',), 'viscous', 'mde', hold='zero', mde={'generations': 900, 'spread': None}, runs=1)
+    assert identify([recording(300)], [], everything).best.runs.generations.tolist() == [900]
+
+
+@pytest.mark.parametrize('hold', ['auto', 'zero'])
+def test_a_box_of_the_models_own_parameters_is_enough(hold):
+    box = default_bounds().of(7).replaced('P1', 0.0, 0.5)
+    found, whole = (
+        identify([recording(300)], [], replace(WEAK, hold=hold, bounds=bounds))
+        for bounds in (box, default_bounds().replaced('P1', 0.0, 0.5))
+    )
+    np.testing.assert_array_equal(found.best.theta, whole.best.theta)
+
+
+def test_energy_needs_no_motion_as_long_as_the_weak_criterions_bump():
+    short = identify([recording(125, 0.002)], [recording(300)], ENERGY)
+    assert np.isfinite(short.best.theta).all()
+    assert np.isnan(short.link_length).all()
+
+
 def test_too_few_generations_are_noticed():
-    few = replace(THE_PAPERS, mde=MDESettings(generations=20))
+    few = replace(THE_PAPERS, mde={'generations': 20})
     assert any('of 10 runs reached the exact minimum' in w for w in identify([recording(300)], [], few).warnings)
 
 
 @pytest.mark.parametrize('criterion', ['energy', 'weak'])
 def test_the_same_seed_gives_the_same_result_and_a_run_the_same_among_any_number(criterion):
     motion = recording(300)
-    how = Settings((criterion,), 'viscous', 'mde', hold='zero', mde=MDESettings(generations=20), runs=2, seed=3)
+    how = Settings((criterion,), 'viscous', 'mde', hold='zero', mde={'generations': 20}, runs=2, seed=3)
     first, again, more, other = (
         identify([motion], [], changed).best for changed in (how, how, replace(how, runs=5), replace(how, seed=4))
     )
@@ -200,7 +225,7 @@ def test_a_start_that_is_wrong_by_three_arrives_or_is_said_to_have_not(seed):
 
 
 def test_mde_finds_the_trajectory_criterions_basin_from_nowhere():
-    how = replace(TRAJECTORY, optimizer='mde', mde=MDESettings(population=20, generations=50), seed=2)
+    how = replace(TRAJECTORY, optimizer='mde', mde={'population': 20, 'generations': 50}, seed=2)
     result = identify([recording(300, seed=2)], [], how)
     assert result.best.runs.x.shape == (1, 7)
     assert 'MDE from anywhere' in result.best.steps[0]
