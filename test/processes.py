@@ -2,6 +2,7 @@
 
 import os
 import queue
+import resource
 import signal
 import subprocess
 import sys
@@ -26,8 +27,15 @@ def parameters(**values):
     return ['--ros-args', *(word for name, value in values.items() for word in ('-p', f'{name}:={value}'))]
 
 
-def run_program(name, *args, timeout=120, env=None):
-    """Run a program to its end; returns the completed process with text output."""
+def run_program(name, *args, timeout=120, env=None, file_limit=None):
+    """Run a program to its end; returns the completed process with text output.
+
+    What a file would hold beyond ``file_limit`` [bytes] is refused, as on a full disk.
+    """
+
+    def limit():
+        resource.setrlimit(resource.RLIMIT_FSIZE, (file_limit, file_limit))
+
     return subprocess.run(
         [sys.executable, '-m', MODULES[name], *map(str, args)],
         capture_output=True,
@@ -35,6 +43,7 @@ def run_program(name, *args, timeout=120, env=None):
         timeout=timeout,
         env=env,
         stdin=subprocess.DEVNULL,
+        preexec_fn=None if file_limit is None else limit,
     )
 
 

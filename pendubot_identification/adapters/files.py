@@ -10,14 +10,21 @@ from pathlib import Path
 from pendubot_identification.core.errors import ResultError
 
 
-def refuse_existing(path: Path) -> None:
-    """Refuse to write where something is; worth asking before a long computation too.
+def refuse_unwritable(path: Path, *, overwrite: bool = False) -> None:
+    """Refuse a file that could not be written: worth asking before a long computation.
 
     Raises:
-        ResultError: the file exists already.
+        ResultError: the file exists already, or is a folder, or its folder is missing or cannot be written to.
     """
-    if path.exists():
-        raise ResultError(f'{path} exists already and was left as it is; choose another name or add --force')
+    try:
+        if path.is_dir():
+            raise ResultError(f'{path} is a folder; name a file in it')
+        if not overwrite:
+            _refuse_existing(path)
+        with tempfile.TemporaryFile(dir=path.parent):
+            pass
+    except OSError as error:
+        raise _refused(path, error) from error
 
 
 def refuse_input(output: Path, inputs: Iterable[Path | None]) -> None:
@@ -45,7 +52,7 @@ def write_whole(path: Path, content: str | bytes, *, overwrite: bool = False) ->
         ResultError: the file exists already, or the system refuses to write it.
     """
     if not overwrite:
-        refuse_existing(path)
+        _refuse_existing(path)
     beside = path.with_name(path.name + '.partial')
     try:
         beside.write_bytes(content.encode() if isinstance(content, str) else content)
@@ -93,6 +100,11 @@ class OutputFolder:
             raise _refused(path, error) from error
         write_whole(path, content, overwrite=True)
         return Path(os.path.abspath(path))
+
+
+def _refuse_existing(path: Path) -> None:
+    if path.exists():
+        raise ResultError(f'{path} exists already and was left as it is; choose another name or add --force')
 
 
 def _refused(path: Path, error: OSError) -> ResultError:

@@ -10,7 +10,7 @@ import select
 import threading
 import time
 import tty
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import TracebackType
 from typing import TextIO
@@ -39,7 +39,8 @@ class PtyServer:
         path: where a host opens it.
 
     Raises:
-        LinkError: the link's place is taken by something else, or the link or the trace cannot be made.
+        LinkError: the link's place is taken by something else, or the link or the trace cannot be made. Serving and
+            leaving raise it, too, when the trace cannot be written any more.
     """
 
     def __init__(
@@ -158,12 +159,14 @@ class PtyServer:
     def _write_trace(self) -> None:
         s = self._board.last
         if self._trace is not None and s is not None:
-            self._trace.write(f'{s.t_us},{s.enc1},{s.enc2},{s.torque},{s.status}\n')
+            with _written(self._trace.name):
+                self._trace.write(f'{s.t_us},{s.enc1},{s.enc2},{s.torque},{s.status}\n')
 
     def _close(self) -> None:
         self._unplug()
         if self._trace is not None:
-            self._trace.close()
+            with _written(self._trace.name):
+                self._trace.close()
 
 
 def _wake_in_time() -> None:
@@ -173,15 +176,23 @@ def _wake_in_time() -> None:
 
 
 def _create(trace: Path) -> TextIO:
-    try:
+    with _written(trace):
+        if trace.exists():
+            raise LinkError(f'{trace} exists already; remove it or name another trace file')
         # Line by line: whoever reads along, or after a kill, finds every sample.
         file = trace.open('x', buffering=1, encoding='ascii')
-    except FileExistsError as error:
-        raise LinkError(f'{trace} exists already; remove it or name another trace file') from error
-    except OSError as error:
-        raise LinkError(f'the trace {trace} cannot be written ({error.strerror}); name another place') from error
-    file.write(TRACE_HEADER + '\n')
+        file.write(TRACE_HEADER + '\n')
     return file
+
+
+@contextlib.contextmanager
+def _written(trace: Path | str) -> Iterator[None]:
+    """Name the trace that the system refuses to write."""
+    try:
+        yield
+    except OSError as error:
+        reason = f'the trace {trace} cannot be written ({error.strerror})'
+        raise LinkError(f'{reason}; free some space or name another place') from error
 
 
 def _replace_link(link: Path, target: str) -> None:

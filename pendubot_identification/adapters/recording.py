@@ -31,6 +31,8 @@ class _Topic:
     latched: bool
     flow: Flow = field(default_factory=Flow)
     publishers: int = 1
+    #: The most publishers that there were together.
+    kept: int = 1
     latest_ns: int = 0
     #: What came last while paused, of a latched topic: it is still in force afterwards.
     waiting: Arrival | None = None
@@ -68,8 +70,10 @@ class Recording:
     def publishers(self, name: str, count: int) -> None:
         """Take note of how many publish a topic: the last message of each is kept for the next file, if it latches."""
         topic = self._topics[name]
-        if count > topic.publishers:
-            topic.publishers = count
+        # As many as there are now: else what is lost after one of them left is taken for another's first.
+        topic.publishers = count
+        if count > topic.kept:
+            topic.kept = count
             if topic.latched:
                 self._bag.keep(topic.channel, count)
 

@@ -74,7 +74,7 @@ def add_parser(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     """Design or check, show, write."""
     from pendubot_identification.adapters.exciter_file import read_exciter, write_exciter
-    from pendubot_identification.adapters.files import refuse_existing, refuse_input
+    from pendubot_identification.adapters.files import refuse_input, refuse_unwritable
     from pendubot_identification.adapters.result_file import read_estimate
     from pendubot_identification.core.experiment.design import Experiment, Limits, design, foresee, paper_pulses
     from pendubot_identification.core.model.parameters import PAPER
@@ -88,8 +88,7 @@ def run(args: argparse.Namespace) -> int:
         )
     if args.output is not None:
         refuse_input(args.output, [args.check, args.estimate])
-        if not args.force:
-            refuse_existing(args.output)
+        refuse_unwritable(args.output, overwrite=args.force)
     if not args.rate > 0:
         raise UsageError(f'the sampling rate is {args.rate:g} Hz; a number above 0 is expected')
     given = {'torque': args.torque, 'speed': args.speed}

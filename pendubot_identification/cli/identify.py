@@ -166,8 +166,9 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Identify, print, write."""
-    from pendubot_identification.adapters.files import OutputFolder, refuse_existing, refuse_input
-    from pendubot_identification.adapters.result_file import read_parameters
+    from pendubot_identification.adapters.files import OutputFolder, refuse_input, refuse_unwritable
+    from pendubot_identification.adapters.result_file import read_parameters, write_result
+    from pendubot_identification.report.tables import whole
 
     with wrong_usage():
         settings, bags = _settings(args), _bags(args)
@@ -177,13 +178,14 @@ def run(args: argparse.Namespace) -> int:
             refuse_input(written, [*bags, args.start, args.reference])
     if args.start is not None:
         settings = replace(settings, start=read_parameters(args.start))
-    if args.output is not None and not args.force:
-        refuse_existing(args.output)
     beside = _beside(args)
     folder = None if args.report is None else OutputFolder(args.report, overwrite=args.force)
+    if args.output is not None:
+        refuse_unwritable(args.output, overwrite=args.force)
     motions: list[Any] = []
+    page: Path | None = None
     try:
-        return _identify(args, settings, folder, beside, motions)
+        plain = _identify(args, settings, motions)
     except PendubotError as error:
         if folder is not None:
             read = _shown(motions[0]) if motions else None
@@ -191,33 +193,32 @@ def run(args: argparse.Namespace) -> int:
             if not args.json:
                 print(f'why is also said in {page}')
         raise
-
-
-def _identify(args: argparse.Namespace, settings: Any, folder: Any, beside: Any, read: list[Any]) -> int:
-    """Identify, print, write; what was read is left in ``read``, also where all else fails."""
-    from pendubot_identification.adapters.datasets import load_datasets
-    from pendubot_identification.adapters.result_file import result_data, write_result
-    from pendubot_identification.core.estimation.identification import identify
-    from pendubot_identification.report.tables import whole
-
-    data = load_datasets(args.bags, args.validate, topic=args.topic, joint_names=joints(args.joints))
-    read.append(data)
-    page = None
-    with progress_bar(hidden=args.json) as progress:
-        result = identify(data.training, data.validation, settings, progress, data.notes)
-        plain = result_data(result, data.sources)
+    try:
         if args.output is not None:
             write_result(args.output, plain, overwrite=args.force)
         if folder is not None:
-            page = write_result_report(folder, plain, _shown(data), beside, (), progress)
-    if args.json:
-        print(json.dumps(plain, indent=2))
-        return 0
-    print(whole(plain))
+            with progress_bar(hidden=args.json) as progress:
+                page = write_result_report(folder, plain, _shown(motions[0]), beside, (), progress)
+    finally:
+        # Also where they cannot be written. Only now, because whoever closes the pipe ends the program.
+        print(json.dumps(plain, indent=2) if args.json else whole(plain))
     for written in (args.output, page):
-        if written is not None:
+        if written is not None and not args.json:
             print(f'written to {written}')
     return 0
+
+
+def _identify(args: argparse.Namespace, settings: Any, read: list[Any]) -> dict[str, Any]:
+    """Return the result as plain data; what was read is left in ``read``, also where all else fails."""
+    from pendubot_identification.adapters.datasets import load_datasets
+    from pendubot_identification.adapters.result_file import result_data
+    from pendubot_identification.core.estimation.identification import identify
+
+    data = load_datasets(args.bags, args.validate, topic=args.topic, joint_names=joints(args.joints))
+    read.append(data)
+    with progress_bar(hidden=args.json) as progress:
+        result = identify(data.training, data.validation, settings, progress, data.notes)
+    return result_data(result, data.sources)
 
 
 def _bags(args: argparse.Namespace) -> list[Path]:

@@ -11,11 +11,12 @@ from diagnostic_msgs.msg import DiagnosticArray
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
 
+from pendubot_identification.adapters.bag_reader import BagWindow
 from pendubot_identification.adapters.datasets import load_datasets
-from pendubot_identification.adapters.files import refuse_existing
+from pendubot_identification.adapters.files import refuse_input, refuse_unwritable
 from pendubot_identification.adapters.joint_states import JOINT_NAMES, JOINT_STATES_TOPIC
 from pendubot_identification.adapters.result_file import read_parameters, result_data, write_result
-from pendubot_identification.core.errors import ParameterError, PendubotError
+from pendubot_identification.core.errors import ParameterError, PendubotError, ResultError
 from pendubot_identification.core.estimation.identification import identify
 from pendubot_identification.core.estimation.settings import CRITERIA, DELAYS, HOLDS, OPTIMIZERS, SPREAD, Settings
 from pendubot_identification.core.level import Level
@@ -113,19 +114,21 @@ class Identifier(SettingsNode):
 
     def _identify(self, values: dict[str, Any]) -> None:
         settings = _settings(values)
+        bags, judges = _named(values['bags']), _named(values['validate'])
         output = Path(values['output']) if values['output'] else None
-        if output is not None and not values['force']:
-            refuse_existing(output)
-        data = load_datasets(
-            _named(values['bags']),
-            _named(values['validate']),
-            topic=values['topic'],
-            joint_names=values['joint_names'],
-        )
+        if output is not None:
+            read = [BagWindow.parse(bag).path for bag in bags + judges]
+            refuse_input(output, [*read, Path(values['start']) if values['start'] else None])
+            refuse_unwritable(output, overwrite=values['force'])
+        data = load_datasets(bags, judges, topic=values['topic'], joint_names=values['joint_names'])
         result = identify(data.training, data.validation, settings, self._progress, data.notes)
         plain = result_data(result, data.sources)
-        if output is not None:
-            write_result(output, plain, overwrite=values['force'])
+        unwritten = ''
+        try:
+            if output is not None:
+                write_result(output, plain, overwrite=values['force'])
+        except ResultError as error:
+            unwritten = str(error)
         # Two lines, because rclpy keeps a severity for each line that logs.
         if result.level is Level.OK:
             self.get_logger().info(f'identified\n{whole(plain)}')
@@ -135,6 +138,10 @@ class Identifier(SettingsNode):
         # so that whoever hears them can already have them identified again.
         self._publish(result.level, _headline(result.level, result.warnings), identification_values(plain))
         self._params.publish(parameters_message(result))
+        if unwritten:
+            # The parameters are none the worse for it, so their judgement stands.
+            self.get_logger().error(unwritten)
+            self._progress.ended(Level.ERROR, unwritten)
 
     def _failed(self, sentence: str) -> None:
         self.get_logger().error(sentence)

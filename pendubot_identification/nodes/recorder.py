@@ -161,7 +161,10 @@ class Recorder(SettingsNode):
         published_ns = info['source_timestamp'] or received_ns
         arrival = Arrival(data, received_ns, published_ns, info['publication_sequence_number'])
         self._guarded(lambda: self._recording.take(name, arrival))
-        if name == self._names[0] and self._recording.count(name) == self._max_messages:
+        self._end_if_enough()
+
+    def _end_if_enough(self) -> None:
+        if 0 < self._max_messages <= self._recording.count(self._names[0]):
             self._ending.set()
             self.end(self.exit_status)
 
@@ -170,6 +173,8 @@ class Recorder(SettingsNode):
         self._fetcher.fetch_all()
         try:
             response.message, response.success = action(), True
+            # ~/resume writes what was latched meanwhile.
+            self._end_if_enough()
         except BagError as error:
             # If it matters beyond the answer, the next message meets with it too.
             response.message = str(error)

@@ -126,6 +126,14 @@ def test_what_is_read_is_never_written_over(tmp_path, capsys):
     assert (result.read_text(), exciter.read_text()) == before
 
 
+def test_a_folder_that_cannot_be_written_is_refused_before_anything_is_computed(tmp_path, capsys):
+    output = tmp_path / 'nowhere' / 'exciter.yaml'
+    assert main(['excite', *map(str, ['--design', *QUICK, '--output', output])]) == 1
+    said = capsys.readouterr()
+    assert said.out == ''
+    assert f'{output} cannot be written (No such file or directory); choose a folder that can be' in said.err
+
+
 def test_design_or_check_must_be_chosen(capsys):
     with pytest.raises(SystemExit) as ended:
         main(['excite', '--torque', '1'])

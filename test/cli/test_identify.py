@@ -20,6 +20,7 @@ from pendubot_identification.core.estimation.settings import CRITERIA, HOLDS, OP
 from pendubot_identification.core.model.parameters import MODELS, NAMES, PAPER
 from pendubot_identification.core.trajectories.trajectory import Trajectory
 from test.conftest import RECORDINGS, ROOT
+from test.processes import run_program
 
 SAMPLE = ROOT / 'bags' / 'paper_experiment'
 PAPERS = ('--criterion', 'energy', '--model', 'viscous', '--optimizer', 'mde')
@@ -280,7 +281,10 @@ def broken(bag, tmp_path, **changes):
         (['{bag}', '--output', '{root}/README.md'], 'exists already'),
         (['{bag}', '--start', '/nowhere.yaml'], '/nowhere.yaml cannot be read'),
         (['{bag}', '--start', '{root}/package.xml'], 'is no YAML file'),
-        (['{bag}', '--output', '/nowhere/result.yaml', *FAST], 'cannot be written'),
+        # Before anything is read.
+        (['/nowhere', '--output', '/nowhere/result.yaml'], '/nowhere/result.yaml cannot be written (No such file'),
+        (['/nowhere', '--output', '/proc/result.yaml'], '/proc/result.yaml cannot be written'),
+        (['/nowhere', '--output', '{root}/docs', '--force'], '/docs is a folder; name a file in it'),
     ],
 )
 def test_what_a_user_did_wrong_is_one_sentence(capsys, bag, arguments, sentence):
@@ -333,6 +337,26 @@ def test_what_is_read_is_never_written_over(capsys, bag, tmp_path):
         assert 'is read, so it cannot be written as well' in refused(capsys, bag, *options, '--force')
     assert (file.read_bytes(), start.read_text()) == (before, 'mine')
     assert not list(tmp_path.glob('*.html'))
+
+
+@pytest.mark.parametrize('options', [(), ('--json',)])
+def test_a_result_that_cannot_be_written_in_the_end_is_printed_all_the_same(bag, tmp_path, options):
+    output = tmp_path / 'result.yaml'
+    ended = run_program('pendubot', 'identify', bag, *FAST, '--output', output, *options, file_limit=0)
+    assert ended.returncode == 1
+    assert ended.stderr == f'pendubot: {output} cannot be written (File too large); choose a folder that can be\n'
+    if options:
+        assert list(json.loads(ended.stdout)['parameters']) == list(SEVEN)
+    else:
+        assert 'kg m^2' in ended.stdout
+        assert 'written to' not in ended.stdout
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_result_may_stand_in_the_folder_of_its_report(capsys, bag, tmp_path):
+    output = tmp_path / 'look' / 'mine.yaml'
+    assert identify(capsys, bag, *FAST, '--report', output.parent, '--output', output)[0] == 0
+    assert output.read_text() == output.with_name('result.yaml').read_text()
 
 
 def test_a_motion_without_excitation_names_what_cannot_be_told(capsys, bag, tmp_path):

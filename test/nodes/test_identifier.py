@@ -1,5 +1,7 @@
 """The identifier in its own process: latched results, running again, failing without dying."""
 
+import shutil
+
 import numpy as np
 import pytest
 import yaml
@@ -182,6 +184,56 @@ def test_a_failure_is_published_and_the_node_lives_on(listener, bag):
         assert listener.set('bags', [str(bag)]).successful
         assert listener.identify().success
         assert listener.hears(lambda heard: heard.params)
+
+
+def test_what_is_read_is_never_written_over(listener, bag, tmp_path):
+    swing, judge, start = (tmp_path / name for name in ('swing', 'judge', 'start.yaml'))
+    shutil.copytree(bag, swing)
+    shutil.copytree(bag, judge)
+    start.write_text(yaml.safe_dump({'schema': 1, 'parameters': {name: {'value': 0.5} for name in NAMES[:7]}}))
+    (file,) = swing.glob('*.mcap')
+    read = {path: path.read_bytes() for path in (file, judge / 'metadata.yaml', start)}
+    named = {'bags': f"['{swing}@0:9']", 'validate': f"['{judge}@9:18']", 'start': start, 'output': file}
+    with Program('identifier', *parameters(force='true', **named, **FAST)):
+        for k, path in enumerate(read):
+            if k:
+                assert listener.set('output', str(path)).successful
+                assert listener.identify().success
+            assert listener.hears(lambda heard, k=k: len(heard.status) > k)
+            (status,) = listener.status[k].status
+            assert status.message == f'{path} is read, so it cannot be written as well; give another name'
+    assert {path: path.read_bytes() for path in read} == read
+
+
+def test_an_output_that_cannot_be_written_is_noticed_before_anything_is_read(listener, tmp_path):
+    output = tmp_path / 'nowhere' / 'result.yaml'
+    with Program('identifier', *parameters(bags="['/nowhere']", output=output, **FAST)):
+        assert listener.hears(lambda heard: heard.status)
+    (status,) = listener.status[0].status
+    sentence = f'{output} cannot be written (No such file or directory); choose a folder that can be'
+    assert (status.level, status.message) == (b'\x02', sentence)
+
+
+def test_a_result_that_cannot_be_written_in_the_end_is_published_all_the_same(listener, bag, tmp_path):
+    from diagnostic_msgs.msg import DiagnosticArray
+
+    folder, heard = tmp_path / 'gone', []
+    folder.mkdir()
+    listener.node.create_subscription(DiagnosticArray, '/diagnostics', lambda m: heard.extend(m.status), 10)
+    # Long enough for its folder to go meanwhile.
+    long = FAST | {'optimizer': 'mde', 'runs': 3, 'generations': 30_000, 'spread': 0.0, 'hold': 'zero'}
+    named = parameters(bags=f"['{bag}']", output=folder / 'result.yaml', **long)
+    with Program('identifier', *named, env={'PENDUBOT_KERNEL': 'off'}) as program:
+        program.wait_for('energy: MDE')
+        folder.rmdir()
+        assert listener.hears(lambda heard: heard.params and heard.status, 60.0)
+        sentence = f'{folder}/result.yaml cannot be written (No such file or directory); choose a folder that can be'
+        program.wait_for(sentence)
+        assert spin_until(listener.node, lambda: heard and (heard[-1].level, heard[-1].message) == (b'\x02', sentence))
+    ((status,),) = [message.status for message in listener.status]
+    values = {v.key: v.value for v in status.values}
+    assert [float(values[name]) for name in NAMES[:7]] == list(listener.params[0].data)
+    assert sentence not in status.message, 'that is no judgement of the parameters'
 
 
 def test_an_unphysical_result_is_published_at_level_error(listener, tmp_path, bag):

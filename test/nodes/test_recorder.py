@@ -143,6 +143,42 @@ def test_it_ends_by_itself_after_max_messages_of_the_first_topic(tmp_path, node,
     assert {topic.name: topic.count for topic in info.topics}['/first'] == 50
 
 
+def test_what_is_skipped_before_the_first_message_ends_nothing(tmp_path, node, diagnostics):
+    from std_msgs.msg import Float64
+
+    path = tmp_path / 'bag'
+    with recorder(path, '/begun_paused') as program:
+        assert ask(node, 'pause').success
+        publisher = node.create_publisher(Float64, '/begun_paused', 10)
+        wait_for_subscriptions(publisher)
+        publisher.publish(Float64(data=1.0))
+        assert spin_until(node, lambda: diagnostics and diagnostics[-1][2]['/begun_paused skipped'] == '1')
+        assert ask(node, 'resume').success
+        publisher.publish(Float64(data=2.0))
+        wait(lambda: recorded(path) == 1)
+        assert program.stop() == 0
+
+
+def test_a_latched_message_that_waited_counts_among_max_messages(tmp_path, node, diagnostics):
+    from std_msgs.msg import Float64
+    from std_srvs.srv import Trigger
+
+    path = tmp_path / 'bag'
+    publisher = latched_publisher(node, '/waited')
+    with recorder(path, '/waited', max_messages=2) as program:
+        publisher.publish(Float64(data=1.0))
+        wait(lambda: recorded(path) == 1)
+        assert ask(node, 'pause').success
+        publisher.publish(Float64(data=2.0))
+        assert spin_until(node, lambda: diagnostics and diagnostics[-1][2]['/waited skipped'] == '1')
+        # It ends with this: its answer may not come.
+        client = node.create_client(Trigger, '/recorder/resume')
+        assert client.wait_for_service(10.0)
+        client.call_async(Trigger.Request())
+        assert program.process.wait(10) == 0
+    assert recorded(path) == 2
+
+
 def latched_publisher(node, topic):
     from rclpy.qos import DurabilityPolicy, QoSProfile
     from std_msgs.msg import Float64
@@ -261,7 +297,9 @@ def test_diagnostics_say_how_it_is_doing(tmp_path, node, diagnostics):
         assert program.stop() == 0
 
 
-def test_messages_that_were_lost_are_counted(tmp_path, node, diagnostics):
+@pytest.mark.parametrize('another', [False, True], ids=['alone', 'after another was there'])
+def test_messages_that_were_lost_are_counted(tmp_path, node, diagnostics, another):
+    from rclpy.qos import QoSProfile, ReliabilityPolicy
     from std_msgs.msg import Float64
 
     path = tmp_path / 'bag'
@@ -271,6 +309,13 @@ def test_messages_that_were_lost_are_counted(tmp_path, node, diagnostics):
         wait_for_subscriptions(publisher)
         publisher.publish(Float64(data=0.0))
         wait(lambda: recorded(path) == 1)
+        if another:
+            # One that is not heard: of such a one the recorder says when it comes, and no more when it went.
+            poor = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+            passing = node.create_publisher(Float64, '/lost', poor)
+            assert spin_until(node, lambda: diagnostics and 'not heard' in diagnostics[-1][1])
+            node.destroy_publisher(passing)
+            assert spin_until(node, lambda: 'not heard' not in diagnostics[-1][1])
         program.process.send_signal(signal.SIGSTOP)
         for k in range(1, 20_000):
             publisher.publish(Float64(data=float(k)))

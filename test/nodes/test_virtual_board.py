@@ -11,6 +11,7 @@ from pendubot_identification.core.link.protocol import Command, Mode, encode
 from pendubot_identification.core.model.parameters import BALANCE, PAPER
 from pendubot_identification.core.model.simulation import LatePlant
 from pendubot_identification.nodes.virtual_board import make_board, parser
+from test.processes import run_program
 
 
 def pushed(*options):
@@ -72,3 +73,15 @@ def test_a_preset_and_a_delay_are_the_plant_s(monkeypatch):
 def test_a_start_without_sense_is_refused(option):
     with pytest.raises(ParameterError, match='a number from 0 to 1 is expected'):
         make_board(parser().parse_args([*option, '--seed', '1']))
+
+
+@pytest.mark.parametrize('room', [0, 8192])
+def test_a_trace_that_cannot_be_written_any_more_is_one_sentence(tmp_path, room):
+    link, trace = tmp_path / 'board', tmp_path / 'trace.csv'
+    ended = run_program('virtual_board', '--rate', 1000, '--link', link, '--trace', trace, file_limit=room)
+    assert ended.returncode == 1
+    assert ended.stderr == (
+        f'virtual_board: the trace {trace} cannot be written (File too large); free some space or name another place\n'
+    )
+    assert not link.is_symlink()
+    assert trace.stat().st_size == room, 'what there was room for is there'
