@@ -31,8 +31,8 @@ Estimate the parameters of a rig from recorded bags and write them to a result f
 
 BAG is the folder of a bag or its .mcap file, also of one that was never closed; @START:END takes a window of it, in
 seconds from its first sample. Of one bag without a window the first half estimates and the second validates, as in the
-paper; with a window, the rest of the bag validates; several bags without windows all estimate, and each is foreseen
-from the others.
+paper; with a window, the rest of the bag validates, but for parts shorter than a second; several bags without windows
+all estimate, and each is foreseen from the others.
 
 What lasts longer than ten minutes, or has more than 200 000 samples, is read piece by piece: energy and weak take all
 of it, everything else twelve stretches of 8 s in which the rig is driven. An hour at 1 kHz takes less than 300 MB.

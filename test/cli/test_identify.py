@@ -124,6 +124,7 @@ def test_json_is_the_result_and_nothing_else(capsys, bag):
         (['{}@0:6', '{}@12:'], {'training': [600, 600], 'validation': [600]}),
         (['{}', '{}'], {'training': [1800, 1800], 'validation': []}),
         (['{}@0:'], {'training': [1800], 'validation': []}),
+        (['{}@0.9:9'], {'training': [810], 'validation': [900]}),
     ],
 )
 def test_windows_divide_a_bag_as_documented(capsys, bag, arguments, roles):
@@ -132,6 +133,18 @@ def test_windows_divide_a_bag_as_documented(capsys, bag, arguments, roles):
     bags = json.loads(out)['bags']
     for role, samples in roles.items():
         assert [b['samples'] for b in bags if b['role'] == role] == samples
+
+
+def test_a_remainder_too_short_to_judge_by_costs_no_result(capsys, tmp_path):
+    """0.2 s at 500 Hz: samples enough, but shorter than a bump of the weak criterion."""
+    fast = tmp_path / 'fast'
+    assert main(['simulate', '--output', str(fast), '--rate', '500', '--samples', '3000']) == 0
+    capsys.readouterr()
+    options = ('--criterion', 'weak', '--optimizer', 'lsq', '--hold', 'zero', '--delay', '0')
+    result = one(capsys, f'{fast}@0.2:4', *options)
+    assert [b['bag'] for b in result['bags']] == [f'{fast}@0.2:4', f'{fast}@4:']
+    alone = one(capsys, f'{fast}@0.2:5.8', *options)
+    assert [b['role'] for b in alone['bags']] == ['training']
 
 
 def test_same_seed_same_result(capsys, bag):
