@@ -298,7 +298,7 @@ def _settings(args: argparse.Namespace) -> Any:
 
 
 def _refuse_what_does_nothing(args: argparse.Namespace) -> None:
-    """Refuse options of one optimiser, and bounds of one model, where another was asked for.
+    """Refuse options of one criterion or optimiser, and bounds of one model, where another was asked for.
 
     Raises:
         UsageError: it names them both.
@@ -306,11 +306,22 @@ def _refuse_what_does_nothing(args: argparse.Namespace) -> None:
     from pendubot_identification.core.model.parameters import MODELS, NAMES
 
     for option in ('runs', 'population', 'generations', 'spread', 'per_vector'):
-        given = getattr(args, option)
-        # Of a spread, 0 is something.
-        if args.optimizer == 'lsq' and given is not None and given is not False:
+        given, name = getattr(args, option), option.replace('_', '-')
+        if given is None or given is False:  # of a spread, 0 is something
+            continue
+        if args.optimizer == 'lsq':
+            raise UsageError(f'--{name} is of MDE, and --optimizer lsq does without; leave one of the two out')
+        if args.optimizer == 'auto' and args.criterion == ('trajectory',):
             raise UsageError(
-                f'--{option.replace("_", "-")} is of MDE, and --optimizer lsq does without; leave one of the two out'
+                f'--{name} is of MDE, and --criterion trajectory does without unless it is asked for; leave it out, or '
+                'add --optimizer mde'
+            )
+    # Of energy, a delay would but silence what is said of stamps that are off.
+    for option, users in (('sliding', ('energy',)), ('delay', ('weak', 'trajectory')), ('start', ('trajectory',))):
+        if getattr(args, option) is not None and not set(users) & set(args.criterion):
+            raise UsageError(
+                f'--{option} is of {" and ".join(users)}, and --criterion {",".join(args.criterion)} does without; '
+                'leave one of the two out'
             )
     names = NAMES[: MODELS.get(args.model, len(NAMES))]
     for text in args.bounds:

@@ -222,6 +222,14 @@ def test_hold_and_delay_are_as_asked_for(capsys, bag):
     assert found['made_by']['delays'] == [-0.02, 0.02]
 
 
+def test_no_delay_at_all_is_no_end_of_a_search(capsys):
+    """The torque of the sample bag acts at once, where a search from 0 on ends; one from 2 ms on ends elsewhere."""
+    for searched, warned in (('0:0.02', False), ('0.002:0.02', True)):
+        result = one(capsys, SAMPLE, '--criterion', 'weak', '--optimizer', 'lsq', '--hold', 'zero', '--delay', searched)
+        assert result['effort']['delay'] == pytest.approx(float(searched.split(':')[0]), abs=1e-4)
+        assert any('the end of where it was searched' in w for w in result['warnings']) == warned
+
+
 def test_a_link_of_another_length_is_named(capsys, bag):
     """Of the virtual rig it is P3 / P5, 30 mm."""
     for length, warned in (('0.0304', False), ('0.3', True)):
@@ -322,6 +330,12 @@ def test_what_a_user_did_wrong_is_one_sentence(capsys, bag, arguments, sentence)
         (['{bag}', '--population', '30', '--optimizer', 'lsq'], '--population is of MDE'),
         (['{bag}', '--per-vector', '--optimizer', 'lsq'], '--per-vector is of MDE'),
         (['{bag}', '--spread', '0', '--optimizer', 'lsq'], '--spread is of MDE'),
+        (['{bag}', '--criterion', 'trajectory', '--runs', '5'], '--runs is of MDE, and --criterion trajectory does'),
+        (['{bag}', '--criterion', 'trajectory', '--per-vector'], '--per-vector is of MDE, and --criterion trajectory'),
+        (['{bag}', '--criterion', 'energy', '--delay', '0:0.02'], '--delay is of weak and trajectory, and --criterion'),
+        (['{bag}', '--criterion', 'energy', '--start', 'x.yaml'], '--start is of trajectory, and --criterion energy'),
+        (['{bag}', '--criterion', 'energy,weak', '--start', 'x.yaml'], 'and --criterion energy,weak does without'),
+        (['{bag}', '--criterion', 'weak', '--sliding', '0.3'], '--sliding is of energy, and --criterion weak does'),
         (['{bag}', '--spread', '-1'], '--spread is -1; 0, which takes every generation, or a number above it'),
         (['{bag}', '--delay', '3'], 'two times within half a second are expected'),
         (['{bag}', '--link-length', '0'], 'length of link 1 is 0 m'),
