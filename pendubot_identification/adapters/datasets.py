@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from pendubot_identification.core.errors import TrajectoryError
+from pendubot_identification.core.estimation.recipes import SHORTEST
 from pendubot_identification.core.trajectories.long import Long, Recording, gridded, sharing
 from pendubot_identification.core.trajectories.trajectory import MINIMUM_SAMPLES, Trajectory
 
@@ -50,7 +51,8 @@ def load_datasets(
     """Read the bags, each ``BAG[@START:END]``, and divide them.
 
     Without ``validate``: of one bag without a window the first half estimates and the second validates; of bags with
-    windows the rest validates; of several bags without windows all estimate, and nothing is set apart.
+    windows the rest validates, but for parts shorter than a second; of several bags without windows all estimate, and
+    nothing is set apart.
 
     Raises:
         BagError: a bag that is missing or unreadable, or lacks the topic, the joints or their effort.
@@ -122,13 +124,17 @@ class _Reader:
         return read_recording(window, topic=self._topic, joint_names=self._joint_names, reader=reader)
 
     def rest(self, window: BagWindow) -> RecordedTrajectory[Recording] | None:
-        """Return what lies outside the windows, or None where that is too little to judge by, or has gaps."""
+        """Return what lies outside the windows, or None where that is too little to judge by, or has gaps.
+
+        Nobody chose it: what is too short for one of the criteria must not cost the result of all.
+        """
         try:
             recording = self(window)
             gridded(recording.trajectory)
         except TrajectoryError:
             return None
-        return recording if len(recording.trajectory) >= MINIMUM_SAMPLES else None
+        found = recording.trajectory
+        return recording if len(found) >= MINIMUM_SAMPLES and found.duration >= SHORTEST else None
 
 
 def _span(recording: Recording) -> tuple[float, float]:

@@ -8,7 +8,7 @@ from typing import Any
 
 import yaml
 
-from pendubot_identification.core.model.parameters import SPECIFICATIONS
+from pendubot_identification.core.model.parameters import MODELS, NAMES, SPECIFICATIONS
 
 Result = Mapping[str, Any]
 
@@ -33,7 +33,7 @@ def provenance(result: Result) -> list[str]:
 def as_yaml(result: Result) -> str:
     """Return parameters for ``--params-file`` of any node: P1, P2, ... under ``/**``."""
     comments = ''.join(f'# {line}\n' for line in [*provenance(result), *_meanings(result)])
-    values = {name: float(entry['value']) for name, entry in result['parameters'].items()}
+    values = {name: float(entry['value']) for name, entry in _vector(result).items()}
     return comments + yaml.safe_dump({'/**': {'ros__parameters': values}}, sort_keys=False)
 
 
@@ -44,7 +44,7 @@ def as_json(result: Result) -> str:
 
 def as_matlab(result: Result) -> str:
     """Return a script that makes a struct ``pendubot``: parameters by name, ``theta``, ``names``, ``std_error``."""
-    parameters = result['parameters']
+    parameters = _vector(result)
     lines = [f'% {line}' for line in provenance(result)]
     lines += [f'pendubot.{name} = {_number(e["value"])};  % {_told(name, e)}' for name, e in parameters.items()]
     errors = (_number(entry.get('std_error')) for entry in parameters.values())
@@ -58,7 +58,7 @@ def as_matlab(result: Result) -> str:
 
 def as_c(result: Result) -> str:
     """Return a header of macros: ``PENDUBOT_P1`` ..., ``PENDUBOT_THETA``, an initialiser, ``PENDUBOT_COUNT``."""
-    parameters = result['parameters']
+    parameters = _vector(result)
     named = [f'PENDUBOT_{name}' for name in parameters]
     lines = ['/*', *(f' * {_uncommented(line)}' for line in provenance(result)), ' */']
     lines += ['#ifndef PENDUBOT_PARAMETERS_H', '#define PENDUBOT_PARAMETERS_H', '']
@@ -78,8 +78,16 @@ FORMATS: dict[str, Callable[[Result], str]] = {'yaml': as_yaml, 'json': as_json,
 SUFFIXES = {'.yaml': 'yaml', '.yml': 'yaml', '.json': 'json', '.m': 'matlab', '.h': 'c'}
 
 
+def _vector(result: Result) -> dict[str, Mapping[str, Any]]:
+    """Return the entries in the order of theta; 0 for those that a hand left out, as far as the model goes."""
+    given = result['parameters']
+    last = max(NAMES.index(name) for name in given)
+    size = min(size for size in MODELS.values() if size > last)
+    return {name: given.get(name, {'value': 0.0}) for name in NAMES[:size]}
+
+
 def _meanings(result: Result) -> list[str]:
-    return [f'{name}: {_told(name, entry)}' for name, entry in result['parameters'].items()]
+    return [f'{name}: {_told(name, entry)}' for name, entry in _vector(result).items()]
 
 
 def _told(name: str, entry: Mapping[str, Any]) -> str:

@@ -11,7 +11,7 @@ import numpy as np
 from pendubot_identification.core.errors import BagError
 from pendubot_identification.core.estimation.evidence import Answer
 from pendubot_identification.core.estimation.settings import Settings
-from pendubot_identification.core.model.parameters import NAMES, Bounds
+from pendubot_identification.core.model.parameters import NAMES, Bounds, Parameters
 from pendubot_identification.core.trajectories.long import Long
 from pendubot_identification.core.trajectories.trajectory import Trajectory
 
@@ -98,7 +98,7 @@ def answers(result: Mapping[str, Any]) -> dict[str, Answer]:
         name: Answer(
             name,
             result['model'],
-            np.array([value['value'] for value in entry['parameters'].values()]),
+            Parameters(**{n: value['value'] for n, value in entry['parameters'].items()}).vector(result['model']),
             entry['effort']['delay'],
         )
         for name, entry in result['criteria'].items()

@@ -225,10 +225,11 @@ def result_text(data: Mapping[str, Any]) -> str:
 
 
 def read_result(path: Path) -> dict[str, Any]:
-    """Return what a result file holds.
+    """Return what a result file holds, with the parameters in the order of theta and their numbers as floats.
 
     Raises:
-        ResultError: there is no such file, or it is no result of this schema.
+        ResultError: there is no such file, it is no result of this schema, or something stands for a number that is
+            none.
     """
     try:
         data = yaml.safe_load(path.read_text(encoding='utf-8'))
@@ -240,14 +241,40 @@ def read_result(path: Path) -> dict[str, Any]:
         raise ResultError(f'{path} is no YAML file; name a file that pendubot identify wrote') from error
     if not isinstance(data, dict) or data.get('schema') != SCHEMA:
         raise ResultError(f'{path} is no result of schema {SCHEMA}; name a file that pendubot identify wrote')
+    if isinstance(entries := data.get('parameters'), dict):
+        data['parameters'] = {name: entries[name] for name in NAMES if name in entries} | entries
+        for name, entry in entries.items():
+            if isinstance(entry, dict):
+                entry |= _numbers_of(entry, f'{path}: {name}')
     return data
+
+
+def _numbers_of(entry: Mapping[str, Any], where: str) -> dict[str, Any]:
+    """Return a parameter's numbers as floats: a hand writes 4e-4, which YAML takes for a word.
+
+    Raises:
+        ResultError: one is no number.
+    """
+    numbers = {key: entry[key] for key in ('value', 'std_error', 'interval') if entry.get(key) is not None}
+    for key, found in numbers.items():
+        try:
+            if key == 'interval':
+                low, high = found
+                numbers[key] = [None if bound is None else _number(float(bound)) for bound in (low, high)]
+            else:
+                numbers[key] = _number(float(found))
+        except (TypeError, ValueError, OverflowError):
+            expected = 'two numbers are' if key == 'interval' else 'a number is'
+            raise ResultError(f'{where} has the {key} {found!r}; {expected} expected in its place') from None
+    return numbers
 
 
 def read_whole_result(path: Path) -> dict[str, Any]:
     """Return what a result file holds that an identification wrote, not a hand.
 
     Raises:
-        ResultError: there is no such file, or it is no result of this schema, or holds parameters alone.
+        ResultError: there is no such file, or it is no result of this schema, or holds parameters alone, or these are
+            no numbers by name.
     """
     data = read_result(path)
     missing = [key for key in WHOLE if not data.get(key)]
@@ -255,6 +282,7 @@ def read_whole_result(path: Path) -> dict[str, Any]:
         raise ResultError(
             f'{path} does not say {", ".join(missing)}; name a file that pendubot identify wrote, as it wrote it'
         )
+    parameters_of(data, path)
     return data
 
 

@@ -81,7 +81,7 @@ def _parameters(results: Results) -> dict[str, Any]:
     for name, unit in zip(NAMES, UNITS, strict=True):
         entries = [result['parameters'].get(name) for result in results.values()]
         if any(entries):
-            values = [None if e is None else float(e['value']) for e in entries]
+            values = [None if e is None else e['value'] for e in entries]
             # How far the data would let a parameter off its bound is not how uncertain it is.
             errors = [None if e is None or e.get('on_bound') else e.get('std_error') for e in entries]
             rows[name] = {
@@ -117,11 +117,9 @@ def _training(result: Mapping[str, Any]) -> set[str]:
 
 def _foreseen(results: Results, args: argparse.Namespace) -> dict[str, Any]:
     """Return how far each result's simulation of a bag's motion is off, by horizon."""
-    import numpy as np
-
     from pendubot_identification.adapters.bag_reader import BagWindow, read_recording
+    from pendubot_identification.adapters.result_file import parameters_of
     from pendubot_identification.core.estimation.prediction import HORIZONS, predict, state_scale
-    from pendubot_identification.core.model.parameters import NAMES
     from pendubot_identification.core.trajectories.long import held_parts
     from pendubot_identification.core.trajectories.motion import Motion
     from pendubot_identification.core.trajectories.signals import choose_smoothing
@@ -138,7 +136,7 @@ def _foreseen(results: Results, args: argparse.Namespace) -> dict[str, Any]:
     for name, result in results.items():
         effort = result.get('effort') or {}
         motions = [Motion.prepare(part, smoothing, effort.get('hold', 'zero')) for part in parts]
-        theta = np.array([result['parameters'][n]['value'] for n in NAMES if n in result['parameters']])
+        theta = parameters_of(result, Path(name)).vector()
         prediction = predict(motions, theta, effort.get('delay', 0.0), state_scale(motions))
         errors.append(_numbers(prediction.error))
         still = _numbers(prediction.standing_still)

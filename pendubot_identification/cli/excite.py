@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -78,6 +79,8 @@ def run(args: argparse.Namespace) -> int:
     from pendubot_identification.adapters.result_file import read_estimate
     from pendubot_identification.core.experiment.design import Experiment, Limits, design, foresee, paper_pulses
     from pendubot_identification.core.model.parameters import PAPER
+    from pendubot_identification.core.optimizers.mde import MDESettings
+    from pendubot_identification.core.optimizers.optimizer import require_runs
     from pendubot_identification.report.excitation import excitation_table, motion_lines
 
     parameters, errors = (PAPER, None) if args.estimate is None else read_estimate(args.estimate)
@@ -94,8 +97,11 @@ def run(args: argparse.Namespace) -> int:
     given = {'torque': args.torque, 'speed': args.speed}
     with wrong_usage():
         limits = Limits(**{name: limit for name, limit in given.items() if limit is not None}, angle=tuple(args.angle))
-    if args.design:
         experiment = Experiment(args.duration, 1 / args.rate, args.counts)
+        # What the search would refuse, before the rig's parameters have a part in it.
+        MDESettings(generations=args.generations)
+        require_runs(1, 1, args.seed)
+    if args.design:
         with _progress_bar() as progress:
             found = design(
                 parameters,
@@ -108,7 +114,7 @@ def run(args: argparse.Namespace) -> int:
             )
     else:
         train, duration = read_exciter(args.check)
-        experiment = Experiment(duration or args.duration, 1 / args.rate, args.counts)
+        experiment = replace(experiment, duration=duration or args.duration)
         (found,) = foresee(parameters, [train], experiment)
     torque = max(abs(found.train.amplitude_min), abs(found.train.amplitude_max))
     (paper,) = foresee(parameters, [paper_pulses(args.torque if args.design else torque)], experiment)

@@ -31,8 +31,8 @@ Estimate the parameters of a rig from recorded bags and write them to a result f
 
 BAG is the folder of a bag or its .mcap file, also of one that was never closed; @START:END takes a window of it, in
 seconds from its first sample. Of one bag without a window the first half estimates and the second validates, as in the
-paper; with a window, the rest of the bag validates; several bags without windows all estimate, and each is foreseen
-from the others.
+paper; with a window, the rest of the bag validates, but for parts shorter than a second; several bags without windows
+all estimate, and each is foreseen from the others.
 
 What lasts longer than ten minutes, or has more than 200 000 samples, is read piece by piece: energy and weak take all
 of it, everything else twelve stretches of 8 s in which the rig is driven. An hour at 1 kHz takes less than 300 MB.
@@ -298,7 +298,7 @@ def _settings(args: argparse.Namespace) -> Any:
 
 
 def _refuse_what_does_nothing(args: argparse.Namespace) -> None:
-    """Refuse options of one optimiser, and bounds of one model, where another was asked for.
+    """Refuse options of one criterion or optimiser, and bounds of one model, where another was asked for.
 
     Raises:
         UsageError: it names them both.
@@ -306,11 +306,22 @@ def _refuse_what_does_nothing(args: argparse.Namespace) -> None:
     from pendubot_identification.core.model.parameters import MODELS, NAMES
 
     for option in ('runs', 'population', 'generations', 'spread', 'per_vector'):
-        given = getattr(args, option)
-        # Of a spread, 0 is something.
-        if args.optimizer == 'lsq' and given is not None and given is not False:
+        given, name = getattr(args, option), option.replace('_', '-')
+        if given is None or given is False:  # of a spread, 0 is something
+            continue
+        if args.optimizer == 'lsq':
+            raise UsageError(f'--{name} is of MDE, and --optimizer lsq does without; leave one of the two out')
+        if args.optimizer == 'auto' and args.criterion == ('trajectory',):
             raise UsageError(
-                f'--{option.replace("_", "-")} is of MDE, and --optimizer lsq does without; leave one of the two out'
+                f'--{name} is of MDE, and --criterion trajectory does without unless it is asked for; leave it out, or '
+                'add --optimizer mde'
+            )
+    # Of energy, a delay would but silence what is said of stamps that are off.
+    for option, users in (('sliding', ('energy',)), ('delay', ('weak', 'trajectory')), ('start', ('trajectory',))):
+        if getattr(args, option) is not None and not set(users) & set(args.criterion):
+            raise UsageError(
+                f'--{option} is of {" and ".join(users)}, and --criterion {",".join(args.criterion)} does without; '
+                'leave one of the two out'
             )
     names = NAMES[: MODELS.get(args.model, len(NAMES))]
     for text in args.bounds:

@@ -9,6 +9,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from .usage import UsageError
+
 if TYPE_CHECKING:
     from pendubot_identification.adapters.datasets import Datasets
     from pendubot_identification.adapters.files import OutputFolder
@@ -81,13 +83,13 @@ def add_parser(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the experiments, write, print."""
     from pendubot_identification.adapters.files import OutputFolder
-    from pendubot_identification.core.errors import ParameterError, PendubotError
+    from pendubot_identification.core.errors import PendubotError
     from pendubot_identification.core.paper.trials import MOST_RUNS
 
     if not 1 <= args.runs <= MOST_RUNS:
-        raise ParameterError(f'{args.runs} runs were asked for; a number from 1 to {MOST_RUNS} is expected')
+        raise UsageError(f'{args.runs} runs were asked for; a number from 1 to {MOST_RUNS} is expected')
     if args.seed < 0:
-        raise ParameterError(f'the seed is {args.seed}; a whole number of at least 0 is expected')
+        raise UsageError(f'the seed is {args.seed}; a whole number of at least 0 is expected')
     made = _Reproduction(OutputFolder(args.output, overwrite=args.force), args)
     try:
         made.everything()

@@ -37,7 +37,6 @@ STYLE = {
     'figure.constrained_layout.w_pad': 0.09,
 }
 STATE_LABELS = ('q1 [rad]', 'q2 [rad]', "q1' [rad/s]", "q2' [rad/s]")
-BALANCE_UNITS = {'shoulder': 'N m', 'elbow': 'N m', 'energy': 'W'}
 
 
 @dataclass(frozen=True, slots=True)

@@ -116,5 +116,24 @@ def test_a_file_by_hand_with_nothing_but_values_is_enough(name):
     assert 'not known' in text
 
 
+@pytest.mark.parametrize(
+    ('last', 'size', 'left_out'), [('Fc1', 9, {'Fc2'}), ('J2', 10, {'Fc1', 'Fc2'}), ('k1', 14, {'Fs2', 'k2'})]
+)
+def test_what_a_hand_left_out_is_0_in_its_own_place(last, size, left_out):
+    """Whatever the order in which the hand wrote."""
+    theta = {name: 0.5 + k for k, name in enumerate(NAMES[:size])} | dict.fromkeys(left_out, 0.0)
+    given = {name: {'value': value} for name, value in reversed(theta.items()) if name not in left_out}
+    assert last in given
+    result = {'schema': 1, 'parameters': given}
+    struct = evaluated(FORMATS['matlab'](result))
+    assert (struct['theta'], struct['names']) == (list(theta.values()), list(theta))
+    assert yaml.safe_load(FORMATS['yaml'](result))['/**']['ros__parameters'] == theta
+    header = FORMATS['c'](result)
+    macros = dict(re.findall(r'#define PENDUBOT_(\w+) \((.*?)\)', header))
+    assert f'#define PENDUBOT_COUNT {size}\n' in header
+    (names,) = re.findall(r'#define PENDUBOT_THETA {(.*)}', header)
+    assert [float(macros[name.removeprefix('PENDUBOT_')]) for name in names.split(', ')] == list(theta.values())
+
+
 def test_every_suffix_names_a_format():
     assert set(SUFFIXES.values()) == set(FORMATS)

@@ -74,5 +74,8 @@ def test_answers_and_hold():
         values = [entry['value'] for entry in result['criteria'][name]['parameters'].values()]
         assert answer.theta.tolist() == values
         assert answer.delay == result['criteria'][name]['effort']['delay']
+        # As a program would write it that sorts what it writes.
+        result['criteria'][name]['parameters'] = dict(reversed(result['criteria'][name]['parameters'].items()))
+        assert answers(result)[name].theta.tolist() == values
     assert hold(result) == 'zero'
     assert hold(plain(('energy',), hold='linear')) == 'linear', 'energy never asks, but the states may be simulated so'

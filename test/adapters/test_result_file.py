@@ -15,6 +15,7 @@ from pendubot_identification.adapters.result_file import (
     SCHEMA,
     read_parameters,
     read_result,
+    read_whole_result,
     result_data,
     write_result,
 )
@@ -185,7 +186,6 @@ def test_parameters_that_are_0_may_be_absent(tmp_path):
         ({'P1': {'value': None}}, 'P1'),
         ({'P1': {'value': float('nan')}}, 'P1'),
         ({'P1': {'std_error': 1.0}}, 'P1'),
-        ({'k2': {'value': 'much'}}, 'k2'),
         ({'P6': {'value': 1.0}}, 'P6'),
         ({7: {'value': 1.0}}, '7'),
     ],
@@ -195,6 +195,41 @@ def test_what_is_no_parameter_vector_is_one_sentence(tmp_path, change, named):
     entries = {name: entry for name, entry in entries.items() if entry is not None}
     with pytest.raises(ResultError, match=f'look at {named}; a number each is expected for P1, P2'):
         read_parameters(written(tmp_path / 'r.yaml', entries))
+
+
+def test_numbers_as_a_hand_writes_them_are_numbers(tmp_path):
+    """YAML takes 4e-4, without a point, for a word, and 1 for a whole number."""
+    path = tmp_path / 'r.yaml'
+    others = ', '.join(f'{name}: {{value: 1}}' for name in ('P1', 'P3', 'P4', 'P5', 'b1', 'b2'))
+    entry = '{value: 4e-4, std_error: 2e-5, interval: [36e-5, 44e-5]}'
+    path.write_text(f'schema: 1\nparameters: {{P2: {entry}, {others}}}\n')
+    parameters = read_result(path)['parameters']
+    assert tuple(parameters) == NAMES[:7], 'in the order of theta, whatever the order of the file'
+    assert parameters['P2'] == {'value': 4e-4, 'std_error': 2e-5, 'interval': [36e-5, 44e-5]}
+    assert all(isinstance(entry['value'], float) for entry in parameters.values())
+
+
+@pytest.mark.parametrize(
+    ('entry', 'sentence'),
+    [
+        ({'value': 'much'}, "r.yaml: b2 has the value 'much'; a number is expected in its place"),
+        ({'value': 1.0, 'std_error': '?'}, r"r.yaml: b2 has the std_error '\?'; a number is expected"),
+        ({'value': 1.0, 'interval': 0.1}, 'r.yaml: b2 has the interval 0.1; two numbers are expected'),
+        ({'value': 1.0, 'interval': [1, 'b']}, r"r.yaml: b2 has the interval \[1, 'b'\]; two numbers are expected"),
+    ],
+)
+def test_what_stands_for_a_number_and_is_none_is_one_sentence(tmp_path, entry, sentence):
+    entries = {name: {'value': value} for name, value in asdict(PAPER).items()} | {'b2': entry}
+    with pytest.raises(ResultError, match=sentence):
+        read_result(written(tmp_path / 'r.yaml', entries))
+
+
+def test_a_result_that_lost_a_value_is_none(tmp_path):
+    data = plain()
+    data['parameters']['P4']['value'] = None
+    write_result(tmp_path / 'r.yaml', data)
+    with pytest.raises(ResultError, match='look at P4; a number each'):
+        read_whole_result(tmp_path / 'r.yaml')
 
 
 @pytest.mark.parametrize('entries', [None, [], 'P1', {}])

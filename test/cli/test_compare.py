@@ -94,6 +94,19 @@ def test_models_of_different_size_and_parameters_by_hand(results, tmp_path, caps
     assert compare(capsys, *named)[0] == 0
 
 
+def test_what_a_hand_left_out_is_0_in_its_own_place(results, tmp_path, capsys):
+    """Without Fc2, J2 is still J2."""
+    values = {name: {'value': entry['value']} for name, entry in plain(('weak',))['parameters'].items()}
+    values |= {'Fc1': {'value': 0.001}, 'J2': {'value': 0.0003}}
+    for name, left_out in (('short', {}), ('long', {'Fc2': {'value': 0}})):
+        text = yaml.safe_dump({'schema': 1, 'parameters': values | left_out})
+        (tmp_path / f'{name}.yaml').write_text(text)
+    named = (tmp_path / 'short.yaml', tmp_path / 'long.yaml', '--on', f'{SAMPLE}@9:12', '--json')
+    status, out, _ = compare(capsys, *named)
+    short, long = json.loads(out)['error']
+    assert (status, short) == (0, long)
+
+
 @pytest.mark.parametrize('options', [[], ['--on', f'{SAMPLE}@9:12']])
 def test_parameters_that_no_rig_has_are_said_to_be_so(results, capsys, options):
     data = yaml.safe_load((results / 'b.yaml').read_text())

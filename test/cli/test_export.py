@@ -70,6 +70,15 @@ def test_parameters_that_no_rig_has_are_said_to_be_so(result, capsys, name):
     assert 'level ERROR' in printed.err
 
 
+def test_numbers_that_a_hand_wrote_are_numbers(tmp_path, capsys):
+    names = ('P1', 'P2', 'P4', 'P5', 'b1', 'b2')
+    entries = ', '.join(f'{name}: {{value: 4e-4}}' for name in names)
+    (tmp_path / 'hand.yaml').write_text(f'schema: 1\nparameters: {{{entries}, P3: {{value: 0}}}}\n')
+    assert main(['export', str(tmp_path / 'hand.yaml'), '--format', 'json']) == 0
+    parameters = json.loads(capsys.readouterr().out)['parameters']
+    assert [parameters[name] for name in names] == [{'value': 4e-4}] * 6
+
+
 @pytest.mark.parametrize(
     ('arguments', 'status', 'sentence'),
     [

@@ -126,6 +126,7 @@ def test_json_is_the_result_and_nothing_else(capsys, bag):
         (['{}@0:6', '{}@12:'], {'training': [600, 600], 'validation': [600]}),
         (['{}', '{}'], {'training': [1800, 1800], 'validation': []}),
         (['{}@0:'], {'training': [1800], 'validation': []}),
+        (['{}@0.9:9'], {'training': [810], 'validation': [900]}),
     ],
 )
 def test_windows_divide_a_bag_as_documented(capsys, bag, arguments, roles):
@@ -134,6 +135,18 @@ def test_windows_divide_a_bag_as_documented(capsys, bag, arguments, roles):
     bags = json.loads(out)['bags']
     for role, samples in roles.items():
         assert [b['samples'] for b in bags if b['role'] == role] == samples
+
+
+def test_a_remainder_too_short_to_judge_by_costs_no_result(capsys, tmp_path):
+    """0.2 s at 500 Hz: samples enough, but shorter than a bump of the weak criterion."""
+    fast = tmp_path / 'fast'
+    assert main(['simulate', '--output', str(fast), '--rate', '500', '--samples', '3000']) == 0
+    capsys.readouterr()
+    options = ('--criterion', 'weak', '--optimizer', 'lsq', '--hold', 'zero', '--delay', '0')
+    result = one(capsys, f'{fast}@0.2:4', *options)
+    assert [b['bag'] for b in result['bags']] == [f'{fast}@0.2:4', f'{fast}@4:']
+    alone = one(capsys, f'{fast}@0.2:5.8', *options)
+    assert [b['role'] for b in alone['bags']] == ['training']
 
 
 def test_same_seed_same_result(capsys, bag):
@@ -209,6 +222,14 @@ def test_hold_and_delay_are_as_asked_for(capsys, bag):
     found = one(capsys, bag, '--criterion', 'weak', '--hold', 'zero', '--delay=-0.02:0.02')
     assert abs(found['effort']['delay']) < 0.002
     assert found['made_by']['delays'] == [-0.02, 0.02]
+
+
+def test_no_delay_at_all_is_no_end_of_a_search(capsys):
+    """The torque of the sample bag acts at once, where a search from 0 on ends; one from 2 ms on ends elsewhere."""
+    for searched, warned in (('0:0.02', False), ('0.002:0.02', True)):
+        result = one(capsys, SAMPLE, '--criterion', 'weak', '--optimizer', 'lsq', '--hold', 'zero', '--delay', searched)
+        assert result['effort']['delay'] == pytest.approx(float(searched.split(':')[0]), abs=1e-4)
+        assert any('the end of where it was searched' in w for w in result['warnings']) == warned
 
 
 def test_a_link_of_another_length_is_named(capsys, bag):
@@ -315,6 +336,12 @@ def test_what_a_user_did_wrong_is_one_sentence(capsys, bag, arguments, sentence)
         (['{bag}', '--population', '30', '--optimizer', 'lsq'], '--population is of MDE'),
         (['{bag}', '--per-vector', '--optimizer', 'lsq'], '--per-vector is of MDE'),
         (['{bag}', '--spread', '0', '--optimizer', 'lsq'], '--spread is of MDE'),
+        (['{bag}', '--criterion', 'trajectory', '--runs', '5'], '--runs is of MDE, and --criterion trajectory does'),
+        (['{bag}', '--criterion', 'trajectory', '--per-vector'], '--per-vector is of MDE, and --criterion trajectory'),
+        (['{bag}', '--criterion', 'energy', '--delay', '0:0.02'], '--delay is of weak and trajectory, and --criterion'),
+        (['{bag}', '--criterion', 'energy', '--start', 'x.yaml'], '--start is of trajectory, and --criterion energy'),
+        (['{bag}', '--criterion', 'energy,weak', '--start', 'x.yaml'], 'and --criterion energy,weak does without'),
+        (['{bag}', '--criterion', 'weak', '--sliding', '0.3'], '--sliding is of energy, and --criterion weak does'),
         (['{bag}', '--spread', '-1'], '--spread is -1; 0, which takes every generation, or a number above it'),
         (['{bag}', '--delay', '3'], 'two times within half a second are expected'),
         (['{bag}', '--link-length', '0'], 'length of link 1 is 0 m'),

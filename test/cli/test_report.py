@@ -96,6 +96,17 @@ def test_a_reference_stands_beside_the_result(made, tmp_path, capsys):
     assert 'earlier result' not in ' '.join(page.text)
 
 
+def test_a_reference_may_write_numbers_without_a_point(made, tmp_path, capsys):
+    """As YAML does not."""
+    by_hand = ', '.join(f'{name}: {{value: 4e-4}}' for name in ('P1', 'P2', 'P4', 'P5', 'b1', 'b2'))
+    (tmp_path / 'hand.yaml').write_text(f'schema: 1\nparameters: {{{by_hand}, P3: {{value: 1e-4}}}}\n')
+    arguments = ('report', made / 'result.yaml', '--reference', tmp_path / 'hand.yaml', '--output', tmp_path / 'out')
+    status, _, err = run(capsys, *arguments)
+    assert (status, err) == (0, '')
+    page = Page((tmp_path / 'out' / 'report.html').read_text())
+    assert {float(a['value']) for a, _ in page.data if a.get('data-of')} == {4e-4, 1e-4}
+
+
 def test_a_reference_that_no_rig_has_is_said_to_be_so(made, tmp_path, capsys):
     by_hand = yaml.safe_load((made / 'result.yaml').read_text())
     by_hand['parameters']['P1']['value'] = -0.0022

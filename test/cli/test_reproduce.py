@@ -126,23 +126,23 @@ def test_a_folder_that_exists_is_left_alone_unless_force_is_said(tmp_path, capsy
 
 
 @pytest.mark.parametrize(
-    ('arguments', 'sentence'),
+    ('arguments', 'status', 'sentence'),
     [
-        (['--runs', 0], '0 runs were asked for; a number from 1 to 67 is expected'),
-        (['--runs', -3], '-3 runs were asked for'),
-        (['--runs', 68], 'a number from 1 to 67'),
-        (['--seed', -1], 'the seed is -1'),
-        (['--output', '{}/file/out'], 'cannot be written'),
-        (['--output', '/proc/out'], 'cannot be written'),
-        (['--output', '{}/file', '--force'], 'cannot be written'),
+        (['--runs', 0], 2, '0 runs were asked for; a number from 1 to 67 is expected'),
+        (['--runs', -3], 2, '-3 runs were asked for'),
+        (['--runs', 68], 2, 'a number from 1 to 67'),
+        (['--seed', -1], 2, 'the seed is -1'),
+        (['--output', '{}/file/out'], 1, 'cannot be written'),
+        (['--output', '/proc/out'], 1, 'cannot be written'),
+        (['--output', '{}/file', '--force'], 1, 'cannot be written'),
     ],
 )
-def test_what_makes_no_sense_is_refused_in_a_sentence_and_nothing_is_written(tmp_path, capsys, arguments, sentence):
+def test_what_makes_no_sense_is_refused_and_nothing_is_written(tmp_path, capsys, arguments, status, sentence):
     (tmp_path / 'file').write_text('a file')
     arguments = [str(a).format(tmp_path) for a in arguments]
     if '--output' not in arguments:
         arguments += ['--output', str(tmp_path / 'out')]
-    assert reproduce(*arguments) == 1
+    assert reproduce(*arguments) == status
     (line,) = capsys.readouterr().err.strip().splitlines()
     assert line.startswith('pendubot: ')
     assert sentence in line

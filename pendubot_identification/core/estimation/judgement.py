@@ -169,9 +169,12 @@ def _doubts(estimate: Estimate, settings: Settings) -> list[str]:
             'foresee data that they have not seen'
         )
     low, high = settings.delays
-    if low < high and not low + 1e-4 < estimate.effort.delay < high - 1e-4 and estimate.criterion != 'energy':
+    delay = estimate.effort.delay
+    # No delay at all is what a rig has at best, and no end of a search.
+    at_end = delay >= high - 1e-4 or (low != 0 and delay <= low + 1e-4)
+    if low < high and at_end and estimate.criterion != 'energy':
         doubts.append(
-            f'the delay of the effort lies at {estimate.effort.delay:.4f} s, the end of where it was searched; are the '
+            f'the delay of the effort lies at {delay:.4f} s, the end of where it was searched; are the '
             'stamps of effort and angles of one clock?'
         )
     return doubts

@@ -69,11 +69,11 @@ class MDESettings:
             raise ParameterError(f'the spread at which a run stops is {self.spread:g}; a number above 0 is expected')
         if not 0 <= self.threshold <= 1:
             raise ParameterError(f'the threshold is {self.threshold:g}; a probability from 0 to 1 is expected')
-        for name, (low, high) in (('weight F', self.weight), ('crossover rate CR', self.crossover)):
-            if not 0 <= low <= high <= 2:
-                raise ParameterError(f'the range of the {name} is {low:g} to {high:g}; 0 <= low <= high is expected')
-        if self.crossover[1] > 1:
-            raise ParameterError(f'the crossover rate CR reaches {self.crossover[1]:g}; at most 1 is expected')
+        for name, (low, high), most in (('weight F', self.weight, 2), ('crossover rate CR', self.crossover, 1)):
+            if not 0 <= low <= high <= most:
+                raise ParameterError(
+                    f'the range of the {name} is {low:g} to {high:g}; 0 <= low <= high <= {most} is expected'
+                )
 
     @property
     def threshold_units(self) -> int:

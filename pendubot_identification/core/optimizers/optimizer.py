@@ -35,7 +35,7 @@ class OptimizationResult:
         evaluations: how many function values each run asked for, shape (runs,).
         history: the best value after each generation, shape (generations + 1, runs); a run that stopped keeps its last.
         cost: how many function values a run had asked for after each generation, shape (generations + 1,).
-        stopped_by: per run ``generations``, ``target`` or ``spread``.
+        stopped_by: per run ``generations`` (of PSO ``evaluations``), ``target`` or ``spread``.
     """
 
     x: Array

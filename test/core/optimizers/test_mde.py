@@ -218,7 +218,8 @@ def test_the_operator_depends_neither_on_the_crossover_rate_nor_on_how_a_compone
         ({'generations': 0}, 'at least 1'),
         ({'threshold': 1.5}, 'from 0 to 1'),
         ({'weight': (1.0, 0.4)}, 'weight F'),
-        ({'crossover': (0.7, 1.2)}, 'at most 1'),
+        ({'crossover': (0.7, 1.2)}, '0.7 to 1.2; 0 <= low <= high <= 1 is expected'),
+        ({'weight': (0.4, 2.5)}, '0.4 to 2.5; 0 <= low <= high <= 2 is expected'),
         ({'spread': 0.0}, 'above 0'),
     ],
 )
