@@ -27,6 +27,7 @@ from pendubot_identification.core.link.host_config import HostConfig
 from pendubot_identification.core.link.news import Armed, ArmingFailed, HostEvent, Report, Sample
 
 from .diagnostics import diagnostics_message
+from .ending import Ending
 from .joint_state_bytes import JointStateBytes
 from .runtime import Setting, SettingsNode, run
 from .steady_time import SteadyTime
@@ -49,15 +50,13 @@ class Bridge(SettingsNode):
         Setting('sign', [1, 1], '1 or -1 for each joint: which way its encoder counts', '', -1, 1),
         Setting('zero', [-math.pi / 2, 0.0], 'position of each joint at count 0', 'rad', -7.0, 7.0),
         Setting('counts_per_turn', [0, 0], 'of each encoder; 0 asks the board', 'counts', 0, 1 << 31),
-        Setting(
-            'torque_limit', 2.0, 'largest torque that is ever sent; the board has its own limit', 'N m', 0.0, 1000.0
-        ),
+        Setting('torque_limit', 2.0, 'largest torque ever sent; the board has its own limit', 'N m', 0.0, 1000.0),
         Setting('watchdog_ms', 100, 'without a command for so long the board stops its motor', 'ms', 10, 65535),
         Setting('command_timeout', 0.1, 'without an effort command for so long the torque is 0', 's', 0.001, 3600.0),
         Setting('max_speed', 100.0, 'a sample that would need a higher speed is not published', 'rad/s', 0.1, 1e6),
     )
 
-    def __init__(self, ended: threading.Event) -> None:
+    def __init__(self, ended: Ending) -> None:
         super().__init__(ended)
         s = self.settings()
         frozen: dict[str, Any] = {name: tuple(v) if isinstance(v, list) else v for name, v in s.items()}

@@ -273,7 +273,7 @@ def serve(tmp_path):
 
         def run():
             with server:
-                server.serve(stop)
+                server.serve(stop.is_set)
 
         threads.append(threading.Thread(target=run))
         threads[-1].start()
