@@ -115,15 +115,15 @@ class Bridge(SettingsNode):
                 if data := self._host.data_to_send():
                     self._link.write(data)
                 for event in events:
-                    # Told in here, so that what one thread reports cannot overtake what another did before.
+                    # In here, so that what one thread reports, or answers, cannot overtake what another did before.
                     if isinstance(event, Report):
                         self._health.note(event)
                         self._log(event)
+                    elif isinstance(event, (Armed, ArmingFailed)):
+                        self._answer(event)
             for event in events:
                 if isinstance(event, Sample):
                     self._publish(event)
-                elif isinstance(event, (Armed, ArmingFailed)):
-                    self._answer(event)
         except Exception as error:
             if not self._closing.is_set():
                 self.get_logger().fatal(f'{type(error).__name__}: {error}; ending')
@@ -139,9 +139,8 @@ class Bridge(SettingsNode):
             self.get_logger().info(report.text)
 
     def _answer(self, outcome: Armed | ArmingFailed) -> None:
-        waiting, self._arming = self._arming, []
-        for future in waiting:
-            future.set_result(outcome)
+        while self._arming:
+            self._arming.pop().set_result(outcome)
         if self.executor is not None:
             self.executor.wake()
 
@@ -173,15 +172,17 @@ class Bridge(SettingsNode):
 
     async def _on_arm(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         future = Future()
-        self._arming.append(future)
-        # Not while it is closing: the last that the board hears has to be the disarm.
-        ending: list[HostEvent] = [ArmingFailed('the bridge is ending')]
-        self._step(lambda now: ending if self._closing.is_set() else self._host.arm(now))
+        self._step(lambda now: self._arm(future, now))
         outcome: Armed | ArmingFailed = await future
         response.success = isinstance(outcome, Armed)
         response.message = outcome.reason if isinstance(outcome, ArmingFailed) else 'armed'
         self.get_logger().info(f'arming: {response.message}')
         return response
+
+    def _arm(self, future: Future, now: int) -> list[HostEvent]:
+        self._arming.append(future)
+        # Not while it is closing: the last that the board hears has to be the disarm.
+        return [ArmingFailed('the bridge is ending')] if self._closing.is_set() else self._host.arm(now)
 
     def _on_disarm(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._step(self._host.disarm)
