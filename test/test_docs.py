@@ -165,7 +165,8 @@ def symptoms():
 
 
 def test_every_message_that_troubleshooting_explains_is_one_that_is_given():
-    given = [message for path in (ROOT / PACKAGE).rglob('*.py') for message in messages(path)]
+    paths = [*(ROOT / PACKAGE).rglob('*.py'), *(ROOT / 'launch').glob('*.py')]
+    given = [message for path in paths for message in messages(path)]
     for symptom in symptoms():
         parts = [part.strip() for part in symptom.split('…')]
         pattern = '.*'.join(map(re.escape, parts))

@@ -7,7 +7,6 @@ import ctypes
 import os
 import pty
 import select
-import threading
 import time
 import tty
 from collections.abc import Callable, Iterator
@@ -56,8 +55,7 @@ class PtyServer:
         self._master: int | None = None
         self._slave_path = ''
         self._trace = _create(trace) if trace else None
-        self._plugged_in = threading.Event()
-        self._plugged_in.set()
+        self._plugged_in = True
         try:
             self._plug()
         except LinkError:
@@ -75,31 +73,31 @@ class PtyServer:
 
     def pull(self) -> None:
         """Pull the cable in the middle of the next frame; the board goes on. Also from a signal handler."""
-        self._plugged_in.clear()
+        self._plugged_in = False
 
     def plug(self) -> None:
         """Put the cable back: another pseudo-terminal behind the same link."""
-        self._plugged_in.set()
+        self._plugged_in = True
 
-    def serve(self, stop: threading.Event, duration: float = float('inf')) -> None:
-        """Serve until ``stop`` is set or ``duration`` [s] is over.
+    def serve(self, stopped: Callable[[], bool], duration: float = float('inf')) -> None:
+        """Serve until ``stopped`` says so or ``duration`` [s] is over.
 
         Samples are due at multiples of the period from the start, so that neither lateness nor drift adds up.
         """
         _wake_in_time()
         period = self._board.settings.sample_period_us * 1000
         start = due = time.monotonic_ns()
-        while not stop.is_set() and due - start < duration * 1e9:
+        while not stopped() and due - start < duration * 1e9:
             wait = max(0, due - time.monotonic_ns()) * 1e-9
             self._receive(wait)
             if time.monotonic_ns() >= due:
                 data = self._board.sample()
                 # First, so that the trace holds every sample that a host has.
                 self._write_trace()
-                if self._master is None and self._plugged_in.is_set():
+                if self._master is None and self._plugged_in:
                     self._plug()
                     self._tell('cable in')
-                if self._plugged_in.is_set():
+                if self._plugged_in:
                     self._send(data)
                 elif self._master is not None:
                     self._send(data[: len(data) // 2])

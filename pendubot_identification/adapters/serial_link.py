@@ -35,7 +35,6 @@ _TROUBLES = {
     errno.EACCES: _FORBIDDEN,
     errno.EPERM: _FORBIDDEN,
 }
-_OPENING_FAILS = (OSError, termios.error, ValueError)
 
 
 class SerialLink:
@@ -93,7 +92,7 @@ class SerialLink:
         while not self._stopping.is_set():
             try:
                 device = open_port(self._port, self._baud)
-            except _OPENING_FAILS as error:
+            except Exception as error:
                 # Who holds a busy port takes a while to find out: only where it is news.
                 if (trouble := _trouble(error)) != told:
                     told = trouble
@@ -183,6 +182,7 @@ def open_port(port: str, baud: int) -> serial.SerialBase:
 
     Raises:
         OSError, termios.error, ValueError: it is missing, busy, forbidden, or no serial port.
+        Exception: a URL of which pyserial makes nothing: re.error, KeyError and others.
     """
     device = serial.serial_for_url(port, baud, timeout=_READ_TIMEOUT, write_timeout=_WRITE_TIMEOUT, exclusive=True)
     try:
@@ -207,7 +207,7 @@ def _keep_to_ourselves(device: serial.SerialBase) -> None:
 
 def _trouble(error: Exception) -> str:
     """Return what kind of trouble it is, or, where it is none of the usual ones, what the system says."""
-    return _TROUBLES.get(getattr(error, 'errno', None) or 0, str(error))
+    return _TROUBLES.get(getattr(error, 'errno', None) or 0, str(error) or type(error).__name__)
 
 
 def _sentence(port: str, trouble: str) -> str:

@@ -27,6 +27,7 @@ from pendubot_identification.core.level import Level
 from pendubot_identification.core.model.parameters import Parameters
 
 from .diagnostics import diagnostics_message
+from .ending import Ending
 from .messages import LATCHED, joint_sample
 from .runtime import Setting, SettingsNode, run
 
@@ -56,7 +57,7 @@ class Balancer(SettingsNode):
         Setting('max_age', 0.1, 'a sample older than this, or missing for so long, stops', 's', 0.001, 10.0),
     )
 
-    def __init__(self, ended: threading.Event) -> None:
+    def __init__(self, ended: Ending) -> None:
         super().__init__(ended)
         s = self.settings()
         self._names, self._max_age = s['joint_names'], s['max_age']

@@ -27,6 +27,7 @@ from pendubot_identification.core.link.host_config import HostConfig
 from pendubot_identification.core.link.news import Armed, ArmingFailed, HostEvent, Report, Sample
 
 from .diagnostics import diagnostics_message
+from .ending import Ending
 from .joint_state_bytes import JointStateBytes
 from .runtime import Setting, SettingsNode, run
 from .steady_time import SteadyTime
@@ -49,15 +50,13 @@ class Bridge(SettingsNode):
         Setting('sign', [1, 1], '1 or -1 for each joint: which way its encoder counts', '', -1, 1),
         Setting('zero', [-math.pi / 2, 0.0], 'position of each joint at count 0', 'rad', -7.0, 7.0),
         Setting('counts_per_turn', [0, 0], 'of each encoder; 0 asks the board', 'counts', 0, 1 << 31),
-        Setting(
-            'torque_limit', 2.0, 'largest torque that is ever sent; the board has its own limit', 'N m', 0.0, 1000.0
-        ),
+        Setting('torque_limit', 2.0, 'largest torque ever sent; the board has its own limit', 'N m', 0.0, 1000.0),
         Setting('watchdog_ms', 100, 'without a command for so long the board stops its motor', 'ms', 10, 65535),
         Setting('command_timeout', 0.1, 'without an effort command for so long the torque is 0', 's', 0.001, 3600.0),
         Setting('max_speed', 100.0, 'a sample that would need a higher speed is not published', 'rad/s', 0.1, 1e6),
     )
 
-    def __init__(self, ended: threading.Event) -> None:
+    def __init__(self, ended: Ending) -> None:
         super().__init__(ended)
         s = self.settings()
         frozen: dict[str, Any] = {name: tuple(v) if isinstance(v, list) else v for name, v in s.items()}
@@ -116,15 +115,15 @@ class Bridge(SettingsNode):
                 if data := self._host.data_to_send():
                     self._link.write(data)
                 for event in events:
-                    # Told in here, so that what one thread reports cannot overtake what another did before.
+                    # In here, so that what one thread reports, or answers, cannot overtake what another did before.
                     if isinstance(event, Report):
                         self._health.note(event)
                         self._log(event)
+                    elif isinstance(event, (Armed, ArmingFailed)):
+                        self._answer(event)
             for event in events:
                 if isinstance(event, Sample):
                     self._publish(event)
-                elif isinstance(event, (Armed, ArmingFailed)):
-                    self._answer(event)
         except Exception as error:
             if not self._closing.is_set():
                 self.get_logger().fatal(f'{type(error).__name__}: {error}; ending')
@@ -140,9 +139,8 @@ class Bridge(SettingsNode):
             self.get_logger().info(report.text)
 
     def _answer(self, outcome: Armed | ArmingFailed) -> None:
-        waiting, self._arming = self._arming, []
-        for future in waiting:
-            future.set_result(outcome)
+        while self._arming:
+            self._arming.pop().set_result(outcome)
         if self.executor is not None:
             self.executor.wake()
 
@@ -174,15 +172,17 @@ class Bridge(SettingsNode):
 
     async def _on_arm(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         future = Future()
-        self._arming.append(future)
-        # Not while it is closing: the last that the board hears has to be the disarm.
-        ending: list[HostEvent] = [ArmingFailed('the bridge is ending')]
-        self._step(lambda now: ending if self._closing.is_set() else self._host.arm(now))
+        self._step(lambda now: self._arm(future, now))
         outcome: Armed | ArmingFailed = await future
         response.success = isinstance(outcome, Armed)
         response.message = outcome.reason if isinstance(outcome, ArmingFailed) else 'armed'
         self.get_logger().info(f'arming: {response.message}')
         return response
+
+    def _arm(self, future: Future, now: int) -> list[HostEvent]:
+        self._arming.append(future)
+        # Not while it is closing: the last that the board hears has to be the disarm.
+        return [ArmingFailed('the bridge is ending')] if self._closing.is_set() else self._host.arm(now)
 
     def _on_disarm(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._step(self._host.disarm)

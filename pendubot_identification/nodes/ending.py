@@ -2,15 +2,46 @@
 
 from __future__ import annotations
 
+import queue
 import signal
 from collections.abc import Callable
+from contextlib import suppress
 
 #: The last comes when a terminal is closed, or a connection over which the program was started is lost.
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
+class Ending:
+    """That a program is to end: said by any thread and by any signal's handler, for good, and waited for by any thread.
+
+    Not threading.Event: that takes a lock, for which a handler would wait forever where it interrupts its own thread
+    holding it, in ``wait`` or in another handler's ``set``. A SimpleQueue's put may interrupt its get and itself.
+    """
+
+    def __init__(self) -> None:
+        self._set = False
+        self._woken: queue.SimpleQueue[None] = queue.SimpleQueue()
+
+    def set(self) -> None:
+        """Say it; whoever waits goes on."""
+        self._set = True
+        self._woken.put(None)
+
+    def is_set(self) -> bool:
+        """Tell whether it was said."""
+        return self._set
+
+    def wait(self, timeout: float | None = None) -> bool:
+        """Wait until it is said, or for so long [s]; return whether it was."""
+        with suppress(queue.Empty):
+            self._woken.get(timeout=timeout)
+            # For whoever else waits.
+            self._woken.put(None)
+        return self._set
+
+
 def at_signal(end: Callable[[], object]) -> None:
-    """Have this called at every signal that ends a program."""
+    """Have this called at every signal that ends a program; it may be interrupted by itself."""
     for number in SIGNALS:
         # Who starts it by nohup wants it to go on.
         if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:

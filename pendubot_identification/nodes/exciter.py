@@ -14,6 +14,7 @@ from std_srvs.srv import Trigger
 
 from pendubot_identification.core.experiment.excitation import PulseTrain
 
+from .ending import Ending
 from .presence import rival
 from .runtime import Setting, SettingsNode, run
 
@@ -44,7 +45,7 @@ class Exciter(SettingsNode):
         Setting('arm', False, 'whether it arms the bridge itself; otherwise it waits until you call /bridge/arm'),
     )
 
-    def __init__(self, ended: threading.Event) -> None:
+    def __init__(self, ended: Ending) -> None:
         super().__init__(ended)
         values = self.settings()
         self._pulses = _pulses(values)

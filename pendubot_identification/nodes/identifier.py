@@ -24,6 +24,7 @@ from pendubot_identification.core.model.parameters import MODELS, NAMES, Bounds,
 from pendubot_identification.report.tables import whole
 
 from .diagnostics import diagnostics_message
+from .ending import Ending
 from .messages import LATCHED, identification_values, parameters_message
 from .progress import NodeProgress
 from .runtime import Setting, SettingsNode, run
@@ -74,7 +75,7 @@ class Identifier(SettingsNode):
         Setting('force', False, 'whether an existing result file is overwritten', dynamic=True),
     )
 
-    def __init__(self, ended: threading.Event) -> None:
+    def __init__(self, ended: Ending) -> None:
         super().__init__(ended)
         self._params = self.create_publisher(Float64MultiArray, '/pendubot/params', LATCHED)
         self._identification = self.create_publisher(DiagnosticArray, '/pendubot/identification', LATCHED)

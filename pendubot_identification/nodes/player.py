@@ -20,6 +20,7 @@ from pendubot_identification.adapters.playback import Playback
 from pendubot_identification.core.errors import ParameterError, PendubotError
 from pendubot_identification.core.messages.pace import Pace
 
+from .ending import Ending
 from .matching import check_names, message_class
 from .presence import CommandGuard
 from .runtime import Setting, SettingsNode, run
@@ -51,7 +52,7 @@ class Player(SettingsNode):
         Setting('wait', 0.0, 'wait at most so long until somebody subscribes to every topic', 's', 0.0, 3600.0),
     )
 
-    def __init__(self, ended: threading.Event) -> None:
+    def __init__(self, ended: Ending) -> None:
         super().__init__(ended)
         s = self.settings()
         self._playback = Playback(Path(s['bag']), [name for name in s['topics'] if name])

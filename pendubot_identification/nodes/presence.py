@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 import time
 from collections.abc import Callable, Iterable, Sequence
 
@@ -12,6 +11,8 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 from std_msgs.msg import Float64
 
 from pendubot_identification.core.errors import PendubotError
+
+from .ending import Ending
 
 #: The nodes that make a rig move.
 DRIVERS = ('exciter', 'balancer')
@@ -36,7 +37,7 @@ class CommandGuard:
         # Of each: how many listened when it was last looked at, and until when that is believed.
         self._seen = {publisher: (0, 0.0) for publisher in publishers if publisher.msg_type is Float64}
 
-    def look_around(self, ended: threading.Event) -> None:
+    def look_around(self, ended: Ending) -> None:
         """Look who listens, once they had time to be discovered.
 
         Raises:

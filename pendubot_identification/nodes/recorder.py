@@ -23,6 +23,7 @@ from pendubot_identification.core.level import Level
 from pendubot_identification.core.link.health import Diagnosis
 
 from .diagnostics import diagnostics_message
+from .ending import Ending
 from .fetching import DEPTH, Fetcher
 from .matching import check_names, heard, matched, message_class
 from .runtime import Setting, SettingsNode, run
@@ -56,7 +57,7 @@ class Recorder(SettingsNode):
         Setting('max_messages', 0, 'end after so many messages of the first topic; 0: when stopped', minimum=0),
     )
 
-    def __init__(self, ended: threading.Event) -> None:
+    def __init__(self, ended: Ending) -> None:
         super().__init__(ended)
         s = self.settings()
         self._names = self._resolved(s['topics'])

@@ -26,7 +26,7 @@ from rclpy.utilities import remove_ros_args
 from pendubot_identification.adapters.resources import resource
 from pendubot_identification.core.errors import ParameterError, PendubotError
 
-from .ending import at_signal, ended
+from .ending import Ending, at_signal, ended
 from .parameter_files import unheard
 
 
@@ -114,7 +114,7 @@ class SettingsNode(Node):
     SUMMARY: str
     SETTINGS: tuple[Setting, ...]
 
-    def __init__(self, ended: threading.Event) -> None:
+    def __init__(self, ended: Ending) -> None:
         super().__init__(self.PROGRAM)
         self.exit_status = 0
         self.ended = ended
@@ -235,7 +235,7 @@ def run(node_class: type[SettingsNode], args: Sequence[str] | None = None) -> in
 
 
 def _run_until_ended(node_class: type[SettingsNode], argv: Sequence[str]) -> int:
-    ending = threading.Event()
+    ending = Ending()
     at_signal(ending.set)
     # In two steps, so that a node that refuses its parameters takes leave: else others go on seeing its services.
     node = node_class.__new__(node_class)

@@ -8,7 +8,6 @@ import random
 import secrets
 import signal
 import sys
-import threading
 import time
 from collections.abc import Sequence
 from dataclasses import fields
@@ -20,7 +19,7 @@ from pendubot_identification.core.link.virtual_board import BoardSettings, Fault
 from pendubot_identification.core.model.parameters import PRESETS
 from pendubot_identification.core.model.simulation import HANGING, LatePlant
 
-from .ending import at_signal, ended
+from .ending import Ending, at_signal, ended
 
 EPILOG = f"""\
 faults: {', '.join(each.name for each in fields(Faults))}
@@ -155,14 +154,14 @@ def main(args: Sequence[str] | None = None) -> int:
     if options.seed is None:
         # A real board has another boot_id each time it starts; the same one would claim that it never stopped.
         options.seed = secrets.randbits(32)
-    stop = threading.Event()
+    stop = Ending()
     at_signal(stop.set)
     try:
         with PtyServer(make_board(options), options.link, options.trace, _tell) as server:
             signal.signal(signal.SIGUSR1, lambda *_: server.pull())
             signal.signal(signal.SIGUSR2, lambda *_: server.plug())
             print(f'seed {options.seed}\nvirtual board on {server.path}', flush=True)
-            server.serve(stop, options.duration)
+            server.serve(stop.is_set, options.duration)
     except PendubotError as error:
         print(f'virtual_board: {error}', file=sys.stderr)
         return 1

@@ -5,6 +5,7 @@ import errno
 import fcntl
 import os
 import pty
+import re
 import select
 import threading
 import time
@@ -186,6 +187,20 @@ def test_a_port_that_another_program_holds_is_busy_until_it_lets_go(port):
         device.unplug()
 
 
+@pytest.mark.parametrize('url', ['hwgrep://[', 'loop://x?foo=1', 'nope://'])
+def test_a_url_of_which_pyserial_makes_nothing_is_told_and_tried_again(port, monkeypatch, url):
+    """It raises re.error and KeyError, too."""
+    device = Pty(port)
+    true_open = serial.serial_for_url
+    with Ear(url) as ear:
+        ear.wait(lambda e: e.closed)
+        assert re.fullmatch(rf'the port {re.escape(url)} cannot be opened \(.+\); set port to .*', ear.closed[0])
+        monkeypatch.setattr(serial, 'serial_for_url', lambda _, *args, **given: true_open(str(port), *args, **given))
+        ear.wait(lambda e: e.opened)
+        assert len(ear.closed) == 1
+        device.unplug()
+
+
 def test_a_forbidden_port_names_the_remedy(port, monkeypatch):
     device = Pty(port)
     true_open = os.open
@@ -258,7 +273,7 @@ def serve(tmp_path):
 
         def run():
             with server:
-                server.serve(stop)
+                server.serve(stop.is_set)
 
         threads.append(threading.Thread(target=run))
         threads[-1].start()

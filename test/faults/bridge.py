@@ -574,7 +574,7 @@ def torques(folder, _):
     refused = reported = 0
     values = (np.nan, np.inf, -np.inf)
     with live_rig(folder) as rig, PtyServer(board, rig.port) as server:
-        serving = threading.Thread(target=server.serve, args=(stop,))
+        serving = threading.Thread(target=server.serve, args=(stop.is_set,))
         serving.start()
         try:
             # A board that trips on a busy machine would seem to have been disarmed.

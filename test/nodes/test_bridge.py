@@ -2,12 +2,14 @@
 
 import signal
 import threading
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
 import yaml
 
 from pendubot_identification.adapters.resources import resource
+from pendubot_identification.nodes.ending import Ending
 from test.processes import Program, run_program, spin_until
 from test.rig import ARMED, WATCHDOG
 
@@ -66,6 +68,57 @@ def test_nobody_arms_it_again_while_it_ends(rig):
     assert bridge.process.returncode == 0
     r.until(lambda: not r.trace()[-1, 4] & ARMED)
     assert not (r.trace()[:, 4] & WATCHDOG).any()
+
+
+class Turnstile:
+    """A lock at which others come in between, once: ``before`` this thread takes it, or ``after`` it gave it back."""
+
+    def __init__(self, lock, **between):
+        self.lock, self.between, self.thread = lock, between, threading.get_ident()
+
+    def pass_by(self, moment):
+        if threading.get_ident() == self.thread and moment in self.between:
+            self.between.pop(moment)()
+
+    def __enter__(self):
+        self.pass_by('before')
+        self.lock.acquire()
+
+    def __exit__(self, *_):
+        self.lock.release()
+        self.pass_by('after')
+
+
+@pytest.mark.parametrize('where', ['before', 'after'])
+def test_who_arms_is_told_no_outcome_of_what_others_asked_before(ros, monkeypatch, where):
+    """Wherever in between another thread gets the lock: else failure is told, and the motor armed."""
+    from std_srvs.srv import Trigger
+
+    from pendubot_identification.core.link.news import Armed, ArmingFailed
+    from pendubot_identification.nodes.bridge import Bridge
+
+    def others():
+        bridge._step(lambda _: [ArmingFailed('what others asked')])
+
+    def ask():
+        with suppress(StopIteration):
+            asked.send(None)
+
+    bridge = Bridge(Ending())
+    try:
+        monkeypatch.setattr(bridge._host, 'arm', lambda _: [])
+        response = Trigger.Response()
+        asked = bridge._on_arm(Trigger.Request(), response)
+        monkeypatch.setattr(bridge, '_lock', Turnstile(bridge._lock, **{where: others if where == 'before' else ask}))
+        # Before: the others come in between as it asks; after: it comes in between as the others are answered.
+        (ask if where == 'before' else others)()
+        assert response.message == ''
+        bridge._step(lambda _: [Armed()])
+        ask()
+        assert (response.success, response.message) == (True, 'armed')
+    finally:
+        bridge.close()
+        bridge.destroy_node()
 
 
 def test_a_missing_port_is_waited_for_and_found_again_when_lost(rig):
@@ -164,7 +217,7 @@ def test_a_computers_clock_that_is_set_meanwhile_is_reported_once_and_stands_in_
 
     from pendubot_identification.nodes.bridge import Bridge
 
-    bridge, node = Bridge(threading.Event()), rclpy.create_node('clock_listener')
+    bridge, node = Bridge(Ending()), rclpy.create_node('clock_listener')
     told = []
     node.create_subscription(DiagnosticArray, '/diagnostics', lambda array: told.append(array.status[0].message), 10)
     try:

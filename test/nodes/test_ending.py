@@ -1,0 +1,69 @@
+"""Signals at every step of what waits for them and of what another of them has begun: none hangs, none is lost."""
+
+import subprocess
+import sys
+
+import pytest
+
+from test.conftest import ROOT
+
+#: Does something again and again, each time with a signal at another of its steps, until there is no further step.
+AT_EVERY_STEP = """
+import signal
+import sys
+from pathlib import Path
+from pendubot_identification.adapters.pty_server import PtyServer
+from pendubot_identification.core.link.virtual_board import VirtualBoard
+from pendubot_identification.core.model.parameters import PAPER
+from pendubot_identification.core.model.simulation import Plant
+from pendubot_identification.nodes.ending import Ending, at_signal
+
+def at_every_step(prepare, number):
+    step, left = 0, 0
+    while left <= 0:
+        step += 1
+        left = step
+
+        def trace(frame, event, _):
+            nonlocal left
+            frame.f_trace_opcodes = True
+            left -= 1
+            if left == 0:
+                signal.raise_signal(number)
+            return trace
+
+        action, check = prepare()
+        sys.settrace(trace)
+        action()
+        sys.settrace(None)
+        assert left > 0 or check(), step
+    print(step, 'steps')
+
+def waits():
+    ending = Ending()
+    at_signal(ending.set)
+    return lambda: ending.wait(0.0), lambda: ending.is_set() and ending.wait()
+
+def ends():
+    ending = Ending()
+    at_signal(ending.set)
+    return ending.set, lambda: ending.is_set() and ending.wait()
+
+def pulls():
+    signal.signal(signal.SIGUSR2, lambda *_: server.plug())
+    return server.pull, lambda: True
+
+with PtyServer(VirtualBoard(Plant(PAPER))) as server:
+    at_every_step(*{'waits': (waits, signal.SIGTERM), 'ends': (ends, signal.SIGINT), 'pulls': (pulls, signal.SIGUSR2)}[
+        sys.argv[1]])
+"""
+
+
+@pytest.mark.parametrize('what', ['waits', 'ends', 'pulls'])
+def test_a_signal_at_any_step_hangs_nothing(what):
+    """A lock that is taken both there and by the handler would: the handler runs in the thread that it interrupts."""
+    done = subprocess.run(
+        [sys.executable, '-c', AT_EVERY_STEP, what], cwd=ROOT, capture_output=True, text=True, timeout=60
+    )
+    assert done.returncode == 0, done.stderr
+    assert int(done.stdout.split()[0]) > 5
