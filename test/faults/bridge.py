@@ -378,6 +378,7 @@ def cable(folder, long):
         board = rig.start_board()
         bridge = rig.start_bridge()
         rig.until_samples(10)
+        listener.wait_for('hearing')
         before = holds(bridge.process.pid)
         detected, back, paths = [], [], set()
         disarmed = 0

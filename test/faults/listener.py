@@ -1,6 +1,7 @@
 """A second process that subscribes to /joint_states: ``python -m test.faults.listener FILE.npy``.
 
-At SIGTERM it writes one row for each message: arrival and stamp [ns], q1, q2, effort.
+It says when it listens, and when it has heard the first message. At SIGTERM it writes one row for each: arrival and
+stamp [ns], q1, q2, effort.
 """
 
 import gc
@@ -39,6 +40,9 @@ def main():
     ended = []
     signal.signal(signal.SIGTERM, lambda *_: ended.append(True))
     print('listening', flush=True)
+    while not times and not ended:
+        executor.spin_once(0.2)
+    print('hearing', flush=True)
     while not ended:
         executor.spin_once(0.2)
     stamps, values = array('q'), array('d')
