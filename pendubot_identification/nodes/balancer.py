@@ -29,6 +29,7 @@ from pendubot_identification.core.model.parameters import Parameters
 from .diagnostics import diagnostics_message
 from .ending import Ending
 from .messages import LATCHED, joint_sample
+from .presence import rival
 from .runtime import Setting, SettingsNode, run
 
 
@@ -117,24 +118,25 @@ class Balancer(SettingsNode):
                 self._balancing.briefing.board_limit(float(limit))
 
     async def _on_start(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        if other := rival(self, self._effort):
+            return Trigger.Response(message=f'{other} drives this rig, or is about to; end it, then start again')
+        if not self._arm.service_is_ready():
+            return Trigger.Response(message='nobody serves /bridge/arm; start the bridge')
         try:
             self._balancing.begin()
         except PendubotError as error:
             return Trigger.Response(message=str(error))
-        if not self._arm.service_is_ready():
-            self._balancing.stop()
-            return Trigger.Response(message='nobody serves /bridge/arm; start the bridge')
         answer = await self._arm.call_async(Trigger.Request())
-        response.success, response.message = answer.success, f'bridge: {answer.message}'
         if not answer.success:
             self._balancing.stop()
         elif self._balancing.phase is Phase.ARMING:
             self._balancing.armed()
+            self._diagnose()  # now, not within a second: an exciter that was not found gives way to it
             self.get_logger().info('armed and moving')
         else:
             self._let_go()
-            response.success, response.message = False, 'it was stopped meanwhile'
-        return response
+            return Trigger.Response(message='it was stopped meanwhile')
+        return Trigger.Response(success=answer.success, message=f'bridge: {answer.message}')
 
     def _on_stop(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._balancing.stop()
@@ -145,10 +147,9 @@ class Balancer(SettingsNode):
         """Notice silence; prepare for what has come in, in a thread of its own."""
         with self._stopping_on_error():
             self._balancing.silence(self.get_clock().now().nanoseconds * 1e-9, self._max_age)
-        accept_warn = self.get_parameter('accept_warn').value
         if self._worker is None or not self._worker.is_alive():
             before = self._balancing.obstacle
-            wanted = self._balancing.to_prepare(accept_warn)
+            wanted = self._balancing.to_prepare(self.get_parameter('accept_warn').value)
             if self._balancing.obstacle not in ('', before):
                 self.get_logger().warning(f'waiting: {self._balancing.obstacle}')
             if wanted is not None:

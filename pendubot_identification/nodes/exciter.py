@@ -59,6 +59,7 @@ class Exciter(SettingsNode):
         self._heard: float | None = None
         self._disarmed = 0
         self._armed: bool | None = None
+        self._left = False
         self._effort = self.create_publisher(Float64, '/pendubot/effort_command', QoSProfile(depth=1))
         self._arm = self.create_client(Trigger, '/bridge/arm')
         self._disarm = self.create_client(Trigger, '/bridge/disarm')
@@ -72,7 +73,7 @@ class Exciter(SettingsNode):
 
     def close(self) -> None:
         """Command zero torque and disarm; wait, for a second at most, until the bridge has answered."""
-        if self._asked is None and self._start is None:
+        if self._left or (self._asked is None and self._start is None):
             return  # what moves is another's
         self._running = False
         self._effort.publish(Float64(data=0.0))
@@ -85,8 +86,8 @@ class Exciter(SettingsNode):
     def _on_joint_state(self, message: JointState) -> None:
         self._heard = time.monotonic()
         if not self._running:
-            if self._armed is not False and self._is_new() and self._asked is None:
-                return  # another may be driving
+            if self._left or (self._armed is not False and self._is_new() and self._asked is None):
+                return  # another drives, or may do so
             # Discarded while disarmed; from the moment of arming on, the bridge is not left without a command.
             self._effort.publish(Float64(data=0.0))
             return
@@ -101,10 +102,16 @@ class Exciter(SettingsNode):
             self._finish(0)
 
     def _on_diagnostics(self, array: DiagnosticArray) -> None:
-        """Follow whether the bridge is armed, whoever armed it."""
+        """Follow whether the bridge is armed, whoever armed it, and whether a balancer drives the rig."""
         for status in array.status:
-            armed = {value.key: value.value for value in status.values}.get('armed')
-            if status.name != 'bridge' or armed is None or self.ended.is_set():
+            if self.ended.is_set():
+                return
+            values = {value.key: value.value for value in status.values}
+            if status.name == 'balancer' and values.get('phase') == 'running':
+                # It began before either had found the other. Disarmed now, what it holds upright would fall.
+                self._gives_way(leaving=True)
+            armed = values.get('armed')
+            if status.name != 'bridge' or armed is None:
                 continue
             self._armed = armed == 'True'
             # One that was under way when the motor was armed may still say the contrary.
@@ -145,10 +152,11 @@ class Exciter(SettingsNode):
     def _is_new(self) -> bool:
         return time.monotonic() - self._born < DISCOVERY
 
-    def _gives_way(self) -> bool:
-        """Refuse, and return True, where another drives the rig or is about to."""
+    def _gives_way(self, leaving: bool = False) -> bool:
+        """Refuse, and return True, where another drives the rig or is about to; ``leaving``: do not disarm then."""
         other = rival(self, self._effort)
         if other:
+            self._left = leaving
             self.get_logger().error(f'{other} drives this rig, too; end it, or let it end, then start the exciter')
             self._finish(1)
         return bool(other)

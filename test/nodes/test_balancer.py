@@ -7,7 +7,7 @@ import pytest
 
 from pendubot_identification.core.model.parameters import BALANCE
 from test.live import ARMED, LiveRig
-from test.processes import parameters, run_program, spin_until
+from test.processes import Program, parameters, run_program, spin_until
 
 pytestmark = pytest.mark.ros
 
@@ -16,11 +16,11 @@ pytestmark = pytest.mark.ros
 def rig(ros, tmp_path):
     rigs = []
 
-    def make(rate=200, *options, **start):
+    def make(rate=200, *options, bridge=None, **start):
         rig = LiveRig(tmp_path, rate)
         rigs.append(rig)
         rig.start_board(*options, **start)
-        rig.start_bridge()
+        rig.start_bridge(**(bridge or {}))
         return rig
 
     yield make
@@ -161,6 +161,46 @@ def test_it_says_what_it_waits_for_and_what_it_refuses(rig):
     assert not refused.success
     assert 'N m would do; hold it upright and start again' in refused.message
     assert not spin_until(r.node, lambda: (r.trace()[3] & ARMED).any(), 0.5)
+
+
+#: Of a bridge that bears the balancer's preparing itself while it is armed, on a busy machine, too.
+PATIENT = {'watchdog_ms': 500, 'command_timeout': 1.0}
+GENTLE = {'arm': 'true', 'duration': 0.0, 'width': 1.0, 'amplitude_min': 0.05, 'amplitude_max': 0.15}
+
+
+def test_it_refuses_to_start_where_an_exciter_drives(rig):
+    r = rig(200, bridge=PATIENT, start='hanging', spread=0.0)
+    exciter = r.start('exciter', **GENTLE)
+    exciter.wait_for('exciting')
+    balancer = r.start('balancer')
+    r.publish()
+    balancer.wait_for('prepared', 60.0)
+    refused = r.call('/balancer/start')
+    assert not refused.success
+    assert '/exciter drives this rig, or is about to; end it' in refused.message
+    cut = len(r.trace()[0])
+    r.until(lambda: len(r.trace()[0]) > cut + 200)
+    assert exciter.process.poll() is None, 'beside an idle balancer it goes on'
+    torques = r.trace()[2][cut:]
+    assert torques.min() >= 0.05
+    assert torques.max() <= 0.15
+    assert exciter.stop() == 0
+    r.begin()
+
+
+def test_an_exciter_that_was_not_found_leaves_the_rig_to_it(rig):
+    r = rig(200, bridge=PATIENT, start='hanging', spread=0.0)
+    # Of a name that is no exciter's: to the balancer, one that has not been discovered.
+    exciter = r.programs['exciter'] = Program('exciter', *parameters(**GENTLE), '-r', '__node:=pulses')
+    exciter.wait_for('exciting')
+    r.start('balancer')
+    r.publish()
+    r.begin()
+    exciter.wait_for('/balancer drives this rig, too')
+    assert exciter.process.wait(10) == 1
+    r.until(lambda: r.held()[1] > 0.5)
+    armed = r.trace()[3] & ARMED
+    assert armed[np.argmax(armed) :].all(), 'armed once, and ever since'
 
 
 @pytest.mark.parametrize(

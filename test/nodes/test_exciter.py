@@ -162,6 +162,35 @@ def test_refuses_where_another_drives_the_rig(rig, ros):
         balancer.destroy_node()
 
 
+def test_leaves_the_rig_to_a_balancer_that_moves_and_to_no_idle_one(rig, ros):
+    from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+    from std_msgs.msg import Float64
+
+    trace, _ = rig
+    pulses = {'duration': 0.0, 'width': 1.0, 'amplitude_min': 0.1, 'amplitude_max': 0.2}
+    with Program('exciter', *parameters(arm='true', **pulses)) as exciter:
+        exciter.wait_for('exciting')
+        balancer = ros.create_node('balancer')
+        try:
+            balancer.create_publisher(Float64, '/pendubot/effort_command', 1)
+            diagnostics = balancer.create_publisher(DiagnosticArray, '/diagnostics', 10)
+
+            def say(phase):
+                values = [KeyValue(key='phase', value=phase)]
+                diagnostics.publish(DiagnosticArray(status=[DiagnosticStatus(name='balancer', values=values)]))
+
+            assert spin_until(balancer, lambda: diagnostics.get_subscription_count() == 1)
+            cut = len(trace())
+            assert spin_until(balancer, lambda: say('idle') or len(trace()) > cut + 100)
+            assert exciter.process.poll() is None
+            assert spin_until(balancer, lambda: say('running') or exciter.process.poll() is not None)
+            assert exciter.process.returncode == 1
+            exciter.wait_for('/balancer drives this rig, too')
+        finally:
+            balancer.destroy_node()
+    assert int(trace()[-1]['status']) & 1, 'it would fall'
+
+
 def test_stops_when_the_bridge_is_gone(rig):
     _, bridge = rig
     with Program('exciter', *parameters(arm='true', duration=0.0)) as exciter:

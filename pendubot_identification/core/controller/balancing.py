@@ -76,6 +76,11 @@ class Plan:
         sufficient = math.nan if math.isfinite(swing_up) else sufficient_limit(design, loop)
         return cls(design, loop, swing_up, sufficient)
 
+    @property
+    def rehearsed(self) -> bool:
+        """Whether the swing-up was tried in simulation, well or not."""
+        return not math.isnan(self.swing_up)
+
     def summary(self) -> str:
         """Say what is to be expected."""
         m = self.design.margins
@@ -86,7 +91,7 @@ class Plan:
         )
         if math.isfinite(self.swing_up):
             return f'{text}; in simulation it is upright {self.swing_up:.1f} s after hanging'
-        return text if math.isnan(self.swing_up) else f'{text}; {self.obstacle()}'
+        return f'{text}; {self.obstacle()}' if self.rehearsed else text
 
     def obstacle(self) -> str:
         """Say why there is no swing-up."""
@@ -105,7 +110,7 @@ class Balancing:
     Attributes:
         briefing: what came in.
         phase: how far it is.
-        plan: what it is prepared for; None before.
+        plan: what it is prepared for; None before. While it is idle, always one that was rehearsed.
         obstacle: why it cannot begin; empty where it can.
         stopped: why it stopped last; empty where it did not or was told to.
     """
@@ -145,11 +150,14 @@ class Balancing:
         return wanted
 
     def prepared(self, plan: Plan) -> None:
-        """Take a plan; a controller that runs goes on with it from its next sample."""
+        """Take a plan; a controller that runs goes on with it from its next sample.
+
+        Where it is idle, one that was not rehearsed is of no use: it was made for a motion that has ended meanwhile.
+        """
         self._refused, self.obstacle = None, ''
-        if self.phase is Phase.RUNNING:
+        if self.phase is not Phase.IDLE:
             self._coming = plan
-        else:
+        elif plan.rehearsed:
             self.plan = plan
 
     def not_prepared(self, wanted: tuple[Parameters, Loop], reason: str) -> None:
@@ -187,6 +195,10 @@ class Balancing:
     def stop(self, reason: str = '') -> None:
         """Be idle from now on; ``reason`` is what was wrong, if anything was."""
         self.phase, self.stopped, self._controller = Phase.IDLE, reason, None
+        # What came while it moved is looked at anew, as anything before a start.
+        self._coming = self._refused = None
+        if self.plan is not None and not self.plan.rehearsed:
+            self.plan = None
 
     def sample(self, t: float, now: float, q: Pair, effort: float, max_age: float) -> float | None:
         """Take a sample; return the torque [N m] that answers it, or None where it is idle.

@@ -169,6 +169,52 @@ def test_better_parameters_come_in_while_it_moves_and_worse_ones_do_not():
     assert balancing.to_prepare(False) is None
 
 
+@pytest.mark.parametrize(
+    'end',
+    [
+        lambda b, plan: (b.prepared(plan), upright(b, 1.015), b.stop()),
+        lambda b, plan: (b.prepared(plan), b.stop()),
+        lambda b, plan: (b.stop(), b.prepared(plan)),
+        lambda b, plan: (b.not_prepared((plan.design.parameters, plan.loop), 'too slow'), b.stop()),
+    ],
+    ids=['taken over', 'about to be', 'too late', 'refused'],
+)
+def test_what_came_while_it_moved_is_looked_at_anew_before_the_next_start(end):
+    balancing = running()
+    theta = [1.02 * value for value in THETA]
+    balancing.briefing.offer(theta)
+    balancing.briefing.judge(Level.OK, '', values(theta))
+    wanted = balancing.to_prepare(False)
+    end(balancing, Plan.make(*wanted, rehearse=False))
+    assert balancing.to_prepare(False) == wanted
+    assert balancing.plan is None or balancing.plan.swing_up == 1.9, 'what it may start by was rehearsed'
+    balancing.prepared(replace(Plan.make(*wanted, rehearse=False), swing_up=math.inf))
+    balancing.sample(1.02, 1.02, (-UPRIGHT, 0.0), 0.0, 0.1)
+    with pytest.raises(ControlError, match='do not swing this rig up'):
+        balancing.begin()
+
+
+def test_no_start_by_what_was_not_rehearsed():
+    balancing = running()
+    wanted = balancing.plan.design.parameters, balancing.plan.loop
+    balancing.prepared(Plan.make(*wanted, rehearse=False))
+    upright(balancing, 1.015)
+    balancing.stop()
+    with pytest.raises(ControlError, match='preparing itself'):
+        balancing.begin()
+    assert balancing.diagnosis()[:2] == (Level.WARN, 'waiting: it is preparing itself')
+
+
+def test_it_starts_by_what_was_rehearsed_though_more_came_while_it_was_arming():
+    balancing = prepared()
+    rehearsed = balancing.plan
+    upright(balancing, 1.0)
+    balancing.begin()
+    balancing.prepared(Plan.make(rehearsed.design.parameters, rehearsed.loop, rehearse=False))
+    balancing.armed()
+    assert balancing.plan is rehearsed
+
+
 def test_a_rig_that_leaves_no_room_for_error_is_refused_by_computation():
     """The paper's own values: link 1 would be 3 cm long."""
     with pytest.raises(ControlError, match=r'can hardly be balanced: the gain may be 0\.7. to 1\.1. times'):
