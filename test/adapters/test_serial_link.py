@@ -305,8 +305,8 @@ def test_a_host_that_does_not_read_is_told_of_the_overrun(serve, port, tmp_path)
     serve(port, trace)
     decoder, states = Decoder(), []
 
-    def overruns():
-        return trace.read_text().endswith(f',{Status.OVERRUN}\n')
+    def last(status):
+        return trace.read_text().endswith(f',{status}\n')
 
     def gaps():
         with contextlib.suppress(BlockingIOError):
@@ -315,7 +315,7 @@ def test_a_host_that_does_not_read_is_told_of_the_overrun(serve, port, tmp_path)
 
     device = os.open(port, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
     try:
-        for condition in (lambda: not overruns(), overruns, gaps):
+        for condition in (lambda: last(0), lambda: last(Status.OVERRUN), gaps):
             deadline = time.monotonic() + 10.0
             while not condition():
                 assert time.monotonic() < deadline
