@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-import queue
+import os
+import select
 import signal
 from collections.abc import Callable
 from contextlib import suppress
@@ -15,28 +16,33 @@ class Ending:
     """That a program is to end: said by any thread and by any signal's handler, for good, and waited for by any thread.
 
     Not threading.Event: that takes a lock, for which a handler would wait forever where it interrupts its own thread
-    holding it, in ``wait`` or in another handler's ``set``. A SimpleQueue's put may interrupt its get and itself.
+    holding it. And where the system gives a signal to another thread than the main one, or just before that falls
+    asleep, nothing would wake it until the next signal; what is in a pipe does.
     """
 
     def __init__(self) -> None:
         self._set = False
-        self._woken: queue.SimpleQueue[None] = queue.SimpleQueue()
+        self._woken, self._wake = os.pipe()
+        os.set_blocking(self._wake, False)
 
     def set(self) -> None:
         """Say it; whoever waits goes on."""
         self._set = True
-        self._woken.put(None)
+        with suppress(BlockingIOError):  # full, which wakes as well
+            os.write(self._wake, b'\0')
+
+    def set_at_signal(self) -> None:
+        """Have every signal that ends a program say it, whichever thread it comes to."""
+        signal.set_wakeup_fd(self._wake, warn_on_full_buffer=False)
+        at_signal(self.set)
 
     def is_set(self) -> bool:
         """Tell whether it was said."""
         return self._set
 
     def wait(self, timeout: float | None = None) -> bool:
-        """Wait until it is said, or for so long [s]; return whether it was."""
-        with suppress(queue.Empty):
-            self._woken.get(timeout=timeout)
-            # For whoever else waits.
-            self._woken.put(None)
+        """Wait until it is said, or for so long [s], or until any signal came; return whether it was."""
+        select.select([self._woken], [], [], timeout)
         return self._set
 
 

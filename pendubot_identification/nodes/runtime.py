@@ -26,7 +26,7 @@ from rclpy.utilities import remove_ros_args
 from pendubot_identification.adapters.resources import resource
 from pendubot_identification.core.errors import ParameterError, PendubotError
 
-from .ending import Ending, at_signal, ended
+from .ending import Ending, ended
 from .parameter_files import unheard
 
 
@@ -236,7 +236,7 @@ def run(node_class: type[SettingsNode], args: Sequence[str] | None = None) -> in
 
 def _run_until_ended(node_class: type[SettingsNode], argv: Sequence[str]) -> int:
     ending = Ending()
-    at_signal(ending.set)
+    ending.set_at_signal()
     # In two steps, so that a node that refuses its parameters takes leave: else others go on seeing its services.
     node = node_class.__new__(node_class)
     try:

@@ -19,7 +19,7 @@ from pendubot_identification.core.link.virtual_board import BoardSettings, Fault
 from pendubot_identification.core.model.parameters import PRESETS
 from pendubot_identification.core.model.simulation import HANGING, LatePlant
 
-from .ending import Ending, at_signal, ended
+from .ending import Ending, ended
 
 EPILOG = f"""\
 faults: {', '.join(each.name for each in fields(Faults))}
@@ -155,7 +155,7 @@ def main(args: Sequence[str] | None = None) -> int:
         # A real board has another boot_id each time it starts; the same one would claim that it never stopped.
         options.seed = secrets.randbits(32)
     stop = Ending()
-    at_signal(stop.set)
+    stop.set_at_signal()
     try:
         with PtyServer(make_board(options), options.link, options.trace, _tell) as server:
             signal.signal(signal.SIGUSR1, lambda *_: server.pull())

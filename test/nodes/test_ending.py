@@ -16,7 +16,7 @@ from pendubot_identification.adapters.pty_server import PtyServer
 from pendubot_identification.core.link.virtual_board import VirtualBoard
 from pendubot_identification.core.model.parameters import PAPER
 from pendubot_identification.core.model.simulation import Plant
-from pendubot_identification.nodes.ending import Ending, at_signal
+from pendubot_identification.nodes.ending import Ending
 
 def at_every_step(prepare, number):
     step, left = 0, 0
@@ -41,12 +41,12 @@ def at_every_step(prepare, number):
 
 def waits():
     ending = Ending()
-    at_signal(ending.set)
+    ending.set_at_signal()
     return lambda: ending.wait(0.0), lambda: ending.is_set() and ending.wait()
 
 def ends():
     ending = Ending()
-    at_signal(ending.set)
+    ending.set_at_signal()
     return ending.set, lambda: ending.is_set() and ending.wait()
 
 def pulls():
@@ -67,3 +67,27 @@ def test_a_signal_at_any_step_hangs_nothing(what):
     )
     assert done.returncode == 0, done.stderr
     assert int(done.stdout.split()[0]) > 5
+
+
+#: Signals that the system gives to another thread, while the main one sleeps.
+TO_ANOTHER_THREAD = """
+import signal
+import threading
+from pathlib import Path
+from pendubot_identification.nodes.ending import Ending
+
+def signal_to_this_thread(main):
+    while Path(f'/proc/self/task/{main}/stat').read_text().rsplit(')')[-1].split()[0] != 'S':
+        pass
+    signal.pthread_kill(threading.get_ident(), signal.SIGINT)
+
+for _ in range(5):
+    ending = Ending()
+    ending.set_at_signal()
+    threading.Thread(target=signal_to_this_thread, args=(threading.get_native_id(),), daemon=True).start()
+    assert ending.wait()
+"""
+
+
+def test_a_signal_wakes_the_main_thread_whichever_thread_it_comes_to():
+    subprocess.run([sys.executable, '-c', TO_ANOTHER_THREAD], cwd=ROOT, check=True, timeout=60)
