@@ -150,7 +150,7 @@ class Bridge(SettingsNode):
 
     def _keep_house(self) -> None:
         due = time.monotonic() + 1.0
-        while not self._closing.wait(self._host.poll_interval):
+        while not self._closing.wait(self._host.next_poll(time.monotonic_ns())):
             self._step(self._host.poll)
             if time.monotonic() >= due:
                 due = time.monotonic() + 1.0

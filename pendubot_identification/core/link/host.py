@@ -106,10 +106,9 @@ class Host:
         """Return how long ago [s] the last STATE came; NaN before the first."""
         return (now - self._state_arrival) / SECOND if self._state else math.nan
 
-    @property
-    def poll_interval(self) -> float:
-        """How often :meth:`poll` has to be called at least [s]."""
-        return max(0.001, min(0.01, self._motor.watchdog_ns / SECOND / 8))
+    def next_poll(self, now: int) -> float:
+        """Return how soon [s] :meth:`poll` has to be called again, whatever else is called in between."""
+        return self._motor.next_poll(now) / SECOND
 
     def counters(self) -> Counters:
         """Return what has happened so far."""
@@ -204,7 +203,7 @@ class Host:
         return self._news.take()
 
     def poll(self, now: int) -> list[HostEvent]:
-        """Do what time alone brings: asking, timeouts, refreshed commands; at least every :attr:`poll_interval`."""
+        """Do what time alone brings: asking, timeouts, refreshed commands; as soon as :meth:`next_poll` says."""
         # Where this program itself was held up, what came meanwhile waits to be read: no silence of the board's.
         held_up = not self._held_up and self._last_poll is not None and now - self._last_poll > SILENCE // 2
         self._last_poll, self._held_up = now, held_up

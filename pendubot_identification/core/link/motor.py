@@ -52,6 +52,7 @@ class Motor:
         self.not_finite = 0
         self.command_timeouts = 0
         self._config = config
+        self._timeout = round(config.command_timeout * SECOND)
         self._transmitter = transmitter
         self._news = news
         self._phase = _Phase.DISARMED
@@ -140,13 +141,21 @@ class Motor:
             self._news.report(Level.OK, 'effort commands come again')
         self._command(Mode.TORQUE, now)
 
+    def next_poll(self, now: int) -> int:
+        """Return how soon [ns] :meth:`poll` has to be called again: at the moment when the torque has to be 0."""
+        # An effort command may come, and stop, within this time: not longer than the time it is good for.
+        regular = max(MS, min(10 * MS, self.watchdog_ns // 8, self._timeout))
+        if not self.armed or self.effort_stopped:
+            return regular
+        return max(0, min(regular, self._last_effort + self._timeout - now))
+
     def poll(self, now: int) -> None:
         """Do what time alone brings: give arming up, refresh the command, take the torque back."""
         if self._phase is _Phase.DISARMED:
             return
         if self._phase is _Phase.ARMING and now - self._arming_since >= ARMING_TIMEOUT:
             self.stop('the board did not say within 0.5 s that it is armed', now)
-        elif self.armed and not self.effort_stopped and now - self._last_effort > self._config.command_timeout * SECOND:
+        elif self.armed and not self.effort_stopped and now - self._last_effort >= self._timeout:
             self.effort_stopped = True
             self._torque = 0
             self.command_timeouts += 1

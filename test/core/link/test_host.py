@@ -5,6 +5,8 @@ from dataclasses import replace
 from itertools import pairwise
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from pendubot_identification.core.level import Level
 from pendubot_identification.core.link.clock import WRAP
@@ -413,6 +415,32 @@ def test_when_effort_commands_stop_the_torque_is_0_still_armed_and_reported():
     rig.step(2)
     assert rig.board.last.torque == 500_000
     assert rig.host.condition() == Report(Level.OK, 'armed')
+
+
+@given(
+    timeout=st.sampled_from([0.001, 0.004, 0.1, 0.5]),
+    pauses=st.lists(st.integers(0, 600 * MS), min_size=1, max_size=4),
+)
+def test_one_who_polls_only_when_told_takes_the_torque_back_at_its_moment(timeout, pauses):
+    # Samples a second apart: nothing else tells the host what time it is.
+    hello = replace(HELLO, sample_period_us=1_000_000, watchdog_max_ms=10_000)
+    wire = Wire(HostConfig(command_timeout=timeout, watchdog_ms=10_000), hello)
+    wire.state(0, 0)
+    wire.host.arm(wire.now)
+    wire.state(1, 10_000, status=Status.ARMED, cmd_seq=wire.sent()[-1].seq)
+    poll = wire.now
+    for pause in pauses:
+        commanded = wire.now
+        wire.host.effort(0.5, commanded)
+        assert wire.sent()[-1].torque == 500_000
+        expected = [commanded + round(timeout * 1e9)] if timeout * 1e9 <= pause else []
+        zeroed = []
+        while poll <= commanded + pause:
+            wire.host.poll(poll)
+            zeroed += [poll for command in wire.sent() if command.torque == 0 and not zeroed]
+            poll += round(wire.host.next_poll(poll) * 1e9)
+        assert zeroed == expected
+        wire.now = commanded + pause
 
 
 # What disarms
