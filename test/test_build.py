@@ -94,3 +94,20 @@ def test_without_a_compiler_the_package_builds_and_says_that_it_goes_by_numpy(tm
     ).stdout
     assert said.startswith(str(tmp_path))
     assert said.endswith('numpy (no compiled kernel: there was no C compiler)\n')
+
+
+@pytest.mark.build
+@pytest.mark.skipif(
+    sys.version_info >= (3, 13), reason='numpy 1.26 has no wheel for this Python, nor has Jazzy this Python'
+)
+def test_bags_and_optimisers_work_with_the_numpy_of_jazzy(tmp_path):
+    # Before numpy 2 the type of a product depended on the values: what overflows there does not do so here.
+    pip = [sys.executable, '-m', 'pip', '--disable-pip-version-check', 'install', '--quiet', '--no-deps']
+    subprocess.run([*pip, '--target', str(tmp_path), 'numpy==1.26.4'], check=True, timeout=300)
+    env = {**os.environ, 'PYTHONPATH': f'{tmp_path}:{os.environ.get("PYTHONPATH", "")}'}
+    version = [sys.executable, '-c', 'import numpy; print(numpy.__version__)']
+    assert subprocess.run(version, env=env, capture_output=True, text=True, check=True).stdout == '1.26.4\n'
+    parts = ('adapters/test_bulk.py', 'adapters/test_bag_reader.py', 'adapters/test_long_bag.py', 'core/optimizers')
+    tests = [sys.executable, '-m', 'pytest', '-q', '-p', 'no:cacheprovider', *(f'test/{part}' for part in parts)]
+    done = subprocess.run(tests, cwd=ROOT, env=env, capture_output=True, text=True, timeout=600)
+    assert done.returncode == 0, done.stdout

@@ -117,7 +117,9 @@ class Layout:
             return np.ndarray(len(rows), kind, rows.data, first, rows.strides[:1])
 
         head = RECORD.size + MESSAGE.size
-        stamp = column(head + 4, '<i4') * np.int64(1_000_000_000) + column(head + 8, '<u4')
+        # Wide enough before it is multiplied: numpy 1 would keep the product in 32 bits.
+        seconds, nanos = column(head + 4, '<i4').astype(np.int64), column(head + 8, '<u4').astype(np.int64)
+        stamp = seconds * 1_000_000_000 + nanos
         values = np.full((len(rows), 6), math.nan)
         for k, first in enumerate(self.numbers.ravel()):
             if first >= 0:
