@@ -616,6 +616,8 @@ def watchdog(folder, long):
     times, stops = (10, 10) if long else (2, 1)
     with live_rig(folder) as rig, Witness() as witness:
         rig.start_board()
+        rig.until(lambda: len(rig.trace()) > 100)
+        first = board_start(rig.trace_file)
         bridge = None
 
         def start():
@@ -654,11 +656,8 @@ def watchdog(folder, long):
                     start()
             raise AssertionError(f'{cause}: this machine is too busy to try it')
 
-        start()
-        first = board_start(rig.trace_file)
-        for i in range(times):
-            if i:
-                start()
+        for _ in range(times):
+            start()
             for _ in range(stops):
                 rig.diagnoses.clear()
                 still_armed += any(after('commander stops', lambda: rig.effort(0.2))[-1, 4] == ARMED for _ in range(20))
