@@ -39,7 +39,7 @@ sample-bag: $(VENV)/.ros
 	rm -rf bags/paper_experiment
 	cp -r build/sample/paper_experiment bags/
 
-$(VENV)/.ros: setup.py .ci/constraints.txt pendubot_identification/core/kernel.c
+$(VENV)/.ros: setup.py .ci/constraints.txt pendubot_identification/model/kernel.c
 	@echo "Setting up $(VENV) (once, about a minute) ..."
 	@$(PYTHON) -m venv $(VENV)
 	@$(PIP) --editable '.[ros]'
@@ -54,4 +54,4 @@ $(VENV)/.benchmark: $(VENV)/.test
 	@touch $@
 
 clean:
-	rm -rf $(VENV) build install log *.egg-info pendubot_identification/core/*.so
+	rm -rf $(VENV) build install log *.egg-info pendubot_identification/model/*.so

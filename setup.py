@@ -14,8 +14,8 @@ BAGS = [(f'{SHARE}/{folder}', sorted(glob(f'{folder}/*.*'))) for folder in ['bag
 # Without a C compiler it is left out, and everything works through numpy. No contraction: every processor shall round
 # alike.
 KERNEL = Extension(
-    f'{NAME}.core._kernel',
-    [f'{NAME}/core/kernel.c'],
+    f'{NAME}.model._kernel',
+    [f'{NAME}/model/kernel.c'],
     extra_compile_args=[
         *('-std=gnu11', '-O3', '-ffp-contract=off', '-fno-math-errno', '-fno-trapping-math'),
         *('-fvisibility=hidden', '-Wno-psabi', '-pthread'),

@@ -23,7 +23,7 @@ from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
 
-from pendubot_identification.core.errors import ParameterError
+from pendubot_identification.errors import ParameterError
 
 PACKAGE = 'pendubot_identification'
 ARGUMENTS = {

@@ -10,7 +10,7 @@ from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
 from launch_ros.substitutions import FindPackageShare
 
-from pendubot_identification.adapters.robot_description import robot_description
+from pendubot_identification.results.robot_description import robot_description
 
 PACKAGE = 'pendubot_identification'
 ARGUMENTS = {

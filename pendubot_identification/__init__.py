@@ -2,7 +2,7 @@
 
 from os import environ
 
-from .core import kernel
+from .model import kernel
 
 __version__ = '0.1.0'
 

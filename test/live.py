@@ -5,9 +5,9 @@ import time
 
 import numpy as np
 
-from pendubot_identification.core.controller.rehearsal import HELD, deviation
-from pendubot_identification.core.model.parameters import BALANCE, NAMES
-from pendubot_identification.core.model.simulation import HANGING
+from pendubot_identification.control.rehearsal import HELD, deviation
+from pendubot_identification.model.parameters import BALANCE, NAMES
+from pendubot_identification.model.simulation import HANGING
 from test.processes import Program, call, parameters, spin_until
 
 ARMED = 1
@@ -63,7 +63,7 @@ class LiveRig:
 
     def publish(self, rig=BALANCE, level=0, message='identified', delay=0.004):
         """Do as the identifier would with these parameters; level None: publish no judgement."""
-        from pendubot_identification.core.level import Level
+        from pendubot_identification.level import Level
         from pendubot_identification.nodes.diagnostics import diagnostics_message
 
         array, dimension, _ = self._types

@@ -4,7 +4,7 @@ import time
 
 import numpy as np
 
-from pendubot_identification.core.link.protocol import Status
+from pendubot_identification.link.protocol import Status
 from test.processes import Program, call, spin_until
 
 ARMED, WATCHDOG = int(Status.ARMED), int(Status.WATCHDOG)

@@ -64,7 +64,7 @@ def test_colcon_builds_and_every_program_runs_from_there(tmp_path, options):
     for folder in ('config', 'launch'):
         ours = {path.name for path in (ROOT / folder).iterdir() if path.is_file()}
         assert {path.name for path in (installed / folder).iterdir()} == ours
-    python = f'"{sys.executable}" -c "from pendubot_identification.adapters import robot_description as r; '
+    python = f'"{sys.executable}" -c "from pendubot_identification.results import robot_description as r; '
     described = sourced(python + 'print(r.robot_description(0.2, 0.3)); print(r.__file__)"')
     assert '<robot name="pendubot">' in described.stdout, described.stderr
     assert Path(described.stdout.splitlines()[-1]).is_relative_to(tmp_path)
@@ -74,7 +74,7 @@ def test_without_a_compiler_the_package_builds_and_says_that_it_goes_by_numpy(tm
     for part in PARTS:
         copy = shutil.copytree if (ROOT / part).is_dir() else shutil.copy
         copy(ROOT / part, tmp_path / part)
-    for built in (tmp_path / 'pendubot_identification' / 'core').glob('*.so'):
+    for built in (tmp_path / 'pendubot_identification' / 'model').glob('*.so'):
         built.unlink()
     env = {**os.environ, 'CC': 'no-such-compiler', 'PENDUBOT_KERNEL': 'on'}
     build = [sys.executable, 'setup.py', '--quiet', 'build', '--build-lib', 'out']
@@ -84,7 +84,7 @@ def test_without_a_compiler_the_package_builds_and_says_that_it_goes_by_numpy(tm
         [
             sys.executable,
             '-c',
-            'from pendubot_identification.core import kernel as k; print(k.__file__, k.description())',
+            'from pendubot_identification.model import kernel as k; print(k.__file__, k.description())',
         ],
         cwd=tmp_path / 'out',
         env=env,
@@ -107,7 +107,7 @@ def test_bags_and_optimisers_work_with_the_numpy_of_jazzy(tmp_path):
     env = {**os.environ, 'PYTHONPATH': f'{tmp_path}:{os.environ.get("PYTHONPATH", "")}'}
     version = [sys.executable, '-c', 'import numpy; print(numpy.__version__)']
     assert subprocess.run(version, env=env, capture_output=True, text=True, check=True).stdout == '1.26.4\n'
-    parts = ('adapters/test_bulk.py', 'adapters/test_bag_reader.py', 'adapters/test_long_bag.py', 'core/optimizers')
+    parts = ('recordings/test_bulk.py', 'recordings/test_bag_reader.py', 'recordings/test_long_bag.py', 'optimizers')
     tests = [sys.executable, '-m', 'pytest', '-q', '-p', 'no:cacheprovider', *(f'test/{part}' for part in parts)]
     done = subprocess.run(tests, cwd=ROOT, env=env, capture_output=True, text=True, timeout=600)
     assert done.returncode == 0, done.stdout

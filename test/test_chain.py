@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 import yaml
 
-from pendubot_identification.adapters.bag_reader import read_trajectory
-from pendubot_identification.core.model.parameters import NAMES, PAPER
+from pendubot_identification.model.parameters import NAMES, PAPER
+from pendubot_identification.recordings.bag_reader import read_trajectory
 from test.processes import Program, parameters, run_program
 
 pytestmark = pytest.mark.ros

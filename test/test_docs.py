@@ -14,7 +14,7 @@ import pytest
 
 from pendubot_identification import programs
 from pendubot_identification.cli.main import main, parser
-from pendubot_identification.core.link.protocol import Command, Decoder, Hello, HelloRequest, State, encode
+from pendubot_identification.link.protocol import Command, Decoder, Hello, HelloRequest, State, encode
 from test.conftest import RECORDINGS, ROOT
 
 PAGES = [ROOT / 'README.md', ROOT / 'bags' / 'README.md', *sorted((ROOT / 'docs').glob('*.md'))]
@@ -176,22 +176,10 @@ def test_every_message_that_troubleshooting_explains_is_one_that_is_given():
 def test_troubleshooting_explains_every_warning_of_an_identification():
     """Sentences of the modules that judge; parts of sentences, and what is not for the user, are shorter."""
     explained = [re.compile('.*'.join(re.escape(p.strip()) for p in s.split('…'))) for s in symptoms()]
-    for name in ('estimation/judgement.py', 'trajectories/suspicions.py', 'estimation/agreement.py'):
-        for message in messages(ROOT / PACKAGE / 'core' / name):
+    for name in ('identify/judgement.py', 'trajectories/suspicions.py', 'identify/agreement.py'):
+        for message in messages(ROOT / PACKAGE / name):
             if len(message) > 45:
                 assert any(e.search(message) for e in explained), f'{name} says, unexplained: {message}'
-
-
-def test_the_page_of_the_architecture_has_every_module_of_the_core_in_its_folder():
-    folder, named = '', set()
-    _, _, page = (ROOT / 'docs' / 'architecture.md').read_text().partition("The core's folders")
-    for line in page.splitlines():
-        if row := re.match(r'\| (?:`(\w+)` )?\| (`.*?) \|', line):
-            folder = row[1] or folder
-            named |= {(folder, module) for module in re.findall(r'`(\w+)`', row[2])}
-    core = ROOT / PACKAGE / 'core'
-    paths = [path.relative_to(core) for path in core.rglob('*.py') if path.name != '__init__.py']
-    assert named == {('' if len(path.parts) == 1 else path.parts[0], path.stem) for path in paths}
 
 
 def test_the_frames_on_the_protocols_page_are_what_it_says():
@@ -230,11 +218,11 @@ def test_the_controller_of_the_page_receives_what_was_latched_before_it_started(
     from diagnostic_msgs.msg import DiagnosticArray
     from std_msgs.msg import Float64MultiArray
 
-    from pendubot_identification.core.level import Level
+    from pendubot_identification.level import Level
     from pendubot_identification.nodes.diagnostics import diagnostics_message
     from pendubot_identification.nodes.messages import LATCHED, parameters_message
+    from test.identified import identified
     from test.processes import Program
-    from test.results import identified
 
     result = identified(('weak',))
     node = ros.create_node('identifier_of_the_page')

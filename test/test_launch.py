@@ -12,7 +12,7 @@ import pytest
 import yaml
 
 from pendubot_identification import programs as installed
-from pendubot_identification.core.errors import ParameterError
+from pendubot_identification.errors import ParameterError
 from test.conftest import ROOT
 from test.processes import Program
 

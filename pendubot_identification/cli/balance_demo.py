@@ -7,7 +7,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from pendubot_identification.core.errors import PendubotError
+from pendubot_identification.errors import PendubotError
 
 from .demo import counting
 from .programs import Programs, interruptible, new_folder, own_ros, parameters
@@ -117,11 +117,11 @@ class _Watcher:
 def _show(folder: Path, watcher: _Watcher) -> int:
     import numpy as np
 
-    from pendubot_identification.adapters.result_file import read_parameters
-    from pendubot_identification.core.controller.rehearsal import deviation, held_since
-    from pendubot_identification.core.model.parameters import BALANCE
-    from pendubot_identification.core.trajectories.trajectory import Trajectory
+    from pendubot_identification.control.rehearsal import deviation, held_since
+    from pendubot_identification.model.parameters import BALANCE
     from pendubot_identification.report.balance_figure import draw_balance
+    from pendubot_identification.results.result_file import read_parameters
+    from pendubot_identification.trajectories.trajectory import Trajectory
 
     t, q1, q2, tau = np.array(watcher.samples).T
     motion = Trajectory(t - t[0], np.column_stack([q1, q2]), np.column_stack([tau, 0 * tau]), name='swing-up')

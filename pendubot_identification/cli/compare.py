@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from .usage import UsageError, wrong_usage
+from pendubot_identification.errors import UsageError, wrong_usage
 
 Results = Mapping[str, Mapping[str, Any]]
 
@@ -53,8 +53,8 @@ def run(args: argparse.Namespace) -> int:
     Raises:
         PendubotError: fewer than two results, one that cannot be read, or a bag that cannot.
     """
-    from pendubot_identification.adapters.result_file import read_result, unphysical
     from pendubot_identification.report.tables import side_by_side
+    from pendubot_identification.results.result_file import read_result, unphysical
 
     if len(args.results) < 2:
         raise UsageError(f'{args.results[0]} is one result alone; name two or more to be compared')
@@ -75,7 +75,7 @@ def _parameters(results: Results) -> dict[str, Any]:
 
     The distance is in standard errors of both together; None where one of them is not known or not estimated.
     """
-    from pendubot_identification.core.model.parameters import NAMES, UNITS
+    from pendubot_identification.model.parameters import NAMES, UNITS
 
     rows: dict[str, Any] = {}
     for name, unit in zip(NAMES, UNITS, strict=True):
@@ -117,12 +117,12 @@ def _training(result: Mapping[str, Any]) -> set[str]:
 
 def _foreseen(results: Results, args: argparse.Namespace) -> dict[str, Any]:
     """Return how far each result's simulation of a bag's motion is off, by horizon."""
-    from pendubot_identification.adapters.bag_reader import BagWindow, read_recording
-    from pendubot_identification.adapters.result_file import parameters_of
-    from pendubot_identification.core.estimation.prediction import HORIZONS, predict, state_scale
-    from pendubot_identification.core.trajectories.long import held_parts
-    from pendubot_identification.core.trajectories.motion import Motion
-    from pendubot_identification.core.trajectories.signals import choose_smoothing
+    from pendubot_identification.identify.prediction import HORIZONS, predict, state_scale
+    from pendubot_identification.recordings.bag_reader import BagWindow, read_recording
+    from pendubot_identification.results.result_file import parameters_of
+    from pendubot_identification.trajectories.long import held_parts
+    from pendubot_identification.trajectories.motion import Motion
+    from pendubot_identification.trajectories.signals import choose_smoothing
 
     from .identify import joints
 

@@ -10,7 +10,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from pendubot_identification.core.errors import PendubotError
+from pendubot_identification.errors import PendubotError
 
 from .programs import Programs, interruptible, new_folder, own_ros, parameters
 
@@ -95,9 +95,9 @@ def _identified(rclpy: Any, folder: Path, seed: int) -> tuple[list[float], str]:
 
 
 def _show(folder: Path, theta: list[float], label: str) -> int:
-    from pendubot_identification.adapters.result_file import read_result
-    from pendubot_identification.core.model.parameters import PAPER
+    from pendubot_identification.model.parameters import PAPER
     from pendubot_identification.report.tables import comparison_table, criterion_table, judgement, quality_table, steps
+    from pendubot_identification.results.result_file import read_result
 
     result = read_result(folder / 'result.yaml')
     if theta != [entry['value'] for entry in result['parameters'].values()]:

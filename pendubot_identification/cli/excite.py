@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from .usage import UsageError, wrong_usage
+from pendubot_identification.errors import UsageError, wrong_usage
 
 DESCRIPTION = """\
 Design an excitation, or foresee what a given one does. A design is the pulse train whose motion tells most of the
@@ -74,14 +74,14 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Design or check, show, write."""
-    from pendubot_identification.adapters.exciter_file import read_exciter, write_exciter
-    from pendubot_identification.adapters.files import refuse_input, refuse_unwritable
-    from pendubot_identification.adapters.result_file import read_estimate
-    from pendubot_identification.core.experiment.design import Experiment, Limits, design, foresee, paper_pulses
-    from pendubot_identification.core.model.parameters import PAPER
-    from pendubot_identification.core.optimizers.mde import MDESettings
-    from pendubot_identification.core.optimizers.optimizer import require_runs
+    from pendubot_identification.excitation.design import Experiment, Limits, design, foresee, paper_pulses
+    from pendubot_identification.excitation.exciter_file import read_exciter, write_exciter
+    from pendubot_identification.files import refuse_input, refuse_unwritable
+    from pendubot_identification.model.parameters import PAPER
+    from pendubot_identification.optimizers.mde import MDESettings
+    from pendubot_identification.optimizers.optimizer import require_runs
     from pendubot_identification.report.excitation import excitation_table, motion_lines
+    from pendubot_identification.results.result_file import read_estimate
 
     parameters, errors = (PAPER, None) if args.estimate is None else read_estimate(args.estimate)
     if args.design and (args.torque is None or args.speed is None):
@@ -134,7 +134,7 @@ def _hold_against(args: argparse.Namespace, reached: list[float]) -> None:
     Raises:
         ParameterError: one is exceeded.
     """
-    from pendubot_identification.core.errors import ParameterError
+    from pendubot_identification.errors import ParameterError
 
     of = ('torque', 'speed of the shoulder', 'speed of the elbow', 'angle of the shoulder', 'angle of the elbow')
     limits = (args.torque, args.speed, args.speed, *args.angle)

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from .usage import UsageError
+from pendubot_identification.errors import UsageError
 
 # The names of the adapter's formats and suffixes, again: importing them takes time, which no --help is worth.
 FORMATS = ('yaml', 'json', 'matlab', 'c')
@@ -45,9 +45,9 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Read, convert, write."""
-    from pendubot_identification.adapters.export import FORMATS, SUFFIXES
-    from pendubot_identification.adapters.files import refuse_input, write_whole
-    from pendubot_identification.adapters.result_file import read_result, unphysical
+    from pendubot_identification.files import refuse_input, write_whole
+    from pendubot_identification.results.export import FORMATS, SUFFIXES
+    from pendubot_identification.results.result_file import read_result, unphysical
 
     name = args.format or (SUFFIXES.get(args.output.suffix) if args.output is not None else None)
     if name is None:

@@ -9,14 +9,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pendubot_identification.core.errors import PendubotError
+from pendubot_identification.errors import PendubotError, UsageError, wrong_usage
 
 from .progress import progress_bar
 from .report import add_reference, previous, reference, write_failure_report, write_result_report
-from .usage import UsageError, wrong_usage
 
 if TYPE_CHECKING:
-    from pendubot_identification.adapters.datasets import Datasets
+    from pendubot_identification.recordings.datasets import Datasets
 
     from .report import Recordings
 
@@ -166,9 +165,9 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Identify, print, write."""
-    from pendubot_identification.adapters.files import OutputFolder, refuse_input, refuse_unwritable
-    from pendubot_identification.adapters.result_file import read_parameters, write_result
+    from pendubot_identification.files import OutputFolder, refuse_input, refuse_unwritable
     from pendubot_identification.report.tables import whole
+    from pendubot_identification.results.result_file import read_parameters, write_result
 
     with wrong_usage():
         settings, bags = _settings(args), _bags(args)
@@ -210,9 +209,9 @@ def run(args: argparse.Namespace) -> int:
 
 def _identify(args: argparse.Namespace, settings: Any, read: list[Any]) -> dict[str, Any]:
     """Return the result as plain data; what was read is left in ``read``, also where all else fails."""
-    from pendubot_identification.adapters.datasets import load_datasets
-    from pendubot_identification.adapters.result_file import result_data
-    from pendubot_identification.core.estimation.identification import identify
+    from pendubot_identification.identify.identification import identify
+    from pendubot_identification.recordings.datasets import load_datasets
+    from pendubot_identification.results.result_file import result_data
 
     data = load_datasets(args.bags, args.validate, topic=args.topic, joint_names=joints(args.joints))
     read.append(data)
@@ -227,14 +226,14 @@ def _bags(args: argparse.Namespace) -> list[Path]:
     Raises:
         BagError: one is not understood.
     """
-    from pendubot_identification.adapters.bag_reader import BagWindow
+    from pendubot_identification.recordings.bag_reader import BagWindow
 
     return [BagWindow.parse(text).path for text in (*args.bags, *args.validate)]
 
 
 def _shown(data: Datasets) -> Recordings:
     """Return the motions that a report shows, which of long recordings are stretches."""
-    from pendubot_identification.core.trajectories.long import held_parts
+    from pendubot_identification.trajectories.long import held_parts
 
     return held_parts(data.training), held_parts(data.validation)
 
@@ -268,7 +267,7 @@ def _settings(args: argparse.Namespace) -> Any:
     Raises:
         PendubotError: an option makes no sense.
     """
-    from pendubot_identification.core.estimation.settings import DELAYS, Settings
+    from pendubot_identification.identify.settings import DELAYS, Settings
 
     _refuse_what_does_nothing(args)
     mde = {'population': args.population, 'generations': args.generations}
@@ -303,7 +302,7 @@ def _refuse_what_does_nothing(args: argparse.Namespace) -> None:
     Raises:
         UsageError: it names them both.
     """
-    from pendubot_identification.core.model.parameters import MODELS, NAMES
+    from pendubot_identification.model.parameters import MODELS, NAMES
 
     for option in ('runs', 'population', 'generations', 'spread', 'per_vector'):
         given, name = getattr(args, option), option.replace('_', '-')
@@ -352,8 +351,8 @@ def _delays(text: str) -> tuple[float, float]:
 
 
 def _bounds(texts: list[str]) -> Any:
-    from pendubot_identification.core.errors import ParameterError
-    from pendubot_identification.core.model.parameters import default_bounds
+    from pendubot_identification.errors import ParameterError
+    from pendubot_identification.model.parameters import default_bounds
 
     bounds = default_bounds()
     for text in texts:
@@ -374,7 +373,7 @@ def joints(text: str) -> list[str]:
     Raises:
         ParameterError: it names no two joints.
     """
-    from pendubot_identification.core.errors import ParameterError
+    from pendubot_identification.errors import ParameterError
 
     names = [name.strip() for name in text.split(',') if name.strip()]
     if len(names) != 2 or len(set(names)) != 2:

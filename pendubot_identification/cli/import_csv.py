@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from .usage import wrong_usage
+from pendubot_identification.errors import wrong_usage
 
 DESCRIPTION = """\
 Turn a CSV file into a bag with the topic /joint_states, as the recorder writes it.
@@ -83,8 +83,8 @@ def run(args: argparse.Namespace) -> int:
     Raises:
         PendubotError: the file cannot be read or the bag not written.
     """
-    from pendubot_identification.adapters.csv_import import import_csv, wanted
-    from pendubot_identification.adapters.joint_states import write_trajectory
+    from pendubot_identification.recordings.csv_import import import_csv, wanted
+    from pendubot_identification.recordings.joint_states import write_trajectory
 
     with wrong_usage():
         wanted(args.columns)

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from pendubot_identification.adapters.bag_reader import BagInfo
-    from pendubot_identification.adapters.bag_survey import TopicTimes
-    from pendubot_identification.adapters.mcap_salvage import Damage
+    from pendubot_identification.recordings.bag_reader import BagInfo
+    from pendubot_identification.recordings.bag_survey import TopicTimes
+    from pendubot_identification.recordings.mcap_salvage import Damage
 
 DESCRIPTION = """\
 Say what is in a bag: its topics, how many messages of each, how often and how regularly, how long it lasts, whether
@@ -47,8 +47,8 @@ def run(args: argparse.Namespace) -> int:
     Raises:
         BagError: it cannot be read.
     """
-    from pendubot_identification.adapters.bag_reader import BagReader
-    from pendubot_identification.adapters.bag_survey import survey
+    from pendubot_identification.recordings.bag_reader import BagReader
+    from pendubot_identification.recordings.bag_survey import survey
 
     reader = BagReader(args.bag)
     summary = summarise(reader.info, *survey(reader.files))
@@ -78,7 +78,7 @@ def summarise(info: BagInfo, topics: dict[str, TopicTimes], damages: dict[str, l
 def _of_topic(name: str, type_name: str, times: TopicTimes) -> dict[str, Any]:
     import numpy as np
 
-    from pendubot_identification.core.messages.regularity import regularity
+    from pendubot_identification.recordings.regularity import regularity
 
     at = times.times()
     found = regularity(at)

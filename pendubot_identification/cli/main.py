@@ -9,9 +9,10 @@ import traceback
 from collections.abc import Sequence
 
 from pendubot_identification import __version__
-from pendubot_identification.adapters.resources import resource
-from pendubot_identification.core import kernel
-from pendubot_identification.core.errors import PendubotError
+from pendubot_identification.errors import PendubotError, UsageError
+from pendubot_identification.model import kernel
+from pendubot_identification.paper import reproduce
+from pendubot_identification.resources import resource
 
 from . import (
     compare,
@@ -23,10 +24,8 @@ from . import (
     info,
     repair,
     report,
-    reproduce,
     simulate,
 )
-from .usage import UsageError
 
 DESCRIPTION = """\
 Identify the parameters of a pendubot from recorded bags, without ROS.

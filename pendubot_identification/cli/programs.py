@@ -14,7 +14,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
-from pendubot_identification.core.errors import PendubotError
+from pendubot_identification.errors import PendubotError
 
 #: What would reach beyond this computer, or lead into a domain that is none.
 OUTWARD = (

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from pendubot_identification.adapters.bag_repair import SavedFile
+    from pendubot_identification.recordings.bag_repair import SavedFile
 
 DESCRIPTION = """\
 Write a closed copy of a bag whose recording was killed, or whose file was cut or damaged, and say what was saved. The
@@ -45,7 +45,7 @@ def run(args: argparse.Namespace) -> int:
     Raises:
         BagError: the bag cannot be read, or the copy not be written.
     """
-    from pendubot_identification.adapters.bag_repair import repair
+    from pendubot_identification.recordings.bag_repair import repair
 
     # Of a single file, beside it; a name that ends with a slash has none of its own.
     bag = Path(args.bag)

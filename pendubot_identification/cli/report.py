@@ -10,15 +10,15 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pendubot_identification.core.errors import PendubotError
+from pendubot_identification.errors import PendubotError
 
 from .progress import Progress, progress_bar
 
 if TYPE_CHECKING:
-    from pendubot_identification.adapters.files import OutputFolder
-    from pendubot_identification.core.estimation.evidence import Answer
-    from pendubot_identification.core.trajectories.trajectory import Trajectory
+    from pendubot_identification.files import OutputFolder
+    from pendubot_identification.identify.evidence import Answer
     from pendubot_identification.report.figures import Picture
+    from pendubot_identification.trajectories.trajectory import Trajectory
 
     Recordings = tuple[Sequence[Trajectory], Sequence[Trajectory]]
 
@@ -80,9 +80,9 @@ def run(args: argparse.Namespace) -> int:
     Raises:
         PendubotError: there is no such result, or the folder cannot be written.
     """
-    from pendubot_identification.adapters.files import OutputFolder, refuse_input
-    from pendubot_identification.adapters.provenance import recordings
-    from pendubot_identification.adapters.result_file import read_whole_result
+    from pendubot_identification.files import OutputFolder, refuse_input
+    from pendubot_identification.results.provenance import recordings
+    from pendubot_identification.results.result_file import read_whole_result
 
     result = read_whole_result(args.result)
     beside = reference(args.reference)
@@ -116,7 +116,7 @@ def previous(path: Path) -> tuple[Mapping[str, Any], str]:
 
 
 def _with_parameters(path: Path) -> Mapping[str, Any]:
-    from pendubot_identification.adapters.result_file import read_result, unphysical
+    from pendubot_identification.results.result_file import read_result, unphysical
 
     data = read_result(path)
     for problem in unphysical(data, path):
@@ -133,8 +133,8 @@ def write_result_report(
     progress: Progress,
 ) -> Path:
     """Draw all that there is to draw of a result, write it, and return where the page is."""
-    from pendubot_identification.adapters.result_file import result_text
     from pendubot_identification.report.page import result_page
+    from pendubot_identification.results.result_file import result_text
 
     sections, left_out = _sections(result, motions, beside, progress)
     other, name = beside or (None, '')
@@ -183,11 +183,11 @@ def _sections(
     progress: Progress,
 ) -> tuple[dict[str, list[Picture]], list[str]]:
     """Return the figures under their headings, and why any of them is missing."""
-    from pendubot_identification.adapters.provenance import answers, hold, settings
-    from pendubot_identification.core.estimation.evidence import excitation, residuals, simulate_beside
-    from pendubot_identification.core.estimation.prediction import state_scale
-    from pendubot_identification.core.trajectories.motion import Motion
+    from pendubot_identification.identify.evidence import excitation, residuals, simulate_beside
+    from pendubot_identification.identify.prediction import state_scale
     from pendubot_identification.report import figures
+    from pendubot_identification.results.provenance import answers, hold, settings
+    from pendubot_identification.trajectories.motion import Motion
 
     found = answers(result)
     best, other = found[result['criterion']], beside or (None, '')

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from .usage import UsageError, wrong_usage
+from pendubot_identification.errors import UsageError, wrong_usage
 
 DESCRIPTION = """\
 Write a bag of the virtual rig (the paper's parameters, or a result's) under the paper's pulse train, as its encoders
@@ -65,12 +65,12 @@ def run(args: argparse.Namespace) -> int:
     """Simulate and write."""
     import numpy as np
 
-    from pendubot_identification.adapters.exciter_file import read_exciter
-    from pendubot_identification.adapters.joint_states import write_trajectory
-    from pendubot_identification.adapters.result_file import read_parameters
-    from pendubot_identification.core.experiment.excitation import PulseTrain
-    from pendubot_identification.core.model.parameters import PAPER
-    from pendubot_identification.core.model.simulation import quantised, simulate
+    from pendubot_identification.excitation.excitation import PulseTrain
+    from pendubot_identification.excitation.exciter_file import read_exciter
+    from pendubot_identification.model.parameters import PAPER
+    from pendubot_identification.model.simulation import quantised, simulate
+    from pendubot_identification.recordings.joint_states import write_trajectory
+    from pendubot_identification.results.result_file import read_parameters
 
     if not 1 <= args.samples <= 10_000_000 or not 1 <= args.rate <= 100_000 or args.counts < 0:
         raise UsageError(

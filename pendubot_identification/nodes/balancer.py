@@ -19,12 +19,12 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray
 from std_srvs.srv import Trigger
 
-from pendubot_identification.adapters.joint_states import JOINT_NAMES
-from pendubot_identification.core.controller.balancing import Balancing, Phase, Plan
-from pendubot_identification.core.controller.control import Limits, Loop
-from pendubot_identification.core.errors import ParameterError, PendubotError
-from pendubot_identification.core.level import Level
-from pendubot_identification.core.model.parameters import Parameters
+from pendubot_identification.control.balancing import Balancing, Phase, Plan
+from pendubot_identification.control.control import Limits, Loop
+from pendubot_identification.errors import ParameterError, PendubotError
+from pendubot_identification.level import Level
+from pendubot_identification.model.parameters import Parameters
+from pendubot_identification.recordings.joint_states import JOINT_NAMES
 
 from .diagnostics import diagnostics_message
 from .ending import Ending
@@ -36,7 +36,7 @@ from .runtime import Setting, SettingsNode, run
 class Balancer(SettingsNode):
     """Waits for parameters and samples, prepares itself, and moves the rig from ~/start to ~/stop or the first doubt.
 
-    What it decides is in :class:`.core.balancing.Balancing`.
+    What it decides is in :class:`.control.balancing.Balancing`.
     """
 
     PROGRAM = 'balancer'

@@ -18,13 +18,13 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
-from pendubot_identification.adapters.serial_link import SerialLink
-from pendubot_identification.core.errors import ParameterError
-from pendubot_identification.core.level import Level
-from pendubot_identification.core.link.health import Health
-from pendubot_identification.core.link.host import Host
-from pendubot_identification.core.link.host_config import HostConfig
-from pendubot_identification.core.link.news import Armed, ArmingFailed, HostEvent, Report, Sample
+from pendubot_identification.errors import ParameterError
+from pendubot_identification.level import Level
+from pendubot_identification.link.health import Health
+from pendubot_identification.link.host import Host
+from pendubot_identification.link.host_config import HostConfig
+from pendubot_identification.link.news import Armed, ArmingFailed, HostEvent, Report, Sample
+from pendubot_identification.link.serial_link import SerialLink
 
 from .diagnostics import diagnostics_message
 from .ending import Ending

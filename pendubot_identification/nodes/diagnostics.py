@@ -8,7 +8,7 @@ from typing import Any
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
-from pendubot_identification.core.level import Level
+from pendubot_identification.level import Level
 
 
 def diagnostics_message(

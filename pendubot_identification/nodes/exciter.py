@@ -12,7 +12,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
-from pendubot_identification.core.experiment.excitation import PulseTrain
+from pendubot_identification.excitation.excitation import PulseTrain
 
 from .ending import Ending
 from .presence import rival

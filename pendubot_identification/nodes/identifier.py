@@ -11,17 +11,17 @@ from diagnostic_msgs.msg import DiagnosticArray
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
 
-from pendubot_identification.adapters.bag_reader import BagWindow
-from pendubot_identification.adapters.datasets import load_datasets
-from pendubot_identification.adapters.files import refuse_input, refuse_unwritable
-from pendubot_identification.adapters.joint_states import JOINT_NAMES, JOINT_STATES_TOPIC
-from pendubot_identification.adapters.result_file import read_parameters, result_data, write_result
-from pendubot_identification.core.errors import ParameterError, PendubotError, ResultError
-from pendubot_identification.core.estimation.identification import identify
-from pendubot_identification.core.estimation.settings import CRITERIA, DELAYS, HOLDS, OPTIMIZERS, SPREAD, Settings
-from pendubot_identification.core.level import Level
-from pendubot_identification.core.model.parameters import MODELS, NAMES, Bounds, default_bounds
+from pendubot_identification.errors import ParameterError, PendubotError, ResultError
+from pendubot_identification.files import refuse_input, refuse_unwritable
+from pendubot_identification.identify.identification import identify
+from pendubot_identification.identify.settings import CRITERIA, DELAYS, HOLDS, OPTIMIZERS, SPREAD, Settings
+from pendubot_identification.level import Level
+from pendubot_identification.model.parameters import MODELS, NAMES, Bounds, default_bounds
+from pendubot_identification.recordings.bag_reader import BagWindow
+from pendubot_identification.recordings.datasets import load_datasets
+from pendubot_identification.recordings.joint_states import JOINT_NAMES, JOINT_STATES_TOPIC
 from pendubot_identification.report.tables import whole
+from pendubot_identification.results.result_file import read_parameters, result_data, write_result
 
 from .diagnostics import diagnostics_message
 from .ending import Ending

@@ -11,7 +11,7 @@ from rclpy.qos import DurabilityPolicy, QoSCompatibility, QoSProfile, Reliabilit
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 from rclpy.validate_topic_name import validate_topic_name
 
-from pendubot_identification.core.errors import BagError, ParameterError
+from pendubot_identification.errors import BagError, ParameterError
 
 
 def check_names(topics: Sequence[str]) -> None:

@@ -9,9 +9,9 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 
-from pendubot_identification.core.errors import ControlError
-from pendubot_identification.core.estimation.identification import Identification
-from pendubot_identification.core.model.parameters import NAMES
+from pendubot_identification.errors import ControlError
+from pendubot_identification.identify.identification import Identification
+from pendubot_identification.model.parameters import NAMES
 
 #: A subscriber that joins later still receives the last message.
 LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -44,7 +44,7 @@ def joint_sample(m: JointState, names: Sequence[str]) -> tuple[float, tuple[floa
 
 
 def identification_values(data: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the entries of a result (see :func:`.adapters.result_file.result_data`) under flat names.
+    """Return the entries of a result (see :func:`.results.result_file.result_data`) under flat names.
 
     ``P1``, ``P1.std_error``, ``P1.unit``, ``J.training``, ``prediction.error``, ``criterion``, ``bags.0.bag``,
     ``warnings.0``, ``criteria.energy.P1`` ... Matrices, single runs and the models that were not chosen are left to the

@@ -16,9 +16,9 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import Trigger
 
-from pendubot_identification.adapters.playback import Playback
-from pendubot_identification.core.errors import ParameterError, PendubotError
-from pendubot_identification.core.messages.pace import Pace
+from pendubot_identification.errors import ParameterError, PendubotError
+from pendubot_identification.recordings.pace import Pace
+from pendubot_identification.recordings.playback import Playback
 
 from .ending import Ending
 from .matching import check_names, message_class

@@ -10,7 +10,7 @@ from rclpy.publisher import Publisher
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 from std_msgs.msg import Float64
 
-from pendubot_identification.core.errors import PendubotError
+from pendubot_identification.errors import PendubotError
 
 from .ending import Ending
 

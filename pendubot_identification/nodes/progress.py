@@ -9,7 +9,7 @@ from typing import NamedTuple
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 
-from pendubot_identification.core.level import Level
+from pendubot_identification.level import Level
 
 from .diagnostics import diagnostics_message
 

@@ -15,12 +15,12 @@ from rclpy.duration import Duration
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 from std_srvs.srv import Trigger
 
-from pendubot_identification.adapters.bag_metadata import Qos
-from pendubot_identification.adapters.bag_writer import Limits
-from pendubot_identification.adapters.recording import Arrival, Recording
-from pendubot_identification.core.errors import BagError, ParameterError
-from pendubot_identification.core.level import Level
-from pendubot_identification.core.link.health import Diagnosis
+from pendubot_identification.errors import BagError, ParameterError
+from pendubot_identification.level import Level
+from pendubot_identification.link.health import Diagnosis
+from pendubot_identification.recordings.bag_metadata import Qos
+from pendubot_identification.recordings.bag_writer import Limits
+from pendubot_identification.recordings.recording import Arrival, Recording
 
 from .diagnostics import diagnostics_message
 from .ending import Ending

@@ -23,8 +23,8 @@ from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
-from pendubot_identification.adapters.resources import resource
-from pendubot_identification.core.errors import ParameterError, PendubotError
+from pendubot_identification.errors import ParameterError, PendubotError
+from pendubot_identification.resources import resource
 
 from .ending import Ending, ended
 from .parameter_files import unheard

@@ -13,11 +13,11 @@ from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
 
-from pendubot_identification.adapters.pty_server import PtyServer
-from pendubot_identification.core.errors import ParameterError, PendubotError
-from pendubot_identification.core.link.virtual_board import BoardSettings, Faults, VirtualBoard
-from pendubot_identification.core.model.parameters import PRESETS
-from pendubot_identification.core.model.simulation import HANGING, LatePlant
+from pendubot_identification.errors import ParameterError, PendubotError
+from pendubot_identification.link.pty_server import PtyServer
+from pendubot_identification.link.virtual_board import BoardSettings, Faults, VirtualBoard
+from pendubot_identification.model.parameters import PRESETS
+from pendubot_identification.model.simulation import HANGING, LatePlant
 
 from .ending import Ending, ended
 
@@ -121,7 +121,7 @@ def make_board(options: argparse.Namespace) -> VirtualBoard:
     parameters = PRESETS[options.preset]
     if options.parameters is not None:
         # Only here: the board has no other use for what this imports, and starts ten times faster without.
-        from pendubot_identification.adapters.result_file import read_parameters
+        from pendubot_identification.results.result_file import read_parameters
 
         parameters = read_parameters(options.parameters)
     chance = random.Random(options.seed)

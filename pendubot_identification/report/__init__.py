@@ -1,1 +1,1 @@
-"""Results in, tables out; nothing here decides anything."""
+"""A result in; page, figures and tables out. It decides nothing."""

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pendubot_identification.core.trajectories.trajectory import Trajectory
+from pendubot_identification.trajectories.trajectory import Trajectory
 
 
 def draw_balance(path: Path, motion: Trajectory, limit: float) -> None:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pendubot_identification.core.experiment.design import Experiment, Foreseen
-from pendubot_identification.core.model.parameters import NAMES, Parameters
+from pendubot_identification.excitation.design import Experiment, Foreseen
+from pendubot_identification.model.parameters import NAMES, Parameters
 
 from .tables import table
 

@@ -14,8 +14,8 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from pendubot_identification.core.estimation.evidence import Excitation, Residuals, Simulation
-from pendubot_identification.core.trajectories.trajectory import Trajectory
+from pendubot_identification.identify.evidence import Excitation, Residuals, Simulation
+from pendubot_identification.trajectories.trajectory import Trajectory
 
 from .style import rendered, style
 from .tables import Result

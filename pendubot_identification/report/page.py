@@ -12,7 +12,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from typing import Any
 
-from pendubot_identification.core.model.parameters import SPECIFICATIONS
+from pendubot_identification.model.parameters import SPECIFICATIONS
 
 from .figures import Picture
 from .tables import Result, decimals, fixed, scientific

@@ -1,4 +1,4 @@
-"""Results as text for a terminal. A result is the plain data of a result file, see :mod:`.adapters.result_file`."""
+"""Results as text for a terminal. A result is the plain data of a result file, see :mod:`.results.result_file`."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from .published import TRAINING, VALIDATION_AVERAGE
+from pendubot_identification.paper.published import TRAINING, VALIDATION_AVERAGE
 
 Result = Mapping[str, Any]
 

@@ -8,7 +8,7 @@ import argparse
 import re
 from pathlib import Path
 
-from pendubot_identification.core import kernel
+from pendubot_identification.model import kernel
 from test.benchmark import bags, growth, measure, motions, optimisers, start
 from test.conftest import ROOT
 

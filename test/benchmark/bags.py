@@ -12,14 +12,14 @@ from pathlib import Path
 import numpy as np
 from mcap.writer import CompressionType, Writer
 
-from pendubot_identification.adapters.bulk import _walk
-from pendubot_identification.adapters.joint_states import EPOCH_NS, JOINT_NAMES, JOINT_STATE, encode_joint_state
-from pendubot_identification.adapters.message_types import message_definition
-from pendubot_identification.core.experiment.excitation import PulseTrain
-from pendubot_identification.core.model.parameters import NAMES, PAPER
-from pendubot_identification.core.model.rollout import roll
-from pendubot_identification.core.model.simulation import quantised
-from pendubot_identification.core.trajectories.trajectory import Trajectory
+from pendubot_identification.excitation.excitation import PulseTrain
+from pendubot_identification.model.parameters import NAMES, PAPER
+from pendubot_identification.model.rollout import roll
+from pendubot_identification.model.simulation import quantised
+from pendubot_identification.recordings.bulk import _walk
+from pendubot_identification.recordings.joint_states import EPOCH_NS, JOINT_NAMES, JOINT_STATE, encode_joint_state
+from pendubot_identification.recordings.message_types import message_definition
+from pendubot_identification.trajectories.trajectory import Trajectory
 from test.benchmark import measure
 from test.benchmark.measure import REPETITIONS, seconds
 from test.conftest import ROOT
@@ -41,7 +41,7 @@ OURS = (
     MEMORY
     + """
 from pathlib import Path
-from pendubot_identification.adapters.bag_reader import BagReader, BagWindow, read_trajectory
+from pendubot_identification.recordings.bag_reader import BagReader, BagWindow, read_trajectory
 clock = time.process_time if sys.argv.pop() == 'cpu' else time.perf_counter
 begin = clock()
 window = [float(x) for x in sys.argv[2:]]

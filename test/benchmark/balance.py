@@ -24,16 +24,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pendubot_identification.core.controller.control import UPRIGHT, Controller, Design, Limits, Loop
-from pendubot_identification.core.controller.linear_control import Weights, design, equilibrium
-from pendubot_identification.core.controller.rehearsal import HELD, deviation, rehearse
-from pendubot_identification.core.errors import ControlError
-from pendubot_identification.core.estimation.identification import identify
-from pendubot_identification.core.estimation.settings import Settings
-from pendubot_identification.core.experiment.excitation import PulseTrain
-from pendubot_identification.core.model.parameters import BALANCE, PAPER, Parameters
-from pendubot_identification.core.model.simulation import HANGING, LatePlant, quantised
-from pendubot_identification.core.trajectories.trajectory import Trajectory
+from pendubot_identification.control.control import UPRIGHT, Controller, Design, Limits, Loop
+from pendubot_identification.control.linear_control import Weights, design, equilibrium
+from pendubot_identification.control.rehearsal import HELD, deviation, rehearse
+from pendubot_identification.errors import ControlError
+from pendubot_identification.excitation.excitation import PulseTrain
+from pendubot_identification.identify.identification import identify
+from pendubot_identification.identify.settings import Settings
+from pendubot_identification.model.parameters import BALANCE, PAPER, Parameters
+from pendubot_identification.model.simulation import HANGING, LatePlant, quantised
+from pendubot_identification.trajectories.trajectory import Trajectory
 
 LAG, LIMIT, TIME = 0.004, 2.0, 10.0
 #: Where it starts, how far each angle may be from there [rad], and when it has to be held [s].

@@ -22,21 +22,21 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pendubot_identification.adapters.csv_import import import_csv
-from pendubot_identification.core.criteria.energy import energy_regression
-from pendubot_identification.core.criteria.quadratic import Quadratic
-from pendubot_identification.core.estimation.diagnosis import diagnose, link_length
-from pendubot_identification.core.estimation.identification import identify
-from pendubot_identification.core.estimation.judgement import judge
-from pendubot_identification.core.estimation.prediction import HORIZONS, Prediction, predict, state_scale
-from pendubot_identification.core.estimation.recipes import Data, estimate
-from pendubot_identification.core.estimation.settings import Settings
-from pendubot_identification.core.experiment.excitation import PulseTrain
-from pendubot_identification.core.level import Level
-from pendubot_identification.core.model.parameters import BALANCE, NAMES, PAPER, Parameters, default_bounds
-from pendubot_identification.core.model.simulation import quantised, simulate
-from pendubot_identification.core.trajectories.motion import Motion
-from pendubot_identification.core.trajectories.suspicions import suspicions
+from pendubot_identification.criteria.energy import energy_regression
+from pendubot_identification.criteria.quadratic import Quadratic
+from pendubot_identification.excitation.excitation import PulseTrain
+from pendubot_identification.identify.diagnosis import diagnose, link_length
+from pendubot_identification.identify.identification import identify
+from pendubot_identification.identify.judgement import judge
+from pendubot_identification.identify.prediction import HORIZONS, Prediction, predict, state_scale
+from pendubot_identification.identify.recipes import Data, estimate
+from pendubot_identification.identify.settings import Settings
+from pendubot_identification.level import Level
+from pendubot_identification.model.parameters import BALANCE, NAMES, PAPER, Parameters, default_bounds
+from pendubot_identification.model.simulation import quantised, simulate
+from pendubot_identification.recordings.csv_import import import_csv
+from pendubot_identification.trajectories.motion import Motion
+from pendubot_identification.trajectories.suspicions import suspicions
 from test.conftest import RECORDINGS
 
 COUNTS, RATE, SAMPLES, SEVEN = 4000, 100, 900, NAMES[:7]

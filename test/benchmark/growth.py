@@ -3,10 +3,10 @@
 import matplotlib as mpl
 import numpy as np
 
-from pendubot_identification.core.criteria.energy import energy_regression
-from pendubot_identification.core.criteria.quadratic import Penalised, Quadratic
-from pendubot_identification.core.model.parameters import Bounds, default_bounds
-from pendubot_identification.core.trajectories.trajectory import Trajectory
+from pendubot_identification.criteria.energy import energy_regression
+from pendubot_identification.criteria.quadratic import Penalised, Quadratic
+from pendubot_identification.model.parameters import Bounds, default_bounds
+from pendubot_identification.trajectories.trajectory import Trajectory
 from test.benchmark import measure
 from test.benchmark.measure import on
 from test.benchmark.optimisers import energy_criterion, mde

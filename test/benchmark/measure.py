@@ -11,7 +11,7 @@ from contextlib import contextmanager
 import numpy as np
 import scipy
 
-from pendubot_identification.core import kernel
+from pendubot_identification.model import kernel
 
 REPETITIONS = 5
 

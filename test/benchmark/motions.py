@@ -4,9 +4,9 @@ import math
 
 import numpy as np
 
-from pendubot_identification.core.model.dynamics import GRAVITY
-from pendubot_identification.core.model.parameters import PAPER
-from pendubot_identification.core.model.rollout import roll, sensitivities
+from pendubot_identification.model.dynamics import GRAVITY
+from pendubot_identification.model.parameters import PAPER
+from pendubot_identification.model.rollout import roll, sensitivities
 from test.benchmark.measure import interleaved, on, table
 
 SAMPLES, VECTORS, INTERVAL = 900, 30, 0.01

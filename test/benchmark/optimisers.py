@@ -8,14 +8,14 @@ from pathlib import Path
 import numpy as np
 from scipy.optimize import differential_evolution
 
-from pendubot_identification.adapters.bag_reader import read_trajectory
-from pendubot_identification.core.criteria.energy import energy_regression
-from pendubot_identification.core.criteria.quadratic import Penalised, Quadratic
-from pendubot_identification.core.model.parameters import coupling_excess, default_bounds
-from pendubot_identification.core.optimizers.mde import MDE, MDESettings
-from pendubot_identification.core.optimizers.mde_kernel import leap
-from pendubot_identification.core.optimizers.optimizer import minimize
-from pendubot_identification.core.paper.benchmark_functions import FUNCTIONS
+from pendubot_identification.criteria.energy import energy_regression
+from pendubot_identification.criteria.quadratic import Penalised, Quadratic
+from pendubot_identification.model.parameters import coupling_excess, default_bounds
+from pendubot_identification.optimizers.mde import MDE, MDESettings
+from pendubot_identification.optimizers.mde_kernel import leap
+from pendubot_identification.optimizers.optimizer import minimize
+from pendubot_identification.paper.benchmark_functions import FUNCTIONS
+from pendubot_identification.recordings.bag_reader import read_trajectory
 from test.benchmark.measure import interleaved, on, one_thread, seconds, table
 from test.conftest import ROOT
 

@@ -6,10 +6,10 @@ import math
 import pytest
 import yaml
 
-from pendubot_identification.adapters.result_file import write_result
 from pendubot_identification.cli.main import main
+from pendubot_identification.results.result_file import write_result
 from test.conftest import ROOT
-from test.results import plain
+from test.identified import plain
 
 SAMPLE = ROOT / 'bags' / 'paper_experiment'
 
@@ -65,7 +65,7 @@ def test_what_each_foresees_of_a_bag(results, capsys):
 
 
 def test_a_bag_that_one_was_estimated_from_is_named(results, tmp_path, capsys):
-    from pendubot_identification.adapters.bag_reader import BagReader
+    from pendubot_identification.recordings.bag_reader import BagReader
 
     data = plain(('weak',))
     data['bags'][0]['sha256'] = BagReader(SAMPLE).content_hash()

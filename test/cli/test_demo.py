@@ -11,7 +11,7 @@ import pytest
 
 from pendubot_identification.cli.main import main
 from pendubot_identification.cli.programs import Programs
-from pendubot_identification.core.errors import PendubotError
+from pendubot_identification.errors import PendubotError
 from test.processes import Program
 
 ELSEWHERE = {

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 import yaml
 
-from pendubot_identification.adapters.bag_reader import read_trajectory
-from pendubot_identification.adapters.exciter_file import read_exciter
 from pendubot_identification.cli.main import main
-from pendubot_identification.core.experiment.excitation import PulseTrain
+from pendubot_identification.excitation.excitation import PulseTrain
+from pendubot_identification.excitation.exciter_file import read_exciter
+from pendubot_identification.recordings.bag_reader import read_trajectory
 from test.conftest import ROOT
-from test.results import plain
+from test.identified import plain
 
 QUICK = ['--torque', '1', '--speed', '20', '--duration', '2', '--generations', '1']
 
@@ -44,7 +44,7 @@ def test_the_exciter_takes_a_written_file(tmp_path):
     import rclpy
     from rclpy.node import Node
 
-    from pendubot_identification.adapters.exciter_file import write_exciter
+    from pendubot_identification.excitation.exciter_file import write_exciter
     from pendubot_identification.nodes.exciter import Exciter
 
     path, train = tmp_path / 'exciter.yaml', PulseTrain(0.7, 0.31, -0.2, 1.0, 1e-3, 12)

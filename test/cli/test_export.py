@@ -3,10 +3,10 @@ import json
 import pytest
 import yaml
 
-from pendubot_identification.adapters.export import FORMATS
 from pendubot_identification.cli.export import FORMATS as NAMED
 from pendubot_identification.cli.main import main
-from test.results import plain
+from pendubot_identification.results.export import FORMATS
+from test.identified import plain
 
 
 @pytest.fixture

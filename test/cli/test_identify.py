@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 import yaml
 
-from pendubot_identification.adapters.csv_import import import_csv
-from pendubot_identification.adapters.joint_states import write_trajectory
-from pendubot_identification.adapters.result_file import read_parameters
 from pendubot_identification.cli import identify as command
 from pendubot_identification.cli.main import main
-from pendubot_identification.core.estimation.settings import CRITERIA, HOLDS, OPTIMIZERS
-from pendubot_identification.core.model.parameters import MODELS, NAMES, PAPER
-from pendubot_identification.core.trajectories.trajectory import Trajectory
+from pendubot_identification.identify.settings import CRITERIA, HOLDS, OPTIMIZERS
+from pendubot_identification.model.parameters import MODELS, NAMES, PAPER
+from pendubot_identification.recordings.csv_import import import_csv
+from pendubot_identification.recordings.joint_states import write_trajectory
+from pendubot_identification.results.result_file import read_parameters
+from pendubot_identification.trajectories.trajectory import Trajectory
 from test.conftest import RECORDINGS, ROOT
 from test.processes import run_program
 
@@ -277,7 +277,7 @@ def test_several_bags_are_foreseen_from_each_other(capsys, bag, tmp_path):
 
 def broken(bag, tmp_path, **changes):
     """Return a bag like the given one but for some arrays."""
-    from pendubot_identification.adapters.bag_reader import read_trajectory
+    from pendubot_identification.recordings.bag_reader import read_trajectory
 
     t = read_trajectory(bag).trajectory
     values = {'t': t.t, 'q': t.q, 'tau': t.tau} | changes
@@ -397,7 +397,7 @@ def test_a_torque_that_does_no_work_is_refused(capsys, bag, tmp_path):
 
 @pytest.mark.parametrize('options', [PAPERS, FAST])
 def test_a_torque_of_the_wrong_sign_is_an_error(capsys, bag, tmp_path, options):
-    from pendubot_identification.adapters.bag_reader import read_trajectory
+    from pendubot_identification.recordings.bag_reader import read_trajectory
 
     wrong = broken(bag, tmp_path, tau=-read_trajectory(bag).trajectory.tau)
     status, out, _ = identify(capsys, wrong, '--json', *options)
@@ -408,7 +408,7 @@ def test_a_torque_of_the_wrong_sign_is_an_error(capsys, bag, tmp_path, options):
 
 
 def test_missing_samples_are_counted(capsys, bag, tmp_path):
-    from pendubot_identification.adapters.bag_reader import read_trajectory
+    from pendubot_identification.recordings.bag_reader import read_trajectory
 
     t = read_trajectory(bag).trajectory
     kept = np.arange(1800) % 20 != 7
@@ -432,7 +432,7 @@ def test_a_gap_outside_the_window_does_no_harm(capsys, bag, tmp_path):
 
 
 def test_a_value_far_too_large_is_said_in_few_digits(capsys, bag, tmp_path):
-    from pendubot_identification.adapters.bag_reader import read_trajectory
+    from pendubot_identification.recordings.bag_reader import read_trajectory
 
     q = read_trajectory(bag).trajectory.q.copy()
     q[50, 0] = 1e300
@@ -442,8 +442,8 @@ def test_a_value_far_too_large_is_said_in_few_digits(capsys, bag, tmp_path):
 
 
 def test_not_a_number_in_the_samples(capsys, tmp_path, bag):
-    from pendubot_identification.adapters.bag_writer import BagWriter
-    from pendubot_identification.adapters.joint_states import encode_joint_state
+    from pendubot_identification.recordings.bag_writer import BagWriter
+    from pendubot_identification.recordings.joint_states import encode_joint_state
 
     for label, values, stamps in (
         ('nan', [np.nan, 0.0], range(200)),

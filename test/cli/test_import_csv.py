@@ -3,10 +3,10 @@ import argparse
 import numpy as np
 import pytest
 
-from pendubot_identification.adapters.bag_reader import BagReader, read_trajectory
 from pendubot_identification.cli import import_csv
 from pendubot_identification.cli.main import main
-from pendubot_identification.core.errors import BagError, CsvError
+from pendubot_identification.errors import BagError, CsvError
+from pendubot_identification.recordings.bag_reader import BagReader, read_trajectory
 
 
 def run(*arguments):

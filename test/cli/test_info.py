@@ -4,11 +4,11 @@ import json
 import numpy as np
 import pytest
 
-from pendubot_identification.adapters.bag_writer import BagWriter, Limits
-from pendubot_identification.adapters.joint_states import JOINT_STATE, encode_joint_state, write_trajectory
 from pendubot_identification.cli import info
-from pendubot_identification.core.errors import BagError
-from pendubot_identification.core.trajectories.trajectory import Trajectory
+from pendubot_identification.errors import BagError
+from pendubot_identification.recordings.bag_writer import BagWriter, Limits
+from pendubot_identification.recordings.joint_states import JOINT_STATE, encode_joint_state, write_trajectory
+from pendubot_identification.trajectories.trajectory import Trajectory
 
 START = 1_700_000_000_000_000_000
 

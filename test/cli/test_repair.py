@@ -2,11 +2,11 @@ import json
 
 import pytest
 
-from pendubot_identification.adapters.bag_reader import BagReader
 from pendubot_identification.cli.main import main
+from pendubot_identification.recordings.bag_reader import BagReader
+from test.recordings.independent import by_mcap
 
 from ..adapters import damage
-from ..adapters.independent import by_mcap
 
 
 @pytest.fixture

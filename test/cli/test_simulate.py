@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 import yaml
 
-from pendubot_identification.adapters.bag_reader import read_trajectory
-from pendubot_identification.adapters.result_file import SCHEMA
 from pendubot_identification.cli.main import main
-from pendubot_identification.core.model.parameters import PAPER
-from pendubot_identification.core.model.simulation import simulate
+from pendubot_identification.model.parameters import PAPER
+from pendubot_identification.model.simulation import simulate
+from pendubot_identification.recordings.bag_reader import read_trajectory
+from pendubot_identification.results.result_file import SCHEMA
 from test.conftest import ROOT
 
 GEARED = replace(PAPER, Fc1=0.004, Fc2=0.001, J2=1e-4, Fs1=0.002, Fs2=0.0005, k1=0.1, k2=0.1)

@@ -40,7 +40,7 @@ def test_help_imports_not_even_numpy(arguments):
 
 def test_identifying_leaves_the_heaviest_parts_of_scipy_alone():
     """Importing scipy.signal and scipy.stats takes half as long as a recording takes to be identified."""
-    imported = 'pendubot_identification.core.estimation.identification'
+    imported = 'pendubot_identification.identify.identification'
     child = f'import sys, {imported}; print([m for m in sys.modules if "scipy" in m])'
     names = subprocess.run([sys.executable, '-c', child], capture_output=True, text=True, timeout=60, check=True).stdout
     assert "'scipy.interpolate'" in names
@@ -64,7 +64,7 @@ def test_version_says_which_path_is_taken(switch, path):
 
 @pytest.mark.parametrize(('given', 'threads'), [('1', 1), ('3', 3), ('', 0), ('many', 0), ('-2', 0)])
 def test_the_kernel_takes_no_more_threads_than_told(given, threads):
-    child = 'import pendubot_identification.core.kernel as kernel; print(kernel.threads)'
+    child = 'import pendubot_identification.model.kernel as kernel; print(kernel.threads)'
     env = {**os.environ, 'PENDUBOT_THREADS': given}
     command = [sys.executable, '-c', child]
     said = subprocess.run(command, env=env, capture_output=True, text=True, timeout=60, check=True)

@@ -14,14 +14,14 @@ from itertools import pairwise
 import numpy as np
 import serial
 
-from pendubot_identification.adapters.pty_server import PtyServer
-from pendubot_identification.core.link.host import Host
-from pendubot_identification.core.link.host_config import HostConfig
-from pendubot_identification.core.link.news import Sample
-from pendubot_identification.core.link.protocol import Command, Decoder, Hello, HelloRequest, Mode, State, encode
-from pendubot_identification.core.link.virtual_board import BoardSettings, Faults, VirtualBoard
-from pendubot_identification.core.model.parameters import PAPER
-from pendubot_identification.core.model.simulation import Plant
+from pendubot_identification.link.host import Host
+from pendubot_identification.link.host_config import HostConfig
+from pendubot_identification.link.news import Sample
+from pendubot_identification.link.protocol import Command, Decoder, Hello, HelloRequest, Mode, State, encode
+from pendubot_identification.link.pty_server import PtyServer
+from pendubot_identification.link.virtual_board import BoardSettings, Faults, VirtualBoard
+from pendubot_identification.model.parameters import PAPER
+from pendubot_identification.model.simulation import Plant
 from test.processes import Program, call, parameters, spin_until
 from test.rig import ARMED, WATCHDOG, Rig
 

@@ -12,12 +12,12 @@ from pathlib import Path
 from typing import NamedTuple
 from unittest import mock
 
-from pendubot_identification.adapters.bag_reader import BagReader
-from pendubot_identification.adapters.bag_repair import repair
-from pendubot_identification.core.errors import BagError
+from pendubot_identification.errors import BagError
+from pendubot_identification.recordings.bag_reader import BagReader
+from pendubot_identification.recordings.bag_repair import repair
+from test.recordings.independent import by_mcap, by_rosbags
 
 from ..adapters import damage
-from ..adapters.independent import by_mcap, by_rosbags
 from ..processes import Program
 from .table import Figure, Trial
 

@@ -9,7 +9,7 @@ import threading
 import time
 import tty
 
-from pendubot_identification.core.link.protocol import Command, Decoder, Hello, HelloRequest, State, encode
+from pendubot_identification.link.protocol import Command, Decoder, Hello, HelloRequest, State, encode
 
 #: Counts per turn, and the largest torque [micro-N m], of the board that is played here.
 CPR, LIMIT = 4000, 1_500_000

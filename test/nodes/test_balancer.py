@@ -5,7 +5,7 @@ import signal
 import numpy as np
 import pytest
 
-from pendubot_identification.core.model.parameters import BALANCE
+from pendubot_identification.model.parameters import BALANCE
 from test.live import ARMED, LiveRig
 from test.processes import Program, parameters, run_program, spin_until
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 import yaml
 
-from pendubot_identification.adapters.resources import resource
 from pendubot_identification.nodes.ending import Ending
+from pendubot_identification.resources import resource
 from test.processes import Program, run_program, spin_until
 from test.rig import ARMED, WATCHDOG
 
@@ -94,7 +94,7 @@ def test_who_arms_is_told_no_outcome_of_what_others_asked_before(ros, monkeypatc
     """Wherever in between another thread gets the lock: else failure is told, and the motor armed."""
     from std_srvs.srv import Trigger
 
-    from pendubot_identification.core.link.news import Armed, ArmingFailed
+    from pendubot_identification.link.news import Armed, ArmingFailed
     from pendubot_identification.nodes.bridge import Bridge
 
     def others():

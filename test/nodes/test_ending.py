@@ -12,10 +12,10 @@ AT_EVERY_STEP = """
 import signal
 import sys
 from pathlib import Path
-from pendubot_identification.adapters.pty_server import PtyServer
-from pendubot_identification.core.link.virtual_board import VirtualBoard
-from pendubot_identification.core.model.parameters import PAPER
-from pendubot_identification.core.model.simulation import Plant
+from pendubot_identification.link.pty_server import PtyServer
+from pendubot_identification.link.virtual_board import VirtualBoard
+from pendubot_identification.model.parameters import PAPER
+from pendubot_identification.model.simulation import Plant
 from pendubot_identification.nodes.ending import Ending
 
 def at_every_step(prepare, number):

@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import pytest
 
-from pendubot_identification.core.experiment.excitation import PulseTrain
+from pendubot_identification.excitation.excitation import PulseTrain
 from test.processes import Program, call, parameters, run_program, spin_until
 
 pytestmark = pytest.mark.ros

@@ -7,7 +7,7 @@ import pytest
 import yaml
 
 from pendubot_identification.cli.main import main
-from pendubot_identification.core.model.parameters import NAMES, PAPER
+from pendubot_identification.model.parameters import NAMES, PAPER
 from test.processes import Program, call, parameters, run_program, spin_until
 
 pytestmark = pytest.mark.ros
@@ -237,9 +237,9 @@ def test_a_result_that_cannot_be_written_in_the_end_is_published_all_the_same(li
 
 
 def test_an_unphysical_result_is_published_at_level_error(listener, tmp_path, bag):
-    from pendubot_identification.adapters.bag_reader import read_trajectory
-    from pendubot_identification.adapters.joint_states import write_trajectory
-    from pendubot_identification.core.trajectories.trajectory import Trajectory
+    from pendubot_identification.recordings.bag_reader import read_trajectory
+    from pendubot_identification.recordings.joint_states import write_trajectory
+    from pendubot_identification.trajectories.trajectory import Trajectory
 
     t = read_trajectory(bag).trajectory
     write_trajectory(tmp_path / 'wrong_sign', Trajectory(t.t, t.q, -t.tau))

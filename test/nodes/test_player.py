@@ -3,11 +3,11 @@ import struct
 
 import pytest
 
-from pendubot_identification.adapters.bag_metadata import Qos
-from pendubot_identification.adapters.bag_writer import BagWriter, Limits
-from pendubot_identification.adapters.joint_states import JOINT_STATE, decode_joint_state, encode_joint_state
+from pendubot_identification.recordings.bag_metadata import Qos
+from pendubot_identification.recordings.bag_writer import BagWriter, Limits
+from pendubot_identification.recordings.joint_states import JOINT_STATE, decode_joint_state, encode_joint_state
+from test.recordings.independent import by_mcap
 
-from ..adapters.independent import by_mcap
 from ..faults.recorder import recorded, recorder, wait
 from ..processes import Program, call, parameters, run_program, spin_until
 

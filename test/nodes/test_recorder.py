@@ -16,9 +16,9 @@ from mcap.reader import make_reader
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
 
-from pendubot_identification.adapters.bag_reader import BagReader
+from pendubot_identification.recordings.bag_reader import BagReader
+from test.recordings.independent import by_mcap, by_rosbags
 
-from ..adapters.independent import by_mcap, by_rosbags
 from ..conftest import ROOT
 from ..faults.recorder import disk_of_its_own, joint_state, kills, recorded, recorder, wait, wait_for_subscriptions
 from ..processes import MODULES, Program, call, run_program, spin_until

@@ -5,12 +5,12 @@ from dataclasses import asdict, replace
 import pytest
 import yaml
 
-from pendubot_identification.adapters.result_file import SCHEMA
-from pendubot_identification.core.errors import ParameterError, ResultError
-from pendubot_identification.core.link.protocol import Command, Mode, encode
-from pendubot_identification.core.model.parameters import BALANCE, PAPER
-from pendubot_identification.core.model.simulation import LatePlant
+from pendubot_identification.errors import ParameterError, ResultError
+from pendubot_identification.link.protocol import Command, Mode, encode
+from pendubot_identification.model.parameters import BALANCE, PAPER
+from pendubot_identification.model.simulation import LatePlant
 from pendubot_identification.nodes.virtual_board import make_board, parser
+from pendubot_identification.results.result_file import SCHEMA
 from test.processes import run_program
 
 

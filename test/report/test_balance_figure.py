@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 
-from pendubot_identification.core.trajectories.trajectory import Trajectory
 from pendubot_identification.report.balance_figure import draw_balance
+from pendubot_identification.trajectories.trajectory import Trajectory
 
 
 def test_it_shows_both_links_from_upright_the_torque_and_its_limit(tmp_path):

@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pendubot_identification.core.estimation.evidence import Excitation, Residuals, Simulation
-from pendubot_identification.core.trajectories.trajectory import Trajectory
+from pendubot_identification.identify.evidence import Excitation, Residuals, Simulation
 from pendubot_identification.report import figures
-from test.results import plain
+from pendubot_identification.trajectories.trajectory import Trajectory
+from test.identified import plain
 
 
 def motion(samples=300, interval=0.01, name='swing', start=0.0):

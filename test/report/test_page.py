@@ -7,10 +7,10 @@ from html.parser import HTMLParser
 
 import pytest
 
-from pendubot_identification.core.errors import TrajectoryError
+from pendubot_identification.errors import TrajectoryError
 from pendubot_identification.report.figures import draw_correlation
 from pendubot_identification.report.page import failure_page, result_page
-from test.results import plain
+from test.identified import plain
 
 VOID = {'meta', 'link', 'img'}
 

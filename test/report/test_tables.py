@@ -6,9 +6,9 @@ from dataclasses import asdict
 
 import pytest
 
-from pendubot_identification.core.model.parameters import NAMES, PAPER
+from pendubot_identification.model.parameters import NAMES, PAPER
 from pendubot_identification.report.tables import comparison_table, criterion_table, parameter_table, whole, zero_table
-from test.results import plain
+from test.identified import plain
 
 TRUTH = asdict(PAPER)
 

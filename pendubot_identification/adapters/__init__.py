@@ -1,1 +1,0 @@
-"""All input and output: serial port, pseudo-terminal, bags, CSV, YAML."""

@@ -1,0 +1,112 @@
+"""What a balancer has to know before it may begin: parameters that somebody vouches for, and the loop that it is in."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Mapping, Sequence
+
+from pendubot_identification.errors import ControlError
+from pendubot_identification.level import Level
+from pendubot_identification.model.parameters import NAMES, Parameters
+
+from .control import Loop
+
+#: Of so many samples the shortest steps, these tenths of them, tell the period: on a busy machine others are skipped.
+#: It is believed until it changes by more than this.
+SAMPLES, SHORTEST, TOLERANCE = 100, 0.1, 0.05
+
+
+class Briefing:
+    """Collects what comes in, in any order.
+
+    Args:
+        limit: largest torque that the user allows [N m].
+        motor_delay: the motor obeys so much later than the board says [s]; None: as the identification found.
+    """
+
+    def __init__(self, limit: float, motor_delay: float | None = None) -> None:
+        self._limit = limit
+        self._board_limit = math.inf
+        self._motor_delay = motor_delay
+        self._theta: tuple[float, ...] = ()
+        self._judgements: deque[tuple[Level, str, Mapping[str, str]]] = deque(maxlen=8)
+        self._last: float | None = None
+        self._steps: deque[float] = deque(maxlen=SAMPLES)
+        self._period: float | None = None
+
+    def sample(self, t: float) -> None:
+        """Take the stamp of a sample [s]."""
+        if self._last is not None:
+            self._steps.append(t - self._last)
+        self._last = t
+        if len(self._steps) == SAMPLES:
+            period = sorted(self._steps)[round(SHORTEST * SAMPLES)]
+            self._steps.clear()
+            if period > 0 and (self._period is None or abs(period / self._period - 1) > TOLERANCE):
+                self._period = round(period, 6)
+
+    def board_limit(self, limit: float) -> None:
+        """Take the largest torque that bridge and board let pass [N m]."""
+        self._board_limit = limit
+
+    def offer(self, theta: Sequence[float]) -> None:
+        """Take a parameter vector.
+
+        Raises:
+            ControlError: no rig has it.
+            ParameterError: it is none.
+        """
+        parameters = Parameters.from_vector(theta)
+        self._theta = tuple(theta)
+        if problems := parameters.unphysical():
+            raise ControlError(f'no rig has the parameters that came: {problems[0]}; identify the rig again')
+
+    def judge(self, level: Level, message: str, values: Mapping[str, str]) -> None:
+        """Take what an identification says of its parameters; ``values`` has them by name, and ``effort.delay``."""
+        self._judgements.append((level, message, values))
+
+    def ready(self, accept_warn: bool) -> tuple[Parameters, Loop]:
+        """Return the parameters and the loop.
+
+        Raises:
+            ControlError: something is missing, or is not good enough; the sentence says what.
+        """
+        if not self._theta:
+            raise ControlError('no parameters have come on /pendubot/params; start the identifier')
+        self.offer(self._theta)
+        values = self._vouched(accept_warn)
+        if self._period is None:
+            raise ControlError('too few samples have come on /joint_states to know their rate; start the bridge')
+        lag = self._motor_delay
+        if lag is None:
+            found = _number(values.get('effort.delay'))
+            lag = max(0.0, found) if math.isfinite(found) else 0.0
+        return Parameters.from_vector(self._theta), Loop(self._period, 1, lag, min(self._limit, self._board_limit))
+
+    def _vouched(self, accept_warn: bool) -> Mapping[str, str]:
+        """Return what the identification of just these parameters says, if it is good enough."""
+        for level, message, values in reversed(self._judgements):
+            if tuple(_number(values.get(name)) for name in NAMES[: len(self._theta)]) != self._theta:
+                continue
+            if level is Level.ERROR:
+                raise ControlError(f'the parameters are of level ERROR ({message}); record and identify again')
+            if level is Level.WARN and not accept_warn:
+                raise ControlError(
+                    f'the parameters are of level WARN ({message}); set the parameter accept_warn to true to use them '
+                    'all the same'
+                )
+            return values
+        if not accept_warn:
+            raise ControlError(
+                'nothing on /pendubot/identification says how good the parameters on /pendubot/params are; set the '
+                'parameter accept_warn to true to use them all the same'
+            )
+        return {}
+
+
+def _number(text: str | None) -> float:
+    try:
+        return float(text) if text is not None else math.nan
+    except ValueError:
+        return math.nan

@@ -1,1 +1,0 @@
-"""A controller that uses the parameters: swing up and balance."""

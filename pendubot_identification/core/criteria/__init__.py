@@ -1,1 +1,0 @@
-"""What is minimised, and the exact minimum where there is one."""

@@ -1,1 +1,0 @@
-"""The next recording: torques that tell much."""

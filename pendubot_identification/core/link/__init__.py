@@ -1,1 +1,0 @@
-"""The bytes between board and host, and the rules of both ends."""

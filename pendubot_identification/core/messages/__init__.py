@@ -1,1 +1,0 @@
-"""Messages that come, that came, and that come again."""

@@ -1,1 +1,0 @@
-"""The pendubot: its parameters, its equations of motion, its simulation."""

@@ -1,1 +1,0 @@
-"""What minimises: modified differential evolution, and its competitors."""

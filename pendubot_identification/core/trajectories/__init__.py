@@ -1,1 +1,0 @@
-"""Motions: as they were recorded, filtered, in pieces, as splines."""

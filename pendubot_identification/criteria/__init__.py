@@ -1,0 +1,1 @@
+"""A trajectory and a model in; what is minimised (energy, weak, trajectory) and its minimum out."""

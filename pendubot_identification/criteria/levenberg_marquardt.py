@@ -1,0 +1,300 @@
+"""Bounded Levenberg-Marquardt for the trajectory criterion, with the segments' initial states condensed out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pendubot_identification.model.parameters import LARGEST_COUPLING, Bounds
+from pendubot_identification.model.rollout import roll, sensitivities
+
+from .shooting import Comparison
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+#: Damping at the start, and the factors by which it falls and rises (Marquardt 1963).
+DAMPING, EASIER, HARDER = 1e-3, 0.2, 5.0
+LEAST_DAMPING, MOST_DAMPING = 1e-12, 1e9
+#: Segments whose error exceeds the median by this factor count by the error, not by its square.
+BEND = 1.5
+#: P1 and P2 stay above this fraction of their upper bounds: M(q) is singular where one is 0.
+LEAST_INERTIA = 1e-7
+
+
+@dataclass(frozen=True, slots=True)
+class Fit:
+    """Where Levenberg-Marquardt came to rest. G = D + 1 global unknowns: theta and the delay.
+
+    Attributes:
+        theta: shape (D,).
+        delay: [s].
+        initial: the segments' initial states, shape (4, L).
+        costs: each segment's sum of squared residuals, shape (L,).
+        free: which of theta and delay lie on no bound, shape (G,).
+        informations: each segment's part of the Gauss-Newton matrix, its initial state condensed out, of theta, delay
+            and both zeros of its recording, which are held at 0, shape (L, G + 2, G + 2).
+        slopes: each segment's part of the gradient, likewise, shape (L, G + 2); they add up to 0 for what is free.
+        iterations: how many it took.
+        converged: whether it stopped because nothing was left to gain, with no motion lost.
+    """
+
+    theta: Array
+    delay: float
+    initial: Array
+    costs: Array
+    free: Flags
+    informations: Array
+    slopes: Array
+    iterations: int
+    converged: bool
+
+    @property
+    def cost(self) -> float:
+        """The sum of squared residuals."""
+        return float(self.costs.sum())
+
+
+@np.errstate(all='ignore')  # a step too far makes motions that no float can hold; they are not taken
+def levenberg_marquardt(
+    comparison: Comparison,
+    theta: Array,
+    delay: float,
+    bounds: Bounds,
+    delay_bounds: tuple[float, float],
+    *,
+    robust: bool = False,
+    fixed: bool = False,
+    iterations: int = 50,
+    tolerance: float = 1e-6,
+    progress: Callable[[float], None] | None = None,
+) -> Fit:
+    """Minimise the sum of squared residuals over theta, delay and every segment's initial state.
+
+    Both the global unknowns and the initial states are damped.
+
+    Args:
+        comparison: the residuals.
+        theta: where to start, shape (D,).
+        delay: where to start [s].
+        bounds: of theta; what they leave is cut down to where M(q) is positive definite for every q.
+        delay_bounds: of the delay [s]; equal ones fix it.
+        robust: whether a segment that is off by more than 1.5 times the median counts by its distance, no longer by
+            its square (Huber 1964): near upright motions are chaotic, and a few such segments would outvote the rest.
+        fixed: whether theta and delay stay as they are and the initial states alone are estimated.
+        iterations: at most.
+        tolerance: stop when a step gains no more than this fraction of the cost.
+        progress: called with the cost after every iteration.
+    """
+    box = _Box(bounds, delay_bounds)
+    z = box.inside(box.coordinates(theta, delay))
+    if fixed:
+        box.close(z)
+    x = comparison.initial(delay)
+    states, residuals = _evaluated(comparison, box, z, x)
+    loss = _Huber.of(residuals) if robust else _Squared()
+    damping, iteration, normal, bends = DAMPING, 0, None, 1
+    settled = converged = False
+    while not settled and iteration < iterations and np.isfinite(cost := loss(residuals)):
+        normal = _Normal(comparison, *box.parameters(z), states, residuals, loss)
+        iteration += 1
+        gained = 0.0
+        while gained <= 0 and damping < MOST_DAMPING:
+            new_z, new_x = normal.step(box, z, x, damping)
+            new_states, new_residuals = _evaluated(comparison, box, new_z, new_x)
+            gained = 1 - loss(new_residuals) / cost if cost > 0 else 0.0
+            damping *= EASIER if gained > 0 else HARDER
+        if gained > 0:
+            z, x, states, residuals = new_z, new_x, new_states, new_residuals
+        settled = gained <= tolerance
+        converged = settled and normal.complete
+        damping = max(damping, LEAST_DAMPING)
+        if settled and robust and bends:
+            # The median by which segments count is now that of a fit, no longer that of the start.
+            loss, bends, settled, converged = _Huber.of(residuals), bends - 1, False, False
+            damping = min(damping, DAMPING)
+        if progress is not None:
+            progress(loss(residuals))
+    if normal is None or not converged:
+        normal = _Normal(comparison, *box.parameters(z), states, residuals, loss)
+    # Converged, a last step that gained next to nothing leaves the equations before it as good as those after it.
+    informations, slopes = normal.condensed()
+    theta, delay = box.parameters(z)
+    return Fit(
+        theta=theta,
+        delay=delay,
+        initial=x,
+        costs=np.asarray((residuals**2).sum(axis=1)),
+        free=box.free(z, box.slope(z).T @ slopes.sum(axis=0)[:-2]),
+        informations=informations,
+        slopes=slopes,
+        iterations=iteration,
+        converged=converged,
+    )
+
+
+def _evaluated(comparison: Comparison, box: _Box, z: Array, x: Array) -> tuple[Array, Array]:
+    theta, delay = box.parameters(z)
+    segments = comparison.segments
+    states = roll(theta, x, segments.tau, segments.step)
+    residuals = comparison.residuals(states, delay)
+    # A motion beyond floats is lost, and another that is not may still be gained.
+    lost = comparison.lost
+    return states, np.clip(np.where(np.isfinite(residuals), residuals, lost), -lost, lost)
+
+
+class _Squared:
+    """The sum of squares."""
+
+    def __call__(self, residuals: Array) -> float:
+        cost = float((residuals**2).sum())
+        return cost if np.isfinite(cost) else np.inf
+
+    def weights(self, residuals: Array) -> Array:
+        return np.ones(len(residuals))
+
+
+class _Huber:
+    """Of each segment the sum of squares c up to k^2, and beyond 2 k sqrt(c) - k^2."""
+
+    def __init__(self, bend: float) -> None:
+        self._bend = bend
+
+    @classmethod
+    def of(cls, residuals: Array) -> _Huber:
+        return cls(BEND * float(np.median(np.sqrt((residuals**2).sum(axis=1)))))
+
+    def __call__(self, residuals: Array) -> float:
+        size = np.sqrt((residuals**2).sum(axis=1))
+        cost = float(np.where(size <= self._bend, size**2, self._bend * (2 * size - self._bend)).sum())
+        return cost if np.isfinite(cost) else np.inf
+
+    def weights(self, residuals: Array) -> Array:
+        size = np.sqrt((residuals**2).sum(axis=1))
+        return np.asarray(np.minimum(1.0, self._bend / np.maximum(size, 1e-300)))
+
+
+class _Box:
+    """Global unknowns z in which every constraint is a bound: P3 moves as the fraction P3 / sqrt(P1 P2)."""
+
+    def __init__(self, bounds: Bounds, delay_bounds: tuple[float, float]) -> None:
+        self._lower = np.append(bounds.lower, delay_bounds[0])
+        self._upper = np.append(bounds.upper, delay_bounds[1])
+        self._lower[:2] = np.maximum(self._lower[:2], LEAST_INERTIA * self._upper[:2])
+        self._coupling = bounds.lower[2], bounds.upper[2]
+
+    def close(self, z: Array) -> None:
+        """Leave room for nothing but z."""
+        self._lower, self._upper = z.copy(), z.copy()
+
+    def coordinates(self, theta: Array, delay: float) -> Array:
+        z = np.append(theta, delay)
+        z[:2] = np.clip(z[:2], self._lower[:2], self._upper[:2])
+        z[2] /= np.sqrt(z[0] * z[1])
+        return z
+
+    def parameters(self, z: Array) -> tuple[Array, float]:
+        theta = z[:-1].copy()
+        theta[2] *= np.sqrt(z[0] * z[1])
+        return theta, float(z[-1])
+
+    def slope(self, z: Array) -> Array:
+        """Return the derivative of theta and delay by z, shape (G, G)."""
+        root = np.sqrt(z[0] * z[1])
+        result = np.eye(len(z))
+        result[2, :3] = z[2] * root / (2 * z[0]), z[2] * root / (2 * z[1]), root
+        return result
+
+    def inside(self, z: Array) -> Array:
+        lower, upper = self._bounds(z)
+        return np.clip(z, lower, upper)
+
+    def free(self, z: Array, gradient: Array) -> Flags:
+        """Tell what lies on no bound, or would leave it."""
+        lower, upper = self._bounds(z)
+        margin = 1e-9 * (upper - lower)
+        held = ((z <= lower + margin) & (gradient > 0)) | ((z >= upper - margin) & (gradient < 0)) | (lower >= upper)
+        return np.asarray(~held)
+
+    def leaving(self, z: Array, step: Array) -> Flags:
+        """Tell what lies on a bound and would be led beyond it."""
+        lower, upper = self._bounds(z)
+        margin = 1e-9 * (upper - lower)
+        return np.asarray(((z <= lower + margin) & (step < 0)) | ((z >= upper - margin) & (step > 0)))
+
+    def _bounds(self, z: Array) -> tuple[Array, Array]:
+        lower, upper = self._lower.copy(), self._upper.copy()
+        if (lower == upper).all():
+            return lower, upper
+        root = np.sqrt(np.prod(np.clip(z[:2], lower[:2], upper[:2])))
+        low, high = np.clip(np.array(self._coupling) / root, -LARGEST_COUPLING, LARGEST_COUPLING)
+        lower[2], upper[2] = low, high
+        return lower, upper
+
+
+class _Normal:
+    """The Gauss-Newton equations at a point: of each segment's initial state (4), the rest (G + 2), and both.
+
+    The rest is the global unknowns and both zeros of the segment's recording, which are held.
+    """
+
+    def __init__(
+        self,
+        comparison: Comparison,
+        theta: Array,
+        delay: float,
+        states: Array,
+        residuals: Array,
+        loss: _Squared | _Huber,
+    ) -> None:
+        segments = comparison.segments
+        jacobian = comparison.jacobian(states, sensitivities(theta, states, segments.tau, segments.step), delay)
+        jacobian = np.concatenate([jacobian, np.broadcast_to(comparison.by_zeros, (*residuals.shape, 2))], axis=2)
+        # A motion whose sensitivities are beyond floats, though it is not, says nothing of where to go.
+        lost = ~np.isfinite(jacobian).all(axis=(1, 2)) | (np.abs(residuals) >= comparison.lost).any(axis=1)
+        self.complete = not lost.any()
+        jacobian[lost] = 0.0
+        transposed = jacobian.transpose(0, 2, 1) * loss.weights(residuals)[:, None, None]
+        matrix = transposed @ jacobian
+        gradient = (transposed @ residuals[:, :, None])[:, :, 0]
+        self._local, self._mixed, self._shared = matrix[:, :4, :4], matrix[:, :4, 4:], matrix[:, 4:, 4:]
+        self._local_gradient, self._gradient = gradient[:, :4], gradient[:, 4:]
+
+    def condensed(self, damping: float = LEAST_DAMPING) -> tuple[Array, Array]:
+        """Return informations, shape (L, G + 2, G + 2), and slopes, shape (L, G + 2)."""
+        gain, rest = self._local_answer(damping)
+        back = self._mixed.transpose(0, 2, 1)
+        return self._shared - back @ gain, self._gradient - (back @ rest[:, :, None])[:, :, 0]
+
+    def step(self, box: _Box, z: Array, x: Array, damping: float) -> tuple[Array, Array]:
+        """Return the damped step's end: new global unknowns and new initial states."""
+        information, slope = (part.sum(axis=0) for part in self.condensed(damping))
+        information, slope = information[:-2, :-2], slope[:-2]
+        turn = box.slope(z)
+        information, slope = turn.T @ information @ turn, turn.T @ slope
+        weight = np.diag(turn.T @ self._shared.sum(axis=0)[:-2, :-2] @ turn)
+        information[np.diag_indices_from(information)] += damping * np.where(weight > 0, weight, 1.0)
+        free = box.free(z, slope)
+        step = np.zeros_like(z)
+        while free.any():
+            step[:] = 0.0
+            scale = np.sqrt(np.diag(information)[free])
+            scaled = information[np.ix_(free, free)] / scale / scale[:, None]
+            step[free] = -np.linalg.lstsq(scaled, slope[free] / scale, rcond=None)[0] / scale
+            leaving = free & box.leaving(z, step)
+            if not leaving.any():
+                break
+            free &= ~leaving
+        new_z = box.inside(z + step)
+        moved = np.append(*box.parameters(new_z)) - np.append(*box.parameters(z))
+        gain, rest = self._local_answer(damping)
+        return new_z, x - (rest + gain[:, :, :-2] @ moved).T
+
+    def _local_answer(self, damping: float) -> tuple[Array, Array]:
+        """Return how the initial states follow the rest, (L, 4, G + 2), and their own step, (L, 4)."""
+        local = self._local + (damping * self._local + 1e-300) * np.eye(4)
+        answer = np.linalg.solve(local, np.concatenate([self._mixed, self._local_gradient[:, :, None]], axis=2))
+        return answer[:, :, :-1], answer[:, :, -1]

@@ -1,0 +1,278 @@
+"""A least-squares criterion reduced once by QR: its value and its exact minimum, whatever the number of samples."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import lsq_linear, minimize_scalar
+
+from pendubot_identification.errors import ParameterError
+from pendubot_identification.model.parameters import LARGEST_COUPLING, Bounds, coupling_excess
+from pendubot_identification.optimizers.mde_kernel import Problem
+
+Array = NDArray[np.float64]
+
+#: Rows that are factorised at once: they stay in a cache, and none of them is worth a thread.
+BLOCK = 256
+
+#: A vector whose P1 P2 is by so much more than (P3 / LARGEST_COUPLING)^2 has no excess, whatever is rounded.
+CLEAR = 1 + 1e-12
+
+
+@dataclass(frozen=True, slots=True)
+class Quadratic:
+    """J(theta) = |phi theta - y|^2 / N, held as the triangle of the QR factorisation of [phi, y].
+
+    Attributes:
+        triangle: shape (D+1, D+1), upper triangular.
+        count: N, the number of residuals it stands for.
+    """
+
+    triangle: Array
+    count: int
+    _last: tuple[Array, Array, NDArray[np.intp]] | None = field(default=None, init=False, repr=False, compare=False)
+
+    @classmethod
+    def reduce(cls, phi: Array, y: Array) -> Quadratic:
+        """Reduce N residuals, ``phi`` of shape (N, D) and ``y`` of shape (N,)."""
+        return cls(_triangle(np.column_stack([phi, y])), len(y))
+
+    @classmethod
+    def pool(cls, parts: Sequence[Quadratic]) -> Quadratic:
+        """Return the criterion of all the residuals together."""
+        return cls(_triangle(np.vstack([part.triangle for part in parts])), sum(part.count for part in parts))
+
+    def scaled(self, factor: float) -> Quadratic:
+        """Return the criterion of residuals multiplied by a factor."""
+        return Quadratic(self.triangle * factor, self.count)
+
+    def along(self, directions: Array) -> Quadratic:
+        """Return the criterion of x, shape (F,), where theta = directions @ x, shape (D, F)."""
+        return Quadratic(
+            _triangle(np.column_stack([self.triangle[:, :-1] @ directions, self.triangle[:, -1]])), self.count
+        )
+
+    @property
+    def phi(self) -> Array:
+        """The reduced regressor, shape (D, D)."""
+        return self.triangle[:-1, :-1]
+
+    @property
+    def y(self) -> Array:
+        """The reduced right-hand side, shape (D,)."""
+        return self.triangle[:-1, -1]
+
+    @property
+    def floor(self) -> float:
+        """The part of J that no theta removes."""
+        return float(self.triangle[-1, -1] ** 2 / self.count)
+
+    def __call__(self, theta: ArrayLike) -> Array:
+        """Return J for parameter vectors of shape (..., D), as an array of shape (...).
+
+        Product by product, in an order of which the last bits depend: a BLAS has one of its own on every processor,
+        and the same seed would not give the same result. The compiled kernel keeps to this order.
+        """
+        vectors = np.asarray(theta, dtype=float)
+        x = np.ascontiguousarray(vectors.reshape(-1, vectors.shape[-1]).T)
+        start, factors, columns = self._spread(x.shape[1])
+        # The products of phi's main diagonal, then of the one above it, and so on.
+        products = x.take(columns, axis=0)
+        products *= factors
+        residual, at = products[: len(x)], len(x)
+        residual += start
+        for rows in range(len(x) - 1, 0, -1):
+            residual[:rows] += products[at : at + rows]
+            at += rows
+        residual *= residual
+        value = np.add.reduce(residual, axis=0)
+        value += self.floor
+        return np.asarray(value.reshape(vectors.shape[:-1]))
+
+    def _spread(self, count: int) -> tuple[Array, Array, NDArray[np.intp]]:
+        """Return what to call for so many vectors takes: -y, phi's diagonals, and which parameters they multiply.
+
+        The first two over the root of N, and repeated for every vector: numpy is slow where it has to repeat. The last
+        ones are kept, for an optimiser that asks for as many values again and again.
+        """
+        if self._last is not None and len(self._last[0][0]) == count:
+            return self._last
+        phi, y = (part / math.sqrt(self.count) for part in (self.phi, self.y))
+        size = len(y)
+        columns = np.concatenate([np.arange(k, size) for k in range(size)])
+        factors = np.concatenate([phi.diagonal(k) for k in range(size)])
+        start, factors = (np.repeat(column[:, None], count, axis=1) for column in (-y, factors))
+        object.__setattr__(self, '_last', (start, factors, columns))  # the one thing here that is not frozen
+        return start, factors, columns
+
+    @property
+    def problem(self) -> Problem:
+        """The criterion as the compiled kernel takes it."""
+        return self._problem(0.0)
+
+    def _problem(self, worth: float) -> Problem:
+        reduced, rest = self.triangle[:-1] / math.sqrt(self.count), (self.floor, worth, LARGEST_COUPLING)
+        return Problem('quadratic', np.concatenate([reduced[:, :-1].ravel(), reduced[:, -1], rest]))
+
+    def minimum(self, bounds: Bounds) -> Array:
+        """Return the exact minimiser, shape (D,), within the bounds and where M(q) is positive definite for every q.
+
+        That is |P3| <= c sqrt(P1 P2), c = :data:`.parameters.LARGEST_COUPLING`, a convex cone, for bounds whose names
+        begin with P1, P2, P3; for others the bounds alone count. Where P1 = s P2 is given, the cone is linear: what is
+        left is bounded-variable least squares for every s, and a search for the best s. Since cone, bounds and J are
+        convex, the least J for a given s has but one valley.
+
+        Raises:
+            ParameterError: no P1, P2, P3 within the bounds lie in the cone.
+        """
+        theta = self.minimum_in_box(bounds)
+        if bounds.names[:3] != ('P1', 'P2', 'P3') or not _coupled(theta):
+            return theta
+        side = float(np.sign(theta[2]))
+
+        low, high = _ratios(bounds, side)
+
+        def best(logarithm: float) -> Array:
+            return self._of_ratio(math.exp(min(max(logarithm, low), high)), side, bounds)
+
+        # Far from the valley J may be level, with P1 = P2 = P3 = 0: so a look everywhere comes first. The second
+        # search is for the last digits, where J has an edge.
+        coarse = np.linspace(low, high, math.ceil(high - low) + 2)
+        at = float(coarse[np.argmin([self(best(x)) for x in coarse])])
+        for reach in (1.0, 1e-6):
+            offset = minimize_scalar(
+                lambda x, at=at: float(self(best(at + x))),
+                bounds=(-reach, reach),
+                method='bounded',
+                options={'xatol': 1e-9 * reach},
+            ).x
+            at = min(at, at + offset, key=lambda x: float(self(best(x))))
+        return np.clip(best(at), bounds.lower, bounds.upper)
+
+    def minimum_in_box(self, bounds: Bounds) -> Array:
+        """Return the exact minimiser within the bounds, whatever the mass matrix, shape (D,)."""
+        return self._within(bounds.lower, bounds.upper, np.eye(len(bounds.lower)))
+
+    def _of_ratio(self, s: float, side: float, bounds: Bounds) -> Array:
+        """Return the minimiser among the vectors with P1 = s P2."""
+        # Columns: P2 (and P1 with it), P3, and the others.
+        directions = np.delete(np.eye(len(bounds.lower)), 0, axis=1)
+        directions[0, 0] = s
+        lower, upper = bounds.lower[1:].copy(), bounds.upper[1:].copy()
+        lower[0], upper[0] = max(lower[0], bounds.lower[0] / s, 0.0), min(upper[0], bounds.upper[0] / s)
+        theta = self._within(lower, upper, directions)
+        if not _coupled(theta):
+            return theta
+        # The cone is active: P3 goes with P2 as well.
+        coupling = side * LARGEST_COUPLING * math.sqrt(s)
+        directions[2, 0] = coupling
+        nearest, farthest = sorted((lower[1] / coupling, upper[1] / coupling))
+        lower[0], upper[0] = max(lower[0], nearest), min(upper[0], farthest)
+        return self._within(np.delete(lower, 1), np.delete(upper, 1), np.delete(directions, 1, axis=1))
+
+    def _within(self, lower: Array, upper: Array, directions: Array) -> Array:
+        """Return the minimiser among ``directions @ x``, lower <= x <= upper (bounded-variable least squares)."""
+        phi = self.phi @ directions
+        norms = np.linalg.norm(phi, axis=0)
+        scale = np.where(norms > 0, norms, 1.0)
+        upper = np.maximum(upper, lower + 1e-12 * np.abs(lower) + 1e-300)  # what rounding turned round
+        solution = lsq_linear(phi / scale, self.y, (lower * scale, upper * scale), method='bvls', tol=1e-15)
+        return np.asarray(directions @ np.clip(solution.x / scale, lower, upper))
+
+    def free_minimum(self) -> Array:
+        """Return the minimiser without bounds, shape (D,); the smallest one where many are as good."""
+        scale = self.column_scale()
+        return np.asarray(np.linalg.lstsq(self.phi / scale, self.y, rcond=None)[0] / scale)
+
+    def column_scale(self) -> Array:
+        """Return the norm of each regressor column, shape (D,); 1 where a column is zero."""
+        norms = np.linalg.norm(self.phi, axis=0)
+        return np.asarray(np.where(norms > 0, norms, 1.0))
+
+    def condition_number(self) -> float:
+        """Return the condition number of the regressor with columns scaled to one; infinite if one is zero."""
+        singular = np.linalg.svd(self.phi / self.column_scale(), compute_uv=False)
+        return float(singular[0] / singular[-1]) if singular[-1] > 0 else float('inf')
+
+    def undetermined(self, tolerance: float) -> NDArray[np.bool_]:
+        """Tell, per parameter, whether it cannot be told from the data, shape (D,).
+
+        It cannot when its column is zero or when it takes part in a combination of parameters (of columns scaled to
+        one) to which the residuals respond ``tolerance`` times less than to the strongest one.
+        """
+        scale = self.column_scale()
+        _, singular, right = np.linalg.svd(self.phi / scale)
+        silent = np.abs(right[singular <= tolerance * singular[0]]).max(axis=0, initial=0.0) > 0.1
+        return np.asarray(silent | (np.linalg.norm(self.phi, axis=0) == 0))
+
+
+@dataclass(frozen=True, slots=True)
+class Penalised:
+    """What an optimiser that knows boxes alone minimises: a criterion, and the price of an indefinite mass matrix.
+
+    Attributes:
+        criterion: of parameter vectors that begin with P1, P2, P3.
+        worth: of an excess of 1, see :func:`.parameters.coupling_excess`.
+    """
+
+    criterion: Quadratic
+    worth: float
+
+    @classmethod
+    def of(cls, criterion: Quadratic) -> Penalised:
+        """Make an excess of 1 cost as much as a rig that does not move at all."""
+        return cls(criterion, float(criterion(np.zeros_like(criterion.y))))
+
+    def __call__(self, theta: Array) -> Array:
+        """Return values for parameter vectors of shape (..., D), shape (...)."""
+        value, theta = self.criterion(theta), np.asarray(theta, dtype=float)
+        P1, P2, P3 = theta[..., 0], theta[..., 1], theta[..., 2]
+        # Roots and quotients are slow, and most vectors are clear of it.
+        clear = P3 * P3 * (CLEAR / LARGEST_COUPLING**2) < P1 * P2
+        clear &= P1 > 0
+        if np.count_nonzero(clear) < clear.size:
+            value[~clear] += self.worth * coupling_excess(theta[~clear])
+        return value
+
+    @property
+    def problem(self) -> Problem:
+        """The same as the compiled kernel takes it."""
+        return self.criterion._problem(self.worth)
+
+
+def _coupled(theta: Array) -> bool:
+    """Tell whether P3 is too large for P1 and P2."""
+    return bool(abs(theta[2]) > LARGEST_COUPLING * math.sqrt(max(theta[0] * theta[1], 0.0)) * (1 + 1e-12))
+
+
+def _ratios(bounds: Bounds, side: float) -> tuple[float, float]:
+    """Return the least and the greatest logarithm of P1 / P2 that leave a P3 on this side its place in the cone."""
+    P1, P2 = bounds.upper[:2]
+    P3 = max(0.0, bounds.lower[2] if side > 0 else -bounds.upper[2]) / LARGEST_COUPLING
+    if P1 <= 0 or P2 <= 0 or P3**2 >= P1 * P2:
+        raise ParameterError(
+            f'within their bounds P1 and P2 are at most {P1:g} and {P2:g}, which leaves no place for P3 of at least '
+            f'{P3 * LARGEST_COUPLING:g} in a mass matrix that is positive definite; widen the bounds'
+        )
+    P3 = max(P3, 1e-5 * math.sqrt(P1 * P2))
+    least = max(bounds.lower[0] / P2, (P3 / P2) ** 2)
+    greatest = min(P1 / bounds.lower[1] if bounds.lower[1] > 0 else math.inf, (P1 / P3) ** 2)
+    return math.log(least), math.log(greatest)
+
+
+def _triangle(rows: Array) -> Array:
+    """Return the triangle of a QR factorisation, of blocks first and then of their triangles."""
+    width = rows.shape[1]
+    block = max(BLOCK, 4 * width)
+    whole = len(rows) // block
+    if whole > 1:
+        blocks = rows[: whole * block].reshape(whole, block, width)
+        triangles = np.asarray(np.linalg.qr(blocks, mode='r')).reshape(-1, width)
+        return _triangle(np.concatenate([triangles, rows[whole * block :]]))
+    if len(rows) < width:
+        rows = np.concatenate([rows, np.zeros((width - len(rows), width))])
+    return np.asarray(np.linalg.qr(rows, mode='r'))

@@ -1,0 +1,280 @@
+"""The trajectory criterion: recordings cut into segments, each simulated from an initial state of its own.
+
+What a parameter vector must foresee is a motion, so what is minimised is the simulation error, by multiple shooting
+(Bock 1983): J(theta, delay, x_1 .. x_S) = sum over segments s of |residuals of s|^2, where x_s, a segment's initial
+state, is known only roughly and estimated along. Two kinds of residuals:
+
+- :class:`AgainstStates`: all four states over their standard deviation, against the smoothed recording; the initial
+  state is held near the smoothed one. For rigs that the model does not describe to the last encoder count.
+- :class:`AgainstPositions`: positions as they were recorded, initial states free. Where the model is exact and only
+  the encoder errs, this is the maximum-likelihood estimate, the sharper the longer the segments.
+
+Torques live on their own time, ``delay`` [s] before the motion that they cause: a segment that starts at torque time
+T is compared with what was measured at T + delay.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pendubot_identification.errors import TrajectoryError
+from pendubot_identification.trajectories.motion import Motion
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+#: Longest Runge-Kutta step [s]; friction that turns its sign within 0.05 rad/s needs no shorter one on geared rigs.
+LONGEST_STEP = 0.004
+#: By this part of a sampling interval a segment may reach into the margins.
+SLACK = 0.01
+#: A motion is lost when a state is off by so many standard deviations, a position by so much [rad].
+LOST_STATE, LOST_ANGLE = 1e5, 10.0
+
+
+@dataclass(frozen=True, slots=True)
+class Segments:
+    """Pieces of recordings that are simulated side by side.
+
+    Attributes:
+        motions: the recordings.
+        group: the number of each segment's recording, shape (L,).
+        start: the torque time [s] at which each begins, shape (L,).
+        step: length of a simulation step [s].
+        tau: torques of every step [N m], shape (2, K, L).
+    """
+
+    motions: tuple[Motion, ...]
+    group: Indices
+    start: Array
+    step: float
+    tau: Array
+
+    @classmethod
+    def cut(
+        cls,
+        motions: Sequence[Motion],
+        length: float,
+        stride: float,
+        margin: float,
+        longest_step: float = LONGEST_STEP,
+    ) -> Segments:
+        """Cut segments of ``length`` [s] every ``stride`` [s], none from recordings that are shorter.
+
+        Args:
+            motions: the recordings. All are simulated with one step, the finest that any of them asks for.
+            length: of a segment [s].
+            stride: from one segment's start to the next one's [s].
+            margin: what is left out at both ends of a recording, for the delay [s].
+            longest_step: the longest simulation step [s]; torques that change within one act by their mean.
+
+        Raises:
+            TrajectoryError: all recordings are shorter than a segment, or a segment than a simulation step.
+        """
+        step = min(motion.interval / np.ceil(motion.interval / longest_step - 1e-9) for motion in motions)
+        step *= max(1, int(longest_step / step + 0.1))
+        steps = int(length / step + 1e-6)
+        longest = max(motion.end - motion.start for motion in motions)
+        if steps < 1:
+            raise TrajectoryError(
+                f'{motions[0].name}: {longest:.3f} s are too short to be cut into segments with their margins; choose '
+                'a longer part of the recording'
+            )
+        starts = []
+        for motion in motions:
+            # Starts lie on samples, where the torque changes.
+            first = np.ceil(margin / motion.interval - SLACK)
+            last = np.floor((motion.end - motion.start - margin - steps * step) / motion.interval + SLACK)
+            count = int((last - first) * motion.interval / stride + 1e-6) + 1 if last >= first else 0
+            samples = first + np.rint(stride / motion.interval * np.arange(count))
+            starts.append(motion.start + samples * motion.interval)
+        if not any(map(len, starts)):
+            raise TrajectoryError(
+                f'{motions[0].name}: {longest:.3f} s are shorter than a simulated segment of {length:g} s with its '
+                'margins; choose a longer part of the recording'
+            )
+        tau = np.concatenate(
+            [m.torques(t, step, steps) for m, t in zip(motions, starts, strict=True) if len(t)], axis=2
+        )
+        group = np.repeat(np.arange(len(motions)), [len(t) for t in starts])
+        return cls(tuple(motions), group, np.concatenate(starts), step, tau)
+
+    def __len__(self) -> int:
+        return len(self.start)
+
+    @property
+    def steps(self) -> int:
+        """Simulation steps of a segment."""
+        return int(self.tau.shape[1])
+
+    def measured(self, offset: Array, what: str = 'states') -> Array:
+        """Return smoothed states, or their rates, at times ``offset`` [s], shape (M,), after each segment's start.
+
+        Returns:
+            Shape (4, M, L).
+        """
+        parts = []
+        for number, motion in enumerate(self.motions):
+            times = self.start[self.group == number] + offset[:, None]
+            parts.append(getattr(motion, what)(times))
+        return np.concatenate(parts, axis=2)
+
+
+class Comparison(Protocol):
+    """Residuals of simulated segments and their derivatives.
+
+    Attributes:
+        segments: the segments.
+        by_zeros: derivative of a segment's residuals by how far off the zeros of its recording's two positions are
+            [rad], shape (M, 2). Such positions are too large by a constant, so residuals are linear in it.
+        lost: a residual at which a motion is lost: by how much says nothing.
+    """
+
+    segments: Segments
+    by_zeros: Array
+    lost: float
+
+    def initial(self, delay: float) -> Array:
+        """Return a guess of the initial states, shape (4, L)."""
+
+    def residuals(self, states: Array, delay: float) -> Array:
+        """Return residuals, shape (L, M), of simulated states, shape (K + 1, 4, L)."""
+
+    def jacobian(self, states: Array, sensitivity: Array, delay: float) -> Array:
+        """Return their derivative by initial state, theta and delay, shape (L, M, 4 + D + 1)."""
+
+
+class AgainstStates:
+    """All four states against the smoothed ones, in standard deviations, averaged over a segment.
+
+    Args:
+        segments: the segments.
+        scale: the states' standard deviations, shape (4,).
+        prior: how far an initial state may lie from the smoothed one, in the same measure. Simulated segments that
+            start anywhere would fit anything; ones that must start where the smoother says would pass its errors on.
+        spacing: seconds between two compared times, about.
+    """
+
+    def __init__(self, segments: Segments, scale: Array, prior: float = 0.12, spacing: float = 0.012) -> None:
+        self.segments = segments
+        every = max(1, min(segments.steps, round(spacing / segments.step)))
+        self._after = np.arange(every, segments.steps + 1, every)
+        self._weight = 1 / (scale * np.sqrt(len(self._after)))
+        self._prior = 1 / (scale * prior)
+        #: Times from a segment's start [s] at which it is compared: 0, where its initial state is, and the rest.
+        self.offset = segments.step * np.concatenate([[0], self._after])
+        weights = np.vstack([self._prior, np.tile(self._weight, (len(self._after), 1))])
+        self.by_zeros = (weights[:, :, None] * np.eye(4, 2)).reshape(-1, 2)
+        self.lost = LOST_STATE / np.sqrt(len(self._after))
+
+    @property
+    def times(self) -> int:
+        """How many times of a segment are compared."""
+        return len(self._after)
+
+    def initial(self, delay: float) -> Array:
+        """Return the smoothed states."""
+        return self.segments.measured(np.array([delay]))[:, 0]
+
+    def residuals(self, states: Array, delay: float) -> Array:
+        """Return 4 residuals of the initial state and 4 of every compared time."""
+        measured = self.segments.measured(self.offset + delay)
+        first = (states[0] - measured[:, 0]) * self._prior[:, None]
+        later = (states[self._after] - np.moveaxis(measured[:, 1:], 1, 0)) * self._weight[:, None]
+        return np.asarray(np.concatenate([first[None], later]).reshape(-1, len(self.segments)).T)
+
+    def jacobian(self, states: Array, sensitivity: Array, delay: float) -> Array:
+        """Return the derivative of :meth:`residuals`."""
+        rates = self.segments.measured(self.offset + delay, 'rates')
+        rows, lanes = len(self.offset), len(self.segments)
+        result = np.zeros((lanes, rows, 4, sensitivity.shape[2] + 1))
+        result[:, 0, range(4), range(4)] = 1.0
+        result[:, 1:, :, :-1] = np.moveaxis(sensitivity[self._after - 1], 3, 0)
+        result[:, :, :, -1] = -np.moveaxis(rates, (0, 2), (2, 0))
+        result[:, 0] *= self._prior[:, None]
+        result[:, 1:] *= self._weight[:, None]
+        return result.reshape(lanes, rows * 4, -1)
+
+
+class AgainstPositions:
+    """Positions as recorded, in units of their noise, at every sample within a segment of the slowest recording.
+
+    Args:
+        segments: the segments.
+        noise: standard deviation of the recorded positions [rad], shape (2,).
+        margin: what of a segment is left out at both ends [s], so that a delay does not lead out of it.
+        delay: about which the delay will lie [s].
+    """
+
+    def __init__(self, segments: Segments, noise: Array, margin: float = 0.0, delay: float = 0.0) -> None:
+        self.segments = segments
+        self._noise = noise
+        duration = segments.steps * segments.step
+        within = []
+        for group, start in zip(segments.group, segments.start, strict=True):
+            t = segments.motions[group].recorded.t - delay
+            within.append(np.flatnonzero((t > start + margin - 1e-9) & (t < start + duration - margin + 1e-9)))
+        # As many of each, spread over all of it, where one is sampled faster than another.
+        count = min(map(len, within))
+        within = [w[np.rint(np.linspace(0, len(w) - 1, count)).astype(np.intp)] for w in within]
+        recorded = [segments.motions[g].recorded for g in segments.group]
+        self._q = np.stack([r.q[w] for r, w in zip(recorded, within, strict=True)], axis=-1)  # (M, 2, L)
+        self._t = np.stack([r.t[w] for r, w in zip(recorded, within, strict=True)], axis=-1) - segments.start
+        self.by_zeros = np.tile(np.diag(1 / noise), (count, 1))
+        self.lost = LOST_ANGLE / float(noise.min())
+
+    @property
+    def count(self) -> int:
+        """How many positions are compared."""
+        return self._q.size
+
+    def initial(self, delay: float) -> Array:
+        """Return the smoothed states."""
+        return self.segments.measured(np.array([delay]))[:, 0]
+
+    def residuals(self, states: Array, delay: float) -> Array:
+        """Return 2 residuals of every compared sample."""
+        k, weights, _ = self._interpolation(delay)
+        lane = np.arange(len(self.segments))
+        q = sum(
+            weight[:, None] * states[k + ahead, kind : kind + 2, lane].transpose(0, 2, 1)
+            for ahead, kind, weight in weights
+        )
+        return np.asarray(((q - self._q) / self._noise[:, None]).reshape(-1, len(lane)).T)
+
+    def jacobian(self, states: Array, sensitivity: Array, delay: float) -> Array:
+        """Return the derivative of :meth:`residuals`."""
+        k, weights, slopes = self._interpolation(delay)
+        lanes, size = len(self.segments), sensitivity.shape[2]
+        lane = np.arange(lanes)
+        whole = np.zeros((len(sensitivity) + 1, *sensitivity.shape[1:]))
+        whole[0, range(4), range(4)] = 1.0
+        whole[1:] = sensitivity
+        result = np.zeros((lanes, len(k), 2, size + 1))
+        for ahead, kind, weight in weights:
+            # Two index arrays with slices between them put their common axes first: (M, L, 2, size).
+            part = whole[k + ahead, kind : kind + 2, :, lane]
+            result[..., :-1] += np.moveaxis(weight[..., None, None] * part, 1, 0)
+        for ahead, kind, slope in slopes:
+            part = states[k + ahead, kind : kind + 2, lane]
+            result[..., -1] -= np.moveaxis(slope[..., None] * part, 1, 0)
+        result /= self._noise[:, None]
+        return result.reshape(lanes, -1, size + 1)
+
+    def _interpolation(
+        self, delay: float
+    ) -> tuple[Indices, list[tuple[int, int, Array]], list[tuple[int, int, Array]]]:
+        """Return the cubic Hermite polynomials' weights of positions and velocities at both ends of a step."""
+        h = self.segments.step
+        at = (self._t - delay) / h
+        k = np.clip(np.floor(at + 1e-6).astype(np.intp), 0, self.segments.steps - 1)
+        s = at - k
+        weights = [(0, 0, 1 - s * s * (3 - 2 * s)), (1, 0, s * s * (3 - 2 * s))]
+        weights += [(0, 2, h * s * (1 - s) ** 2), (1, 2, h * s * s * (s - 1))]
+        slopes = [(0, 0, -6 * s * (1 - s) / h), (1, 0, 6 * s * (1 - s) / h)]
+        slopes += [(0, 2, (1 - s) * (1 - 3 * s)), (1, 2, s * (3 * s - 2))]
+        return k, weights, slopes

@@ -1,0 +1,298 @@
+"""Minimising the trajectory criterion: from rough parameters to the sharpest that the recordings support."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pendubot_identification.model.parameters import MODELS, Bounds, coupling_excess, repaired
+from pendubot_identification.model.rollout import roll
+from pendubot_identification.optimizers.mde import MDE, MDESettings
+from pendubot_identification.optimizers.optimizer import OptimizationResult, minimize
+from pendubot_identification.trajectories.motion import Motion
+from pendubot_identification.trajectories.signals import encoder_step
+
+from .levenberg_marquardt import LEAST_INERTIA, Fit, levenberg_marquardt
+from .shooting import LONGEST_STEP, AgainstPositions, AgainstStates, Segments
+
+Array = NDArray[np.float64]
+
+#: Segments against smoothed states: length and stride [s]. Short ones find the way from a bad start, where long ones
+#: are chaotic; 0.5 s is what the errors of real rigs' models allow.
+STATES_LADDER = ((0.1, 0.2), (0.25, 0.2), (0.5, 0.1))
+#: Segments against recorded positions: lengths [s] as long as the model's errors stay below the encoder's.
+POSITIONS_LADDER = (0.2, 0.5, 2.0, np.inf)
+#: P3 at the start: at most this fraction of sqrt(P1 P2). Near the limit M(q) is nearly singular, and nothing moves on.
+START_COUPLING = 0.5
+#: A rung is supported while the residuals' variance exceeds the first one's by no more than this factor ...
+GROWTH = 1.3
+#: ... and the first one's exceeds that of the encoder's rounding by no more than this.
+NOISIEST = 9.0
+#: Errors of positions below this [rad] are the simulation's own.
+FINEST = 1e-6
+#: Simulation steps [s] against positions are no longer than the sampling interval, in which the torque changes, nor,
+#: with dry friction, than this: the first rung apart, what a longer step errs would bend parameters by many of the
+#: standard errors that residuals as small as an encoder's rounding promise.
+DRY_STEP = 0.001
+#: Iterations after which the first rung tells whether the model is exact.
+FIRST_ITERATIONS = 50
+#: How far a rung may move the delay [s].
+NEAR = 0.003
+#: Below this length [s] of segments that are supported, positions say less than states.
+SHORTEST_EXACT = 0.5
+#: The same where positions are not rounded, so that their noise is not known.
+SHORTEST_UNKNOWN = 2.0
+#: What MDE simulates: so many segments of this length [s], compared at so many times.
+SEARCH_SEGMENTS, SEARCH_LENGTH, SEARCH_TIMES = 60, 0.15, 12
+
+
+@dataclass(frozen=True, slots=True)
+class TrajectoryFit:
+    """The minimum of the trajectory criterion.
+
+    Attributes:
+        fit: where Levenberg-Marquardt came to rest.
+        kind: ``states`` or ``positions``: what the simulated segments were compared with.
+        length: of the segments [s].
+        group: the number of each segment's recording, shape (L,).
+        start: the time at which each begins [s], shape (L,).
+        variance: reduced chi-square of the positions, in encoder steps where there are any; NaN for ``states``.
+        white: whether the residuals are no larger than the positions' noise: then the model is exact.
+    """
+
+    fit: Fit
+    kind: str
+    length: float
+    group: NDArray[np.intp]
+    start: Array
+    variance: float
+    white: bool
+
+
+def fit_states(
+    motions: Sequence[Motion],
+    theta: Array,
+    delay: float,
+    bounds: Bounds,
+    delay_bounds: tuple[float, float],
+    scale: Array,
+    *,
+    ladder: Sequence[tuple[float, float]] = STATES_LADDER,
+    iterations: int = 40,
+    tolerance: float = 1e-5,
+    progress: Callable[[float], None] | None = None,
+) -> TrajectoryFit:
+    """Fit segments to the smoothed states.
+
+    Args:
+        motions: the recordings.
+        theta: where to start, shape (D,).
+        delay: where to start [s].
+        bounds: of theta.
+        delay_bounds: of the delay [s].
+        scale: the states' standard deviations, shape (4,).
+        ladder: (length, stride) [s] of the segments, one after the other.
+        iterations: at most, on each rung.
+        tolerance: the last rung ends when a step gains no more than this fraction of the cost.
+        progress: called with the criterion after every iteration.
+
+    Raises:
+        TrajectoryError: the recordings are too short to be cut into segments.
+    """
+    theta = theta.copy()
+    limit = START_COUPLING * np.sqrt(max(theta[0] * theta[1], 0.0))
+    theta[2] = np.clip(theta[2], -limit, limit) if len(ladder) > 1 else theta[2]
+    margin = max(map(abs, delay_bounds)) + 1e-6
+    for length, stride in ladder:
+        segments = Segments.cut(motions, min(length, longest_segment(motions, margin)), stride, margin)
+        last = length == ladder[-1][0]
+        fit = levenberg_marquardt(
+            AgainstStates(segments, scale),
+            theta,
+            delay,
+            bounds,
+            delay_bounds,
+            robust=last,
+            iterations=iterations,
+            tolerance=tolerance if last else 1e-2,
+            progress=progress,
+        )
+        theta, delay = fit.theta, fit.delay
+    return TrajectoryFit(fit, 'states', segments.steps * segments.step, segments.group, segments.start, np.nan, False)
+
+
+def longest_segment(motions: Sequence[Motion], margin: float) -> float:
+    """Return the longest segment [s] of which the longest motion still holds two."""
+    return max(m.end - m.start for m in motions) / 2 - 2 * margin
+
+
+def segment_cost(
+    motions: Sequence[Motion], theta: Array, delay: float, bounds: Bounds, scale: Array
+) -> tuple[float, int]:
+    """Return the criterion's J and how many residuals it averages, with the initial states alone estimated.
+
+    J is the mean square of the four states' errors over segments of half a second, in variances of the states, and
+    what the initial states cost that leave the smoothed ones.
+    """
+    _, comparison, fit = _initial_states(motions, theta, delay, bounds, scale)
+    lanes = len(comparison.segments)
+    return fit.cost / (4 * lanes), 4 * lanes * comparison.times
+
+
+def segment_errors(
+    motions: Sequence[Motion], theta: Array, delay: float, bounds: Bounds, scale: Array
+) -> tuple[list[Array], list[Array]]:
+    """Return what :func:`segment_cost` averages, but for what holds the initial states: errors of simulated segments.
+
+    Returns:
+        For each recording that is as long as a segment, the times [s] that are compared, shape (M, L), and the errors
+        of the four states in standard deviations, shape (M, 4, L).
+    """
+    segments, comparison, fit = _initial_states(motions, theta, delay, bounds, scale)
+    states = roll(fit.theta, fit.initial, segments.tau, segments.step)
+    rows = comparison.residuals(states, fit.delay).T.reshape(-1, 4, len(segments))
+    t = segments.start + fit.delay + comparison.offset[1:, None]
+    errors = rows[1:] * np.sqrt(comparison.times)
+    groups = [segments.group == number for number in np.unique(segments.group)]
+    return [t[:, g] for g in groups], [errors[:, :, g] for g in groups]
+
+
+def _initial_states(
+    motions: Sequence[Motion], theta: Array, delay: float, bounds: Bounds, scale: Array
+) -> tuple[Segments, AgainstStates, Fit]:
+    length, stride = STATES_LADDER[-1]
+    margin = abs(delay) + 1e-6
+    segments = Segments.cut(motions, min(length, longest_segment(motions, margin)), stride, margin)
+    comparison = AgainstStates(segments, scale)
+    fit = levenberg_marquardt(
+        comparison, theta, delay, bounds, (delay, delay), fixed=True, iterations=8, tolerance=1e-3
+    )
+    return segments, comparison, fit
+
+
+def fit_positions(
+    motions: Sequence[Motion],
+    theta: Array,
+    delay: float,
+    bounds: Bounds,
+    delay_bounds: tuple[float, float],
+    *,
+    ladder: Sequence[float] = POSITIONS_LADDER,
+    progress: Callable[[float], None] | None = None,
+) -> TrajectoryFit | None:
+    """Fit ever longer segments to the recorded positions, as far as the residuals stay those of the encoders.
+
+    Args:
+        motions: the recordings.
+        theta: where to start, shape (D,); near the end already, as :func:`fit_states` leaves it.
+        delay: where to start [s].
+        bounds: of theta.
+        delay_bounds: of the delay [s].
+        ladder: lengths [s] of the segments, one after the other.
+        progress: called with the criterion after every iteration.
+
+    Returns:
+        The fit with the longest segments that are supported; None where the model's errors exceed the noise of the
+        positions within half a second already, as on most real rigs.
+    """
+    steps = np.array([encoder_step(m.recorded.q) for m in motions]).max(axis=0)
+    rounded = bool((steps > 0).all())
+    noise = np.maximum(np.where(steps > 0, steps, 1e-3) / np.sqrt(12), FINEST)
+    margin = abs(delay) + 1e-9
+    # Segments begin on samples, the next one behind the margin.
+    whole = min(m.end - m.start - m.interval for m in motions) - 2 * margin
+    step = min(LONGEST_STEP, *(m.interval for m in motions))
+    if len(theta) > MODELS['viscous']:
+        step = min(step, DRY_STEP)
+    first, best = np.nan, None
+    for length in ladder:
+        length = min(length, whole)
+        segments = Segments.cut(motions, length, length, margin, LONGEST_STEP if np.isnan(first) else step)
+        comparison = AgainstPositions(segments, noise, delay=delay)
+        unknowns = 4 * len(segments) + len(theta) + 1
+        if comparison.count < 2 * unknowns:
+            continue
+        around = max(delay - NEAR, delay_bounds[0]), min(delay + NEAR, delay_bounds[1])
+        fit = levenberg_marquardt(
+            comparison,
+            theta,
+            delay,
+            bounds,
+            around,
+            iterations=FIRST_ITERATIONS if np.isnan(first) else 50,
+            tolerance=1e-3 if np.isnan(first) else 1e-6,
+            progress=progress,
+        )
+        variance = fit.cost / (comparison.count - unknowns)
+        if np.isnan(first):
+            first = max(variance, 1.0 if rounded else (FINEST / noise.max()) ** 2)
+        if not variance <= GROWTH * first or (rounded and variance > NOISIEST):
+            break
+        theta, delay = fit.theta, fit.delay
+        if fit.converged:
+            best = TrajectoryFit(fit, 'positions', length, segments.group, segments.start, variance, True)
+        if length == whole:
+            break
+    # Where the noise is not known but taken from the first rung, a model's errors in it pass for noise for a while.
+    shortest = min(SHORTEST_EXACT if rounded else SHORTEST_UNKNOWN, whole)
+    return best if best is not None and best.length >= shortest else None
+
+
+def search(
+    motions: Sequence[Motion],
+    bounds: Bounds,
+    scale: Array,
+    settings: MDESettings,
+    runs: int,
+    seed: int,
+    progress: Callable[[int, float], None] | None = None,
+) -> OptimizationResult:
+    """Look for the basin of the trajectory criterion by MDE, anywhere within the bounds.
+
+    What is minimised is the mean over short segments, simulated from their smoothed states, of e^2 / (1 + e^2 / 4)
+    with e the error in standard deviations: a segment that is lost is lost, and by how much says nothing. The search
+    box is searched in its cube root, because parameters of rigs differ by orders of magnitude.
+
+    Args:
+        motions: the recordings.
+        bounds: of theta, shape (D,).
+        scale: the states' standard deviations, shape (4,).
+        settings: of MDE.
+        runs: independent runs.
+        seed: same seed, same result.
+        progress: called with the generation and the best value so far.
+
+    Raises:
+        TrajectoryError: the recordings are too short to be cut into segments.
+
+    Returns:
+        The runs' results; ``x`` are parameter vectors.
+    """
+    length, wanted = SEARCH_LENGTH, SEARCH_SEGMENTS
+    stride = max(sum(m.end - m.start for m in motions) / wanted, length / 2)
+    segments = Segments.cut(motions, length, stride, 1e-6)
+    initial = segments.measured(np.zeros(1))[:, 0]
+    after = np.arange(segments.steps, 0, -max(1, segments.steps // SEARCH_TIMES))[::-1]
+    measured = np.moveaxis(segments.measured(np.asarray(segments.step * after)), 1, 0)[:, :, None]
+    width = bounds.upper - bounds.lower
+    least = LEAST_INERTIA * bounds.upper[:2]
+
+    def vectors(u: Array) -> Array:
+        theta = bounds.lower + width * u**3
+        theta[..., :2] = np.maximum(theta[..., :2], least)
+        return theta
+
+    def objective(u: Array) -> Array:
+        theta = vectors(u).reshape(-1, u.shape[-1])
+        states = roll(repaired(theta).T[:, :, None], initial, segments.tau, segments.step)[after]
+        with np.errstate(all='ignore'):
+            square = ((states - measured) / scale[:, None, None]) ** 2
+            lost = np.where(np.isfinite(square), square / (1 + square / 4), 4.0)
+        return np.asarray((lost.mean(axis=(0, 1, 3)) + 4 * coupling_excess(theta)).reshape(u.shape[:-1]))
+
+    unit = Bounds(np.zeros_like(width), np.ones_like(width), bounds.names)
+    found = minimize(MDE(unit, settings, runs=runs, seed=seed), objective, progress)
+    return replace(found, x=repaired(vectors(found.x)))

@@ -1,0 +1,59 @@
+"""What a user can do wrong. Each message says what was found, what was expected and what to do."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+
+class PendubotError(Exception):
+    """Base of every error that a user can cause; its text is one sentence for that user."""
+
+
+class ParameterError(PendubotError):
+    """A setting, bound or parameter vector that makes no sense."""
+
+
+class TrajectoryError(PendubotError):
+    """Samples that cannot be used: not finite, out of order, too few, a window that holds nothing."""
+
+
+class ExcitationError(PendubotError):
+    """A motion from which some parameters cannot be told."""
+
+
+class BagError(PendubotError):
+    """A bag that is missing, unreadable, or lacks what is asked of it."""
+
+
+class CsvError(PendubotError):
+    """A CSV file that cannot be imported."""
+
+
+class ResultError(PendubotError):
+    """A result file that cannot be read or written."""
+
+
+class LinkError(PendubotError):
+    """A serial port that is missing, busy or forbidden."""
+
+
+class ControlError(PendubotError):
+    """A rig that cannot be controlled as asked for."""
+
+
+class UsageError(PendubotError):
+    """Options or arguments that make no sense, alone or together; the exit status is 2."""
+
+
+@contextmanager
+def wrong_usage() -> Iterator[None]:
+    """Take each error that is raised within as one of usage: for where options are interpreted.
+
+    Raises:
+        UsageError: with the same sentence.
+    """
+    try:
+        yield
+    except PendubotError as error:
+        raise UsageError(str(error)) from error

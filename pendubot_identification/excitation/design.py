@@ -1,0 +1,355 @@
+"""Design of an excitation: the pulse train that tells a rig's parameters best, within what the rig may do.
+
+What a motion tells is its Fisher information: the sum of the squared sensitivities of the positions, over the variance
+of the encoders' rounding. D-optimal is the motion whose information has the greatest determinant (Goodwin and Payne,
+Dynamic System Identification, 1977): the smallest ellipsoid of confidence, whatever the parameters' units.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pendubot_identification.errors import ExcitationError, ParameterError
+from pendubot_identification.model.parameters import NAMES, Bounds, Parameters
+from pendubot_identification.model.rollout import roll, sensitivities
+from pendubot_identification.model.simulation import HANGING, longest_step
+from pendubot_identification.optimizers.mde import MDE, MDESettings
+
+from .excitation import PulseTrain
+
+Array = NDArray[np.float64]
+
+#: What a motion tells is counted over segments of this length [s], each with an initial state of its own: no more than
+#: that is told by motions which the model does not describe for longer, or which are chaotic.
+SEGMENT = 2.0
+#: The virtual rig's own steps are this much finer than a design needs.
+COARSER = 4.0
+#: Of the limits, a design uses this much: a rig is not its estimate.
+USED = 0.9
+#: The final design keeps the limits with so many parameter vectors drawn about the estimate, spread by at least this
+#: fraction of each parameter.
+DRAWS, SPREAD = 8, 0.03
+#: So many of the best designs are looked at in this way.
+FINALISTS = 40
+#: A cost beyond all those of trains within the limits.
+BEYOND = 1e6
+#: Of MDE's search. The seed of the random torques is one of the coordinates.
+POPULATION, GENERATIONS, SEEDS = 80, 30, 1000
+#: Ranges that are searched: period [s] and hold [s] up to these, width from this.
+LONGEST_PERIOD, LONGEST_HOLD, NARROWEST = 5.0, 1.0, 0.02
+#: What a pendubot can tell: all but k2, the friction that the elbow's torque makes, for there is none.
+TOLD = NAMES.index('k2')
+#: Numbers are rounded to so many digits, as they stand in the exciter's file.
+DIGITS = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Experiment:
+    """How a motion is recorded.
+
+    Attributes:
+        duration: of the excitation, from hanging at rest [s].
+        interval: between samples [s].
+        counts: encoder counts per turn.
+
+    Raises:
+        ParameterError: nothing can be learned so.
+    """
+
+    duration: float = 18.0
+    interval: float = 0.01
+    counts: int = 4000
+
+    def __post_init__(self) -> None:
+        if not (1e-4 <= self.interval <= 0.1 and 1 <= self.duration <= 600):
+            raise ParameterError(
+                f'{self.duration:g} s sampled every {self.interval:g} s cannot be designed; 1 to 600 s at 10 to 10000 '
+                'Hz are expected'
+            )
+        if self.counts < 4:
+            raise ParameterError(f'an encoder of {self.counts} counts per turn tells nothing; at least 4 are expected')
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """What a rig may do.
+
+    Attributes:
+        torque: greatest torque, either way [N m].
+        speed: greatest speed of either joint [rad/s].
+        angle: how far shoulder and elbow may turn away from hanging, either way [rad].
+
+    Raises:
+        ParameterError: a limit that is no positive number.
+    """
+
+    torque: float = 1.0
+    speed: float = 30.0
+    angle: tuple[float, float] = (math.inf, math.inf)
+
+    def __post_init__(self) -> None:
+        for name, value, unit in (
+            ('torque', self.torque, 'N m'),
+            ('speed', self.speed, 'rad/s'),
+            *(('angle', angle, 'rad') for angle in self.angle),
+        ):
+            if not value > 0 or (math.isinf(value) and name != 'angle'):
+                raise ParameterError(f'the limit of the {name} is {value:g} {unit}; a number above 0 is expected')
+
+    def used(self, speed: Array, angle: Array) -> Array:
+        """Return what part of the limits motions use: speeds [rad/s] and angles [rad], shape (2, ...); shape (...)."""
+        allowed = np.reshape(self.angle, (2,) + (1,) * (angle.ndim - 1))
+        # A joint without a limit uses nothing of it, even where the motion is lost to infinity.
+        turned = np.divide(angle, allowed, out=np.zeros(angle.shape), where=np.isfinite(allowed))
+        return np.asarray(np.maximum((speed / self.speed).max(axis=0), turned.max(axis=0)))
+
+
+@dataclass(frozen=True, slots=True)
+class Foreseen:
+    """What an excitation would do with a rig, and tell of it.
+
+    Attributes:
+        train: the excitation.
+        std_error: of each parameter, from this motion alone, as far as the encoders' rounding sets it; shape (D,);
+            infinite where it tells nothing.
+        log_information: logarithm of the determinant of the information, parameters in units of their values.
+        speed: greatest speed of shoulder and elbow [rad/s], shape (2,).
+        angle: how far they turn away from hanging [rad], shape (2,).
+    """
+
+    train: PulseTrain
+    std_error: Array
+    log_information: float
+    speed: Array
+    angle: Array
+
+
+def paper_pulses(torque: float) -> PulseTrain:
+    """Return the paper's pulses with this greatest torque [N m], with which designs are compared."""
+    return PulseTrain(amplitude_min=-torque, amplitude_max=torque)
+
+
+def foresee(
+    parameters: Parameters, trains: Sequence[PulseTrain], experiment: Experiment, limits: Limits | None = None
+) -> list[Foreseen]:
+    """Return what each of several excitations would do with a rig, from hanging at rest, and tell of it.
+
+    Args:
+        parameters: of the rig.
+        trains: the excitations.
+        experiment: how the motion is recorded.
+        limits: of what comes near to exceeding them, it is not worked out what it would tell: nothing.
+
+    Raises:
+        ParameterError: the parameters are not physical.
+    """
+    if problems := parameters.unphysical():
+        raise ParameterError(f'no rig moves like this: {problems[0]}; design with the parameters of a real one')
+    theta = parameters.vector()
+    course = _Course.of(parameters, trains, experiment)
+    states = course.simulate(theta)
+    speed, angle = _extremes(states)
+    wanted = np.isfinite(speed + angle).all(axis=0)
+    if limits is not None:
+        wanted &= limits.used(speed, angle) <= USED
+    errors, size = np.full((len(trains), len(theta)), np.inf), np.full(len(trains), -np.inf)
+    informations = np.empty((0, 0, 0))
+    if wanted.any():
+        with np.errstate(all='ignore'):
+            informations = _information(theta, states[:, :, wanted], course.tau[:, :, wanted], course.step, experiment)
+    for k, information in zip(np.flatnonzero(wanted), informations, strict=True):
+        size[k] = _log_determinant(information)
+        if np.isfinite(size[k]):
+            errors[k, : len(information)] = np.sqrt(np.diag(np.linalg.inv(information)))
+    errors *= _units(theta)
+    return [Foreseen(train, errors[k], float(size[k]), speed[:, k], angle[:, k]) for k, train in enumerate(trains)]
+
+
+def design(
+    parameters: Parameters,
+    limits: Limits,
+    experiment: Experiment,
+    *,
+    uncertainty: Array | None = None,
+    generations: int = GENERATIONS,
+    seed: int = 1,
+    progress: Callable[[int, int, float], None] | None = None,
+) -> Foreseen:
+    """Return the pulse train of the greatest information, as far as MDE finds it.
+
+    Args:
+        parameters: of the rig, as far as they are known.
+        limits: what it may do. It is held with margins, for rigs like this one: see :data:`USED`, :data:`DRAWS`.
+        experiment: how it is recorded.
+        uncertainty: standard errors of the parameters, shape (D,); None: 3 % of each.
+        generations: of MDE.
+        seed: of its random numbers.
+        progress: called with the generations done, how many there will be, and the best log_information so far.
+
+    Raises:
+        ParameterError: the parameters are not physical.
+        ExcitationError: no pulse train was found that keeps the limits.
+    """
+    space = _Space(limits, experiment)
+    search = MDE(space.bounds, MDESettings(POPULATION, generations, per_component=False), runs=1, seed=seed)
+    found: list[Foreseen] = []
+    while not search.done:
+        candidates = foresee(parameters, [space.train(u) for u in search.ask()[0]], experiment, limits)
+        search.tell(np.array([[_cost(candidate, limits) for candidate in candidates]]))
+        found += [candidate for candidate in candidates if np.isfinite(candidate.log_information)]
+        found = sorted(found, key=lambda each: -each.log_information)[:FINALISTS]
+        if progress is not None:
+            progress(search.generation, generations, found[0].log_information if found else math.nan)
+    if not found:
+        raise ExcitationError(
+            f'no pulses up to {limits.torque:g} N m were found that tell all parameters, stay below {limits.speed:g} '
+            f'rad/s and turn the joints by no more than {limits.angle[0]:g} and {limits.angle[1]:g} rad; allow a '
+            'greater speed or angle, or a greater or smaller torque'
+        )
+    return found[_first_within(parameters, found, limits, experiment, uncertainty)]
+
+
+def _cost(candidate: Foreseen, limits: Limits) -> float:
+    """Return what MDE minimises: within the limits the information's logarithm, beyond them by how much."""
+    if np.isfinite(candidate.log_information):
+        return -candidate.log_information
+    used = float(limits.used(candidate.speed, candidate.angle))
+    return BEYOND * (1 + used) if np.isfinite(used) else BEYOND**2
+
+
+def _first_within(
+    parameters: Parameters,
+    finalists: Sequence[Foreseen],
+    limits: Limits,
+    experiment: Experiment,
+    uncertainty: Array | None,
+) -> int:
+    """Return the number of the first design that keeps the limits on all rigs drawn about the estimate.
+
+    Where none does, of the one that keeps them on most.
+    """
+    theta = parameters.vector()
+    spread = np.maximum(np.zeros(1) if uncertainty is None else uncertainty[: len(theta)], SPREAD * np.abs(theta))
+    drawn = theta + spread * np.random.default_rng(1).standard_normal((DRAWS, len(theta)))
+    drawn = np.maximum(drawn, 0.2 * theta)
+    drawn[:, 2] = np.clip(drawn[:, 2], -0.9 * (root := np.sqrt(drawn[:, 0] * drawn[:, 1])), 0.9 * root)
+    course = _Course.of(parameters, [each.train for each in finalists], experiment)
+    speed, angle = _extremes(course.simulate(drawn.T[:, :, None]))
+    return int(np.argmin((~(limits.used(speed, angle) <= 1)).sum(axis=0)))
+
+
+@dataclass(frozen=True, slots=True)
+class _Space:
+    """Where trains are searched: period, width, least and greatest torque, hold, seed, all within 0 to 1."""
+
+    limits: Limits
+    experiment: Experiment
+
+    @property
+    def bounds(self) -> Bounds:
+        names = ('period', 'width', 'amplitude_min', 'amplitude_max', 'hold', 'seed')
+        return Bounds(np.zeros(len(names)), np.ones(len(names)), names)
+
+    def train(self, u: Array) -> PulseTrain:
+        interval = self.experiment.interval
+        period = _between(20 * interval, max(LONGEST_PERIOD, 40 * interval), u[0])
+        low, high = (_rounded(self.limits.torque * max(a, 1e-3)) for a in u[2:4])
+        return PulseTrain(
+            period=_rounded(period),
+            width=_rounded(_between(NARROWEST, 1.0, u[1])),
+            amplitude_min=-min(low, self.limits.torque),
+            amplitude_max=min(high, self.limits.torque),
+            hold=_rounded(_between(interval, max(LONGEST_HOLD, 2 * interval), u[4])),
+            seed=int(u[5] * (SEEDS - 1)),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class _Course:
+    """The torques of several trains, in simulation steps: tau, shape (2, K, C), of ``step`` [s] each."""
+
+    tau: Array
+    step: float
+
+    @classmethod
+    def of(cls, parameters: Parameters, trains: Sequence[PulseTrain], experiment: Experiment) -> _Course:
+        """Sample the trains as the exciter does; steps are parts of a sampling interval, or several of them."""
+        interval, samples = experiment.interval, round(experiment.duration / experiment.interval)
+        greatest = max(max(abs(train.amplitude_min), abs(train.amplitude_max)) for train in trains)
+        longest = COARSER * longest_step(parameters, greatest)
+        together = max(1, int(longest / interval + 1e-9))
+        parts = max(1, math.ceil(interval / longest - 1e-9))
+        t = np.asarray(interval * np.arange(samples - samples % together), dtype=np.float64)
+        torques = np.stack([train.torques(t) for train in trains], axis=-1)
+        torques = torques.reshape(-1, together, len(trains)).mean(axis=1).repeat(parts, axis=0)
+        return cls(np.stack([torques, np.zeros_like(torques)]), interval * together / parts)
+
+    def simulate(self, theta: Array) -> Array:
+        """Return the states from hanging at rest on, shape (K + 1, 4, C), or (K + 1, 4, V, C)."""
+        start = np.zeros((4, self.tau.shape[2]))
+        start[:2] = np.reshape(HANGING, (2, 1))
+        return roll(theta, start, self.tau, self.step)
+
+
+def _extremes(states: Array) -> tuple[Array, Array]:
+    """Return the greatest speeds [rad/s] and angles from hanging [rad], shape (2, ...); infinite for lost motions."""
+    away = states[:, :2] - np.reshape(HANGING, (2,) + (1,) * (states.ndim - 2))
+    both = np.abs(states[:, 2:]).max(axis=0), np.abs(away).max(axis=0)
+    return tuple(np.where(np.isfinite(each), each, np.inf) for each in both)  # type: ignore[return-value]
+
+
+def _information(theta: Array, states: Array, tau: Array, step: float, experiment: Experiment) -> Array:
+    """Return the information of each motion, shape (C, D, D), D at most TOLD, parameters in units of their values.
+
+    Initial states and the effort's delay are unknown, too, and condensed out.
+    """
+    steps, lanes = tau.shape[1:]
+    length = min(steps, round(SEGMENT / step))
+    count = steps // length
+    within = length * np.arange(count) + np.arange(length + 1)[:, None]
+    cut = np.moveaxis(states[within], 1, 2).reshape(length + 1, 4, -1)
+    torques = tau[:, within[:-1]].reshape(2, length, -1)
+    # Positions between samples are not seen; where a step is several samples long, each counts for all of them.
+    every = max(1, round(experiment.interval / step))
+    weight = max(1.0, step / experiment.interval)
+    seen = sensitivities(theta, cut, torques, step)[every - 1 :: every, :2]
+    delay = -cut[every::every, 2:, None]
+    jacobian = np.concatenate([seen[:, :, :4], delay, seen[:, :, 4:] * _units(theta)[:, None]], axis=2)
+    jacobian *= math.sqrt(12 * weight) * experiment.counts / (2 * math.pi)
+    rows = np.moveaxis(jacobian, 3, 0).reshape(count * lanes, -1, jacobian.shape[2])
+    normal = (rows.transpose(0, 2, 1) @ rows).reshape(count, lanes, *[jacobian.shape[2]] * 2)
+    # The delay is one for all segments of a motion, an initial state each segment's own.
+    return _condensed(_condensed(normal, 4).sum(axis=0), 1)[:, :TOLD, :TOLD]
+
+
+def _log_determinant(information: Array) -> float:
+    """Return the logarithm of the determinant; minus infinity where floats do not tell that there is one."""
+    size = np.diag(information)
+    if not (np.isfinite(information).all() and (size > 0).all()):
+        return -math.inf
+    values = np.linalg.eigvalsh(information / np.sqrt(size) / np.sqrt(size)[:, None])
+    return float(np.log(values).sum() + np.log(size).sum()) if values[0] > 1e-12 else -math.inf
+
+
+def _condensed(normal: Array, size: int) -> Array:
+    """Return a normal matrix, shape (..., M, M), without its first unknowns, which stay unknown."""
+    local, mixed = normal[..., :size, :size], normal[..., :size, size:]
+    local = local + 1e-12 * np.trace(local, axis1=-2, axis2=-1)[..., None, None] * np.eye(size) + 1e-300 * np.eye(size)
+    return np.asarray(normal[..., size:, size:] - np.swapaxes(mixed, -1, -2) @ np.linalg.solve(local, mixed))
+
+
+def _units(theta: Array) -> Array:
+    return np.where(theta == 0, 1.0, np.abs(theta))
+
+
+def _between(low: float, high: float, u: float) -> float:
+    return float(low * (high / low) ** u)
+
+
+def _rounded(value: float) -> float:
+    return float(f'{value:.{DIGITS}g}')

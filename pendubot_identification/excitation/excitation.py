@@ -1,0 +1,90 @@
+"""The torque that makes a rig move so that its parameters can be told: the paper's pulse train (its Section 4.4)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pendubot_identification.errors import ParameterError
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class PulseTrain:
+    """Pulses at a fixed period; within a pulse the torque takes a new random value every ``hold`` seconds.
+
+    The paper's numbers for period and torque range were lost; the defaults move the virtual rig well.
+
+    Attributes:
+        period: seconds from one pulse to the next.
+        width: the pulse's length as a fraction of the period (the paper's 5 %).
+        amplitude_min: least torque within a pulse [N m].
+        amplitude_max: greatest torque within a pulse [N m].
+        hold: seconds for which each random torque is held.
+        seed: same seed, same torque.
+
+    Raises:
+        ParameterError: a number that makes no sense.
+    """
+
+    period: float = 1.0
+    width: float = 0.05
+    amplitude_min: float = -1.0
+    amplitude_max: float = 1.0
+    hold: float = 0.01
+    seed: int = 1
+
+    def __post_init__(self) -> None:
+        for name in ('period', 'hold'):
+            if not (np.isfinite(getattr(self, name)) and getattr(self, name) > 0):
+                raise ParameterError(f'{name} is {getattr(self, name):g} s; a time above 0 is expected')
+        if not 0 < self.width <= 1:
+            raise ParameterError(
+                f'width is {self.width:g}; a fraction of the period, above 0 and at most 1, is expected'
+            )
+        if not (np.isfinite(self.amplitude_min) and np.isfinite(self.amplitude_max)):
+            raise ParameterError('amplitude_min and amplitude_max must be finite torques in N m')
+        if self.amplitude_min >= self.amplitude_max:
+            raise ParameterError(
+                f'amplitude_min {self.amplitude_min:g} is not below amplitude_max {self.amplitude_max:g}; give the '
+                'smaller torque first'
+            )
+        if self.seed < 0:
+            raise ParameterError(f'seed is {self.seed}; a whole number of at least 0 is expected')
+
+    def torque(self, t: float) -> float:
+        """Return the torque [N m] wanted at ``t`` [s] after the start; 0 before it and between pulses."""
+        if t < 0:
+            return 0.0
+        pulse, phase = _place(t, self.period)
+        if phase >= self.width * self.period:
+            return 0.0
+        return float(self._drawn(int(pulse), int(phase / self.hold) + 1)[-1])
+
+    def torques(self, t: Array) -> Array:
+        """Return :meth:`torque` at many times [s], shape (N,), drawing each pulse once."""
+        pulse, phase = _place(t, self.period)
+        within = (t >= 0) & (phase < self.width * self.period)
+        number = (phase / self.hold).astype(np.intp)
+        result = np.zeros(len(t))
+        for each in np.unique(pulse[within]):
+            here = within & (pulse == each)
+            result[here] = self._drawn(int(each), int(number[here].max()) + 1)[number[here]]
+        return result
+
+    def _drawn(self, pulse: int, count: int) -> Array:
+        """Return the first torques of a pulse [N m], shape (count,)."""
+        return np.random.default_rng([self.seed, pulse]).uniform(self.amplitude_min, self.amplitude_max, count)
+
+
+def _place(t: Any, period: float) -> tuple[Any, Any]:
+    """Return the number of the pulse that began last, and the time since [s].
+
+    Sampling times are rational multiples of hold and period that floats only approximate: half a microsecond decides on
+    which side of an edge they fall.
+    """
+    return np.divmod(t + 5e-7, period)

@@ -1,0 +1,62 @@
+"""The exciter's parameter file: written from a design, read to be foreseen."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from pendubot_identification.errors import ParameterError, ResultError
+from pendubot_identification.excitation.excitation import PulseTrain
+from pendubot_identification.files import write_whole
+from pendubot_identification.resources import resource
+
+NODE = 'exciter'
+TEMPLATE = 'config/exciter.yaml'
+
+
+def write_exciter(
+    path: Path, train: PulseTrain, duration: float, comments: Sequence[str], *, overwrite: bool = False
+) -> None:
+    """Write a pulse train as the exciter's commented parameter file; everything else has its default.
+
+    Raises:
+        ResultError: the file exists already, or the system refuses to write it.
+    """
+    text = resource(TEMPLATE).read_text(encoding='utf-8')
+    for name, value in {**asdict(train), 'duration': float(duration)}.items():
+        text = re.sub(rf'^( *{name}:).*$', rf'\g<1> {value!r}', text, flags=re.MULTILINE)
+    write_whole(path, ''.join(f'# {line}\n' for line in comments) + text, overwrite=overwrite)
+
+
+def read_exciter(path: Path) -> tuple[PulseTrain, float]:
+    """Return the pulse train of a parameter file and its duration [s]; what the file leaves out has its default.
+
+    Raises:
+        ResultError: there is no such file, or it is no parameter file of the exciter.
+        ParameterError: pulses that make no sense.
+    """
+    expected = f'expected is a file like {resource(TEMPLATE)}'
+    try:
+        data = yaml.safe_load(path.read_text(encoding='utf-8'))
+    except OSError as error:
+        raise ResultError(f'{path} cannot be read ({error.strerror}); {expected}') from error
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise ResultError(f'{path} is no YAML file; {expected}') from error
+    try:
+        values: dict[str, Any] = {'duration': 18.0} | data[NODE]['ros__parameters']
+    except (KeyError, TypeError) as error:
+        raise ResultError(f'{path} holds no parameters of the node {NODE}; {expected}') from error
+    names = (*asdict(PulseTrain()), 'duration')
+    try:
+        numbers = {name: float(values[name]) for name in names if name in values}
+    except (TypeError, ValueError) as error:
+        raise ParameterError(f'{path}: {error}; numbers are expected; {expected}') from error
+    duration = numbers.pop('duration')
+    if 'seed' in numbers:
+        return PulseTrain(**{**numbers, 'seed': int(numbers['seed'])}), duration  # type: ignore[arg-type]
+    return PulseTrain(**numbers), duration  # type: ignore[arg-type]

@@ -1,0 +1,75 @@
+"""Whether recordings that are pooled are of one rig: each is foreseen from the others as well as from itself."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pendubot_identification.criteria.trajectory_fit import TrajectoryFit
+
+from .prediction import predict
+from .recipes import Data
+
+Array = NDArray[np.float64]
+
+#: A recording that the others foresee with more than so many times the error that is left where it alone is fitted
+#: contradicts them, if that error is also more than this fraction of the states' standard deviations. The real rigs'
+#: recordings, of one rig and three or more of them, reach 1.7 times.
+CONTRADICTING, CONTRADICTION = 3.0, 0.1
+#: Recordings that one set of parameters explains with no more than so many times the error that their own leave, agree,
+#: however badly some foresee others: then those say too little. The real rigs' reach 1.4.
+AGREEING = 2.0
+#: Of a recording that no parameters explain, so many times the median error counts as its own.
+EXPLAINED = 2.0
+
+
+def contradictions(data: Data, model: str, together: TrajectoryFit, without: Sequence[TrajectoryFit] = ()) -> list[str]:
+    """Name recordings that contradict the others.
+
+    Args:
+        data: two or more recordings.
+        model: the name of one of :data:`.parameters.MODELS`.
+        together: the fit of all of them.
+        without: for each recording, the fit of all others where it is known already.
+    """
+    groups, count = data.groups, len(data.groups)
+    alone = [data.only(group).fit(model) for group in groups]
+    if count == 2:
+        without = alone[::-1]
+    elif len(without) != count:
+        without = [data.only([m for g in groups if g is not left_out for m in g]).fit(model) for left_out in groups]
+
+    def error(recording: int, fit: TrajectoryFit) -> float:
+        return float(np.exp(predict(groups[recording], fit.fit.theta, fit.fit.delay, data.scale).loss))
+
+    own = np.array([error(k, fit) for k, fit in enumerate(alone)])
+    own = np.minimum(own, EXPLAINED * np.nanmedian(own))
+    common = np.array([error(k, together) for k in range(count)])
+    if not (common > AGREEING * own).any():
+        return []
+    apart = np.array([error(k, fit) for k, fit in enumerate(without)])
+    odd = (apart > CONTRADICTING * own) & (apart > CONTRADICTION)
+    names = [recording.name for recording in data.whole]
+    if count == 2:
+        if not odd.all():
+            return []
+        return [
+            f'{names[0]} and {names[1]} contradict each other: each is foreseen from the other with '
+            f'{(apart / own).min():.0f} times or more the error that its own parameters leave; are they of one rig, '
+            'with the same signs and zeros?'
+        ]
+    if not odd.any():
+        return []
+    # All are foreseen badly by a crowd with one stranger in it. The stranger is whom the others agree without.
+    others = [[j for j in range(count) if j != k] for k in range(count)]
+    pairs = zip(others, without, strict=True)
+    strife = np.array([np.mean([np.log(error(j, fit) / own[j]) for j in rest]) for rest, fit in pairs])
+    stranger = int(np.nanargmin(strife))
+    if not odd[stranger]:
+        return []
+    return [
+        f'{names[stranger]} contradicts the other recordings: they foresee it with {(apart / own)[stranger]:.1f} times '
+        'the error that its own parameters leave; is it of the same rig, with the same signs and zeros?'
+    ]

@@ -1,0 +1,152 @@
+"""What one criterion says of a rig: parameters, how certain, and how well they foresee."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pendubot_identification.level import Level
+from pendubot_identification.model.parameters import Parameters
+from pendubot_identification.optimizers.optimizer import OptimizationResult
+
+from .prediction import Prediction
+
+Array = NDArray[np.float64]
+
+#: Called now and then: what is being done, how much of it, of how much, and the best J so far.
+Progress = Callable[[str, int, int, float], None]
+
+#: A run has found the minimum when its J exceeds the exact one by no more than this fraction.
+REACHED = 1e-6
+#: Half the width of a 95 % interval in standard errors.
+NORMAL_95 = 1.96
+#: A standard error above this fraction of the value leaves little of it.
+POOR = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class Effort:
+    """How the recorded effort was taken.
+
+    Attributes:
+        hold: ``zero`` or ``linear``, see :class:`.settings.Settings`.
+        delay: what acts on the motion at t is the effort recorded at t - delay [s].
+        std_error: of the delay [s]; NaN where it was not estimated.
+    """
+
+    hold: str
+    delay: float = 0.0
+    std_error: float = np.nan
+
+
+@dataclass(frozen=True, slots=True)
+class Zeros:
+    """How far off the zeros of recordings' positions are: the position that was read minus the true one.
+
+    Attributes:
+        recordings: their names.
+        angles: of both joints [rad], shape (2, R); NaN where nothing tells it.
+        std_error: [rad], shape (2, R).
+    """
+
+    recordings: tuple[str, ...]
+    angles: Array
+    std_error: Array
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """The answer of one criterion.
+
+    Attributes:
+        criterion: ``energy``, ``weak`` or ``trajectory``.
+        model: the name of one of :data:`.parameters.MODELS`.
+        theta: the estimate, shape (D,).
+        free: which parameters lie on no bound, shape (D,).
+        covariance: shape (D, D); NaN in the rows and columns of parameters on a bound. Scaled so that an interval of
+            1.96 standard errors to both sides holds the truth in 95 % of cases, however few the recordings.
+        std_error: shape (D,); of a parameter on its bound, how far the data would let it off.
+        uncertainty: in words, how the covariance was found.
+        effort: how the effort was taken.
+        J: the criterion on the training data, in ``unit``.
+        unit: of J.
+        residuals: how many residuals J averages.
+        condition_number: of the scaled information.
+        converged: whether the optimiser found a minimum.
+        steps: in words, what each step of the optimisation came to.
+        unexplained: J over what it is with all parameters zero; NaN for ``trajectory``.
+        J_exact: the exact minimum of a quadratic criterion within the bounds; NaN for others.
+        runs: what the runs of MDE found; None without.
+        J_validation: the criterion on validation data, NaN without.
+        J_validation_runs: the same for each run of MDE, shape (runs,); empty without.
+        prediction: of validation data; None without.
+        zeros: of the recordings' positions; None where the criterion does not tell them.
+        exact: whether the residuals are those of the encoders alone.
+        level: how far to trust it.
+        warnings: why, in sentences for the user.
+        advice: what motion would tell the parameters that this one tells poorly.
+    """
+
+    criterion: str
+    model: str
+    theta: Array
+    free: NDArray[np.bool_]
+    covariance: Array
+    std_error: Array
+    uncertainty: str
+    effort: Effort
+    J: float
+    unit: str
+    residuals: int
+    condition_number: float
+    converged: bool
+    steps: tuple[str, ...] = ()
+    unexplained: float = np.nan
+    J_exact: float = np.nan
+    runs: OptimizationResult | None = None
+    J_validation: float = np.nan
+    J_validation_runs: Array = field(default_factory=lambda: np.empty(0))
+    prediction: Prediction | None = None
+    zeros: Zeros | None = None
+    exact: bool = False
+    level: Level = Level.OK
+    warnings: tuple[str, ...] = ()
+    advice: tuple[str, ...] = ()
+
+    @property
+    def parameters(self) -> Parameters:
+        """The estimate by name."""
+        return Parameters.from_vector(self.theta)
+
+    @property
+    def intervals(self) -> Array:
+        """95 % intervals, shape (D, 2), cut where friction or inertia would be negative and the estimate is not."""
+        reach = NORMAL_95 * self.std_error
+        low = np.where(self.theta >= 0, np.maximum(self.theta - reach, 0.0), self.theta - reach)
+        return np.column_stack([low, self.theta + reach])
+
+    @property
+    def determined(self) -> NDArray[np.bool_]:
+        """Whether this motion determines each parameter: its standard error is below half its value, shape (D,)."""
+        return np.asarray(self.free & (self.std_error <= POOR * np.abs(self.theta)))
+
+    @property
+    def correlation(self) -> Array:
+        """Correlation matrix, shape (D, D); NaN where the covariance is, or tells nothing: where it is infinite."""
+        deviation = np.sqrt(np.diag(self.covariance))
+        deviation = np.where((deviation > 0) & np.isfinite(deviation), deviation, np.nan)
+        return np.asarray(self.covariance / deviation / deviation[:, None])
+
+    @property
+    def J_runs(self) -> Array:
+        """J of every run of MDE on the training data, or J alone, shape (runs,)."""
+        return np.array([self.J]) if self.runs is None else self.runs.value
+
+    @property
+    def runs_at_minimum(self) -> int:
+        """How many runs of MDE reached the exact minimum, or each other where none is known, to a relative 1e-6."""
+        least = self.J_runs.min() if np.isnan(self.J_exact) else self.J_exact
+        return int((self.J_runs <= least * (1 + REACHED)).sum())

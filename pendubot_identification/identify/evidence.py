@@ -1,0 +1,271 @@
+"""What can be shown of an answer: simulated motion, residuals, and what each parameter does, as arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pendubot_identification.criteria.shooting import Segments
+from pendubot_identification.criteria.trajectory_fit import segment_errors
+from pendubot_identification.criteria.weak import WIDTH, weak_regression
+from pendubot_identification.model.parameters import MODELS
+from pendubot_identification.model.rollout import roll
+from pendubot_identification.trajectories.motion import Motion
+
+from .linear import linear
+from .prediction import HORIZONS, LOST
+from .settings import Settings
+
+Array = NDArray[np.float64]
+
+#: Simulations shown are this long [s], the longest horizon of the predictions, or as long as the motion allows.
+AHEAD = HORIZONS[-1]
+#: So much of a motion is shown at once [s].
+SHOWN = 10.0
+#: Balances of the weak criterion, and the states.
+BALANCES: tuple[str, ...] = ('shoulder', 'elbow', 'energy')
+STATES: tuple[str, ...] = ('q1', 'q2', 'dq1', 'dq2')
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """What a criterion said, as far as it is needed to simulate.
+
+    Attributes:
+        criterion: ``energy``, ``weak`` or ``trajectory``.
+        model: the name of one of :data:`.parameters.MODELS`.
+        theta: shape (D,).
+        delay: of the effort [s].
+    """
+
+    criterion: str
+    model: str
+    theta: Array
+    delay: float
+
+
+@dataclass(frozen=True, slots=True)
+class Simulation:
+    """A measured motion, and what was simulated beside it, again and again from a measured state on.
+
+    Attributes:
+        name: of the recording.
+        t: times [s] of the samples, shape (N,).
+        measured: q1, q2 as recorded and q1', q2' from smoothed positions [rad, rad/s], shape (4, N).
+        ahead: length of each simulation [s].
+        simulated_t: times [s] of L simulations, shape (K, L).
+        simulated: their states, shape (K, 4, L); NaN from where one is lost.
+        whole: whether the motion is shown from its beginning to its end; else it is the worst part.
+    """
+
+    name: str
+    t: Array
+    measured: Array
+    ahead: float
+    simulated_t: Array
+    simulated: Array
+    whole: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Residuals:
+    """What a criterion could not explain of its training data.
+
+    Attributes:
+        criterion: its name.
+        unit: of the residuals.
+        names: of the channels.
+        parts: of each recording the times [s], shape (N,), and residuals, shape (N, C).
+        interval: between two residuals [s].
+        shared: neighbours nearer than this [s] share data, so that they are correlated whatever the model; infinite
+            where each residual holds all data before it.
+        lags: shape (M,), [s].
+        autocorrelation: at these lags, over all recordings, shape (M, C).
+        band: 95 % of the autocorrelations of white residuals lie within plus and minus this.
+    """
+
+    criterion: str
+    unit: str
+    names: tuple[str, ...]
+    parts: tuple[tuple[Array, Array], ...]
+    interval: float
+    shared: float
+    lags: Array
+    autocorrelation: Array
+    band: float
+
+
+@dataclass(frozen=True, slots=True)
+class Excitation:
+    """What each parameter does in the balances of the weak criterion, on training data. Root mean squares.
+
+    Attributes:
+        term: the parameter times its column, by parameter and balance [N m, N m, W], shape (D, 3).
+        own: what of that is left when all other columns have explained what they can, shape (D, 3).
+        residual: what no parameter explains, shape (3,).
+    """
+
+    term: Array
+    own: Array
+    residual: Array
+
+
+def simulate_beside(motions: Sequence[Motion], answer: Answer, scale: Array) -> Simulation:
+    """Simulate recordings from measured states on, and return the part of one of them that is foreseen worst.
+
+    Args:
+        motions: the recordings.
+        answer: by which they are simulated.
+        scale: the states' standard deviations, shape (4,), in which the worst is found.
+
+    Raises:
+        TrajectoryError: the recordings are too short to be simulated.
+    """
+    margin = max(abs(answer.delay), 1e-9)
+    ahead = min(AHEAD, max(m.end - m.start - m.interval for m in motions) - 2 * margin)
+    worst: tuple[float, Motion, Segments, Array, slice] | None = None
+    for motion in motions:
+        if motion.end - motion.start - 2 * margin < ahead:
+            continue
+        segments = Segments.cut([motion], ahead, ahead, margin)
+        begin = segments.measured(np.array([answer.delay]))[:, 0]
+        end = segments.measured(np.array([answer.delay + segments.steps * segments.step]))[:, 0]
+        with np.errstate(all='ignore'):
+            states = roll(answer.theta, begin, segments.tau, segments.step)
+            off = np.nan_to_num(np.abs((states[-1] - end) / scale[:, None]), nan=LOST, posinf=LOST)
+        errors = (np.minimum(off, LOST) ** 2).mean(axis=0)
+        count = min(len(errors), max(1, round(SHOWN / ahead)))
+        sums = np.convolve(errors, np.ones(count), mode='valid') / count
+        first = int(np.argmax(sums))
+        if worst is None or sums[first] > worst[0]:
+            worst = float(sums[first]), motion, segments, states, slice(first, first + count)
+    assert worst is not None  # the longest recording was not left out
+    _, motion, segments, states, shown = worst
+    t = segments.start[shown] + answer.delay + segments.step * np.arange(segments.steps + 1)[:, None]
+    recorded = motion.recorded
+    whole = len(motions) == 1 and len(segments) <= shown.stop - shown.start
+    within = slice(None) if whole else (recorded.t >= t[0, 0]) & (recorded.t <= t[-1, -1])
+    times = recorded.t[within]
+    return Simulation(
+        name=motion.name,
+        t=times,
+        measured=np.concatenate([recorded.q[within].T, motion.states(times)[2:]]),
+        ahead=ahead,
+        simulated_t=t,
+        simulated=np.where(np.isfinite(states), states, np.nan)[:, :, shown],
+        whole=whole,
+    )
+
+
+def residuals(
+    motions: Sequence[Motion], answer: Answer, settings: Settings, smoothing: float, scale: Array
+) -> Residuals:
+    """Return what an answer leaves of its training data; their mean square is its J.
+
+    Of ``trajectory`` only segments that do not overlap are returned, a part of those that J averages, and not what
+    J adds for initial states that leave the smoothed ones.
+
+    Args:
+        motions: the training data.
+        answer: of a criterion of the settings.
+        settings: what was asked for.
+        smoothing: the window [s] that made the states.
+        scale: the states' standard deviations, shape (4,).
+
+    Raises:
+        TrajectoryError: the recordings are too short.
+    """
+    if answer.criterion == 'trajectory':
+        bounds = settings.bounds.of(MODELS[answer.model])
+        t, errors = segment_errors(motions, answer.theta, answer.delay, bounds, scale)
+        parts, shared = _side_by_side(t, errors), smoothing
+        unit, names = 'standard deviations', STATES
+        interval = float(t[0][1, 0] - t[0][0, 0]) if len(t[0]) > 1 else AHEAD
+    else:
+        made = linear(answer.criterion, motions, answer.model, settings)
+        names = BALANCES if answer.criterion == 'weak' else ('energy',)
+        unit = 'N m' if answer.criterion == 'weak' else 'J'
+        parts = []
+        for r in (part for residuals in made.residuals for part in residuals.parts()):
+            left = (r.y - r.phi @ answer.theta).reshape(-1, len(names))
+            parts.append((r.t[:: len(names)], left))
+        interval = float(np.median(np.concatenate([np.diff(t) for t, _ in parts])))
+        shared = WIDTH if answer.criterion == 'weak' else settings.sliding or np.inf
+    count = sum(len(t) for t, _ in parts)
+    lags = int(min(2 * AHEAD / interval, max(len(t) for t, _ in parts) // 2))
+    return Residuals(
+        criterion=answer.criterion,
+        unit=unit,
+        names=names,
+        parts=tuple(parts),
+        interval=interval,
+        shared=shared,
+        lags=np.asarray(interval * np.arange(lags + 1)),
+        autocorrelation=autocorrelation([r for _, r in parts], lags),
+        band=1.96 / np.sqrt(max(count, 1)),
+    )
+
+
+def autocorrelation(parts: Sequence[Array], lags: int) -> Array:
+    """Return the autocorrelation of residuals at lags 0 to ``lags``, shape (lags + 1, C).
+
+    Args:
+        parts: residuals at even times, each of shape (N, C), their mean not subtracted: it should be 0.
+        lags: fewer than the longest part has residuals.
+    """
+    sums = np.zeros((lags + 1, parts[0].shape[1]))
+    for part in parts:
+        size = 1 << int(len(part) + lags).bit_length()
+        spectrum = np.fft.rfft(part, size, axis=0)
+        sums += np.fft.irfft(np.abs(spectrum) ** 2, size, axis=0)[: lags + 1]
+    return np.asarray(sums / np.maximum(sums[0], np.finfo(float).tiny))
+
+
+def excitation(motions: Sequence[Motion], answer: Answer) -> Excitation:
+    """Return what each parameter does, and what none of the others could do in its place.
+
+    Args:
+        motions: the training data.
+        answer: any criterion's; the balances are always those of ``weak``, where each joint has its own.
+
+    Raises:
+        TrajectoryError: the recordings are shorter than a bump.
+    """
+    parts = [weak_regression(m, answer.model, answer.delay, stride=WIDTH / 10) for m in motions]
+    phi, y = np.concatenate([p.phi for p in parts]), np.concatenate([p.y for p in parts])
+    left = y - phi @ answer.theta
+    # So that the balances count alike, whatever their size.
+    weight = np.tile(1 / np.maximum(_rms(y, phi * answer.theta), np.finfo(float).tiny), len(y) // 3)
+    weighted = phi * weight[:, None]
+    own = np.zeros((len(answer.theta), 3))
+    for k, value in enumerate(answer.theta):
+        others = np.delete(weighted, k, axis=1)
+        imitated = others @ np.linalg.lstsq(others, weighted[:, k], rcond=None)[0]
+        own[k] = _by_balance(value * (weighted[:, k] - imitated) / weight)
+    term = np.array([_by_balance(value * phi[:, k]) for k, value in enumerate(answer.theta)])
+    # What others would bring into an equation in which the parameter itself has no part is none of its own.
+    return Excitation(term, np.minimum(own, term), _by_balance(left))
+
+
+def _rms(y: Array, terms: Array) -> Array:
+    """Return the size of each balance: the root of the mean square of its largest term, shape (3,)."""
+    return np.asarray(np.max([_by_balance(y), *(_by_balance(term) for term in terms.T)], axis=0))
+
+
+def _by_balance(rows: Array) -> Array:
+    return np.asarray(np.sqrt((rows.reshape(-1, 3) ** 2).mean(axis=0)))
+
+
+def _side_by_side(t: Sequence[Array], errors: Sequence[Array]) -> list[tuple[Array, Array]]:
+    """Return, recording by recording, segments that do not overlap, one after the other."""
+    parts = []
+    for times, values in zip(t, errors, strict=True):
+        chosen: list[int] = []
+        for k in range(times.shape[1]):
+            if not chosen or times[0, k] > times[-1, chosen[-1]]:
+                chosen.append(k)
+        parts.append((times[:, chosen].T.ravel(), values[:, :, chosen].transpose(2, 0, 1).reshape(-1, 4)))
+    return parts

@@ -1,0 +1,115 @@
+"""How well parameters foresee a motion: simulated from a measured state on, and held against what then happened."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pendubot_identification.criteria.shooting import Segments
+from pendubot_identification.model.rollout import roll
+from pendubot_identification.trajectories.motion import Motion
+
+Array = NDArray[np.float64]
+
+#: Seconds ahead.
+HORIZONS = (0.1, 0.25, 0.5, 1.0)
+#: Seconds from one start to the next.
+STRIDE = 0.05
+#: The horizons by which models and criteria are compared; at 1 s some motions are chaotic.
+JUDGED = 3
+#: A simulation this many standard deviations off is as good as any other that is lost.
+LOST = 1e3
+
+
+@dataclass(frozen=True, slots=True)
+class Prediction:
+    """Simulation errors at the end of each of :data:`HORIZONS`, over the states' standard deviations.
+
+    Attributes:
+        errors: root mean square by horizon and state q1 q2 q1' q2', shape (H, 4); NaN where no motion is that long.
+        still: the same for a rig that keeps its state, shape (H, 4).
+        starts: how many simulations each horizon had, shape (H,).
+    """
+
+    errors: Array
+    still: Array
+    starts: NDArray[np.intp]
+
+    @property
+    def error(self) -> Array:
+        """Root mean square over the four states, shape (H,)."""
+        return np.asarray(np.sqrt((self.errors**2).mean(axis=1)))
+
+    @property
+    def standing_still(self) -> Array:
+        """The same of a rig that keeps its state, shape (H,)."""
+        return np.asarray(np.sqrt((self.still**2).mean(axis=1)))
+
+    @property
+    def fit(self) -> Array:
+        """Fit of each state in per cent, 100 (1 - error / standard deviation), shape (H, 4)."""
+        return 100 * (1 - self.errors)
+
+    @property
+    def loss(self) -> float:
+        """One number to compare by: the mean logarithm of the error up to 0.5 s; NaN without any."""
+        errors = self.error[:JUDGED]
+        errors = errors[np.isfinite(errors)]
+        return float(np.log(np.maximum(errors, 1e-12)).mean()) if errors.size else np.nan
+
+    @classmethod
+    def none(cls) -> Prediction:
+        """Return the prediction of nothing."""
+        nothing = np.full((len(HORIZONS), 4), np.nan)
+        return cls(nothing, nothing, np.zeros(len(HORIZONS), dtype=np.intp))
+
+    @classmethod
+    def pool(cls, parts: Sequence[Prediction]) -> Prediction:
+        """Return the errors of several predictions together."""
+        starts = np.array([part.starts for part in parts])
+        share = starts / np.maximum(starts.sum(axis=0), 1)
+        with np.errstate(invalid='ignore'):
+            mean = [
+                np.sqrt(np.einsum('ph,phs->hs', share, np.nan_to_num([getattr(p, which) for p in parts]) ** 2))
+                for which in ('errors', 'still')
+            ]
+        none = starts.sum(axis=0) == 0
+        mean[0][none], mean[1][none] = np.nan, np.nan
+        return cls(mean[0], mean[1], starts.sum(axis=0))
+
+
+def predict(motions: Sequence[Motion], theta: Array, delay: float, scale: Array) -> Prediction:
+    """Simulate every motion from its smoothed state on, with its torque, every 50 ms.
+
+    Args:
+        motions: what is to be foreseen.
+        theta: shape (D,).
+        delay: of the effort [s].
+        scale: the states' standard deviations, shape (4,).
+    """
+    errors, still = np.full((2, len(HORIZONS), 4), np.nan)
+    starts = []
+    margin = max(abs(delay), 1e-9)
+    for row, horizon in enumerate(HORIZONS):
+        long = [m for m in motions if m.end - m.start - 2 * margin >= horizon + m.interval]
+        starts.append(0)
+        if not long:
+            continue
+        segments = Segments.cut(long, horizon, STRIDE, margin)
+        begin, end = (segments.measured(np.array([delay + at]))[:, 0] for at in (0.0, segments.steps * segments.step))
+        with np.errstate(all='ignore'):
+            off = (roll(theta, begin, segments.tau, segments.step)[-1] - end) / scale[:, None]
+        off = np.where(np.isfinite(off), np.clip(off, -LOST, LOST), LOST)
+        errors[row] = np.sqrt((off**2).mean(axis=1))
+        still[row] = np.sqrt((((begin - end) / scale[:, None]) ** 2).mean(axis=1))
+        starts[-1] = len(segments)
+    return Prediction(errors, still, np.array(starts))
+
+
+def state_scale(motions: Sequence[Motion]) -> Array:
+    """Return the standard deviations of q1 q2 q1' q2' over all motions [rad, rad/s], shape (4,)."""
+    states = [m.states(np.arange(m.start, m.end, 0.01)) for m in motions]
+    return np.asarray(np.maximum(np.concatenate(states, axis=1).std(axis=1), 1e-9))

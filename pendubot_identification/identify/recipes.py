@@ -1,0 +1,280 @@
+"""How each criterion is minimised: quickly, for comparisons, and in full, for a result."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pendubot_identification.criteria.shooting import LONGEST_STEP
+from pendubot_identification.criteria.trajectory_fit import (
+    TrajectoryFit,
+    fit_positions,
+    fit_states,
+    search,
+    segment_cost,
+)
+from pendubot_identification.errors import TrajectoryError
+from pendubot_identification.model.parameters import MODELS
+from pendubot_identification.trajectories.long import STRETCH, Long, Recording, held_parts
+from pendubot_identification.trajectories.motion import AnyMotion, LongMotion, Motion
+from pendubot_identification.trajectories.signals import choose_smoothing
+
+from .estimate import Effort, Estimate, Progress, Zeros
+from .linear import Linear, estimate_linear, linear
+from .prediction import state_scale
+from .sandwich import estimated_zeros, scaled_condition_number, trajectory_covariance
+from .settings import Settings
+
+Array = NDArray[np.float64]
+
+#: Below this [s] neither bumps nor segments have room.
+SHORTEST = 1.0
+#: Segments, length and stride [s], of a fit that starts near its end, and how many iterations that may take.
+NEARBY, NEARBY_ITERATIONS = ((0.5, 0.2),), 8
+#: Segments of a fit that only compares: coarser than a result's.
+COMPARING = ((0.1, 0.4), (0.25, 0.2), (0.5, 0.2))
+#: Where a fit starts neither P1 nor P2 is less than this fraction of their sum.
+LEAST_SHARE = 0.05
+#: A held torque that leaves less than so many times the variance of the encoders' rounding needs no rival.
+FULLY = 1.1
+#: Lengths of segments [s] over which a model shows whether it is exact, and a torque whether it was held or measured.
+EXACT_LADDER = (0.2, 0.5, 2.0)
+#: A torque is taken as measured, linear between its samples, where that leaves less than this fraction of the errors
+#: that a held one leaves. Where samples are no further apart than a simulation step, the difference is a delay of half
+#: an interval.
+LINEAR = 0.95
+#: A fit has ended in a valley of its own where its J is above so many times that of another answer.
+ELSEWHERE = 1.1
+
+
+@dataclass(frozen=True, slots=True)
+class Data:
+    """Motions ready to be explained, and how they are taken.
+
+    Attributes:
+        groups: of each recording itself or, of a long one, the stretches that stand for it.
+        whole: the recordings, long ones to be read piece by piece.
+        smoothing: the window [s] that made their states.
+        hold: how their torque behaves between samples.
+        scale: the states' standard deviations, shape (4,).
+        settings: what was asked for.
+    """
+
+    groups: tuple[tuple[Motion, ...], ...]
+    whole: tuple[AnyMotion, ...]
+    smoothing: float
+    hold: str
+    scale: Array
+    settings: Settings
+
+    @classmethod
+    def prepare(cls, recordings: Sequence[Recording], settings: Settings) -> Data:
+        """Choose smoothing and hold, and make the recordings ready."""
+        trajectories = held_parts(recordings)
+        longest = max(trajectories, key=lambda t: t.duration)
+        if settings.criteria != ('energy',) and longest.duration < SHORTEST:
+            raise TrajectoryError(
+                f'{longest.name}: {longest.duration:.3f} s are too short for the criteria weak and trajectory, which '
+                f'need {SHORTEST:g} s; choose a longer window, or the criterion energy alone'
+            )
+        smoothing = choose_smoothing(trajectories) if settings.smoothing is None else settings.smoothing
+
+        def taken(hold: str) -> Data:
+            groups, whole = prepared(recordings, smoothing, hold)
+            scale = state_scale([motion for group in groups for motion in group])
+            return cls(groups, whole, smoothing, hold, scale, settings)
+
+        if settings.hold != 'auto':
+            return taken(settings.hold)
+        held = taken('zero')
+        if settings.criteria == ('energy',) or max(m.interval for m in held.motions) <= LONGEST_STEP:
+            return held
+        blurred, misfit = held._misfit()
+        if not blurred and misfit < FULLY:
+            return held
+        measured = taken('linear')
+        blurred_too, misfit_too = measured._misfit()
+        better = blurred > blurred_too if blurred != blurred_too else misfit_too < LINEAR * misfit
+        return measured if better else held
+
+    def _misfit(self) -> tuple[bool, float]:
+        """Return whether more than the encoders' rounding is left unexplained, and how much is."""
+        found = self.fit('rotor')
+        exact = self.exact('rotor', found)
+        return (True, found.fit.cost) if exact is None else (False, exact.variance)
+
+    def exact(self, model: str, near: TrajectoryFit) -> TrajectoryFit | None:
+        """Fit recorded positions over segments of up to 2 s, if the model leaves but the encoders' rounding."""
+        bounds = self.settings.bounds.of(MODELS[model])
+        return fit_positions(
+            self.motions, near.fit.theta, near.fit.delay, bounds, self.settings.delays, ladder=EXACT_LADDER
+        )
+
+    @property
+    def motions(self) -> tuple[Motion, ...]:
+        """All that is held."""
+        return tuple(motion for group in self.groups for motion in group)
+
+    @property
+    def long(self) -> tuple[LongMotion, ...]:
+        """The recordings for which stretches of them stand."""
+        return tuple(motion for motion in self.whole if isinstance(motion, LongMotion))
+
+    def only(self, motions: Sequence[Motion]) -> Data:
+        """Return some of the motions, measured by the same scale."""
+        return replace(self, groups=tuple((motion,) for motion in motions), whole=tuple(motions))
+
+    def start(self, model: str, like: Linear | None = None) -> tuple[Array, float]:
+        """Return where a local optimiser starts: the user's parameters, or the weak criterion's."""
+        settings = self.settings
+        if settings.start is not None:
+            low, high = settings.delays
+            return settings.start.vector('geared')[: MODELS[model]], min(max(0.0, low), high)
+        return self.weak_start(model, like)
+
+    def weak_start(self, model: str, like: Linear | None = None) -> tuple[Array, float]:
+        """Return the weak criterion's answer, as far as a local optimiser can start from it."""
+        theta, delay = self.solve_linear('weak', model, like)
+        # On a bound of the inertias nothing moves as a rig does, and no fit finds its way from there.
+        theta[:2] = np.maximum(theta[:2], LEAST_SHARE * max(theta[:2].sum(), 1e-6))
+        return theta, delay
+
+    def solve_linear(self, criterion: str, model: str, like: Linear | None = None) -> tuple[Array, float]:
+        """Return a quadratic criterion's exact theta, and the delay [s], which may be that of ``like``."""
+        made = linear(criterion, self.motions, model, self.settings, like)
+        return made.criterion.minimum(self.settings.bounds.of(MODELS[model])), made.delay
+
+    def fit(self, model: str, near: TrajectoryFit | None = None, like: Linear | None = None) -> TrajectoryFit:
+        """Fit short segments coarsely, from the start (with the delay ``like``) or from where a similar fit ended."""
+        settings = self.settings
+        bounds = settings.bounds.of(MODELS[model])
+        if near is None:
+            theta, delay = self.start(model, like)
+            ladder: tuple[tuple[float, float], ...] = COMPARING
+            iterations = 20
+        else:
+            theta, delay = near.fit.theta, near.fit.delay
+            theta = np.pad(theta, (0, MODELS[model] - len(theta)))
+            ladder, iterations = NEARBY, NEARBY_ITERATIONS
+        return fit_states(
+            self.motions,
+            theta,
+            delay,
+            bounds,
+            settings.delays,
+            self.scale,
+            ladder=ladder,
+            iterations=iterations,
+            tolerance=1e-3,
+        )
+
+
+def prepared(
+    recordings: Sequence[Recording], smoothing: float, hold: str
+) -> tuple[tuple[tuple[Motion, ...], ...], tuple[AnyMotion, ...]]:
+    """Return what is held of each recording, made ready, and the recordings, long ones to be so piece by piece."""
+    groups = tuple(tuple(Motion.prepare(t, smoothing, hold) for t in held_parts([r])) for r in recordings)
+    whole = (
+        LongMotion(recording, smoothing, hold) if isinstance(recording, Long) else group[0]
+        for recording, group in zip(recordings, groups, strict=True)
+    )
+    return groups, tuple(whole)
+
+
+def estimate(
+    criterion: str, data: Data, judges: tuple[Sequence[Motion], Sequence[AnyMotion]], model: str, progress: Progress
+) -> Estimate:
+    """Return one criterion's answer, with its J on the motions that judge, as :func:`prepared` returns them."""
+    spans = ', '.join(f'{m.name}, {m.end - m.start:.0f} s' for m in data.long)
+    if criterion == 'trajectory':
+        found = _estimate_trajectory(data, judges[0], model, progress)
+        said = f'from {len(data.motions)} stretches of {STRETCH:g} s, spread over {spans}'
+    else:
+        made = linear(criterion, data.motions, model, data.settings)
+        if data.long:
+            progress(f'{criterion}: reading {spans}', 0, 0, np.nan)
+            made = linear(criterion, data.whole, model, data.settings, like=made)
+        judge = linear(criterion, judges[1], model, data.settings, like=made) if judges[1] else None
+        found = estimate_linear(criterion, made, model, data.settings, data.hold, progress, judge)
+        said = f'from all of {spans}'
+        if criterion == 'weak':
+            said += f'; delay and weights from {len(data.motions)} stretches of {STRETCH:g} s'
+    return replace(found, steps=(said, *found.steps)) if data.long else found
+
+
+def _estimate_trajectory(data: Data, judges: Sequence[Motion], model: str, progress: Progress) -> Estimate:
+    settings, motions, scale = data.settings, data.motions, data.scale
+    bounds = settings.bounds.of(MODELS[model])
+    steps, runs, iteration = [], None, 0
+
+    def tell(cost: float) -> None:
+        nonlocal iteration
+        iteration += 1
+        progress('trajectory: Levenberg-Marquardt', iteration, 0, cost)
+
+    if settings.optimizer == 'mde':
+        mde, count = settings.search('trajectory', model)
+        runs = search(
+            motions,
+            bounds,
+            scale,
+            mde,
+            count,
+            settings.seed,
+            lambda generation, best: progress('trajectory: MDE', generation, mde.generations, best),
+        )
+        theta, delay = runs.x[runs.best], min(max(0.0, settings.delays[0]), settings.delays[1])
+        steps.append(
+            f'MDE from anywhere within the bounds: {count} runs, up to {int(runs.generations.max())} '
+            f'generations, bounded error {runs.value.min():.4g} (worst run {runs.value.max():.4g})'
+        )
+    else:
+        theta, delay = data.start(model)
+        steps.append('start: ' + ('given parameters' if settings.start is not None else "the weak criterion's answer"))
+    before, _ = segment_cost(motions, theta, delay, bounds, scale)
+    found = fit_states(motions, theta, delay, bounds, settings.delays, scale, progress=tell)
+    J, residuals = segment_cost(motions, found.fit.theta, found.fit.delay, bounds, scale)
+    steps.append(f'Levenberg-Marquardt on states over {found.length:.2g} s: J from {before:.4g} to {J:.4g}')
+    sharper = fit_positions(motions, found.fit.theta, found.fit.delay, bounds, settings.delays, progress=tell)
+    zeros, converged = None, found.fit.converged
+    if sharper is None:
+        zeros = Zeros(tuple(m.name for m in motions), *estimated_zeros(found, len(motions)))
+    else:
+        found = sharper
+        J, residuals = segment_cost(motions, found.fit.theta, found.fit.delay, bounds, scale)
+        steps.append(
+            f'Levenberg-Marquardt on recorded positions over {found.length:.3g} s: {found.variance:.3f} times the '
+            'variance of their noise'
+        )
+        converged = found.fit.converged
+    if settings.start is not None and settings.optimizer != 'mde' and not found.white:
+        # A valley of its own may hold what began far away; that another point is lower shows it.
+        elsewhere, _ = segment_cost(motions, *data.weak_start(model), bounds, scale)
+        if ELSEWHERE * elsewhere < J:
+            converged = False
+            steps.append(f"the weak criterion's answer has J = {elsewhere:.4g}: lower, without any search")
+    size = MODELS[model]
+    covariance, std_error, uncertainty = trajectory_covariance(found, 'stretches' if data.long else 'recordings')
+    return Estimate(
+        criterion='trajectory',
+        model=model,
+        theta=found.fit.theta,
+        free=found.fit.free[:size],
+        covariance=covariance[:size, :size],
+        std_error=std_error[:size],
+        uncertainty=uncertainty,
+        effort=Effort(data.hold, found.fit.delay, float(std_error[size]) if found.fit.free[size] else np.nan),
+        J=J,
+        unit='variance',
+        residuals=residuals,
+        condition_number=scaled_condition_number(found),
+        converged=converged,
+        steps=tuple(steps),
+        runs=runs,
+        J_validation=segment_cost(judges, found.fit.theta, found.fit.delay, bounds, scale)[0] if judges else np.nan,
+        zeros=zeros,
+        exact=found.white,
+    )

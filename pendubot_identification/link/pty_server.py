@@ -1,0 +1,206 @@
+"""Serves a virtual board on a pseudo-terminal, in real time: to a host it is a serial port."""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import os
+import pty
+import select
+import time
+import tty
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import TracebackType
+from typing import TextIO
+
+from pendubot_identification.errors import LinkError
+from pendubot_identification.link.virtual_board import VirtualBoard
+
+from .frame_writer import FrameWriter
+
+#: Of Linux's prctl: by how much [ns] wakings may be put off, to be bundled.
+PR_SET_TIMERSLACK = 29
+
+TRACE_HEADER = 't_us,enc1,enc2,torque,status'
+
+
+class PtyServer:
+    """A pty with a virtual board behind it; a context manager.
+
+    Args:
+        board: the board.
+        link: where to put a symbolic link to the pty, so that a host finds it under a name that stays.
+        trace: where to write a CSV file of every sample as the board took it (t_us, counts, micro-N m, status).
+        tell: called with ``cable out`` as it goes, and ``cable in`` once it is back.
+
+    Attributes:
+        path: where a host opens it.
+
+    Raises:
+        LinkError: the link's place is taken by something else, or the link or the trace cannot be made. Serving and
+            leaving raise it, too, when the trace cannot be written any more.
+    """
+
+    def __init__(
+        self,
+        board: VirtualBoard,
+        link: Path | None = None,
+        trace: Path | None = None,
+        tell: Callable[[str], None] = lambda _: None,
+    ) -> None:
+        self._board = board
+        self._tell = tell
+        self._link = link
+        self._master: int | None = None
+        self._slave_path = ''
+        self._trace = _create(trace) if trace else None
+        self._plugged_in = True
+        try:
+            self._plug()
+        except LinkError:
+            self._close()
+            raise
+        self.path = str(link or self._slave_path)
+
+    def __enter__(self) -> PtyServer:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._close()
+
+    def pull(self) -> None:
+        """Pull the cable in the middle of the next frame; the board goes on. Also from a signal handler."""
+        self._plugged_in = False
+
+    def plug(self) -> None:
+        """Put the cable back: another pseudo-terminal behind the same link."""
+        self._plugged_in = True
+
+    def serve(self, stopped: Callable[[], bool], duration: float = float('inf')) -> None:
+        """Serve until ``stopped`` says so or ``duration`` [s] is over.
+
+        Samples are due at multiples of the period from the start, so that neither lateness nor drift adds up.
+        """
+        _wake_in_time()
+        period = self._board.settings.sample_period_us * 1000
+        start = due = time.monotonic_ns()
+        while not stopped() and due - start < duration * 1e9:
+            wait = max(0, due - time.monotonic_ns()) * 1e-9
+            self._receive(wait)
+            if time.monotonic_ns() >= due:
+                data = self._board.sample()
+                # First, so that the trace holds every sample that a host has.
+                self._write_trace()
+                if self._master is None and self._plugged_in:
+                    self._plug()
+                    self._tell('cable in')
+                if self._plugged_in:
+                    self._send(data)
+                elif self._master is not None:
+                    self._send(data[: len(data) // 2])
+                    self._tell('cable out')
+                    self._unplug()
+                # Only now: what it takes to compute the motion delays no sample.
+                self._board.move()
+                due += period
+
+    def _plug(self) -> None:
+        self._master, slave = pty.openpty()
+        if os.ttyname(slave) == self._slave_path:
+            # A device that returns has another path, not the one that was just given back.
+            former = self._master, slave
+            self._master, slave = pty.openpty()
+            for descriptor in former:
+                os.close(descriptor)
+        tty.setraw(slave)
+        self._slave_path = os.ttyname(slave)
+        # Not kept open here: so the kernel says whether a host is there, and nothing piles up for one that is not.
+        os.close(slave)
+        os.set_blocking(self._master, False)
+        self._writer = FrameWriter(self._master)
+        self._hangup = select.poll()
+        self._hangup.register(self._master, 0)
+        if self._link is not None:
+            _replace_link(self._link, self._slave_path)
+
+    def _unplug(self) -> None:
+        if self._master is not None:
+            os.close(self._master)
+            self._master = None
+        if self._link is not None and self._link.is_symlink() and os.readlink(self._link) == self._slave_path:
+            self._link.unlink()
+
+    def _host_is_there(self) -> bool:
+        return self._master is not None and not any(events & select.POLLHUP for _, events in self._hangup.poll(0))
+
+    def _receive(self, wait: float) -> None:
+        """Wait for so long [s], or until the host says something."""
+        if self._master is None:
+            time.sleep(wait)
+            return
+        if not self._host_is_there():
+            time.sleep(wait)
+        elif not select.select([self._master], [], [], wait)[0]:
+            return
+        # A host that left has perhaps said something before; else reading fails, and that is no news.
+        with contextlib.suppress(OSError):
+            self._board.receive(os.read(self._master, 4096))
+
+    def _send(self, data: bytes) -> None:
+        # A host that does not read is not waited for, as little as a UART would.
+        if not (self._host_is_there() and self._writer.write(data)):
+            self._board.note_overrun()
+
+    def _write_trace(self) -> None:
+        s = self._board.last
+        if self._trace is not None and s is not None:
+            with _written(self._trace.name):
+                self._trace.write(f'{s.t_us},{s.enc1},{s.enc2},{s.torque},{s.status}\n')
+
+    def _close(self) -> None:
+        self._unplug()
+        if self._trace is not None:
+            with _written(self._trace.name):
+                self._trace.close()
+
+
+def _wake_in_time() -> None:
+    """Have the system wake this thread when it asked for it: else it is up to 50 us late, which no board's timer is."""
+    with contextlib.suppress(OSError, AttributeError):  # elsewhere than on Linux
+        ctypes.CDLL(None).prctl(PR_SET_TIMERSLACK, ctypes.c_ulong(1), 0, 0, 0)
+
+
+def _create(trace: Path) -> TextIO:
+    with _written(trace):
+        if trace.exists():
+            raise LinkError(f'{trace} exists already; remove it or name another trace file')
+        # Line by line: whoever reads along, or after a kill, finds every sample.
+        file = trace.open('x', buffering=1, encoding='ascii')
+        file.write(TRACE_HEADER + '\n')
+    return file
+
+
+@contextlib.contextmanager
+def _written(trace: Path | str) -> Iterator[None]:
+    """Name the trace that the system refuses to write."""
+    try:
+        yield
+    except OSError as error:
+        reason = f'the trace {trace} cannot be written ({error.strerror})'
+        raise LinkError(f'{reason}; free some space or name another place') from error
+
+
+def _replace_link(link: Path, target: str) -> None:
+    """Put a symbolic link there, in the place of one that a board before this one may have left."""
+    stale = link.is_symlink() and (not link.exists() or os.readlink(link).startswith('/dev/pts/'))
+    if not stale and (link.exists() or link.is_symlink()):
+        raise LinkError(f'{link} exists and is no link to a pty; remove it or name another --link')
+    try:
+        if stale:
+            link.unlink()
+        link.symlink_to(target)
+    except OSError as error:
+        raise LinkError(f'the link {link} cannot be made ({error.strerror}); name another --link') from error

@@ -1,0 +1,313 @@
+"""A board that is not there: it speaks the protocol from the board's side and moves a simulated pendubot.
+
+Bytes and one sample period at a time come in, bytes go out; all randomness comes from the seed.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+from typing import Protocol
+
+import numpy as np
+
+from pendubot_identification.errors import ParameterError
+from pendubot_identification.model.simulation import HANGING, Pair
+
+from .clock import WRAP
+from .protocol import (
+    FAULTS,
+    Command,
+    Damaged,
+    Decoder,
+    Hello,
+    HelloRequest,
+    Message,
+    Mode,
+    State,
+    Status,
+    encode,
+)
+
+#: A motor that takes 1 A for 0.1 N m, from a supply of 24 V: numbers to look at, not part of the physics.
+_MILLIAMPERE_PER_MICRO_NM = 0.01
+_VBUS_10MV = 2400
+
+
+class Motion(Protocol):
+    """What the board needs of a plant: :class:`~pendubot_identification.model.simulation.Plant` is one."""
+
+    @property
+    def q(self) -> Pair:
+        """Joint positions [rad]."""
+
+    def advance(self, tau: Pair, duration: float) -> None:
+        """Move on by ``duration`` [s] under constant torques [N m]."""
+
+
+@dataclass(frozen=True, slots=True)
+class BoardSettings:
+    """How the board is made.
+
+    Attributes:
+        counts: encoder counts per turn, both joints.
+        torque_limit: largest torque [N m]; what is beyond is clamped.
+        sample_period_us: sampling period [us].
+        watchdog_max_ms: longest time for which a command holds [ms].
+        clock_start_us: the clock at the start [us], such as shortly before its wrap; a reset begins it again at 0.
+
+    Raises:
+        ParameterError: a value with which no board could work.
+    """
+
+    counts: int = 4000
+    torque_limit: float = 2.0
+    sample_period_us: int = 10_000
+    watchdog_max_ms: int = 500
+    clock_start_us: int = 0
+
+    def __post_init__(self) -> None:
+        for name, low, high in (
+            ('counts', 4, 1 << 24),
+            ('torque_limit', 0.0, 300.0),
+            ('sample_period_us', 100, 1_000_000),
+            ('watchdog_max_ms', 1, 65535),
+            ('clock_start_us', 0, WRAP - 1),
+        ):
+            value = getattr(self, name)
+            if not low <= value <= high:
+                raise ParameterError(f'{name} is {value:g}; a number from {low:g} to {high:g} is expected')
+
+
+@dataclass(frozen=True, slots=True)
+class Faults:
+    """What goes wrong, by chance or at a time.
+
+    Attributes:
+        bit_flip, drop_byte, double_byte: probabilities, per frame, that one bit of it is flipped, one byte dropped
+            or doubled on its way to the host.
+        lose_frame, duplicate_frame: probabilities, per frame, that it is not sent, or sent twice.
+        glitch: probability, per sample, that an encoder reads half a turn off, in this sample only.
+        reset_at: the board restarts at this time [s] after the start.
+        emergency_stop_at: the emergency stop is pressed at this time [s]; it stands until the board restarts.
+        over_current_at: the motor draws too much at this time [s], for 0.1 s.
+
+    Raises:
+        ParameterError: a probability outside 0 to 1, or a time below 0.
+    """
+
+    bit_flip: float = 0.0
+    drop_byte: float = 0.0
+    double_byte: float = 0.0
+    lose_frame: float = 0.0
+    duplicate_frame: float = 0.0
+    glitch: float = 0.0
+    reset_at: float = math.inf
+    emergency_stop_at: float = math.inf
+    over_current_at: float = math.inf
+
+    def __post_init__(self) -> None:
+        for each in fields(self):
+            value = getattr(self, each.name)
+            high = math.inf if each.name.endswith('_at') else 1.0
+            if not 0.0 <= value <= high:
+                expected = 'a time of at least 0 s' if high > 1.0 else 'a probability from 0 to 1'
+                raise ParameterError(f'{each.name} is {value:g}; {expected} is expected')
+
+
+#: How long an over-current stands [us].
+_OVER_CURRENT_US = 100_000
+
+
+class VirtualBoard:
+    """A virtual board, one sample at a time.
+
+    Args:
+        plant: what moves under its torque.
+        settings: how it is made.
+        faults: what goes wrong.
+        seed: of everything random: boot_id and faults.
+        held: a hand holds the plant where it is, and lets go as soon as the motor is first armed.
+
+    Attributes:
+        last: the last sample as it truly was, whatever became of it on its way; None before the first.
+    """
+
+    def __init__(
+        self,
+        plant: Motion,
+        settings: BoardSettings | None = None,
+        faults: Faults | None = None,
+        seed: int = 0,
+        held: bool = False,
+    ) -> None:
+        self.settings = settings or BoardSettings()
+        self.last: State | None = None
+        self._plant = plant
+        self._faults = faults or Faults()
+        self._rng = np.random.default_rng(seed)
+        self._decoder = Decoder(accept=(Command, HelloRequest))
+        self._elapsed_us = 0
+        self._reset_due_us = self._faults.reset_at * 1e6
+        self._stop_due_us = self._faults.emergency_stop_at * 1e6
+        self._origin = (0, 0)
+        self._held = held
+        self._boot(1, self.settings.clock_start_us)
+
+    @property
+    def armed(self) -> bool:
+        """Whether the motor obeys."""
+        return self._armed
+
+    def receive(self, data: bytes) -> None:
+        """Take bytes from the host; commands count from the next sample on."""
+        for event in self._decoder.feed(data):
+            if isinstance(event, Damaged):
+                self._notes |= Status.DAMAGED_FRAME
+            elif isinstance(event, HelloRequest):
+                self._hellos_due += 1
+            elif isinstance(event, Command):
+                self._obey(event)
+
+    def note_overrun(self) -> None:
+        """Bytes could not be sent: the next STATE says so."""
+        self._notes |= Status.OVERRUN
+
+    def advance(self) -> bytes:
+        """Take one sample, and let the plant move until the next; return what goes out to the host."""
+        out = self.sample()
+        self.move()
+        return out
+
+    def sample(self) -> bytes:
+        """Take one sample; return what goes out to the host. :meth:`move` follows, before the next."""
+        if self._elapsed_us >= self._reset_due_us:
+            self._reset_due_us = math.inf
+            self._origin = self._encoders()
+            self._boot(2)
+        out = b''
+        while self._hellos_due:
+            self._hellos_due -= 1
+            out += self._transmit(self._hello())
+        self.last = self._state()
+        return out + self._transmit(self._glitched(self.last))
+
+    def move(self) -> None:
+        """Let the plant move until the next sample is due."""
+        self._held = self._held and not self._armed
+        if not self._held and self.last is not None:
+            self._plant.advance((self.last.torque / 1e6, 0.0), self.settings.sample_period_us * 1e-6)
+        self._clock_us += self.settings.sample_period_us
+        self._elapsed_us += self.settings.sample_period_us
+
+    def _boot(self, reset_cause: int, clock_us: int = 0) -> None:
+        self._boot_id = int(self._rng.integers(1, WRAP))
+        self._reset_cause = reset_cause
+        self._clock_us = clock_us
+        self._seq = 0
+        self._cmd_seq = 0
+        self._armed = False
+        self._locked = True
+        self._tripped = False
+        self._stopped = False
+        self._torque = 0
+        self._holds_until_us = 0
+        self._notes = Status(0)
+        self._hellos_due = 1
+
+    def _obey(self, command: Command) -> None:
+        if command.mode == Mode.DISARM:
+            self._armed = self._locked = self._tripped = False
+            self._torque = 0
+        elif command.mode == Mode.TORQUE and not (self._locked or self._tripped or self._standing_faults()):
+            self._armed = True
+            self._torque = command.torque
+            held_ms = min(command.watchdog_ms, self.settings.watchdog_max_ms)
+            self._holds_until_us = self._clock_us + 1000 * held_ms
+        else:
+            return
+        self._cmd_seq = command.seq
+
+    def _standing_faults(self) -> Status:
+        if self._elapsed_us >= self._stop_due_us:
+            self._stop_due_us = math.inf
+            self._stopped = True
+        standing = Status.EMERGENCY_STOP if self._stopped else Status(0)
+        if 0 <= self._elapsed_us - self._faults.over_current_at * 1e6 < _OVER_CURRENT_US:
+            standing |= Status.OVER_CURRENT
+        return standing
+
+    def _state(self) -> State:
+        faults = self._standing_faults()
+        if self._armed and self._clock_us >= self._holds_until_us:
+            self._armed, self._tripped = False, True
+        self._armed = self._armed and not faults & FAULTS
+        wanted = self._torque if self._armed else 0
+        limit = round(self.settings.torque_limit * 1e6)
+        torque = max(-limit, min(limit, wanted))
+        status = faults | self._notes
+        status |= Status.ARMED if self._armed else Status(0)
+        status |= Status.WATCHDOG if self._tripped else Status(0)
+        status |= Status.SATURATED if torque != wanted else Status(0)
+        self._notes = Status(0)
+        first, second = self._encoders()
+        current = max(-32768, min(32767, round(torque * _MILLIAMPERE_PER_MICRO_NM)))
+        return State(
+            self._next_seq(),
+            self._clock_us % WRAP,
+            first - self._origin[0],
+            second - self._origin[1],
+            torque,
+            current,
+            _VBUS_10MV,
+            self._cmd_seq,
+            int(status),
+        )
+
+    def _encoders(self) -> tuple[int, int]:
+        """Return the counts since the start, 0 when hanging."""
+        per_radian = self.settings.counts / (2 * math.pi)
+        first, second = (round((q - hanging) * per_radian) for q, hanging in zip(self._plant.q, HANGING, strict=True))
+        return first, second
+
+    def _hello(self) -> Hello:
+        s = self.settings
+        return Hello(
+            self._next_seq(),
+            self._clock_us % WRAP,
+            self._boot_id,
+            self._reset_cause,
+            s.watchdog_max_ms,
+            s.counts,
+            s.counts,
+            round(s.torque_limit * 1e6),
+            s.sample_period_us,
+            'virtual',
+        )
+
+    def _next_seq(self) -> int:
+        seq, self._seq = self._seq, (self._seq + 1) & 0xFFFF
+        return seq
+
+    def _chance(self, probability: float) -> bool:
+        return probability > 0.0 and bool(self._rng.random() < probability)
+
+    def _glitched(self, state: State) -> State:
+        if not self._chance(self._faults.glitch):
+            return state
+        return state._replace(enc1=state.enc1 + self.settings.counts // 2)
+
+    def _transmit(self, message: Message) -> bytes:
+        faults = self._faults
+        data = bytearray(encode(message))
+        if self._chance(faults.bit_flip):
+            bit = int(self._rng.integers(8 * len(data)))
+            data[bit // 8] ^= 1 << bit % 8
+        if self._chance(faults.drop_byte):
+            del data[int(self._rng.integers(len(data)))]
+        if self._chance(faults.double_byte):
+            at = int(self._rng.integers(len(data)))
+            data.insert(at, data[at])
+        if self._chance(faults.lose_frame):
+            return b''
+        return bytes(data) * (2 if self._chance(faults.duplicate_frame) else 1)

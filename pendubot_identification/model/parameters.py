@@ -1,0 +1,214 @@
+"""The parameter vector theta: names, units, meaning, bounds and physical checks; the paper's Section 2 and friction."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, astuple, dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pendubot_identification.errors import ParameterError
+
+Vector = NDArray[np.float64]
+
+
+class Specification(NamedTuple):
+    """One parameter: its name, unit, meaning, and the default search interval."""
+
+    name: str
+    unit: str
+    meaning: str
+    lower: float
+    upper: float
+
+
+#: In the order of theta: the paper's seven, and what geared motors add to them. The intervals hold every bench-top rig
+#: that we know of; all are positive by their physics where link 2's centre of mass lies beyond the elbow.
+SPECIFICATIONS = (
+    Specification('P1', 'kg m^2', 'm1 d1^2 + m2 l1^2 + I1', 0.0, 1.0),
+    Specification('P2', 'kg m^2', 'm2 d2^2 + I2', 0.0, 1.0),
+    Specification('P3', 'kg m^2', 'm2 l1 d2', 0.0, 1.0),
+    Specification('P4', 'kg m', 'm1 d1 + m2 l1', 0.0, 5.0),
+    Specification('P5', 'kg m', 'm2 d2', 0.0, 5.0),
+    Specification('b1', 'N m s/rad', 'viscous friction of the shoulder', 0.0, 1.0),
+    Specification('b2', 'N m s/rad', 'viscous friction of the elbow', 0.0, 1.0),
+    Specification('Fc1', 'N m', 'Coulomb friction of the shoulder', 0.0, 5.0),
+    Specification('Fc2', 'N m', 'Coulomb friction of the elbow', 0.0, 5.0),
+    Specification('J2', 'kg m^2', "inertia of the elbow motor's rotor, felt at the joint", 0.0, 1.0),
+    Specification('Fs1', 'N m', 'Stribeck friction of the shoulder: what Coulomb friction has more at rest', 0.0, 5.0),
+    Specification('Fs2', 'N m', 'Stribeck friction of the elbow', 0.0, 5.0),
+    Specification('k1', '1', "the shoulder's friction per torque", 0.0, 0.9),
+    Specification('k2', '1', "the elbow's friction per torque", 0.0, 0.9),
+)
+NAMES = tuple(s.name for s in SPECIFICATIONS)
+UNITS = tuple(s.unit for s in SPECIFICATIONS)
+#: How many parameters, from the first on, each model has. Every model holds the ones before it.
+MODELS = {'viscous': 7, 'coulomb': 9, 'rotor': 10, 'geared': 14}
+FRICTION = ('b1', 'b2', 'Fc1', 'Fc2', 'Fs1', 'Fs2', 'k1', 'k2')
+#: What keeps M(q) from being singular: |P3| <= sqrt(P1 P2) times this. A rig at the limit would be two point masses,
+#: the second on the elbow's own axis.
+LARGEST_COUPLING = 0.99
+
+
+@dataclass(frozen=True, slots=True)
+class Parameters:
+    """The parameters in SI units and in the order of theta: the seven of the paper's equation (2), then friction.
+
+    P1, P2, P3 [kg m^2], P4, P5 [kg m] (times g they are torques), b1, b2 [N m s/rad]; Fc1, Fc2 [N m], J2 [kg m^2],
+    Fs1, Fs2 [N m], k1, k2 [1], see :func:`.dynamics.friction`.
+    """
+
+    P1: float
+    P2: float
+    P3: float
+    P4: float
+    P5: float
+    b1: float
+    b2: float
+    Fc1: float = 0.0
+    Fc2: float = 0.0
+    J2: float = 0.0
+    Fs1: float = 0.0
+    Fs2: float = 0.0
+    k1: float = 0.0
+    k2: float = 0.0
+
+    @classmethod
+    def from_vector(cls, theta: ArrayLike) -> Parameters:
+        """Make parameters of a model's vector, shape (7,), (9,), (10,) or (14,); those it lacks are 0.
+
+        Raises:
+            ParameterError: the vector has another length.
+        """
+        values = np.asarray(theta, dtype=float).ravel()
+        if values.size not in MODELS.values():
+            raise ParameterError(
+                f'a parameter vector of {values.size} values was given; '
+                f'{", ".join(map(str, MODELS.values()))} are expected, the first of {", ".join(NAMES)}'
+            )
+        return cls(*map(float, values))
+
+    @property
+    def model(self) -> str:
+        """The smallest model that has these parameters."""
+        values = astuple(self)
+        return next(model for model, size in MODELS.items() if not any(values[size:]))
+
+    def vector(self, model: str = 'viscous') -> Vector:
+        """Return theta, shape (D,), of a model or, where that has no place for a parameter, of :attr:`model`."""
+        return np.array(astuple(self)[: max(MODELS[model], MODELS[self.model])])
+
+    def unphysical(self) -> tuple[str, ...]:
+        """Name what no real pendubot can have; empty for a physical vector.
+
+        M(q) of the links is positive definite for every q exactly when P1 > 0, P2 > 0 and P1 P2 > P3^2.
+        """
+        values = asdict(self)
+        problems = [f'{name} = {value:.4g} is not finite' for name, value in values.items() if not math.isfinite(value)]
+        problems += [f'{name} = {values[name]:.4g} is not positive' for name in ('P1', 'P2') if values[name] <= 0]
+        if self.P1 * self.P2 <= self.P3**2:
+            problems.append(
+                f'M(q) is not positive definite for every q: P1 P2 = {self.P1 * self.P2:.4g} '
+                f'does not exceed P3^2 = {self.P3**2:.4g}'
+            )
+        if self.J2 < 0:
+            problems.append(f'the rotor inertia J2 = {self.J2:.4g} is negative')
+        problems += [f'friction {name} = {values[name]:.4g} is negative' for name in FRICTION if values[name] < 0]
+        return tuple(problems)
+
+
+#: The paper's Table 8, the values of the virtual rig.
+PAPER = Parameters(P1=0.002207, P2=0.000400, P3=0.000101, P4=0.022447, P5=0.003326, b1=0.006592, b2=0.00009)
+#: A rig with the proportions of those that people balance: link 1 is 15 cm long, where the paper's is 3 cm.
+BALANCE = Parameters(P1=0.0148, P2=0.0051, P3=0.0046, P4=0.1003, P5=0.0303, b1=0.0008, b2=0.0001)
+#: The virtual rigs by name.
+PRESETS = {'paper': PAPER, 'balance': BALANCE}
+
+
+@dataclass(frozen=True, slots=True)
+class Bounds:
+    """A box of parameter vectors: ``lower`` and ``upper``, each of shape (D,).
+
+    Raises:
+        ParameterError: lengths differ, a bound is not finite, or a lower bound is not below its upper one.
+    """
+
+    lower: Vector
+    upper: Vector
+    names: tuple[str, ...] = NAMES
+
+    def __post_init__(self) -> None:
+        lower, upper = (np.array(side, dtype=float) for side in (self.lower, self.upper))
+        if lower.shape != upper.shape or lower.shape != (len(self.names),):
+            raise ParameterError(
+                f'{lower.size} lower and {upper.size} upper bounds were given, {len(self.names)} of each are '
+                f'expected: {", ".join(self.names)}'
+            )
+        for name, low, high in zip(self.names, lower, upper, strict=True):
+            if not (np.isfinite(low) and np.isfinite(high)):
+                raise ParameterError(f'the bounds of {name}, {low:g} to {high:g}, must be finite numbers')
+            if low >= high:
+                raise ParameterError(
+                    f'the bounds of {name} are inverted or empty: {low:g} to {high:g}; give the smaller one first'
+                )
+        lower.setflags(write=False)
+        upper.setflags(write=False)
+        object.__setattr__(self, 'lower', lower)
+        object.__setattr__(self, 'upper', upper)
+
+    def replaced(self, name: str, low: float, high: float) -> Bounds:
+        """Return these bounds with those of one parameter replaced."""
+        if name not in self.names:
+            raise ParameterError(f'there is no parameter {name!r}; the parameters are {", ".join(self.names)}')
+        index = self.names.index(name)
+        lower, upper = self.lower.copy(), self.upper.copy()
+        lower[index], upper[index] = low, high
+        return Bounds(lower, upper, self.names)
+
+    def of(self, size: int) -> Bounds:
+        """Return the bounds of the first ``size`` parameters."""
+        return Bounds(self.lower[:size], self.upper[:size], self.names[:size])
+
+    def completed(self) -> Bounds:
+        """Return the bounds of all parameters: these, and the default ones of those that they leave out."""
+        default, size = default_bounds(), len(self.names)
+        return Bounds(np.append(self.lower, default.lower[size:]), np.append(self.upper, default.upper[size:]))
+
+    def at_bound(self, theta: Sequence[float] | Vector, tolerance: float = 1e-9) -> NDArray[np.bool_]:
+        """Tell, per component, whether theta lies on a bound (within ``tolerance`` of the interval's width)."""
+        margin = tolerance * (self.upper - self.lower)
+        values = np.asarray(theta, dtype=float)
+        return np.asarray((values <= self.lower + margin) | (values >= self.upper - margin))
+
+
+def repaired(theta: ArrayLike) -> Vector:
+    """Return vectors of shape (..., D) with P3 drawn back to where M(q) is positive definite for every q.
+
+    The nearest P3 with the same P1 and P2: a criterion of the repaired vectors has its minimum where that of the
+    physical ones has it, and an optimiser that knows boxes alone can search for it.
+    """
+    result = np.array(theta, dtype=float)
+    limit = LARGEST_COUPLING * np.sqrt(np.maximum(result[..., 0] * result[..., 1], 0.0))
+    result[..., 2] = np.clip(result[..., 2], -limit, limit)
+    return result
+
+
+def coupling_excess(theta: Vector) -> Vector:
+    """Return by how much vectors of shape (..., D) leave M(q) indefinite for some q, shape (...); 0 where it is not.
+
+    Relative to P1 + P2. Times something large, it adds a slope to a criterion that leads an optimiser who knows boxes
+    alone back among the physical vectors, and changes nothing there: the vectors without excess are a convex cone.
+    """
+    P1, P2, P3 = theta[..., 0], theta[..., 1], theta[..., 2]
+    with np.errstate(invalid='ignore', divide='ignore'):
+        # Not hypot, which does not round alike everywhere.
+        excess = np.sqrt((P1 - P2) ** 2 + (2 * P3 / LARGEST_COUPLING) ** 2) / (P1 + P2) - 1
+    return np.where(P1 + P2 > 0, np.maximum(excess, 0.0), np.abs(P3) + 1)
+
+
+def default_bounds() -> Bounds:
+    """Return the search box of :data:`SPECIFICATIONS`."""
+    return Bounds(np.array([s.lower for s in SPECIFICATIONS]), np.array([s.upper for s in SPECIFICATIONS]))

@@ -1,0 +1,163 @@
+"""Motion under a zero-order-hold torque: the virtual rig's physics and simulated trajectories."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pendubot_identification.errors import ParameterError, TrajectoryError
+from pendubot_identification.trajectories.trajectory import Trajectory
+
+from .dynamics import GRAVITY, SIGN_WIDTH
+from .parameters import Parameters
+from .rollout import advance
+
+Array = NDArray[np.float64]
+Pair = tuple[float, float]
+
+#: Hanging at rest.
+HANGING: Pair = (-math.pi / 2, 0.0)
+
+#: Longest Runge-Kutta step [s]; at the speeds of a bench-top rig its error stays far below one encoder count.
+MAX_STEP = 1e-3
+#: A step's length times the fastest swing, and times the fastest decay by friction, that the rig can have [rad, 1].
+STEP_OF_SWING = 0.03
+STEP_OF_DECAY = 0.25
+
+
+class Plant:
+    """A pendubot that moves: state in, state out, one zero-order-hold interval at a time.
+
+    Args:
+        parameters: the rig's parameters.
+        q: initial joint positions [rad].
+        qd: initial joint velocities [rad/s].
+
+    Raises:
+        ParameterError: the parameters are not physical, so that their motion does not exist.
+    """
+
+    def __init__(self, parameters: Parameters, q: Pair = HANGING, qd: Pair = (0.0, 0.0)) -> None:
+        if problems := parameters.unphysical():
+            raise ParameterError(f'no rig moves like this: {problems[0]}; give the parameters of a real one')
+        self.parameters = parameters
+        self._theta = tuple(float(value) for value in parameters.vector())
+        self._state: tuple[float, ...] = (*q, *qd)
+        self._pace, self._friction_pace, self._load_pace = _paces(parameters)
+
+    @property
+    def q(self) -> Pair:
+        """Joint positions [rad]."""
+        return self._state[0], self._state[1]
+
+    @property
+    def qd(self) -> Pair:
+        """Joint velocities [rad/s]."""
+        return self._state[2], self._state[3]
+
+    def place(self, q: Pair, qd: Pair) -> None:
+        """Put it there [rad, rad/s]."""
+        self._state = (*q, *qd)
+
+    def advance(self, tau: Pair, duration: float) -> None:
+        """Move on by ``duration`` [s] under constant torques [N m], by classic Runge-Kutta steps."""
+        friction = self._friction_pace + self._load_pace[0] * abs(tau[0]) + self._load_pace[1] * abs(tau[1])
+        steps = max(1, math.ceil(duration * max(self._pace, friction) - 1e-9))
+        h = duration / steps
+        for _ in range(steps):
+            self._state = advance(self._theta, self._state, tau, h, math)
+
+
+class LatePlant(Plant):
+    """A pendubot whose motor obeys late: a torque acts ``delay`` [s] after it was applied, and as long."""
+
+    def __init__(self, parameters: Parameters, delay: float, q: Pair = HANGING, qd: Pair = (0.0, 0.0)) -> None:
+        super().__init__(parameters, q, qd)
+        self._waiting = deque([((0.0, 0.0), delay)])
+
+    def advance(self, tau: Pair, duration: float) -> None:
+        """Move on by ``duration`` [s] under the torques [N m] that waited for so long, while these begin to wait."""
+        self._waiting.append((tau, duration))
+        while duration > 1e-12:
+            then, left = self._waiting.popleft()
+            part = min(left, duration)
+            if part > 1e-12:
+                super().advance(then, part)
+            duration -= part
+            if left - part > 1e-12:
+                self._waiting.appendleft((then, left - part))
+
+
+def longest_step(parameters: Parameters, torque: float) -> float:
+    """Return the step [s] with which the virtual rig follows its motion under torques up to this [N m]."""
+    pace, friction, load = _paces(parameters)
+    return 1 / max(pace, friction + load[0] * torque)
+
+
+def _paces(p: Parameters) -> tuple[float, float, Pair]:
+    """Return how many steps a second follow a rig's swing, how many its friction, and how many more per N m of torque.
+
+    Light links swing, and friction stops them, fast.
+    """
+    # No eigenvalue of the inverse of M(q) exceeds trace(M) / det(M), and no rate of decay the trace of that inverse
+    # times the slopes of friction. Over all q2, m11 is here the largest, and det(M) the smallest, that there is.
+    m11, m22 = p.P1 + p.P2 + 2 * abs(p.P3), p.P2 + p.J2
+    determinant = p.P1 * p.P2 - p.P3**2 + p.J2 * (p.P1 + p.P2 - 2 * abs(p.P3))
+    swing = math.sqrt(GRAVITY * (abs(p.P4) + 2 * abs(p.P5)) * (m11 + m22) / determinant)
+    shoulder, elbow = m22 / determinant / STEP_OF_DECAY, m11 / determinant / STEP_OF_DECAY
+    # Dry friction is steepest at rest.
+    slopes = p.b1 + (p.Fc1 + p.Fs1) / SIGN_WIDTH, p.b2 + (p.Fc2 + p.Fs2) / SIGN_WIDTH
+    return (
+        max(1 / MAX_STEP, swing / STEP_OF_SWING),
+        shoulder * slopes[0] + elbow * slopes[1],
+        (shoulder * p.k1 / SIGN_WIDTH, elbow * p.k2 / SIGN_WIDTH),
+    )
+
+
+def simulate(
+    parameters: Parameters, t: ArrayLike, tau: ArrayLike, q: Pair = HANGING, qd: Pair = (0.0, 0.0)
+) -> Trajectory:
+    """Simulate the motion that a torque causes.
+
+    Args:
+        parameters: the rig's parameters.
+        t: sampling times [s], shape (N,), increasing.
+        tau: joint torques [N m], shape (N, 2); tau[k] holds from t[k] until t[k+1].
+        q: positions [rad] at t[0].
+        qd: velocities [rad/s] at t[0].
+
+    Returns:
+        The trajectory at the sampling times, velocities included.
+
+    Raises:
+        ParameterError: the parameters are not physical.
+        TrajectoryError: times or torques do not belong together, or the motion runs off into what is no number.
+    """
+    times, torques = np.asarray(t, dtype=float), np.asarray(tau, dtype=float)
+    plant = Plant(parameters, q, qd)
+    states = np.empty((len(times), 4))
+    for k in range(len(times)):
+        states[k] = (*plant.q, *plant.qd)
+        if k + 1 < len(times):
+            try:
+                plant.advance((float(torques[k, 0]), float(torques[k, 1])), float(times[k + 1] - times[k]))
+            except (ValueError, OverflowError, ZeroDivisionError):
+                plant.place((math.nan, math.nan), (math.nan, math.nan))
+            if not all(map(math.isfinite, (*plant.q, *plant.qd))):
+                raise TrajectoryError(
+                    f'the simulated motion is too fast to be followed {times[k + 1] - times[0]:.3g} s after it began: '
+                    f'torques of up to {np.abs(torques).max():g} N m are too large for these parameters; give smaller '
+                    'ones'
+                )
+    return Trajectory(times, states[:, :2], torques, states[:, 2:], name='simulation')
+
+
+def quantised(trajectory: Trajectory, counts_per_turn: int) -> Trajectory:
+    """Return what encoders of this many counts per turn, at 0 when hanging, would have read; no velocities."""
+    zero = np.array(HANGING)
+    count = 2 * math.pi / counts_per_turn
+    q = np.round((trajectory.q - zero) / count) * count + zero
+    return Trajectory(trajectory.t, q, trajectory.tau, name=trajectory.name)

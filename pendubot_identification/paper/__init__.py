@@ -1,0 +1,1 @@
+"""All that only the reproduction of the paper needs: its functions, competitors, trials, tables, figures, command."""

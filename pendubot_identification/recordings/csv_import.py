@@ -1,0 +1,165 @@
+"""Reading a motion from a CSV file."""
+
+from __future__ import annotations
+
+import csv
+import math
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pendubot_identification.errors import CsvError
+from pendubot_identification.trajectories.trajectory import Trajectory
+
+REQUIRED = ('t', 'q1', 'q2', 'tau1')
+OPTIONAL = ('tau2', 'dq1', 'dq2')
+
+#: Rows further apart [s] have a time in some other unit.
+LONGEST_INTERVAL = 1.0
+
+Zero = Literal['horizontal', 'hanging']
+Elbow = Literal['relative', 'absolute']
+
+
+def import_csv(
+    path: Path,
+    columns: Mapping[str, str] | None = None,
+    *,
+    degrees: bool = False,
+    zero: Zero = 'horizontal',
+    elbow: Elbow = 'relative',
+) -> Trajectory:
+    """Read a motion from a CSV file with a line of column names.
+
+    Args:
+        path: the file; separated by commas, semicolons or tabs.
+        columns: the file's name for any of t [s], q1, q2, dq1, dq2, tau1, tau2 [N m] that it calls otherwise. Where
+            tau2 is absent the elbow is not driven; where dq1 or dq2 is absent there are no velocities.
+        degrees: angles and velocities are in degrees, not radians.
+        zero: where the file's angles are zero: with link 1 horizontal or hanging.
+        elbow: whether the file's q2 and dq2 are relative to link 1 or, like q1, to the world.
+
+    Raises:
+        CsvError: the file cannot be read, a column is missing, a value is not a number, a stamp repeats or runs back.
+    """
+    values = _read(Path(path), wanted(columns or {}))
+    unit = math.pi / 180 if degrees else 1.0
+    t = values['t']
+    q = unit * np.column_stack([values['q1'], values['q2']])
+    tau = np.column_stack([values['tau1'], values.get('tau2', np.zeros_like(t))])
+    qd = unit * np.column_stack([values['dq1'], values['dq2']]) if {'dq1', 'dq2'} <= values.keys() else None
+    if elbow == 'absolute':
+        # Both angles are from the same zero, so it must not be shifted first.
+        q[:, 1] -= q[:, 0]
+        if qd is not None:
+            qd[:, 1] -= qd[:, 0]
+    if zero == 'hanging':
+        q[:, 0] -= math.pi / 2
+    trajectory = Trajectory(t=t - t[0], q=q, tau=tau, qd=qd, name=str(path))
+    if len(t) > 1 and trajectory.interval > LONGEST_INTERVAL:
+        raise CsvError(
+            f'{path}: its rows are {trajectory.interval:g} s apart, which no recording of a pendubot is; t must be in '
+            'seconds: divide milliseconds by 1000'
+        )
+    return trajectory
+
+
+def wanted(columns: Mapping[str, str]) -> dict[str, tuple[str, bool]]:
+    """Return for every quantity its column's name and whether it must be there, given some of the names.
+
+    Raises:
+        CsvError: there is no such quantity, or one column is named for two.
+    """
+    if unknown := [name for name in columns if name not in REQUIRED + OPTIONAL]:
+        raise CsvError(
+            f'{unknown[0]!r} is no quantity of a motion; columns can be named for {", ".join(REQUIRED + OPTIONAL)}'
+        )
+    named = {name: columns.get(name, name) for name in REQUIRED + OPTIONAL}
+    for name, column in columns.items():
+        if other := next((other for other in named if other != name and named[other] == column), None):
+            raise CsvError(
+                f'column {column!r} stands for both {name} and {other}; name one column for each quantity, '
+                f'such as {other}=NAME'
+            )
+    return {name: (column, name in REQUIRED or name in columns) for name, column in named.items()}
+
+
+def _read(path: Path, quantities: Mapping[str, tuple[str, bool]]) -> dict[str, NDArray[np.float64]]:
+    """Return the wanted columns that are there, each of shape (N,)."""
+    try:
+        text = path.read_text(encoding='utf-8-sig')
+    except OSError as error:
+        raise CsvError(f'{path} cannot be read: {error.strerror}; check its name and permissions') from error
+    except UnicodeDecodeError as error:
+        raise CsvError(f'{path} is no text in UTF-8; export it as CSV in that encoding') from error
+    lines = text.splitlines()
+    if not any(map(str.strip, lines)):
+        raise CsvError(f'{path} is empty; a line of column names and rows of numbers are expected: export it again')
+    # Excel may be told the separator, and tells it, by a line of its own.
+    told = re.fullmatch(r'"?sep=(.)"?', lines[0].strip(' '), re.IGNORECASE)
+    header = lines[1] if told and len(lines) > 1 else lines[0]
+    delimiter = told[1] if told else max(',;\t', key=header.count)
+    reader = csv.reader(lines, delimiter=delimiter)
+    if told:
+        next(reader)
+    names = [name.strip() for name in next(reader, [])]
+    there: dict[str, int] = {}
+    for quantity, (column, required) in quantities.items():
+        if names.count(column) > 1:
+            raise CsvError(
+                f'{path} has {names.count(column)} columns {column!r}; rename all but the one for {quantity}'
+            )
+        if column in names:
+            there[quantity] = names.index(column)
+        elif required:
+            raise CsvError(
+                f'{path} has no column {column!r} for {quantity}; its columns are {", ".join(names) or "none"}: '
+                f'name the right one with --columns {quantity}=NAME'
+            )
+    values: dict[str, list[float]] = {quantity: [] for quantity in there}
+    try:
+        for row in reader:
+            if not any(cell.strip() for cell in row):
+                continue
+            # Some programs end a row with a separator; anything else means that cells are not where they belong.
+            if len(row) < len(names) or any(cell.strip() for cell in row[len(names) :]):
+                comma = delimiter == ',' and len(row) > len(names)
+                why = 'decimals may be written with commas: write them with points, or ' if comma else ''
+                raise CsvError(
+                    f'{path}, line {reader.line_num} has {len(row)} cells; {len(names)} are expected, one for each '
+                    f'column name; {why}mend or remove that row'
+                )
+            for quantity, k in there.items():
+                values[quantity].append(_number(row[k], path, reader.line_num, names[k]))
+            _require_later(values['t'], path, reader.line_num)
+    except csv.Error as error:
+        raise CsvError(f'{path}, line {reader.line_num}: {error}; mend or remove that row') from error
+    if not values['t']:
+        raise CsvError(f'{path} holds no row of numbers; export the recording again')
+    return {quantity: np.array(column) for quantity, column in values.items()}
+
+
+def _require_later(times: list[float], path: Path, line: int) -> None:
+    """Refuse a last time that is not later than the one before."""
+    if len(times) > 1 and not times[-1] > times[-2]:
+        what = 'repeats' if times[-1] == times[-2] else 'runs back'
+        raise CsvError(
+            f'{path}, line {line}: the time {times[-1]:.12g} {what}, after {times[-2]:.12g}; every row needs a later '
+            'one: export more digits, or mend or remove that row'
+        )
+
+
+def _number(cell: str, path: Path, line: int, column: str) -> float:
+    try:
+        number = float(cell)
+    except ValueError:
+        number = math.nan
+    if not math.isfinite(number):
+        what = repr(cell.strip()) if cell.strip() else 'nothing'
+        do = 'write decimals with a point' if ',' in cell else 'mend or remove that row'
+        raise CsvError(f'{path}, line {line}, column {column!r}: {what} is no finite number; {do}')
+    return number

@@ -1,0 +1,101 @@
+"""How messages come in on a topic: how many, how late, and which never came."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from pendubot_identification.level import Level
+from pendubot_identification.link.health import Diagnosis
+
+#: A message that is written so much later than it was published is worth a warning [s].
+LATE = 1.0
+
+#: A warning is due when the room left is this many reserves.
+SCARCE = 2
+
+
+@dataclass
+class Flow:
+    """One topic's messages.
+
+    A publisher numbers its messages from 1 on. Whose number it is nobody says, so that with several publishers each
+    number is counted for the one whose last number is just below.
+
+    Attributes:
+        count: messages that came.
+        lost: messages that were published in between and never came.
+        skipped: messages that came and were not wanted.
+    """
+
+    count: int = 0
+    lost: int = 0
+    skipped: int = 0
+    _last: list[int] = field(default_factory=list)
+    _since: int = 0
+    _lag_ns: int = 0
+
+    def heard(self, number: int | None, lag_ns: int, publishers: int = 1) -> None:
+        """Take in a message: its publisher's number for it, if there is one, and how late it came [ns]."""
+        self.count += 1
+        self._since += 1
+        self._lag_ns = max(self._lag_ns, lag_ns)
+        if number is None:
+            return
+        below = [k for k, last in enumerate(self._last) if last < number]
+        nearest = max(below, key=lambda k: self._last[k], default=None)
+        if nearest is not None and (self._last[nearest] == number - 1 or len(self._last) >= publishers):
+            self.lost += number - self._last[nearest] - 1
+            self._last[nearest] = number
+        elif len(self._last) < publishers:
+            self._last.append(number)
+        else:
+            # One of them began anew.
+            self._last[self._last.index(max(self._last))] = number
+
+    def forget(self) -> None:
+        """Expect nothing of what comes next: what was not listened to is not lost."""
+        self._last.clear()
+
+    def report(self, elapsed: float) -> tuple[float, float]:
+        """Return rate [Hz] and largest lag [s] since the last report, ``elapsed`` seconds ago."""
+        result = self._since / elapsed, self._lag_ns / 1e9
+        self._since = self._lag_ns = 0
+        return result
+
+
+def diagnose(
+    flows: Mapping[str, Flow], elapsed: float, *, paused: bool, troubles: tuple[str, ...], free: int, reserve: int
+) -> Diagnosis:
+    """Return how a recording is doing.
+
+    Args:
+        flows: by topic.
+        elapsed: since the last time [s].
+        paused: whether nothing is written on purpose.
+        troubles: what else is worth a warning.
+        free: room left on the disk [bytes].
+        reserve: at which the recording ends [bytes].
+    """
+    worries = ['paused'] if paused else []
+    values: dict[str, object] = {}
+    for topic, flow in flows.items():
+        rate, lag = flow.report(elapsed)
+        values[f'{topic} messages'] = flow.count
+        values[f'{topic} rate [Hz]'] = f'{rate:.1f}'
+        values[f'{topic} lag [s]'] = f'{lag:.4f}'
+        values[f'{topic} lost'] = flow.lost
+        values[f'{topic} skipped'] = flow.skipped
+        if flow.lost:
+            worries.append(f'{topic}: {flow.lost} messages lost')
+        if lag > LATE:
+            worries.append(f'{topic}: written {lag:.1f} s late')
+        if not flow.count:
+            worries.append(f'{topic}: nothing yet')
+    if free < SCARCE * reserve:
+        worries.append(f'{free / 1e6:.0f} MB left on the disk; the bag is closed at {reserve / 1e6:.0f}')
+    worries += troubles
+    values['free [MB]'] = f'{free / 1e6:.1f}'
+    values['reserve [MB]'] = f'{reserve / 1e6:.1f}'
+    level = Level.WARN if worries else Level.OK
+    return Diagnosis(level, '; '.join(worries) or 'recording', {name: str(value) for name, value in values.items()})

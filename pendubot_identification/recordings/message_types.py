@@ -1,0 +1,84 @@
+"""Message types by name: their definition and hash for a bag's schema, and their bytes."""
+
+from __future__ import annotations
+
+import os
+import sys
+from functools import cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from rosbags.interfaces import Nodetype
+from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
+
+from pendubot_identification.errors import BagError
+
+
+class MessageDefinition(NamedTuple):
+    """What a bag says of a message type."""
+
+    #: The ``.msg`` text followed by that of every type it uses (schema encoding ``ros2msg``).
+    text: str
+    #: The type's hash, ``RIHS01_...``.
+    type_hash: str
+
+
+@cache
+def typestore() -> Typestore:
+    """Return the message types known so far: those of ROS 2 Jazzy, and those that :func:`message_definition` found."""
+    return get_typestore(Stores.ROS2_JAZZY)
+
+
+@cache
+def message_definition(type_name: str) -> MessageDefinition:
+    """Return the definition of a message type such as ``sensor_msgs/msg/JointState``.
+
+    A type that ROS 2 Jazzy itself does not have is read from ``share/<package>/msg`` of the sourced workspaces.
+
+    Raises:
+        BagError: no such type is installed, or its definition cannot be read.
+    """
+    store = typestore()
+    try:
+        _register(store, type_name)
+        text, _ = store.generate_msgdef(type_name, ros_version=2)
+        return MessageDefinition(text, store.hash_rihs01(type_name))
+    except (TypesysError, UnicodeDecodeError) as error:
+        raise BagError(
+            f'the definition of {type_name} cannot be read ({str(error).splitlines()[0]}); mend its .msg file'
+        ) from error
+
+
+def _register(store: Typestore, type_name: str) -> None:
+    if type_name in store.fielddefs:
+        return
+    definitions = get_types_from_msg(_installed_definition(type_name), type_name)
+    for _, fields in definitions.values():
+        for _, description in fields:
+            if used := _message_in(description):
+                _register(store, used)
+    store.register(definitions)
+
+
+def _message_in(description: Any) -> str | None:
+    """Return the type of message that a field holds, or an array's elements; None where it holds none."""
+    kind, detail = description
+    if kind in (Nodetype.ARRAY, Nodetype.SEQUENCE):
+        kind, detail = detail[0]
+    return detail if kind == Nodetype.NAME else None
+
+
+def _installed_definition(type_name: str) -> str:
+    parts = type_name.split('/')
+    if len(parts) != 3 or parts[1] != 'msg':
+        raise BagError(f'{type_name!r} is no message type; a name such as sensor_msgs/msg/JointState is expected')
+    prefixes = [*os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep), sys.prefix]
+    for prefix in filter(None, prefixes):
+        path = Path(prefix, 'share', parts[0], 'msg', f'{parts[2]}.msg')
+        if path.is_file():
+            return path.read_text(encoding='utf-8')
+    raise BagError(
+        f'the definition of {type_name} is not installed (no share/{parts[0]}/msg/{parts[2]}.msg); install {parts[0]} '
+        'or source the workspace that has it'
+    )

@@ -1,0 +1,28 @@
+"""Where the package's config and bags lie, in every kind of install (colcon, colcon --symlink-install, pip, pip -e)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from pendubot_identification.errors import PendubotError
+
+NAME = 'pendubot_identification'
+
+
+def resource(relative: str) -> Path:
+    """Return the path of a file or folder such as ``config/bridge.yaml`` or ``bags/paper_experiment``.
+
+    It is looked for beside the package (a source tree) and in ``share/pendubot_identification`` of every folder
+    above it (an install), relative to where the package itself was imported from.
+
+    Raises:
+        PendubotError: it is in none of these places.
+    """
+    package = Path(__file__).resolve().parent
+    places = [package.parent] if (package.parent / 'package.xml').exists() else []
+    places += [above / 'share' / NAME for above in Path(__file__).absolute().parents]
+    places += [above / 'share' / NAME for above in package.parents]
+    for place in places:
+        if (place / relative).exists():
+            return place / relative
+    raise PendubotError(f'{relative} is not part of this install of {NAME}; install the package again')

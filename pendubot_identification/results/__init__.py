@@ -1,0 +1,1 @@
+"""A result as a file: written, read again, and handed to other programs."""

@@ -1,0 +1,106 @@
+"""A result in the formats of who uses it: ROS parameters, JSON, MATLAB, C. Numbers keep every digit."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import yaml
+
+from pendubot_identification.model.parameters import MODELS, NAMES, SPECIFICATIONS
+
+Result = Mapping[str, Any]
+
+MEANINGS = {s.name: (s.unit, s.meaning) for s in SPECIFICATIONS}
+
+
+def provenance(result: Result) -> list[str]:
+    """Return, line by line, where the numbers come from and how far to trust them; never an empty list."""
+    made, bags = result.get('made_by') or {}, result.get('bags') or []
+    criterion, model = result.get('criterion') or 'not known', result.get('model') or 'not known'
+    lines = [
+        'Parameters of a pendubot, SI units; q1 is measured from the horizontal, q2 relative to link 1',
+        f'made by pendubot_identification {made.get("version", "of an unknown version")}; criterion {criterion}, '
+        f'model {model}',
+        *(f'{bag["role"]}: {bag["bag"]}, sha256 {bag["sha256"]}' for bag in bags),
+        f'level: {result.get("level") or "not known"}',
+        *(f'warning: {warning}' for warning in result.get('warnings') or []),
+    ]
+    return [' '.join(str(line).split()) for line in lines]
+
+
+def as_yaml(result: Result) -> str:
+    """Return parameters for ``--params-file`` of any node: P1, P2, ... under ``/**``."""
+    comments = ''.join(f'# {line}\n' for line in [*provenance(result), *_meanings(result)])
+    values = {name: float(entry['value']) for name, entry in _vector(result).items()}
+    return comments + yaml.safe_dump({'/**': {'ros__parameters': values}}, sort_keys=False)
+
+
+def as_json(result: Result) -> str:
+    """Return the whole result."""
+    return json.dumps(dict(result), indent=2) + '\n'
+
+
+def as_matlab(result: Result) -> str:
+    """Return a script that makes a struct ``pendubot``: parameters by name, ``theta``, ``names``, ``std_error``."""
+    parameters = _vector(result)
+    lines = [f'% {line}' for line in provenance(result)]
+    lines += [f'pendubot.{name} = {_number(e["value"])};  % {_told(name, e)}' for name, e in parameters.items()]
+    errors = (_number(entry.get('std_error')) for entry in parameters.values())
+    lines += [
+        f'pendubot.theta = [{" ".join(_number(entry["value"]) for entry in parameters.values())}];',
+        f'pendubot.std_error = [{" ".join(errors)}];',
+        f'pendubot.names = {{{", ".join(repr(name) for name in parameters)}}};',
+    ]
+    return '\n'.join(lines) + '\n'
+
+
+def as_c(result: Result) -> str:
+    """Return a header of macros: ``PENDUBOT_P1`` ..., ``PENDUBOT_THETA``, an initialiser, ``PENDUBOT_COUNT``."""
+    parameters = _vector(result)
+    named = [f'PENDUBOT_{name}' for name in parameters]
+    lines = ['/*', *(f' * {_uncommented(line)}' for line in provenance(result)), ' */']
+    lines += ['#ifndef PENDUBOT_PARAMETERS_H', '#define PENDUBOT_PARAMETERS_H', '']
+    for macro, (name, entry) in zip(named, parameters.items(), strict=True):
+        lines.append(f'#define {macro} ({_number(entry["value"])})  /* {_told(name, entry)} */')
+    lines += [
+        '',
+        f'#define PENDUBOT_COUNT {len(named)}',
+        f'#define PENDUBOT_THETA {{{", ".join(named)}}}',
+        '',
+        '#endif',
+    ]
+    return '\n'.join(lines) + '\n'
+
+
+FORMATS: dict[str, Callable[[Result], str]] = {'yaml': as_yaml, 'json': as_json, 'matlab': as_matlab, 'c': as_c}
+SUFFIXES = {'.yaml': 'yaml', '.yml': 'yaml', '.json': 'json', '.m': 'matlab', '.h': 'c'}
+
+
+def _vector(result: Result) -> dict[str, Mapping[str, Any]]:
+    """Return the entries in the order of theta; 0 for those that a hand left out, as far as the model goes."""
+    given = result['parameters']
+    last = max(NAMES.index(name) for name in given)
+    size = min(size for size in MODELS.values() if size > last)
+    return {name: given.get(name, {'value': 0.0}) for name in NAMES[:size]}
+
+
+def _meanings(result: Result) -> list[str]:
+    return [f'{name}: {_told(name, entry)}' for name, entry in _vector(result).items()]
+
+
+def _told(name: str, entry: Mapping[str, Any]) -> str:
+    """Return unit, meaning, and how certain."""
+    unit, meaning = MEANINGS[name]
+    error = entry.get('std_error')
+    return f'{unit}; {meaning}' + ('' if error is None else f'; standard error {error:.2g}')
+
+
+def _uncommented(line: str) -> str:
+    """Return a line that may stand within a comment of C."""
+    return line.replace('*/', '* /').replace('/*', '/ *')
+
+
+def _number(value: float | None) -> str:
+    return 'NaN' if value is None else repr(float(value))

@@ -1,0 +1,121 @@
+"""A recorded or simulated motion: time, positions, torques, and velocities where they are known."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pendubot_identification.errors import TrajectoryError
+
+Array = NDArray[np.float64]
+
+#: Fewer samples than this cannot determine seven parameters, smoothed and with residuals to judge them by.
+MINIMUM_SAMPLES = 50
+
+
+@dataclass(frozen=True, slots=True)
+class Trajectory:
+    """Samples of one motion, in the order of time.
+
+    Attributes:
+        t: time [s], shape (N,), strictly increasing.
+        q: joint positions [rad], shape (N, 2): q1 from the horizontal, q2 relative to link 1.
+        tau: joint torques [N m], shape (N, 2); tau[k] is applied from sample k until sample k+1.
+        qd: joint velocities [rad/s], shape (N, 2), or None where none were recorded.
+        name: where it came from, for messages.
+
+    Raises:
+        TrajectoryError: shapes that do not belong together, values that are not finite, stamps that repeat or
+            run backwards.
+    """
+
+    t: Array
+    q: Array
+    tau: Array
+    qd: Array | None = None
+    name: str = 'trajectory'
+
+    def __post_init__(self) -> None:
+        n = len(self.t)
+        for label, values in (('q', self.q), ('tau', self.tau), ('qd', self.qd)):
+            if values is None:
+                continue
+            if values.shape != (n, 2):
+                raise TrajectoryError(
+                    f'{self.name}: {label} has shape {values.shape}; ({n}, 2) is expected, two joints per stamp'
+                )
+            bad = np.flatnonzero(~np.isfinite(values).all(axis=1))
+            if bad.size:
+                raise TrajectoryError(
+                    f'{self.name}: {bad.size} of {n} samples hold a {label} that is not a finite number, the first at '
+                    f'{self.t[bad[0]] - self.t[0]:.3f} s; choose a window without them'
+                )
+        if not np.isfinite(self.t).all():
+            raise TrajectoryError(f'{self.name}: a stamp is not a finite number; every sample needs a time in seconds')
+        wrong = np.flatnonzero(np.diff(self.t) <= 0)
+        if wrong.size:
+            k = int(wrong[0])
+            step = self.t[k + 1] - self.t[k]
+            what = 'repeats' if step == 0 else f'runs backwards by {-step:.6g} s'
+            raise TrajectoryError(
+                f'{self.name}: the stamp of sample {k + 1} {what} ({wrong.size} such in {n} samples); stamps must '
+                'increase: use the time at which the board sampled, or choose a window without the fault'
+            )
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    @property
+    def duration(self) -> float:
+        """Seconds from the first to the last sample; 0 when there are fewer than two."""
+        return float(self.t[-1] - self.t[0]) if len(self.t) > 1 else 0.0
+
+    @property
+    def interval(self) -> float:
+        """The median sampling interval [s]."""
+        return float(np.median(np.diff(self.t)))
+
+    @property
+    def lost(self) -> int:
+        """About how many samples are missing; a jittering stamp alone makes no interval of two."""
+        steps = np.diff(self.t) / self.interval
+        return int(np.rint(steps[steps > 1.9] - 1).sum())
+
+    def window(self, start: float | None = None, end: float | None = None) -> Trajectory:
+        """Return the samples with start <= t - t[0] < end, in seconds from the first sample; None leaves a side open.
+
+        Raises:
+            TrajectoryError: the window is reversed, empty, or holds no sample.
+        """
+        low = 0.0 if start is None else start
+        high = np.inf if end is None else end
+        if not low < high:
+            raise TrajectoryError(
+                f'{self.name}: the window {low:g}:{high:g} is empty or reversed; give START:END in seconds, START first'
+            )
+        elapsed = self.t - self.t[0]
+        part = self[(elapsed >= low - 1e-9) & (elapsed < high - 1e-9)]
+        if not len(part):
+            raise TrajectoryError(
+                f'{self.name}: the window {low:g}:{high:g} holds no sample; the recording lasts {self.duration:.3f} s'
+            )
+        return part
+
+    def __getitem__(self, index: slice | NDArray[np.bool_]) -> Trajectory:
+        qd = None if self.qd is None else self.qd[index]
+        return replace(self, t=self.t[index], q=self.q[index], tau=self.tau[index], qd=qd)
+
+    def require_samples(self, minimum: int = MINIMUM_SAMPLES) -> Trajectory:
+        """Return this trajectory if it holds at least ``minimum`` samples.
+
+        Raises:
+            TrajectoryError: it is too short.
+        """
+        if len(self) < minimum:
+            raise TrajectoryError(
+                f'{self.name}: {len(self)} samples over {self.duration:.3f} s are too few; at least {minimum} are '
+                'needed: choose a longer window'
+            )
+        return self

@@ -1,0 +1,252 @@
+"""What a balancer believes, when it may begin, and that it never goes on by itself."""
+
+import math
+from dataclasses import replace
+
+import pytest
+
+from pendubot_identification.control.balancing import Balancing, Phase, Plan
+from pendubot_identification.control.briefing import Briefing
+from pendubot_identification.control.control import UPRIGHT, Limits, Loop
+from pendubot_identification.errors import ControlError, ParameterError
+from pendubot_identification.level import Level
+from pendubot_identification.model.parameters import BALANCE, NAMES, PAPER
+
+THETA = [float(value) for value in BALANCE.vector()]
+PERIOD = 0.005
+
+
+def values(theta=THETA, delay='0.004'):
+    return {name: str(value) for name, value in zip(NAMES, theta, strict=False)} | {'effort.delay': delay}
+
+
+def informed(limit=2.0, level=Level.OK, motor_delay=None):
+    briefing = Briefing(limit, motor_delay)
+    for k in range(150):
+        briefing.sample(k * PERIOD)
+    briefing.offer(THETA)
+    briefing.judge(level, 'said so', values())
+    return briefing
+
+
+def test_everything_known_is_the_parameters_and_the_loop():
+    assert informed().ready(False) == (BALANCE, Loop(PERIOD, 1, 0.004, 2.0))
+    assert informed(motor_delay=0.01).ready(False)[1].lag == 0.01
+    briefing = informed()
+    briefing.board_limit(0.5)
+    assert briefing.ready(False)[1].limit == 0.5
+
+
+@pytest.mark.parametrize('delay', ['None', 'nan', '', '-0.002'])
+def test_a_delay_that_nobody_found_is_none(delay):
+    briefing = informed()
+    briefing.judge(Level.OK, '', values(delay=delay))
+    assert briefing.ready(False)[1].lag == 0.0
+
+
+def test_skipped_samples_do_not_hide_the_rate():
+    briefing = informed()
+    for k in range(0, 600, 2):
+        briefing.sample(1 + k * PERIOD)
+    assert briefing.ready(False)[1].period == pytest.approx(2 * PERIOD), 'it has truly changed'
+    mixed = Briefing(2.0)
+    t = 0.0
+    for k in range(150):
+        t += PERIOD * (1 if k % 3 == 0 else 3)
+        mixed.sample(t)
+    mixed.offer(THETA)
+    assert mixed.ready(True)[1].period == pytest.approx(PERIOD)
+
+
+def test_what_is_missing_or_not_good_enough_is_said():
+    with pytest.raises(ControlError, match='no parameters have come'):
+        Briefing(2.0).ready(True)
+    briefing = Briefing(2.0)
+    briefing.offer(THETA)
+    with pytest.raises(ControlError, match='says how good the parameters'):
+        briefing.ready(False)
+    with pytest.raises(ControlError, match='too few samples'):
+        briefing.ready(True)
+    with pytest.raises(ControlError, match=r'level WARN \(said so\); set the parameter accept_warn'):
+        informed(level=Level.WARN).ready(False)
+    assert informed(level=Level.WARN).ready(True)
+    with pytest.raises(ControlError, match=r'level ERROR \(said so\)'):
+        informed(level=Level.ERROR).ready(True)
+
+
+def test_a_judgement_of_other_parameters_counts_for_nothing():
+    briefing = informed()
+    briefing.offer([1.01 * value for value in THETA])
+    with pytest.raises(ControlError, match='says how good'):
+        briefing.ready(False)
+
+
+@pytest.mark.parametrize('theta', [[], [1.0] * 8])
+def test_what_is_no_vector_is_refused(theta):
+    with pytest.raises(ParameterError, match='7, 9, 10, 14 are expected'):
+        Briefing(2.0).offer(theta)
+
+
+def test_parameters_that_no_rig_has_are_refused():
+    for wrong in ({'P3': 0.02}, {'b1': -1.0}, {'P1': math.nan}):
+        with pytest.raises(ControlError, match='no rig has the parameters that came'):
+            Briefing(2.0).offer([float(value) for value in replace(BALANCE, **wrong).vector()])
+
+
+def prepared(bounds=None, limit=2.0, swing_up=1.9):
+    balancing = Balancing(limit, bounds=bounds)
+    balancing.briefing = informed(limit)
+    wanted = balancing.to_prepare(False)
+    plan = Plan.make(*wanted, rehearse=False)
+    balancing.prepared(replace(plan, swing_up=swing_up))
+    assert balancing.to_prepare(False) is None
+    return balancing
+
+
+def upright(balancing, t, now=None, effort=0.0):
+    return balancing.sample(t, t if now is None else now, (UPRIGHT + 0.01, 0.0), effort, 0.1)
+
+
+def running():
+    balancing = prepared()
+    assert upright(balancing, 1.0) is None, 'idle: not a word'
+    balancing.begin()
+    assert upright(balancing, 1.005) == 0.0, 'arming: nothing is wanted yet'
+    balancing.armed()
+    assert upright(balancing, 1.010) != 0.0
+    return balancing
+
+
+def test_it_moves_from_armed_to_stop_and_not_a_sample_longer():
+    balancing = running()
+    balancing.stop()
+    assert upright(balancing, 1.015) is None
+    assert balancing.diagnosis()[0] is Level.OK
+
+
+@pytest.mark.parametrize(
+    ('spoil', 'words'),
+    [
+        (lambda b: upright(b, 1.015, now=1.2), r'a sample is 0\.185 s old'),
+        (lambda b: upright(b, 1.015, now=math.nan), 'a sample is nan s old'),
+        (lambda b: upright(b, 1.3), 'passed between two samples'),
+        (lambda b: b.silence(1.2, 0.1), r'no sample for 0\.190 s'),
+        (lambda b: b.offer([-value for value in THETA]), 'no rig has'),
+        (lambda b: b.offer([1.0]), 'are expected'),
+    ],
+)
+def test_any_doubt_stops_it_for_good(spoil, words):
+    balancing = running()
+    with pytest.raises(ControlError, match=words):
+        spoil(balancing)
+    assert balancing.phase is Phase.IDLE
+    assert upright(balancing, 2.0) is None
+    level, message, _ = balancing.diagnosis()
+    assert level is Level.ERROR
+    assert message == f'stopped: {balancing.stopped}'
+
+
+def test_a_bridge_that_does_not_answer_is_not_waited_for_for_ever():
+    balancing = prepared()
+    upright(balancing, 1.0)
+    balancing.begin()
+    assert upright(balancing, 1.005) == 0.0
+    with pytest.raises(ControlError, match='did not answer within 3 s'):
+        upright(balancing, 4.1)
+    assert balancing.phase is Phase.IDLE
+
+
+def test_better_parameters_come_in_while_it_moves_and_worse_ones_do_not():
+    balancing = running()
+    theta = [1.02 * value for value in THETA]
+    balancing.briefing.offer(theta)
+    assert balancing.to_prepare(False) is None, 'nobody vouches for them'
+    assert balancing.phase is Phase.RUNNING
+    balancing.briefing.judge(Level.OK, '', values(theta))
+    balancing.prepared(Plan.make(*balancing.to_prepare(False), rehearse=False))
+    upright(balancing, 1.015)
+    assert balancing.plan.design.parameters.vector().tolist() == theta
+    assert balancing.to_prepare(False) is None
+
+
+@pytest.mark.parametrize(
+    'end',
+    [
+        lambda b, plan: (b.prepared(plan), upright(b, 1.015), b.stop()),
+        lambda b, plan: (b.prepared(plan), b.stop()),
+        lambda b, plan: (b.stop(), b.prepared(plan)),
+        lambda b, plan: (b.not_prepared((plan.design.parameters, plan.loop), 'too slow'), b.stop()),
+    ],
+    ids=['taken over', 'about to be', 'too late', 'refused'],
+)
+def test_what_came_while_it_moved_is_looked_at_anew_before_the_next_start(end):
+    balancing = running()
+    theta = [1.02 * value for value in THETA]
+    balancing.briefing.offer(theta)
+    balancing.briefing.judge(Level.OK, '', values(theta))
+    wanted = balancing.to_prepare(False)
+    end(balancing, Plan.make(*wanted, rehearse=False))
+    assert balancing.to_prepare(False) == wanted
+    assert balancing.plan is None or balancing.plan.swing_up == 1.9, 'what it may start by was rehearsed'
+    balancing.prepared(replace(Plan.make(*wanted, rehearse=False), swing_up=math.inf))
+    balancing.sample(1.02, 1.02, (-UPRIGHT, 0.0), 0.0, 0.1)
+    with pytest.raises(ControlError, match='do not swing this rig up'):
+        balancing.begin()
+
+
+def test_no_start_by_what_was_not_rehearsed():
+    balancing = running()
+    wanted = balancing.plan.design.parameters, balancing.plan.loop
+    balancing.prepared(Plan.make(*wanted, rehearse=False))
+    upright(balancing, 1.015)
+    balancing.stop()
+    with pytest.raises(ControlError, match='preparing itself'):
+        balancing.begin()
+    assert balancing.diagnosis()[:2] == (Level.WARN, 'waiting: it is preparing itself')
+
+
+def test_it_starts_by_what_was_rehearsed_though_more_came_while_it_was_arming():
+    balancing = prepared()
+    rehearsed = balancing.plan
+    upright(balancing, 1.0)
+    balancing.begin()
+    balancing.prepared(Plan.make(rehearsed.design.parameters, rehearsed.loop, rehearse=False))
+    balancing.armed()
+    assert balancing.plan is rehearsed
+
+
+def test_a_rig_that_leaves_no_room_for_error_is_refused_by_computation():
+    """The paper's own values: link 1 would be 3 cm long."""
+    with pytest.raises(ControlError, match=r'can hardly be balanced: the gain may be 0\.7. to 1\.1. times'):
+        Plan.make(PAPER, Loop(0.01, 1, 0.004, 2.0))
+
+
+def test_it_does_not_begin_unprepared_nor_twice():
+    with pytest.raises(ControlError, match='preparing itself'):
+        Balancing(2.0).begin()
+    with pytest.raises(ControlError, match='it is running already'):
+        running().begin()
+
+
+def test_what_cannot_be_swung_up_may_be_held_all_the_same():
+    for balancing, words in (
+        (prepared(swing_up=math.inf), 'do not swing this rig up, as a simulation shows'),
+        (prepared(Limits(swing_up=0.0)), 'swing_up_time is 0'),
+    ):
+        balancing.sample(1.0, 1.0, (-UPRIGHT, 0.0), 0.0, 0.1)
+        with pytest.raises(ControlError, match=words):
+            balancing.begin()
+        upright(balancing, 1.005)
+        balancing.begin()
+        assert balancing.phase is Phase.ARMING
+
+
+def test_a_plan_that_failed_is_not_tried_again_until_something_changes():
+    balancing = Balancing(2.0)
+    balancing.briefing = informed()
+    wanted = balancing.to_prepare(False)
+    balancing.not_prepared(wanted, 'too slow')
+    assert balancing.to_prepare(False) is None
+    assert balancing.diagnosis()[:2] == (Level.WARN, 'waiting: too slow')
+    balancing.briefing.board_limit(1.0)
+    assert balancing.to_prepare(False) is not None

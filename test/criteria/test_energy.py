@@ -1,0 +1,125 @@
+"""The energy criterion against the motion that it describes, and against a plain reading of the paper's equations."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pendubot_identification.criteria.energy import energy_regression
+from pendubot_identification.criteria.quadratic import Quadratic
+from pendubot_identification.errors import TrajectoryError
+from pendubot_identification.excitation.excitation import PulseTrain
+from pendubot_identification.model.dynamics import energy
+from pendubot_identification.model.parameters import MODELS, PAPER, Parameters, default_bounds
+from pendubot_identification.model.simulation import simulate
+from pendubot_identification.trajectories.trajectory import Trajectory
+
+
+def swing(interval=0.001, n=3000, elbow=0.0, seed=1):
+    """A smooth, exact motion; with ``elbow``, of a rig with a motor there as well."""
+    t = np.arange(n) * interval
+    tau = np.column_stack([0.15 * np.sin(4 * t + seed), elbow * np.sin(7 * t)])
+    return simulate(PAPER, t, tau)
+
+
+@pytest.mark.parametrize('elbow', [0.0, 0.02])
+@pytest.mark.parametrize('window', [None, 0.3])
+def test_true_parameters_balance_the_energy_of_a_fine_recording(elbow, window):
+    regression = energy_regression(swing(elbow=elbow), window)
+    residual = regression.y - regression.phi @ PAPER.vector()
+    assert np.abs(residual).max() < 1e-3 * np.abs(regression.y).max()
+    estimate = Quadratic.reduce(regression.phi, regression.y).minimum(default_bounds().of(7))
+    np.testing.assert_allclose(estimate, PAPER.vector(), rtol=0.02)
+
+
+@pytest.mark.parametrize('model', MODELS)
+@pytest.mark.parametrize('window', [None, 0.3])
+def test_every_models_friction_and_rotor_are_in_the_balance(model, window):
+    theta = (0.06, 0.05, 0.032, 0.23, 0.16, 0.005, 0.004, 0.2, 0.15, 0.0026, 0.1, 0.08, 0.1, 0.08)[: MODELS[model]]
+    t = np.arange(4000) / 1000
+    tau = np.column_stack([2 * np.sin(4 * t), 0.6 * np.sin(7 * t + 1)])
+    motion = simulate(Parameters.from_vector(theta), t, tau)
+    regression = energy_regression(motion, window, 0.006, model)
+    assert regression.phi.shape == (len(regression.y), MODELS[model])
+    residual = regression.y - regression.phi @ theta
+    assert np.abs(residual).max() < 1e-3 * np.abs(regression.y).max()
+    less = energy_regression(motion, window, 0.006)
+    np.testing.assert_array_equal(regression.phi[:, :7], less.phi)
+
+
+def test_is_the_papers_sum_written_out():
+    motion = swing(interval=0.01, n=120)
+    theta = PAPER.vector() * [1.1, 0.9, 1.2, 0.8, 1.1, 1.3, 0.7]
+    qd = np.gradient(motion.q, 0.01, axis=0)
+    total = 0.0
+    for n in range(1, 120):
+        work = loss = 0.0
+        for k in range(n):
+            work += motion.tau[k] @ (motion.q[k + 1] - motion.q[k])
+            loss += 0.01 * theta[5:] @ (qd[k] ** 2 + qd[k + 1] ** 2) / 2
+        gained = energy(theta, motion.q[n], qd[n]) - energy(theta, motion.q[0], qd[0])
+        total += (work - loss - gained) ** 2
+    regression = energy_regression(motion)
+    J = Quadratic.reduce(regression.phi, regression.y)(theta)
+    np.testing.assert_allclose(J, total / 119, rtol=1e-9)
+
+
+@settings(max_examples=20)
+@given(st.integers(2, 40))
+def test_a_sliding_window_is_the_difference_of_two_cumulative_sums(samples):
+    motion = swing(interval=0.01, n=150)
+    whole, part = energy_regression(motion), energy_regression(motion, samples * 0.01)
+    theta = np.ones(7)
+    eps = np.concatenate([[0.0], whole.y - whole.phi @ theta])
+    np.testing.assert_allclose(part.y - part.phi @ theta, eps[samples:] - eps[:-samples], atol=1e-9)
+
+
+@pytest.mark.parametrize('jitter', [3e-5, 3e-3])
+def test_jitter_of_the_stamps_does_not_move_a_pulse(jitter):
+    """Board clocks drift against the host's, and stamps jitter: a pulse of one sample must not be missed or doubled."""
+    t = np.arange(900) * 0.0100003
+    pulses = PulseTrain(seed=4)
+    tau = np.column_stack([[pulses.torque(x) for x in np.arange(900) * 0.01], np.zeros(900)])
+    stamped = t + np.random.default_rng(1).uniform(-jitter, jitter, 900)
+    motion = simulate(PAPER, stamped, tau)
+    for window in (None, 0.5):
+        regression = energy_regression(motion, window)
+        residual = regression.y - regression.phi @ PAPER.vector()
+        assert np.sqrt(np.mean(residual**2)) < 0.2 * np.sqrt(np.mean(regression.y**2))
+
+
+def test_logged_velocities_are_not_used():
+    motion = swing(interval=0.01, n=100)
+    wrong = Trajectory(motion.t, motion.q, motion.tau, motion.qd * 3 + 1)
+    np.testing.assert_array_equal(energy_regression(motion).phi, energy_regression(wrong).phi)
+
+
+def test_a_recording_shorter_than_the_sliding_window_is_refused():
+    with pytest.raises(TrajectoryError, match='shorter than the sliding window of 5 s'):
+        energy_regression(swing(n=500), 5.0)
+    with pytest.raises(TrajectoryError, match='window of 1e-09 s is shorter than the sampling interval'):
+        energy_regression(swing(n=500), 1e-9)
+
+
+@pytest.mark.parametrize('rate', [50, 100, 1000])
+def test_degrees_wrapped_angles_and_jumps_are_refused(rate):
+    t = np.arange(2 * rate) / rate
+    q, tau = np.column_stack([t, np.sin(3 * t)]), np.ones((len(t), 2))
+    energy_regression(Trajectory(t, q, tau))
+    wrapped = q + np.where(t > 1, -2 * np.pi, 0)[:, None] * [1, 0]
+    for wrong, joint in ((np.rad2deg(q), 'elbow'), (wrapped, 'shoulder')):
+        with pytest.raises(TrajectoryError, match=rf'the {joint} turns at .* in radians, unwrapped, and without jumps'):
+            energy_regression(Trajectory(t, wrong, tau))
+
+
+def test_pulses_are_reproducible_bounded_and_as_wide_as_told():
+    pulses = PulseTrain(period=1.0, width=0.05, amplitude_min=-0.5, amplitude_max=1.0, hold=0.01, seed=3)
+    t = np.arange(1000) * 0.001
+    tau = np.array([pulses.torque(x) for x in t])
+    np.testing.assert_array_equal(tau, [PulseTrain(1.0, 0.05, -0.5, 1.0, 0.01, 3).torque(x) for x in t])
+    assert np.flatnonzero(tau).tolist() == list(range(50))
+    assert len(np.unique(tau[:50])) == 5
+    assert tau.min() >= -0.5
+    assert tau.max() <= 1.0
+    assert pulses.torque(-0.1) == 0.0
+    assert pulses.torque(0.0) != pulses.torque(1.0), 'every pulse is drawn anew'

@@ -1,0 +1,167 @@
+"""The weak criterion against simulated motions, inverse dynamics integrated on their own, and real rigs."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pendubot_identification.criteria.quadratic import Quadratic
+from pendubot_identification.criteria.weak import balance_weights, estimate_delay, weak_regression
+from pendubot_identification.errors import TrajectoryError
+from pendubot_identification.excitation.excitation import PulseTrain
+from pendubot_identification.model.dynamics import friction, inverse_dynamics
+from pendubot_identification.model.parameters import MODELS, PAPER, Parameters, default_bounds
+from pendubot_identification.model.simulation import quantised, simulate
+from pendubot_identification.trajectories.motion import Motion
+from pendubot_identification.trajectories.trajectory import Trajectory
+from test.identify.test_identification import recorded
+from test.strategies import physical_parameters
+from test.virtual import recording
+
+GEARED = (0.06, 0.05, 0.032, 0.23, 0.16, 0.005, 0.004, 0.2, 0.15, 0.0026, 0.1, 0.08, 0.1, 0.08)
+PUBLISHED = {
+    'dfki_C1_sysid': (0.0596, 0.0505, 0.0320, 0.2298, 0.1600),
+    'dfki_A0_sysid': (0.1112, 0.0235, 0.0333, 0.3491, 0.1111),
+}
+
+
+def pulses(rate=100, seed=1, duration=9.0):
+    """The paper's experiment on the virtual rig."""
+    t = np.arange(int(duration * rate)) / rate
+    tau = np.column_stack([[PulseTrain(seed=seed).torque(x) for x in t], np.zeros(len(t))])
+    return quantised(simulate(PAPER, t, tau), 4000)
+
+
+def estimate(motions, model, delay=0.0):
+    bounds = default_bounds().of(MODELS[model])
+    weights = balance_weights([weak_regression(m, model, delay) for m in motions], bounds)
+    parts = [weak_regression(m, model, delay, weights=weights) for m in motions]
+    return Quadratic.pool([Quadratic.reduce(part.phi, part.y) for part in parts]).minimum(bounds)
+
+
+@pytest.mark.parametrize('model', MODELS)
+def test_fine_sampling_without_noise_leads_to_the_truth(model):
+    parameters = Parameters.from_vector(GEARED[: MODELS[model]])
+    t = np.arange(4000) / 500
+    tau = [1.2 * np.sin(3 * t) + 0.8 * np.sin(7.3 * t + 1), 0.6 * np.sin(5 * t) + 0.5 * np.cos(2.1 * t)]
+    motion = Motion.prepare(simulate(parameters, t, np.column_stack(tau)), 0.01)
+    expected = parameters.vector(model)
+    np.testing.assert_allclose(estimate([motion], model), expected, rtol=5e-3, atol=1e-3 * expected.max())
+
+
+@pytest.mark.parametrize(
+    ('rate', 'smoothing', 'tolerance'), [(100, 0.02, 0.015), (100, 0.05, 0.01), (500, 0.02, 0.005)]
+)
+def test_the_papers_experiment_with_real_encoders_leads_near_the_truth(rate, smoothing, tolerance):
+    theta = estimate([Motion.prepare(pulses(rate), smoothing)], 'viscous')
+    np.testing.assert_allclose(theta, PAPER.vector(), rtol=tolerance)
+
+
+def smooth_motion(amplitude, frequency, phase, t):
+    """Positions, velocities and accelerations in closed form."""
+    angle = t[:, None] * frequency + phase
+    return amplitude * np.sin(angle), amplitude * frequency * np.cos(angle), -amplitude * frequency**2 * np.sin(angle)
+
+
+@settings(max_examples=20)
+@given(physical_parameters(), st.integers(0, 10**6), st.sampled_from([0.2, 0.3]))
+def test_residuals_are_missing_torque_and_power_averaged_under_a_bump(parameters, seed, width):
+    """Independently: torques that inverse dynamics asks for, integrated against (1 - x^2)^3, accelerations and all."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(801) / 1000
+    q, qd, qdd = smooth_motion(rng.uniform(0.3, 2, 2), rng.uniform(2, 6, 2), rng.uniform(0, 6, 2), t)
+    tau = rng.normal(size=2) + rng.normal(size=2) * np.sin(9 * t[:, None])
+    model, theta = parameters.model, parameters.vector()
+    regression = weak_regression(Motion.prepare(Trajectory(t, q, tau), 0.0, 'linear'), model, width=width)
+    frictionless = Parameters.from_vector(np.where(np.isin(np.arange(len(theta)), (0, 1, 2, 3, 4, 9)), theta, 0))
+    missing = tau - inverse_dynamics(frictionless.vector(model), q, qd, qdd) - friction(theta, qd, tau)
+    missing = np.column_stack([missing, (missing * qd).sum(axis=1)])
+    x = (t - regression.t[::3, None]) / (width / 2)
+    bumps = np.where(np.abs(x) < 1, (1 - np.minimum(x**2, 1)) ** 3, 0)
+    expected = bumps @ missing / bumps.sum(axis=1, keepdims=True)
+    residual = (regression.y - regression.phi @ theta).reshape(-1, 3)
+    scale = np.abs(np.column_stack([tau, (tau * qd).sum(axis=1)])).max() + np.abs(missing).max()
+    np.testing.assert_allclose(residual, expected, atol=2e-3 * scale)
+
+
+@settings(max_examples=20)
+@given(st.integers(0, 10**6), st.floats(-0.02, 0.02), st.sampled_from([0.0, 0.3]))
+def test_every_pulse_counts_once_whatever_jitter_and_delay(seed, delay, jitter):
+    """Bumps side by side are level: together they make of a pulse its impulse, and of its work its work."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(150) * 0.01 + rng.uniform(-jitter, jitter, 150) * 0.01
+    tau = np.zeros((150, 2))
+    k = rng.integers(60, 90, 4)
+    tau[k] = rng.normal(size=(4, 2))
+    rows = weak_regression(
+        Motion.prepare(Trajectory(t, np.column_stack([2 * t, -3 * t]), tau), 0.02), 'viscous', delay, stride=0.01
+    )
+    total = rows.y.reshape(-1, 3).sum(axis=0) * 0.01
+    impulse = (tau[:-1] * np.diff(t)[:, None]).sum(axis=0)
+    np.testing.assert_allclose(total, [*impulse, impulse @ [2, -3]], atol=2e-4)
+
+
+def test_rows_are_in_order_of_time_three_a_bump():
+    regression = weak_regression(Motion.prepare(pulses(), 0.02), 'rotor', width=0.3, stride=0.05)
+    assert regression.phi.shape == (len(regression.y), 10)
+    np.testing.assert_array_equal(regression.t[::3], regression.t[2::3])
+    np.testing.assert_allclose(np.diff(regression.t[::3]), 0.05)
+    assert regression.t[0] == pytest.approx(0.15)
+
+
+def test_balances_have_residuals_of_one_size_once_weighted():
+    motion, bounds = Motion.prepare(pulses(), 0.02), default_bounds().of(7)
+    weights = balance_weights([weak_regression(motion, 'viscous')], bounds)
+    parts = weak_regression(motion, 'viscous', weights=weights)
+    theta = Quadratic.reduce(parts.phi, parts.y).minimum(bounds)
+    sizes = np.sqrt(((parts.y - parts.phi @ theta).reshape(-1, 3) ** 2).mean(axis=0))
+    assert weights[0] == 1
+    np.testing.assert_allclose(sizes, sizes[0], rtol=0.05)
+
+
+def test_no_torque_at_all_makes_no_weights_that_are_not_numbers():
+    t = np.arange(200) / 100
+    still = Motion.prepare(Trajectory(t, np.zeros((200, 2)), np.zeros((200, 2))), 0.02)
+    weights = balance_weights([weak_regression(still, 'viscous')], default_bounds().of(7))
+    assert np.isfinite(weights).all()
+
+
+@pytest.mark.parametrize(('samples', 'seed'), [(-3, 4), (0, 2), (1, 18), (5, 1)])
+def test_a_delay_is_found(samples, seed):
+    late = pulses(seed=seed)
+    late = Trajectory(late.t, late.q, np.roll(late.tau, -samples, axis=0))
+    delay = estimate_delay([Motion.prepare(late, 0.02)], 'viscous', default_bounds())
+    assert delay == pytest.approx(0.01 * samples, abs=1e-3)
+
+
+@pytest.mark.parametrize(('rate', 'delay'), [(100, 0.002), (200, 0.001), (200, -0.002), (500, 0.001), (500, 0.002)])
+def test_a_delay_of_a_millisecond_is_found_and_does_not_bend_the_answer(rate, delay):
+    motion = Motion.prepare(recording(9 * rate, 1 / rate, delay=delay), 0.02)
+    found = estimate_delay([motion], 'viscous', default_bounds())
+    assert found == pytest.approx(delay, abs=4e-4)
+    np.testing.assert_allclose(estimate([motion], 'viscous', found), PAPER.vector(), rtol=0.03)
+
+
+def test_a_delay_is_looked_for_within_its_range_only():
+    motion = Motion.prepare(pulses(), 0.02)
+    assert 0.015 <= estimate_delay([motion], 'viscous', default_bounds(), 0.015, 0.04) <= 0.04
+
+
+def test_what_is_shorter_than_a_bump_or_faster_than_a_rig_is_refused():
+    short = pulses().window(0, 0.6)
+    with pytest.raises(TrajectoryError, match=r'0\.590 s with known torque are shorter than the bump of 0\.7 s'):
+        weak_regression(Motion.prepare(short, 0.02), 'viscous', width=0.7)
+    with pytest.raises(TrajectoryError, match='shorter than the bump'):
+        weak_regression(Motion.prepare(short, 0.02), 'viscous', delay=-0.4)
+    degrees = Trajectory(short.t, np.rad2deg(np.column_stack([3 * short.t, short.t])), short.tau)
+    with pytest.raises(TrajectoryError, match=r'the shoulder turns at .* in radians'):
+        weak_regression(Motion.prepare(degrees, 0.02), 'viscous')
+
+
+@pytest.mark.recordings
+@pytest.mark.parametrize('rig', PUBLISHED)
+def test_real_rigs_are_as_published(rig):
+    motions = [Motion.prepare(t, 0.02, 'linear') for t in recorded(rig, 'train')]
+    delay = estimate_delay(motions, 'geared', default_bounds())
+    assert abs(delay) < 0.005
+    np.testing.assert_allclose(estimate(motions, 'geared', delay)[:5], PUBLISHED[rig], rtol=0.2)

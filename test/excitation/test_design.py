@@ -1,0 +1,111 @@
+"""The design of an excitation, against derivatives taken by simulating, and against the limits that it was given."""
+
+import math
+
+import numpy as np
+import pytest
+
+from pendubot_identification.errors import ExcitationError, ParameterError
+from pendubot_identification.excitation.design import Experiment, Limits, design, foresee, paper_pulses
+from pendubot_identification.excitation.excitation import PulseTrain
+from pendubot_identification.model.parameters import PAPER, Parameters
+from pendubot_identification.model.simulation import HANGING, simulate
+from test.virtual import GEARED
+
+SHORT = Experiment(duration=2.0)
+LIMITS = Limits(torque=1.0, speed=20.0)
+
+
+def expected_errors(parameters, train, experiment):
+    """Standard errors by central differences of the virtual rig itself, for a motion of a single segment."""
+    t = np.arange(round(experiment.duration / experiment.interval)) * experiment.interval
+    tau = np.column_stack([train.torques(t), np.zeros(len(t))])
+    theta = parameters.vector()
+
+    def motion(change):
+        p = Parameters.from_vector(theta * (1 + change[5:]))
+        q, qd = tuple(HANGING + change[:2]), tuple(change[2:4])
+        moved = simulate(p, t, tau, q, qd)
+        return moved.q - change[4] * moved.qd
+
+    size = 5 + len(theta)
+    step = 1e-4
+    columns = [(motion(step * e) - motion(-step * e)).ravel() / (2 * step) for e in np.eye(size)]
+    noise = 2 * math.pi / experiment.counts / math.sqrt(12)
+    jacobian = np.column_stack(columns) / noise
+    return np.sqrt(np.diag(np.linalg.inv(jacobian.T @ jacobian)))[5:] * np.abs(theta)
+
+
+@pytest.mark.parametrize('interval', [0.01, 0.001])
+def test_foresees_the_standard_errors_that_simulated_differences_give(interval):
+    experiment = Experiment(duration=2.0, interval=interval)
+    train = PulseTrain(period=0.5, width=0.2, amplitude_min=-0.6, amplitude_max=0.6, hold=0.05, seed=3)
+    (found,) = foresee(PAPER, [train], experiment)
+    np.testing.assert_allclose(found.std_error, expected_errors(PAPER, train, experiment), rtol=0.03)
+
+
+def test_foresees_the_motion_of_the_virtual_rig():
+    train = PulseTrain(seed=4)
+    t = np.arange(200) * 0.01
+    moved = simulate(PAPER, t, np.column_stack([train.torques(t), np.zeros(200)]))
+    (found,) = foresee(PAPER, [train], SHORT)
+    np.testing.assert_allclose(found.speed, np.abs(moved.qd).max(axis=0), rtol=0.03)
+    np.testing.assert_allclose(found.angle, np.abs(moved.q - HANGING).max(axis=0), rtol=0.01)
+
+
+def test_twice_the_counts_halve_the_errors_and_what_does_not_move_tells_nothing():
+    train = paper_pulses(1.0)
+    coarse, fine = (foresee(PAPER, [train], Experiment(2.0, 0.01, n))[0] for n in (4000, 8000))
+    np.testing.assert_allclose(coarse.std_error, 2 * fine.std_error, rtol=1e-6)
+    (still,) = foresee(PAPER, [PulseTrain(amplitude_min=-1e-9, amplitude_max=1e-9)], SHORT)
+    assert not (still.std_error < 1000 * coarse.std_error).any()
+
+
+def test_a_design_tells_more_than_the_papers_pulses_and_keeps_the_limits():
+    limits = Limits(torque=0.8, speed=18.0, angle=(2.0, 5.0))
+    seen = []
+    found = design(PAPER, limits, SHORT, generations=3, progress=lambda *a: seen.append(a))
+    (paper,) = foresee(PAPER, [paper_pulses(0.8)], SHORT)
+    assert found.log_information > paper.log_information
+    assert max(-found.train.amplitude_min, found.train.amplitude_max) <= 0.8
+    t = np.arange(200) * 0.01
+    moved = simulate(PAPER, t, np.column_stack([found.train.torques(t), np.zeros(200)]))
+    assert np.abs(moved.qd).max() <= 18.0
+    assert (np.abs(moved.q - HANGING).max(axis=0) <= (2.0, 5.0)).all()
+    assert sorted({done for done, _, _ in seen}) == [1, 2, 3]
+    assert np.diff([best for _, _, best in seen]).min() >= 0
+    assert design(PAPER, limits, SHORT, generations=3).train == found.train, 'same seed, same design'
+
+
+def test_designs_for_a_rig_with_dry_friction_and_a_rotor():
+    rig = Parameters.from_vector(GEARED)
+    experiment = Experiment(duration=1.0, interval=0.01)
+    found = design(rig, Limits(torque=4.0, speed=25.0), experiment, generations=1)
+    assert np.isfinite(found.std_error[:-1]).all()
+    assert np.isinf(found.std_error[-1]), 'no torque at the elbow, so nothing of k2'
+    assert found.speed.max() <= 25.0
+
+
+def test_refuses_what_makes_no_sense():
+    with pytest.raises(ParameterError, match='limit of the speed is 0'):
+        Limits(speed=0.0)
+    with pytest.raises(ParameterError, match='limit of the angle is -1'):
+        Limits(angle=(-1.0, 1.0))
+    with pytest.raises(ParameterError, match='limit of the torque is nan'):
+        Limits(torque=math.nan)
+    with pytest.raises(ParameterError, match='cannot be designed'):
+        Experiment(duration=0.1)
+    with pytest.raises(ParameterError, match='counts'):
+        Experiment(counts=0)
+    with pytest.raises(ExcitationError, match='allow a greater speed or angle'):
+        design(PAPER, Limits(torque=1.0, speed=1e-3), SHORT, generations=2)
+    with pytest.raises(ParameterError, match='no rig moves like this'):
+        foresee(Parameters(1e-3, 1e-3, 1e-3, 0, 0, 0, 0), [paper_pulses(1.0)], SHORT)
+
+
+@pytest.mark.filterwarnings('error')
+def test_torques_that_throw_the_rig_out_of_all_floats_are_no_design_and_no_warning():
+    limits = Limits(torque=1000.0, speed=1e5)
+    assert limits.used(np.full(2, np.inf), np.full(2, np.inf)) == np.inf
+    with pytest.raises(ExcitationError, match='no pulses up to 1000 N m were found'):
+        design(PAPER, limits, Experiment(), generations=1)

@@ -1,0 +1,26 @@
+"""Real results of a few seconds of the sample bag, for tests of what is made of them."""
+
+import functools
+
+from pendubot_identification.identify.identification import identify
+from pendubot_identification.identify.settings import CRITERIA, Settings
+from pendubot_identification.recordings.bag_reader import read_trajectory
+from pendubot_identification.recordings.datasets import Source
+from pendubot_identification.results.result_file import result_data
+from test.conftest import ROOT
+
+SAMPLE = ROOT / 'bags' / 'paper_experiment'
+SOURCE = Source('swing@0:4', 'training', 400, 3.99, '0' * 64, True)
+
+
+@functools.cache
+def identified(criteria=CRITERIA, model='viscous', optimizer='lsq', hold='zero', validate=True):
+    """Return what 4 s say, judged on the next 4 s or on parts of themselves."""
+    motion = read_trajectory(SAMPLE).trajectory
+    validation = [motion[400:800]] if validate else []
+    return identify([motion[:400]], validation, Settings(criteria, model, optimizer, hold=hold))
+
+
+def plain(*args, **settings):
+    """Return the same as plain data, a copy of one's own."""
+    return result_data(identified(*args, **settings), [SOURCE])

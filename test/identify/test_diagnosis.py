@@ -1,0 +1,179 @@
+"""Faults of convention are named, and nothing is named where there are none."""
+
+import functools
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pendubot_identification.excitation.excitation import PulseTrain
+from pendubot_identification.identify.diagnosis import diagnose, link_length
+from pendubot_identification.identify.identification import identify
+from pendubot_identification.identify.settings import Settings
+from pendubot_identification.level import Level
+from pendubot_identification.model.parameters import PAPER
+from pendubot_identification.model.simulation import HANGING, quantised, simulate
+from pendubot_identification.trajectories.motion import Motion
+from test.identify import test_identification
+
+recorded = functools.cache(test_identification.recorded)
+LENGTHS = {'dfki_C1_sysid': 0.2, 'dfki_A0_sysid': 0.3}
+HANG = np.array(HANGING)
+
+
+def pulses(rate=100, seed=1):
+    t = np.arange(9 * rate) / rate
+    tau = np.column_stack([[PulseTrain(seed=seed).torque(x) for x in t], np.zeros(len(t))])
+    return quantised(simulate(PAPER, t, tau), 4000)
+
+
+def moved(q1=0.0, q2=0.0):
+    return lambda m: replace(m, q=m.q + np.radians([q1, q2]))
+
+
+def late(motion):
+    """The effort's stamps 20 ms late."""
+    samples = round(0.02 / motion.interval)
+    return replace(motion, tau=np.concatenate([np.repeat(motion.tau[:1], samples, axis=0), motion.tau[:-samples]]))
+
+
+#: Of a rig with a motor at both joints, and the beginning of the sentence.
+FAULTS = {
+    'elbow turned': (lambda m: replace(m, q=m.q * [1, -1], tau=m.tau * [1, -1]), 'the elbow turns the other way'),
+    'elbow encoder': (lambda m: replace(m, q=m.q * [1, -1]), "the elbow's position has the wrong sign"),
+    'shoulder encoder': (
+        lambda m: replace(m, q=(m.q - HANG) * [-1, 1] + HANG),
+        "the shoulder's position has the wrong sign",
+    ),
+    'effort': (lambda m: replace(m, tau=-m.tau), 'the effort has the wrong sign'),
+    'shoulder encoder from the horizontal': (
+        lambda m: replace(m, q=m.q * [-1, 1]),
+        "the shoulder's position has the wrong sign, as measured from the horizontal",
+    ),
+    'order as measured': (
+        lambda m: replace(m, q=m.q[:, ::-1], tau=m.tau[:, ::-1]),
+        'the joints are in the wrong order',
+    ),
+    'columns as measured': (lambda m: replace(m, q=m.q[:, ::-1]), "the joints' positions are in the wrong order"),
+    'order': (
+        lambda m: replace(m, q=(m.q - HANG)[:, ::-1] + HANG, tau=m.tau[:, ::-1]),
+        'the joints are in the wrong order',
+    ),
+    'q1 zero': (moved(q1=5), r"q1's zero is off by [45]\.\d"),
+    'q2 zero': (moved(q2=5), r"q2's zero is off by [45]\.\d"),
+    'hanging': (moved(q1=90), r"q1's zero is off by (89|90)\.\d"),
+    'absolute': (
+        lambda m: replace(m, q=np.column_stack([m.q[:, 0], m.q[:, 1] + m.q[:, 0] - HANG[0]])),
+        "the elbow's position is absolute",
+    ),
+    'late effort': (late, r'the effort is stamped 2\d ms later than it acts'),
+}
+
+
+#: All others are errors.
+MILD = ('q1 zero', 'q2 zero', 'hanging', 'late effort')
+
+
+@pytest.mark.parametrize('fault', FAULTS)
+def test_a_fault_of_the_papers_rig_is_named(fault):
+    spoil, found = FAULTS[fault]
+    if fault == 'elbow turned':
+        found = "the elbow's position has the wrong sign"  # its effort is zero whatever the sign
+    sentences = diagnose([spoil(pulses())], 0.02, 'zero', 'viscous')
+    assert len(sentences) == 1
+    assert re.match(found, sentences[0])
+    assert re.search(r'[\d.]+ % of the squared effort is left unexplained as recorded and [\d.]+ % with', sentences[0])
+    assert sentences[0].level == (Level.WARN if fault in MILD else Level.ERROR)
+
+
+@pytest.mark.parametrize('rate', [100, 500])
+@pytest.mark.parametrize('seed', range(3))
+def test_of_good_recordings_nothing_is_said(rate, seed):
+    length = PAPER.P3 / PAPER.P5
+    assert diagnose([pulses(rate, seed)], 0.02, 'zero', 'viscous', expected_link_length=length) == ()
+
+
+def test_two_faults_are_named_one_after_the_other():
+    first, second = diagnose([late(FAULTS['effort'][0](pulses()))], 0.02, 'zero', 'viscous')
+    assert 'the effort has the wrong sign' in first.split(':')[0].split(', or ')
+    assert second.startswith('the effort is stamped 20 ms later than it acts')
+
+
+def test_a_constant_effort_is_no_zero():
+    (sentence,) = diagnose([replace(m := pulses(), tau=m.tau + np.array([0.05, 0]))], 0.02, 'zero', 'viscous')
+    assert sentence.startswith("the shoulder's effort is off by a constant 0.05 N m: ")
+    assert 'zero' not in sentence.split(':')[0]
+    # Read as the wrong data ask for, a zero explains it better.
+    (sentence,) = diagnose([replace(m := pulses(), tau=m.tau + np.array([0.05, 0]))], 0.05, 'linear', 'viscous')
+    assert sentence.startswith("the shoulder's effort is off by a constant 0.05 N m: ")
+
+
+@pytest.mark.parametrize('criterion', ['trajectory', 'weak'])
+def test_a_result_with_a_wrong_sign_is_an_error_whatever_the_criterion(criterion):
+    found = identify([FAULTS['effort'][0](pulses())], (), Settings((criterion,), 'viscous', optimizer='lsq'))
+    assert found.level == Level.ERROR
+    assert found.warnings[0].startswith('the effort has the wrong sign')
+
+
+@pytest.mark.parametrize('columns', [lambda m: m.tau[::-1], lambda m: np.roll(m.tau, len(m.tau) // 3, axis=0)])
+def test_a_motion_that_no_remedy_mends_is_said_to_fit_none(columns):
+    (found,) = diagnose([replace(m := pulses(), tau=columns(m))], 0.02, 'zero', 'viscous')
+    assert found.startswith('the motion does not fit any pendubot: ')
+    assert found.level == Level.ERROR
+
+
+def test_a_delay_that_is_known_is_no_fault():
+    motion = late(pulses())
+    assert diagnose([motion], 0.02, 'zero', 'viscous', delay=-0.02) == ()
+    assert 'identify with a delay of -0.020 s' in diagnose([motion], 0.02, 'zero', 'viscous')[0]
+
+
+def test_an_effort_in_other_units_cannot_be_noticed():
+    motion = pulses()
+    assert diagnose([replace(motion, tau=1000 * motion.tau)], 0.02, 'zero', 'viscous') == ()
+
+
+def test_too_little_to_tell_is_no_fault():
+    motion = pulses()
+    assert diagnose([motion.window(0, 0.7)], 0.02, 'zero', 'viscous') == ()
+    assert diagnose([replace(motion, tau=0 * motion.tau)], 0.02, 'zero', 'viscous') == ()
+    assert diagnose([motion.window(0, 1.05)], 0.02, 'zero', 'viscous') == ()
+    still = replace(motion, q=np.broadcast_to(HANG, motion.q.shape))
+    assert diagnose([still], 0.02, 'zero', 'viscous') == ()
+
+
+@pytest.mark.parametrize(('rate', 'smoothing'), [(100, 0.02), (500, 0.02), (500, 0.05)])
+def test_the_elbow_alone_tells_the_length_of_link_1(rate, smoothing):
+    length, error = link_length([Motion.prepare(pulses(rate), smoothing)], 'viscous')
+    assert length == pytest.approx(PAPER.P3 / PAPER.P5, rel=0.01)
+    assert error < 0.01 * length
+    longer = 1.2 * PAPER.P3 / PAPER.P5
+    (sentence,) = diagnose([pulses(rate)], 0.02, 'zero', 'viscous', expected_link_length=longer)
+    assert re.match(r'the elbow moves as on a link 1 of 0\.030 \+- 0\.000 m, 0\.036 m is expected', sentence)
+
+
+@pytest.mark.recordings
+@pytest.mark.parametrize('rig', LENGTHS)
+def test_real_rigs_have_links_of_their_length(rig):
+    length, error = link_length([Motion.prepare(t, 0.02, 'linear') for t in recorded(rig, 'train')], 'rotor')
+    assert abs(length - LENGTHS[rig]) < 3 * error
+    assert error < 0.05 * LENGTHS[rig]
+
+
+@pytest.mark.recordings
+@pytest.mark.parametrize('rig', LENGTHS)
+def test_of_real_recordings_nothing_is_said(rig):
+    motions = recorded(rig, 'train')
+    for some in (motions, *([motion[::5]] for motion in motions)):
+        assert diagnose(some, 0.02, 'linear', 'geared', expected_link_length=LENGTHS[rig]) == ()
+
+
+@pytest.mark.recordings
+@pytest.mark.parametrize('fault', FAULTS)
+@pytest.mark.parametrize('rig', LENGTHS)
+def test_a_fault_of_a_real_rig_is_named(rig, fault):
+    spoil, found = FAULTS[fault]
+    sentences = diagnose([spoil(motion[::5]) for motion in recorded(rig, 'train')], 0.02, 'linear', 'rotor')
+    assert len(sentences) == 1
+    assert re.match(found, sentences[0])

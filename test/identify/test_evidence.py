@@ -1,0 +1,159 @@
+"""What a report shows of an answer, against what the criteria and independent formulas say."""
+
+import warnings
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pendubot_identification.criteria.trajectory_fit import segment_errors
+from pendubot_identification.identify.evidence import (
+    SHOWN,
+    Answer,
+    autocorrelation,
+    excitation,
+    residuals,
+    simulate_beside,
+)
+from pendubot_identification.identify.prediction import predict, state_scale
+from pendubot_identification.identify.settings import Settings
+from pendubot_identification.model.parameters import PAPER
+from pendubot_identification.trajectories.motion import Motion
+from pendubot_identification.trajectories.trajectory import Trajectory
+from test.identified import identified
+from test.virtual import exact_motion, recording, vector
+
+THETA = PAPER.vector()
+
+
+def answer(theta=THETA, criterion='trajectory', model='viscous', delay=0.0):
+    return Answer(criterion, model, np.array(theta), delay)
+
+
+@pytest.fixture(scope='module')
+def found():
+    """A real result with what it was made of."""
+    from pendubot_identification.recordings.bag_reader import read_trajectory
+    from test.identified import SAMPLE
+
+    result = identified()
+    motion = Motion.prepare(read_trajectory(SAMPLE).trajectory[:400], result.smoothing)
+    return result, [motion], state_scale([motion])
+
+
+@pytest.mark.parametrize('criterion', ['energy', 'weak'])
+def test_the_mean_square_of_the_residuals_is_J(found, criterion):
+    result, motions, scale = found
+    estimate = next(e for e in result.estimates if e.criterion == criterion)
+    given = answer(estimate.theta, criterion, delay=estimate.effort.delay)
+    left = residuals(motions, given, result.settings, result.smoothing, scale)
+    everything = np.concatenate([values for _, values in left.parts])
+    assert everything.size == estimate.residuals
+    np.testing.assert_allclose((everything**2).mean(), estimate.J, rtol=1e-6)
+    assert all(np.diff(t).min() > 0 for t, _ in left.parts)
+
+
+def test_of_trajectory_J_is_that_and_what_holds_the_initial_states(found):
+    result, motions, scale = found
+    estimate = next(e for e in result.estimates if e.criterion == 'trajectory')
+    bounds = result.settings.bounds.of(7)
+    _, errors = segment_errors(motions, estimate.theta, estimate.effort.delay, bounds, scale)
+    mean = (errors[0] ** 2).mean()
+    assert errors[0].size == estimate.residuals
+    assert 0.3 * estimate.J < mean < estimate.J
+    left = residuals(motions, answer(estimate.theta), result.settings, result.smoothing, scale)
+    ((t, values),) = left.parts
+    assert np.diff(t).min() > 0, 'segments that overlap would show times twice'
+    assert values.shape == (len(t), 4)
+    assert (values**2).mean() < 5 * estimate.J
+
+
+def test_autocorrelation_against_the_sum_itself():
+    rng = np.random.default_rng(1)
+    parts = [rng.normal(size=(200, 2)), rng.normal(size=(90, 2))]
+    for lag in (0, 1, 7, 50):
+        expected = sum((p[: len(p) - lag] * p[lag:]).sum(axis=0) for p in parts) / sum(
+            (p**2).sum(axis=0) for p in parts
+        )
+        np.testing.assert_allclose(autocorrelation(parts, 50)[lag], expected, atol=1e-12)
+
+
+def test_white_residuals_lie_within_the_band_and_others_do_not():
+    rng = np.random.default_rng(2)
+    white = rng.normal(size=(4000, 1))
+    band = 1.96 / np.sqrt(len(white))
+    assert 0.9 < (np.abs(autocorrelation([white], 400)[1:]) < band).mean() < 0.99
+    bent = white + np.convolve(white[:, 0], np.ones(20) / 10, mode='same')[:, None]
+    assert (np.abs(autocorrelation([bent], 10)[1:]) > band).all()
+
+
+def test_nothing_lies_between_an_exact_motion_and_its_simulation():
+    theta = vector('viscous')
+    motion = exact_motion(theta, samples=1500)
+    shown = simulate_beside([motion], answer(theta), state_scale([motion]))
+    assert shown.whole
+    assert shown.ahead == 1.0
+    expected = motion.states(shown.simulated_t)
+    np.testing.assert_allclose(np.moveaxis(shown.simulated, 1, 0), expected, atol=1e-6)
+
+
+def test_what_is_simulated_is_what_the_predictions_judge():
+    motion = Motion.prepare(recording(1000), 0.02)
+    wrong, scale = THETA * 1.1, state_scale([motion])
+    shown = simulate_beside([motion], answer(wrong), scale)
+    ends = np.moveaxis(shown.simulated, 1, 0)[:, -1] - motion.states(shown.simulated_t[-1])
+    off = np.sqrt(((ends / scale[:, None]) ** 2).mean())
+    judged = predict([motion], wrong, 0.0, scale).error[-1]
+    assert judged / 3 < off < 3 * judged
+
+
+def test_of_long_recordings_the_worst_part_is_shown():
+    good = recording(4000, name='a')
+    t = good.t
+    # For two seconds the recorded torque is not the one that acted.
+    tau = good.tau + np.outer((t > 25) & (t < 27), [0.05, 0.0])
+    motion = Motion.prepare(replace(good, tau=tau), 0.02)
+    shown = simulate_beside([Motion.prepare(recording(800, seed=2, name='b'), 0.02), motion], answer(), np.ones(4))
+    assert shown.name == 'a'
+    assert not shown.whole
+    assert shown.t[0] < 25 < 27 < shown.t[-1]
+    assert shown.t[-1] - shown.t[0] <= SHOWN
+
+
+def test_a_simulation_that_is_lost_becomes_nan_and_no_warning():
+    motion = Motion.prepare(recording(600), 0.02)
+    lost = THETA.copy()
+    lost[5:] = -10.0
+    with warnings.catch_warnings():
+        warnings.simplefilter('error')
+        shown = simulate_beside([motion], answer(lost), state_scale([motion]))
+    assert np.isnan(shown.simulated).any()
+    assert not np.isinf(shown.simulated).any()
+
+
+def test_a_parameter_whose_joint_rests_has_nothing_of_its_own():
+    motion = Motion.prepare(recording(900), 0.02)
+    moving = excitation([motion], answer())
+    t = np.arange(900) * 0.01
+    q = np.column_stack([-np.pi / 2 + 0.3 * np.sin(2 * np.pi * t), 1e-6 * np.sin(9 * t)])
+    still = excitation([Motion.prepare(Trajectory(t, q, np.zeros_like(q)), 0.02)], answer())
+    b2 = 6
+    assert still.term[b2].max() < 1e-3 * moving.term[b2].max()
+    # With the elbow held, the two links are one pendulum: P1, P2 and P3 say the same of the shoulder.
+    assert (still.own[:3, 0] < 1e-2 * still.term[:3, 0]).all()
+    assert (moving.own[:3, 0] > 1e-2 * moving.term[:3, 0]).all()
+    for shown in (moving, still):
+        assert (shown.own <= shown.term).all()
+        assert shown.term[0, 1] == shown.own[0, 1] == 0.0, "P1 has no part in the elbow's equation"
+
+
+def test_residuals_share_data_over_the_window_of_their_balance():
+    motion = Motion.prepare(recording(600), 0.02)
+    scale = state_scale([motion])
+    shared = {
+        sliding: residuals(
+            [motion], answer(criterion='energy'), Settings(('energy',), 'viscous', sliding=sliding), 0.02, scale
+        ).shared
+        for sliding in (None, 0.3)
+    }
+    assert shared == {None: np.inf, 0.3: 0.3}

@@ -1,0 +1,160 @@
+"""How simulated motions are held against what happened, by an independent count of the errors."""
+
+import warnings
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+
+from pendubot_identification.identify.prediction import HORIZONS, Prediction, predict, state_scale
+from pendubot_identification.model.parameters import PAPER
+from pendubot_identification.trajectories.motion import Motion
+from pendubot_identification.trajectories.trajectory import Trajectory
+from test.virtual import exact_motion, recording, vector
+
+SCALE = np.array([0.7, 1.5, 3.0, 8.0])
+COUNT = len(HORIZONS)
+
+
+@pytest.mark.parametrize(('model', 'delay'), [('viscous', 0), ('coulomb', 3), ('rotor', 0), ('geared', -5)])
+def test_the_truth_foresees_exactly_and_nothing_else_does(model, delay):
+    motions = [exact_motion(vector(model), 450, seed=seed, start=seed, delay=delay) for seed in (1, 2)]
+    scale = state_scale(motions)
+    prediction = predict(motions, vector(model), 0.004 * delay, scale)
+    np.testing.assert_allclose(prediction.errors, 0, atol=1e-6)
+    np.testing.assert_allclose(prediction.fit, 100, atol=1e-3)
+    assert prediction.loss < -10
+    assert (prediction.starts > 20).all()
+    assert (predict(motions, vector(model), 0.004 * delay + 0.02, scale).error > 0.005).all()
+    assert (predict(motions, vector(model) * 1.5, 0.004 * delay, scale).error[1:] > 0.001).all()
+    assert (prediction.standing_still > 0.05).all()
+
+
+def accelerations(P1, P2, P3, P4, P5, b1, b2, q1, q2, v1, v2, torque):
+    """PAPER.md's equation (1), written down once more."""
+    M = [[P1 + P2 + 2 * P3 * np.cos(q2), P2 + P3 * np.cos(q2)], [P2 + P3 * np.cos(q2), P2]]
+    V = [[-P3 * v2 * np.sin(q2), -P3 * (v1 + v2) * np.sin(q2)], [P3 * v1 * np.sin(q2), 0]]
+    G = [P4 * 9.81 * np.cos(q1) + P5 * 9.81 * np.cos(q1 + q2), P5 * 9.81 * np.cos(q1 + q2)]
+    return np.linalg.solve(M, np.array([torque - b1 * v1, -b2 * v2]) - np.array(V) @ [v1, v2] - G)
+
+
+def test_errors_are_those_of_an_integration_by_other_means():
+    """Every 50 ms, from the smoothed state, with the torque held: what there is half a second later."""
+    recorded = recording(160, strength=0.3)
+    motion, theta, horizon = Motion.prepare(recorded, 0.02), PAPER.vector() * 1.2, 0.5
+    off, still = [], []
+    for start in range(0, 160 - 50, 5):
+        state = motion.smoothed(recorded.t[start])
+        after = state
+        for k in range(start, start + 50):
+            after = solve_ivp(
+                lambda _, s, k=k: [*s[2:], *accelerations(*theta, *s, recorded.tau[k, 0])],
+                (0, 0.01),
+                after,
+                rtol=1e-9,
+                atol=1e-10,
+            ).y[:, -1]
+        truth = motion.smoothed(recorded.t[start] + horizon)
+        off.append((after - truth) / SCALE)
+        still.append((state - truth) / SCALE)
+    prediction = predict([motion], theta, 0.0, SCALE)
+    row = HORIZONS.index(horizon)
+    assert prediction.starts[row] == len(off)
+    np.testing.assert_allclose(prediction.errors[row], np.sqrt(np.mean(np.square(off), axis=0)), rtol=1e-4)
+    np.testing.assert_allclose(prediction.still[row], np.sqrt(np.mean(np.square(still), axis=0)), rtol=1e-4)
+    np.testing.assert_allclose(prediction.error[row], np.sqrt(np.mean(np.square(off))), rtol=1e-4)
+    np.testing.assert_allclose(prediction.standing_still[row], np.sqrt(np.mean(np.square(still))), rtol=1e-4)
+
+
+def test_standing_still_is_the_change_of_the_states_themselves():
+    t = np.arange(300) * 0.01
+    q = np.column_stack([0.3 * t, -2 * t])
+    motion = Motion.prepare(Trajectory(t, q, np.zeros_like(q)), 0.0)
+    prediction = predict([motion], PAPER.vector(), 0.0, SCALE)
+    for horizon, still in zip(HORIZONS, prediction.still, strict=True):
+        np.testing.assert_allclose(still, np.array([0.3 * horizon, 2 * horizon, 0, 0]) / SCALE, rtol=0.05, atol=1e-9)
+
+
+@pytest.mark.parametrize('duration', [0.07, 0.15, 0.3, 0.8, 1.2])
+def test_horizons_longer_than_the_motion_are_not_known(duration):
+    with warnings.catch_warnings():
+        warnings.simplefilter('error')
+        prediction = predict(
+            [exact_motion(vector('viscous'), round(duration / 0.004) + 1)], vector('viscous'), 0.0, SCALE
+        )
+    longer = np.array(HORIZONS) >= duration
+    np.testing.assert_array_equal(np.isnan(prediction.errors).all(axis=1), longer)
+    np.testing.assert_array_equal(np.isnan(prediction.still).any(axis=1), longer)
+    np.testing.assert_array_equal(prediction.starts == 0, longer)
+    assert np.isnan(prediction.loss) == longer.all()
+
+
+@pytest.mark.parametrize('delay', [0.0, 0.0041, -0.0041, 0.05])
+def test_nothing_before_the_first_and_behind_the_last_sample_is_foreseen(delay):
+    """There the smoothed states are not known; outside they are here made such that they would be noticed."""
+    motion = exact_motion(vector('viscous'), 300, 0.01, strength=0.2)
+    inside = Spy(motion)
+    predict([inside.motion], vector('viscous'), delay, SCALE)
+    assert inside.earliest >= motion.start - 2e-4
+    assert inside.latest <= motion.end + 2e-4
+
+
+class Spy:
+    """A motion that remembers at which times its states were asked for."""
+
+    def __init__(self, motion):
+        self.earliest, self.latest = np.inf, -np.inf
+
+        def smoothed(t, derivative=0):
+            self.earliest, self.latest = min(self.earliest, np.min(t)), max(self.latest, np.max(t))
+            return motion.smoothed(t, derivative)
+
+        self.motion = replace(motion, smoothed=smoothed)
+
+
+def test_a_hopeless_simulation_is_lost_and_no_more():
+    motion = exact_motion(vector('viscous'), 300)
+    with warnings.catch_warnings():
+        warnings.simplefilter('error')
+        prediction = predict([motion], vector('viscous') * [1, 1, 1, 1, 1, -1e4, 1], 0.0, SCALE)
+    assert np.isfinite(prediction.errors).all()
+    assert prediction.errors.max() == 1e3
+    assert prediction.loss > 3
+
+
+@settings(max_examples=6)
+@given(st.integers(0, 10**6), st.permutations([1.6, 0.4, 0.6]))
+def test_pooled_predictions_are_the_prediction_of_all_together(seed, durations):
+    motions = [
+        exact_motion(vector('viscous'), round(duration / 0.004), seed=seed + k) for k, duration in enumerate(durations)
+    ]
+    theta = vector('viscous') * np.random.default_rng(seed).uniform(0.7, 1.4, 7)
+    together = predict(motions, theta, 0.0, SCALE)
+    pooled = Prediction.pool([predict([motion], theta, 0.0, SCALE) for motion in motions])
+    np.testing.assert_array_equal(pooled.starts, together.starts)
+    np.testing.assert_allclose(pooled.errors, together.errors)
+    np.testing.assert_allclose(pooled.still, together.still)
+    again = Prediction.pool([pooled, Prediction.none()])
+    np.testing.assert_allclose(again.errors, pooled.errors)
+
+
+def test_the_loss_is_the_mean_logarithm_up_to_half_a_second():
+    errors = np.repeat([[0.1], [0.2], [0.4], [50.0]], 4, axis=1)
+    prediction = Prediction(errors, errors, np.full(COUNT, 10))
+    assert prediction.loss == pytest.approx(np.log([0.1, 0.2, 0.4]).mean())
+    errors[1:] = np.nan
+    assert Prediction(errors, errors, np.array([5, 0, 0, 0])).loss == pytest.approx(np.log(0.1))
+    errors[:] = np.nan
+    assert np.isnan(Prediction(errors, errors, np.zeros(COUNT, dtype=int)).loss)
+
+
+def test_the_scale_is_the_deviation_of_all_motions_together():
+    motions = [exact_motion(vector('viscous'), n, seed=n) for n in (300, 900)]
+    states = np.concatenate([m.smoothed(m.recorded.t) for m in motions])
+    np.testing.assert_allclose(state_scale(motions), states.std(axis=0), rtol=0.02)
+    t = np.arange(100) * 0.01
+    at_rest = Motion.prepare(Trajectory(t, np.zeros((100, 2)), np.zeros((100, 2))), 0.0)
+    assert (state_scale([at_rest]) > 0).all()

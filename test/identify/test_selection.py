@@ -1,0 +1,124 @@
+"""What is left out in turn, and which model the predictions of that speak for."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pendubot_identification.identify.prediction import HORIZONS, Prediction
+from pendubot_identification.identify.selection import compare_models, folds
+from pendubot_identification.model.parameters import MODELS
+from pendubot_identification.trajectories.motion import Motion
+from pendubot_identification.trajectories.trajectory import Trajectory
+
+
+def motion(samples, start=0.0, name='m'):
+    t = start + 0.01 * np.arange(samples)
+    return Motion.prepare(Trajectory(t, np.zeros((samples, 2)), np.zeros((samples, 2)), name=name), 0.0)
+
+
+recordings = st.lists(st.integers(100, 900), min_size=1, max_size=6).map(
+    lambda lengths: [motion(n, start=3.0 * k, name=f'recording {k}') for k, n in enumerate(lengths)]
+)
+
+
+@given(recordings)
+def test_folds_leave_nothing_out_twice_and_lose_nothing(motions):
+    found = folds(motions)
+    for whole in motions:
+        held_out = sorted((f.held_out.start, f.held_out.end) for f in found if f.held_out.name == whole.name)
+        edges = np.array(held_out).ravel()
+        assert edges[0] == whole.start
+        assert edges[-1] == whole.end
+        np.testing.assert_array_equal(edges[1:-1:2], edges[2::2], 'one begins where the other ends')
+        assert (np.diff(edges)[::2] > 0).all()
+    total = sum(m.end - m.start for m in motions)
+    for fold in found:
+        everything = [fold.held_out, *fold.training]
+        assert sum(m.end - m.start for m in everything) == pytest.approx(total)
+        for m in fold.training:
+            if m.name == fold.held_out.name:
+                assert m.end <= fold.held_out.start or m.start >= fold.held_out.end
+        assert all(len(m.recorded) > 1 for m in everything)
+
+
+@given(recordings)
+def test_what_is_left_out_is_named(motions):
+    found = folds(motions)
+    assert len({f.name for f in found}) == len(found)
+    if len(motions) >= 3:
+        assert [f.name for f in found] == [m.name for m in motions]
+        assert [f.held_out for f in found] == motions
+    else:
+        assert len(found) in (5, 6)
+        assert all(f.name.startswith(f.held_out.name + ', ') and f.name.endswith(' s') for f in found)
+        first = found[0].held_out
+        assert found[0].name == f'{first.name}, 0.00 to {first.end - first.start:.2f} s'
+
+
+def foreseen(loss=0.0):
+    """A prediction of a given loss."""
+    errors = np.full((len(HORIZONS), 4), np.exp(loss))
+    return Prediction(errors, errors, np.full(len(HORIZONS), 10))
+
+
+losses = st.integers(2, 8).flatmap(
+    lambda count: st.lists(
+        st.lists(st.floats(-6, 1), min_size=count, max_size=count), min_size=len(MODELS), max_size=len(MODELS)
+    )
+)
+
+
+@given(losses)
+def test_the_smallest_model_within_one_standard_error_of_the_best_is_chosen(rows):
+    chosen, scores = compare_models(
+        {model: [foreseen(loss) for loss in row] for model, row in zip(MODELS, rows, strict=True)}
+    )
+    assert [s.model for s in scores] == list(MODELS)
+    values = np.array(rows)
+    best = values[np.argmin(values.mean(axis=1))]
+    for score, row in zip(scores, values, strict=True):
+        assert score.loss == pytest.approx(row.mean())
+        deviation = np.std(row - best, ddof=1) / np.sqrt(len(row))
+        assert score.behind == pytest.approx((row.mean() - best.mean(), deviation), abs=1e-9)
+        assert score.error.shape == (3,)
+    number = list(MODELS).index(chosen)
+    within = [s.behind[0] <= s.behind[1] for s in scores]
+    assert within[number]
+    assert not any(within[:number])
+    assert scores[number].loss >= min(s.loss for s in scores)
+
+
+def test_what_all_models_find_hard_says_nothing_of_which_is_better():
+    """Recordings differ by far more than the models, but on every one the third is better than the first two."""
+    hard = np.array([-4.0, -1.0, -2.5, 0.0])
+    noise = np.array([0.01, -0.01, 0.0, 0.005])
+    rows = {'viscous': hard + 0.3, 'coulomb': hard + 0.2 + noise, 'rotor': hard, 'geared': hard + noise / 10}
+    chosen, _ = compare_models({model: [foreseen(loss) for loss in row] for model, row in rows.items()})
+    assert chosen == 'rotor'
+
+
+def test_a_larger_model_that_is_better_on_one_recording_only_is_not_chosen():
+    even = np.array([-2.0, -2.1, -1.9, -2.0])
+    rows = {'viscous': even, 'coulomb': even - [0.5, 0, -0.05, 0], 'rotor': even + 1, 'geared': even + 1}
+    chosen, scores = compare_models({model: [foreseen(loss) for loss in row] for model, row in rows.items()})
+    assert scores[1].loss < scores[0].loss
+    assert chosen == 'viscous'
+
+
+def test_folds_that_tell_nothing_do_not_count():
+    """Recordings too short for any prediction, beside one that is not; and no other at all."""
+    nothing = Prediction.none()
+    rows = {'viscous': -1.0, 'coulomb': -3.0, 'rotor': -3.0, 'geared': -2.0}
+    chosen, scores = compare_models({model: [nothing, foreseen(loss), nothing] for model, loss in rows.items()})
+    assert chosen == 'coulomb'
+    assert scores[0].behind == (2.0, pytest.approx(np.nan, nan_ok=True)), 'of one fold there is no spread'
+    assert compare_models({model: [nothing] for model in rows})[0] == 'viscous'
+
+
+def test_a_model_that_is_exact_is_chosen_whatever_the_folds_say():
+    rows = {'viscous': -1.0, 'coulomb': -2.0, 'rotor': -3.0}
+    chosen, scores = compare_models({model: [foreseen(loss)] * 3 for model, loss in rows.items()}, exact='coulomb')
+    assert chosen == 'coulomb'
+    assert [s.exact for s in scores] == [False, True, False]
+    assert not any(s.exact for s in compare_models({model: [foreseen(loss)] for model, loss in rows.items()})[1])

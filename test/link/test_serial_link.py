@@ -1,0 +1,373 @@
+"""A real port object on a real pseudo-terminal: read at once, opened again, held alone, explained when missing."""
+
+import contextlib
+import errno
+import fcntl
+import os
+import pty
+import re
+import select
+import threading
+import time
+import tty
+from itertools import pairwise
+
+import pytest
+import serial
+
+from pendubot_identification.errors import LinkError
+from pendubot_identification.link.frame_writer import FrameWriter
+from pendubot_identification.link.protocol import Decoder, Hello, HelloRequest, State, Status, encode
+from pendubot_identification.link.pty_server import PtyServer
+from pendubot_identification.link.serial_link import SerialLink, open_port
+from pendubot_identification.link.virtual_board import BoardSettings, VirtualBoard
+from pendubot_identification.model.parameters import PAPER
+from pendubot_identification.model.simulation import Plant
+
+
+class Ear:
+    """Keeps what a link says, and waits for it."""
+
+    def __init__(self, port, baud=115200):
+        self.data = b''
+        self.arrivals = []
+        self.closed = []
+        self.opened = 0
+        self._changed = threading.Condition()
+        self.link = SerialLink(str(port), baud, self._on_bytes, self._on_opened, self._on_closed)
+
+    def __enter__(self):
+        self.link.start()
+        return self
+
+    def __exit__(self, *_):
+        self.link.close()
+
+    def _on_bytes(self, data, arrival):
+        with self._changed:
+            self.data += data
+            self.arrivals.append(arrival)
+            self._changed.notify_all()
+
+    def _on_opened(self):
+        with self._changed:
+            self.opened += 1
+            self._changed.notify_all()
+
+    def _on_closed(self, reason):
+        with self._changed:
+            self.closed.append(reason)
+            self._changed.notify_all()
+
+    def wait(self, condition, timeout=10.0):
+        with self._changed:
+            assert self._changed.wait_for(lambda: condition(self), timeout), vars(self)
+
+
+class Pty:
+    """A pseudo-terminal behind a link, as a device is behind a udev link."""
+
+    def __init__(self, link):
+        self.master, slave = pty.openpty()
+        tty.setraw(slave)
+        self.slave = os.ttyname(slave)
+        self.link = link
+        link.unlink(missing_ok=True)
+        link.symlink_to(self.slave)
+        os.close(slave)
+
+    def unplug(self):
+        self.link.unlink()
+        os.close(self.master)
+
+
+@pytest.fixture
+def port(tmp_path):
+    return tmp_path / 'board'
+
+
+def test_bytes_arrive_with_their_time_and_go_out(port):
+    device = Pty(port)
+    with Ear(port) as ear:
+        ear.wait(lambda e: e.opened)
+        before = time.monotonic_ns()
+        os.write(device.master, b'\x00hello\r\n\x03\x11\x13')
+        ear.wait(lambda e: e.data == b'\x00hello\r\n\x03\x11\x13')
+        assert before <= ear.arrivals[0] <= time.monotonic_ns()
+        assert ear.link.write(b'\x00out\r\n\x04')
+        assert os.read(device.master, 100) == b'\x00out\r\n\x04'
+        device.unplug()
+
+
+def test_bytes_that_came_while_they_were_read_do_not_seem_to_have_come_before_they_were_sent(port, monkeypatch):
+    """As when this process loses the processor between waking up and reading."""
+    device, sent = Pty(port), []
+    read = os.read
+
+    def late(descriptor, size):
+        if not sent:
+            os.write(device.master, b'second')
+            sent.append(time.monotonic_ns())
+        return read(descriptor, size)
+
+    with Ear(port) as ear:
+        ear.wait(lambda e: e.opened)
+        monkeypatch.setattr('pendubot_identification.link.serial_link.os.read', late)
+        os.write(device.master, b'first')
+        ear.wait(lambda e: e.data == b'firstsecond')
+        assert ear.arrivals[-1] >= sent[0]
+
+
+def test_what_came_before_the_port_was_opened_is_not_heard(port):
+    device = Pty(port)
+    os.write(device.master, b'stale' * 1000)
+    with Ear(port) as ear:
+        ear.wait(lambda e: e.opened)
+        os.write(device.master, b'new')
+        ear.wait(lambda e: e.data)
+        assert b'stale' not in ear.data
+
+
+def test_a_missing_port_is_said_once_and_opened_when_it_comes(port):
+    with Ear(port) as ear:
+        ear.wait(lambda e: e.closed)
+        assert not ear.link.write(b'x')
+        started = time.monotonic()
+        while time.monotonic() - started < 0.3:
+            ear.link.write(b'x')
+        device = Pty(port)
+        ear.wait(lambda e: e.opened)
+        (reason,) = ear.closed
+        assert 'missing' in reason
+        assert str(port) in reason
+        device.unplug()
+
+
+def test_a_port_that_comes_and_goes_is_followed_every_time(port):
+    descriptors, threads = len(os.listdir('/proc/self/fd')), threading.active_count()
+    with Ear(port) as ear:
+        for turn in range(1, 11):
+            device = Pty(port)
+            ear.wait(lambda e, turn=turn: e.opened == turn)
+            os.write(device.master, b'%d,' % turn)
+            ear.wait(lambda e, turn=turn: e.data.endswith(b'%d,' % turn))
+            unplugged = time.monotonic()
+            device.unplug()
+            # Each loss is told once; that the port is then missing is the same news.
+            ear.wait(lambda e, turn=turn: len([r for r in e.closed if 'was lost' in r]) == turn)
+            assert time.monotonic() - unplugged < 1.0
+    assert len([r for r in ear.closed if 'missing' in r]) <= 1
+    assert len(os.listdir('/proc/self/fd')) == descriptors
+    assert threading.active_count() == threads
+
+
+def test_a_path_that_leads_to_another_device_is_followed_though_the_former_never_failed(port):
+    former = Pty(port)
+    with Ear(port) as ear:
+        ear.wait(lambda e: e.opened == 1)
+        device = Pty(port)
+        ear.wait(lambda e: e.opened == 2)
+        os.write(device.master, b'here')
+        ear.wait(lambda e: e.data == b'here')
+        device.unplug()
+    os.close(former.master)
+
+
+def test_a_port_that_another_program_holds_is_busy_until_it_lets_go(port):
+    device = Pty(port)
+    other = serial.Serial(str(port), exclusive=True)
+    with Ear(port) as ear:
+        ear.wait(lambda e: e.closed)
+        assert 'busy' in ear.closed[0]
+        assert f'process {os.getpid()}' in ear.closed[0]
+        other.close()
+        ear.wait(lambda e: e.opened)
+        with pytest.raises(serial.SerialException):
+            serial.Serial(str(port), exclusive=True)
+        device.unplug()
+
+
+@pytest.mark.parametrize('url', ['hwgrep://[', 'loop://x?foo=1', 'nope://'])
+def test_a_url_of_which_pyserial_makes_nothing_is_told_and_tried_again(port, monkeypatch, url):
+    """It raises re.error and KeyError, too."""
+    device = Pty(port)
+    true_open = serial.serial_for_url
+    with Ear(url) as ear:
+        ear.wait(lambda e: e.closed)
+        assert re.fullmatch(rf'the port {re.escape(url)} cannot be opened \(.+\); set port to .*', ear.closed[0])
+        monkeypatch.setattr(serial, 'serial_for_url', lambda _, *args, **given: true_open(str(port), *args, **given))
+        ear.wait(lambda e: e.opened)
+        assert len(ear.closed) == 1
+        device.unplug()
+
+
+def test_a_forbidden_port_names_the_remedy(port, monkeypatch):
+    device = Pty(port)
+    true_open = os.open
+    forbidden = threading.Event()
+    forbidden.set()
+
+    def refuse(path, *args, **kwargs):
+        if path == str(port) and forbidden.is_set():
+            raise PermissionError(errno.EACCES, 'Permission denied', path)
+        return true_open(path, *args, **kwargs)
+
+    monkeypatch.setattr(os, 'open', refuse)
+    with Ear(port) as ear:
+        ear.wait(lambda e: e.closed)
+        assert 'dialout' in ear.closed[0]
+        forbidden.clear()
+        ear.wait(lambda e: e.opened)
+        device.unplug()
+
+
+@pytest.mark.parametrize('port', ['/dev/null', 'nonsense://somewhere', __file__])
+def test_what_is_no_serial_port_is_refused_in_a_sentence(port):
+    with Ear(port) as ear:
+        ear.wait(lambda e: e.closed)
+    assert port in ear.closed[0]
+    assert 'set port to a serial port' in ear.closed[0]
+
+
+def test_a_host_that_does_not_read_does_not_hold_up_a_writer(port):
+    device = Pty(port)
+    with Ear(port) as ear:
+        ear.wait(lambda e: e.opened)
+        started = time.monotonic()
+        results = [ear.link.write(bytes(1000)) for _ in range(100)]
+        assert results[0]
+        assert not results[-1]
+        assert time.monotonic() - started < 10
+        device.unplug()
+
+
+def test_a_frame_that_was_cut_short_does_not_take_the_next_along(port):
+    device = Pty(port)
+    host = os.open(port, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+    writer, decoder = FrameWriter(host), Decoder()
+    frames = [encode(State(k, 0, -1, -1, -1, -1, 1, 1, 1)) for k in range(2000)]
+    whole = [writer.write(frame) for frame in frames]
+    assert not whole[-1]
+    heard = []
+    while select.select([device.master], [], [], 0.1)[0]:
+        heard += decoder.feed(os.read(device.master, 4096))
+    assert writer.write(frames[0])
+    heard += decoder.feed(os.read(device.master, 4096))
+    os.close(host)
+    states = [event.seq for event in heard if isinstance(event, State)]
+    assert states == [k for k, written in enumerate(whole) if written] + [0]
+    device.unplug()
+
+
+# The other end
+
+
+@pytest.fixture
+def serve(tmp_path):
+    """Start a server of a virtual board at 1 kHz; returns it; all are stopped at the end."""
+    stop = threading.Event()
+    threads = []
+
+    def start(link=None, trace=None):
+        server = PtyServer(VirtualBoard(Plant(PAPER), BoardSettings(sample_period_us=1000)), link, trace)
+
+        def run():
+            with server:
+                server.serve(stop.is_set)
+
+        threads.append(threading.Thread(target=run))
+        threads[-1].start()
+        return server
+
+    yield start
+    stop.set()
+    for thread in threads:
+        thread.join(5)
+
+
+def test_the_virtual_board_is_served_in_real_time_and_survives_its_hosts(serve, port):
+    serve(port)
+    for _ in range(3):
+        with Ear(port) as ear:
+            ear.wait(lambda e: e.opened)
+            ear.link.write(encode(HelloRequest(1, 0)))
+            ear.wait(lambda e: len(e.data) > 34 * 200)
+        events = Decoder().feed(ear.data)
+        states = [e for e in events if isinstance(e, State)]
+        assert [b.t_us - a.t_us for a, b in pairwise(states)] == [1000] * (len(states) - 1)
+        assert any(isinstance(e, Hello) for e in events)
+        elapsed_ms = (ear.arrivals[-1] - ear.arrivals[0]) / 1e6
+        assert elapsed_ms == pytest.approx(len(states), abs=50)
+
+
+def test_a_host_that_does_not_read_is_told_of_the_overrun(serve, port, tmp_path):
+    trace = tmp_path / 'trace.csv'
+    serve(port, trace)
+    decoder, states = Decoder(), []
+
+    def overrun():
+        return trace.read_text().endswith(f',{Status.OVERRUN}\n')
+
+    def gaps():
+        with contextlib.suppress(BlockingIOError):
+            states.extend(e for e in decoder.feed(os.read(device, 4096)) if isinstance(e, State))
+        return [after for before, after in pairwise(states) if after.seq - before.seq > 1]
+
+    def wait(condition):
+        deadline = time.monotonic() + 10.0
+        while not condition():
+            assert time.monotonic() < deadline
+            time.sleep(0.001)
+
+    wait(overrun)
+    alone = len(trace.read_text())
+    device = os.open(port, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+    try:
+        # All of it since: a machine that stands still for a while finds the last sample to be an overrun again.
+        wait(lambda: ',0\n' in trace.read_text()[alone:])
+        wait(overrun)
+        wait(gaps)
+        (first,) = gaps()
+    finally:
+        os.close(device)
+    assert first.status & Status.OVERRUN
+    assert states[-1] == first or not states[-1].status & Status.OVERRUN
+
+
+def test_the_trace_holds_every_sample(serve, port, tmp_path):
+    trace = tmp_path / 'trace.csv'
+    serve(port, trace)
+    with Ear(port) as ear:
+        ear.wait(lambda e: len(e.data) > 34 * 100)
+    states = [e for e in Decoder().feed(ear.data) if isinstance(e, State)]
+    rows = [tuple(map(int, line.split(','))) for line in trace.read_text().splitlines()[1:]]
+    heard = [(s.t_us, s.enc1, s.enc2, s.torque, s.status) for s in states]
+    first = rows.index(heard[0])
+    assert rows[first : first + len(heard)] == heard
+
+
+def test_a_stale_link_is_replaced_and_anything_else_is_not(tmp_path):
+    board = VirtualBoard(Plant(PAPER))
+    stale, taken = tmp_path / 'stale', tmp_path / 'taken'
+    stale.symlink_to('/dev/pts/99999')
+    with PtyServer(board, stale):
+        assert os.path.exists(stale)
+    assert not stale.is_symlink()
+    taken.write_text('precious')
+    with pytest.raises(LinkError, match='no link to a pty'):
+        PtyServer(board, taken)
+    assert taken.read_text() == 'precious'
+    with pytest.raises(LinkError, match='exists already'):
+        PtyServer(board, None, taken)
+    with pytest.raises(LinkError, match='cannot be made'):
+        PtyServer(board, tmp_path / 'nowhere' / 'link')
+
+
+def test_the_lock_is_released_with_the_port(port):
+    device = Pty(port)
+    for _ in range(2):
+        opened = open_port(str(port), 115200)
+        with pytest.raises(BlockingIOError), port.open('rb', buffering=0) as other:
+            fcntl.flock(other, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        opened.close()
+    device.unplug()

@@ -1,0 +1,162 @@
+import math
+from dataclasses import astuple, fields, replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pendubot_identification.errors import ParameterError
+from pendubot_identification.model.parameters import (
+    LARGEST_COUPLING,
+    MODELS,
+    NAMES,
+    PAPER,
+    SPECIFICATIONS,
+    Bounds,
+    Parameters,
+    default_bounds,
+    repaired,
+)
+from test.strategies import physical_parameters
+
+
+def test_order_of_theta_is_the_papers_and_then_friction():
+    assert NAMES == ('P1', 'P2', 'P3', 'P4', 'P5', 'b1', 'b2', 'Fc1', 'Fc2', 'J2', 'Fs1', 'Fs2', 'k1', 'k2')
+    assert tuple(field.name for field in fields(Parameters)) == NAMES
+    assert PAPER.vector().tolist() == [0.002207, 0.000400, 0.000101, 0.022447, 0.003326, 0.006592, 0.00009]
+
+
+def test_every_model_begins_with_the_ones_before_it():
+    assert MODELS == {'viscous': 7, 'coulomb': 9, 'rotor': 10, 'geared': 14}
+    whole = Parameters(*range(1, 15)).vector('viscous').tolist()
+    assert whole == list(range(1, 15))
+    for size in MODELS.values():
+        assert Parameters(*whole[:size]).vector().tolist() == whole[:size]
+
+
+@pytest.mark.parametrize('model', MODELS)
+def test_a_model_has_a_vector_of_its_own_length(model):
+    theta = PAPER.vector(model)
+    assert len(theta) == MODELS[model]
+    assert theta[7:].tolist() == [0.0] * (MODELS[model] - 7)
+    assert Parameters.from_vector(theta) == PAPER
+
+
+@pytest.mark.parametrize(
+    ('change', 'model'),
+    [
+        ({}, 'viscous'),
+        ({'Fc1': 0.1}, 'coulomb'),
+        ({'Fc2': 0.1}, 'coulomb'),
+        ({'J2': 1e-4}, 'rotor'),
+        *(({name: 0.1}, 'geared') for name in ('Fs1', 'Fs2', 'k1', 'k2')),
+    ],
+)
+def test_parameters_know_the_smallest_model_that_has_them_and_no_vector_drops_one(change, model):
+    parameters = replace(PAPER, **change)
+    assert parameters.model == model
+    for wanted, size in MODELS.items():
+        theta = parameters.vector(wanted)
+        assert len(theta) == max(size, MODELS[model])
+        assert Parameters.from_vector(theta) == parameters
+
+
+@given(physical_parameters())
+def test_vector_and_back_is_the_identity(parameters):
+    assert Parameters.from_vector(parameters.vector()) == parameters
+
+
+@given(physical_parameters())
+def test_a_rig_that_can_be_built_is_physical(parameters):
+    assert parameters.unphysical() == ()
+
+
+@pytest.mark.parametrize(
+    ('change', 'named'),
+    [
+        ({'P1': -1e-3}, 'P1'),
+        ({'P2': 0.0}, 'P2'),
+        ({'P3': 0.1}, 'positive definite'),
+        # What a rotor adds does not make links of these.
+        ({'P3': 0.1, 'J2': 1.0}, 'positive definite'),
+        *(({name: -1e-6}, name) for name in ('b1', 'b2', 'Fc1', 'Fc2', 'J2', 'Fs1', 'Fs2', 'k1', 'k2')),
+        *(({name: float('nan')}, name) for name in NAMES),
+    ],
+)
+def test_what_no_rig_can_have_is_named(change, named):
+    (problem, *_) = replace(PAPER, **change).unphysical()
+    assert named in problem
+
+
+@pytest.mark.parametrize('size', sorted(set(range(16)) - set(MODELS.values())))
+def test_a_vector_of_another_length_is_refused(size):
+    with pytest.raises(ParameterError, match=f'{size} values was given; 7, 9, 10, 14 are expected'):
+        Parameters.from_vector(np.ones(size))
+
+
+inertias = st.floats(1e-9, 1e3)
+
+
+@given(inertias, inertias, st.floats(-3, 3), st.sampled_from(list(MODELS.values())))
+def test_repaired_vectors_are_physical_and_differ_in_P3_alone_and_only_if_they_must(P1, P2, coupling, size):
+    theta = np.array([P1, P2, coupling * math.sqrt(P1 * P2), *np.linspace(1, 2, size - 3)])
+    before = theta.copy()
+    result = repaired(theta)
+    assert result[0] * result[1] > result[2] ** 2
+    assert Parameters.from_vector(result).unphysical() == ()
+    np.testing.assert_array_equal(repaired(result), result)
+    np.testing.assert_array_equal(np.delete(result, 2), np.delete(theta, 2))
+    if abs(coupling) < LARGEST_COUPLING:
+        assert result[2] == theta[2]
+    else:
+        assert result[2] == pytest.approx(math.copysign(LARGEST_COUPLING, coupling) * math.sqrt(P1 * P2))
+    np.testing.assert_array_equal(theta, before)
+
+
+@given(st.lists(physical_parameters('geared'), min_size=1, max_size=4))
+def test_what_can_be_built_needs_no_repair_one_or_many(rigs):
+    together = np.array([rig.vector('geared') for rig in rigs])
+    couplings = abs(together[:, 2]) / np.sqrt(together[:, 0] * together[:, 1])
+    fine = together[couplings <= LARGEST_COUPLING * (1 - 1e-12)]
+    np.testing.assert_array_equal(repaired(fine), fine)
+    np.testing.assert_array_equal(repaired(together), [repaired(theta) for theta in together])
+
+
+@given(st.sampled_from(NAMES), st.floats(-1, 1), st.floats(0, 1))
+def test_inverted_or_empty_bounds_are_refused_by_name(name, low, excess):
+    with pytest.raises(ParameterError, match=rf'{name} are inverted or empty'):
+        default_bounds().replaced(name, low, low - excess)
+
+
+def test_bounds_of_an_unknown_parameter_or_infinite_ones_are_refused():
+    with pytest.raises(ParameterError, match="no parameter 'P9'"):
+        default_bounds().replaced('P9', 0, 1)
+    with pytest.raises(ParameterError, match='finite'):
+        default_bounds().replaced('P1', 0, float('inf'))
+    with pytest.raises(ParameterError, match='6 lower and 6 upper'):
+        Bounds(np.zeros(6), np.ones(6))
+
+
+@pytest.mark.parametrize('size', MODELS.values())
+def test_bounds_of_a_model_are_the_first_ones_and_know_their_names(size):
+    bounds = default_bounds().of(size)
+    assert bounds.names == NAMES[:size]
+    assert list(zip(bounds.lower, bounds.upper, strict=True)) == [(s.lower, s.upper) for s in SPECIFICATIONS[:size]]
+    with pytest.raises(ParameterError, match='no parameter'):
+        bounds.replaced('k3' if size == len(NAMES) else NAMES[size], 0, 1)
+
+
+def test_bounds_tell_what_lies_on_them():
+    bounds = default_bounds().of(7)
+    theta = PAPER.vector()
+    assert not bounds.at_bound(theta).any()
+    theta[5] = 0.0
+    assert np.flatnonzero(bounds.at_bound(theta)).tolist() == [5]
+
+
+def test_the_default_bounds_hold_the_paper_and_no_friction_that_takes_a_whole_torque():
+    bounds = default_bounds()
+    assert (bounds.lower <= astuple(PAPER)).all()
+    assert (astuple(PAPER) <= bounds.upper).all()
+    assert bounds.upper[12:].max() < 1

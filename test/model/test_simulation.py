@@ -1,0 +1,131 @@
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+
+from pendubot_identification.errors import ParameterError
+from pendubot_identification.model.dynamics import energy, forward_dynamics, gravity, mass_matrix
+from pendubot_identification.model.parameters import PAPER, Parameters
+from pendubot_identification.model.simulation import HANGING, LatePlant, Plant, quantised, simulate
+from test.strategies import physical_parameters
+
+
+@settings(max_examples=20)
+@given(physical_parameters(), st.floats(-3, 3), st.floats(-3, 3))
+def test_energy_is_constant_without_torque_and_friction(parameters, q1, q2):
+    free = Parameters(*parameters.vector()[:5], 0, 0, J2=parameters.J2)
+    plant = Plant(free, (q1, q2))
+    theta = free.vector()
+    before = energy(theta, plant.q, plant.qd)
+    for _ in range(50):
+        plant.advance((0.0, 0.0), 0.01)
+    swing = 9.81 * (free.P4 + free.P5)
+    assert energy(theta, plant.q, plant.qd) == pytest.approx(before, abs=1e-5 * swing)
+
+
+@settings(max_examples=20)
+@given(physical_parameters(), st.floats(-1, 1))
+def test_friction_only_takes_energy(parameters, q2):
+    plant = Plant(parameters, (0.0, q2))
+    theta = parameters.vector()
+    energies = []
+    for _ in range(30):
+        energies.append(float(energy(theta, plant.q, plant.qd)))
+        plant.advance((0.0, 0.0), 0.01)
+    assert np.diff(energies).max() <= 1e-6 * 9.81 * (parameters.P4 + parameters.P5)
+
+
+#: The paper's rig; the same with a geared motor at each joint; a heavier one, whose friction stops it in 2 ms.
+RIGS = {
+    'paper': PAPER,
+    'paper, geared': replace(PAPER, Fc1=0.005, Fc2=0.001, J2=1e-4, Fs1=0.003, Fs2=0.0005, k1=0.2, k2=0.2),
+    'heavy, geared': Parameters(
+        *(0.06, 0.05, 0.032, 0.23, 0.16, 0.001, 0.001, 0.25, 0.19, 0.0026),
+        *(0.1, 0.1, 0.2, 0.2),
+    ),
+}
+
+
+@pytest.mark.parametrize('name', RIGS)
+def test_agrees_with_an_adaptive_integrator(name):
+    rig = RIGS[name]
+    t, theta = np.arange(51) * 0.01, rig.vector()
+    amplitude = 0.3 if rig.P1 < 0.01 else 3.0
+    tau = np.column_stack([np.random.default_rng(1).uniform(-amplitude, amplitude, 51), np.zeros(51)])
+    x = np.array([*HANGING, 0.0, 0.0])
+    for k in range(50):
+        solution = solve_ivp(
+            lambda _, s, k=k: [*s[2:], *forward_dynamics(theta, s[:2], s[2:], tau[k])],
+            (t[k], t[k + 1]),
+            x,
+            rtol=1e-10,
+            atol=1e-12,
+        )
+        x = solution.y[:, -1]
+    motion = simulate(rig, t, tau)
+    # Where dry friction turns within a step, a tenth of an encoder count; else nothing that could be seen.
+    count = 2 * math.pi / 4000
+    np.testing.assert_allclose(motion.q[-1], x[:2], atol=0.1 * count if rig.Fc1 else 1e-6)
+    np.testing.assert_allclose(motion.qd[-1], x[2:], atol=3 * count if rig.Fc1 else 1e-6)
+
+
+@pytest.mark.parametrize('joint', [0, 1])
+def test_dry_friction_however_stiff_holds_but_for_the_creep_of_its_smooth_sign(joint):
+    # Lying flat, so that nothing else holds; the other joint moves freely.
+    flat = replace(Parameters(2e-3, 4e-4, 0.0, 0.0, 0.0, 0.0, 0.0, J2=1e-2), **{f'Fc{joint + 1}': 1.0})
+    plant, M = Plant(flat), mass_matrix(flat.vector(), HANGING)
+    push = np.eye(2)[joint]
+    plant.advance(tuple(0.5 * push), 0.5)
+    assert plant.qd[joint] == pytest.approx(0.05 * math.atanh(0.5), rel=1e-6)
+    assert (M @ plant.qd)[1 - joint] == pytest.approx(0, abs=1e-9)
+    # What moves fast is braked by Coulomb friction alone; the rest of the torque becomes momentum.
+    plant.advance(tuple(1.5 * push), 0.5)
+    np.testing.assert_allclose(M @ plant.qd, 0.5 * 0.5 * push, rtol=0.01, atol=1e-9)
+
+
+def test_friction_in_proportion_to_a_large_torque_is_followed_however_stiff():
+    # The torque lifts the links to where they balance it but for its friction, which stops them there within 0.1 ms.
+    heavy = Parameters(0.02, 0.02, 0.0, 3.0, 0.0, 0.0, 0.0, k1=0.5)
+    plant = Plant(heavy)
+    for _ in range(100):
+        plant.advance((25.0, 0.0), 0.01)
+        assert abs(plant.qd[0]) < 20
+    weight = gravity(heavy.vector(), plant.q)[0]
+    creep = math.tanh(plant.qd[0] / 0.05)
+    assert 25 * (1 - 0.5 * creep) == pytest.approx(weight, rel=0.01)
+
+
+def test_hanging_at_rest_stays_so():
+    plant = Plant(PAPER)
+    plant.advance((0.0, 0.0), 1.0)
+    np.testing.assert_allclose([*plant.q, *plant.qd], [*HANGING, 0, 0], atol=1e-12)
+
+
+def test_a_rig_that_cannot_be_is_refused():
+    with pytest.raises(ParameterError, match='positive definite'):
+        Plant(Parameters(1e-3, 1e-3, 1e-2, 0.1, 0.1, 0, 0))
+
+
+def test_encoders_read_whole_counts_from_hanging():
+    t = np.arange(200) * 0.01
+    motion = simulate(PAPER, t, np.column_stack([np.full(200, 0.1), np.zeros(200)]))
+    counts = (quantised(motion, 4000).q - HANGING) * 4000 / (2 * math.pi)
+    np.testing.assert_allclose(counts, np.round(counts), atol=1e-9)
+    assert np.abs(quantised(motion, 4000).q - motion.q).max() <= math.pi / 4000 + 1e-12
+
+
+@settings(max_examples=20)
+@given(st.integers(0, 12), st.lists(st.floats(-0.1, 0.1), min_size=8, max_size=8), st.sampled_from([3, 5, 10]))
+def test_a_late_motor_does_the_same_later(delay_ms, torques, period_ms):
+    """Millisecond by millisecond: what acts now is what was applied a delay ago, whatever the sampling."""
+    late, plain = LatePlant(PAPER, delay_ms * 1e-3), Plant(PAPER)
+    fine = [0.0] * delay_ms + [torque for torque in torques for _ in range(period_ms)]
+    for k, torque in enumerate(torques):
+        late.advance((torque, 0.0), period_ms * 1e-3)
+        for acting in fine[k * period_ms : (k + 1) * period_ms]:
+            plain.advance((acting, 0.0), 1e-3)
+        np.testing.assert_allclose((*late.q, *late.qd), (*plain.q, *plain.qd), rtol=1e-6, atol=1e-8)

@@ -1,0 +1,108 @@
+"""Bags cut anywhere and with bytes changed anywhere: what then comes of every message. Trials from seeds."""
+
+import random
+from dataclasses import dataclass
+
+from pendubot_identification.errors import BagError
+from pendubot_identification.recordings.bag_reader import BagReader
+from pendubot_identification.recordings.bag_repair import repair
+from pendubot_identification.recordings.bag_writer import BagWriter, Limits
+from pendubot_identification.recordings.joint_states import JOINT_STATE
+
+from .independent import by_mcap, by_rosbags
+from .test_bag_writer import message
+
+COUNT = 400
+TOPICS = ('/joint_states', '/other')
+
+
+def write(path, *, closed=True):
+    """Write a bag of two topics; without its end, as SIGKILL leaves it, if wanted. Return what is in it."""
+    sent = []
+    bag = BagWriter(path, limits=Limits())
+    channels = [bag.add_topic(name, JOINT_STATE) for name in TOPICS]
+    for k in range(COUNT):
+        stamp, data = message(k)
+        bag.write(channels[k % 2], data, stamp, sequence=1 + k // 2)
+        sent.append((TOPICS[k % 2], stamp, data))
+    bag.flush()
+    left = (path / f'{path.name}_0.mcap').read_bytes()
+    bag.close()
+    if not closed:
+        (path / f'{path.name}_0.mcap').write_bytes(left)
+        (path / 'metadata.yaml').unlink()
+    return sent
+
+
+@dataclass
+class Outcome:
+    """What became of a damaged bag.
+
+    Attributes:
+        silent: messages that were accepted though they were never sent, or are missing without a word.
+        read: how many messages a reader gave.
+        saved: how many a repaired copy holds.
+        refused: whether the bag was refused in one sentence.
+    """
+
+    silent: int = 0
+    read: int = 0
+    saved: int = 0
+    refused: bool = False
+
+
+def examine(path, copy, sent):
+    """Read and repair a bag that may be damaged, as a user would; anything but a BagError is a crash."""
+    outcome = Outcome()
+    known = set(sent)
+    try:
+        reader = BagReader(path)
+        for name in TOPICS:
+            messages = [
+                (name, message.log_time, message.data) for file in reader.files for message in file.messages(name)
+            ]
+            outcome.silent += sum(each not in known for each in messages)
+            outcome.read += len(messages)
+        if reader.info.closed and not reader.info.note:
+            outcome.silent += abs(len(sent) - outcome.read)
+    except BagError:
+        outcome.refused = True
+    try:
+        files = repair(path, copy)
+    except BagError:
+        return outcome
+    saved = by_mcap(copy)
+    assert by_rosbags(copy) == saved
+    outcome.saved = len(saved)
+    outcome.silent += sum(each not in known for each in saved)
+    # What was lost inside is said to be lost.
+    if len(saved) < len(sent):
+        outcome.silent += all(file.whole for file in files)
+    return outcome
+
+
+def cut(data, random_):
+    """Return the beginning of a file."""
+    return data[: random_.randrange(len(data))]
+
+
+def change(data, random_, count=1):
+    """Return a file with bytes changed."""
+    changed = bytearray(data)
+    for _ in range(count):
+        changed[random_.randrange(len(data))] ^= random_.randrange(1, 256)
+    return bytes(changed)
+
+
+def damaged_bags(folder, trials, alter, *, closed=True, seed=1):
+    """Yield the outcome of each of so many damages to a bag, and how many messages stand in what is left of it."""
+    random_ = random.Random(seed)
+    path = folder / 'bag'
+    sent = write(path, closed=closed)
+    file = path / 'bag_0.mcap'
+    whole = file.read_bytes()
+    ends = [whole.index(data) + len(data) for _, _, data in sent]
+    for k in range(trials):
+        data = alter(whole, random_)
+        file.write_bytes(data)
+        yield examine(path, folder / f'copy{k}', sent), sum(end <= len(data) for end in ends)

@@ -1,0 +1,349 @@
+import os
+import shutil
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from mcap.writer import CompressionType, Writer
+
+from pendubot_identification.errors import BagError, TrajectoryError
+from pendubot_identification.recordings import mcap_file
+from pendubot_identification.recordings.bag_reader import BagReader, BagWindow, read_trajectory
+from pendubot_identification.recordings.bag_writer import BagWriter
+from pendubot_identification.recordings.joint_states import JOINT_STATE, encode_joint_state, write_trajectory
+from pendubot_identification.recordings.message_types import message_definition
+from pendubot_identification.trajectories.trajectory import Trajectory
+
+SECOND = 1_000_000_000
+START = 1_700_000_000 * SECOND
+STEP = SECOND // 100
+JOINTS = ('shoulder', 'elbow')
+
+
+def write(path, samples, topic='/joint_states', latency=lambda k: 3_000_000):
+    """Write a bag of samples (stamp, names, position, velocity, effort), logged a latency after their stamps."""
+    with BagWriter(path) as bag:
+        channel = bag.add_topic(topic, JOINT_STATE)
+        for k, (stamp, *content) in enumerate(samples):
+            bag.write(channel, encode_joint_state(stamp, *content), stamp + latency(k))
+    return path
+
+
+def samples(n=1000, **changed):
+    """n samples of 0.01 s; ``changed`` replaces stamp, names, position, velocity or effort by a function of k."""
+    usual = {
+        'stamp': lambda k: START + k * STEP,
+        'names': lambda k: JOINTS,
+        'position': lambda k: (0.001 * k, -0.001 * k),
+        'velocity': lambda k: (0.1, -0.1),
+        'effort': lambda k: (k, 0.0),
+    } | changed
+    return [tuple(usual[key](k) for key in ('stamp', 'names', 'position', 'velocity', 'effort')) for k in range(n)]
+
+
+@pytest.fixture(scope='module')
+def bag(tmp_path_factory):
+    return write(tmp_path_factory.mktemp('recorded') / 'bag', samples())
+
+
+@pytest.mark.parametrize(
+    ('text', 'start', 'end'),
+    [('bag', None, None), ('bag@0:9', 0, 9), ('bag@2:', 2, None), ('bag@:1.5', None, 1.5), ('bag@:', None, None)],
+)
+def test_windows_are_parsed(text, start, end):
+    window = BagWindow.parse(text)
+    assert (str(window.path), window.start, window.end) == ('bag', start, end)
+    assert BagWindow.parse(str(window)) == window
+
+
+def test_a_path_may_hold_an_at_sign(tmp_path):
+    (tmp_path / 'rig@5').mkdir()
+    assert BagWindow.parse(f'{tmp_path}/rig@5') == BagWindow(tmp_path / 'rig@5')
+    assert BagWindow.parse(f'{tmp_path}/rig@5@1:2') == BagWindow(tmp_path / 'rig@5', 1, 2)
+
+
+@pytest.mark.parametrize(
+    ('text', 'sentence'),
+    [
+        ('bag@', 'names no window'),
+        ('bag@5', 'names no window'),
+        ('@1:2', 'names no window'),
+        ('bag@1:2:3', 'names no window'),
+        ('bag@one:2', 'must be numbers of seconds'),
+        ('bag@3:3', 'empty or reversed'),
+        ('bag@4:3', 'empty or reversed'),
+        ('bag@-1:3', 'is no time in a bag'),
+        ('bag@nan:3', 'is no time in a bag'),
+    ],
+)
+def test_a_malformed_window_is_one_sentence(text, sentence):
+    with pytest.raises(BagError, match=sentence):
+        BagWindow.parse(text)
+
+
+def test_info_counts_by_topic(bag):
+    info = BagReader(bag).info
+    assert [(t.name, t.type_name, t.count) for t in info.topics] == [('/joint_states', JOINT_STATE, 1000)]
+    assert (info.closed, info.note, info.count, info.duration) == (True, '', 1000, 9.99)
+    assert info.first_ns == START + 3_000_000
+
+
+def test_the_whole_bag_and_its_file_are_the_same_motion(bag):
+    whole = read_trajectory(bag)
+    assert whole.closed
+    assert len(whole.trajectory) == 1000
+    np.testing.assert_array_equal(whole.trajectory.t, np.arange(1000) * STEP / 1e9)
+    np.testing.assert_array_equal(whole.trajectory.q[7], [0.007, -0.007])
+    np.testing.assert_array_equal(whole.trajectory.tau[7], [7, 0])
+    np.testing.assert_array_equal(whole.trajectory.qd[7], [0.1, -0.1])
+    assert whole.trajectory.name == str(bag)
+    file = read_trajectory(bag / 'bag_0.mcap')
+    assert file.sha256 == whole.sha256
+    assert len(file.trajectory) == 1000
+
+
+@pytest.mark.parametrize(
+    ('start', 'end', 'first', 'last'),
+    [(0, 9, 0, 899), (9, None, 900, 999), (None, 0.5, 0, 49), (2.005, 3.005, 201, 300), (5, 100, 500, 999)],
+)
+def test_a_window_counts_from_the_bags_first_sample(bag, start, end, first, last):
+    trajectory = read_trajectory(BagWindow(bag, start, end)).trajectory
+    np.testing.assert_array_equal(trajectory.tau[[0, -1], 0], [first, last])
+    np.testing.assert_array_equal(trajectory.t[[0, -1]], [first * STEP / 1e9, last * STEP / 1e9])
+
+
+def test_a_window_reads_no_more_than_itself_and_a_latency(bag, monkeypatch):
+    read = []
+    unpack = mcap_file.get_chunk_data_stream
+    monkeypatch.setattr(
+        mcap_file, 'get_chunk_data_stream', lambda c, validate_crc: read.append(c) or unpack(c, validate_crc)
+    )
+    read_trajectory(BagWindow(bag, 5, 5.5))
+    assert len(read) < 35
+    read.clear()
+    read_trajectory(bag)
+    assert len(read) >= 90
+
+
+def test_stamps_of_quite_another_clock_are_found_all_the_same(tmp_path):
+    # From the third second on the log's clock is half a minute ahead: the index leads astray.
+    path = write(tmp_path / 'bag', samples(), latency=lambda k: 30 * SECOND if k >= 300 else 0)
+    trajectory = read_trajectory(BagWindow(path, 2, 6)).trajectory
+    np.testing.assert_array_equal(trajectory.tau[[0, -1], 0], [200, 599])
+
+
+def test_joints_are_taken_by_name(tmp_path):
+    path = write(
+        tmp_path / 'bag',
+        samples(
+            100,
+            names=lambda k: ('gripper', 'elbow', 'shoulder'),
+            position=lambda k: (9, 2, 1),
+            velocity=lambda k: (9, 4, 3),
+            effort=lambda k: (9, 6, 5),
+        ),
+        topic='/rig/joints',
+    )
+    trajectory = read_trajectory(path, topic='/rig/joints').trajectory
+    np.testing.assert_array_equal(trajectory.q[0], [1, 2])
+    np.testing.assert_array_equal(trajectory.qd[0], [3, 4])
+    np.testing.assert_array_equal(trajectory.tau[0], [5, 6])
+    trajectory = read_trajectory(path, topic='/rig/joints', joint_names=('gripper', 'elbow')).trajectory
+    np.testing.assert_array_equal(trajectory.q[0], [9, 2])
+
+
+def test_velocities_are_given_only_if_every_sample_has_them(tmp_path):
+    path = write(tmp_path / 'bag', samples(100, velocity=lambda k: () if k == 50 else (1, 2)))
+    assert read_trajectory(path).trajectory.qd is None
+    assert read_trajectory(BagWindow(path, None, 0.5)).trajectory.qd is not None
+
+
+def test_precision_is_that_of_the_stamps(tmp_path):
+    path = write(tmp_path / 'bag', samples(100, stamp=lambda k: START + k * STEP + k % 2))
+    assert np.rint(np.diff(read_trajectory(path).trajectory.t) * 1e9).tolist() == [STEP + 1, STEP - 1] * 49 + [STEP + 1]
+
+
+@pytest.mark.parametrize('metadata', ['missing', 'stale', 'nonsense'])
+def test_metadata_yaml_is_not_relied_upon(bag, tmp_path, metadata):
+    path = shutil.copytree(bag, tmp_path / 'bag')
+    if metadata == 'missing':
+        (path / 'metadata.yaml').unlink()
+    elif metadata == 'stale':
+        (path / 'bag_0.mcap').rename(path / 'renamed.mcap')
+    else:
+        (path / 'metadata.yaml').write_text('{[')
+    assert BagReader(path).info.count == 1000
+
+
+def test_splits_are_read_in_order(tmp_path):
+    everything = samples(1200)
+    path = tmp_path / 'bag'
+    path.mkdir()
+    for k in range(12):
+        part = write(tmp_path / f'part{k}', everything[100 * k : 100 * (k + 1)])
+        shutil.copy(part / f'part{k}_0.mcap', path / f'bag_{k}.mcap')
+    assert len(read_trajectory(path).trajectory) == 1200
+    listed = {'rosbag2_bagfile_information': {'relative_file_paths': ['bag_0.mcap', 'bag_1.mcap']}}
+    (path / 'metadata.yaml').write_text(yaml.safe_dump(listed))
+    assert len(read_trajectory(BagWindow(path, 0.5, 9)).trajectory) == 150
+
+
+@pytest.mark.parametrize('chunked', [True, False])
+@pytest.mark.parametrize('indexed', [True, False])
+def test_files_of_other_writers_are_read(tmp_path, chunked, indexed):
+    definition = message_definition(JOINT_STATE)
+    options = {} if indexed else {'use_statistics': False, 'repeat_channels': False, 'use_summary_offsets': False}
+    with (tmp_path / 'other.mcap').open('wb') as file:
+        writer = Writer(file, compression=CompressionType.ZSTD, use_chunking=chunked, **options)
+        writer.start(profile='ros2')
+        schema = writer.register_schema(JOINT_STATE, 'ros2msg', definition.text.encode())
+        channel = writer.register_channel('/joint_states', 'cdr', schema)
+        for stamp, *content in samples(200):
+            writer.add_message(channel, stamp, encode_joint_state(stamp, *content), stamp)
+        writer.finish()
+    recorded = read_trajectory(BagWindow(tmp_path / 'other.mcap', 0.5, None))
+    assert recorded.closed
+    assert len(recorded.trajectory) == 150
+
+
+def test_a_file_cut_anywhere_gives_what_is_whole_before_the_cut(tmp_path):
+    data = (write(tmp_path / 'bag', samples(200)) / 'bag_0.mcap').read_bytes()
+    counts = []
+    for size in range(1, len(data), 997):
+        path = tmp_path / 'cut.mcap'
+        path.write_bytes(data[:size])
+        if size < 8:
+            with pytest.raises(BagError, match='is no MCAP file'):
+                BagReader(path)
+            continue
+        info = BagReader(path).info
+        assert not info.closed
+        assert f'first {info.count} messages' in info.note
+        counts.append(info.count)
+        if info.count >= 50:
+            assert len(read_trajectory(path).trajectory) == info.count
+    assert counts == sorted(counts)
+    assert (counts[0], counts[-1]) == (0, 200)
+
+
+def test_a_damaged_index_hides_no_message(bag, tmp_path):
+    path = shutil.copytree(bag, tmp_path / 'bag')
+    whole = (path / 'bag_0.mcap').read_bytes()
+    # The time of a chunk's first message stands in the file for the last time in the index.
+    first = mcap_file.McapFile(path / 'bag_0.mcap')._chunks.first_ns[-1]
+    at = whole.rindex(int(first).to_bytes(8, 'little'))
+    (path / 'bag_0.mcap').write_bytes(whole[: at + 6] + bytes([whole[at + 6] ^ 64]) + whole[at + 7 :])
+    read = read_trajectory(BagWindow(path, 0, 9.99))
+    assert len(read.trajectory) == 999
+    assert not read.closed
+    assert 'damaged' in read.note
+
+
+def test_damage_in_a_closed_file_is_named_and_can_be_avoided(bag, tmp_path):
+    path = shutil.copytree(bag, tmp_path / 'bag')
+    data = bytearray((path / 'bag_0.mcap').read_bytes())
+    data[data.index(encode_joint_state(*samples()[500])) + 60] ^= 1
+    (path / 'bag_0.mcap').write_bytes(data)
+    with pytest.raises(BagError, match=r'is damaged \d+ bytes from its start, 4\.\d+ s after its first message'):
+        read_trajectory(path)
+    assert len(read_trajectory(BagWindow(path, 0, 3)).trajectory) == 300
+    # Once the end is lost too, all but the damaged chunk is used, and that is said.
+    (path / 'bag_0.mcap').write_bytes(data[:-100])
+    info = BagReader(path).info
+    assert 985 <= info.count < 1000
+    assert f'its {info.count} messages that are whole' in info.note
+    assert 'bytes among them are not, first at byte' in info.note
+
+
+@pytest.mark.parametrize('closed', ['.', 'bag'])
+def test_a_bag_that_may_not_be_read_is_said_to_be_so(closed):
+    """Root reads all; so this is who is nobody, for whom the folders of pytest are closed already."""
+    with tempfile.TemporaryDirectory() as folder:
+        os.chmod(folder, 0o755)
+        path = write(Path(folder) / 'bag', samples(100))
+        os.chmod(path, 0o755)
+        os.chmod(Path(folder) / closed, 0)
+        user = os.geteuid()
+        try:
+            os.seteuid(user or 65534)
+            with pytest.raises(BagError, match=r'bag cannot be read: Permission denied; check the permissions'):
+                BagReader(path)
+        finally:
+            os.seteuid(user)
+            os.chmod(Path(folder) / closed, 0o755)
+
+
+def test_no_bag_is_one_sentence(tmp_path):
+    with pytest.raises(BagError, match=r'there is no bag .*nowhere'):
+        read_trajectory(tmp_path / 'nowhere')
+    with pytest.raises(BagError, match=r'holds no \.mcap file'):
+        read_trajectory(tmp_path)
+    for content, sentence in (
+        (b'', 'is empty'),
+        (b'\x89MCAP', 'is no MCAP file'),
+        (b't,q1,q2\n1,2,3', 'is no MCAP file'),
+    ):
+        (tmp_path / 'file.mcap').write_bytes(content)
+        with pytest.raises(BagError, match=sentence):
+            read_trajectory(tmp_path / 'file.mcap')
+
+
+def test_an_empty_bag_is_one_sentence(tmp_path):
+    with BagWriter(tmp_path / 'bag') as bag:
+        bag.add_topic('/joint_states', JOINT_STATE)
+    assert BagReader(tmp_path / 'bag').info.closed
+    with pytest.raises(BagError, match='holds no message'):
+        read_trajectory(tmp_path / 'bag')
+
+
+def test_a_wrong_topic_is_one_sentence(tmp_path):
+    with BagWriter(tmp_path / 'bag') as bag:
+        bag.write(bag.add_topic('/effort', 'std_msgs/msg/Float64'), b'\x00\x01\x00\x00' + bytes(8), START)
+    with pytest.raises(BagError, match=r'nothing on /joint_states; its topics are /effort \[std_msgs/msg/Float64\]'):
+        read_trajectory(tmp_path / 'bag')
+    with pytest.raises(BagError, match=r'/effort is of type std_msgs/msg/Float64; name a topic of type sensor_msgs'):
+        read_trajectory(tmp_path / 'bag', topic='/effort')
+
+
+@pytest.mark.parametrize(
+    ('changed', 'error', 'sentence'),
+    [
+        ({'names': lambda k: ('a', 'b')}, BagError, "no joint 'shoulder'; its joints are a, b"),
+        ({'effort': lambda k: ()}, BagError, 'has 0 efforts for 2 joints'),
+        ({'effort': lambda k: (1,) if k == 70 else (1, 2)}, BagError, 'sample 70 .* has 1 efforts for 2 joints'),
+        ({'position': lambda k: ()}, BagError, 'has 0 positions for 2 joints'),
+        ({'position': lambda k: (np.nan if k == 7 else 0, 0)}, TrajectoryError, 'q that is not a finite number'),
+        ({'effort': lambda k: (0, np.inf)}, TrajectoryError, 'tau that is not a finite number'),
+        ({'stamp': lambda k: START + (k - 2 * (k == 60)) * STEP}, TrajectoryError, 'runs backwards by 0.01 s'),
+        ({'stamp': lambda k: START + (k - (k == 60)) * STEP}, TrajectoryError, 'sample 60 repeats'),
+        ({'stamp': lambda k: 0}, TrajectoryError, 'sample 1 repeats'),
+    ],
+)
+def test_unusable_samples_are_one_sentence(tmp_path, changed, error, sentence):
+    path = write(tmp_path / 'bag', samples(100, **changed))
+    with pytest.raises(error, match=sentence):
+        read_trajectory(path)
+
+
+@pytest.mark.parametrize(
+    ('start', 'end', 'sentence'),
+    [
+        (20, 30, r'holds no sample; the bag lasts 9\.990 s'),
+        (1, 1.3, '30 samples .* too few'),
+        (9.995, None, 'no sample'),
+    ],
+)
+def test_an_unusable_window_is_one_sentence(bag, start, end, sentence):
+    with pytest.raises(TrajectoryError, match=sentence):
+        read_trajectory(BagWindow(bag, start, end))
+
+
+def test_the_content_hash_is_that_of_the_file(tmp_path):
+    t = np.arange(100) * 0.01
+    q = np.column_stack([t, t])
+    for name, scale in (('one', 1), ('same', 1), ('other', 2)):
+        write_trajectory(tmp_path / name / 'bag', Trajectory(t=t, q=scale * q, tau=q))
+    one, same, other = (read_trajectory(tmp_path / name / 'bag').sha256 for name in ('one', 'same', 'other'))
+    assert one == same != other

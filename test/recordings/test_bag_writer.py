@@ -1,0 +1,337 @@
+import os
+import resource
+import signal
+import subprocess
+import sys
+import textwrap
+
+import numpy as np
+import pytest
+import yaml
+from mcap.reader import make_reader
+from rosbags.rosbag2 import Reader
+from rosbags.typesys import Stores, get_typestore
+
+from pendubot_identification.errors import BagError
+from pendubot_identification.recordings.bag_reader import BagReader, read_trajectory
+from pendubot_identification.recordings.bag_writer import BagWriter, Qos
+from pendubot_identification.recordings.joint_states import (
+    JOINT_STATE,
+    decode_joint_state,
+    encode_joint_state,
+    write_trajectory,
+)
+from pendubot_identification.recordings.message_types import message_definition
+from pendubot_identification.trajectories.trajectory import Trajectory
+
+START = 1_700_000_000_000_000_000
+STEP = 10_000_000
+
+
+def message(k):
+    stamp = START + k * STEP
+    return stamp, encode_joint_state(stamp, ('shoulder', 'elbow'), [0.1 * k, -k], [1, 2], [k, 0])
+
+
+def write(path, count=100, **options):
+    with BagWriter(path, **options) as bag:
+        channel = bag.add_topic('/joint_states', JOINT_STATE)
+        for k in range(count):
+            stamp, data = message(k)
+            bag.write(channel, data, stamp, stamp - 1000, sequence=k + 1)
+    return path
+
+
+def motion(n=100, step=0.01, qd=True):
+    t = np.arange(n) * step
+    q = np.column_stack([np.sin(t), np.cos(3 * t)])
+    return Trajectory(t=t, q=q, tau=0.5 * q, qd=2 * q if qd else None)
+
+
+def test_rosbags_reads_back_every_message(tmp_path):
+    path = write(tmp_path / 'bag')
+    store = get_typestore(Stores.ROS2_JAZZY)
+    with Reader(path) as reader:
+        (connection,) = reader.connections
+        messages = list(reader.messages())
+        assert connection.msgtype == JOINT_STATE
+        assert connection.digest == store.hash_rihs01(JOINT_STATE)
+        assert connection.msgdef.data == message_definition(JOINT_STATE).text
+        assert (reader.start_time, reader.end_time) == (START, START + 99 * STEP + 1)
+    assert [(stamp, bytes(data)) for _, stamp, data in messages] == [message(k) for k in range(100)]
+    decoded = store.deserialize_cdr(messages[7][2], JOINT_STATE)
+    assert decoded.name == ['shoulder', 'elbow']
+    np.testing.assert_array_equal(decoded.position, [0.1 * 7, -7])
+
+
+def test_mcap_reads_back_every_message_through_its_index(tmp_path):
+    path = write(tmp_path / 'bag')
+    with (path / 'bag_0.mcap').open('rb') as file:
+        reader = make_reader(file, validate_crcs=True)
+        assert reader.get_header().profile == 'ros2'
+        summary = reader.get_summary()
+        messages = list(reader.iter_messages())
+    schema, channel, first = messages[0]
+    assert (schema.name, schema.encoding, channel.message_encoding) == (JOINT_STATE, 'ros2msg', 'cdr')
+    assert 'MSG: std_msgs/Header' in schema.data.decode()
+    assert channel.metadata['topic_type_hash'].startswith('RIHS01_')
+    (profile,) = yaml.safe_load(channel.metadata['offered_qos_profiles'])
+    assert profile == Qos().profile()
+    assert (first.log_time, first.publish_time, first.sequence) == (START, START - 1000, 1)
+    assert [(m.log_time, m.data) for _, _, m in messages] == [message(k) for k in range(100)]
+    assert summary.statistics.message_count == 100
+    assert len(summary.chunk_indexes) >= 9
+
+
+def test_metadata_has_every_key_of_version_9(tmp_path):
+    path = write(tmp_path / 'bag')
+    information = yaml.safe_load((path / 'metadata.yaml').read_text())['rosbag2_bagfile_information']
+    assert information == {
+        'version': 9,
+        'storage_identifier': 'mcap',
+        'duration': {'nanoseconds': 99 * STEP},
+        'starting_time': {'nanoseconds_since_epoch': START},
+        'message_count': 100,
+        'topics_with_message_count': [
+            {
+                'topic_metadata': {
+                    'name': '/joint_states',
+                    'type': JOINT_STATE,
+                    'serialization_format': 'cdr',
+                    'offered_qos_profiles': [Qos().profile()],
+                    'type_description_hash': message_definition(JOINT_STATE).type_hash,
+                },
+                'message_count': 100,
+            }
+        ],
+        'compression_format': '',
+        'compression_mode': '',
+        'relative_file_paths': ['bag_0.mcap'],
+        'files': [
+            {
+                'path': 'bag_0.mcap',
+                'starting_time': {'nanoseconds_since_epoch': START},
+                'duration': {'nanoseconds': 99 * STEP},
+                'message_count': 100,
+            }
+        ],
+        'custom_data': None,
+        'ros_distro': 'jazzy',
+    }
+    # Anchors are YAML, but not every reader's.
+    assert '&' not in (path / 'metadata.yaml').read_text()
+    with (path / 'bag_0.mcap').open('rb') as file:
+        (copy,) = make_reader(file).iter_metadata()
+    assert yaml.safe_load(copy.metadata['serialized_metadata']) == information
+
+
+def test_two_topics_of_one_type_share_its_schema(tmp_path):
+    with BagWriter(tmp_path / 'bag') as bag:
+        channels = [bag.add_topic(name, 'std_msgs/msg/Float64') for name in ('/a', '/b')]
+        for channel in channels:
+            bag.write(channel, bytes([0, 1, 0, 0]) + bytes(8), START)
+    with (tmp_path / 'bag' / 'bag_0.mcap').open('rb') as file:
+        summary = make_reader(file).get_summary()
+    assert len(summary.schemas) == 1
+    assert '&' not in (tmp_path / 'bag' / 'metadata.yaml').read_text()
+    assert [(t.name, t.count) for t in BagReader(tmp_path / 'bag').info.topics] == [('/a', 1), ('/b', 1)]
+
+
+@pytest.mark.parametrize('overwrite', [False, True])
+@pytest.mark.parametrize('content', ['file', 'folder', 'empty folder', 'bag and more'])
+def test_nothing_but_a_bag_is_ever_overwritten(tmp_path, content, overwrite):
+    path = tmp_path / 'taken'
+    if content == 'file':
+        path.write_text('mine')
+    elif content == 'bag and more':
+        write(path)
+        (path / 'notes.txt').write_text('mine')
+    else:
+        path.mkdir()
+        if content == 'folder':
+            (path / 'notes.txt').write_text('mine')
+    before = {file: file.read_bytes() for file in tmp_path.rglob('*') if file.is_file()}
+    with pytest.raises(BagError, match=r'give another name'):
+        BagWriter(path, overwrite=overwrite)
+    assert {file: file.read_bytes() for file in tmp_path.rglob('*') if file.is_file()} == before
+
+
+def test_a_bag_is_overwritten_only_when_asked(tmp_path):
+    path = write(tmp_path / 'bag', count=10)
+    with pytest.raises(BagError, match='exists already'):
+        BagWriter(path)
+    assert BagReader(path).info.count == 10
+    write(path, count=20, overwrite=True)
+    assert BagReader(path).info.count == 20
+
+
+def test_a_folder_that_cannot_be_made_is_one_sentence(tmp_path):
+    (tmp_path / 'file').write_text('')
+    with pytest.raises(BagError, match=r'cannot be written \(Not a directory\)'):
+        BagWriter(tmp_path / 'file' / 'bag')
+
+
+def in_another_process(body, tmp_path):
+    """Run a writer that cannot end well; its bag is ``tmp_path / 'bag'``."""
+    program = """
+        import os, resource, signal, sys
+        from pathlib import Path
+        from pendubot_identification.errors import BagError
+        from test.recordings.test_bag_writer import START, STEP, BagWriter, JOINT_STATE, message
+        bag = BagWriter(Path(sys.argv[1]) / 'bag')
+        channel = bag.add_topic('/joint_states', JOINT_STATE)
+    """
+    return subprocess.run(
+        [sys.executable, '-c', textwrap.dedent(program) + textwrap.dedent(body), str(tmp_path)],
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+
+
+def test_sigkill_loses_no_more_than_the_last_tenth_of_a_second(tmp_path):
+    killed = in_another_process(
+        """
+        for k in range(1000):
+            stamp, data = message(k)
+            bag.write(channel, data, stamp)
+        os.kill(os.getpid(), signal.SIGKILL)
+        """,
+        tmp_path,
+    )
+    assert killed.returncode == -signal.SIGKILL
+    info = BagReader(tmp_path / 'bag').info
+    assert not info.closed
+    assert 'never closed' in info.note
+    assert 990 <= info.count <= 1000
+    assert len(read_trajectory(tmp_path / 'bag').trajectory) == info.count
+
+
+def test_sync_leaves_nothing_behind(tmp_path):
+    in_another_process(
+        """
+        for k in range(5):
+            bag.write(channel, message(k)[1], message(k)[0])
+        bag.sync()
+        os.kill(os.getpid(), signal.SIGKILL)
+        """,
+        tmp_path,
+    )
+    assert BagReader(tmp_path / 'bag').info.count == 5
+
+
+def test_sync_puts_the_file_on_the_disk_and_so_does_every_end_of_one(tmp_path, monkeypatch):
+    synced = []
+    fsync = os.fsync
+    monkeypatch.setattr(os, 'fsync', lambda fd: synced.append(os.readlink(f'/proc/self/fd/{fd}')) or fsync(fd))
+    bag = BagWriter(tmp_path / 'bag')
+    folder = str(tmp_path / 'bag')
+    # metadata.yaml, under the name that it has until it is whole, the folder that lists both, and the one above.
+    assert synced == [f'{folder}/metadata.yaml.tmp', folder, folder, str(tmp_path)]
+    channel = bag.add_topic('/joint_states', JOINT_STATE)
+    bag.write(channel, message(0)[1], START)
+    for action, expected in (
+        (bag.sync, [f'{folder}/bag_0.mcap']),
+        (bag.split, [f'{folder}/bag_0.mcap']),
+        (lambda: bag.write(channel, message(1)[1], START), [f'{folder}/metadata.yaml.tmp', folder, folder]),
+        (bag.close, [f'{folder}/bag_1.mcap', f'{folder}/metadata.yaml.tmp', folder]),
+    ):
+        synced.clear()
+        action()
+        assert synced == expected
+
+
+def test_a_full_disk_is_one_sentence_and_leaves_what_is_whole(tmp_path):
+    # A limit on a file's size refuses a write as a full disk does.
+    full = in_another_process(
+        """
+        resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))
+        try:
+            for k in range(10_000):
+                stamp, data = message(k)
+                bag.write(channel, data, stamp)
+        except BagError as error:
+            print(k, error)
+        bag.close()
+        """,
+        tmp_path,
+    )
+    assert full.stderr == ''
+    count, _, sentence = full.stdout.partition(' ')
+    assert 'is closed with all that was received before: the system limits files to 0.100 MB' in sentence
+    info = BagReader(tmp_path / 'bag').info
+    assert info.closed
+    assert int(count) <= info.count <= int(count) + 1
+    assert os.path.getsize(tmp_path / 'bag' / 'bag_0.mcap') <= 100_000
+    assert resource.getrlimit(resource.RLIMIT_FSIZE)[0] == resource.RLIM_INFINITY
+
+
+def test_a_clock_that_is_set_back_does_not_stop_the_flushing(tmp_path):
+    in_another_process(
+        """
+        for k in range(100):
+            bag.write(channel, message(k)[1], START + (k - 3600 * (k >= 50)) * STEP)
+        os.kill(os.getpid(), signal.SIGKILL)
+        """,
+        tmp_path,
+    )
+    assert BagReader(tmp_path / 'bag').info.count >= 90
+
+
+@pytest.mark.parametrize('qd', [True, False])
+def test_a_trajectory_comes_back_as_it_was(tmp_path, qd):
+    trajectory = motion(qd=qd)
+    write_trajectory(tmp_path / 'bag', trajectory)
+    back = read_trajectory(tmp_path / 'bag').trajectory
+    np.testing.assert_allclose(back.t, trajectory.t, rtol=0, atol=0.5e-9)
+    np.testing.assert_array_equal(back.q, trajectory.q)
+    np.testing.assert_array_equal(back.tau, trajectory.tau)
+    if qd:
+        np.testing.assert_array_equal(back.qd, trajectory.qd)
+    else:
+        assert back.qd is None
+
+
+def test_the_same_trajectory_gives_the_same_bytes(tmp_path):
+    for folder in ('one', 'two'):
+        write_trajectory(tmp_path / folder / 'bag', motion())
+    for file in ('bag_0.mcap', 'metadata.yaml'):
+        assert (tmp_path / 'one/bag' / file).read_bytes() == (tmp_path / 'two/bag' / file).read_bytes()
+
+
+def test_stamps_increase_however_close_the_samples(tmp_path):
+    write_trajectory(tmp_path / 'bag', motion(step=1e-10))
+    assert (np.diff(read_trajectory(tmp_path / 'bag').trajectory.t) > 0).all()
+
+
+def test_joint_states_survive_their_bytes():
+    state = decode_joint_state(encode_joint_state(START + 7, ('a', 'b'), [1, 2], [], [3, 4]))
+    assert (state.stamp_ns, state.names) == (START + 7, ('a', 'b'))
+    assert (list(state.position), list(state.velocity), list(state.effort)) == ([1, 2], [], [3, 4])
+    with pytest.raises(BagError, match='is no sensor_msgs'):
+        decode_joint_state(b'\x00\x01\x00\x00 nonsense')
+
+
+def test_a_type_of_a_workspace_is_found_with_what_it_uses(tmp_path, monkeypatch):
+    folder = tmp_path / 'share' / 'rig_msgs' / 'msg'
+    folder.mkdir(parents=True)
+    (folder / 'Phase.msg').write_text('float64 current  # A\n')
+    (folder / 'Motor.msg').write_text('std_msgs/Header header\nPhase[3] phases\nPhase[] more\nrig_msgs/Phase one\n')
+    monkeypatch.setenv('AMENT_PREFIX_PATH', str(tmp_path))
+    definition = message_definition('rig_msgs/msg/Motor')
+    assert 'MSG: rig_msgs/Phase\nfloat64 current' in definition.text
+    assert 'MSG: builtin_interfaces/Time' in definition.text
+    assert definition.type_hash.startswith('RIHS01_')
+
+
+@pytest.mark.parametrize(
+    ('name', 'sentence'),
+    [
+        ('nowhere_msgs/msg/Thing', 'is not installed'),
+        ('Thing', 'is no message type'),
+        ('a/srv/B', 'is no message type'),
+    ],
+)
+def test_an_unknown_type_is_one_sentence(name, sentence):
+    with pytest.raises(BagError, match=sentence):
+        message_definition(name)

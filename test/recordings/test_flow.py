@@ -1,0 +1,100 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pendubot_identification.level import Level
+from pendubot_identification.recordings.flow import Flow, diagnose
+
+
+@given(st.sets(st.integers(2, 300)), st.integers(1, 10_000))
+def test_of_one_publisher_exactly_what_did_not_come_is_lost(dropped, first):
+    flow = Flow()
+    # The last one comes: what is lost after it, nobody can know.
+    numbers = [k for k in range(1, 302) if k not in dropped]
+    for k in numbers:
+        flow.heard(first + k, 0)
+    assert (flow.count, flow.lost) == (len(numbers), len(dropped))
+
+
+@given(st.lists(st.booleans(), max_size=200), st.integers(1, 50), st.integers(1000, 2000))
+def test_of_two_publishers_in_any_order_nothing_is_lost_where_nothing_is(turns, first, second):
+    flow = Flow()
+    following = {False: first, True: second}
+    for turn in turns:
+        flow.heard(following[turn], 0, publishers=2)
+        following[turn] += 1
+    assert flow.lost == 0
+
+
+def test_a_publisher_that_begins_anew_has_lost_nothing():
+    flow = Flow()
+    for number in (1, 2, 3, 1, 2, 4):
+        flow.heard(number, 0)
+    assert flow.lost == 1
+
+
+def test_what_was_not_listened_to_is_not_lost():
+    flow = Flow()
+    flow.heard(1, 0)
+    flow.forget()
+    flow.heard(100, 0)
+    assert flow.lost == 0
+
+
+def test_a_middleware_that_does_not_number_loses_nothing_known():
+    flow = Flow()
+    flow.heard(None, 0)
+    assert (flow.count, flow.lost) == (1, 0)
+
+
+def test_rate_and_lag_are_those_since_the_last_report():
+    flow = Flow()
+    for k in range(100):
+        flow.heard(k, 1_000_000 * k)
+    assert flow.report(0.5) == (200.0, 0.099)
+    assert flow.report(0.5) == (0.0, 0.0)
+
+
+def usual(**changed):
+    flow = Flow()
+    flow.heard(1, 1000)
+    return {
+        'flows': {'/x': flow},
+        'elapsed': 1.0,
+        'paused': False,
+        'troubles': (),
+        'free': 10**12,
+        'reserve': 10**8,
+    } | changed
+
+
+def flow_of(*numbers, lag_ns=0):
+    flow = Flow()
+    for number in numbers:
+        flow.heard(number, lag_ns)
+    return flow
+
+
+@pytest.mark.parametrize(
+    ('changed', 'sentence'),
+    [
+        ({'paused': True}, 'paused'),
+        ({'troubles': ('somebody is deaf',)}, 'somebody is deaf'),
+        ({'free': 150_000_000}, '150 MB left on the disk; the bag is closed at 100'),
+        ({'flows': {'/x': flow_of(1, 5)}}, '/x: 3 messages lost'),
+        ({'flows': {'/x': Flow()}}, '/x: nothing yet'),
+        ({'flows': {'/x': flow_of(1, lag_ns=2_500_000_000)}}, '/x: written 2.5 s late'),
+    ],
+)
+def test_what_is_wrong_is_a_warning_that_says_it(changed, sentence):
+    diagnosis = diagnose(**usual(**changed))
+    assert (diagnosis.level, diagnosis.message) == (Level.WARN, sentence)
+
+
+def test_all_is_well_and_in_numbers():
+    diagnosis = diagnose(**usual())
+    assert (diagnosis.level, diagnosis.message) == (Level.OK, 'recording')
+    assert diagnosis.values['/x rate [Hz]'] == '1.0'
+    assert {'/x messages', '/x lag [s]', '/x lost', 'free [MB]', 'reserve [MB]'} <= diagnosis.values.keys()
+    assert np.isfinite(float(diagnosis.values['free [MB]']))

@@ -1,0 +1,156 @@
+"""Bags that are too long to be held: read piece by piece, taken in stretches, and the same answers in the end."""
+
+import shutil
+
+import numpy as np
+import pytest
+
+from pendubot_identification.cli.main import main
+from pendubot_identification.errors import TrajectoryError
+from pendubot_identification.excitation.excitation import PulseTrain
+from pendubot_identification.identify.identification import identify
+from pendubot_identification.identify.settings import Settings
+from pendubot_identification.model.parameters import PAPER
+from pendubot_identification.model.rollout import roll
+from pendubot_identification.model.simulation import quantised
+from pendubot_identification.recordings.bag_metadata import Qos
+from pendubot_identification.recordings.bag_reader import BagReader, BagWindow, read_recording, read_trajectory
+from pendubot_identification.recordings.bag_writer import BagWriter
+from pendubot_identification.recordings.datasets import load_datasets
+from pendubot_identification.recordings.joint_states import (
+    EPOCH_NS,
+    JOINT_NAMES,
+    JOINT_STATE,
+    encode_joint_state,
+    write_trajectory,
+)
+from pendubot_identification.results.provenance import recordings
+from pendubot_identification.results.result_file import result_data
+from pendubot_identification.trajectories import long
+from pendubot_identification.trajectories.long import STRETCH, STRETCHES, Long
+from pendubot_identification.trajectories.trajectory import Trajectory
+
+INTERVAL, SAMPLES = 0.01, 24_000
+SETTINGS = Settings(('energy', 'weak'), 'viscous', 'lsq', delays=(0.0, 0.0))
+
+
+def recording():
+    t = np.arange(SAMPLES) * INTERVAL
+    tau = np.column_stack([PulseTrain().torques(t), np.zeros(SAMPLES)])
+    states = roll(PAPER.vector(), np.array([[-np.pi / 2], [0], [0], [0]]), tau.T[:, :-1, None], INTERVAL)
+    return quantised(Trajectory(t, states[:, :2, 0], tau), 4000)
+
+
+@pytest.fixture(scope='module')
+def bag(tmp_path_factory):
+    path = tmp_path_factory.mktemp('bags') / 'long'
+    write_trajectory(path, recording())
+    return path
+
+
+@pytest.fixture
+def soon(monkeypatch):
+    """A recording of a minute and a half is already too long."""
+    monkeypatch.setattr(long, 'LONG_SECONDS', 90.0)
+
+
+@pytest.fixture(params=['closed', 'cut'])
+def either(request, bag, tmp_path):
+    """The bag, and one whose end is missing with its index."""
+    if request.param == 'closed':
+        return bag
+    path = shutil.copytree(bag, tmp_path / 'cut')
+    (path / 'long_0.mcap').write_bytes((path / 'long_0.mcap').read_bytes()[:-40_000])
+    return path
+
+
+def test_a_long_recording_is_read_in_parts_and_in_stretches(either, soon):
+    whole = read_trajectory(BagWindow(either, 20, 210)).trajectory
+    recorded = read_recording(BagWindow(either, 20, 210)).trajectory
+    assert isinstance(recorded, Long)
+    assert (len(recorded), recorded.start, recorded.last) == (len(whole), whole.t[0], whole.t[-1])
+    for _ in range(2):
+        parts = list(recorded.read())
+        assert max(map(len, parts)) < len(whole) / 2
+        for name in ('t', 'q', 'tau'):
+            read = np.concatenate([getattr(part, name) for part in parts])
+            np.testing.assert_array_equal(read, getattr(whole, name))
+    assert len(recorded.stretches) == STRETCHES
+    for stretch in recorded.stretches:
+        alone = read_trajectory(BagWindow.parse(stretch.name)).trajectory
+        assert len(alone) == len(stretch) == round(STRETCH / INTERVAL)
+        np.testing.assert_array_equal(alone.q, stretch.q)
+
+
+def test_what_is_quadratic_is_that_of_all_of_it(bag, monkeypatch):
+    held = load_datasets([str(bag)])
+    monkeypatch.setattr(long, 'LONG_SECONDS', 90.0)
+    data = load_datasets([str(bag)])
+    assert [source.role for source in data.sources] == ['training', 'validation']
+    assert sum(source.samples for source in data.sources) == SAMPLES
+    assert all(len(source.stretches) == STRETCHES for source in data.sources)
+    first, again = (identify(d.training, d.validation, SETTINGS) for d in (held, data))
+    for one, other in zip(first.estimates, again.estimates, strict=True):
+        # Half of it is 120 s to the sample; what is chosen from stretches is the smoothing and the weights.
+        tolerance = 1e-6 if one.criterion == 'energy' else 0.01
+        np.testing.assert_allclose(other.theta, one.theta, rtol=tolerance)
+        np.testing.assert_allclose(other.std_error, one.std_error, rtol=0.1)
+        np.testing.assert_allclose(other.J_validation, one.J_validation, rtol=0.1)
+        assert other.residuals == pytest.approx(one.residuals, abs=3)
+        assert 'from all of' in other.steps[0]
+    motions = recordings(result_data(again, data.sources))
+    assert [len(part) for part in motions] == [STRETCHES, STRETCHES]
+    for part, recorded in zip(motions, (data.training, data.validation), strict=True):
+        assert [m.name for m in part] == [m.name for m in recorded[0].stretches]
+
+
+def test_several_long_recordings_share_the_stretches(bag, soon):
+    data = load_datasets([f'{bag}@0:100', f'{bag}@140:240'], [f'{bag}@0:95'])
+    assert [len(recorded.stretches) for recorded in (*data.training, *data.validation)] == [6, 6, 11]
+    found = identify(data.training, data.validation, SETTINGS)
+    motions = recordings(result_data(found, data.sources))
+    assert [len(part) for part in motions] == [12, 11]
+
+
+def test_trajectory_takes_the_stretches_and_says_so(bag, soon, tmp_path, capsys):
+    arguments = ('--criterion', 'trajectory', '--model', 'viscous', '--report', str(tmp_path / 'look'))
+    assert main(['identify', str(bag), *arguments]) == 0
+    said = ' '.join(capsys.readouterr().out.split())
+    assert f'from {STRETCHES} stretches of 8 s, spread over {bag}@:119.995, 120 s' in said
+    page = (tmp_path / 'look' / 'report.html').read_text()
+    assert f'what lies between {STRETCHES} stretches of {bag}@:119.995, 120 s' in page
+
+
+def test_a_topic_that_ended_long_before_the_bag_is_taken_as_long_as_it_is(tmp_path, soon):
+    motion = recording()
+    writer = BagWriter(tmp_path / 'bag')
+    joints = writer.add_topic('/joint_states', JOINT_STATE, Qos())
+    other = writer.add_topic('/other', JOINT_STATE, Qos())
+    for k in range(SAMPLES):
+        stamp = EPOCH_NS + k * 10_000_000
+        message = encode_joint_state(stamp, JOINT_NAMES, motion.q[k], [0, 0], motion.tau[k])
+        if k < 500 or k == 23_000:
+            writer.write(joints if k < 500 else other, message, stamp, stamp)
+    writer.close()
+    data = load_datasets([str(tmp_path / 'bag')])
+    assert [len(d) for d in (*data.training, *data.validation)] == [250, 250]
+    with pytest.raises(TrajectoryError, match='the window holds no sample'):
+        load_datasets([f'{tmp_path / "bag"}@100:'])
+
+
+def test_gaps_and_stamps_that_run_back_are_named(tmp_path, soon):
+    motion = recording()
+    write_trajectory(tmp_path / 'hole', motion[(motion.t < 150) | (motion.t > 151)])
+    with pytest.raises(TrajectoryError, match=r'1\.020 s without a sample begin at 149\.990 s, where 0\.01 s is'):
+        read_recording(BagWindow(tmp_path / 'hole'))
+    assert read_recording(BagWindow(tmp_path / 'hole', 0, 150)).trajectory.lost == 0
+
+
+def test_a_sliding_window_longer_than_a_stretch_is_one_sentence(bag, soon, capsys):
+    assert main(['identify', str(bag), '--criterion', 'energy', '--sliding', '20']) == 1
+    assert 'the sliding window of 20 s is too long for a long recording' in capsys.readouterr().err
+
+
+def test_a_short_recording_is_held(bag):
+    assert isinstance(read_recording(BagWindow(bag)).trajectory, Trajectory)
+    assert not BagReader(bag).is_long('/joint_states', 240.0)

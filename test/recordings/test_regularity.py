@@ -1,0 +1,43 @@
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pendubot_identification.recordings.regularity import regularity
+
+MS = 1_000_000
+
+
+@given(st.integers(1, 50), st.sets(st.integers(1, 198), max_size=60), st.integers(0, 2**62))
+def test_what_is_taken_out_is_missing(period, taken, start):
+    times = start + period * MS * np.array([k for k in range(200) if k not in taken], dtype=np.int64)
+    found = regularity(times)
+    # Only as long as most intervals are whole is it known what is usual.
+    assert found.period == period / 1e3
+    assert found.missing == len(taken)
+    assert (found.gaps > 0) == bool(taken)
+    assert (found.repeated, found.backwards) == (0, 0)
+    if taken:
+        assert found.first_gap == (min(taken) - 1) * period / 1e3
+
+
+def test_jitter_is_what_99_of_100_keep_within():
+    intervals = np.full(1000, 10 * MS)
+    intervals[::10] += MS
+    intervals[500] += 2 * MS
+    found = regularity(np.cumsum(intervals))
+    assert (found.period, found.jitter, found.longest, found.gaps) == (0.01, 0.001, 0.013, 0)
+
+
+def test_stamps_that_repeat_or_run_back_are_counted():
+    times = np.arange(100, dtype=np.int64) * MS
+    times[50] = times[49]
+    times[70] = times[60]
+    found = regularity(times)
+    assert (found.repeated, found.backwards) == (1, 1)
+
+
+def test_a_few_messages_have_no_usual_interval():
+    for n in range(5):
+        found = regularity(np.arange(n, dtype=np.int64))
+        assert np.isnan(found.period)
+        assert (found.gaps, found.missing) == (0, 0)

@@ -1,0 +1,81 @@
+"""What a result says of its own making leads back to the very same recordings, settings and answers."""
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+
+from pendubot_identification.identify.settings import Settings
+from pendubot_identification.model.parameters import NAMES, Bounds
+from pendubot_identification.recordings.datasets import load_datasets
+from pendubot_identification.results.provenance import answers, hold, recordings, settings
+from pendubot_identification.results.result_file import result_data
+from test.conftest import ROOT
+from test.identified import identified, plain
+
+SAMPLE = ROOT / 'bags' / 'paper_experiment'
+
+
+@pytest.mark.parametrize(
+    ('bags', 'validate'),
+    [
+        (['{}'], []),
+        (['{}@5:9'], []),
+        (['{}@0:6', '{}@12:'], ['{}']),
+        (['{}', '{}@3:'], []),
+        (['{}'], ['{}']),
+    ],
+)
+def test_recordings_are_divided_as_they_were(bags, validate):
+    data = load_datasets([b.format(SAMPLE) for b in bags], [v.format(SAMPLE) for v in validate])
+    again = recordings(result_data(identified(('weak',)), data.sources))
+    for motions, before in zip(again, (data.training, data.validation), strict=True):
+        assert [m.name for m in motions] == [m.name for m in before]
+        for motion, other in zip(motions, before, strict=True):
+            assert (motion.t == other.t).all()
+            assert (motion.q == other.q).all()
+            assert (motion.tau == other.tau).all()
+
+
+def test_results_of_earlier_versions_named_no_topic():
+    data = load_datasets([str(SAMPLE)])
+    result = result_data(identified(('weak',)), data.sources)
+    for bag in result['bags']:
+        del bag['topic'], bag['joint_names']
+    assert [len(motions) for motions in recordings(result)] == [1, 1]
+
+
+def test_settings_are_those_that_were_asked_for():
+    asked = Settings(
+        ('weak', 'energy'),
+        'coulomb',
+        'lsq',
+        sliding=0.4,
+        smoothing=0.03,
+        hold='linear',
+        delays=(-0.02, 0.01),
+        link_length=0.2,
+        seed=7,
+        bounds=Bounds(np.zeros(9), np.arange(1.0, 10.0), NAMES[:9]),
+    )
+    again = settings(result_data(replace(identified(('weak',)), settings=asked), []))
+    for field in fields(Settings):
+        if field.name != 'bounds':
+            assert getattr(again, field.name) == getattr(asked, field.name), field.name
+    assert (again.bounds.upper == asked.bounds.upper).all()
+    assert again.bounds.names == NAMES
+
+
+def test_answers_and_hold():
+    result = plain()
+    found = answers(result)
+    assert list(found) == list(result['criteria'])
+    for name, answer in found.items():
+        values = [entry['value'] for entry in result['criteria'][name]['parameters'].values()]
+        assert answer.theta.tolist() == values
+        assert answer.delay == result['criteria'][name]['effort']['delay']
+        # As a program would write it that sorts what it writes.
+        result['criteria'][name]['parameters'] = dict(reversed(result['criteria'][name]['parameters'].items()))
+        assert answers(result)[name].theta.tolist() == values
+    assert hold(result) == 'zero'
+    assert hold(plain(('energy',), hold='linear')) == 'linear', 'energy never asks, but the states may be simulated so'

@@ -1,0 +1,247 @@
+"""Result files: what is in them, for whom it is in which order, and what can be read back."""
+
+import importlib.util
+import json
+import math
+import subprocess
+import sys
+from dataclasses import asdict, replace
+
+import numpy as np
+import pytest
+import yaml
+
+from pendubot_identification.errors import ResultError
+from pendubot_identification.identify.estimate import Zeros
+from pendubot_identification.identify.prediction import HORIZONS
+from pendubot_identification.identify.settings import CRITERIA
+from pendubot_identification.model.parameters import MODELS, NAMES, PAPER, Parameters
+from pendubot_identification.results.result_file import (
+    SCHEMA,
+    read_parameters,
+    read_result,
+    read_whole_result,
+    result_data,
+    write_result,
+)
+from test.conftest import RECORDINGS
+from test.identified import SOURCE, identified, plain
+
+SCORER = RECORDINGS.parent / 'tools' / 'score_recordings.py'
+THETA = np.arange(1.0, 15.0) / 100
+
+
+def keys(node):
+    """Every key of a tree."""
+    if isinstance(node, dict):
+        return {*node, *(key for value in node.values() for key in keys(value))}
+    return {key for value in node for key in keys(value)} if isinstance(node, list) else set()
+
+
+def first_numbers(node, found=None):
+    """What a reader finds that walks the tree and takes the first number, or value, under each parameter's name."""
+    found = {} if found is None else found
+    for key, value in node.items() if isinstance(node, dict) else [(None, entry) for entry in node]:
+        number = value.get('value') if isinstance(value, dict) else value
+        if key in NAMES and isinstance(number, float):
+            found.setdefault(key, number)
+        elif isinstance(value, (dict, list)):
+            first_numbers(value, found)
+    return found
+
+
+def test_what_is_written_is_read_back(tmp_path):
+    data = plain()
+    write_result(tmp_path / 'result.yaml', data)
+    assert read_result(tmp_path / 'result.yaml') == data
+    assert json.loads(json.dumps(data, allow_nan=False)) == data
+    text = (tmp_path / 'result.yaml').read_text()
+    assert max(map(len, text.splitlines())) < 130
+    assert '&id' not in text, 'no aliases: people read this'
+
+
+@pytest.mark.parametrize('model', MODELS)
+def test_the_published_parameters_come_first_and_no_others_stand_anywhere(model):
+    data = plain(('energy',), model)
+    names = NAMES[: MODELS[model]]
+    assert tuple(data['parameters']) == names
+    assert keys(data) & set(NAMES) == set(names)
+    assert first_numbers(data) == {name: entry['value'] for name, entry in data['parameters'].items()}
+
+
+def test_the_published_ones_come_first_among_several_criteria():
+    result, data = identified(), plain()
+    assert first_numbers(data) == dict(zip(NAMES, result.best.theta.tolist(), strict=False))
+    assert data['criterion'] == result.best.criterion != 'energy'
+    assert list(data['criteria']) == list(CRITERIA)
+
+
+@pytest.mark.recordings
+def test_the_scoring_tool_reads_what_was_published(tmp_path):
+    if not SCORER.exists():
+        pytest.skip(f'there is no {SCORER}')
+    spec = importlib.util.spec_from_file_location('scorer', SCORER)
+    scorer = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(scorer)
+    for model in MODELS:
+        data = plain(('energy',), model)
+        write_result(tmp_path / 'result.yaml', data, overwrite=True)
+        theta = [entry['value'] for entry in data['parameters'].values()]
+        assert scorer.load_params(tmp_path / 'result.yaml').tolist() == theta + [0.0] * (14 - len(theta))
+
+
+def test_every_number_says_how_far_to_trust_it():
+    result, data = identified(), plain()
+    best = result.best
+    for k, (name, entry) in enumerate(data['parameters'].items()):
+        assert entry['value'] == best.theta[k], name
+        assert entry['std_error'] == best.std_error[k]
+        assert entry['interval'] == best.intervals[k].tolist()
+        assert entry['determined'] == best.determined[k]
+        assert not entry['on_bound']
+    assert np.shape(data['covariance']) == (7, 7)
+    for estimate, entry in zip(result.estimates, data['criteria'].values(), strict=True):
+        assert entry['level'] == estimate.level.name
+        assert entry['J']['training'] == estimate.J
+        assert entry['J']['validation'] == estimate.J_validation
+        np.testing.assert_allclose(entry['prediction']['error'], estimate.prediction.error)
+        correlation = np.array(entry['correlation'], dtype=float)[np.ix_(estimate.free, estimate.free)]
+        np.testing.assert_allclose(np.diag(correlation), 1)
+        assert np.shape(entry['prediction']['fit']['dq2']) == np.shape(HORIZONS)
+        assert entry['steps']
+    assert data['prediction']['method'] == 'on data that was not used for estimation'
+    assert data['criteria'][data['criterion']]['J'] == data['J']
+
+
+def test_what_is_not_a_number_is_null_and_what_lies_on_a_bound_is_marked():
+    best, data = identified(('energy',), validate=False).best, plain(('energy',), validate=False)
+    held = [entry['on_bound'] for entry in data['parameters'].values()]
+    assert held == (~best.free).tolist()
+    assert any(held), 'so little says too little for this criterion'
+    assert data['covariance'][held.index(True)] == [None] * 7
+    assert data['J']['validation'] is None
+    assert data['effort']['delay_std_error'] is None
+    assert data['prediction']['method'] == 'each of 5 blocks of time foreseen from the others'
+
+
+def test_the_delay_for_who_interpolates_the_torque_linearly():
+    held, measured = (plain(('weak',), hold=hold)['effort'] for hold in ('zero', 'linear'))
+    assert math.isclose(held['linear_lag'], held['delay'] + 0.005, rel_tol=1e-3)
+    assert measured['linear_lag'] == measured['delay']
+
+
+def test_zeros_are_in_degrees_by_recording():
+    result = identified(('energy',))
+    zeros = Zeros(
+        ('first', 'second'), np.radians([[1.0, np.nan], [-2.0, 0.5]]), np.radians([[0.1, np.nan], [0.2, 0.3]])
+    )
+    data = result_data(replace(result, estimates=(replace(result.best, zeros=zeros),)), [SOURCE])
+    first, second = data['zeros']
+    assert data['criteria']['energy']['zeros'] == data['zeros']
+    assert (first['recording'], first['unit'], second['q1']) == ('first', 'degree', None)
+    np.testing.assert_allclose([first[k] for k in ('q1', 'q1_std_error', 'q2', 'q2_std_error')], [1, 0.1, -2, 0.2])
+    assert plain(('energy',))['zeros'] == []
+
+
+def test_what_made_it():
+    data = plain(('energy',), optimizer='mde')
+    how = {'runs': 10, 'population': 30, 'generations': 4000, 'per_component': True, 'spread': 1e-9}
+    assert data['criteria']['energy']['mde'] == how
+    assert len(data['J']['training_runs']) == data['J']['runs_at_least_squares'] == 10
+    made_by = data['made_by']
+    assert (made_by['optimizer'], made_by['seed'], made_by['criteria']) == ('mde', 1, ['energy'])
+    assert made_by['delays'] == [-0.1, 0.1]
+    assert data['bags'] == [asdict(SOURCE)]
+
+
+def test_the_comparison_of_models():
+    data = result_data(identified(('energy',), 'auto'), [SOURCE])
+    assert [score['model'] for score in data['models']['compared']] == list(MODELS)
+    assert data['model'] in MODELS
+    assert data['models']['by'].startswith('energy, each of 5 blocks')
+    assert plain(('energy',))['models'] == {'by': None, 'compared': []}
+
+
+def written(path, entries):
+    path.write_text(yaml.safe_dump({'schema': SCHEMA, 'parameters': entries}))
+    return path
+
+
+@pytest.mark.parametrize('size', MODELS.values())
+def test_parameters_of_every_model_are_read(tmp_path, size):
+    entries = {name: {'value': float(value)} for name, value in zip(NAMES[:size], THETA[:size], strict=True)}
+    assert read_parameters(written(tmp_path / 'r.yaml', entries)) == Parameters.from_vector(THETA[:size])
+
+
+def test_parameters_that_are_0_may_be_absent(tmp_path):
+    braked = replace(PAPER, Fc2=0.1)
+    entries = {name: {'value': value} for name, value in asdict(braked).items() if value}
+    assert read_parameters(written(tmp_path / 'r.yaml', entries)) == braked
+
+
+@pytest.mark.parametrize(
+    ('change', 'named'),
+    [
+        ({'b2': None}, 'b2'),
+        ({'P1': {'value': None}}, 'P1'),
+        ({'P1': {'value': float('nan')}}, 'P1'),
+        ({'P1': {'std_error': 1.0}}, 'P1'),
+        ({'P6': {'value': 1.0}}, 'P6'),
+        ({7: {'value': 1.0}}, '7'),
+    ],
+)
+def test_what_is_no_parameter_vector_is_one_sentence(tmp_path, change, named):
+    entries = {name: {'value': value} for name, value in asdict(PAPER).items()} | change
+    entries = {name: entry for name, entry in entries.items() if entry is not None}
+    with pytest.raises(ResultError, match=f'look at {named}; a number each is expected for P1, P2'):
+        read_parameters(written(tmp_path / 'r.yaml', entries))
+
+
+def test_numbers_as_a_hand_writes_them_are_numbers(tmp_path):
+    """YAML takes 4e-4, without a point, for a word, and 1 for a whole number."""
+    path = tmp_path / 'r.yaml'
+    others = ', '.join(f'{name}: {{value: 1}}' for name in ('P1', 'P3', 'P4', 'P5', 'b1', 'b2'))
+    entry = '{value: 4e-4, std_error: 2e-5, interval: [36e-5, 44e-5]}'
+    path.write_text(f'schema: 1\nparameters: {{P2: {entry}, {others}}}\n')
+    parameters = read_result(path)['parameters']
+    assert tuple(parameters) == NAMES[:7], 'in the order of theta, whatever the order of the file'
+    assert parameters['P2'] == {'value': 4e-4, 'std_error': 2e-5, 'interval': [36e-5, 44e-5]}
+    assert all(isinstance(entry['value'], float) for entry in parameters.values())
+
+
+@pytest.mark.parametrize(
+    ('entry', 'sentence'),
+    [
+        ({'value': 'much'}, "r.yaml: b2 has the value 'much'; a number is expected in its place"),
+        ({'value': 1.0, 'std_error': '?'}, r"r.yaml: b2 has the std_error '\?'; a number is expected"),
+        ({'value': 1.0, 'interval': 0.1}, 'r.yaml: b2 has the interval 0.1; two numbers are expected'),
+        ({'value': 1.0, 'interval': [1, 'b']}, r"r.yaml: b2 has the interval \[1, 'b'\]; two numbers are expected"),
+    ],
+)
+def test_what_stands_for_a_number_and_is_none_is_one_sentence(tmp_path, entry, sentence):
+    entries = {name: {'value': value} for name, value in asdict(PAPER).items()} | {'b2': entry}
+    with pytest.raises(ResultError, match=sentence):
+        read_result(written(tmp_path / 'r.yaml', entries))
+
+
+def test_a_result_that_lost_a_value_is_none(tmp_path):
+    data = plain()
+    data['parameters']['P4']['value'] = None
+    write_result(tmp_path / 'r.yaml', data)
+    with pytest.raises(ResultError, match='look at P4; a number each'):
+        read_whole_result(tmp_path / 'r.yaml')
+
+
+@pytest.mark.parametrize('entries', [None, [], 'P1', {}])
+def test_no_parameters_at_all(tmp_path, entries):
+    with pytest.raises(ResultError, match='look at P1, P2, P3, P4, P5, b1, b2; a number each'):
+        read_parameters(written(tmp_path / 'r.yaml', entries))
+
+
+def test_reading_parameters_needs_no_mathematics():
+    """A virtual board that takes a result's parameters starts at once."""
+    code = (
+        'import sys, pendubot_identification.results.result_file\n'
+        "assert not {'scipy', 'mcap', 'rosbags'} & set(sys.modules), sorted(sys.modules)"
+    )
+    subprocess.run([sys.executable, '-c', code], check=True, timeout=60)

@@ -1,0 +1,147 @@
+"""A prepared recording against the simulation it was made of; its torques against their own integral."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pendubot_identification.model.dynamics import forward_dynamics
+from pendubot_identification.model.parameters import PAPER, Parameters
+from pendubot_identification.model.simulation import simulate
+from pendubot_identification.trajectories.motion import Motion
+from pendubot_identification.trajectories.trajectory import Trajectory
+
+GEARED = Parameters(*(0.06, 0.05, 0.032, 0.23, 0.16, 0.01, 0.005, 0.25, 0.19, 0.0026), *(0.1, 0.05, 0.15, 0.2))
+
+
+def recording(t, tau, parameters=GEARED):
+    return simulate(parameters, t, tau, q=(-0.5, 0.5))
+
+
+def drive(t):
+    """Torques without a jump, so that accelerations have none either."""
+    return np.column_stack([2 * np.sin(7 * t), 0.3 * np.cos(5 * t)])
+
+
+@pytest.mark.parametrize('rig', [PAPER, GEARED], ids=['paper', 'geared'])
+@pytest.mark.parametrize('rate', [500, 1000])
+def test_states_and_rates_are_near_the_truth(rig, rate):
+    t = np.arange(rate) / rate
+    motion = recording(t, drive(t) * (1.0 if rig is GEARED else 0.05), rig)
+    prepared = Motion.prepare(motion, smoothing=0.012)
+    assert (prepared.start, prepared.end, prepared.interval) == pytest.approx((0, t[-1], 1 / rate))
+    inside = slice(rate // 50, -rate // 50)
+    states = prepared.states(t)
+    assert states.shape == (4, rate)
+    np.testing.assert_allclose(states[:2, inside], motion.q[inside].T, atol=1e-4)
+    np.testing.assert_allclose(states[2:, inside], motion.qd[inside].T, atol=0.02)
+    rates = prepared.rates(t)
+    np.testing.assert_allclose(rates[:2, inside], motion.qd[inside].T, atol=0.02)
+    # Dry friction turns within milliseconds, which no window of 12 ms can follow; elsewhere accelerations are near too.
+    qdd = forward_dynamics(rig.vector(), motion.q, motion.qd, motion.tau)
+    moving = (np.abs(motion.qd) > 0.3).all(axis=1)[inside] if rig is GEARED else slice(None)
+    error = np.abs(rates[2:, inside] - qdd[inside].T)[:, moving]
+    assert np.median(error) < 0.01 * np.abs(qdd).max()
+
+
+def test_times_of_any_shape_are_answered():
+    t = np.arange(200) * 0.002
+    prepared = Motion.prepare(recording(t, drive(t)), smoothing=0.012)
+    at = np.linspace(0.05, 0.35, 12).reshape(3, 4)
+    for function in (prepared.states, prepared.rates):
+        assert function(at).shape == (4, 3, 4)
+        np.testing.assert_array_equal(function(at).reshape(4, 12), function(at.ravel()))
+    assert prepared.torques(np.array([0.1, 0.2, 0.3]), 0.003, 5).shape == (2, 5, 3)
+
+
+def test_logged_velocities_are_not_believed():
+    t = np.arange(200) * 0.002
+    motion = recording(t, drive(t))
+    silent = Trajectory(t, motion.q, motion.tau)
+    np.testing.assert_array_equal(Motion.prepare(motion, 0.012).states(t), Motion.prepare(silent, 0.012).states(t))
+
+
+def test_stamps_that_jitter_do_not_shake_the_states():
+    rng = np.random.default_rng(1)
+    t = 10.0 + np.arange(1000) * 0.001 + rng.uniform(-4e-4, 4e-4, 1000)
+    motion = recording(t, drive(t))
+    prepared = Motion.prepare(motion, smoothing=0.012)
+    inside = slice(30, -30)
+    states = prepared.states(t[inside])
+    np.testing.assert_allclose(states[:2], motion.q[inside].T, atol=1e-4)
+    np.testing.assert_allclose(states[2:], motion.qd[inside].T, atol=0.05)
+
+
+@st.composite
+def stamped_torques(draw):
+    """Stamps that are even or jitter, and torques at random."""
+    count, jitter = draw(st.integers(60, 90)), draw(st.sampled_from([0.0, 0.05, 0.4]))
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    t = draw(st.floats(-5, 5)) + 0.01 * (np.arange(count) + jitter * rng.uniform(-1, 1, count))
+    return Trajectory(t, rng.normal(size=(count, 2)), rng.normal(scale=3, size=(count, 2)))
+
+
+def impulse(trajectory, hold, begin, end):
+    """The integral of the torques, piece by piece."""
+    t, tau = trajectory.t, trajectory.tau
+    total = np.zeros(2)
+    for k in range(len(t) - 1):
+        a, b = max(begin, t[k]), min(end, t[k + 1])
+        if a < b:
+            change = tau[k + 1] - tau[k] if hold == 'linear' else np.zeros(2)
+            total += (b - a) * (tau[k] + change * ((a + b) / 2 - t[k]) / (t[k + 1] - t[k]))
+    return total
+
+
+@given(
+    stamped_torques(),
+    st.sampled_from(['zero', 'linear']),
+    st.lists(st.floats(0, 0.2), min_size=1, max_size=4),
+    st.floats(1e-4, 0.02),
+    st.integers(1, 15),
+)
+def test_mean_torques_over_steps_conserve_the_impulse_whatever_the_step_and_where_it_starts(
+    trajectory, hold, shifts, step, steps
+):
+    prepared = Motion.prepare(trajectory, smoothing=0.0, hold=hold)
+    starts = prepared.start + 0.01 + np.array(shifts)
+    torques = prepared.torques(starts, step, steps)
+    for lane, start in enumerate(starts):
+        for last in {1, steps}:
+            expected = impulse(trajectory, hold, start, start + last * step)
+            np.testing.assert_allclose(torques[:, :last, lane].sum(axis=1) * step, expected, atol=1e-11)
+
+
+@pytest.mark.parametrize('hold', ['zero', 'linear'])
+def test_steps_from_sample_to_sample_give_the_torques_themselves_or_their_trapezoids(hold):
+    tau = np.random.default_rng(1).normal(size=(100, 2))
+    trajectory = Trajectory(np.arange(100) * 0.01, np.zeros((100, 2)), tau)
+    torques = Motion.prepare(trajectory, 0.0, hold).torques(np.array([0.0, 0.2]), 0.01, 50)
+    expected = tau if hold == 'zero' else (tau + np.roll(tau, -1, axis=0)) / 2
+    np.testing.assert_allclose(torques[:, :, 0], expected[:50].T, atol=1e-12)
+    np.testing.assert_allclose(torques[:, :, 1], expected[20:70].T, atol=1e-12)
+
+
+def test_a_torque_is_held_until_the_next_sample_and_no_longer():
+    tau = np.zeros((100, 2))
+    tau[50] = [1.0, -2.0]
+    trajectory = Trajectory(np.arange(100) * 0.01, np.zeros((100, 2)), tau)
+    torques = Motion.prepare(trajectory, 0.0).torques(np.array([0.495]), 0.005, 4)[:, :, 0]
+    np.testing.assert_allclose(torques, [[0, 1, 1, 0], [0, -2, -2, 0]], atol=1e-12)
+
+
+def test_a_part_is_the_same_motion_between_other_ends():
+    t = 3.0 + np.arange(300) * 0.01
+    trajectory = recording(t, drive(t))
+    whole = Motion.prepare(trajectory, 0.02)
+    assert (whole.name, whole.recorded, whole.start, whole.end) == ('simulation', trajectory, 3.0, t[-1])
+    part = whole.part(3.495, 4.5)
+    assert (part.start, part.end) == (3.495, 4.5)
+    np.testing.assert_allclose(part.recorded.t, t[50:151])
+    at = np.linspace(3.495, 4.5, 7)
+    np.testing.assert_array_equal(part.states(at), whole.states(at))
+    np.testing.assert_array_equal(part.torques(at[:3], 0.003, 20), whole.torques(at[:3], 0.003, 20))
+    clipped = whole.part(-math.inf, math.inf)
+    assert (clipped.start, clipped.end, len(clipped.recorded)) == (whole.start, whole.end, 300)

@@ -1,0 +1,86 @@
+"""What looks wrong with the samples themselves, and what is made of poor recordings."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pendubot_identification.errors import TrajectoryError
+from pendubot_identification.identify.identification import identify
+from pendubot_identification.identify.settings import Settings
+from pendubot_identification.level import Level
+from pendubot_identification.model.parameters import PAPER
+from pendubot_identification.model.simulation import quantised, simulate
+from pendubot_identification.trajectories.suspicions import suspicions
+from test.virtual import recording
+
+FAST = Settings(('trajectory',), model='viscous', hold='zero')
+
+
+@pytest.mark.parametrize('interval', [0.002, 0.01, 0.04])
+def test_a_good_recording_is_not_suspected(interval):
+    assert suspicions([recording(int(9 / interval), interval)]) == []
+
+
+def test_an_effort_at_its_limit_is_named():
+    motion = recording()
+    cut = replace(motion, tau=np.clip(motion.tau, -0.3, 0.3))
+    (sentence,) = suspicions([cut])
+    assert 'the effort of the shoulder stands at 0.3 N m in 62 % of' in sentence
+    result = identify([cut], [], FAST)
+    assert result.level is not Level.OK
+    assert sentence in result.warnings
+
+
+def test_angles_that_are_cut_off_are_named_at_both_ends():
+    motion = recording()
+    q = motion.q.copy()
+    q[:, 1] = np.clip(q[:, 1], -0.4, 0.4)
+    greatest, least = suspicions([replace(motion, q=q)])
+    assert 'the elbow stands still at its greatest position of 0.4 rad' in greatest
+    assert 'the elbow stands still at its least position of -0.4 rad' in least
+
+
+def test_samples_that_are_missing_are_counted():
+    motion = recording()
+    few = motion[np.random.default_rng(1).random(900) > 0.2]
+    (sentence,) = suspicions([few])
+    assert 'samples are missing' in sentence
+    assert abs(int(sentence.split('about ')[1].split()[0]) - (900 - len(few))) <= 2, 'but for those at the ends'
+
+
+def test_wrapped_angles_are_refused():
+    spinning = recording(strength=6.0)
+    assert np.ptp(spinning.q[:, 0]) > 2 * np.pi, 'it goes over the top'
+    wrapped = replace(spinning, q=(spinning.q + np.pi) % (2 * np.pi) - np.pi)
+    with pytest.raises(TrajectoryError, match='unwrapped'):
+        identify([wrapped], [], FAST)
+
+
+def test_25_hz_are_enough():
+    result = identify([recording(225, 0.04)], [], FAST)
+    assert result.level is Level.OK
+    np.testing.assert_allclose(result.best.theta, PAPER.vector(), rtol=0.01)
+
+
+def test_an_effort_in_other_units_cannot_be_noticed():
+    """A motor constant that is wrong by 2 makes every parameter wrong by 2 and explains the motion as well."""
+    motion = recording()
+    result = identify([replace(motion, tau=2 * motion.tau)], [], FAST)
+    assert result.level is Level.OK
+    np.testing.assert_allclose(result.best.theta, 2 * PAPER.vector(), rtol=0.01)
+
+
+def test_an_effort_of_the_wrong_sign_is_named():
+    motion = recording()
+    result = identify([replace(motion, tau=-motion.tau)], [], FAST)
+    assert result.level is Level.ERROR
+    assert any('the effort has the wrong sign' in w for w in result.warnings)
+
+
+def test_a_constant_torque_tells_nothing_of_its_delay():
+    t = recording().t
+    constant = quantised(simulate(PAPER, t, np.column_stack([0 * t + 0.1, 0 * t])), 4000)
+    result = identify([constant], [], FAST)
+    assert abs(result.best.effort.delay) < 0.02
+    np.testing.assert_allclose(result.best.theta, PAPER.vector(), rtol=0.02)

@@ -1,0 +1,62 @@
+import numpy as np
+import pytest
+
+from pendubot_identification.errors import TrajectoryError
+from pendubot_identification.trajectories.trajectory import Trajectory
+
+
+def motion(t=None, n=100, **changes):
+    t = np.arange(n) * 0.01 if t is None else np.asarray(t, dtype=float)
+    values = {'q': np.zeros((len(t), 2)), 'tau': np.zeros((len(t), 2)), 'name': 'swing'} | changes
+    return Trajectory(t, **values)
+
+
+def test_windows_are_in_seconds_from_the_first_sample_and_leave_out_the_end():
+    part = motion(t=5 + np.arange(100) * 0.01).window(0.1, 0.2)
+    np.testing.assert_allclose(part.t, 5.1 + np.arange(10) * 0.01)
+    assert len(motion().window(0.5)) == 50
+    assert len(motion().window(None, 0.5)) == 50
+
+
+def test_halves_make_the_whole():
+    whole = motion(n=101)
+    assert len(whole.window(0, 0.5)) + len(whole.window(0.5)) == 101
+
+
+@pytest.mark.parametrize(
+    ('window', 'sentence'),
+    [
+        ((0.5, 0.2), 'reversed'),
+        ((0.5, 0.5), 'empty or reversed'),
+        ((7, 9), 'holds no sample; the recording lasts 0.990 s'),
+    ],
+)
+def test_a_window_without_sense_is_refused(window, sentence):
+    with pytest.raises(TrajectoryError, match=sentence):
+        motion().window(*window)
+
+
+def test_stamps_that_repeat_or_run_backwards_are_refused():
+    with pytest.raises(TrajectoryError, match='sample 2 repeats'):
+        motion(t=[0, 1, 1, 2])
+    with pytest.raises(TrajectoryError, match=r'sample 2 runs backwards by 0.5 s'):
+        motion(t=[0, 1, 0.5, 2])
+
+
+@pytest.mark.parametrize('field', ['q', 'tau', 'qd'])
+@pytest.mark.parametrize('bad', [np.nan, np.inf])
+def test_values_that_are_not_finite_are_refused_with_their_time(field, bad):
+    values = np.zeros((100, 2))
+    values[30, 1] = bad
+    with pytest.raises(TrajectoryError, match=rf'a {field} that is not a finite number, the first at 0.300 s'):
+        motion(**{field: values})
+
+
+def test_shapes_must_belong_together():
+    with pytest.raises(TrajectoryError, match=r'q has shape \(99, 2\)'):
+        motion(q=np.zeros((99, 2)))
+
+
+def test_too_short_is_said():
+    with pytest.raises(TrajectoryError, match=r'20 samples over 0.190 s are too few; at least 50'):
+        motion(n=20).require_samples()

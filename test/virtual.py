@@ -1,0 +1,61 @@
+"""Recordings of virtual rigs, to be identified again."""
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from pendubot_identification.excitation.excitation import PulseTrain
+from pendubot_identification.model.parameters import MODELS, PAPER
+from pendubot_identification.model.rollout import roll
+from pendubot_identification.model.simulation import quantised, simulate
+from pendubot_identification.trajectories.motion import Motion
+from pendubot_identification.trajectories.trajectory import Trajectory
+
+#: A rig with geared motors, as heavy as an arm on a table; of it, every model has its part.
+GEARED = np.array([0.06, 0.05, 0.032, 0.23, 0.16, 0.01, 0.005, 0.25, 0.19, 0.0026, 0.1, 0.05, 0.15, 0.2])
+
+
+def recording(samples=900, interval=0.01, *, seed=1, counts=4000, rig=PAPER, delay=0.0, strength=1.0, name=None):
+    """Return what is recorded of a rig that pulses move; ``delay`` [s], in whole ms, late on its recorded effort."""
+    t = np.arange(samples) * interval
+    train = PulseTrain(seed=seed, amplitude_min=-strength, amplitude_max=strength)
+    tau = np.column_stack([[train.torque(x) for x in t], np.zeros(samples)])
+    if delay:
+        every, early = round(interval * 1000), round(1000 * abs(delay))
+        fine = np.arange(-early, samples * every) * 1e-3
+        number = np.floor((fine - delay) / interval + 1e-6).astype(int)
+        acts = np.where((number >= 0)[:, None], tau[np.clip(number, 0, samples - 1)], 0.0)
+        moved = simulate(rig, fine, acts)[early::every]
+    else:
+        moved = simulate(rig, t, tau)
+    motion = replace(moved, t=t, tau=tau, name=name or f'virtual rig, seed {seed}')
+    return quantised(motion, counts) if counts else motion
+
+
+def exact_motion(theta, samples=500, interval=0.004, *, seed=1, start=0.0, strength=1.0, delay=0):
+    """Return a motion in which nothing errs: simulated with the step with which it is explained, velocities known.
+
+    Args:
+        theta: of the rig, shape (D,).
+        samples: how many.
+        interval: between two [s].
+        seed: of the torques, which take a new random value at every sample, and of the initial state.
+        start: time of the first sample [s].
+        strength: of the torques [N m].
+        delay: how many samples before the motion its effort is recorded.
+    """
+    rng = np.random.default_rng(seed)
+    tau = strength * rng.uniform(-1, 1, (samples + 2 * abs(delay), 2))
+    x = rng.normal(scale=[[0.5], [0.5], [1], [1]], size=(4, 1))
+    states = roll(theta, x, tau.T[:, :-1, None], interval)[:, :, 0]
+    here = slice(abs(delay), abs(delay) + samples)
+    there = slice(here.start + delay, here.stop + delay)
+    t = start + np.arange(samples) * interval
+    recorded = Trajectory(t, states[here, :2], tau[there], name=f'exact motion, seed {seed}')
+    return replace(Motion.prepare(recorded, 0.0), smoothed=CubicSpline(t, states[here]))
+
+
+def vector(model):
+    """Return the geared rig's parameters, as many as a model has."""
+    return GEARED[: MODELS[model]].copy()
