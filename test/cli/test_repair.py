@@ -4,9 +4,8 @@ import pytest
 
 from pendubot_identification.cli.main import main
 from pendubot_identification.recordings.bag_reader import BagReader
+from test.recordings import damage
 from test.recordings.independent import by_mcap
-
-from ..adapters import damage
 
 
 @pytest.fixture

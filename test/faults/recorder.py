@@ -15,9 +15,9 @@ from unittest import mock
 from pendubot_identification.errors import BagError
 from pendubot_identification.recordings.bag_reader import BagReader
 from pendubot_identification.recordings.bag_repair import repair
+from test.recordings import damage
 from test.recordings.independent import by_mcap, by_rosbags
 
-from ..adapters import damage
 from ..processes import Program
 from .table import Figure, Trial
 
