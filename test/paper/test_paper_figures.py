@@ -10,9 +10,9 @@ from matplotlib.colors import to_rgb
 
 from pendubot_identification.model.parameters import PAPER
 from pendubot_identification.optimizers.optimizer import minimize
-from pendubot_identification.paper import paper_figures
+from pendubot_identification.paper import paper_figures, trials
 from pendubot_identification.paper.explained import energy_balance, foreseen
-from pendubot_identification.report import style, trials
+from pendubot_identification.report import style
 from test.virtual import recording
 
 
