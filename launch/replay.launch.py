@@ -1,46 +1,28 @@
-"""A bag played again, and shown: what a rig did, without the rig.
+"""A bag played again, and shown: what a rig did, without the rig. It ends with the bag.
 
 ros2 launch pendubot_identification replay.launch.py bag:=swing rviz:=true
 """
 
-from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription
 from launch.conditions import IfCondition
-from launch.launch_description_sources import PythonLaunchDescriptionSource
-from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
-from launch_ros.actions import Node
-from launch_ros.parameter_descriptions import ParameterValue
-from launch_ros.substitutions import FindPackageShare
+from launch.substitutions import LaunchConfiguration
 
-PACKAGE = 'pendubot_identification'
+from pendubot_identification.launching import described, include, program
+
 ARGUMENTS = {
     'bag': ('', 'folder of the bag, or its .mcap file'),
-    'rate': ('1.0', 'times real time'),
-    'start': ('0.0', "seconds from the bag's first message"),
-    'duration': ('0.0', 'seconds; 0: to the end'),
-    'loop': ('false', 'true: again and again'),
-    'view': ('true', 'whether robot_state_publisher describes the rig, for RViz: see view.launch.py'),
+    'rate': (1.0, 'times real time'),
+    'start': (0.0, "seconds from the bag's first message"),
+    'duration': (0.0, 'seconds; 0: to the end'),
+    'loop': (False, 'true: again and again'),
+    'view': (True, 'whether robot_state_publisher describes the rig, for RViz: see view.launch.py'),
 }
+
+
+def start(given):
+    """Return the player."""
+    return [program('player', {name: given[name] for name in ('bag', 'rate', 'start', 'duration', 'loop')})]
 
 
 def generate_launch_description():
     """Play, and describe the rig."""
-    value = {name: LaunchConfiguration(name) for name in ARGUMENTS}
-    types = {'bag': str, 'rate': float, 'start': float, 'duration': float, 'loop': bool}
-    view = PathJoinSubstitution([FindPackageShare(PACKAGE), 'launch', 'view.launch.py'])
-    return LaunchDescription(
-        [
-            *(
-                DeclareLaunchArgument(name, default_value=default, description=description)
-                for name, (default, description) in ARGUMENTS.items()
-            ),
-            Node(
-                package=PACKAGE,
-                executable='player',
-                name='player',
-                output='screen',
-                parameters=[{name: ParameterValue(value[name], value_type=kind) for name, kind in types.items()}],
-            ),
-            IncludeLaunchDescription(PythonLaunchDescriptionSource(view), condition=IfCondition(value['view'])),
-        ]
-    )
+    return described(ARGUMENTS, start, include('view.launch.py', condition=IfCondition(LaunchConfiguration('view'))))

@@ -75,7 +75,8 @@ def launch_arguments(name):
     (own,) = [
         s.value for s in tree.body if isinstance(s, ast.Assign) and getattr(s.targets[0], 'id', '') == 'ARGUMENTS'
     ]
-    arguments = set(ast.literal_eval(own))
+    # With those that every one has.
+    arguments = {*ast.literal_eval(own), 'discovery', 'namespace'}
     for included in re.findall(r"'(\w+\.launch\.py)'", source):
         arguments |= launch_arguments(included)
     return arguments

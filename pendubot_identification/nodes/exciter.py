@@ -24,6 +24,8 @@ SILENCE = 2.0
 DISCOVERY = 4.0
 #: Without an answer for this long [s] it asks to be armed once more.
 PATIENCE = 3.0
+#: A recorder says once a second what it wrote; without a word for this long [s] it is taken for gone.
+UNRECORDED = 5.0
 
 
 class Exciter(SettingsNode):
@@ -43,6 +45,7 @@ class Exciter(SettingsNode):
         Setting('seed', 1, 'same seed, same torques', '', 0, 2**31 - 1),
         Setting('duration', 18.0, 'length of the excitation; 0: until stopped', 's', 0.0, 86400.0),
         Setting('arm', False, 'whether it arms the bridge itself; otherwise it waits until you call /bridge/arm'),
+        Setting('recorded', False, 'whether it moves the rig only while a recorder records its joint states'),
     )
 
     def __init__(self, ended: Ending) -> None:
@@ -51,6 +54,8 @@ class Exciter(SettingsNode):
         self._pulses = _pulses(values)
         self._duration = values['duration'] or float('inf')
         self._arms: bool = values['arm']
+        #: Until when it is believed that a recorder records.
+        self._recorded = 0.0 if values['recorded'] else float('inf')
         self._asked: float | None = None
         self._born = time.monotonic()
         self._running = False
@@ -63,7 +68,9 @@ class Exciter(SettingsNode):
         self._effort = self.create_publisher(Float64, '/pendubot/effort_command', QoSProfile(depth=1))
         self._arm = self.create_client(Trigger, '/bridge/arm')
         self._disarm = self.create_client(Trigger, '/bridge/disarm')
-        self.create_subscription(JointState, '/joint_states', self._on_joint_state, QoSProfile(depth=100))
+        self._joint_states = self.create_subscription(
+            JointState, '/joint_states', self._on_joint_state, QoSProfile(depth=100)
+        )
         self.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, QoSProfile(depth=10))
         self.create_timer(0.1, self._supervise)
 
@@ -110,6 +117,9 @@ class Exciter(SettingsNode):
             if status.name == 'balancer' and values.get('phase') == 'running':
                 # It began before either had found the other. Disarmed now, what it holds upright would fall.
                 self._gives_way(leaving=True)
+            # As a recorder says it; paused, or before it hears the topic, it is 0.
+            if float(values.get(f'{self._joint_states.topic_name} rate [Hz]', 0.0)) > 0.0:
+                self._recorded = max(self._recorded, time.monotonic() + UNRECORDED)
             armed = values.get('armed')
             if status.name != 'bridge' or armed is None:
                 continue
@@ -133,10 +143,15 @@ class Exciter(SettingsNode):
             if silent > (DISCOVERY if self._heard is None else SILENCE):
                 self.get_logger().error(f'stopped: no joint states for {silent:.1f} s; look at the bridge')
                 self._finish(1)
+            elif now > self._recorded:
+                self.get_logger().error(f'stopped: nothing was recorded for {UNRECORDED:g} s; look at the recorder')
+                self._finish(1)
         elif self._is_new() and self._gives_way():
             return
         elif silent > SILENCE:
             self.get_logger().info('waiting for /joint_states: start the bridge', throttle_duration_sec=5.0)
+        elif now > self._recorded:
+            self.get_logger().info('waiting for a recorder of /joint_states: start it', throttle_duration_sec=5.0)
         elif not self._arms:
             self.get_logger().info('waiting to be armed: call /bridge/arm', throttle_duration_sec=5.0)
         elif self._armed is not False and self._is_new():
@@ -162,8 +177,9 @@ class Exciter(SettingsNode):
         return bool(other)
 
     def _begin(self) -> None:
-        """Excite from the next sample on, unless others do, or may still be found to do so."""
-        if self._running or self.ended.is_set() or (self._asked is None and self._is_new()):
+        """Excite from the next sample on, unless others do, or may still be found to do so, or nothing records it."""
+        early = self._asked is None and self._is_new()
+        if self._running or self.ended.is_set() or early or time.monotonic() > self._recorded:
             return
         if not self._gives_way():
             self._running, self._since = True, time.monotonic()

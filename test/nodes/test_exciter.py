@@ -7,6 +7,7 @@ from itertools import pairwise
 import pytest
 
 from pendubot_identification.excitation.excitation import PulseTrain
+from pendubot_identification.recordings.bag_reader import read_trajectory
 from test.processes import Program, call, parameters, run_program, spin_until
 
 pytestmark = pytest.mark.ros
@@ -64,6 +65,55 @@ def test_moves_nothing_before_it_is_armed(rig, ros):
             assert call(node, client, Trigger.Request()).success
             exciter.wait_for('exciting')
             assert spin_until(node, lambda: any(torques(trace())))
+    finally:
+        node.destroy_node()
+
+
+@pytest.mark.parametrize('end', ['killed', 'paused'])
+def test_moves_nothing_that_is_not_recorded(rig, ros, tmp_path, end):
+    """By itself it arms only when a recorder writes; one that has nothing to write to is none."""
+    from std_srvs.srv import Trigger
+
+    trace, _ = rig
+    node = ros.create_node('operator')
+    (tmp_path / 'taken').mkdir()
+    pulses = {'duration': 0.0, 'width': 1.0, 'amplitude_min': 0.1, 'amplitude_max': 0.2}
+    with Program('exciter', *parameters(arm='true', recorded='true', **pulses)) as exciter:
+        exciter.wait_for('waiting for a recorder of /joint_states')
+        assert run_program('recorder', *parameters(output=tmp_path / 'taken')).returncode == 1
+        # It says so every five seconds.
+        exciter.wait_for('waiting for a recorder of /joint_states')
+        assert not any(int(row['status']) & 1 for row in trace())
+        with Program('recorder', *parameters(output=tmp_path / 'bag')) as recorder:
+            exciter.wait_for('exciting')
+            begun = len(trace())
+            assert spin_until(node, lambda: len(trace()) > begun + 50)
+            if end == 'killed':
+                recorder.kill()
+            else:
+                assert call(node, node.create_client(Trigger, '/recorder/pause'), Trigger.Request()).success
+            exciter.wait_for('stopped: nothing was recorded for 5 s; look at the recorder')
+            assert exciter.process.wait(10) == 1
+    node.destroy_node()
+    assert int(trace()[-1]['status']) & 1 == 0
+    torque = read_trajectory(tmp_path / 'bag').trajectory.tau[:, 0]
+    assert torque[0] == 0.0, 'it moved before it was recorded'
+    assert torque.any()
+
+
+def test_moves_nothing_that_is_not_recorded_whoever_arms(rig, ros, tmp_path):
+    from std_srvs.srv import Trigger
+
+    trace, _ = rig
+    node = ros.create_node('operator')
+    try:
+        with Program('exciter', *parameters(recorded='true', width=1.0, amplitude_min=0.1, duration=0.0)) as exciter:
+            exciter.wait_for('waiting for a recorder')
+            assert call(node, node.create_client(Trigger, '/bridge/arm'), Trigger.Request()).success
+            exciter.wait_for('waiting for a recorder')
+            assert set(torques(trace())) == {0}
+            with Program('recorder', *parameters(output=tmp_path / 'bag')):
+                exciter.wait_for('exciting')
     finally:
         node.destroy_node()
 
