@@ -1,4 +1,4 @@
-"""``identifier``: parameters from windows of recorded bags, latched on /pendubot/params."""
+"""``identifier``: parameters from windows of recorded bags, latched on pendubot/params."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from std_srvs.srv import Trigger
 from pendubot_identification.adapters.bag_reader import BagWindow
 from pendubot_identification.adapters.datasets import load_datasets
 from pendubot_identification.adapters.files import refuse_input, refuse_unwritable
-from pendubot_identification.adapters.joint_states import JOINT_NAMES, JOINT_STATES_TOPIC
+from pendubot_identification.adapters.joint_states import JOINT_NAMES
 from pendubot_identification.adapters.result_file import read_parameters, result_data, write_result
 from pendubot_identification.core.errors import ParameterError, PendubotError, ResultError
 from pendubot_identification.core.estimation.identification import identify
@@ -23,8 +23,9 @@ from pendubot_identification.core.level import Level
 from pendubot_identification.core.model.parameters import MODELS, NAMES, Bounds, default_bounds
 from pendubot_identification.report.tables import whole
 
-from .diagnostics import diagnostics_message
+from .diagnostics import diagnostics_message, stamp_now
 from .ending import Ending
+from .matching import check_names
 from .messages import LATCHED, identification_values, parameters_message
 from .progress import NodeProgress
 from .runtime import Setting, SettingsNode, run
@@ -35,8 +36,8 @@ class Identifier(SettingsNode):
 
     PROGRAM = 'identifier'
     SUMMARY = (
-        'Estimates the parameters of a rig from recorded bags and publishes them, latched, on /pendubot/params, with '
-        'everything that says how far to trust them on /pendubot/identification. Set its parameters and call '
+        'Estimates the parameters of a rig from recorded bags and publishes them, latched, on pendubot/params, with '
+        'everything that says how far to trust them on pendubot/identification. Set its parameters and call '
         '~/identify to identify again.'
     )
     SETTINGS = (
@@ -44,7 +45,7 @@ class Identifier(SettingsNode):
             'bags', [''], 'bags that estimate, each BAG[@START:END] in seconds from its first sample', dynamic=True
         ),
         Setting('validate', [''], 'bags that only judge; by default what the windows leave', dynamic=True),
-        Setting('topic', JOINT_STATES_TOPIC, 'topic with the joint states', dynamic=True),
+        Setting('topic', 'joint_states', 'topic with the joint states in the bags', dynamic=True),
         Setting('joint_names', list(JOINT_NAMES), 'their joint names: shoulder, elbow', dynamic=True),
         Setting('criterion', '', f'what is minimised, of {", ".join(CRITERIA)}; empty: all', dynamic=True),
         Setting('model', 'auto', 'which parameters there are', choices=('auto', *MODELS), dynamic=True),
@@ -77,10 +78,10 @@ class Identifier(SettingsNode):
 
     def __init__(self, ended: Ending) -> None:
         super().__init__(ended)
-        self._params = self.create_publisher(Float64MultiArray, '/pendubot/params', LATCHED)
-        self._identification = self.create_publisher(DiagnosticArray, '/pendubot/identification', LATCHED)
+        self._params = self.create_publisher(Float64MultiArray, 'pendubot/params', LATCHED)
+        self._identification = self.create_publisher(DiagnosticArray, 'pendubot/identification', LATCHED)
         self.create_service(Trigger, '~/identify', self._on_identify)
-        self._progress = NodeProgress(self, 'identifier: progress', 'waiting for ~/identify')
+        self._progress = NodeProgress(self, 'waiting for ~/identify')
         self._worker: threading.Thread | None = None
         if _named(self.settings()['bags']):
             self._start()
@@ -121,7 +122,9 @@ class Identifier(SettingsNode):
             read = [BagWindow.parse(bag).path for bag in bags + judges]
             refuse_input(output, [*read, Path(values['start']) if values['start'] else None])
             refuse_unwritable(output, overwrite=values['force'])
-        data = load_datasets(bags, judges, topic=values['topic'], joint_names=values['joint_names'])
+        # A name in a bag: in this node's namespace if it is relative, but not remapped.
+        topic = self.resolve_topic_name(values['topic'], only_expand=True)
+        data = load_datasets(bags, judges, topic=topic, joint_names=values['joint_names'])
         result = identify(data.training, data.validation, settings, self._progress, data.notes)
         plain = result_data(result, data.sources)
         unwritten = ''
@@ -150,12 +153,13 @@ class Identifier(SettingsNode):
 
     def _publish(self, level: Level, headline: str, values: dict[str, Any]) -> None:
         self._progress.ended(level, headline)
-        stamp = self.get_clock().now().to_msg()
-        self._identification.publish(diagnostics_message(stamp, 'pendubot identification', level, headline, values))
+        message = diagnostics_message(stamp_now(self), 'pendubot identification', level, headline, values)
+        self._identification.publish(message)
 
     def check(self, values: dict[str, Any]) -> None:
         """Refuse settings that make no sense together."""
         _settings(values)
+        check_names([values['topic']], 'topic')
         if len(values['joint_names']) != 2:
             raise ParameterError(f'joint_names are {values["joint_names"]}; two are expected, shoulder and elbow')
 

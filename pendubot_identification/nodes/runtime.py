@@ -23,11 +23,11 @@ from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
+from pendubot_identification.adapters.parameter_files import unheard
 from pendubot_identification.adapters.resources import resource
 from pendubot_identification.core.errors import ParameterError, PendubotError
 
 from .ending import Ending, ended
-from .parameter_files import unheard
 
 
 @dataclass(frozen=True)
@@ -193,6 +193,7 @@ def help_text(node_class: type[SettingsNode]) -> str:
         lines.append(textwrap.indent(textwrap.fill(s.description, 94), '      '))
     lines += [
         '',
+        'names of topics and services are relative: -r __ns:=/lab1 puts them and the node under /lab1',
         f'commented parameter file: {resource(f"config/{node_class.PROGRAM}.yaml")}',
         '',
         'exit status: 0 success or ended by a signal, 1 a failure explained in one line, 2 wrong usage',
@@ -245,7 +246,7 @@ def _run_until_ended(node_class: type[SettingsNode], argv: Sequence[str]) -> int
         with suppress(Exception):
             node.destroy_node()
         raise
-    for sentence in unheard(argv, node.get_name()):
+    for sentence in unheard(argv, node.get_fully_qualified_name()):
         node.get_logger().warning(sentence)
     executor = SingleThreadedExecutor()
     executor.add_node(node)

@@ -178,7 +178,7 @@ def test_the_configuration_file_holds_every_default_and_loads(rig):
     from pendubot_identification.nodes.bridge import Bridge
 
     path = resource('config/bridge.yaml')
-    configured = yaml.safe_load(Path(path).read_text())['bridge']['ros__parameters']
+    configured = yaml.safe_load(Path(path).read_text())['/**/bridge']['ros__parameters']
     assert configured == {s.name: s.default for s in Bridge.SETTINGS}
     r = rig()
     r.start_board()
@@ -189,7 +189,7 @@ def test_the_configuration_file_holds_every_default_and_loads(rig):
 def test_help_is_worth_reading():
     done = run_program('bridge', '--help')
     assert done.returncode == 0
-    assert all(word in done.stdout for word in ('port', 'command_timeout', 'rad/s', '/joint_states'))
+    assert all(word in done.stdout for word in ('port', 'command_timeout', 'rad/s', 'joint_states', '__ns:=/lab1'))
 
 
 @pytest.mark.parametrize(

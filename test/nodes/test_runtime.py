@@ -58,25 +58,6 @@ def test_parameters_that_ros_itself_knows_are_none_of_these(tmp_path):
         assert bridge.stop() == 0
 
 
-@pytest.mark.parametrize(
-    ('content', 'said'),
-    [
-        ('bridg:\n  ros__parameters:\n    port: /nowhere\n', 'holds parameters of bridg, and none of bridge'),
-        ('/rig:\n  other:\n    ros__parameters:\n      a: 1\n', 'holds parameters of other, and none of bridge'),
-        ('{}', 'holds no parameters of any node, and none of bridge'),
-        ('/**:\n  ros__parameters:\n    port: /nowhere\n', ''),
-        ('/bridge:\n  ros__parameters:\n    port: /nowhere\n', ''),
-    ],
-)
-def test_a_parameter_file_for_others_is_named(tmp_path, content, said):
-    file = tmp_path / 'mine.yaml'
-    file.write_text(content)
-    with Program('bridge', '--ros-args', '--params-file', file) as bridge:
-        bridge.wait_for(said or 'missing')
-        assert bridge.stop() == 0
-        assert bool(said) == ('none of bridge' in bridge.output)
-
-
 @pytest.mark.parametrize('second', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_more_signals_than_one_change_no_exit_status(tmp_path, second):
     with Program('bridge', *parameters(port=tmp_path / 'board')) as bridge:
