@@ -125,9 +125,13 @@ class Bridge(SettingsNode):
                 if isinstance(event, Sample):
                     self._publish(event)
         except Exception as error:
-            if not self._closing.is_set():
-                self.get_logger().fatal(f'{type(error).__name__}: {error}; ending')
-                self.end(1)
+            self._fail(error)
+
+    def _fail(self, error: Exception) -> None:
+        """End the program, which disarms, at what should not have happened."""
+        if not self._closing.is_set():
+            self.get_logger().fatal(f'{type(error).__name__}: {error}; ending')
+            self.end(1)
 
     def _log(self, report: Report) -> None:
         # rclpy wants every place that logs to keep to one severity.
@@ -150,11 +154,18 @@ class Bridge(SettingsNode):
 
     def _keep_house(self) -> None:
         due = time.monotonic() + 1.0
-        while not self._closing.wait(self._host.next_poll(time.monotonic_ns())):
-            self._step(self._host.poll)
-            if time.monotonic() >= due:
-                due = time.monotonic() + 1.0
-                self._diagnose()
+        try:
+            while not self._closing.wait(self._until_next_poll()):
+                self._step(self._host.poll)
+                if time.monotonic() >= due:
+                    due = time.monotonic() + 1.0
+                    self._diagnose()
+        except Exception as error:
+            self._fail(error)
+
+    def _until_next_poll(self) -> float:
+        with self._lock:
+            return self._host.next_poll(time.monotonic_ns())
 
     def _diagnose(self) -> None:
         with self._lock:
