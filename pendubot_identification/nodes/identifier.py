@@ -13,9 +13,9 @@ from std_srvs.srv import Trigger
 
 from pendubot_identification.adapters.bag_reader import BagWindow
 from pendubot_identification.adapters.datasets import load_datasets
-from pendubot_identification.adapters.files import refuse_input, refuse_unwritable
+from pendubot_identification.adapters.files import refuse_input, refuse_unwritable, write_whole
 from pendubot_identification.adapters.joint_states import JOINT_NAMES
-from pendubot_identification.adapters.result_file import read_parameters, result_data, write_result
+from pendubot_identification.adapters.result_file import read_parameters, result_data, result_text
 from pendubot_identification.core.errors import ParameterError, PendubotError, ResultError
 from pendubot_identification.core.estimation.identification import identify
 from pendubot_identification.core.estimation.settings import CRITERIA, DELAYS, HOLDS, OPTIMIZERS, SPREAD, Settings
@@ -29,6 +29,9 @@ from .matching import check_names
 from .messages import LATCHED, identification_values, parameters_message
 from .progress import NodeProgress
 from .runtime import Setting, SettingsNode, run
+
+#: What the user sets to have an existing result file overwritten.
+FORCE = 'force:=true'
 
 
 class Identifier(SettingsNode):
@@ -121,7 +124,7 @@ class Identifier(SettingsNode):
         if output is not None:
             read = [BagWindow.parse(bag).path for bag in bags + judges]
             refuse_input(output, [*read, Path(values['start']) if values['start'] else None])
-            refuse_unwritable(output, overwrite=values['force'])
+            refuse_unwritable(output, overwrite=values['force'], force=FORCE)
         # A name in a bag: in this node's namespace if it is relative, but not remapped.
         topic = self.resolve_topic_name(values['topic'], only_expand=True)
         data = load_datasets(bags, judges, topic=topic, joint_names=values['joint_names'])
@@ -130,7 +133,7 @@ class Identifier(SettingsNode):
         unwritten = ''
         try:
             if output is not None:
-                write_result(output, plain, overwrite=values['force'])
+                write_whole(output, result_text(plain), overwrite=values['force'], force=FORCE)
         except ResultError as error:
             unwritten = str(error)
         # Two lines, because rclpy keeps a severity for each line that logs.
