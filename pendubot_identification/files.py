@@ -10,8 +10,10 @@ from pathlib import Path
 from pendubot_identification.errors import ResultError
 
 
-def refuse_unwritable(path: Path, *, overwrite: bool = False) -> None:
+def refuse_unwritable(path: Path, *, overwrite: bool = False, force: str = '--force') -> None:
     """Refuse a file that could not be written: worth asking before a long computation.
+
+    ``force`` is what a user adds to have an existing one overwritten.
 
     Raises:
         ResultError: the file exists already, or is a folder, or its folder is missing or cannot be written to.
@@ -20,7 +22,7 @@ def refuse_unwritable(path: Path, *, overwrite: bool = False) -> None:
         if path.is_dir():
             raise ResultError(f'{path} is a folder; name a file in it')
         if not overwrite:
-            _refuse_existing(path)
+            _refuse_existing(path, force)
         with tempfile.TemporaryFile(dir=path.parent):
             pass
     except OSError as error:
@@ -45,14 +47,14 @@ def refuse_input(output: Path, inputs: Iterable[Path | None]) -> None:
                 raise ResultError(f'{output} is read, so it cannot be written as well; give another name')
 
 
-def write_whole(path: Path, content: str | bytes, *, overwrite: bool = False) -> None:
-    """Write a file, whole or not at all.
+def write_whole(path: Path, content: str | bytes, *, overwrite: bool = False, force: str = '--force') -> None:
+    """Write a file, whole or not at all; ``force`` is what a user adds to have an existing one overwritten.
 
     Raises:
         ResultError: the file exists already, or the system refuses to write it.
     """
     if not overwrite:
-        _refuse_existing(path)
+        _refuse_existing(path, force)
     beside = path.with_name(path.name + '.partial')
     try:
         beside.write_bytes(content.encode() if isinstance(content, str) else content)
@@ -102,9 +104,9 @@ class OutputFolder:
         return Path(os.path.abspath(path))
 
 
-def _refuse_existing(path: Path) -> None:
+def _refuse_existing(path: Path, force: str) -> None:
     if path.exists():
-        raise ResultError(f'{path} exists already and was left as it is; choose another name or add --force')
+        raise ResultError(f'{path} exists already and was left as it is; choose another name or add {force}')
 
 
 def _refused(path: Path, error: OSError) -> ResultError:

@@ -27,7 +27,7 @@ def test_there_is_one_for_each_node():
 @pytest.mark.parametrize('program', PROGRAMS)
 def test_holds_every_parameter_with_its_default_and_a_comment(program):
     path = ROOT / 'config' / f'{program}.yaml'
-    parameters = yaml.safe_load(path.read_text())[program]['ros__parameters']
+    parameters = yaml.safe_load(path.read_text())[f'/**/{program}']['ros__parameters']
     assert parameters == {s.name: s.default for s in node_classes()[program].SETTINGS}
     lines = path.read_text().splitlines()
     for name in parameters:
@@ -36,16 +36,19 @@ def test_holds_every_parameter_with_its_default_and_a_comment(program):
         assert above.startswith('#') or above.split(':')[0] in parameters, f'{name} has no comment'
 
 
+@pytest.mark.parametrize('namespace', ['/', '/lab1', '/building/lab1'])
 @pytest.mark.parametrize('program', PROGRAMS)
-def test_loads_into_the_node_that_it_names(program):
+def test_loads_into_the_node_that_it_names_in_any_namespace(program, namespace):
     import rclpy
     from rclpy.node import Node
 
     path = ROOT / 'config' / f'{program}.yaml'
     context = rclpy.Context()
     rclpy.init(context=context)
-    node = Node(program, context=context, cli_args=['--ros-args', '--params-file', str(path)])
+    arguments = ['--ros-args', '--params-file', str(path)]
+    node = Node(program, context=context, namespace=namespace, cli_args=arguments)
     try:
+        assert set(node._parameter_overrides) == {s.name for s in node_classes()[program].SETTINGS}
         for s in node_classes()[program].SETTINGS:
             declared = node.declare_parameter(s.name, s.default, s.descriptor()).value
             s.check(list(declared) if isinstance(s.default, list) else declared)

@@ -91,7 +91,7 @@ def node_class(program):
 def unknown_in(words):
     """What a ros2 command names that there is not; None where all of it is there."""
     kind, rest = words[0], words[1:]
-    assigned = [word.split(':=')[0] for word in rest if ':=' in word]
+    assigned = [word.split(':=')[0] for word in rest if ':=' in word and not word.startswith('__')]
     if kind == 'launch':
         if rest[0] != PACKAGE or not (ROOT / 'launch' / rest[1]).exists():
             return rest[1]
@@ -103,12 +103,12 @@ def unknown_in(words):
         return next((name for name in assigned if name not in known), None)
     sources = {path.stem: path.read_text() for path in (ROOT / PACKAGE / 'nodes').glob('*.py')}
     if kind == 'service':
-        _, node, service = rest[1].split('/')
+        *_, node, service = rest[1].split('/')
         served = f"'~/{service}'" in sources[node] or ("f'~/{" in sources[node] and f"'{service}'" in sources[node])
         return None if rest[0] == 'call' and served else rest[1]
     if kind == 'topic':
         everything = '\n'.join(sources.values()) + (ROOT / PACKAGE / 'recordings' / 'joint_states.py').read_text()
-        return None if f"'{rest[-1]}'" in everything else rest[-1]
+        return None if f"'{rest[-1].removeprefix('/lab1').lstrip('/')}'" in everything else rest[-1]
     return None if kind in ('bag', 'pkg', 'node', 'param') else kind
 
 

@@ -73,11 +73,11 @@ class Briefing:
             ControlError: something is missing, or is not good enough; the sentence says what.
         """
         if not self._theta:
-            raise ControlError('no parameters have come on /pendubot/params; start the identifier')
+            raise ControlError('no parameters have come on pendubot/params; start the identifier')
         self.offer(self._theta)
         values = self._vouched(accept_warn)
         if self._period is None:
-            raise ControlError('too few samples have come on /joint_states to know their rate; start the bridge')
+            raise ControlError('too few samples have come on joint_states to know their rate; start the bridge')
         lag = self._motor_delay
         if lag is None:
             found = _number(values.get('effort.delay'))
@@ -99,7 +99,7 @@ class Briefing:
             return values
         if not accept_warn:
             raise ControlError(
-                'nothing on /pendubot/identification says how good the parameters on /pendubot/params are; set the '
+                'nothing on pendubot/identification says how good the parameters on pendubot/params are; set the '
                 'parameter accept_warn to true to use them all the same'
             )
         return {}

@@ -13,6 +13,7 @@ import yaml
 from pendubot_identification.errors import ParameterError, ResultError
 from pendubot_identification.excitation.excitation import PulseTrain
 from pendubot_identification.files import write_whole
+from pendubot_identification.recordings.parameter_files import addressed
 from pendubot_identification.resources import resource
 
 NODE = 'exciter'
@@ -47,10 +48,11 @@ def read_exciter(path: Path) -> tuple[PulseTrain, float]:
         raise ResultError(f'{path} cannot be read ({error.strerror}); {expected}') from error
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise ResultError(f'{path} is no YAML file; {expected}') from error
-    try:
-        values: dict[str, Any] = {'duration': 18.0} | data[NODE]['ros__parameters']
-    except (KeyError, TypeError) as error:
-        raise ResultError(f'{path} holds no parameters of the node {NODE}; {expected}') from error
+    # In whatever namespace the file names it.
+    own = [parameters for name, parameters in addressed(data) if name.rpartition('/')[2] in (NODE, '*', '**')]
+    if not own:
+        raise ResultError(f'{path} holds no parameters of the node {NODE}; {expected}')
+    values: dict[str, Any] = {'duration': 18.0} | {k: v for parameters in own for k, v in parameters.items()}
     names = (*asdict(PulseTrain()), 'duration')
     try:
         numbers = {name: float(values[name]) for name in names if name in values}

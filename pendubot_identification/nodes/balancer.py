@@ -1,4 +1,4 @@
-"""``balancer``: swings the rig up and holds it upright, knowing it only through /pendubot/params."""
+"""``balancer``: swings the rig up and holds it upright, knowing it only through pendubot/params."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ from pendubot_identification.level import Level
 from pendubot_identification.model.parameters import Parameters
 from pendubot_identification.recordings.joint_states import JOINT_NAMES
 
-from .diagnostics import diagnostics_message
+from .diagnostics import diagnostics_message, stamp_now, status_name
 from .ending import Ending
 from .messages import LATCHED, joint_sample
-from .presence import rival
+from .presence import bridge_of, rival
 from .runtime import Setting, SettingsNode, run
 
 
@@ -41,13 +41,13 @@ class Balancer(SettingsNode):
 
     PROGRAM = 'balancer'
     SUMMARY = (
-        'Swings the rig up and holds it upright by the parameters on /pendubot/params: one torque on '
-        '/pendubot/effort_command for every message on /joint_states. It arms the bridge at ~/start alone, and disarms '
+        'Swings the rig up and holds it upright by the parameters on pendubot/params: one torque on '
+        'pendubot/effort_command for every message on joint_states. It arms the bridge at ~/start alone, and disarms '
         'at ~/stop and at anything wrong: samples late or missing, angles or speeds beyond their limits, a motor that '
         'does not obey, wrong wiring, parameters that no rig has.'
     )
     SETTINGS = (
-        Setting('joint_names', list(JOINT_NAMES), 'names of shoulder and elbow in /joint_states'),
+        Setting('joint_names', list(JOINT_NAMES), 'names of shoulder and elbow in joint_states'),
         Setting('torque_limit', 2.0, 'largest torque asked for; that of bridge and board holds, too', 'N m', 1e-3, 1e3),
         Setting('accept_warn', False, 'whether parameters of level WARN, or unjudged ones, are used', dynamic=True),
         Setting('motor_delay', -1.0, 'the motor obeys so late; -1: as identified', 's', -1.0, 0.5),
@@ -65,15 +65,16 @@ class Balancer(SettingsNode):
         bounds = Limits(s['max_shoulder'], s['max_elbow'], s['max_speed'], s['max_age'], s['swing_up_time'])
         self._balancing = Balancing(s['torque_limit'], None if s['motor_delay'] < 0 else s['motor_delay'], bounds)
         self._worker: threading.Thread | None = None
-        self._effort = self.create_publisher(Float64, '/pendubot/effort_command', QoSProfile(depth=1))
+        self._effort = self.create_publisher(Float64, 'pendubot/effort_command', QoSProfile(depth=1))
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
         group = ReentrantCallbackGroup()
-        self._arm = self.create_client(Trigger, '/bridge/arm', callback_group=group)
-        self._disarm = self.create_client(Trigger, '/bridge/disarm', callback_group=group)
+        self._bridge = bridge_of(self)
+        self._arm = self.create_client(Trigger, 'bridge/arm', callback_group=group)
+        self._disarm = self.create_client(Trigger, 'bridge/disarm', callback_group=group)
         # The newest alone: a torque for an older one would come too late.
-        self.create_subscription(JointState, '/joint_states', self._on_sample, QoSProfile(depth=1))
-        self.create_subscription(Float64MultiArray, '/pendubot/params', self._on_params, LATCHED)
-        self.create_subscription(DiagnosticArray, '/pendubot/identification', self._on_identification, LATCHED)
+        self.create_subscription(JointState, 'joint_states', self._on_sample, QoSProfile(depth=1))
+        self.create_subscription(Float64MultiArray, 'pendubot/params', self._on_params, LATCHED)
+        self.create_subscription(DiagnosticArray, 'pendubot/identification', self._on_identification, LATCHED)
         self.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
         self.create_service(Trigger, '~/start', self._on_start, callback_group=group)
         self.create_service(Trigger, '~/stop', self._on_stop, callback_group=group)
@@ -114,14 +115,14 @@ class Balancer(SettingsNode):
     def _on_diagnostics(self, array: DiagnosticArray) -> None:
         for status in array.status:
             limit = {pair.key: pair.value for pair in status.values}.get('torque limit [N m]')
-            if status.name == 'bridge' and limit is not None:
+            if status.name == status_name(self._bridge) and limit is not None:
                 self._balancing.briefing.board_limit(float(limit))
 
     async def _on_start(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         if other := rival(self, self._effort):
             return Trigger.Response(message=f'{other} drives this rig, or is about to; end it, then start again')
         if not self._arm.service_is_ready():
-            return Trigger.Response(message='nobody serves /bridge/arm; start the bridge')
+            return Trigger.Response(message=f'nobody serves {self._bridge}/arm; start the bridge')
         try:
             self._balancing.begin()
         except PendubotError as error:
@@ -183,8 +184,8 @@ class Balancer(SettingsNode):
         return self._disarm.call_async(Trigger.Request())
 
     def _diagnose(self) -> None:
-        stamp = self.get_clock().now().to_msg()
-        self._diagnostics.publish(diagnostics_message(stamp, 'balancer', *self._balancing.diagnosis()))
+        name = status_name(self.get_fully_qualified_name())
+        self._diagnostics.publish(diagnostics_message(stamp_now(self), name, *self._balancing.diagnosis()))
 
 
 def _sentence(error: Exception) -> str:

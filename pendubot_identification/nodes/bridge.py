@@ -1,4 +1,4 @@
-"""``bridge``: from the board's bytes to ``/joint_states``, and from effort commands to the board."""
+"""``bridge``: from the board's bytes to ``joint_states``, and from effort commands to the board."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from pendubot_identification.link.host_config import HostConfig
 from pendubot_identification.link.news import Armed, ArmingFailed, HostEvent, Report, Sample
 from pendubot_identification.link.serial_link import SerialLink
 
-from .diagnostics import diagnostics_message
+from .diagnostics import diagnostics_message, stamp_now, status_name
 from .ending import Ending
 from .joint_state_bytes import JointStateBytes
 from .runtime import Setting, SettingsNode, run
@@ -40,13 +40,13 @@ class Bridge(SettingsNode):
 
     PROGRAM = 'bridge'
     SUMMARY = (
-        "Publishes the board's samples as /joint_states, stamped with the board's sampling time, and sends torques "
-        'from /pendubot/effort_command to it once armed by ~/arm. Waits for the port, and opens it again when lost.'
+        "Publishes the board's samples as joint_states, stamped with the board's sampling time, and sends torques "
+        'from pendubot/effort_command to it once armed by ~/arm. Waits for the port, and opens it again when lost.'
     )
     SETTINGS = (
         Setting('port', '/dev/pendubot', "the board's serial port: a path or a pyserial URL"),
         Setting('baud', 921600, 'speed of the port', 'bit/s', 1200, 12_000_000),
-        Setting('joint_names', ['shoulder', 'elbow'], 'names of the two joints in /joint_states'),
+        Setting('joint_names', ['shoulder', 'elbow'], 'names of the two joints in joint_states'),
         Setting('sign', [1, 1], '1 or -1 for each joint: which way its encoder counts', '', -1, 1),
         Setting('zero', [-math.pi / 2, 0.0], 'position of each joint at count 0', 'rad', -7.0, 7.0),
         Setting('counts_per_turn', [0, 0], 'of each encoder; 0 asks the board', 'counts', 0, 1 << 31),
@@ -68,9 +68,9 @@ class Bridge(SettingsNode):
         self._port: str = s['port']
         self._time = SteadyTime()
         self._message = JointStateBytes(s['joint_names'])
-        self._joint_states = self.create_publisher(JointState, '/joint_states', QoSProfile(depth=1000))
+        self._joint_states = self.create_publisher(JointState, 'joint_states', QoSProfile(depth=1000))
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
-        self.create_subscription(Float64, '/pendubot/effort_command', self._on_effort, 1)
+        self.create_subscription(Float64, 'pendubot/effort_command', self._on_effort, 1)
         # Arming takes a while: a group of its own, so that effort commands are discarded meanwhile, not kept for later.
         group = ReentrantCallbackGroup()
         self.create_service(Trigger, '~/arm', self._on_arm, callback_group=group)
@@ -125,9 +125,13 @@ class Bridge(SettingsNode):
                 if isinstance(event, Sample):
                     self._publish(event)
         except Exception as error:
-            if not self._closing.is_set():
-                self.get_logger().fatal(f'{type(error).__name__}: {error}; ending')
-                self.end(1)
+            self._fail(error)
+
+    def _fail(self, error: Exception) -> None:
+        """End the program, which disarms, at what should not have happened."""
+        if not self._closing.is_set():
+            self.get_logger().fatal(f'{type(error).__name__}: {error}; ending')
+            self.end(1)
 
     def _log(self, report: Report) -> None:
         # rclpy wants every place that logs to keep to one severity.
@@ -150,11 +154,18 @@ class Bridge(SettingsNode):
 
     def _keep_house(self) -> None:
         due = time.monotonic() + 1.0
-        while not self._closing.wait(self._host.next_poll(time.monotonic_ns())):
-            self._step(self._host.poll)
-            if time.monotonic() >= due:
-                due = time.monotonic() + 1.0
-                self._diagnose()
+        try:
+            while not self._closing.wait(self._until_next_poll()):
+                self._step(self._host.poll)
+                if time.monotonic() >= due:
+                    due = time.monotonic() + 1.0
+                    self._diagnose()
+        except Exception as error:
+            self._fail(error)
+
+    def _until_next_poll(self) -> float:
+        with self._lock:
+            return self._host.next_poll(time.monotonic_ns())
 
     def _diagnose(self) -> None:
         with self._lock:
@@ -164,8 +175,8 @@ class Bridge(SettingsNode):
                 self._health.note(Report(Level.WARN, text))
                 self.get_logger().warning(text, once=True)
             d = self._health.diagnose(self._host, time.monotonic_ns())
-        stamp = self.get_clock().now().to_msg()
-        self._diagnostics.publish(diagnostics_message(stamp, 'bridge', d.level, d.message, d.values, self._port))
+        name = status_name(self.get_fully_qualified_name())
+        self._diagnostics.publish(diagnostics_message(stamp_now(self), name, d.level, d.message, d.values, self._port))
 
     def _on_effort(self, message: Float64) -> None:
         self._step(lambda now: self._host.effort(message.data, now))

@@ -7,6 +7,8 @@ from typing import Any
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.clock import Clock
+from rclpy.node import Node
 
 from pendubot_identification.level import Level
 
@@ -25,3 +27,17 @@ def diagnostics_message(
     message = DiagnosticArray(status=[status])
     message.header.stamp = stamp
     return message
+
+
+def stamp_now(node: Node) -> Time:
+    """Return ROS time; the system's where use_sim_time is set and nobody has published on /clock yet."""
+    now = node.get_clock().now()
+    return (now if now.nanoseconds else Clock().now()).to_msg()
+
+
+def status_name(node: str) -> str:
+    """Return the name of a node's status on /diagnostics, where all rigs are heard, from its fully qualified name.
+
+    It is ``bridge`` where there is no namespace, and ``lab1/bridge`` in ``/lab1``.
+    """
+    return node.lstrip('/')

@@ -14,8 +14,9 @@ from std_srvs.srv import Trigger
 
 from pendubot_identification.excitation.excitation import PulseTrain
 
+from .diagnostics import status_name
 from .ending import Ending
-from .presence import rival
+from .presence import bridge_of, rival
 from .runtime import Setting, SettingsNode, run
 
 #: Without joint states for this long [s] the excitation ends: nobody is watching the rig.
@@ -33,8 +34,8 @@ class Exciter(SettingsNode):
 
     PROGRAM = 'exciter'
     SUMMARY = (
-        'Publishes a train of random torque pulses on /pendubot/effort_command, one torque for every message on '
-        '/joint_states. At the end, and on SIGINT or SIGTERM, it commands zero torque and disarms the bridge.'
+        'Publishes a train of random torque pulses on pendubot/effort_command, one torque for every message on '
+        'joint_states. At the end, and on SIGINT or SIGTERM, it commands zero torque and disarms the bridge.'
     )
     SETTINGS = (
         Setting('period', 1.0, 'time from one pulse to the next', 's', 0.01, 3600.0),
@@ -44,7 +45,7 @@ class Exciter(SettingsNode):
         Setting('hold', 0.01, 'time for which each random torque is held', 's', 1e-4, 60.0),
         Setting('seed', 1, 'same seed, same torques', '', 0, 2**31 - 1),
         Setting('duration', 18.0, 'length of the excitation; 0: until stopped', 's', 0.0, 86400.0),
-        Setting('arm', False, 'whether it arms the bridge itself; otherwise it waits until you call /bridge/arm'),
+        Setting('arm', False, 'whether it arms the bridge itself; otherwise it waits until you call bridge/arm'),
         Setting('recorded', False, 'whether it moves the rig only while a recorder records its joint states'),
     )
 
@@ -65,11 +66,14 @@ class Exciter(SettingsNode):
         self._disarmed = 0
         self._armed: bool | None = None
         self._left = False
-        self._effort = self.create_publisher(Float64, '/pendubot/effort_command', QoSProfile(depth=1))
-        self._arm = self.create_client(Trigger, '/bridge/arm')
-        self._disarm = self.create_client(Trigger, '/bridge/disarm')
+        self._effort = self.create_publisher(Float64, 'pendubot/effort_command', QoSProfile(depth=1))
+        # On /diagnostics every rig is heard: only the statuses of these two are of this one.
+        self._bridge = bridge_of(self)
+        self._balancer = f'{self.get_namespace()}/balancer'
+        self._arm = self.create_client(Trigger, 'bridge/arm')
+        self._disarm = self.create_client(Trigger, 'bridge/disarm')
         self._joint_states = self.create_subscription(
-            JointState, '/joint_states', self._on_joint_state, QoSProfile(depth=100)
+            JointState, 'joint_states', self._on_joint_state, QoSProfile(depth=100)
         )
         self.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, QoSProfile(depth=10))
         self.create_timer(0.1, self._supervise)
@@ -114,14 +118,14 @@ class Exciter(SettingsNode):
             if self.ended.is_set():
                 return
             values = {value.key: value.value for value in status.values}
-            if status.name == 'balancer' and values.get('phase') == 'running':
+            if status.name == status_name(self._balancer) and values.get('phase') == 'running':
                 # It began before either had found the other. Disarmed now, what it holds upright would fall.
                 self._gives_way(leaving=True)
             # As a recorder says it; paused, or before it hears the topic, it is 0.
             if float(values.get(f'{self._joint_states.topic_name} rate [Hz]', 0.0)) > 0.0:
                 self._recorded = max(self._recorded, time.monotonic() + UNRECORDED)
             armed = values.get('armed')
-            if status.name != 'bridge' or armed is None:
+            if status.name != status_name(self._bridge) or armed is None:
                 continue
             self._armed = armed == 'True'
             # One that was under way when the motor was armed may still say the contrary.
@@ -149,11 +153,19 @@ class Exciter(SettingsNode):
         elif self._is_new() and self._gives_way():
             return
         elif silent > SILENCE:
-            self.get_logger().info('waiting for /joint_states: start the bridge', throttle_duration_sec=5.0)
+            name = self._joint_states.topic_name
+            self.get_logger().info(f'waiting for {name}: start the bridge', throttle_duration_sec=5.0)
+        elif not self._is_new() and not self._arm.service_is_ready():
+            self.get_logger().info(
+                f'waiting for {self._bridge}/arm, which nobody serves: start the bridge or, if its node has another '
+                'name, remap bridge/arm and bridge/disarm',
+                throttle_duration_sec=5.0,
+            )
         elif now > self._recorded:
-            self.get_logger().info('waiting for a recorder of /joint_states: start it', throttle_duration_sec=5.0)
+            name = self._joint_states.topic_name
+            self.get_logger().info(f'waiting for a recorder of {name}: start it', throttle_duration_sec=5.0)
         elif not self._arms:
-            self.get_logger().info('waiting to be armed: call /bridge/arm', throttle_duration_sec=5.0)
+            self.get_logger().info(f'waiting to be armed: call {self._bridge}/arm', throttle_duration_sec=5.0)
         elif self._armed is not False and self._is_new():
             return  # armed by whom? they are found in a moment
         elif self._arm.service_is_ready() and self._may_ask(now) and not self._gives_way():

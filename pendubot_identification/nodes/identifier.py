@@ -1,4 +1,4 @@
-"""``identifier``: parameters from windows of recorded bags, latched on /pendubot/params."""
+"""``identifier``: parameters from windows of recorded bags, latched on pendubot/params."""
 
 from __future__ import annotations
 
@@ -12,22 +12,26 @@ from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
 
 from pendubot_identification.errors import ParameterError, PendubotError, ResultError
-from pendubot_identification.files import refuse_input, refuse_unwritable
+from pendubot_identification.files import refuse_input, refuse_unwritable, write_whole
 from pendubot_identification.identify.identification import identify
 from pendubot_identification.identify.settings import CRITERIA, DELAYS, HOLDS, OPTIMIZERS, SPREAD, Settings
 from pendubot_identification.level import Level
 from pendubot_identification.model.parameters import MODELS, NAMES, Bounds, default_bounds
 from pendubot_identification.recordings.bag_reader import BagWindow
 from pendubot_identification.recordings.datasets import load_datasets
-from pendubot_identification.recordings.joint_states import JOINT_NAMES, JOINT_STATES_TOPIC
+from pendubot_identification.recordings.joint_states import JOINT_NAMES
 from pendubot_identification.report.tables import whole
-from pendubot_identification.results.result_file import read_parameters, result_data, write_result
+from pendubot_identification.results.result_file import read_parameters, result_data, result_text
 
-from .diagnostics import diagnostics_message
+from .diagnostics import diagnostics_message, stamp_now
 from .ending import Ending
+from .matching import check_names
 from .messages import LATCHED, identification_values, parameters_message
 from .progress import NodeProgress
 from .runtime import Setting, SettingsNode, run
+
+#: What the user sets to have an existing result file overwritten.
+FORCE = 'force:=true'
 
 
 class Identifier(SettingsNode):
@@ -35,8 +39,8 @@ class Identifier(SettingsNode):
 
     PROGRAM = 'identifier'
     SUMMARY = (
-        'Estimates the parameters of a rig from recorded bags and publishes them, latched, on /pendubot/params, with '
-        'everything that says how far to trust them on /pendubot/identification. Set its parameters and call '
+        'Estimates the parameters of a rig from recorded bags and publishes them, latched, on pendubot/params, with '
+        'everything that says how far to trust them on pendubot/identification. Set its parameters and call '
         '~/identify to identify again.'
     )
     SETTINGS = (
@@ -44,7 +48,7 @@ class Identifier(SettingsNode):
             'bags', [''], 'bags that estimate, each BAG[@START:END] in seconds from its first sample', dynamic=True
         ),
         Setting('validate', [''], 'bags that only judge; by default what the windows leave', dynamic=True),
-        Setting('topic', JOINT_STATES_TOPIC, 'topic with the joint states', dynamic=True),
+        Setting('topic', 'joint_states', 'topic with the joint states in the bags', dynamic=True),
         Setting('joint_names', list(JOINT_NAMES), 'their joint names: shoulder, elbow', dynamic=True),
         Setting('criterion', '', f'what is minimised, of {", ".join(CRITERIA)}; empty: all', dynamic=True),
         Setting('model', 'auto', 'which parameters there are', choices=('auto', *MODELS), dynamic=True),
@@ -77,10 +81,10 @@ class Identifier(SettingsNode):
 
     def __init__(self, ended: Ending) -> None:
         super().__init__(ended)
-        self._params = self.create_publisher(Float64MultiArray, '/pendubot/params', LATCHED)
-        self._identification = self.create_publisher(DiagnosticArray, '/pendubot/identification', LATCHED)
+        self._params = self.create_publisher(Float64MultiArray, 'pendubot/params', LATCHED)
+        self._identification = self.create_publisher(DiagnosticArray, 'pendubot/identification', LATCHED)
         self.create_service(Trigger, '~/identify', self._on_identify)
-        self._progress = NodeProgress(self, 'identifier: progress', 'waiting for ~/identify')
+        self._progress = NodeProgress(self, 'waiting for ~/identify')
         self._worker: threading.Thread | None = None
         if _named(self.settings()['bags']):
             self._start()
@@ -120,14 +124,16 @@ class Identifier(SettingsNode):
         if output is not None:
             read = [BagWindow.parse(bag).path for bag in bags + judges]
             refuse_input(output, [*read, Path(values['start']) if values['start'] else None])
-            refuse_unwritable(output, overwrite=values['force'])
-        data = load_datasets(bags, judges, topic=values['topic'], joint_names=values['joint_names'])
+            refuse_unwritable(output, overwrite=values['force'], force=FORCE)
+        # A name in a bag: in this node's namespace if it is relative, but not remapped.
+        topic = self.resolve_topic_name(values['topic'], only_expand=True)
+        data = load_datasets(bags, judges, topic=topic, joint_names=values['joint_names'])
         result = identify(data.training, data.validation, settings, self._progress, data.notes)
         plain = result_data(result, data.sources)
         unwritten = ''
         try:
             if output is not None:
-                write_result(output, plain, overwrite=values['force'])
+                write_whole(output, result_text(plain), overwrite=values['force'], force=FORCE)
         except ResultError as error:
             unwritten = str(error)
         # Two lines, because rclpy keeps a severity for each line that logs.
@@ -150,12 +156,13 @@ class Identifier(SettingsNode):
 
     def _publish(self, level: Level, headline: str, values: dict[str, Any]) -> None:
         self._progress.ended(level, headline)
-        stamp = self.get_clock().now().to_msg()
-        self._identification.publish(diagnostics_message(stamp, 'pendubot identification', level, headline, values))
+        message = diagnostics_message(stamp_now(self), 'pendubot identification', level, headline, values)
+        self._identification.publish(message)
 
     def check(self, values: dict[str, Any]) -> None:
         """Refuse settings that make no sense together."""
         _settings(values)
+        check_names([values['topic']], 'topic')
         if len(values['joint_names']) != 2:
             raise ParameterError(f'joint_names are {values["joint_names"]}; two are expected, shoulder and elbow')
 

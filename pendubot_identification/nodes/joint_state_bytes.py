@@ -17,7 +17,7 @@ _SECOND = 1_000_000_000
 
 
 class JointStateBytes:
-    """What is published as /joint_states.
+    """What is published as joint_states.
 
     Args:
         names: of the two joints.

@@ -14,8 +14,8 @@ from rclpy.validate_topic_name import validate_topic_name
 from pendubot_identification.errors import BagError, ParameterError
 
 
-def check_names(topics: Sequence[str]) -> None:
-    """Refuse what is no topic's name.
+def check_names(topics: Sequence[str], setting: str = 'topics') -> None:
+    """Refuse what is no topic's name; ``setting`` says where it was given.
 
     Raises:
         ParameterError: with the reason.
@@ -25,7 +25,7 @@ def check_names(topics: Sequence[str]) -> None:
             validate_topic_name(topic)
     except InvalidTopicNameException as error:
         reason = ' '.join(str(error).split())
-        raise ParameterError(f'topics: {reason}; a name such as /joint_states is expected') from error
+        raise ParameterError(f'{setting}: {reason}; a name such as joint_states is expected') from error
 
 
 def message_class(topic: str, type_name: str) -> Any:

@@ -37,7 +37,7 @@ def joint_sample(m: JointState, names: Sequence[str]) -> tuple[float, tuple[floa
         q, effort = (m.position[shoulder], m.position[elbow]), m.effort[shoulder]
     except (ValueError, IndexError):
         raise ControlError(
-            f'/joint_states has {list(m.name)}; positions of {list(names)} and the effort of the first are expected: '
+            f'joint_states has {list(m.name)}; positions of {list(names)} and the effort of the first are expected: '
             'look at joint_names'
         ) from None
     return m.header.stamp.sec + m.header.stamp.nanosec * 1e-9, q, effort

@@ -55,7 +55,9 @@ class Player(SettingsNode):
     def __init__(self, ended: Ending) -> None:
         super().__init__(ended)
         s = self.settings()
-        self._playback = Playback(Path(s['bag']), [name for name in s['topics'] if name])
+        # Names in a bag: in this node's namespace if they are relative, but not remapped.
+        asked = [self.resolve_topic_name(name, only_expand=True) for name in s['topics'] if name]
+        self._playback = Playback(Path(s['bag']), asked)
         self._start_ns = self._playback.first_ns + round(s['start'] * SECOND)
         if self._start_ns > self._playback.last_ns:
             length = (self._playback.last_ns - self._playback.first_ns) / SECOND
@@ -81,7 +83,7 @@ class Player(SettingsNode):
             for topic in self._playback.topics
         }
         # Torques of a recording must move no rig: to a bridge they are played only where they are asked for by name.
-        unasked = [publisher for name, publisher in self._publishers_of.items() if name not in s['topics']]
+        unasked = [publisher for name, publisher in self._publishers_of.items() if name not in asked]
         self._guard = CommandGuard(self, unasked)
         for name in ('pause', 'resume'):
             self.create_service(Trigger, f'~/{name}', partial(self._serve, name == 'pause'))

@@ -70,6 +70,11 @@ class CommandGuard:
         self._seen[publisher] = count, time.monotonic() + FRESH
 
 
+def bridge_of(node: Node) -> str:
+    """Return the full name of the bridge that a node asks to be armed: ``bridge`` in its namespace, or as remapped."""
+    return node.resolve_service_name('bridge/arm').removesuffix('/arm')
+
+
 def rival(node: Node, publisher: Publisher) -> str:
     """Return the name of another exciter or balancer on the publisher's topic; empty where there is none."""
     there = node.get_publishers_info_by_topic(publisher.topic_name)

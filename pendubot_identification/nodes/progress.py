@@ -11,7 +11,7 @@ from rclpy.node import Node
 
 from pendubot_identification.level import Level
 
-from .diagnostics import diagnostics_message
+from .diagnostics import diagnostics_message, stamp_now, status_name
 
 #: Between two log lines of one step [s]; the beginning of a step is said at once.
 LOG_PERIOD = 5.0
@@ -32,12 +32,12 @@ class NodeProgress:
 
     Args:
         node: that works.
-        name: of the status on /diagnostics.
         idle: what it says before there is anything to do.
     """
 
-    def __init__(self, node: Node, name: str, idle: str) -> None:
-        self._node, self._name = node, name
+    def __init__(self, node: Node, idle: str) -> None:
+        self._node = node
+        self._name = f'{status_name(node.get_fully_qualified_name())}: progress'
         self._state = _State(Level.OK, idle, {})
         self._step, self._step_began, self._logged = '', 0.0, 0.0
         self._publisher = node.create_publisher(DiagnosticArray, '/diagnostics', 10)
@@ -66,5 +66,4 @@ class NodeProgress:
         self._state = _State(level, summary, {})
 
     def _publish(self) -> None:
-        stamp = self._node.get_clock().now().to_msg()
-        self._publisher.publish(diagnostics_message(stamp, self._name, *self._state))
+        self._publisher.publish(diagnostics_message(stamp_now(self._node), self._name, *self._state))

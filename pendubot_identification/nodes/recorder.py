@@ -22,7 +22,7 @@ from pendubot_identification.recordings.bag_metadata import Qos
 from pendubot_identification.recordings.bag_writer import Limits
 from pendubot_identification.recordings.recording import Arrival, Recording
 
-from .diagnostics import diagnostics_message
+from .diagnostics import diagnostics_message, stamp_now, status_name
 from .ending import Ending
 from .fetching import DEPTH, Fetcher
 from .matching import check_names, heard, matched, message_class
@@ -50,7 +50,7 @@ class Recorder(SettingsNode):
     )
     SETTINGS = (
         Setting('output', '', "the bag's folder, which must not exist; empty: pendubot_<UTC date-time> in this folder"),
-        Setting('topics', ['/joint_states', '/pendubot/effort_command'], 'the topics to record'),
+        Setting('topics', ['joint_states', 'pendubot/effort_command'], 'the topics to record'),
         Setting('max_size', 0, 'a file that would grow beyond this ends, and another begins; 0: never', 'bytes', 0),
         Setting('max_duration', 0.0, 'a file of this length ends, and another begins; 0: never', 's', 0.0, 1e9),
         Setting('reserve', 100_000_000, 'the bag is closed before the disk has less than this left', 'bytes', 0),
@@ -120,7 +120,7 @@ class Recorder(SettingsNode):
 
     def _resolved(self, topics: list[str]) -> list[str]:
         if not any(topics):
-            raise ParameterError('topics is empty; name at least one topic to record, such as /joint_states')
+            raise ParameterError('topics is empty; name at least one topic to record, such as joint_states')
         check_names(topics)
         return list(dict.fromkeys(self.resolve_topic_name(topic) for topic in topics))
 
@@ -187,8 +187,8 @@ class Recorder(SettingsNode):
             self._guarded(self._recording.sync)
 
     def _tell(self, d: Diagnosis) -> None:
-        now = self.get_clock().now().to_msg()
-        self._diagnostics.publish(diagnostics_message(now, 'recorder', d.level, d.message, d.values))
+        name = status_name(self.get_fully_qualified_name())
+        self._diagnostics.publish(diagnostics_message(stamp_now(self), name, d.level, d.message, d.values))
 
 
 def main() -> int:

@@ -9,25 +9,28 @@ import sys
 import textwrap
 import threading
 import traceback
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
 import rclpy
+import yaml
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
+from rclpy.clock import Clock, ClockType
 from rclpy.exceptions import ParameterException, ParameterUninitializedException
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
+from rclpy.timer import Timer
 from rclpy.utilities import remove_ros_args
 
 from pendubot_identification.errors import ParameterError, PendubotError
+from pendubot_identification.recordings.parameter_files import unheard
 from pendubot_identification.resources import resource
 
 from .ending import Ending, ended
-from .parameter_files import unheard
 
 
 @dataclass(frozen=True)
@@ -128,6 +131,7 @@ class SettingsNode(Node):
                 raise setting.refusal(value) from error
         self._refuse_unknown()
         self._check(self.settings())
+        self.add_pre_set_parameters_callback(lambda changed: [self._meant(p) for p in changed])
         self.add_on_set_parameters_callback(self._on_set)
 
     def settings(self) -> dict[str, Any]:
@@ -147,6 +151,10 @@ class SettingsNode(Node):
         Raises:
             ParameterError: with the reason.
         """
+
+    def create_timer(self, period: float, callback: Callable[[], object]) -> Timer:
+        """Call something every ``period`` [s] of real time, even where use_sim_time is set and /clock stands still."""
+        return super().create_timer(period, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def end(self, status: int = 0) -> None:
         """End the program with this exit status, from any thread."""
@@ -169,6 +177,17 @@ class SettingsNode(Node):
         for setting in self.SETTINGS:
             setting.check(values[setting.name])
         self.check(values)
+
+    def _meant(self, given: Parameter) -> Parameter:
+        """Return a parameter as a number where it is one as text: that is how ``ros2 param`` hands on 1e-09."""
+        # Without a dot that is no number in YAML 1.1; and a list with one in it comes as one text.
+        wanted = self.get_parameter_or(given.name).type_
+        if given.type_ is Parameter.Type.STRING and wanted in (Parameter.Type.DOUBLE, Parameter.Type.DOUBLE_ARRAY):
+            with suppress(ValueError, TypeError, yaml.YAMLError):
+                read = yaml.safe_load(given.value)
+                number = float(read) if wanted is Parameter.Type.DOUBLE else [float(each) for each in read]
+                return Parameter(given.name, value=number)
+        return given
 
     def _on_set(self, changed: Sequence[Parameter]) -> SetParametersResult:
         values = self.settings() | {p.name: p.value for p in changed}
@@ -193,6 +212,7 @@ def help_text(node_class: type[SettingsNode]) -> str:
         lines.append(textwrap.indent(textwrap.fill(s.description, 94), '      '))
     lines += [
         '',
+        'names of topics and services are relative: -r __ns:=/lab1 puts them and the node under /lab1',
         f'commented parameter file: {resource(f"config/{node_class.PROGRAM}.yaml")}',
         '',
         'exit status: 0 success or ended by a signal, 1 a failure explained in one line, 2 wrong usage',
@@ -245,7 +265,7 @@ def _run_until_ended(node_class: type[SettingsNode], argv: Sequence[str]) -> int
         with suppress(Exception):
             node.destroy_node()
         raise
-    for sentence in unheard(argv, node.get_name()):
+    for sentence in unheard(argv, node.get_fully_qualified_name()):
         node.get_logger().warning(sentence)
     executor = SingleThreadedExecutor()
     executor.add_node(node)

@@ -21,8 +21,8 @@ def test_a_design_is_shown_and_written_as_the_exciters_file(tmp_path, capsys):
     shown = capsys.readouterr().out
     for word in ('rad/s', 'turns', 'now', "paper's pulses", 'ratio', 'P5', 'the worst', f'written to {output}'):
         assert word in shown
-    config = yaml.safe_load((ROOT / 'config' / 'exciter.yaml').read_text())['exciter']['ros__parameters']
-    written = yaml.safe_load(output.read_text())['exciter']['ros__parameters']
+    config = yaml.safe_load((ROOT / 'config' / 'exciter.yaml').read_text())['/**/exciter']['ros__parameters']
+    written = yaml.safe_load(output.read_text())['/**/exciter']['ros__parameters']
     assert set(written) == set(config)
     assert {name: type(value) for name, value in written.items()} == {n: type(v) for n, v in config.items()}
     assert written['duration'] == 2.0

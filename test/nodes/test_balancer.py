@@ -148,7 +148,7 @@ def test_wrong_signs_stop_it_within_a_fifth_of_a_second(ros, tmp_path):
 def test_it_says_what_it_waits_for_and_what_it_refuses(rig):
     r = rig(200, '--torque-limit', '0.3', start='hanging', spread=0.0)
     balancer = r.start('balancer')
-    balancer.wait_for('waiting: no parameters have come on /pendubot/params')
+    balancer.wait_for('waiting: no parameters have come on pendubot/params')
     assert 'no parameters' in r.call('/balancer/start').message
     r.publish(level=2, message='useless')
     balancer.wait_for('level ERROR (useless)')

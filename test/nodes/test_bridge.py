@@ -3,13 +3,10 @@
 import signal
 import threading
 from contextlib import suppress
-from pathlib import Path
 
 import pytest
-import yaml
 
 from pendubot_identification.nodes.ending import Ending
-from pendubot_identification.resources import resource
 from test.processes import Program, run_program, spin_until
 from test.rig import ARMED, WATCHDOG
 
@@ -53,6 +50,45 @@ def test_a_signal_disarms_and_ends_with_0(rig, number):
     assert not (r.trace()[:, 4] & WATCHDOG).any()
     assert r.trace()[-1, 3] == 0
     assert 'Traceback' not in bridge.output
+
+
+#: A bridge in which something fails as soon as the motor is armed.
+BROKEN = """
+import sys
+from pendubot_identification.link.health import Health
+from pendubot_identification.link.host import Host
+from pendubot_identification.nodes import bridge
+
+whole = {place}
+
+def broken(*args):
+    if next(each for each in args if isinstance(each, Host)).armed:
+        raise AttributeError('this is broken')
+    return whole(*args)
+
+{place} = broken
+sys.argv += ['--ros-args', '-p', 'port:={port}', '-p', 'watchdog_ms:=5000']
+sys.exit(bridge.main())
+"""
+
+
+@pytest.mark.parametrize('place', ['Host.next_poll', 'Host.poll', 'Health.diagnose'])
+def test_a_failure_of_its_housekeeping_disarms_and_ends_it_with_1(rig, tmp_path, place):
+    r = rig()
+    r.start_board()
+    program = tmp_path / 'broken_bridge.py'
+    program.write_text(BROKEN.format(place=place, port=r.port))
+    bridge = Program.of_file(program)
+    r.programs.append(bridge)
+    r.until_samples()
+    client = r.node.create_client(r.trigger, '/bridge/arm')
+    assert client.wait_for_service(10)
+    r.until(lambda: client.call_async(r.trigger.Request()) and bridge.process.poll() is not None)
+    assert bridge.process.returncode == 1
+    bridge.wait_for('AttributeError: this is broken; ending')
+    r.until(lambda: (r.trace()[:, 4] & ARMED).any() and not r.trace()[-1, 4] & ARMED)
+    # By command, not by the watchdog.
+    assert not (r.trace()[:, 4] & WATCHDOG).any()
 
 
 def test_nobody_arms_it_again_while_it_ends(rig):
@@ -174,22 +210,10 @@ def test_settings_that_make_no_sense_end_it_in_a_sentence(parameter, text):
     assert 'Traceback' not in done.stderr
 
 
-def test_the_configuration_file_holds_every_default_and_loads(rig):
-    from pendubot_identification.nodes.bridge import Bridge
-
-    path = resource('config/bridge.yaml')
-    configured = yaml.safe_load(Path(path).read_text())['bridge']['ros__parameters']
-    assert configured == {s.name: s.default for s in Bridge.SETTINGS}
-    r = rig()
-    r.start_board()
-    r.programs.append(Program('bridge', '--ros-args', '--params-file', path, '-p', f'port:={r.port}'))
-    r.until_samples()
-
-
 def test_help_is_worth_reading():
     done = run_program('bridge', '--help')
     assert done.returncode == 0
-    assert all(word in done.stdout for word in ('port', 'command_timeout', 'rad/s', '/joint_states'))
+    assert all(word in done.stdout for word in ('port', 'command_timeout', 'rad/s', 'joint_states', '__ns:=/lab1'))
 
 
 @pytest.mark.parametrize(

@@ -205,6 +205,16 @@ def test_what_is_read_is_never_written_over(listener, bag, tmp_path):
     assert {path: path.read_bytes() for path in read} == read
 
 
+def test_an_existing_result_is_left_as_it_is_and_the_parameter_that_overwrites_it_is_named(listener, tmp_path):
+    output = tmp_path / 'result.yaml'
+    output.write_text('mine')
+    with Program('identifier', *parameters(bags="['/nowhere']", output=output, **FAST)):
+        assert listener.hears(lambda heard: heard.status)
+    (status,) = listener.status[0].status
+    assert status.message == (f'{output} exists already and was left as it is; choose another name or add force:=true')
+    assert output.read_text() == 'mine'
+
+
 def test_an_output_that_cannot_be_written_is_noticed_before_anything_is_read(listener, tmp_path):
     output = tmp_path / 'nowhere' / 'result.yaml'
     with Program('identifier', *parameters(bags="['/nowhere']", output=output, **FAST)):

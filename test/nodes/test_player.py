@@ -238,7 +238,7 @@ def test_effort_commands_are_played_to_others_and_where_asked_for(commands, list
         ({'bag': "''"}, 'bag is empty; give the folder of a bag'),
         ({'bag': '/nowhere'}, 'there is no bag /nowhere'),
         ({'topics': '[/other]'}, 'holds nothing on /other; its topics are /latched, /states'),
-        ({'topics': '["two words"]'}, 'a name such as /joint_states is expected'),
+        ({'topics': '["two words"]'}, 'a name such as joint_states is expected'),
         ({'start': 5.0}, 'start is 5 s; the bag lasts 0.399 s: give a time within it'),
         ({'rate': 0.0}, 'rate is 0.0; a number with a decimal point from 0.001 to 1000 is expected'),
     ],

@@ -491,7 +491,7 @@ def test_topics_that_nobody_publishes_are_named(tmp_path):
     [
         ({'output': '/dev/null/bag'}, 'cannot be written'),
         ({'output': '{taken}'}, 'exists already; give another name'),
-        ({'topics': '["two words"]'}, 'a name such as /joint_states is expected'),
+        ({'topics': '["two words"]'}, 'a name such as joint_states is expected'),
         ({'topics': '[""]'}, 'name at least one topic'),
         ({'max_size': 1000}, '0 or at least 65536 bytes are expected'),
         ({'reserve': 2**60}, 'is not begun: its disk has'),
@@ -511,4 +511,4 @@ def test_the_config_file_holds_every_parameter():
     from pendubot_identification.nodes.recorder import Recorder
 
     config = yaml.safe_load((ROOT / 'config' / 'recorder.yaml').read_text())
-    assert config['recorder']['ros__parameters'] == {setting.name: setting.default for setting in Recorder.SETTINGS}
+    assert config['/**/recorder']['ros__parameters'] == {setting.name: setting.default for setting in Recorder.SETTINGS}

@@ -43,7 +43,7 @@ def place(robot, link, positions):
 def test_is_one_tree_with_the_joints_of_joint_states():
     robot = parsed()
     assert robot.get_root() == 'base_link'
-    bridge = yaml.safe_load((ROOT / 'config' / 'bridge.yaml').read_text())['bridge']['ros__parameters']
+    bridge = yaml.safe_load((ROOT / 'config' / 'bridge.yaml').read_text())['/**/bridge']['ros__parameters']
     moving = [joint.name for joint in robot.joints if joint.type != 'fixed']
     assert moving == bridge['joint_names']
     assert {joint.type for joint in robot.joints if joint.name in moving} == {'continuous'}
