@@ -75,6 +75,6 @@ setup(
     description='Bridge, recorder and identifier for a pendubot: from the board to its parameters.',
     license='Apache-2.0',
     entry_points={
-        'console_scripts': [f'pendubot = {NAME}.cli.main:main', *(f'{n} = {NAME}.programs:{n}' for n in NODES)],
+        'console_scripts': [f'{program} = {NAME}.programs:{program}' for program in ['pendubot', *NODES]],
     },
 )

@@ -1,10 +1,11 @@
-"""The nodes as programs: where there is no ROS to start them with, a sentence says so."""
+"""What is installed as programs: the nodes, where there is ROS to start them with, and the command line."""
 
 from __future__ import annotations
 
 import importlib
 import os
 import sys
+from collections.abc import Callable
 from functools import partial
 
 from pendubot_identification.nodes.ending import at_signal
@@ -26,7 +27,27 @@ def _start(name: str) -> int:
             file=sys.stderr,
         )
         return 1
-    return int(node.main())
+    return _until_nobody_reads(node.main)
+
+
+def _until_nobody_reads(main: Callable[[], int]) -> int:
+    """Return what it returns, or 0 where whoever read its output has seen enough, as ``head`` does."""
+    try:
+        try:
+            return main()
+        finally:
+            sys.stdout.flush()
+    except BrokenPipeError:
+        # Nothing is left to be flushed at exit, which would fail again.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+
+
+def pendubot() -> int:
+    """Run the command line; return the exit status."""
+    from pendubot_identification.cli.main import main
+
+    return _until_nobody_reads(main)
 
 
 bridge = partial(_start, 'bridge')

@@ -1,9 +1,12 @@
-"""The nodes as programs, on a computer without ROS."""
+"""The programs as they are started, on a computer without ROS and with a reader that leaves."""
 
+import os
 import subprocess
 import sys
 
 import pytest
+
+from test.conftest import ROOT
 
 CHILD = """
 import sys
@@ -37,3 +40,35 @@ def test_the_virtual_board_needs_no_ros():
     ended = subprocess.run(arguments, capture_output=True, text=True, timeout=60)
     assert ended.returncode == 0
     assert 'virtual_board' in ended.stdout
+
+
+SAMPLE = ROOT / 'bags' / 'paper_experiment'
+NODES = ('bridge', 'recorder', 'player', 'identifier', 'exciter', 'balancer')
+
+
+@pytest.mark.parametrize('unbuffered', ['', '1'])
+@pytest.mark.parametrize(
+    'words',
+    [
+        *(pytest.param((node, '--help'), marks=pytest.mark.ros) for node in NODES),
+        *(('virtual_board', *more) for more in (['--help'], ['--duration', '0.1'])),
+        *(('pendubot', *more) for more in (['--help'], ['--version'], ['identify', '--help'], ['info', SAMPLE])),
+    ],
+    ids=lambda words: ' '.join(map(str, words[:2])),
+)
+def test_a_reader_that_has_seen_enough_is_no_failure(words, unbuffered):
+    """As head does, in the middle of what is written or before it is flushed at the end."""
+    reads, writes = os.pipe()
+    os.close(reads)
+    try:
+        ended = subprocess.run(
+            [sys.executable, '-c', CHILD, 'no_such_module', *words],
+            stdout=writes,
+            stderr=subprocess.PIPE,
+            env={**os.environ, 'PYTHONUNBUFFERED': unbuffered},
+            timeout=60,
+        )
+    finally:
+        os.close(writes)
+    assert ended.stderr.decode() == ''
+    assert ended.returncode == 0

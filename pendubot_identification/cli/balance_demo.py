@@ -9,12 +9,22 @@ from typing import Any
 
 from pendubot_identification.errors import PendubotError
 
-from .demo import counting
-from .programs import Programs, interruptible, new_folder, own_ros, parameters
+from .programs import (
+    LOOK,
+    PAUSE,
+    Programs,
+    interruptible,
+    new_folder,
+    once_more,
+    own_ros,
+    parameters,
+    record_excitation,
+)
 
 RATE, SAMPLES, DELAY, LIMIT = 200, 2400, 0.004, 2.0
-#: It is to be upright within this, and is then held for so long [s].
-PATIENCE, HOLD = 20.0, 10.0
+RIG = ('--preset', 'balance', '--delay', DELAY, '--torque-limit', LIMIT)
+#: It is to be held for so long [s], and may take so much longer: where the computer pauses, it falls in between.
+HOLD, PATIENCE = 10.0, 40.0
 
 
 def run(args: argparse.Namespace) -> int:
@@ -28,42 +38,42 @@ def run(args: argparse.Namespace) -> int:
 
 def _balanced(rclpy: Any, folder: Path, seed: int) -> _Watcher:
     """Run the chain in the folder; return who saw the swing-up."""
-    from tqdm import tqdm
-
-    port, bag = folder / 'board', folder / 'excitation'
+    bag, result = folder / 'excitation', folder / 'result.yaml'
+    print(f'virtual board: {RATE} Hz, 4000 counts per turn, a motor {1e3 * DELAY:g} ms late, {LIMIT:g} N m')
+    pulses = {'amplitude_min': -LIMIT, 'amplitude_max': LIMIT, 'seed': seed}
+    once_more(lambda: record_excitation(rclpy, bag, SAMPLES, RATE, RIG, **pulses))
     with Programs(folder) as programs:
-        rig = ['--preset', 'balance', '--rate', RATE, '--delay', DELAY, '--torque-limit', LIMIT]
-        board = programs.start('virtual_board', '--link', port, *rig)
-        programs.wait(board, port.exists, 'opened no port')
-        print(f'virtual board: {RATE} Hz, 4000 counts per turn, a motor {1e3 * DELAY:g} ms late, {LIMIT:g} N m')
-        programs.start('bridge', *parameters(port=port))
-        recording = parameters(output=bag, max_messages=SAMPLES)
-        recorder = programs.start('recorder', *recording, finite=True)
-        pulses = parameters(
-            arm='true', duration=SAMPLES / RATE + 2, amplitude_min=-LIMIT, amplitude_max=LIMIT, seed=seed
-        )
-        exciter = programs.start('exciter', *pulses, finite=True)
-        print(f'exciting and recording for {SAMPLES / RATE:g} s')
-        with tqdm(total=SAMPLES, unit=' samples', disable=None, leave=False) as bar:
-            programs.wait(recorder, lambda: recorder.ended, 'did not finish its bag', 60.0, counting(rclpy, bar))
-        programs.wait(exciter, lambda: exciter.ended, 'did not end')
-        result = folder / 'result.yaml'
         asked = parameters(bags=f"['{bag}']", output=result, hold='zero', model='viscous')
         identifier = programs.start('identifier', *asked)
         programs.wait(identifier, result.exists, 'wrote no result', 120.0)
-        print('identified')
-        balancer = programs.start('balancer', *parameters(torque_limit=LIMIT))
-        watcher = _Watcher(rclpy)
-        programs.wait(balancer, lambda: watcher.says('ready'), 'was not ready', 60.0, watcher.spin)
-        watcher.samples.clear()
+        print('identified', flush=True)
+        return once_more(lambda: _swung_up(rclpy, folder))
+
+
+def _swung_up(rclpy: Any, folder: Path) -> _Watcher:
+    """Have a rig at rest swung up by the parameters that are published; return who saw it.
+
+    Raises:
+        PendubotError: the balancer stopped, or did not hold it in time.
+    """
+    watcher = _Watcher(rclpy)
+    with Programs(folder) as programs:
+        programs.start_rig(RATE, *RIG)
+        balancer = programs.start('balancer', *parameters(torque_limit=LIMIT, max_age=PAUSE))
+        programs.wait(balancer, watcher.sees_it_ready, 'was not ready', 60.0, watcher.spin)
         watcher.start()
-        print('the balancer knows the rig through /pendubot/params alone; it swings it up')
-        programs.wait(balancer, watcher.has_seen_enough, 'did not hold it', PATIENCE + HOLD, watcher.spin)
+        print('the balancer knows the rig through /pendubot/params alone; it swings it up', flush=True)
+        programs.wait(balancer, watcher.has_seen_enough, 'did not hold it', HOLD + PATIENCE, watcher.spin)
     return watcher
 
 
 class _Watcher:
-    """Follows the balancer from outside, and starts it."""
+    """Follows rig and balancer from outside, and starts it.
+
+    Attributes:
+        samples: since the start, each t [s], q1, q2 [rad], torque [N m].
+        values: what the balancer said last of itself, by name.
+    """
 
     def __init__(self, rclpy: Any) -> None:
         from diagnostic_msgs.msg import DiagnosticArray
@@ -72,23 +82,31 @@ class _Watcher:
 
         self._rclpy, self._request = rclpy, Trigger.Request()
         self.samples: list[tuple[float, ...]] = []
-        self._message, self.values = '', dict[str, str]()
+        self.values = dict[str, str]()
+        self._message = ''
+        self._fallen = 0.0
         self._node = rclpy.create_node('demo_watcher')
         self._node.create_subscription(JointState, '/joint_states', self._on_sample, 1000)
         self._node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
         self._client = self._node.create_client(Trigger, '/balancer/start')
 
     def spin(self) -> None:
-        self._rclpy.spin_once(self._node, timeout_sec=0.1)
+        """Listen until there is something new, or for a moment."""
+        self._rclpy.spin_once(self._node, timeout_sec=LOOK)
 
-    def says(self, word: str) -> bool:
-        """Whether the balancer's last diagnosis begins with this."""
-        return self._message.startswith(word)
+    def sees_it_ready(self) -> bool:
+        """Whether the balancer may be started."""
+        return self._message == 'ready'
 
     def has_seen_enough(self) -> bool:
-        """Whether it has balanced for as long as is wanted, by its own account, or stopped."""
-        held = float(self.values.get('balancing for [s]', 0.0))
-        return self.says('stopped') or (self.says('balancing') and held > HOLD)
+        """Whether the rig has been held for as long as is wanted.
+
+        Raises:
+            PendubotError: the balancer has stopped.
+        """
+        if self._message.startswith('stopped'):
+            raise PendubotError(f'the balancer {self._message}')
+        return bool(self.samples) and self.samples[-1][0] - self._fallen > HOLD
 
     def start(self) -> None:
         """Start the balancer.
@@ -96,6 +114,7 @@ class _Watcher:
         Raises:
             PendubotError: it refuses, or does not answer.
         """
+        self.samples.clear()
         future = self._client.call_async(self._request)
         deadline = time.monotonic() + 10.0
         while not future.done() and time.monotonic() < deadline:
@@ -105,7 +124,13 @@ class _Watcher:
             raise PendubotError(f'the balancer did not start: {said}')
 
     def _on_sample(self, m: Any) -> None:
+        import numpy as np
+
+        from pendubot_identification.control.rehearsal import HELD, deviation
+
         stamp = m.header.stamp.sec + m.header.stamp.nanosec * 1e-9
+        if not self.samples or deviation(np.array([m.position]))[0] > HELD:
+            self._fallen = stamp
         self.samples.append((stamp, *m.position, m.effort[0]))
 
     def _on_diagnostics(self, array: Any) -> None:
@@ -130,8 +155,6 @@ def _show(folder: Path, watcher: _Watcher) -> int:
     error = np.abs(read_parameters(folder / 'result.yaml').vector() / BALANCE.vector() - 1)[:5].max()
     print(f'identified within {100 * error:.2g} % of P1 to P5; picture: {picture}')
     since = held_since(motion)
-    if not watcher.says('balancing') or since > motion.t[-1] - HOLD / 2:
-        raise PendubotError(f'the rig was not held upright; see {picture} and the logs beside it')
     quiet = motion.t > since + 1
     angle, torque = (float(np.sqrt((x[quiet] ** 2).mean())) for x in (deviation(motion.q), tau))
     print(

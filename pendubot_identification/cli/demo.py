@@ -5,14 +5,13 @@ from __future__ import annotations
 import argparse
 import sys
 import time
-from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from pendubot_identification.errors import PendubotError
 
-from .programs import Programs, interruptible, new_folder, own_ros, parameters
+from .programs import Programs, interruptible, new_folder, once_more, own_ros, parameters, record_excitation
 
 DESCRIPTION = """\
 Run the complete job on the virtual rig: a virtual board on a pseudo-terminal, the bridge, the exciter and the recorder
@@ -71,20 +70,9 @@ def run(args: argparse.Namespace) -> int:
 
 def _identified(rclpy: Any, folder: Path, seed: int) -> tuple[list[float], str]:
     """Run the chain in the folder; return what the late subscriber received."""
-    from tqdm import tqdm
-
-    port, bag, result = folder / 'board', folder / BAG, folder / 'result.yaml'
-    with Programs(folder) as programs:
-        board = programs.start('virtual_board', '--link', port, '--rate', RATE)
-        programs.wait(board, port.exists, 'opened no port')
-        print(f'virtual board on {port}: {RATE} Hz, 4000 counts per turn, the parameters of the paper')
-        programs.start('bridge', *parameters(port=port))
-        recorder = programs.start('recorder', *parameters(output=bag, max_messages=SAMPLES), finite=True)
-        programs.start('exciter', *parameters(arm='true', duration=2.0 * SAMPLES / RATE, seed=seed), finite=True)
-        print(f'exciting and recording for {SAMPLES / RATE:g} s', flush=True)
-        with tqdm(total=SAMPLES, unit=' samples', disable=None, leave=False) as bar:
-            programs.wait(recorder, lambda: recorder.ended, 'did not finish its bag', 60.0, counting(rclpy, bar))
-    print(f'recorded {bag}')
+    bag, result = folder / BAG, folder / 'result.yaml'
+    print(f'virtual board: {RATE} Hz, 4000 counts per turn, the parameters of the paper')
+    once_more(lambda: record_excitation(rclpy, bag, SAMPLES, RATE, seed=seed))
     with Programs(folder) as programs:
         # The bridge's torques are held; to find that out from the data would take some seconds more.
         identifier = programs.start('identifier', *parameters(bags=f"['{bag}']", output=result, hold='zero'))
@@ -111,15 +99,6 @@ def _show(folder: Path, theta: list[float], label: str) -> int:
         f'\ntry: {sys.argv[0]} identify {folder / BAG}'
     )
     return 0
-
-
-def counting(rclpy: Any, bar: Any) -> Callable[[], None]:
-    """Return what moves the bar by the joint states that come in while it waits."""
-    from sensor_msgs.msg import JointState
-
-    node = rclpy.create_node('demo_progress')
-    node.create_subscription(JointState, '/joint_states', lambda _: bar.update(min(1, bar.total - bar.n)), 1000)
-    return lambda: rclpy.spin_once(node, timeout_sec=0.1)
 
 
 def late_subscriber(rclpy: Any) -> tuple[list[float], str]:

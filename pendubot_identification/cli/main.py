@@ -88,9 +88,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         print('pendubot: interrupted', file=sys.stderr)
         return 1
     except BrokenPipeError:
-        # Whoever read the output has seen enough; nothing is left to be flushed at exit.
-        sys.stdout = None
-        return 0
+        raise  # whoever read the output has seen enough: no failure, where this runs as a program
     except Exception as error:
         if args.debug:
             traceback.print_exc()

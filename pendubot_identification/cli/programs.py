@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import random
+import shutil
 import signal
 import subprocess
 import sys
@@ -12,7 +13,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from pendubot_identification.errors import PendubotError
 
@@ -26,6 +27,13 @@ DOMAINS, TRIES = range(1, 101), 5
 #: Whoever is in a domain is discovered within this [s]: mostly in 0.2 s, but where first announcements are missed, with
 #: the next, which Fast DDS sends every 3 s.
 DISCOVERY = 4.0
+#: The computer may pause for so long [s] without any timeout ending anything: on the virtual rig, where a motor that
+#: runs on meanwhile harms nobody.
+PAUSE = 2.0
+#: How often it is looked how things stand [s], and a pause that is worth a word.
+LOOK, PAUSED = 0.02, 0.1
+
+Result = TypeVar('Result')
 
 
 @contextmanager
@@ -154,6 +162,7 @@ class Programs(ExitStack):
     def __init__(self, folder: Path) -> None:
         super().__init__()
         self._folder, self._started = folder, list[Program]()
+        self._paused = 0.0
 
     def start(self, name: str, *arguments: object, finite: bool = False) -> Program:
         """Start a program of this package."""
@@ -177,19 +186,86 @@ class Programs(ExitStack):
         while not condition():
             for each in self._started:
                 if each.failed:
-                    raise each.failure('ended early')
+                    raise each.failure(f'ended early{self.pause}')
             if time.monotonic() > deadline:
-                raise program.failure(otherwise)
+                raise program.failure(f'{otherwise}{self.pause}')
+            looked = time.monotonic()
             if meanwhile is None:
-                time.sleep(0.02)
+                time.sleep(LOOK)
             else:
                 meanwhile()
+            self._paused = max(self._paused, time.monotonic() - looked)
+
+    @property
+    def pause(self) -> str:
+        """For how long, in words, this computer paused while programs were waited for; empty where it did not."""
+        return f' on a computer that paused for {self._paused:.3f} s' if self._paused > PAUSED else ''
+
+    def start_rig(self, rate: int, *options: object) -> None:
+        """Start a virtual board and a bridge that outlast a pause of this computer."""
+        port = self._folder / 'board'
+        board = self.start('virtual_board', '--link', port, '--rate', rate, *options)
+        self.wait(board, port.exists, 'opened no port')
+        self.start('bridge', *parameters(port=port, watchdog_ms=round(1e3 * PAUSE), link_timeout=PAUSE))
+
+
+def once_more(attempt: Callable[[], Result]) -> Result:
+    """Return what an attempt returns, or where it fails, as on a computer that pauses, a second one, announced.
+
+    Raises:
+        PendubotError: both have failed.
+    """
+    try:
+        return attempt()
+    except PendubotError as error:
+        print(f'{error}\nonce more:', flush=True)
+        return attempt()
+
+
+def record_excitation(
+    rclpy: Any, bag: Path, samples: int, rate: int, options: Sequence[object] = (), **pulses: object
+) -> None:
+    """Excite a virtual rig and record it, its programs' output beside the bag.
+
+    Args:
+        rclpy: in a domain of its own.
+        bag: a new one, or what an attempt left that failed.
+        samples: how many.
+        rate: of the board [Hz].
+        options: of the virtual board, further ones.
+        pulses: parameters of the exciter.
+
+    Raises:
+        PendubotError: a program ended early, or the bag was not complete in time.
+    """
+    from sensor_msgs.msg import JointState
+    from tqdm import tqdm
+
+    if bag.exists():
+        shutil.rmtree(bag)
+    seconds = samples / rate
+    node = rclpy.create_node('demo_progress')
+    with Programs(bag.parent) as programs, tqdm(total=samples, unit=' samples', disable=None, leave=False) as bar:
+        programs.callback(node.destroy_node)
+        node.create_subscription(JointState, '/joint_states', lambda _: bar.update(min(1, samples - bar.n)), 1000)
+        programs.start_rig(rate, *options)
+        recorder = programs.start('recorder', *parameters(output=bag, max_messages=samples), finite=True)
+        programs.start('exciter', *parameters(arm='true', duration=0.0, **pulses))
+        print(f'exciting and recording for {seconds:g} s', flush=True)
+        programs.wait(
+            recorder,
+            lambda: recorder.ended,
+            'did not finish its bag',
+            seconds + 40.0,
+            lambda: rclpy.spin_once(node, timeout_sec=LOOK),
+        )
+    print(f'recorded {bag}', flush=True)
 
 
 @contextmanager
 def _program(folder: Path, name: str, *arguments: object, finite: bool) -> Iterator[Program]:
     log = folder / f'{name}.log'
-    with log.open('wb') as output:
+    with log.open('ab') as output:
         process = subprocess.Popen(
             [sys.executable, '-m', f'pendubot_identification.nodes.{name}', *map(str, arguments)],
             stdin=subprocess.DEVNULL,

@@ -127,7 +127,7 @@ class Balancing:
         self._coming: Plan | None = None
         self._refused: tuple[Parameters, Loop] | None = None
         self._q: Pair | None = None
-        self._heard = -math.inf
+        self._heard = self._looked = -math.inf
         self._upright_since: float | None = None
         self._arming_since: float | None = None
 
@@ -214,6 +214,7 @@ class Balancing:
         Raises:
             ControlError: it has stopped; command zero torque and disarm.
         """
+        self.silence(now, max_age)
         self.briefing.sample(t)
         self._q, self._heard = q, now
         if self.phase is Phase.IDLE:
@@ -243,13 +244,15 @@ class Balancing:
         return 0.0
 
     def silence(self, now: float, max_age: float) -> None:
-        """Look whether samples come.
+        """Look whether samples come; to be called, samples or not, several times in ``max_age`` [s].
 
         Raises:
             ControlError: none has come for too long while it moved; it has stopped.
         """
+        paused, self._looked = now - self._looked > max_age, now
         if self.phase is Phase.RUNNING and now - self._heard > max_age:
-            self.stop(f'no sample for {now - self._heard:.3f} s; look at the bridge')
+            why = 'the machine paused' if paused else 'look at the bridge'
+            self.stop(f'no sample for {now - self._heard:.3f} s: {why}')
             raise ControlError(self.stopped)
 
     def offer(self, theta: list[float]) -> None:

@@ -22,9 +22,10 @@ from .transmitter import Transmitter
 HELLO_INTERVAL = 200 * MS
 #: So many requests without an answer are reported.
 UNANSWERED = 5
-#: Link lost: nothing valid for the longer of this and five sample periods.
-SILENCE = 100 * MS
+#: Link lost: nothing valid for the longer of so many sample periods and the configured time.
 SILENT_PERIODS = 5
+#: Who polls so late [ns] was held up itself.
+HELD_UP = 50 * MS
 WAITING = 'waiting for the board to say HELLO'
 #: A clock that goes back further than this, not by its wrap, belongs to a board that restarted.
 CLOCK_BACK_US = 10_000
@@ -206,7 +207,7 @@ class Host:
     def poll(self, now: int) -> list[HostEvent]:
         """Do what time alone brings: asking, timeouts, refreshed commands; as soon as :meth:`next_poll` says."""
         # Where this program itself was held up, what came meanwhile waits to be read: no silence of the board's.
-        held_up = not self._held_up and self._last_poll is not None and now - self._last_poll > SILENCE // 2
+        held_up = not self._held_up and self._last_poll is not None and now - self._last_poll > HELD_UP
         self._last_poll, self._held_up = now, held_up
         if self._up and not held_up and now - self._last_valid > self._silence_ns:
             self._up, self._fell_silent = False, True
@@ -349,7 +350,7 @@ class Host:
     @property
     def _silence_ns(self) -> int:
         period = self.hello.sample_period_us * 1000 if self.hello else 0
-        return max(SILENCE, SILENT_PERIODS * period)
+        return max(round(self.config.link_timeout * SECOND), SILENT_PERIODS * period)
 
     def _ask(self, now: int) -> None:
         self._asking = True

@@ -19,6 +19,8 @@ class HostConfig:
         torque_limit: largest torque ever sent [N m].
         watchdog_ms: after this long without a command the board switches its motor off.
         command_timeout: after this long [s] without an effort command the torque sent is 0.
+        link_timeout: after this long [s] without anything valid from the board the link is lost, though not before five
+            of its sample periods.
         max_speed: a sample that would need more [rad/s] is flagged.
     """
 
@@ -28,4 +30,5 @@ class HostConfig:
     torque_limit: float = 2.0
     watchdog_ms: int = 100
     command_timeout: float = 0.1
+    link_timeout: float = 0.1
     max_speed: float = 100.0

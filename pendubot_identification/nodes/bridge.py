@@ -53,6 +53,7 @@ class Bridge(SettingsNode):
         Setting('torque_limit', 2.0, 'largest torque ever sent; the board has its own limit', 'N m', 0.0, 1000.0),
         Setting('watchdog_ms', 100, 'without a command for so long the board stops its motor', 'ms', 10, 65535),
         Setting('command_timeout', 0.1, 'without an effort command for so long the torque is 0', 's', 0.001, 3600.0),
+        Setting('link_timeout', 0.1, 'without anything valid for so long the link is lost: disarmed', 's', 0.01, 60.0),
         Setting('max_speed', 100.0, 'a sample that would need a higher speed is not published', 'rad/s', 0.1, 1e6),
     )
 

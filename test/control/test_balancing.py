@@ -127,10 +127,12 @@ def test_it_moves_from_armed_to_stop_and_not_a_sample_longer():
 @pytest.mark.parametrize(
     ('spoil', 'words'),
     [
-        (lambda b: upright(b, 1.015, now=1.2), r'a sample is 0\.185 s old'),
+        (lambda b: (upright(b, 1.015, now=1.1), upright(b, 1.02, now=1.13)), r'a sample is 0\.110 s old'),
         (lambda b: upright(b, 1.015, now=math.nan), 'a sample is nan s old'),
-        (lambda b: upright(b, 1.3), 'passed between two samples'),
-        (lambda b: b.silence(1.2, 0.1), r'no sample for 0\.190 s'),
+        (lambda b: upright(b, 1.3, now=1.015), 'passed between two samples'),
+        (lambda b: (b.silence(1.1, 0.1), b.silence(1.2, 0.1)), r'no sample for 0\.190 s: look at the bridge'),
+        (lambda b: b.silence(1.2, 0.1), r'no sample for 0\.190 s: the machine paused'),
+        (lambda b: upright(b, 1.015, now=1.2), r'no sample for 0\.190 s: the machine paused'),
         (lambda b: b.offer([-value for value in THETA]), 'no rig has'),
         (lambda b: b.offer([1.0]), 'are expected'),
     ],

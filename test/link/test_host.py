@@ -512,6 +512,15 @@ def test_a_slow_board_may_be_silent_for_five_periods():
     assert wire.host.link == 'silent'
 
 
+def test_a_virtual_rig_may_be_silent_for_as_long_as_its_host_is_told():
+    rig = Rig(HostConfig(watchdog_ms=2000, link_timeout=1.0)).armed()
+    rig.connected = False
+    rig.step(99)
+    assert rig.host.armed
+    rig.step(3)
+    assert not rig.host.armed
+
+
 def test_a_program_that_was_held_up_reads_first_before_it_calls_the_link_lost():
     rig = Rig().armed()
     data = b''.join(rig.board.advance() for _ in range(50))

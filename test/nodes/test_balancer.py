@@ -149,7 +149,7 @@ def test_it_says_what_it_waits_for_and_what_it_refuses(rig):
     r = rig(200, '--torque-limit', '0.3', start='hanging', spread=0.0)
     balancer = r.start('balancer')
     balancer.wait_for('waiting: no parameters have come on pendubot/params')
-    assert 'no parameters' in r.call('/balancer/start').message
+    r.until(lambda: 'no parameters' in r.call('/balancer/start').message)  # before, it had not met the bridge
     r.publish(level=2, message='useless')
     balancer.wait_for('level ERROR (useless)')
     r.publish(level=1, message='doubtful')
