@@ -57,3 +57,14 @@ def wrong_usage() -> Iterator[None]:
         yield
     except PendubotError as error:
         raise UsageError(str(error)) from error
+
+
+def sentence(error: Exception) -> str:
+    """Return what a user is told of an error."""
+    if isinstance(error, PendubotError):
+        return str(error)
+    if isinstance(error, OSError):
+        return f'the system refused: {error}; mend that and try again'
+    if isinstance(error, MemoryError):
+        return f'not enough memory ({error}); ask for less'
+    return f'{type(error).__name__}: {error}; run again with --debug to see where'

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from pathlib import Path
 
 from pendubot_identification.errors import ResultError
@@ -55,17 +56,13 @@ def write_whole(path: Path, content: str | bytes, *, overwrite: bool = False, fo
     """
     if not overwrite:
         _refuse_existing(path, force)
-    beside = path.with_name(path.name + '.partial')
-    try:
-        beside.write_bytes(content.encode() if isinstance(content, str) else content)
-        os.replace(beside, path)
-    except OSError as error:
-        beside.unlink(missing_ok=True)
-        raise _refused(path, error) from error
+    _write_together({path: content})
 
 
 class OutputFolder:
     """A folder for the files of one result: made, and seen to be writable, before anything is computed.
+
+    As a context it is removed at the end, with those above it that it had to make, if nothing has come into it.
 
     Args:
         path: the folder; with those above it, it is made.
@@ -77,17 +74,28 @@ class OutputFolder:
 
     def __init__(self, path: Path, *, overwrite: bool = False) -> None:
         self.path = path
+        self._made: list[Path] = []
         try:
+            self._made = [folder for folder in (path, *path.parents) if not folder.exists()]
             path.mkdir(parents=True, exist_ok=True)
             held = any(path.iterdir())
             with tempfile.TemporaryFile(dir=path):
                 pass
         except OSError as error:
+            self.__exit__()
             raise _refused(path, error) from error
         if held and not overwrite:
             raise ResultError(
                 f'{path} exists already and holds something, and was left as it is; choose another name or add --force'
             )
+
+    def __enter__(self) -> OutputFolder:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        with suppress(OSError):  # one that holds something stays
+            for folder in self._made:
+                folder.rmdir()
 
     def write(self, name: str, content: str | bytes) -> Path:
         """Write a file, in a folder of its own where its name has one, and return where it is.
@@ -100,8 +108,40 @@ class OutputFolder:
             path.parent.mkdir(exist_ok=True)
         except OSError as error:
             raise _refused(path, error) from error
-        write_whole(path, content, overwrite=True)
+        _write_together({path: content})
         return Path(os.path.abspath(path))
+
+    def write_together(self, files: Mapping[str, str | bytes]) -> None:
+        """Write files by their names, all of them or none.
+
+        Raises:
+            ResultError: the system refuses.
+        """
+        _write_together({self.path / name: content for name, content in files.items()})
+
+
+def _write_together(files: Mapping[Path, str | bytes]) -> None:
+    """Write all files or, where that fails, none; those that were there before are then as they were.
+
+    Raises:
+        ResultError: the system refuses.
+    """
+    beside = {path: path.with_name(path.name + '.partial') for path in files}
+    path = Path()
+    try:
+        for path, content in files.items():
+            if path.is_dir():
+                raise ResultError(f'{path} is a folder, where a file is to be written; choose another name')
+            # A file's name may be no text; as part of one, it is then escaped.
+            beside[path].write_bytes(content.encode(errors='backslashreplace') if isinstance(content, str) else content)
+        for path, partial in beside.items():
+            os.replace(partial, path)
+    except OSError as error:
+        raise _refused(path, error) from error
+    finally:
+        for partial in beside.values():
+            with suppress(OSError):
+                partial.unlink(missing_ok=True)
 
 
 def _refuse_existing(path: Path, force: str) -> None:

@@ -5,16 +5,18 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Mapping
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pendubot_identification.errors import PendubotError, UsageError, wrong_usage
+from pendubot_identification.errors import PendubotError, UsageError, sentence, wrong_usage
 
 from .progress import progress_bar
 from .report import add_reference, previous, reference, write_failure_report, write_result_report
 
 if TYPE_CHECKING:
+    from pendubot_identification.files import OutputFolder
     from pendubot_identification.recordings.datasets import Datasets
 
     from .report import Recordings
@@ -24,6 +26,9 @@ CRITERIA = ('energy', 'weak', 'trajectory')
 MODELS = ('viscous', 'coulomb', 'rotor', 'geared', 'auto')
 OPTIMIZERS = ('auto', 'mde', 'lsq')
 HOLDS = ('auto', 'zero', 'linear')
+LEVELS = ('OK', 'WARN', 'ERROR')
+#: The exit status of a result that is no better than what --fail-on names, and from which level on that is.
+FAILED, FAILING = 3, {'warn': 1, 'error': 2, 'never': 3}
 
 DESCRIPTION = """\
 Estimate the parameters of a rig from recorded bags and write them to a result file.
@@ -56,6 +61,7 @@ examples:
   pendubot identify swing --criterion energy --sliding 0.3    energy over windows of 0.3 s
   pendubot identify swing --hold linear --delay 0:0.02        a torque that was measured, and late
   pendubot identify swing --report look                       a page with figures, look/report.html
+exit status: 0 success, 1 a failure explained in one line, 2 wrong usage, 3 a result of level ERROR (see --fail-on)
 """
 
 
@@ -159,6 +165,13 @@ def add_parser(subparsers: Any) -> None:
     )
     add_reference(where)
     where.add_argument('--force', action='store_true', help='overwrite an existing result or report')
+    where.add_argument(
+        '--fail-on',
+        default='error',
+        choices=FAILING,
+        help=f'from which level of the result on the exit status is {FAILED} (default %(default)s); the result is '
+        'printed and written all the same',
+    )
     where.add_argument('--json', action='store_true', help='print the result as JSON and nothing else')
     parser.set_defaults(run=run)
 
@@ -178,46 +191,46 @@ def run(args: argparse.Namespace) -> int:
     if args.start is not None:
         settings = replace(settings, start=read_parameters(args.start))
     beside = _beside(args)
-    folder = None if args.report is None else OutputFolder(args.report, overwrite=args.force)
-    if args.output is not None:
-        refuse_unwritable(args.output, overwrite=args.force)
-    motions: list[Any] = []
     page: Path | None = None
-    try:
-        plain = _identify(args, settings, motions)
-    except PendubotError as error:
-        if folder is not None:
-            read = _shown(motions[0]) if motions else None
-            page = write_failure_report(folder, str(error), _asked(args), read)
-            if not args.json:
-                print(f'why is also said in {page}')
-        raise
-    try:
+    with nullcontext() if args.report is None else OutputFolder(args.report, overwrite=args.force) as folder:
         if args.output is not None:
-            write_result(args.output, plain, overwrite=args.force)
-        if folder is not None:
-            with progress_bar(hidden=args.json) as progress:
-                page = write_result_report(folder, plain, _shown(motions[0]), beside, (), progress)
-    finally:
-        # Also where they cannot be written. Only now, because whoever closes the pipe ends the program.
-        print(json.dumps(plain, indent=2) if args.json else whole(plain))
+            refuse_unwritable(args.output, overwrite=args.force)
+        plain, motions = _identify(args, settings, folder)
+        try:
+            if args.output is not None:
+                write_result(args.output, plain, overwrite=args.force)
+            if folder is not None:
+                with progress_bar(hidden=args.json) as progress:
+                    page = write_result_report(folder, plain, motions, beside, (), progress)
+        finally:
+            # Also where they cannot be written. Only now, because whoever closes the pipe ends the program.
+            print(json.dumps(plain, indent=2) if args.json else whole(plain))
     for written in (args.output, page):
         if written is not None and not args.json:
             print(f'written to {written}')
-    return 0
+    return FAILED if LEVELS.index(plain['level']) >= FAILING[args.fail_on] else 0
 
 
-def _identify(args: argparse.Namespace, settings: Any, read: list[Any]) -> dict[str, Any]:
-    """Return the result as plain data; what was read is left in ``read``, also where all else fails."""
+def _identify(
+    args: argparse.Namespace, settings: Any, folder: OutputFolder | None
+) -> tuple[Mapping[str, Any], Recordings]:
+    """Return the result as plain data, and what a report shows of the motions; where it fails, a page says why."""
     from pendubot_identification.identify.identification import identify
     from pendubot_identification.recordings.datasets import load_datasets
     from pendubot_identification.results.result_file import result_data
 
-    data = load_datasets(args.bags, args.validate, topic=args.topic, joint_names=joints(args.joints))
-    read.append(data)
-    with progress_bar(hidden=args.json) as progress:
-        result = identify(data.training, data.validation, settings, progress, data.notes)
-    return result_data(result, data.sources)
+    data = None
+    try:
+        data = load_datasets(args.bags, args.validate, topic=args.topic, joint_names=joints(args.joints))
+        with progress_bar(hidden=args.json) as progress:
+            result = identify(data.training, data.validation, settings, progress, data.notes)
+        return result_data(result, data.sources), _shown(data)
+    except Exception as error:
+        if folder is not None:
+            page = write_failure_report(folder, sentence(error), _asked(args), None if data is None else _shown(data))
+            if not args.json:
+                print(f'why is also said in {page}')
+        raise
 
 
 def _bags(args: argparse.Namespace) -> list[Path]:

@@ -9,7 +9,7 @@ import traceback
 from collections.abc import Sequence
 
 from pendubot_identification import __version__
-from pendubot_identification.errors import PendubotError, UsageError
+from pendubot_identification.errors import UsageError, sentence
 from pendubot_identification.model import kernel
 from pendubot_identification.paper import reproduce
 from pendubot_identification.resources import resource
@@ -42,7 +42,7 @@ SUBCOMMANDS = (
     *(import_csv, simulate, info, repair, reproduce, demo),
 )
 SAMPLE = 'bags/paper_experiment'
-EPILOG = 'exit status: 0 success, 1 a failure explained in one line, 2 wrong usage'
+EPILOG = 'exit status: 0 success, 1 a failure explained in one line, 2 wrong usage, 3 identify: a result of level ERROR'
 
 
 def parser() -> argparse.ArgumentParser:
@@ -92,14 +92,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except Exception as error:
         if args.debug:
             traceback.print_exc()
-        sentence = f'{type(error).__name__}: {error}; run again with --debug to see where'
-        if isinstance(error, PendubotError):
-            sentence = str(error)
-        elif isinstance(error, OSError):
-            sentence = f'the system refused: {error}; mend that and try again'
-        elif isinstance(error, MemoryError):
-            sentence = f'not enough memory ({error}); ask for less'
-        print(f'pendubot: {sentence}', file=sys.stderr)
+        print(f'pendubot: {sentence(error)}', file=sys.stderr)
         return 2 if isinstance(error, UsageError) else 1
 
 

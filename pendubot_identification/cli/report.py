@@ -88,15 +88,15 @@ def run(args: argparse.Namespace) -> int:
     beside = reference(args.reference)
     path = args.output or args.result.with_name(f'{args.result.stem}_report')
     refuse_input(path / 'result.yaml', [args.reference])
-    folder = OutputFolder(path, overwrite=args.force)
     motions, notes = None, []
-    try:
-        motions = recordings(result, args.bags)
-    except PendubotError as error:
-        notes = [f'what is drawn from the recordings; {error}']
-        print(f'pendubot: left out {notes[0]}', file=sys.stderr)
-    with progress_bar() as progress:
-        page = write_result_report(folder, result, motions, beside, notes, progress)
+    with OutputFolder(path, overwrite=args.force) as folder:
+        try:
+            motions = recordings(result, args.bags)
+        except PendubotError as error:
+            notes = [f'what is drawn from the recordings; {error}']
+            print(f'pendubot: left out {notes[0]}', file=sys.stderr)
+        with progress_bar() as progress:
+            page = write_result_report(folder, result, motions, beside, notes, progress)
     print(f'written to {page}')
     return 0
 
@@ -171,9 +171,8 @@ def _files(pictures: Iterable[Picture]) -> dict[str, str | bytes]:
 
 def _write(folder: OutputFolder, page: str, files: Mapping[str, str | bytes]) -> Path:
     """Write the page last: where it is, all of it is."""
-    for name, content in files.items():
-        folder.write(name, content)
-    return folder.write('report.html', page)
+    folder.write_together({**files, 'report.html': page})
+    return (folder.path / 'report.html').absolute()
 
 
 def _sections(

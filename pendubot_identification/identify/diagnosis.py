@@ -49,6 +49,9 @@ SHORTEST = 1.0
 #: By how much putting it right must lower the unexplained part: another sense or order changes everything, a zero or
 #: a delay of the least size of interest does not.
 TURNED, SHIFTED = 2.0, 1.2
+#: A zero or an offset that lowers it by so much when put right had made some parameter wrong by a sixth and more, on
+#: virtual and real rigs.
+GRAVE = 5.0
 #: A sound recording leaves no more than this part unexplained, and so must one that is put right: real rigs leave 2 %,
 #: 5 % with stamps 20 ms late, and 12 % and more with what cures nothing.
 SOUND = 0.1
@@ -77,17 +80,39 @@ LEAST_DELAY = 0.01
 LENGTH_ERRORS, LENGTH_PART = 5.0, 0.1
 
 
-class Fault(str):
-    """A sentence for the user, and how bad it is."""
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """A convention that recordings break.
 
-    __slots__ = ('level',)
-    level: Level
+    Attributes:
+        name: ``sign``, ``order``, ``absolute``, ``zero``, ``offset``, ``delay``, ``length``, or ``motion``: none of
+            these, but that the motion fits no pendubot.
+        found: what is wrong, in words.
+        remedy: what was expected, and what to do.
+        level: ERROR where parameters from such recordings are useless, else WARN.
+        unexplained: part of the squared effort that is left unexplained as recorded; NaN where nothing was tried.
+        put_right: the same with the fault put right.
+        delay: of the effort [s], when the fault is put right by it; None for other faults.
+    """
 
-    def __new__(cls, sentence: str, level: Level = Level.WARN) -> Fault:
-        """Make one of a sentence."""
-        fault = super().__new__(cls, sentence)
-        fault.level = level
-        return fault
+    name: str
+    found: str
+    remedy: str
+    level: Level = Level.WARN
+    unexplained: float = math.nan
+    put_right: float = math.nan
+    delay: float | None = None
+
+    @property
+    def sentence(self) -> str:
+        """What was found, how sure that is, and what to do."""
+        shares = ''
+        if not math.isnan(self.put_right):
+            shares = (
+                f': {100 * self.unexplained:.3g} % of the squared effort is left unexplained as recorded and '
+                f'{100 * self.put_right:.3g} % with this put right'
+            )
+        return f'{self.found}{shares}; {self.remedy}'
 
 
 class _Turn(NamedTuple):
@@ -96,6 +121,7 @@ class _Turn(NamedTuple):
     What undoes it also adds ``shift`` [rad] to the positions: where they were turned about another zero than hanging.
     """
 
+    name: str
     found: str
     remedy: str
     positions: tuple[tuple[float, float], tuple[float, float]]
@@ -111,38 +137,44 @@ _MIRRORED, _SWAPPED = (math.pi, 0.0), (math.pi / 2, -math.pi / 2)
 _SENSE = 'positions and efforts of both joints must be positive in one sense of rotation'
 _ORDER = 'shoulder first, elbow second'
 _TURNS = (
-    _Turn("the elbow's position has the wrong sign", f"{_SENSE}: negate the elbow's position", _SECOND),
+    _Turn('sign', "the elbow's position has the wrong sign", f"{_SENSE}: negate the elbow's position", _SECOND),
     _Turn(
+        'sign',
         'the elbow turns the other way than the shoulder',
         f"{_SENSE}: negate the elbow's position and effort (or the shoulder's)",
         _SECOND,
         _SECOND,
     ),
-    _Turn('the effort has the wrong sign', f'{_SENSE}: negate the effort (or both positions)', _AS_IS, _BOTH),
+    _Turn('sign', 'the effort has the wrong sign', f'{_SENSE}: negate the effort (or both positions)', _AS_IS, _BOTH),
     _Turn(
+        'sign',
         "the shoulder's position has the wrong sign",
         f"{_SENSE}: negate the shoulder's position (or the elbow's and the effort)",
         _FIRST,
     ),
     _Turn(
+        'sign',
         "the shoulder's position has the wrong sign, as measured from the horizontal",
         f"{_SENSE}: negate the shoulder's position, so that hanging is -90 degrees",
         _FIRST,
         shift=_MIRRORED,
     ),
-    _Turn("the shoulder's effort has the wrong sign", f"{_SENSE}: negate the shoulder's effort", _AS_IS, _FIRST),
-    _Turn("the elbow's effort has the wrong sign", f"{_SENSE}: negate the elbow's effort", _AS_IS, _SECOND),
+    _Turn(
+        'sign', "the shoulder's effort has the wrong sign", f"{_SENSE}: negate the shoulder's effort", _AS_IS, _FIRST
+    ),
+    _Turn('sign', "the elbow's effort has the wrong sign", f"{_SENSE}: negate the elbow's effort", _AS_IS, _SECOND),
     *(
-        _Turn(found, f'{_ORDER}: exchange the {what}', _EXCHANGED, efforts, shift)
+        _Turn('order', found, f'{_ORDER}: exchange the {what}', _EXCHANGED, efforts, shift)
         for shift in ((0.0, 0.0), _SWAPPED)
         for found, what, efforts in (
             ('the joints are in the wrong order', 'joints', _EXCHANGED),
             ("the joints' positions are in the wrong order", 'positions', _AS_IS),
         )
     ),
-    _Turn("the joints' efforts are in the wrong order", f'{_ORDER}: exchange the efforts', _AS_IS, _EXCHANGED),
+    _Turn('order', "the joints' efforts are in the wrong order", f'{_ORDER}: exchange the efforts', _AS_IS, _EXCHANGED),
     *(
         _Turn(
+            'absolute',
             "the elbow's position is absolute",
             "it must be relative to link 1: subtract the shoulder's position (import-csv: --elbow absolute)",
             _RELATIVE,
@@ -182,9 +214,9 @@ def diagnose(
         expected_link_length: of link 1 [m], to be compared with the one that the elbow's motion tells.
 
     Returns:
-        One sentence for each fault: what was found, what was expected, and what to do. None for good recordings, and
-        none where recordings are too short or too quiet to tell. A wrong sense or order is an error, and so is a
-        motion that fits no pendubot; all else is a warning.
+        None for good recordings, and none where recordings are too short or too quiet to tell. An error is a wrong
+        sense or order, a motion that fits no pendubot, and whatever leaves less than a fifth unexplained of what was,
+        once it is put right; all else is a warning.
     """
     long = tuple(t for t in trajectories if t.duration >= SHORTEST)
     if not any(t.tau.any() for t in long):
@@ -235,10 +267,15 @@ def _cured(rig: _Rig) -> tuple[_Rig, float, list[Fault]]:
 
 def _fault(alike: Sequence[_Remedy], before: float) -> Fault:
     best = alike[0]
+    grave = best.always_grave or before > GRAVE * best.after
     return Fault(
-        f'{", or ".join(each.found for each in alike)}: {100 * before:.3g} % of the squared effort is left unexplained '
-        f'as recorded and {100 * best.after:.3g} % with this put right; {best.remedy}',
-        best.level,
+        name=best.name,
+        found=', or '.join(each.found for each in alike),
+        remedy=best.remedy,
+        level=Level.ERROR if grave else Level.WARN,
+        unexplained=before,
+        put_right=best.after,
+        delay=best.rig.delay if best.name == 'delay' else None,
     )
 
 
@@ -252,11 +289,13 @@ def _unfit(rig: _Rig) -> list[Fault]:
         return []
     return [
         Fault(
+            'motion',
             f'the motion does not fit any pendubot: {100 * left:.3g} % of the squared effort is left unexplained, and '
-            'no known fault put right mends it; check the signs and zeros of both angles, the order of the joints, '
-            'whether q2 is relative to link 1, units and counts per turn, the sign and the stamps of the effort, and '
-            'whether the links moved freely',
+            'no known fault put right mends it',
+            'check the signs and zeros of both angles, the order of the joints, whether q2 is relative to link 1, '
+            'units and counts per turn, the sign and the stamps of the effort, and whether the links moved freely',
             Level.ERROR,
+            unexplained=left,
         )
     ]
 
@@ -389,11 +428,12 @@ class _Zeros:
 class _Remedy(NamedTuple):
     """What is wrong, what to do, the rig put right, and what that leaves unexplained."""
 
+    name: str
     found: str
     remedy: str
     rig: _Rig
     after: float
-    level: Level = Level.WARN
+    always_grave: bool = False
 
 
 def _turns(rig: _Rig, zeros: _Zeros) -> list[_Remedy]:
@@ -405,7 +445,7 @@ def _turns(rig: _Rig, zeros: _Zeros) -> list[_Remedy]:
         except TrajectoryError:  # read like this, the rig moves as none can
             continue
         if after * TURNED < before:
-            remedies.append(_Remedy(turn.found, turn.remedy, right, after, Level.ERROR))
+            remedies.append(_Remedy(turn.name, turn.found, turn.remedy, right, after, always_grave=True))
     return remedies
 
 
@@ -424,7 +464,7 @@ def _zeros(rig: _Rig, zeros: _Zeros) -> list[_Remedy]:
             degrees, error = math.degrees(angle), math.degrees(zeros.std_error(joint, pair(angle)))
             found = f"q{joint + 1}'s zero is off by {degrees:.1f} +- {error:.1g} degrees"
             remedy = f'{expected}: subtract {degrees:.1f} degrees'
-            remedies.append(_Remedy(found, remedy, rig.turned_by(pair(angle)), after))
+            remedies.append(_Remedy('zero', found, remedy, rig.turned_by(pair(angle)), after))
     return remedies
 
 
@@ -448,7 +488,7 @@ def _offsets(rig: _Rig, zeros: _Zeros) -> list[_Remedy]:
         return []
     found = f"the shoulder's effort is off by a constant {offset:.3g} N m"
     remedy = f'it must be 0 where no torque acts: subtract {offset:.3g} N m'
-    return [_Remedy(found, remedy, right, after)]
+    return [_Remedy('offset', found, remedy, right, after)]
 
 
 def _delays(rig: _Rig, zeros: _Zeros) -> list[_Remedy]:
@@ -465,7 +505,7 @@ def _delays(rig: _Rig, zeros: _Zeros) -> list[_Remedy]:
     late = round(1000 * (rig.delay - delay))
     what = f'is stamped {late} ms later than it acts' if late > 0 else f'acts {-late} ms later than it is stamped'
     remedy = f'each effort must bear the time from which it acts: identify with a delay of {delay:.3f} s'
-    return [_Remedy(f'the effort {what}', remedy, right, after)]
+    return [_Remedy('delay', f'the effort {what}', remedy, right, after)]
 
 
 def _wrong_length(rig: _Rig, model: str, expected: float) -> list[Fault]:
@@ -474,8 +514,10 @@ def _wrong_length(rig: _Rig, model: str, expected: float) -> list[Fault]:
         return []
     return [
         Fault(
-            f'the elbow moves as on a link 1 of {length:.3f} +- {error:.3f} m, {expected:.3f} m is expected; measure '
-            'from axis to axis, and look at the signs, the zeros, the counts per turn and the stamps of both angles'
+            'length',
+            f'the elbow moves as on a link 1 of {length:.3f} +- {error:.3f} m, {expected:.3f} m is expected',
+            'measure from axis to axis, and look at the signs, the zeros, the counts per turn and the stamps of both '
+            'angles',
         )
     ]
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pendubot_identification.level import Level
-from pendubot_identification.model.parameters import Parameters
+from pendubot_identification.model.parameters import NAMES, Parameters
 from pendubot_identification.optimizers.optimizer import OptimizationResult
 
 from .prediction import Prediction
@@ -25,6 +25,8 @@ REACHED = 1e-6
 NORMAL_95 = 1.96
 #: A standard error above this fraction of the value leaves little of it.
 POOR = 0.5
+#: An interval that reaches farther to either side, as a fraction of the value, says too little to be relied on.
+WIDE = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,6 +89,7 @@ class Estimate:
         exact: whether the residuals are those of the encoders alone.
         level: how far to trust it.
         warnings: why, in sentences for the user.
+        consequences: what follows from a grave fault of the recordings that the warnings name.
         advice: what motion would tell the parameters that this one tells poorly.
     """
 
@@ -114,6 +117,7 @@ class Estimate:
     exact: bool = False
     level: Level = Level.OK
     warnings: tuple[str, ...] = ()
+    consequences: tuple[str, ...] = ()
     advice: tuple[str, ...] = ()
 
     @property
@@ -132,6 +136,22 @@ class Estimate:
     def determined(self) -> NDArray[np.bool_]:
         """Whether this motion determines each parameter: its standard error is below half its value, shape (D,)."""
         return np.asarray(self.free & (self.std_error <= POOR * np.abs(self.theta)))
+
+    @property
+    def not_covered(self) -> dict[str, str]:
+        """By name, the parameters of which too little is known for the level to say anything of them, and why."""
+        found = {}
+        for k, (value, error) in enumerate(zip(self.theta, self.std_error, strict=True)):
+            reach = NORMAL_95 * error
+            if not self.free[k]:
+                found[NAMES[k]] = 'on its bound'
+            elif not np.isfinite(error):
+                found[NAMES[k]] = 'not told by this motion'
+            elif reach >= abs(value):
+                found[NAMES[k]] = 'its 95 % interval reaches 0'
+            elif reach > WIDE * abs(value):
+                found[NAMES[k]] = f'its 95 % interval is +-{100 * reach / abs(value):.0f} %'
+        return found
 
     @property
     def correlation(self) -> Array:

@@ -16,7 +16,7 @@ from pendubot_identification.trajectories.long import STRETCH, Long, Recording, 
 from pendubot_identification.trajectories.suspicions import suspicions
 
 from .agreement import contradictions
-from .diagnosis import diagnose, link_length
+from .diagnosis import Fault, diagnose, link_length
 from .estimate import Estimate, Progress
 from .judgement import judge, require_excitation
 from .linear import Linear, linear
@@ -40,6 +40,7 @@ class Identification:
         settings: what was asked for.
         estimates: one a criterion, in the order of the settings.
         published: the number of the one that foresees the validation data best.
+        faults: of the recordings.
         models: what the choice of the model compared; empty where the model was given.
         comparison: in words, by which criterion and how.
         interval: between the training samples [s].
@@ -51,6 +52,7 @@ class Identification:
     settings: Settings
     estimates: tuple[Estimate, ...]
     published: int
+    faults: tuple[Fault, ...]
     models: tuple[ModelScore, ...]
     comparison: str
     interval: float
@@ -137,14 +139,14 @@ def identify(
     low, high = settings.delays
     declared = low if low == high else 0.0
     faults = diagnose(held, data.smoothing, data.hold, model, declared, settings.link_length)
-    notes += faults
     if faults:
         # Zeros of single recordings would make up for what is wrong with all of them.
         estimates = [replace(e, zeros=None) for e in estimates]
     return Identification(
         settings=settings,
-        estimates=tuple(judge(e, settings, length, notes) for e in estimates),
+        estimates=tuple(judge(e, settings, length, faults, notes) for e in estimates),
         published=published,
+        faults=faults,
         models=tuple(scores),
         comparison=f'{comparison.deciding}, {comparison.method}' if scores else '',
         interval=float(np.median([m.interval for m in data.motions])),

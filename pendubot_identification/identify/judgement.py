@@ -17,7 +17,7 @@ from pendubot_identification.trajectories.signals import SMOOTHING
 from pendubot_identification.trajectories.trajectory import Trajectory
 
 from .advice import advise
-from .diagnosis import Fault
+from .diagnosis import LEAST_DELAY, Fault
 from .estimate import NORMAL_95, Estimate
 from .prediction import HORIZONS, JUDGED
 from .settings import Settings
@@ -75,27 +75,46 @@ def require_excitation(training: Sequence[Trajectory], settings: Settings) -> No
         )
 
 
-def judge(estimate: Estimate, settings: Settings, link_length: tuple[float, float], notes: Sequence[str]) -> Estimate:
+def judge(
+    estimate: Estimate,
+    settings: Settings,
+    link_length: tuple[float, float],
+    faults: Sequence[Fault] = (),
+    notes: Sequence[str] = (),
+) -> Estimate:
     """Return the estimate with how far to trust it, and why, in sentences for the user.
+
+    Where a fault of the recordings is grave, all that looks odd about the estimate follows from it: these sentences
+    are kept apart, as consequences, and no other motion is advised.
 
     Args:
         estimate: of one criterion, its prediction included.
         settings: what was asked for.
         link_length: P3 / P5 [m] of the elbow's own equation, and its standard error.
+        faults: of the recordings, see :func:`.diagnosis.diagnose`.
         notes: what else the user should know of the data.
     """
-    grave = [note for note in notes if isinstance(note, Fault) and note.level == Level.ERROR]
-    # A fault of the recording comes first: it is why the rest is as it is.
-    failures = [*grave, *_unphysical(estimate, settings), *_lost(estimate)]
-    warnings = [
-        *failures,
-        *(note for note in notes if note not in grave),
-        *_doubts(estimate, settings),
-        *_wrong_zeros(estimate),
-        *_wrong_length(estimate, link_length),
-    ]
-    level = Level.ERROR if failures else Level.WARN if warnings else Level.OK
-    return replace(estimate, level=level, warnings=tuple(warnings), advice=advise(estimate))
+    failures = [*_unphysical(estimate, settings), *_lost(estimate)]
+    doubts = [*_doubts(estimate, settings), *_wrong_zeros(estimate), *_wrong_length(estimate, link_length)]
+    grave = [fault.sentence for fault in faults if _grave(fault, estimate)]
+    mild = [fault.sentence for fault in faults if not _grave(fault, estimate)]
+    if grave:
+        warnings, consequences = [*grave, *mild, *notes], [*failures, *doubts]
+    else:
+        warnings, consequences = [*failures, *mild, *notes, *doubts], []
+    return replace(
+        estimate,
+        level=Level.ERROR if grave or failures else Level.WARN if warnings else Level.OK,
+        warnings=tuple(warnings),
+        consequences=tuple(consequences),
+        advice=() if grave else advise(estimate),
+    )
+
+
+def _grave(fault: Fault, estimate: Estimate) -> bool:
+    """Return whether a fault makes an estimate useless: not where the estimate has found the same delay itself."""
+    allowed_for = fault.delay is not None and abs(estimate.effort.delay - fault.delay) < LEAST_DELAY / 2
+    return fault.level is Level.ERROR and not allowed_for
 
 
 def _unphysical(estimate: Estimate, settings: Settings) -> list[str]:

@@ -15,7 +15,7 @@ from typing import Any
 from pendubot_identification.model.parameters import SPECIFICATIONS
 
 from .figures import Picture
-from .tables import Result, decimals, fixed, scientific
+from .tables import Result, consequences, decimals, doubt, fixed, scientific, verdict
 
 MEANINGS = {s.name: s.meaning for s in SPECIFICATIONS}
 UNITS = {'q1': 'angle of link 1', 'q2': 'angle of link 2', 'dq1': 'velocity of link 1', 'dq2': 'velocity of link 2'}
@@ -24,11 +24,6 @@ CRITERIA = {
     'energy': 'the work done equals the energy gained',
     'weak': 'the equations of motion, weighted with smooth bumps, balance',
     'trajectory': 'simulated motion equals recorded motion',
-}
-LEVELS = {
-    'OK': 'nothing speaks against these parameters',
-    'WARN': 'use these parameters with the reservations below',
-    'ERROR': 'do not use these parameters in a controller',
 }
 STYLE = """
 :root { color-scheme: light; --line: #d0d0d0; --ink: #1a1a1a; --quiet: #555; }
@@ -93,8 +88,7 @@ def result_page(
         f'<h1>Parameters of a pendubot, by <em>{escape(criterion)}</em>, {escape(model)} model</h1>',
         _judgement(result),
         *(f'<p><strong>Not shown:</strong> {escape(note)}</p>' for note in notes),
-        '<p>A pendubot is an arm of two links with a motor at the shoulder. Its parameters were estimated from '
-        'recorded motion and tried on '
+        '<p>The parameters of an arm of two links were estimated from its recorded motion and torque, and tried on '
         + ('motion that was not used' if _validated(result) else 'parts of it that were left out in turn')
         + f'. Of the criteria below the published one is <em>{escape(criterion)}</em>: '
         f'{CRITERIA.get(criterion, "")}.</p>',
@@ -179,13 +173,20 @@ def _judgement(result: Result) -> str:
     for name, entry in result['criteria'].items():
         others = [warning for warning in entry['warnings'] if warning not in warnings]
         items += [f'<em>{escape(name)}</em> alone, {entry["level"]}: {escape(warning)}' for warning in others]
-    listed = '<ul>' + ''.join(f'<li>{item}</li>' for item in items) + '</ul>' if items else ''
+    listed = _list(items)
     if not warnings:
         listed = '<p>No warnings of what is published.</p>' + listed
+    if followed := consequences(result):
+        listed += f'<details><summary>What follows from that</summary>{_list(map(escape, followed))}</details>'
     return (
-        f'<section class="level {escape(level)}"><strong>{escape(level)}: {LEVELS.get(level, "")}</strong>'
+        f'<section class="level {escape(level)}"><strong>{escape(level)}: {escape(verdict(result))}</strong>'
         f'{listed}</section>'
     )
+
+
+def _list(items: Iterable[str]) -> str:
+    listed = ''.join(f'<li>{item}</li>' for item in items)
+    return f'<ul>{listed}</ul>' if listed else ''
 
 
 def _parameters(result: Result, show: _Shown, reference: Result | None, reference_name: str) -> str:
@@ -196,11 +197,11 @@ def _parameters(result: Result, show: _Shown, reference: Result | None, referenc
     rows = []
     for name, entry in entries.items():
         at = f'parameters.{name}'
-        doubt = 'on its bound' if entry['on_bound'] else '' if entry['determined'] else 'undetermined'
+        beside = doubt(entry)
         interval = ' to '.join(show.fixed(f'{at}.interval.{k}', digits) for k in (0, 1))
         row = [
             f'{name} [{entry["unit"]}]<small>{escape(MEANINGS[name])}</small>',
-            show.fixed(f'{at}.value', digits) + (f'<small>{doubt}</small>' if doubt else ''),
+            show.fixed(f'{at}.value', digits) + (f'<small>{beside}</small>' if beside else ''),
             interval,
         ]
         if other is not None and reference is not None:

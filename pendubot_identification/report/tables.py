@@ -7,10 +7,14 @@ import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from pendubot_identification.paper.published import TRAINING, VALIDATION_AVERAGE
-
 Result = Mapping[str, Any]
 
+#: What each level means. That of OK holds where every parameter is known.
+VERDICTS = {
+    'OK': 'nothing speaks against these parameters',
+    'WARN': 'use these parameters with the reservations below',
+    'ERROR': 'do not use these parameters in a controller',
+}
 #: Columns of a terminal.
 WIDTH = 120
 
@@ -39,7 +43,7 @@ def parameter_table(result: Result, truth: Mapping[str, float] | None = None) ->
         row = [name, fixed(entry['value'], digits), f'{low} to {high}', entry['unit']]
         if truth is not None:
             row += [fixed(truth[name], digits), _error(entry['value'], truth[name])]
-        rows.append([*row, 'on its bound' if entry['on_bound'] else '' if entry['determined'] else 'undetermined'])
+        rows.append([*row, doubt(entry)])
     return table([*head, ''], rows)
 
 
@@ -110,17 +114,15 @@ def model_table(result: Result) -> str:
 
 
 def criterion_table(result: Result) -> str:
-    """Return J of ``energy``: best, worst and average over MDE's runs, beside the paper's; empty without them."""
+    """Return J of ``energy``: best, worst and average over MDE's runs; empty without them."""
     energy = result['criteria'].get('energy')
     if energy is None or energy['mde'] is None:
         return ''
     J = energy['J']
     rows = [['training', *_spread(J['training_runs'])]]
-    rows.append(['  the paper, on its own rig', *(f'{value:.2e}' for value in TRAINING)])
     if J['validation'] is not None:
         runs = J['validation_runs']
         rows.append(['validation', *(_spread(runs) if runs else ['', '', f'{J["validation"]:.3e}'])])
-        rows.append(['  the paper, on its own rig', '', '', f'{VALIDATION_AVERAGE:.2e}'])
     return table([f'energy: J [{J["unit"]}]', 'best', 'worst', 'average'], rows)
 
 
@@ -129,14 +131,47 @@ def steps(result: Result) -> str:
     return '\n'.join(_wrapped(f'{name}: {"; ".join(entry["steps"])}') for name, entry in result['criteria'].items())
 
 
+def not_covered(result: Result) -> Mapping[str, str]:
+    """Return by name the parameters that the level says nothing of, and why."""
+    if 'not_covered' in result:
+        return result['not_covered']
+    # Results of earlier versions only mark them.
+    doubts = {name: doubt(entry) for name, entry in result['parameters'].items()}
+    return {name: doubt for name, doubt in doubts.items() if doubt}
+
+
+def verdict(result: Result) -> str:
+    """Return what the level of a result means, in a sentence; one of OK names the parameters that it does not cover."""
+    if result['level'] != 'OK':
+        return VERDICTS[result['level']]
+    doubts = [f'{name} ({why})' for name, why in not_covered(result).items()]
+    if doubts:
+        return f'use these parameters, but do not rely on {", ".join(doubts)}'
+    return VERDICTS['OK']
+
+
 def judgement(result: Result) -> str:
-    """Return the level of what is published and every warning, then what only other criteria are warned of."""
+    """Return the level of what is published and every warning; of other criteria what each is warned of first."""
     level, warnings = result['level'], result['warnings']
-    lines = [_wrapped(f'{level}: {warning}') for warning in warnings] or [f'{level}: no warnings']
+    lines = [f'{level}: {warning}' for warning in warnings or [verdict(result)]]
+    if followed := len(consequences(result)):
+        lines.append(
+            f'{followed} more follow from that: the result file (--output) and the report (--report) list them'
+        )
     for name, entry in result['criteria'].items():
         others = [warning for warning in entry['warnings'] if warning not in warnings]
-        lines += [_wrapped(f'{name} alone, {entry["level"]}: {warning}') for warning in others]
-    return '\n'.join(lines)
+        more = f' (and {len(others) - 1} more)' if len(others) > 1 else ''
+        lines += [f'{name} alone, {entry["level"]}: {warning}{more}' for warning in others[:1]]
+    return '\n'.join(map(_wrapped, lines))
+
+
+def consequences(result: Result) -> list[str]:
+    """Return what follows from a grave fault of the recordings, by criterion; empty where there is none."""
+    return [
+        f'{name}: {sentence}'
+        for name, entry in result['criteria'].items()
+        for sentence in entry.get('consequences', ())
+    ]
 
 
 def advice(result: Result) -> str:
@@ -197,27 +232,37 @@ def whole(result: Result, truth: Mapping[str, float] | None = None) -> str:
     parts = [
         '\n'.join(sources),
         f'published: the answer of {result["criterion"]}, {result["model"]} model\n' + parameter_table(result, truth),
-        comparison_table(result, truth) if several else '',
-        '\n'.join(
-            [
-                quality_table(result),
-                _wrapped(f'errors of simulated states in their standard deviations, {result["prediction"]["method"]}'),
-                _wrapped(f'95 % intervals: {published["uncertainty"]}'),
-                _wrapped(taken),
-            ]
-        ),
-        zero_table(result),
-        model_table(result),
-        criterion_table(result),
-        steps(result),
-        advice(result),
-        judgement(result),
     ]
-    return '\n\n'.join(part for part in parts if part)
+    # Where a fault of the recordings explains all that is odd, the rest would only hide it.
+    if not result.get('consequences'):
+        parts += [
+            comparison_table(result, truth) if several else '',
+            '\n'.join(
+                [
+                    quality_table(result),
+                    _wrapped(
+                        f'errors of simulated states in their standard deviations, {result["prediction"]["method"]}'
+                    ),
+                    _wrapped(f'95 % intervals: {published["uncertainty"]}'),
+                    _wrapped(taken),
+                ]
+            ),
+            zero_table(result),
+            model_table(result),
+            criterion_table(result),
+            steps(result),
+            advice(result),
+        ]
+    return '\n\n'.join(part for part in [*parts, judgement(result)] if part)
 
 
 def _spread(values: Sequence[float]) -> list[str]:
     return [f'{value:.3e}' for value in (min(values), max(values), sum(values) / len(values))]
+
+
+def doubt(entry: Result) -> str:
+    """Return what stands beside a parameter that is not known; empty for others."""
+    return 'on its bound' if entry['on_bound'] else '' if entry['determined'] else 'undetermined'
 
 
 def decimals(entries: Iterable[Result]) -> int:

@@ -26,6 +26,7 @@ def provenance(result: Result) -> list[str]:
         *(f'{bag["role"]}: {bag["bag"]}, sha256 {bag["sha256"]}' for bag in bags),
         f'level: {result.get("level") or "not known"}',
         *(f'warning: {warning}' for warning in result.get('warnings') or []),
+        *(f'{name} is not covered by the level: {why}' for name, why in (result.get('not_covered') or {}).items()),
     ]
     return [' '.join(str(line).split()) for line in lines]
 

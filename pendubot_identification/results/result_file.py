@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, astuple
+from dataclasses import astuple, fields, is_dataclass
+from enum import Enum
+from numbers import Integral, Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -35,96 +37,136 @@ REQUIRED = NAMES[: MODELS['viscous']]
 
 
 def result_data(result: Identification, sources: Sequence[Source]) -> dict[str, Any]:
-    """Return a result as plain numbers, strings, lists and dictionaries; what is not a number becomes None.
+    """Return a result as plain data, see :func:`plain`.
 
     The published parameters come first: who looks for a name takes the first that stands there.
     """
     best, settings = result.best, result.settings
     length, error = result.link_length
-    return {
-        'schema': SCHEMA,
-        'parameters': _parameters(best),
-        'level': best.level.name,
-        'warnings': list(best.warnings),
-        'advice': list(best.advice),
-        'criterion': best.criterion,
-        'model': best.model,
-        'effort': _effort(best, result.interval),
-        'zeros': _zeros(best),
-        'smoothing': result.smoothing,
-        'J': _J(best),
-        'prediction': {'method': result.validation, **_prediction(best)},
-        'models': {
-            'by': result.comparison or None,
-            'compared': [
+    return plain(
+        {
+            'schema': SCHEMA,
+            'parameters': _parameters(best),
+            'level': best.level,
+            'not_covered': best.not_covered,
+            'warnings': best.warnings,
+            'consequences': best.consequences,
+            'faults': [
                 {
-                    'model': score.model,
-                    'parameters': MODELS[score.model],
-                    'error': _numbers(score.error),
-                    'behind': _number(score.behind[0]),
-                    'behind_std_error': _number(score.behind[1]),
-                    'exact': score.exact,
+                    'name': fault.name,
+                    'found': fault.found,
+                    'remedy': fault.remedy,
+                    'unexplained': fault.unexplained,
+                    'put_right': fault.put_right,
                 }
-                for score in result.models
+                for fault in result.faults
             ],
-        },
-        'link_length': {
-            'value': _number(length),
-            'std_error': _number(error),
-            'expected': settings.link_length,
-            'unit': 'm',
-        },
-        'condition_number': _number(best.condition_number),
-        'criteria': {
-            e.criterion: {
-                'parameters': _parameters(e),
-                'level': e.level.name,
-                'warnings': list(e.warnings),
-                'effort': _effort(e, result.interval),
-                'J': _J(e),
-                'prediction': _prediction(e),
-                'condition_number': _number(e.condition_number),
-                'unexplained': _number(e.unexplained),
-                'zeros': _zeros(e),
-                'exact': e.exact,
-                'converged': e.converged,
-                'steps': list(e.steps),
-                'mde': _mde(e, settings),
-                'convergence': _convergence(e),
-                'uncertainty': e.uncertainty,
-                'correlation': _numbers(e.correlation),
-            }
-            for e in result.estimates
-        },
-        'covariance': _numbers(best.covariance),
-        'made_by': {
-            'version': __version__,
-            'criteria': list(settings.criteria),
-            'model': settings.model,
-            'optimizer': settings.optimizer,
-            'sliding_window': settings.sliding,
-            'smoothing': settings.smoothing,
-            'hold': settings.hold,
-            'delays': list(settings.delays),
-            'start': None if settings.start is None else list(astuple(settings.start)),
-            'link_length': settings.link_length,
-            'seed': settings.seed,
-            'lower_bounds': settings.bounds.lower.tolist(),
-            'upper_bounds': settings.bounds.upper.tolist(),
-        },
-        'bags': [asdict(source) for source in sources],
-    }
+            'advice': best.advice,
+            'criterion': best.criterion,
+            'model': best.model,
+            'effort': _effort(best, result.interval),
+            'zeros': _zeros(best),
+            'smoothing': result.smoothing,
+            'J': _J(best),
+            'prediction': {'method': result.validation, **_prediction(best)},
+            'models': {
+                'by': result.comparison or None,
+                'compared': [
+                    {
+                        'model': score.model,
+                        'parameters': MODELS[score.model],
+                        'error': score.error,
+                        'behind': score.behind[0],
+                        'behind_std_error': score.behind[1],
+                        'exact': score.exact,
+                    }
+                    for score in result.models
+                ],
+            },
+            'link_length': {'value': length, 'std_error': error, 'expected': settings.link_length, 'unit': 'm'},
+            'condition_number': best.condition_number,
+            'criteria': {
+                e.criterion: {
+                    'parameters': _parameters(e),
+                    'level': e.level,
+                    'warnings': e.warnings,
+                    'consequences': e.consequences,
+                    'effort': _effort(e, result.interval),
+                    'J': _J(e),
+                    'prediction': _prediction(e),
+                    'condition_number': e.condition_number,
+                    'unexplained': e.unexplained,
+                    'zeros': _zeros(e),
+                    'exact': e.exact,
+                    'converged': e.converged,
+                    'steps': e.steps,
+                    'mde': _mde(e, settings),
+                    'convergence': _convergence(e),
+                    'uncertainty': e.uncertainty,
+                    'correlation': e.correlation,
+                }
+                for e in result.estimates
+            },
+            'covariance': best.covariance,
+            'made_by': {
+                'version': __version__,
+                'criteria': settings.criteria,
+                'model': settings.model,
+                'optimizer': settings.optimizer,
+                'sliding_window': settings.sliding,
+                'smoothing': settings.smoothing,
+                'hold': settings.hold,
+                'delays': settings.delays,
+                'start': None if settings.start is None else astuple(settings.start),
+                'link_length': settings.link_length,
+                'seed': settings.seed,
+                'lower_bounds': settings.bounds.lower,
+                'upper_bounds': settings.bounds.upper,
+            },
+            'bags': sources,
+        }
+    )
+
+
+def plain(value: Any) -> Any:
+    """Return a value as what YAML and JSON can hold: None, bool, int, float, str, list and dict, and nothing derived.
+
+    Numbers and arrays of numpy become Python's, an enumeration its name, an object of a dataclass a dictionary; a
+    number that is not finite becomes None.
+
+    Raises:
+        TypeError: something else is in it.
+    """
+    if value is None or isinstance(value, (bool, np.bool_)):
+        return None if value is None else bool(value)
+    if isinstance(value, Enum):
+        return value.name
+    if isinstance(value, Integral):
+        return int(value)
+    if isinstance(value, Real):
+        return float(value) if math.isfinite(value) else None
+    if isinstance(value, (str, Path)):
+        return str(value)
+    if isinstance(value, np.ndarray):
+        return plain(value.tolist())
+    if is_dataclass(value) and not isinstance(value, type):
+        return {field.name: plain(getattr(value, field.name)) for field in fields(value)}
+    if isinstance(value, Mapping):
+        return {plain(key): plain(entry) for key, entry in value.items()}
+    if isinstance(value, Sequence) and not isinstance(value, (bytes, bytearray)):
+        return [plain(entry) for entry in value]
+    raise TypeError(f'a result cannot hold {value!r}')
 
 
 def _parameters(e: Estimate) -> dict[str, dict[str, Any]]:
     return {
         NAMES[k]: {
-            'value': float(e.theta[k]),
-            'std_error': _number(e.std_error[k]),
-            'interval': _numbers(e.intervals[k]),
+            'value': e.theta[k],
+            'std_error': e.std_error[k],
+            'interval': e.intervals[k],
             'unit': UNITS[k],
             'on_bound': not e.free[k],
-            'determined': bool(e.determined[k]),
+            'determined': e.determined[k],
         }
         for k in range(len(e.theta))
     }
@@ -136,7 +178,7 @@ def _effort(e: Estimate, interval: float) -> dict[str, Any]:
     return {
         'hold': effort.hold,
         'delay': effort.delay,
-        'delay_std_error': _number(effort.std_error),
+        'delay_std_error': effort.std_error,
         'linear_lag': effort.delay + (interval / 2 if effort.hold == 'zero' else 0.0),
         'unit': 's',
     }
@@ -150,10 +192,10 @@ def _zeros(e: Estimate) -> list[dict[str, Any]]:
     return [
         {
             'recording': name,
-            'q1': _number(angles[0, r]),
-            'q1_std_error': _number(errors[0, r]),
-            'q2': _number(angles[1, r]),
-            'q2_std_error': _number(errors[1, r]),
+            'q1': angles[0, r],
+            'q1_std_error': errors[0, r],
+            'q2': angles[1, r],
+            'q2_std_error': errors[1, r],
             'unit': 'degree',
         }
         for r, name in enumerate(e.zeros.recordings)
@@ -165,12 +207,12 @@ def _J(e: Estimate) -> dict[str, Any]:
     return {
         'unit': e.unit,
         'training': e.J,
-        'training_runs': _numbers(e.J_runs) if quadratic else [e.J],
-        'least_squares': _number(e.J_exact),
+        'training_runs': e.J_runs if quadratic else [e.J],
+        'least_squares': e.J_exact,
         'runs_at_least_squares': e.runs_at_minimum if quadratic and e.runs is not None else None,
         'residuals': e.residuals,
-        'validation': _number(e.J_validation),
-        'validation_runs': _numbers(e.J_validation_runs),
+        'validation': e.J_validation,
+        'validation_runs': e.J_validation_runs,
     }
 
 
@@ -181,13 +223,11 @@ def _prediction(e: Estimate) -> dict[str, Any]:
     if e.prediction is None:
         return {}
     return {
-        'horizons': list(HORIZONS),
-        'error': _numbers(e.prediction.error),
-        'standing_still': _numbers(e.prediction.standing_still),
-        'fit': {
-            state: _numbers(fit) for state, fit in zip(('q1', 'q2', 'dq1', 'dq2'), e.prediction.fit.T, strict=True)
-        },
-        'starts': e.prediction.starts.tolist(),
+        'horizons': HORIZONS,
+        'error': e.prediction.error,
+        'standing_still': e.prediction.standing_still,
+        'fit': dict(zip(('q1', 'q2', 'dq1', 'dq2'), e.prediction.fit.T, strict=True)),
+        'starts': e.prediction.starts,
     }
 
 
@@ -205,7 +245,7 @@ def _convergence(e: Estimate) -> dict[str, Any] | None:
         return None
     history = e.runs.history
     generations = np.unique(np.rint(np.geomspace(1, len(history), SHOWN_GENERATIONS)).astype(int)) - 1
-    return {'generations': generations.tolist(), 'best': _numbers(history[generations].T)}
+    return {'generations': generations, 'best': history[generations].T}
 
 
 def write_result(path: Path, data: Mapping[str, Any], *, overwrite: bool = False) -> None:
@@ -340,10 +380,6 @@ def _value(entry: Any, key: str = 'value') -> float | None:
         return _number(float(entry[key]))
     except (KeyError, TypeError, ValueError):
         return None
-
-
-def _numbers(values: Any) -> list[Any]:
-    return [_numbers(value) if np.ndim(value) else _number(value) for value in values]
 
 
 class _Dumper(yaml.SafeDumper):

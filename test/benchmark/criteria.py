@@ -87,7 +87,7 @@ def fits(job):
     data = Data.prepare([first], Settings(model='viscous'))
     preparing, result = time.perf_counter() - begin, []
     judges = [Motion.prepare(second, data.smoothing, data.hold)]
-    notes = [*suspicions([first, second]), *diagnose([first], data.smoothing, data.hold, 'viscous')]
+    notes, faults = suspicions([first, second]), diagnose([first], data.smoothing, data.hold, 'viscous')
     for way, options in WAYS.items():
         settings = Settings((way.replace(',', '').split()[0],), 'viscous', seed=seed + 1, **options)
         if 'start' in way:
@@ -99,7 +99,7 @@ def fits(job):
         )
         seconds = time.perf_counter() - begin
         found = replace(found, prediction=predict(judges, found.theta, found.effort.delay, data.scale))
-        found = judge(found, settings, link_length(data.motions, 'viscous', found.effort.delay), notes)
+        found = judge(found, settings, link_length(data.motions, 'viscous', found.effort.delay), faults, notes)
         error, held = (found.theta / truth - 1) * 100, np.abs(found.theta - truth) <= 1.96 * found.std_error
         converged = found.converged and (np.isnan(found.J_exact) or found.runs_at_minimum == len(found.J_runs))
         near, flags = np.abs(error[:5]).max() < 1, found.warnings if found.level > Level.OK else ()

@@ -5,6 +5,7 @@ import os
 import re
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +22,7 @@ from pendubot_identification.results.result_file import read_parameters
 from pendubot_identification.trajectories.trajectory import Trajectory
 from test.conftest import RECORDINGS, ROOT
 from test.processes import run_program
+from test.virtual import recording
 
 SAMPLE = ROOT / 'bags' / 'paper_experiment'
 PAPERS = ('--criterion', 'energy', '--model', 'viscous', '--optimizer', 'mde')
@@ -402,9 +404,55 @@ def test_a_torque_of_the_wrong_sign_is_an_error(capsys, bag, tmp_path, options):
     wrong = broken(bag, tmp_path, tau=-read_trajectory(bag).trajectory.tau)
     status, out, _ = identify(capsys, wrong, '--json', *options)
     result = json.loads(out)
-    assert (status, result['level']) == (0, 'ERROR')
-    assert 'not physical: P1 = 0 is not positive' in result['warnings']
-    assert any('energy and work do not balance' in warning for warning in result['warnings'])
+    assert (status, result['level']) == (3, 'ERROR')
+    assert result['warnings'][0].startswith('the effort has the wrong sign')
+    assert 'not physical: P1 = 0 is not positive' in result['consequences']
+    assert any('energy and work do not balance' in said for said in result['consequences'])
+
+
+def test_a_level_of_ok_names_the_parameters_that_it_does_not_cover(capsys, tmp_path):
+    """Dry friction and no other: b1 and b2 end on their bounds, and nothing else is wrong."""
+    write_trajectory(tmp_path / 'dry', recording(rig=replace(PAPER, b1=0.0, b2=0.0, Fc1=0.02, Fc2=0.0005), seed=3))
+    options = ('--criterion', 'weak', '--model', 'coulomb', '--optimizer', 'lsq', '--hold', 'zero')
+    output, look = tmp_path / 'result.yaml', tmp_path / 'look'
+    status, out, _ = identify(capsys, tmp_path / 'dry', *options, '--output', output, '--report', look)
+    assert status == 0
+    result = yaml.safe_load(output.read_text())
+    assert result['level'] == 'OK'
+    assert result['not_covered'] == {'b1': 'on its bound', 'b2': 'on its bound'}
+    sentence = 'OK: use these parameters, but do not rely on b1 (on its bound), b2 (on its bound)'
+    assert sentence in said(out)
+    page = (look / 'report.html').read_text()
+    assert sentence in page
+    assert 'nothing speaks against' not in out + page
+
+
+@pytest.mark.parametrize(
+    ('turned', 'options', 'status'),
+    [
+        (1, (), 0),
+        (1, ('--fail-on', 'warn'), 0),
+        (-1, (), 3),
+        (-1, ('--fail-on', 'warn'), 3),
+        (-1, ('--fail-on', 'never'), 0),
+    ],
+)
+def test_a_result_of_level_error_has_an_exit_status_of_its_own_and_is_written(
+    capsys, bag, tmp_path, turned, options, status
+):
+    from pendubot_identification.recordings.bag_reader import read_trajectory
+
+    path, output = broken(bag, tmp_path, tau=turned * read_trajectory(bag).trajectory.tau), tmp_path / 'result.yaml'
+    weak = ('--criterion', 'weak', '--model', 'viscous', '--optimizer', 'lsq', '--hold', 'zero')
+    ended, out, err = identify(capsys, path, *weak, '--output', output, *options)
+    assert (ended, err) == (status, '')
+    assert out.rstrip().endswith(f'written to {output}')
+    assert yaml.safe_load(output.read_text())['level'] == ('OK' if turned == 1 else 'ERROR')
+
+
+def test_fail_on_warn_fails_where_there_are_warnings(capsys, bag):
+    options = (bag, '--criterion', 'weak', '--model', 'viscous', '--optimizer', 'lsq', '--link-length', '0.3')
+    assert [identify(capsys, *options, *more)[0] for more in ((), ('--fail-on', 'warn'))] == [0, 3]
 
 
 def test_missing_samples_are_counted(capsys, bag, tmp_path):

@@ -8,6 +8,7 @@ import yaml
 
 from pendubot_identification.cli.main import main
 from test.conftest import ROOT
+from test.processes import run_program
 from test.report.test_page import Page
 
 SAMPLE = ROOT / 'bags' / 'paper_experiment'
@@ -142,6 +143,63 @@ def test_where_the_data_could_be_read_the_page_of_a_failure_shows_them(made, tmp
     assert status == 1
     assert 'excite the rig' in err
     assert names(tmp_path / 'look') == {'report.html', 'recordings.svg', 'recordings.png'}
+
+
+def files(folder):
+    return {path: path.read_bytes() for path in folder.rglob('*') if path.is_file()}
+
+
+@pytest.mark.parametrize('way', ['identify', 'report'])
+def test_a_report_that_fails_leaves_no_folder_and_an_earlier_one_as_it_was(made, tmp_path, capsys, monkeypatch, way):
+    """Whatever fails while it is drawn; the result, which is written apart, is there."""
+
+    def fail(*_):
+        raise RuntimeError('a figure that cannot be drawn')
+
+    monkeypatch.setattr('pendubot_identification.report.figures.draw_parameters', fail)
+    new, output = tmp_path / 'new' / 'look', tmp_path / 'result.yaml'
+    shutil.copytree(made / 'look', tmp_path / 'look')
+    before = files(tmp_path / 'look')
+    if way == 'identify':
+        command = ('identify', made / 'swing', *FAST, '--output', output, '--report')
+    else:
+        command = ('report', made / 'result.yaml', '--output')
+    for folder, options in ((new, ()), (tmp_path / 'look', ('--force',))):
+        status, _, err = run(capsys, *command, folder, *options)
+        assert (status, err) == (
+            1,
+            'pendubot: RuntimeError: a figure that cannot be drawn; run again with --debug to see where\n',
+        )
+    assert not (tmp_path / 'new').exists()
+    assert files(tmp_path / 'look') == before
+    assert output.exists() == (way == 'identify')
+
+
+def test_a_report_on_a_full_disk_leaves_no_folder_and_an_earlier_one_as_it_was(made, tmp_path):
+    """Figures may still find room where the page does not."""
+    shutil.copytree(made / 'look', tmp_path / 'look')
+    before = files(tmp_path / 'look')
+    limit = (made / 'look' / 'report.html').stat().st_size - 1
+    for folder, options in ((tmp_path / 'new', ()), (tmp_path / 'look', ('--force',))):
+        ended = run_program('pendubot', 'report', made / 'result.yaml', '--output', folder, *options, file_limit=limit)
+        assert ended.returncode == 1
+        assert (
+            ended.stderr
+            == f'pendubot: {folder}/report.html cannot be written (File too large); choose a folder that can be\n'
+        )
+    assert not (tmp_path / 'new').exists()
+    assert files(tmp_path / 'look') == before
+
+
+def test_what_fails_unforeseen_has_a_page_that_says_what(made, tmp_path, capsys, monkeypatch):
+    def fail(*_):
+        raise MemoryError('80 GB')
+
+    monkeypatch.setattr('pendubot_identification.identify.identification.identify', fail)
+    status, _, err = run(capsys, 'identify', made / 'swing', *FAST, '--report', tmp_path / 'look')
+    assert (status, err) == (1, 'pendubot: not enough memory (80 GB); ask for less\n')
+    text = ' '.join(Page((tmp_path / 'look' / 'report.html').read_text()).text)
+    assert 'not enough memory (80 GB); ask for less' in text
 
 
 @pytest.mark.parametrize('way', ['identify', 'report'])

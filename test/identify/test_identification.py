@@ -205,7 +205,9 @@ def test_a_delay_is_named_unless_it_is_declared(delay, what):
     assert any(f'the effort {what}' in w for w in found.warnings)
     assert declared.level is Level.OK
     assert declared.best.effort.delay == delay
-    assert any('the end of where it was searched' in w for w in beyond.warnings)
+    # Where the search ends before it, the parameters are of no use; that it ended follows.
+    assert any('the end of where it was searched' in said for said in beyond.best.consequences)
+    assert (found.level, beyond.level) == (Level.WARN, Level.ERROR)
 
 
 def test_parameters_that_are_given_are_where_it_starts():

@@ -1,6 +1,7 @@
 """The identifier in its own process: latched results, running again, failing without dying."""
 
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,7 +9,10 @@ import yaml
 
 from pendubot_identification.cli.main import main
 from pendubot_identification.model.parameters import NAMES, PAPER
+from pendubot_identification.recordings.bag_reader import read_trajectory
+from pendubot_identification.recordings.joint_states import write_trajectory
 from test.processes import Program, call, parameters, run_program, spin_until
+from test.virtual import recording
 
 pytestmark = pytest.mark.ros
 
@@ -247,17 +251,44 @@ def test_a_result_that_cannot_be_written_in_the_end_is_published_all_the_same(li
 
 
 def test_an_unphysical_result_is_published_at_level_error(listener, tmp_path, bag):
-    from pendubot_identification.recordings.bag_reader import read_trajectory
-    from pendubot_identification.recordings.joint_states import write_trajectory
-    from pendubot_identification.trajectories.trajectory import Trajectory
-
     t = read_trajectory(bag).trajectory
-    write_trajectory(tmp_path / 'wrong_sign', Trajectory(t.t, t.q, -t.tau))
+    write_trajectory(tmp_path / 'wrong_sign', replace(t, tau=-t.tau))
     with Program('identifier', *parameters(bags=f"['{tmp_path / 'wrong_sign'}']", **FAST)):
         assert listener.hears(lambda heard: heard.params and heard.status)
     (status,) = listener.status[0].status
     assert status.level == b'\x02'
-    assert 'not physical' in status.message
+    assert status.message.startswith('the effort has the wrong sign')
+    assert 'not physical: P1 = 0 is not positive' in [pair.value for pair in status.values]
+
+
+def test_a_level_of_ok_says_what_it_does_not_cover(listener, tmp_path):
+    write_trajectory(tmp_path / 'dry', recording(rig=replace(PAPER, b1=0.0, b2=0.0, Fc1=0.02, Fc2=0.0005), seed=3))
+    dry = {'criterion': 'weak', 'model': 'coulomb', 'optimizer': 'lsq', 'hold': 'zero'}
+    with Program('identifier', *parameters(bags=f"['{tmp_path / 'dry'}']", **dry)):
+        assert listener.hears(lambda heard: heard.params and heard.status)
+    (status,) = listener.status[0].status
+    assert status.level == b'\x00'
+    said = 'use these parameters, but do not rely on b1 (on its bound), b2 (on its bound)'
+    assert status.message == f'identified: {said}'
+    values = {pair.key: pair.value for pair in status.values}
+    assert (values['not_covered.b1'], values['not_covered.b2']) == ('on its bound', 'on its bound')
+
+
+def test_parameters_of_level_error_move_no_balancer(ros, listener, tmp_path, bag):
+    """They are published, and named; with accept_warn, too, the balancer refuses them."""
+    from std_srvs.srv import Trigger
+
+    t = read_trajectory(bag).trajectory
+    write_trajectory(tmp_path / 'turned', replace(t, q=t.q + np.radians([5.0, 0.0]), qd=None))
+    fast = {'criterion': 'weak', 'model': 'viscous', 'optimizer': 'lsq', 'hold': 'zero'}
+    with Program('balancer', *parameters(accept_warn='true')) as balancer:
+        balancer.wait_for('no parameters have come')
+        with Program('identifier', *parameters(bags=f"['{tmp_path / 'turned'}']", **fast)):
+            assert listener.hears(lambda heard: heard.params and heard.status)
+            assert listener.status[0].status[0].level == b'\x02'
+            balancer.wait_for("the parameters are of level ERROR (q1's zero is off by 5.0")
+        answer = listener.call(Trigger, '/balancer/start', Trigger.Request())
+        assert not answer.success
 
 
 NONSENSE = (

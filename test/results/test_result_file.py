@@ -5,11 +5,15 @@ import json
 import math
 import subprocess
 import sys
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
+from enum import Enum, IntEnum
+from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
+from hypothesis import given
+from hypothesis import strategies as st
 
 from pendubot_identification.errors import ResultError
 from pendubot_identification.identify.estimate import Zeros
@@ -22,8 +26,10 @@ from pendubot_identification.results.result_file import (
     read_result,
     read_whole_result,
     result_data,
+    result_text,
     write_result,
 )
+from pendubot_identification.results.result_file import plain as plain_of
 from test.conftest import RECORDINGS
 from test.identified import SOURCE, identified, plain
 
@@ -58,6 +64,72 @@ def test_what_is_written_is_read_back(tmp_path):
     text = (tmp_path / 'result.yaml').read_text()
     assert max(map(len, text.splitlines())) < 130
     assert '&id' not in text, 'no aliases: people read this'
+
+
+class Word(str):
+    """What YAML refuses to write."""
+
+
+class Colour(Enum):
+    RED = 1
+
+
+class Number(IntEnum):
+    ONE = 1
+
+
+@dataclass(frozen=True)
+class Pair:
+    left: object
+    right: object
+
+
+#: What numpy and enumerations make of values, and what is to be read of them.
+LEAVES = st.sampled_from(
+    [
+        (None, None),
+        (np.bool_(True), True),
+        (np.int64(7), 7),
+        (np.float32(0.5), 0.5),
+        (np.float64(-1.5), -1.5),
+        (np.nan, None),
+        (np.float64('inf'), None),
+        (np.array(2.0), 2.0),
+        (np.array([[1.0, np.nan]]), [[1.0, None]]),
+        (Word('no: [word'), 'no: [word'),
+        (np.str_('yes'), 'yes'),
+        ('bag\udcff', 'bag\udcff'),
+        (Path('/swing'), '/swing'),
+        (Colour.RED, 'RED'),
+        (Number.ONE, 'ONE'),
+    ]
+)
+
+
+def held(pairs):
+    """Containers of what pairs hold at the left, and of what they hold at the right."""
+    return st.one_of(
+        st.lists(pairs, max_size=4).map(lambda many: ([a for a, _ in many], [b for _, b in many])),
+        st.lists(pairs, max_size=4).map(lambda many: (tuple(a for a, _ in many), [b for _, b in many])),
+        st.dictionaries(st.text('abc', min_size=1), pairs, max_size=4).map(
+            lambda many: ({Word(k): a for k, (a, _) in many.items()}, {k: b for k, (_, b) in many.items()})
+        ),
+        st.tuples(pairs, pairs).map(lambda two: (Pair(two[0][0], two[1][0]), {'left': two[0][1], 'right': two[1][1]})),
+    )
+
+
+@given(st.recursive(LEAVES, held))
+def test_whatever_a_result_holds_can_be_written_and_read(pair):
+    value, expected = pair
+    assert plain_of(value) == expected
+    assert yaml.safe_load(result_text({'held': plain_of(value)})) == {'held': expected}
+    assert json.loads(json.dumps(plain_of(value), allow_nan=False)) == expected
+
+
+@pytest.mark.parametrize('value', [object(), {1, 2}, b'bytes', 1j, [lambda: None]])
+def test_what_no_file_can_hold_is_no_part_of_a_result(value):
+    with pytest.raises(TypeError, match='a result cannot hold'):
+        plain_of(value)
 
 
 @pytest.mark.parametrize('model', MODELS)
