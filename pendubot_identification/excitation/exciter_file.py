@@ -13,7 +13,7 @@ import yaml
 from pendubot_identification.errors import ParameterError, ResultError
 from pendubot_identification.excitation.excitation import PulseTrain
 from pendubot_identification.files import write_whole
-from pendubot_identification.recordings.parameter_files import addressed
+from pendubot_identification.parameter_files import addressed
 from pendubot_identification.resources import resource
 
 NODE = 'exciter'

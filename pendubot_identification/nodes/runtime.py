@@ -27,7 +27,7 @@ from rclpy.timer import Timer
 from rclpy.utilities import remove_ros_args
 
 from pendubot_identification.errors import ParameterError, PendubotError
-from pendubot_identification.recordings.parameter_files import unheard
+from pendubot_identification.parameter_files import unheard
 from pendubot_identification.resources import resource
 
 from .ending import Ending, ended

@@ -2,7 +2,7 @@
 
 import pytest
 
-from pendubot_identification.recordings.parameter_files import unheard
+from pendubot_identification.parameter_files import unheard
 
 pytestmark = pytest.mark.ros
 NAMES = [
