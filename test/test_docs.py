@@ -109,7 +109,7 @@ def unknown_in(words):
     if kind == 'topic':
         everything = '\n'.join(sources.values()) + (ROOT / PACKAGE / 'recordings' / 'joint_states.py').read_text()
         return None if f"'{rest[-1].removeprefix('/lab1').lstrip('/')}'" in everything else rest[-1]
-    return None if kind in ('bag', 'pkg', 'node', 'param') else kind
+    return None if kind in ('bag', 'pkg', 'node', 'param', 'security') else kind
 
 
 @pytest.mark.ros

@@ -15,7 +15,6 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.qos import QoSProfile
 from rclpy.task import Future
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
 from pendubot_identification.errors import ParameterError
@@ -27,6 +26,7 @@ from pendubot_identification.link.news import Armed, ArmingFailed, HostEvent, Re
 from pendubot_identification.link.serial_link import SerialLink
 
 from .diagnostics import diagnostics_message, stamp_now, status_name
+from .effort_commands import EffortCommands
 from .ending import Ending
 from .joint_state_bytes import JointStateBytes
 from .runtime import Setting, SettingsNode, run
@@ -71,7 +71,9 @@ class Bridge(SettingsNode):
         self._message = JointStateBytes(s['joint_names'])
         self._joint_states = self.create_publisher(JointState, 'joint_states', QoSProfile(depth=1000))
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
-        self.create_subscription(Float64, 'pendubot/effort_command', self._on_effort, 1)
+        self._commands = EffortCommands(self, 'pendubot/effort_command', s['command_timeout'], self._on_effort)
+        self._refused = 0
+        self._refusing = False
         # Arming takes a while: a group of its own, so that effort commands are discarded meanwhile, not kept for later.
         group = ReentrantCallbackGroup()
         self.create_service(Trigger, '~/arm', self._on_arm, callback_group=group)
@@ -175,12 +177,24 @@ class Bridge(SettingsNode):
                 text = f"the computer's clock was set by {set_by:+.2f} s: stamps keep the old time; restart the bridge"
                 self._health.note(Report(Level.WARN, text))
                 self.get_logger().warning(text, once=True)
+            self._note_refused()
             d = self._health.diagnose(self._host, time.monotonic_ns())
         name = status_name(self.get_fully_qualified_name())
-        self._diagnostics.publish(diagnostics_message(stamp_now(self), name, d.level, d.message, d.values, self._port))
+        values = d.values | {'refused': str(self._refused)}
+        self._diagnostics.publish(diagnostics_message(stamp_now(self), name, d.level, d.message, values, self._port))
 
-    def _on_effort(self, message: Float64) -> None:
-        self._step(lambda now: self._host.effort(message.data, now))
+    def _note_refused(self) -> None:
+        """Report effort commands that were refused since the last time; log it when that begins."""
+        before, self._refused = self._refused, self._commands.refused
+        if self._refused > before:
+            report = Report(Level.WARN, self._commands.conflict())
+            self._health.note(report)
+            if not self._refusing:
+                self._log(report)
+        self._refusing = self._refused > before
+
+    def _on_effort(self, torque: float) -> None:
+        self._step(lambda now: self._host.effort(torque, now))
 
     async def _on_arm(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         future = Future()
@@ -192,6 +206,9 @@ class Bridge(SettingsNode):
         return response
 
     def _arm(self, future: Future, now: int) -> list[HostEvent]:
+        if self._commands.contested() and not self._host.armed:
+            future.set_result(ArmingFailed(self._commands.conflict()))
+            return []
         self._arming.append(future)
         # Not while it is closing: the last that the board hears has to be the disarm.
         return [ArmingFailed('the bridge is ending')] if self._closing.is_set() else self._host.arm(now)

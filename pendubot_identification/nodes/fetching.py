@@ -15,10 +15,11 @@ BATCH = 500  #: Messages of one topic that are fetched before the others, and al
 DEPTH = 10_000  #: Messages of a topic that may wait: ten seconds' worth at 1 kHz.
 
 
-class _Fetched(ReentrantCallbackGroup):
+class Fetched(ReentrantCallbackGroup):
     """What no executor waits for."""
 
     def can_execute(self, _: Any) -> bool:
+        """Say no."""
         return False
 
 
@@ -36,7 +37,7 @@ class Fetcher:
     def __init__(self, node: Node, take: Callable[[str, bytes, dict[str, Any]], None]) -> None:
         self._node = node
         self._take = take
-        self._group = _Fetched()
+        self._group = Fetched()
         self._lock = threading.RLock()
         self._subscriptions: dict[str, Subscription] = {}
 
