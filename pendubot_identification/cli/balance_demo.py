@@ -23,6 +23,8 @@ from .programs import (
 
 RATE, SAMPLES, DELAY, LIMIT = 200, 2400, 0.004, 2.0
 RIG = ('--preset', 'balance', '--delay', DELAY, '--torque-limit', LIMIT)
+#: While the computer pauses it may turn far and fast; nothing of it breaks.
+UNBOUNDED = {'max_shoulder': 100.0, 'max_elbow': 1000.0, 'max_speed': 1000.0}
 #: It is to be held for so long [s], and may take so much longer: where the computer pauses, it falls in between.
 HOLD, PATIENCE = 10.0, 40.0
 
@@ -59,7 +61,7 @@ def _swung_up(rclpy: Any, folder: Path) -> _Watcher:
     watcher = _Watcher(rclpy)
     with Programs(folder) as programs:
         programs.start_rig(RATE, *RIG)
-        balancer = programs.start('balancer', *parameters(torque_limit=LIMIT, max_age=PAUSE))
+        balancer = programs.start('balancer', *parameters(torque_limit=LIMIT, max_age=PAUSE, **UNBOUNDED))
         programs.wait(balancer, watcher.sees_it_ready, 'was not ready', 60.0, watcher.spin)
         watcher.start()
         print('the balancer knows the rig through /pendubot/params alone; it swings it up', flush=True)

@@ -15,11 +15,11 @@ pytestmark = pytest.mark.ros
 
 @pytest.fixture
 def rig(tmp_path):
-    """A virtual board and its bridge; gives the trace of what the board did."""
+    """A virtual board and a bridge that outlasts a machine's pauses; gives the trace of what the board did."""
     trace = tmp_path / 'trace.csv'
     with Program('virtual_board', '--link', tmp_path / 'board', '--trace', trace) as board:
         board.wait_for('virtual board on')
-        with Program('bridge', *parameters(port=tmp_path / 'board')) as bridge:
+        with Program('bridge', *parameters(port=tmp_path / 'board', watchdog_ms=2000, link_timeout=2.0)) as bridge:
             yield lambda: list(csv.DictReader(trace.open())), bridge
 
 
