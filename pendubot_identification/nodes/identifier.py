@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +21,7 @@ from pendubot_identification.core.estimation.identification import identify
 from pendubot_identification.core.estimation.settings import CRITERIA, DELAYS, HOLDS, OPTIMIZERS, SPREAD, Settings
 from pendubot_identification.core.level import Level
 from pendubot_identification.core.model.parameters import MODELS, NAMES, Bounds, default_bounds
-from pendubot_identification.report.tables import consequences, verdict, whole
+from pendubot_identification.report.tables import headline, whole
 
 from .diagnostics import diagnostics_message
 from .ending import Ending
@@ -138,7 +137,7 @@ class Identifier(SettingsNode):
             self.get_logger().warning(f'identified\n{whole(plain)}')
         # The judgement first, so that whoever hears the parameters can already know how good they are; and both last,
         # so that whoever hears them can already have them identified again.
-        self._publish(result.level, _headline(plain), identification_values(plain))
+        self._publish(result.level, headline(plain), identification_values(plain))
         self._params.publish(parameters_message(result))
         if unwritten:
             # The parameters are none the worse for it, so their judgement stands.
@@ -186,13 +185,6 @@ def _settings(values: dict[str, Any]) -> Settings:
 
 def _named(bags: list[str]) -> list[str]:
     return [bag for bag in bags if bag]
-
-
-def _headline(result: Mapping[str, Any]) -> str:
-    """Return what a status says in one line: the verdict, or all warnings, and how much follows from a fault."""
-    followed = len(consequences(result))
-    more = [f'{followed} more follow from that'] if followed else []
-    return '; '.join([*result['warnings'], *more]) or f'identified: {verdict(result)}'
 
 
 def main() -> int:
