@@ -133,12 +133,15 @@ def identify(
     published = _best(estimates)
     best = estimates[published]
     progress('checking signs, zeros and stamps', 0, 0, best.J)
-    if len(data.groups) > 1 and settings.criteria != ('energy',):
-        notes += contradictions(data, model, comparison.fit(model), comparison.without(model))
     length = link_length(data.motions, model, best.effort.delay)
     low, high = settings.delays
     declared = low if low == high else 0.0
     faults = diagnose(held, data.smoothing, data.hold, model, declared, settings.link_length)
+    # Recordings that have a grave fault in common seem to contradict each other, too; but not for a delay, which is
+    # estimated along.
+    spoiled = any(f.level is Level.ERROR and f.name not in ('delay', 'motion') for f in faults)
+    if len(data.groups) > 1 and settings.criteria != ('energy',) and not spoiled:
+        notes += contradictions(data, model, comparison.fit(model), comparison.without(model))
     if faults:
         # Zeros of single recordings would make up for what is wrong with all of them.
         estimates = [replace(e, zeros=None) for e in estimates]

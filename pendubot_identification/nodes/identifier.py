@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +20,7 @@ from pendubot_identification.model.parameters import MODELS, NAMES, Bounds, defa
 from pendubot_identification.recordings.bag_reader import BagWindow
 from pendubot_identification.recordings.datasets import load_datasets
 from pendubot_identification.recordings.joint_states import JOINT_NAMES
-from pendubot_identification.report.tables import consequences, verdict, whole
+from pendubot_identification.report.tables import headline, whole
 from pendubot_identification.results.result_file import read_parameters, result_data, result_text
 
 from .diagnostics import diagnostics_message, stamp_now
@@ -144,7 +143,7 @@ class Identifier(SettingsNode):
             self.get_logger().warning(f'identified\n{whole(plain)}')
         # The judgement first, so that whoever hears the parameters can already know how good they are; and both last,
         # so that whoever hears them can already have them identified again.
-        self._publish(result.level, _headline(plain), identification_values(plain))
+        self._publish(result.level, headline(plain), identification_values(plain))
         self._params.publish(parameters_message(result))
         if unwritten:
             # The parameters are none the worse for it, so their judgement stands.
@@ -193,13 +192,6 @@ def _settings(values: dict[str, Any]) -> Settings:
 
 def _named(bags: list[str]) -> list[str]:
     return [bag for bag in bags if bag]
-
-
-def _headline(result: Mapping[str, Any]) -> str:
-    """Return what a status says in one line: the verdict, or all warnings, and how much follows from a fault."""
-    followed = len(consequences(result))
-    more = [f'{followed} more follow from that'] if followed else []
-    return '; '.join([*result['warnings'], *more]) or f'identified: {verdict(result)}'
 
 
 def main() -> int:

@@ -165,6 +165,13 @@ def judgement(result: Result) -> str:
     return '\n'.join(map(_wrapped, lines))
 
 
+def headline(result: Result) -> str:
+    """Return in one line what is published: the verdict, or all warnings, and how much follows from a fault."""
+    followed = len(consequences(result))
+    more = [f'{followed} more follow from that'] if followed else []
+    return '; '.join([*result['warnings'], *more]) or f'identified: {verdict(result)}'
+
+
 def consequences(result: Result) -> list[str]:
     """Return what follows from a grave fault of the recordings, by criterion; empty where there is none."""
     return [
