@@ -12,7 +12,8 @@ from typing import Protocol
 import numpy as np
 
 from pendubot_identification.errors import ParameterError
-from pendubot_identification.model.simulation import HANGING, Pair
+from pendubot_identification.model.dynamics import Pair
+from pendubot_identification.model.simulation import HANGING
 
 from .clock import WRAP
 from .protocol import (
