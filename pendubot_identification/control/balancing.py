@@ -14,8 +14,8 @@ import numpy as np
 
 from pendubot_identification.errors import ControlError, PendubotError
 from pendubot_identification.level import Level
+from pendubot_identification.model.dynamics import Pair
 from pendubot_identification.model.parameters import Parameters
-from pendubot_identification.model.simulation import Pair
 
 from .briefing import Briefing
 from .control import Controller, Design, Limits, Loop, Mode

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from enum import Enum
 
 from pendubot_identification.errors import ControlError
+from pendubot_identification.model.dynamics import Pair
 from pendubot_identification.model.parameters import Parameters
 from pendubot_identification.model.rollout import advance
-from pendubot_identification.model.simulation import Pair
 
 from .echo import Echo
 from .estimator import Estimator, State

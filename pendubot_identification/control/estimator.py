@@ -12,8 +12,9 @@ from collections import deque
 import numpy as np
 from numpy.typing import NDArray
 
+from pendubot_identification.model.dynamics import Pair
 from pendubot_identification.model.parameters import Parameters
-from pendubot_identification.model.simulation import Pair, Plant
+from pendubot_identification.model.simulation import Plant
 
 from .echo import LONGEST
 

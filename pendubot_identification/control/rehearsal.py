@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pendubot_identification.errors import ControlError
-from pendubot_identification.model.simulation import HANGING, LatePlant, Pair
+from pendubot_identification.model.dynamics import Pair
+from pendubot_identification.model.simulation import HANGING, LatePlant
 from pendubot_identification.trajectories.trajectory import Trajectory
 
 from .control import UPRIGHT, Controller, Design, Loop, Mode

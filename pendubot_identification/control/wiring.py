@@ -15,9 +15,10 @@ from typing import NamedTuple
 import numpy as np
 
 from pendubot_identification.errors import ControlError
+from pendubot_identification.model.dynamics import Pair
 from pendubot_identification.model.parameters import Parameters
 from pendubot_identification.model.rollout import advance
-from pendubot_identification.model.simulation import HANGING, Pair
+from pendubot_identification.model.simulation import HANGING
 
 #: Length of a window [s], its simulation's steps, and how many steps later the next one begins.
 WINDOW, STEPS, STRIDE = 0.08, 8, 2

@@ -25,7 +25,7 @@ from pendubot_identification.criteria.quadratic import Quadratic
 from pendubot_identification.criteria.weak import WIDTH, estimate_delay, weak_regression
 from pendubot_identification.errors import TrajectoryError
 from pendubot_identification.level import Level
-from pendubot_identification.model.dynamics import GRAVITY
+from pendubot_identification.model.dynamics import GRAVITY, Pair
 from pendubot_identification.model.parameters import MODELS, NAMES, Bounds, default_bounds
 from pendubot_identification.model.simulation import HANGING
 from pendubot_identification.trajectories.motion import Motion
@@ -35,7 +35,6 @@ from pendubot_identification.trajectories.trajectory import Trajectory
 from .uncertainty import Blocks, bootstrap_covariance
 
 Array = NDArray[np.float64]
-Pair = tuple[float, float]
 
 #: Dry friction and a rotor are allowed for; what has more to it would explain faults away.
 MODEL = 'rotor'

@@ -2,11 +2,11 @@
 
 A sample's delay (arrival on the host's clock minus sampling on the board's) is a constant offset, plus the drift
 between the two clocks, plus transport and scheduling, which are never negative. So the true line lies under all
-points (board time, delay), and touches those that were not held up: it is the lower convex hull's edge.
+points (board time, delay), and touches those that were not held up: it is an edge of their lower convex hull.
 
-How far its slope is to be believed the points themselves say, by how far they lie above it: on a quiet machine by
-microseconds, on a busy one by milliseconds. So the skew is that slope filtered (Kalman 1960, of one state): known well
-it stays through a busy minute, and is found within seconds where nothing disturbs.
+How uncertain the slope of that edge is shows in how far the points lie above it: microseconds on a quiet machine,
+milliseconds on a busy one. The skew is that slope, filtered by a Kalman filter of one state (Kalman 1960): it is found
+within seconds on a quiet machine, and once known well it hardly changes during a busy minute.
 """
 
 from __future__ import annotations
@@ -16,21 +16,26 @@ from collections import deque
 from itertools import pairwise
 from typing import NamedTuple
 
+#: [ns]
+MS = 1_000_000
+SECOND = 1_000 * MS
+
+#: The board's counter of microseconds begins again here.
 WRAP = 1 << 32
 
-#: Fewer buckets than this tell no skew.
+#: From fewer buckets than this no skew is computed.
 FEWEST = 4
-#: A young clock's buckets are so many times shorter: its skew is to be found before it has cost much ...
+#: At first buckets are so many times shorter, to find the skew soon ...
 FINER = 4
-#: ... and when there are so many of them, two become one.
+#: ... and when there are so many of them, each two become one.
 FULL = 16
-#: By how much crystals usually differ, before anything is known [ns per us]: 200 ppm.
+#: Standard deviation of the skew between two crystals before anything is known [ns per us]: 200 ppm.
 USUAL_SKEW = 0.2
-#: How far the skew wanders in a microsecond, times its root [ns per us]: 0.1 ppm in a second.
+#: Standard deviation by which the skew changes in t microseconds, over sqrt(t) [ns per us]: 0.1 ppm in a second.
 WANDER = 1e-4 / 1e3
-#: An edge's slope is uncertain by so many times the points' mean height above it, over the time that they span.
+#: The standard deviation of an edge's slope is so many times the points' mean height above it over the time they span.
 DOUBT = 2.0
-#: Nearer to the line than this [ns] no point is believed to be.
+#: The mean height above the line is taken to be at least this [ns].
 FINEST = 5_000.0
 
 
@@ -45,9 +50,10 @@ class BoardClock:
     Args:
         window: how far back delays are remembered [s].
         bucket: of each such stretch of board time [s] only the smallest delay is remembered; of shorter ones at first.
-        max_skew_ppm: no two crystals differ by more; a larger slope is clamped.
+        max_skew_ppm: a larger slope is clamped, since no two crystals differ by more.
 
-    Stamps strictly increase as long as samples are stamped, whatever happens to the mapping.
+    For each sample :meth:`observe` learns and returns its board time, :meth:`host_time` maps that to the host's clock,
+    and :meth:`stamp` makes stamps strictly increase, whatever happens to the mapping.
     """
 
     def __init__(self, window: float = 60.0, bucket: float = 0.5, max_skew_ppm: float = 1000.0) -> None:
@@ -59,7 +65,7 @@ class BoardClock:
         self.restart()
 
     def restart(self) -> None:
-        """Begin anew with another clock, of a board that restarted; stamps go on increasing."""
+        """Begin anew with the clock of a board that restarted; stamps go on increasing."""
         self._minima.clear()
         self._span_us = self._bucket_us // FINER  # of the present buckets
         self._origin_us: int | None = None
@@ -75,19 +81,15 @@ class BoardClock:
         """How much faster the host's clock runs than the board's [ppm]."""
         return self._slope * 1e3
 
-    def unwrap(self, t_us: int, arrival_ns: int) -> int:
-        """Return the board time [us], not wrapped, that ``t_us`` stands for: the nearest to what arrival suggests."""
-        if self._origin_us is None:
-            return t_us
-        expected = self._board_us + (arrival_ns - self._arrival_ns) // 1000
-        return expected + (t_us - expected + WRAP // 2) % WRAP - WRAP // 2
-
     def observe(self, t_us: int, arrival_ns: int) -> int:
-        """Learn from a sample's arrival [ns, host]; return its board time [us], not wrapped."""
-        board_us = self.unwrap(t_us, arrival_ns)
-        delay_ns = arrival_ns - 1000 * board_us
+        """Learn from the arrival [ns, host] of a sample taken at ``t_us``; return its board time [us], not wrapped."""
         if self._origin_us is None:
-            self._origin_us = board_us
+            self._origin_us = board_us = t_us
+        else:
+            # Of all times that ``t_us`` may stand for, the nearest to what the arrival suggests.
+            expected = self._board_us + (arrival_ns - self._arrival_ns) // 1000
+            board_us = expected + (t_us - expected + WRAP // 2) % WRAP - WRAP // 2
+        delay_ns = arrival_ns - 1000 * board_us
         self._board_us, self._arrival_ns = board_us, arrival_ns
         if not self._minima or board_us >= self._bucket_end:
             if len(self._minima) >= FULL and self._span_us < self._bucket_us:
@@ -103,35 +105,30 @@ class BoardClock:
         self._intercept = min(self._intercept, self._below(board_us, delay_ns))
         return board_us
 
-    def stamp(self, t_us: int, arrival_ns: int) -> int:
-        """Return the host time [ns] at which the board took the sample ``t_us``, which arrived at ``arrival_ns``."""
-        return self.map(self.observe(t_us, arrival_ns))
-
-    def map(self, board_us: int) -> int:
-        """Return the host time [ns], above every earlier stamp, of a board time that :meth:`observe` returned."""
-        stamp = self.taken(board_us)
-        if self._last_stamp is not None:
-            stamp = max(stamp, self._last_stamp + 1)
-        self._last_stamp = stamp
-        return stamp
-
-    def taken(self, board_us: int) -> int:
-        """Return the host time [ns] at which, as far as is known now, a board time was."""
+    def host_time(self, board_us: int) -> int:
+        """Return the host time [ns] of a board time that :meth:`observe` returned, as far as is known now."""
         return 1000 * board_us + round(self._intercept + self._slope * (board_us - (self._origin_us or 0)))
 
+    def stamp(self, host_time: int) -> int:
+        """Return a sample's stamp [ns]: its host time, but above every earlier stamp."""
+        if self._last_stamp is not None:
+            host_time = max(host_time, self._last_stamp + 1)
+        self._last_stamp = host_time
+        return host_time
+
     def _below(self, board_us: int, delay_ns: int) -> float:
-        """Return where a line of the present slope through this point starts."""
+        """Return the intercept of a line of the present slope through this point."""
         return delay_ns - self._slope * (board_us - (self._origin_us or 0))
 
     def _coarsen(self) -> None:
-        """Make one bucket of two."""
+        """Make one bucket of each two."""
         minima = list(self._minima)
         self._minima.clear()
         self._minima.extend(min(pair, key=lambda p: p.delay_ns) for pair in zip(minima[::2], minima[1::2], strict=True))
         self._span_us *= 2
 
     def _refit(self, newest: _Point) -> None:
-        """Lay the line anew, once a bucket."""
+        """Fit the line again, once a bucket."""
         if len(self._minima) >= FEWEST:
             self._follow(self._minima)
         self._intercept = min(self._below(*point) for point in (*self._minima, newest))
@@ -146,9 +143,9 @@ class BoardClock:
         left, right = next(edge for edge in pairwise(_lower_hull(minima)) if edge[1].board_us >= middle)
         slope = (right.delay_ns - left.delay_ns) / (right.board_us - left.board_us)
         above = sum(p.delay_ns - left.delay_ns - slope * (p.board_us - left.board_us) for p in minima)
-        # Two of them the line was laid through.
+        # The line goes through two of them.
         error = DOUBT * max(above / (count - 2), FINEST) / seen_us
-        # A bucket more is that part of a window's news.
+        # Most of the window was used in earlier updates: a bucket brings only its share of the information.
         noise = error**2 * seen_us / self._span_us
         self._variance += WANDER**2 * self._span_us
         gain = self._variance / (self._variance + noise)

@@ -1,4 +1,4 @@
-"""How the link to the board is doing, second by second, for whoever has to know."""
+"""What ``/diagnostics`` says of the link to the board, from the host's reports and counters."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ from dataclasses import asdict, dataclass
 
 from pendubot_identification.level import Level
 
+from .clock import SECOND
+from .events import Report
 from .host import Host
-from .motor import SECOND
-from .news import Report
 from .protocol import Status
 
-#: While one of these grows something is wrong, even if all seems well at the moment.
+#: Counters that grow only while something is wrong.
 WORRYING = (
     'lost',
     'duplicates',
@@ -27,7 +27,7 @@ WORRYING = (
 
 @dataclass(frozen=True, slots=True)
 class Diagnosis:
-    """A level, a sentence or several, and by name every figure as text."""
+    """A level, one or more sentences, and figures by name, as text."""
 
     level: Level
     message: str
@@ -35,7 +35,7 @@ class Diagnosis:
 
 
 class Health:
-    """Sums up, from one :meth:`diagnose` to the next, what was reported and what the counters say."""
+    """Collects reports and compares counters, from one :meth:`diagnose` to the next."""
 
     def __init__(self) -> None:
         self._reports: list[Report] = []
@@ -43,13 +43,13 @@ class Health:
         self._since: int | None = None
 
     def note(self, report: Report) -> None:
-        """Keep a report for the next diagnosis; good news is none."""
+        """Keep a report for the next diagnosis, unless it is good news."""
         if report.level is not Level.OK:
             self._reports.append(report)
 
     def diagnose(self, host: Host, now: int) -> Diagnosis:
-        """Return how things stand at ``now`` [ns], and what happened since the last time."""
-        counters = asdict(host.counters())
+        """Return what is wrong at ``now`` [ns], and what happened since the last call."""
+        counters = asdict(host.counters)
         reasons = counters.pop('damaged')
         counters['damaged'] = sum(reasons.values())
         grown = {name: counters[name] - self._before.get(name, 0) for name in counters}
@@ -59,7 +59,7 @@ class Health:
 
         worries = [f'{name.replace("_", " ")}: {grown[name]} more' for name in WORRYING if grown[name] > 0]
         level = max([r.level for r in reports] + [Level.WARN] * bool(worries))
-        # The condition that stands is often the one that was just reported: not to be said twice.
+        # Without repetition: what is wrong now was often just reported.
         message = '; '.join(dict.fromkeys([*(r.text for r in reports), *worries]))
         values: dict[str, object] = {
             'link': host.link,

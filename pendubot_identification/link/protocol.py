@@ -38,7 +38,7 @@ class Status(IntFlag):
     OVERRUN = 1 << 10
 
 
-#: The bits that keep the motor off while they stand.
+#: The bits that keep the motor off while they are set.
 FAULTS = (
     Status.EMERGENCY_STOP
     | Status.ENCODER_1
@@ -117,7 +117,7 @@ class HelloRequest:
 class Damaged:
     """Bytes that were dropped: the reason (``overlong``, ``cobs``, ``length``, ``crc``, ``version``, ``type``).
 
-    An ``overlong`` stretch is told once, as soon as it is longer than any frame; it ends at the next 0x00.
+    ``overlong`` comes once, as soon as there are more bytes than in any frame; they end at the next 0x00.
     """
 
     reason: str
@@ -132,9 +132,9 @@ _HELLO = struct.Struct('<IBBHIIiI16s')
 
 _TYPES: dict[type, int] = {State: 0x01, Command: 0x02, Hello: 0x03, HelloRequest: 0x04}
 _STATE_TYPE = _TYPES[State]
-#: A STATE's whole body, its type and version skipped: it comes a thousand times a second.
+#: A STATE's whole body, type and version skipped: unpacked at once, because it comes a thousand times a second.
 _STATE_BODY = struct.Struct('<xxHIiiihHHH')
-#: The CRC-32 of anything followed by its own CRC-32.
+#: The CRC-32 of any bytes followed by their own CRC-32.
 _CRC_RESIDUE = 0x2144DF1C
 _SIZES = {0x01: _STATE.size, 0x02: _COMMAND.size, 0x03: _HELLO.size, 0x04: 0}
 
@@ -169,15 +169,15 @@ def encode(message: Message) -> bytes:
 
 
 def frame(body: bytes) -> bytes:
-    """Wrap a body: CRC appended, COBS, delimiter. For bodies of frames only, which are far below 254 bytes."""
+    """Return a body's frame: CRC appended, COBS, delimiter. The body is shorter than 250 bytes."""
     blocks = (body + _CRC.pack(zlib.crc32(body))).split(b'\0')
     return b''.join(bytes((len(block) + 1,)) + block for block in blocks) + b'\0'
 
 
 def _uncobs(data: bytes) -> bytearray | None:
-    """Undo COBS of bytes without a zero, at least one; None where the code bytes do not add up.
+    """Undo COBS of one or more bytes without a zero; return None where the code bytes do not lead to the end.
 
-    A frame is shorter than 254 bytes, so that a code byte can only mean "and then a zero": it stands where one goes.
+    In frames of less than 254 bytes every code byte stands where a zero belongs, and says how far the next one is.
     """
     out = bytearray(data)
     size = len(out)
@@ -223,12 +223,12 @@ def _parse(data: bytes, accepted: frozenset[int]) -> Event:
 
 
 class Decoder:
-    """Turns bytes into events, the same for every way in which the bytes are cut into pieces.
+    """Turns bytes into events, independent of how the bytes are cut into pieces. It holds at most one frame.
 
     Args:
         accept: the messages that this end may hear; any other counts as damaged.
 
-    It holds at most one frame. Nothing between two delimiters is no damage: it says nothing.
+    Two delimiters with nothing in between are no event.
     """
 
     def __init__(self, accept: Iterable[type] = (State, Hello)) -> None:
@@ -237,7 +237,7 @@ class Decoder:
         self._overlong = False
 
     def feed(self, data: bytes) -> list[Event]:
-        """Take the next bytes; return the events that they complete, in order."""
+        """Take the next bytes; return the events that end with them, in order."""
         events: list[Event] = []
         *ended, rest = data.split(b'\0')
         for piece in ended:
@@ -259,62 +259,3 @@ class Decoder:
             events.append(Damaged('overlong'))
         else:
             self._pending += piece
-
-
-class Sequence:
-    """Accounts for the sequence numbers (u16, wrapping) of one direction.
-
-    Attributes:
-        lost: frames that are missing; one that comes too late stays lost, since it is not used.
-        duplicates: frames that came twice in a row.
-        out_of_order: frames that came after a later one.
-    """
-
-    def __init__(self) -> None:
-        self.lost = 0
-        self.duplicates = 0
-        self.out_of_order = 0
-        self._last: int | None = None
-        self._gap = False
-        self._presumed = 0
-
-    def begin(self) -> None:
-        """Forget the last number: the sender begins anew. What an unconfirmed gap seemed to hide was not lost."""
-        self.lost -= self._presumed
-        self._presumed = 0
-        self._last = None
-
-    def allow_gap(self) -> None:
-        """Take whatever comes next as later than the last: after a silence the numbers may have gone half round."""
-        self._gap = True
-
-    def confirm_gap(self) -> None:
-        """Note that the sender is the same as before the gap: what was missing stays lost."""
-        self._presumed = 0
-
-    def follows(self, seq: int) -> bool:
-        """Tell whether this is the very next number (or the first)."""
-        return self._last is None or seq == (self._last + 1) & 0xFFFF
-
-    def accept(self, seq: int, later: bool = False) -> bool:
-        """Count a frame; return whether it is a new one, to be used.
-
-        ``later`` says that it was sent after the last, whatever the numbers look like: they may have gone half round.
-        """
-        step = 1 if self._last is None else (seq - self._last) & 0xFFFF
-        if step == 1 and not self._gap:
-            self._last = seq
-            return True
-        if step == 0:
-            self.duplicates += 1
-            return False
-        if not (self._gap or later) and step >= 0x8000:
-            self.out_of_order += 1
-            return False
-        missing = (step - 1) & 0xFFFF
-        if self._gap:
-            self._presumed = missing
-        self._gap = False
-        self._last = seq
-        self.lost += missing
-        return True

@@ -1,4 +1,4 @@
-"""Serves a virtual board on a pseudo-terminal, in real time: to a host it is a serial port."""
+"""Serves a virtual board on a pseudo-terminal, in real time; a host opens it like a serial port."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from types import TracebackType
 from typing import TextIO
 
 from pendubot_identification.errors import LinkError
-from pendubot_identification.link.virtual_board import VirtualBoard
 
-from .frame_writer import FrameWriter
+from .serial_port import FrameWriter
+from .virtual_board import VirtualBoard
 
-#: Of Linux's prctl: by how much [ns] wakings may be put off, to be bundled.
+#: Option of Linux's prctl: by how much [ns] timers of this thread may be late.
 PR_SET_TIMERSLACK = 29
 
 TRACE_HEADER = 't_us,enc1,enc2,torque,status'
@@ -110,14 +110,14 @@ class PtyServer:
     def _plug(self) -> None:
         self._master, slave = pty.openpty()
         if os.ttyname(slave) == self._slave_path:
-            # A device that returns has another path, not the one that was just given back.
+            # The system gave the same path again; a device that returns has another one, so take the next.
             former = self._master, slave
             self._master, slave = pty.openpty()
             for descriptor in former:
                 os.close(descriptor)
         tty.setraw(slave)
         self._slave_path = os.ttyname(slave)
-        # Not kept open here: so the kernel says whether a host is there, and nothing piles up for one that is not.
+        # Closed here, so that the kernel tells whether a host is there, and keeps nothing while none is.
         os.close(slave)
         os.set_blocking(self._master, False)
         self._writer = FrameWriter(self._master)
@@ -145,12 +145,12 @@ class PtyServer:
             time.sleep(wait)
         elif not select.select([self._master], [], [], wait)[0]:
             return
-        # A host that left has perhaps said something before; else reading fails, and that is no news.
+        # A host that left may have sent something before; if it did not, reading fails.
         with contextlib.suppress(OSError):
             self._board.receive(os.read(self._master, 4096))
 
     def _send(self, data: bytes) -> None:
-        # A host that does not read is not waited for, as little as a UART would.
+        # Like a UART, without waiting for a host that does not read.
         if not (self._host_is_there() and self._writer.write(data)):
             self._board.note_overrun()
 
@@ -168,7 +168,7 @@ class PtyServer:
 
 
 def _wake_in_time() -> None:
-    """Have the system wake this thread when it asked for it: else it is up to 50 us late, which no board's timer is."""
+    """Ask the system for exact timers; by default they are up to 50 us late, which those of a board are not."""
     with contextlib.suppress(OSError, AttributeError):  # elsewhere than on Linux
         ctypes.CDLL(None).prctl(PR_SET_TIMERSLACK, ctypes.c_ulong(1), 0, 0, 0)
 
@@ -177,7 +177,7 @@ def _create(trace: Path) -> TextIO:
     with _written(trace):
         if trace.exists():
             raise LinkError(f'{trace} exists already; remove it or name another trace file')
-        # Line by line: whoever reads along, or after a kill, finds every sample.
+        # Line by line, so that it is complete after a kill, too.
         file = trace.open('x', buffering=1, encoding='ascii')
         file.write(TRACE_HEADER + '\n')
     return file
@@ -185,7 +185,7 @@ def _create(trace: Path) -> TextIO:
 
 @contextlib.contextmanager
 def _written(trace: Path | str) -> Iterator[None]:
-    """Name the trace that the system refuses to write."""
+    """Turn an error of the system into one that names the trace."""
     try:
         yield
     except OSError as error:
@@ -194,7 +194,7 @@ def _written(trace: Path | str) -> Iterator[None]:
 
 
 def _replace_link(link: Path, target: str) -> None:
-    """Put a symbolic link there, in the place of one that a board before this one may have left."""
+    """Make a symbolic link; one to a pty that an earlier board left is replaced."""
     stale = link.is_symlink() and (not link.exists() or os.readlink(link).startswith('/dev/pts/'))
     if not stale and (link.exists() or link.is_symlink()):
         raise LinkError(f'{link} exists and is no link to a pty; remove it or name another --link')

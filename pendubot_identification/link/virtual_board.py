@@ -1,4 +1,4 @@
-"""A board that is not there: it speaks the protocol from the board's side and moves a simulated pendubot.
+"""The board's side of the protocol around a simulated pendubot, with faults on request.
 
 Bytes and one sample period at a time come in, bytes go out; all randomness comes from the seed.
 """
@@ -7,12 +7,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields
-from typing import Protocol
 
 import numpy as np
 
 from pendubot_identification.errors import ParameterError
-from pendubot_identification.model.simulation import HANGING, Pair
+from pendubot_identification.model.simulation import HANGING, Plant
 
 from .clock import WRAP
 from .protocol import (
@@ -29,25 +28,14 @@ from .protocol import (
     encode,
 )
 
-#: A motor that takes 1 A for 0.1 N m, from a supply of 24 V: numbers to look at, not part of the physics.
+#: A motor that takes 1 A for 0.1 N m, from a supply of 24 V: only shown, not part of the physics.
 _MILLIAMPERE_PER_MICRO_NM = 0.01
 _VBUS_10MV = 2400
 
 
-class Motion(Protocol):
-    """What the board needs of a plant: :class:`~pendubot_identification.model.simulation.Plant` is one."""
-
-    @property
-    def q(self) -> Pair:
-        """Joint positions [rad]."""
-
-    def advance(self, tau: Pair, duration: float) -> None:
-        """Move on by ``duration`` [s] under constant torques [N m]."""
-
-
 @dataclass(frozen=True, slots=True)
 class BoardSettings:
-    """How the board is made.
+    """What a board is like.
 
     Attributes:
         counts: encoder counts per turn, both joints.
@@ -57,7 +45,7 @@ class BoardSettings:
         clock_start_us: the clock at the start [us], such as shortly before its wrap; a reset begins it again at 0.
 
     Raises:
-        ParameterError: a value with which no board could work.
+        ParameterError: a value outside of what a board can have.
     """
 
     counts: int = 4000
@@ -124,18 +112,19 @@ class VirtualBoard:
 
     Args:
         plant: what moves under its torque.
-        settings: how it is made.
+        settings: what it is like.
         faults: what goes wrong.
         seed: of everything random: boot_id and faults.
-        held: a hand holds the plant where it is, and lets go as soon as the motor is first armed.
+        held: whether the plant is held where it is until the motor is first armed.
 
     Attributes:
-        last: the last sample as it truly was, whatever became of it on its way; None before the first.
+        settings: what it is like.
+        last: the last sample without the faults that were added on its way; None before the first.
     """
 
     def __init__(
         self,
-        plant: Motion,
+        plant: Plant,
         settings: BoardSettings | None = None,
         faults: Faults | None = None,
         seed: int = 0,

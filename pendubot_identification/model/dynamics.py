@@ -3,8 +3,8 @@
     M(q) q'' + V(q, q') q' + G(q) = tau - friction(q', tau)
 
 q1 is measured from the horizontal, q2 relative to link 1; on a pendubot tau2 = 0. ``theta`` is the vector P1 P2 P3
-P4 P5 b1 b2, and after these, as far as the model goes, Fc1 Fc2 J2 Fs1 Fs2 k1 k2. Every function takes q, qd, tau of
-shape (..., 2) and theta of shape (D,) or (..., D) to broadcast, D = 7, 9, 10 or 14 (:data:`.parameters.MODELS`).
+P4 P5 b1 b2, and after these, as far as the model goes, Fc1 Fc2 J2 Fs1 Fs2 k1 k2: D = 7, 9, 10 or 14 parameters
+(:data:`.parameters.MODELS`). kernel.c has the same accelerations and derivatives in C.
 """
 
 from __future__ import annotations
@@ -18,94 +18,24 @@ from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 
-#: Standard gravity as the paper's model needs it [m/s^2].
+#: One number of each joint: shoulder, elbow.
+Pair = tuple[float, float]
+
+#: Standard gravity as the paper's model needs it [m/s^2]. The printed G lacks it, though P4 and P5 as defined need it.
 GRAVITY = 9.81
-#: Where the smooth sign tanh(v / width) of dry friction has turned [rad/s].
+#: The sign of a velocity v in dry friction is tanh(v / SIGN_WIDTH) [rad/s].
 SIGN_WIDTH = 0.05
-#: Where the Stribeck part of dry friction has fallen to 1/e [rad/s].
+#: The Stribeck part of dry friction is exp(-(v / STRIBECK_SPEED)^2) times its value at rest [rad/s].
 STRIBECK_SPEED = 0.5
 
 
-def mass_matrix(theta: ArrayLike, q: ArrayLike) -> Array:
-    """Return M(q) [kg m^2], shape (..., 2, 2)."""
-    parts = _split(theta)
-    P1, P2, P3 = parts[:3]
-    c2 = np.cos(np.asarray(q, dtype=float)[..., 1])
-    m12 = P2 + P3 * c2
-    return _matrix(P1 + P2 + 2 * P3 * c2, m12, m12, P2 + _rotor(parts) + 0 * c2)
-
-
-def coriolis_matrix(theta: ArrayLike, q: ArrayLike, qd: ArrayLike) -> Array:
-    """Return V(q, q') [N m s/rad], shape (..., 2, 2); M' - 2 V is skew-symmetric."""
-    _, _, P3, *_ = _split(theta)
-    v1, v2 = _split(qd)
-    h = P3 * np.sin(np.asarray(q, dtype=float)[..., 1])
-    return _matrix(-h * v2, -h * (v1 + v2), h * v1, 0 * h * v1)
-
-
-def gravity(theta: ArrayLike, q: ArrayLike) -> Array:
-    """Return G(q) [N m], shape (..., 2). The printed G lacks the factor g that P4 and P5 as defined need."""
-    _, _, _, P4, P5, *_ = _split(theta)
-    q1, q2 = _split(q)
-    g2 = P5 * GRAVITY * np.cos(q1 + q2)
-    return np.stack([P4 * GRAVITY * np.cos(q1) + g2, g2], axis=-1)
-
-
-def friction(theta: ArrayLike, qd: ArrayLike, tau: ArrayLike) -> Array:
-    """Return the friction torques [N m], shape (..., 2), of the sign of the velocities, which they brake.
-
-    Of each joint: b v + (Fc + Fs exp(-(v / 0.5)^2) + k |tau|) tanh(v / 0.05).
-    """
-    return np.stack(_friction(_split(theta), *_split(qd), *_split(tau)), axis=-1)
-
-
-def energy(theta: ArrayLike, q: ArrayLike, qd: ArrayLike) -> Array:
-    """Return the total energy [J], shape (...): 1/2 q'^T M q' + P4 g sin q1 + P5 g sin(q1 + q2), the rotor's in M."""
-    values = np.asarray(theta, dtype=float)
-    rotor = _rotor(_split(values)) * np.asarray(qd, dtype=float)[..., 1] ** 2 / 2
-    return np.asarray((energy_terms(q, qd) * values[..., :5]).sum(axis=-1) + rotor)
-
-
-def energy_terms(q: ArrayLike, qd: ArrayLike) -> Array:
-    """Return what multiplies P1 .. P5 in the energy, shape (..., 5): the energy is linear in them."""
-    q1, q2 = _split(q)
-    v1, v2 = _split(qd)
-    v12 = v1 + v2
-    return np.stack(
-        [v1**2 / 2, v12**2 / 2, v1 * v12 * np.cos(q2), GRAVITY * np.sin(q1), GRAVITY * np.sin(q1 + q2)],
-        axis=-1,
-    )
-
-
-def dry_friction_terms(qd: ArrayLike, tau: ArrayLike) -> Array:
-    """Return what multiplies Fc, Fs and k in the friction of each joint, shape (..., 2, 3)."""
-    v = np.asarray(qd, dtype=float)
-    sign = np.tanh(v / SIGN_WIDTH)
-    return np.stack([sign, np.exp(-((v / STRIBECK_SPEED) ** 2)) * sign, np.abs(tau) * sign], axis=-1)
-
-
-def forward_dynamics(theta: ArrayLike, q: ArrayLike, qd: ArrayLike, tau: ArrayLike) -> Array:
-    """Return the accelerations q'' [rad/s^2], shape (..., 2)."""
-    return np.stack(accelerations(_split(theta), *_split(q), *_split(qd), *_split(tau)), axis=-1)
-
-
-def inverse_dynamics(theta: ArrayLike, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> Array:
-    """Return the torques [N m] that cause the accelerations qdd, shape (..., 2); finite where k1 and k2 are below 1."""
-    values, qd = np.asarray(theta, dtype=float), np.asarray(qd, dtype=float)
-    torque = mass_matrix(theta, q) @ np.asarray(qdd, dtype=float)[..., None]
-    torque = torque + coriolis_matrix(theta, q, qd) @ qd[..., None]
-    torque = torque[..., 0] + gravity(theta, q) + friction(theta, qd, np.zeros_like(qd))
-    # Friction that grows with the torque takes its part: tau - k |tau| tanh = torque, where tau has torque's sign.
-    load = values[..., 12:14] * np.tanh(qd / SIGN_WIDTH) if values.shape[-1] >= 14 else 0.0
-    return np.asarray(torque / (1 - load * np.sign(torque)))
-
-
 def accelerations(
-    theta: Sequence[Any], q1: Any, q2: Any, v1: Any, v2: Any, tau1: Any, tau2: Any, lib: ModuleType = np
+    theta: Sequence[Any] | Array, q1: Any, q2: Any, v1: Any, v2: Any, tau1: Any, tau2: Any, lib: ModuleType = np
 ) -> tuple[Any, Any]:
-    """Return q1'', q2'': the equations of motion solved by hand, on arrays or, with ``lib=math``, on floats.
+    """Return q1'', q2'' [rad/s^2]: the equations of motion, with the inverse of M(q) written out.
 
-    The one place where they are solved; floats make a real-time step ten times cheaper than arrays of length two.
+    ``theta`` is a sequence of D numbers or arrays; all arrays broadcast. With ``lib=math`` everything is a float, which
+    makes one step in real time ten times cheaper than arrays of length one.
     """
     P1, P2, P3, P4, P5 = theta[:5]
     c2, s2 = lib.cos(q2), lib.sin(q2)
@@ -118,7 +48,8 @@ def accelerations(
     return (m22 * h1 - m12 * h2) / determinant, (m11 * h2 - m12 * h1) / determinant
 
 
-def _friction(theta: Sequence[Any], v1: Any, v2: Any, tau1: Any, tau2: Any, lib: ModuleType = np) -> tuple[Any, Any]:
+def _friction(theta: Sequence[Any] | Array, v1: Any, v2: Any, tau1: Any, tau2: Any, lib: ModuleType) -> tuple[Any, Any]:
+    """Return what brakes each joint [N m]: b v + (Fc + Fs exp(-(v / 0.5)^2) + k |tau|) tanh(v / 0.05)."""
     size = len(theta)
     f1, f2 = theta[5] * v1, theta[6] * v2
     if size < 9:
@@ -131,14 +62,112 @@ def _friction(theta: Sequence[Any], v1: Any, v2: Any, tau1: Any, tau2: Any, lib:
     return f1 + dry1 * lib.tanh(v1 / SIGN_WIDTH), f2 + dry2 * lib.tanh(v2 / SIGN_WIDTH)
 
 
-def _rotor(theta: Sequence[Any]) -> Any:
+def _rotor(theta: Sequence[Any] | Array) -> Any:
     return theta[9] if len(theta) >= 10 else 0.0
+
+
+def acceleration_derivatives(theta: Array, q: Array, v: Array, tau: Array) -> tuple[Array, Array]:
+    """Return the accelerations and their derivatives, at L points at once.
+
+    Args:
+        theta: shape (D,).
+        q: positions [rad], shape (2, L).
+        v: velocities [rad/s], shape (2, L).
+        tau: torques [N m], shape (2, L).
+
+    Returns:
+        q'', shape (2, L), and its derivatives by q1, q2, q1', q2' and each parameter, shape (2, 4 + D, L).
+    """
+    P1, P2, P3, P4, P5 = theta[:5]
+    a1, a2 = accelerations(theta, *q, *v, *tau)
+    v1, v2 = v
+    c2, s2 = np.cos(q[1]), np.sin(q[1])
+    slope = np.broadcast_to(theta[5:7, None], v.shape)
+    # M a = h gives M da = dh - dM a: the right-hand side, for a change of each state and each parameter.
+    right = np.zeros((2, 4 + len(theta), v.shape[1]))
+    one, two = right[:, 4:]
+    one[0] = -a1
+    one[1] = two[1] = -(a1 + a2)
+    one[2] = s2 * v2 * (2 * v1 + v2) - c2 * (2 * a1 + a2)
+    two[2] = -s2 * v1 * v1 - c2 * a1
+    one[3] = -GRAVITY * np.cos(q[0])
+    one[4] = two[4] = -GRAVITY * np.cos(q[0] + q[1])
+    one[5], two[6] = -v
+    if len(theta) >= 9:
+        sign = np.tanh(v / SIGN_WIDTH)
+        dry = theta[7:9, None]
+        one[7], two[8] = -sign
+        if len(theta) >= 10:
+            two[9] = -a2
+        if len(theta) >= 14:
+            stribeck = np.exp(-((v / STRIBECK_SPEED) ** 2))
+            dry = dry + theta[10:12, None] * stribeck + theta[12:14, None] * np.abs(tau)
+            slope = slope - theta[10:12, None] * stribeck * sign * v * (2 / STRIBECK_SPEED**2)
+            one[10], two[11] = -stribeck * sign
+            one[12], two[13] = -np.abs(tau) * sign
+        slope = slope + dry * (1 - sign * sign) / SIGN_WIDTH
+    g12 = P5 * GRAVITY * np.sin(q[0] + q[1])
+    one, two = right
+    one[0] = P4 * GRAVITY * np.sin(q[0]) + g12
+    one[1] = P3 * (c2 * v2 * (2 * v1 + v2) + s2 * (2 * a1 + a2)) + g12
+    one[2] = 2 * P3 * s2 * v2 - slope[0]
+    one[3] = 2 * P3 * s2 * (v1 + v2)
+    two[0] = g12
+    two[1] = P3 * (s2 * a1 - c2 * v1 * v1) + g12
+    two[2] = -2 * P3 * s2 * v1
+    two[3] = -slope[1]
+    m11, m12, m22 = P1 + P2 + 2 * P3 * c2, P2 + P3 * c2, P2 + _rotor(theta)
+    inverse = 1 / (m11 * m22 - m12 * m12)
+    i11, i12, i22 = m22 * inverse, -m12 * inverse, m11 * inverse
+    result = np.stack([i11, i22])[:, None] * right
+    result += i12 * right[::-1]
+    return np.stack([a1, a2]), result
+
+
+def forward_dynamics(theta: ArrayLike, q: ArrayLike, qd: ArrayLike, tau: ArrayLike) -> Array:
+    """Return the accelerations q'' [rad/s^2], shape (..., 2).
+
+    q, qd and tau have shape (..., 2), theta (D,) or (..., D); they broadcast.
+    """
+    return np.stack(accelerations(_split(theta), *_split(q), *_split(qd), *_split(tau)), axis=-1)
+
+
+def mass_matrix(theta: ArrayLike, q: ArrayLike) -> Array:
+    """Return M(q) [kg m^2], shape (2, 2), of theta, shape (D,), and positions [rad], shape (2,)."""
+    values = np.asarray(theta, dtype=float)
+    P1, P2, P3 = values[:3]
+    c2 = np.cos(np.asarray(q, dtype=float)[1])
+    m12 = P2 + P3 * c2
+    return np.array([[P1 + P2 + 2 * P3 * c2, m12], [m12, P2 + _rotor(values)]])
+
+
+def energy(theta: ArrayLike, q: ArrayLike, qd: ArrayLike) -> Array:
+    """Return the total energy [J], shape (...): 1/2 q'^T M q' + P4 g sin q1 + P5 g sin(q1 + q2), the rotor's in M.
+
+    q and qd have shape (..., 2), theta (D,) or (..., D); they broadcast.
+    """
+    values = np.asarray(theta, dtype=float)
+    rotor = _rotor(_split(values)) * np.asarray(qd, dtype=float)[..., 1] ** 2 / 2
+    return np.asarray((energy_terms(q, qd) * values[..., :5]).sum(axis=-1) + rotor)
+
+
+def energy_terms(q: ArrayLike, qd: ArrayLike) -> Array:
+    """Return what multiplies P1 .. P5 in the energy, shape (..., 5), of q and qd, shape (..., 2)."""
+    q1, q2 = _split(q)
+    v1, v2 = _split(qd)
+    v12 = v1 + v2
+    return np.stack(
+        [v1**2 / 2, v12**2 / 2, v1 * v12 * np.cos(q2), GRAVITY * np.sin(q1), GRAVITY * np.sin(q1 + q2)],
+        axis=-1,
+    )
+
+
+def dry_friction_terms(qd: ArrayLike, tau: ArrayLike) -> Array:
+    """Return what multiplies Fc, Fs and k in the friction of each joint, shape (..., 2, 3), of arrays (..., 2)."""
+    v = np.asarray(qd, dtype=float)
+    sign = np.tanh(v / SIGN_WIDTH)
+    return np.stack([sign, np.exp(-((v / STRIBECK_SPEED) ** 2)) * sign, np.abs(tau) * sign], axis=-1)
 
 
 def _split(values: ArrayLike) -> tuple[Any, ...]:
     return tuple(np.moveaxis(np.asarray(values, dtype=float), -1, 0))
-
-
-def _matrix(m11: Any, m12: Any, m21: Any, m22: Any) -> Array:
-    m11, m12, m21, m22 = np.broadcast_arrays(m11, m12, m21, m22)
-    return np.stack([np.stack([m11, m12], axis=-1), np.stack([m21, m22], axis=-1)], axis=-2)

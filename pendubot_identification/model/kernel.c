@@ -127,7 +127,7 @@ static int64_t share(Work *work, const void *what, int64_t count, double nanosec
 
 /* Adding it leaves the nearest whole number in the low bits. */
 #define WHOLE 6755399441055744.0
-/* Angles beyond this [rad] are those of a motion that is lost: they become NaN. */
+/* Angles beyond this [rad] come from a simulation that diverges: they become NaN. */
 #define FARTHEST 1e6
 
 INLINE void sine_cosine(vec x, vec *sine, vec *cosine)
@@ -198,22 +198,22 @@ INLINE double versine_of_turns(double x)
 #define STRIBECK_SPEED 0.5
 #define LARGEST_MODEL 14
 #define COLUMNS (4 + LARGEST_MODEL) /* what a motion depends on: its initial state and theta */
-#define TOGETHER 16 /* blocks of lanes whose sensitivities are written side by side */
+#define TOGETHER 16 /* blocks of lanes that go through a step one after the other, so that they are written nearby */
 
 typedef struct {
     int64_t size; /* D: 7, 9, 10 or 14 */
     vec p[LARGEST_MODEL];
 } Theta;
 
-/* What both simulation and sensitivity need of one point in time. */
+/* The accelerations at one point in time, and what their derivatives share with them. */
 typedef struct {
     vec c1, s1, c2, s2, c12, s12;
     vec m11, m12, m22, inverse;
-    vec sign[2], bell[2];
+    vec dry[2], sign[2], stribeck[2];
     vec coriolis, a1, a2;
 } Point;
 
-/* Elbow's angles first; sines of q1 and q1 + q2 are for derivatives alone, and the compiler leaves them out. */
+/* The sines of q1 and q1 + q2 are for the derivatives alone: elsewhere the compiler leaves them out. */
 INLINE void accelerate(const Theta *theta, vec q1, vec q2, vec v1, vec v2, vec t1, vec t2, Point *at)
 {
     const vec *p = theta->p;
@@ -225,18 +225,18 @@ INLINE void accelerate(const Theta *theta, vec q1, vec q2, vec v1, vec v2, vec t
     at->m12 = p[1] + p[2] * at->c2;
     at->m22 = p[1] + p[9];
     if (theta->size >= 9) {
-        vec dry1 = p[7], dry2 = p[8];
+        at->dry[0] = p[7], at->dry[1] = p[8];
         at->sign[0] = tangent_hyperbolic(v1 * (1.0 / SIGN_WIDTH));
         at->sign[1] = tangent_hyperbolic(v2 * (1.0 / SIGN_WIDTH));
         if (theta->size >= 14) {
             vec x1 = v1 * (1.0 / STRIBECK_SPEED), x2 = v2 * (1.0 / STRIBECK_SPEED);
-            at->bell[0] = exponential(-(x1 * x1));
-            at->bell[1] = exponential(-(x2 * x2));
-            dry1 = dry1 + p[10] * at->bell[0] + p[12] * magnitude(t1);
-            dry2 = dry2 + p[11] * at->bell[1] + p[13] * magnitude(t2);
+            at->stribeck[0] = exponential(-(x1 * x1));
+            at->stribeck[1] = exponential(-(x2 * x2));
+            at->dry[0] = at->dry[0] + p[10] * at->stribeck[0] + p[12] * magnitude(t1);
+            at->dry[1] = at->dry[1] + p[11] * at->stribeck[1] + p[13] * magnitude(t2);
         }
-        f1 += dry1 * at->sign[0];
-        f2 += dry2 * at->sign[1];
+        f1 += at->dry[0] * at->sign[0];
+        f2 += at->dry[1] * at->sign[1];
     }
     at->coriolis = at->s2 * v2 * (2.0 * v1 + v2);
     vec g2 = p[4] * GRAVITY * at->c12;
@@ -267,7 +267,7 @@ INLINE vec gather(const double *from, const int64_t *index)
     return x;
 }
 
-/* Motions, or what they depend on: theta (size, vectors or 1), tau (2, steps, lanes). */
+/* What is simulated: theta (size, vectors or 1), tau (2, steps, lanes); `state` as the two calls below have it. */
 typedef struct {
     int64_t size, vectors, lanes, steps;
     double h;
@@ -286,7 +286,7 @@ INLINE int64_t roll(const void *what, int64_t begin, int64_t end)
         int64_t count = total - first < LANES ? total - first : LANES;
         int64_t vector[LANES], lane[LANES], adjacent = 1;
         for (int w = 0; w < LANES; w++) {
-            int64_t i = first + (w < count ? w : count - 1); /* what is left over repeats the last one */
+            int64_t i = first + (w < count ? w : count - 1); /* fill the last block up with copies of the last lane */
             vector[w] = i / lanes;
             lane[w] = i % lanes;
             adjacent &= lane[w] == lane[0] + w;
@@ -345,7 +345,8 @@ EXPORT void pendubot_roll(int64_t threads, int64_t size, int64_t vectors, int64_
     share(BEST_OF(roll), &what, BLOCKS(vectors * lanes), ROLLING * steps, threads);
 }
 
-/* Derivatives of the accelerations from those of positions and velocities, columns (state 4, then theta). */
+/* The accelerations, and their derivatives by the first state and theta (columns), from those of the state: as in
+ * dynamics.py, M da = dh - dM a for M a = h. */
 INLINE void accelerate_sensitivity(const Theta *theta, vec q1, vec q2, vec v1, vec v2, vec t1, vec t2,
     const vec dq1[], const vec dq2[], const vec dv1[], const vec dv2[], vec d1[], vec d2[], vec *a1, vec *a2)
 {
@@ -354,21 +355,18 @@ INLINE void accelerate_sensitivity(const Theta *theta, vec q1, vec q2, vec v1, v
     accelerate(theta, q1, q2, v1, v2, t1, t2, &at);
     vec slope1 = p[5], slope2 = p[6], one[LARGEST_MODEL] = {}, two[LARGEST_MODEL] = {};
     if (theta->size >= 9) {
-        vec dry1 = p[7], dry2 = p[8];
         if (theta->size >= 14) {
             double bend = 2.0 / (STRIBECK_SPEED * STRIBECK_SPEED);
-            slope1 -= p[10] * at.bell[0] * at.sign[0] * v1 * bend;
-            slope2 -= p[11] * at.bell[1] * at.sign[1] * v2 * bend;
-            dry1 += p[10] * at.bell[0] + p[12] * magnitude(t1);
-            dry2 += p[11] * at.bell[1] + p[13] * magnitude(t2);
-            one[10] = -(at.bell[0] * at.sign[0]), two[11] = -(at.bell[1] * at.sign[1]);
+            slope1 -= p[10] * at.stribeck[0] * at.sign[0] * v1 * bend;
+            slope2 -= p[11] * at.stribeck[1] * at.sign[1] * v2 * bend;
+            one[10] = -(at.stribeck[0] * at.sign[0]), two[11] = -(at.stribeck[1] * at.sign[1]);
             one[12] = -(magnitude(t1) * at.sign[0]), two[13] = -(magnitude(t2) * at.sign[1]);
         }
-        slope1 += dry1 * (1.0 - at.sign[0] * at.sign[0]) * (1.0 / SIGN_WIDTH);
-        slope2 += dry2 * (1.0 - at.sign[1] * at.sign[1]) * (1.0 / SIGN_WIDTH);
+        slope1 += at.dry[0] * (1.0 - at.sign[0] * at.sign[0]) * (1.0 / SIGN_WIDTH);
+        slope2 += at.dry[1] * (1.0 - at.sign[1] * at.sign[1]) * (1.0 / SIGN_WIDTH);
         one[7] = -at.sign[0], two[8] = -at.sign[1], two[9] = -at.a2;
     }
-    /* M da = dh - dM a, along the parameters ... */
+    /* The right-hand side by theta ... */
     one[0] = -at.a1;
     one[1] = two[1] = -(at.a1 + at.a2);
     one[2] = at.coriolis - at.c2 * (2.0 * at.a1 + at.a2);
@@ -376,7 +374,7 @@ INLINE void accelerate_sensitivity(const Theta *theta, vec q1, vec q2, vec v1, v
     one[3] = -GRAVITY * at.c1;
     one[4] = two[4] = -GRAVITY * at.c12;
     one[5] = -v1, two[6] = -v2;
-    /* ... and along the states. */
+    /* ... and by the state. */
     vec g12 = p[4] * GRAVITY * at.s12, g1 = p[3] * GRAVITY * at.s1 + g12;
     vec by_q2_1 = p[2] * (at.c2 * v2 * (2.0 * v1 + v2) + at.s2 * (2.0 * at.a1 + at.a2)) + g12;
     vec by_q2_2 = p[2] * (at.s2 * at.a1 - at.c2 * v1 * v1) + g12;
@@ -392,7 +390,7 @@ INLINE void accelerate_sensitivity(const Theta *theta, vec q1, vec q2, vec v1, v
     *a1 = at.a1, *a2 = at.a2;
 }
 
-/* Lead derivatives x of q1, q2, v1, v2 over one step. */
+/* Take the derivatives x of q1, q2, v1, v2 over one step. */
 INLINE void step_sensitivity(const Theta *theta, double h, const vec state[4], vec t1, vec t2, vec x[4][COLUMNS])
 {
     int64_t columns = 4 + theta->size;

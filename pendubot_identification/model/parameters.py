@@ -25,8 +25,8 @@ class Specification(NamedTuple):
     upper: float
 
 
-#: In the order of theta: the paper's seven, and what geared motors add to them. The intervals hold every bench-top rig
-#: that we know of; all are positive by their physics where link 2's centre of mass lies beyond the elbow.
+#: In the order of theta: the paper's seven, then what geared motors add. The search intervals hold every bench-top rig
+#: that we know of; no value is negative where each link's centre of mass lies beyond its joint.
 SPECIFICATIONS = (
     Specification('P1', 'kg m^2', 'm1 d1^2 + m2 l1^2 + I1', 0.0, 1.0),
     Specification('P2', 'kg m^2', 'm2 d2^2 + I2', 0.0, 1.0),
@@ -45,11 +45,10 @@ SPECIFICATIONS = (
 )
 NAMES = tuple(s.name for s in SPECIFICATIONS)
 UNITS = tuple(s.unit for s in SPECIFICATIONS)
-#: How many parameters, from the first on, each model has. Every model holds the ones before it.
+#: How many of the parameters, from the first on, each model has.
 MODELS = {'viscous': 7, 'coulomb': 9, 'rotor': 10, 'geared': 14}
 FRICTION = ('b1', 'b2', 'Fc1', 'Fc2', 'Fs1', 'Fs2', 'k1', 'k2')
-#: What keeps M(q) from being singular: |P3| <= sqrt(P1 P2) times this. A rig at the limit would be two point masses,
-#: the second on the elbow's own axis.
+#: |P3| is kept to at most this times sqrt(P1 P2), where M(q) becomes singular.
 LARGEST_COUPLING = 0.99
 
 
@@ -58,7 +57,8 @@ class Parameters:
     """The parameters in SI units and in the order of theta: the seven of the paper's equation (2), then friction.
 
     P1, P2, P3 [kg m^2], P4, P5 [kg m] (times g they are torques), b1, b2 [N m s/rad]; Fc1, Fc2 [N m], J2 [kg m^2],
-    Fs1, Fs2 [N m], k1, k2 [1], see :func:`.dynamics.friction`.
+    Fs1, Fs2 [N m], k1, k2 [1]. The friction of a joint is b v + (Fc + Fs exp(-(v / 0.5)^2) + k |tau|) tanh(v / 0.05)
+    [N m], v in rad/s.
     """
 
     P1: float
@@ -78,7 +78,7 @@ class Parameters:
 
     @classmethod
     def from_vector(cls, theta: ArrayLike) -> Parameters:
-        """Make parameters of a model's vector, shape (7,), (9,), (10,) or (14,); those it lacks are 0.
+        """Make parameters from a model's vector, shape (7,), (9,), (10,) or (14,); missing ones are 0.
 
         Raises:
             ParameterError: the vector has another length.
@@ -98,13 +98,13 @@ class Parameters:
         return next(model for model, size in MODELS.items() if not any(values[size:]))
 
     def vector(self, model: str = 'viscous') -> Vector:
-        """Return theta, shape (D,), of a model or, where that has no place for a parameter, of :attr:`model`."""
+        """Return theta, shape (D,), of a model or, where one of its missing parameters is not 0, of :attr:`model`."""
         return np.array(astuple(self)[: max(MODELS[model], MODELS[self.model])])
 
     def unphysical(self) -> tuple[str, ...]:
-        """Name what no real pendubot can have; empty for a physical vector.
+        """Return a sentence for each value that no real pendubot can have; empty for a physical vector.
 
-        M(q) of the links is positive definite for every q exactly when P1 > 0, P2 > 0 and P1 P2 > P3^2.
+        M(q) of the links is positive definite for every q if and only if P1 > 0, P2 > 0 and P1 P2 > P3^2.
         """
         values = asdict(self)
         problems = [f'{name} = {value:.4g} is not finite' for name, value in values.items() if not math.isfinite(value)]
@@ -173,7 +173,7 @@ class Bounds:
         return Bounds(self.lower[:size], self.upper[:size], self.names[:size])
 
     def completed(self) -> Bounds:
-        """Return the bounds of all parameters: these, and the default ones of those that they leave out."""
+        """Return the bounds of all parameters: these, then the default ones."""
         default, size = default_bounds(), len(self.names)
         return Bounds(np.append(self.lower, default.lower[size:]), np.append(self.upper, default.upper[size:]))
 
@@ -185,10 +185,10 @@ class Bounds:
 
 
 def repaired(theta: ArrayLike) -> Vector:
-    """Return vectors of shape (..., D) with P3 drawn back to where M(q) is positive definite for every q.
+    """Return vectors of shape (..., D) with P3 moved to the nearest value at which M(q) is positive definite for all q.
 
-    The nearest P3 with the same P1 and P2: a criterion of the repaired vectors has its minimum where that of the
-    physical ones has it, and an optimiser that knows boxes alone can search for it.
+    So an optimiser that only knows bounds can search for the minimum over the physical vectors: that of a criterion of
+    the repaired vectors is the same.
     """
     result = np.array(theta, dtype=float)
     limit = LARGEST_COUPLING * np.sqrt(np.maximum(result[..., 0] * result[..., 1], 0.0))
@@ -197,14 +197,14 @@ def repaired(theta: ArrayLike) -> Vector:
 
 
 def coupling_excess(theta: Vector) -> Vector:
-    """Return by how much vectors of shape (..., D) leave M(q) indefinite for some q, shape (...); 0 where it is not.
+    """Return a penalty, shape (...), for vectors of shape (..., D) with |P3| too large for P1 and P2; 0 for all others.
 
-    Relative to P1 + P2. Times something large, it adds a slope to a criterion that leads an optimiser who knows boxes
-    alone back among the physical vectors, and changes nothing there: the vectors without excess are a convex cone.
+    Added to a criterion with a large factor it leads an optimiser that only knows bounds back to the vectors whose M(q)
+    is positive definite for every q, which are a convex cone. It is relative to P1 + P2.
     """
     P1, P2, P3 = theta[..., 0], theta[..., 1], theta[..., 2]
     with np.errstate(invalid='ignore', divide='ignore'):
-        # Not hypot, which does not round alike everywhere.
+        # Not hypot, which rounds differently from processor to processor.
         excess = np.sqrt((P1 - P2) ** 2 + (2 * P3 / LARGEST_COUPLING) ** 2) / (P1 + P2) - 1
     return np.where(P1 + P2 > 0, np.maximum(excess, 0.0), np.abs(P3) + 1)
 

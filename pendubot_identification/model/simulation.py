@@ -1,4 +1,4 @@
-"""Motion under a zero-order-hold torque: the virtual rig's physics and simulated trajectories."""
+"""A simulated pendubot: its state carried on under torques that are held, and whole simulated trajectories."""
 
 from __future__ import annotations
 
@@ -11,25 +11,25 @@ from numpy.typing import ArrayLike, NDArray
 from pendubot_identification.errors import ParameterError, TrajectoryError
 from pendubot_identification.trajectories.trajectory import Trajectory
 
-from .dynamics import GRAVITY, SIGN_WIDTH
+from .dynamics import GRAVITY, SIGN_WIDTH, Pair
 from .parameters import Parameters
 from .rollout import advance
 
 Array = NDArray[np.float64]
-Pair = tuple[float, float]
 
-#: Hanging at rest.
+#: Positions [rad] when hanging.
 HANGING: Pair = (-math.pi / 2, 0.0)
 
 #: Longest Runge-Kutta step [s]; at the speeds of a bench-top rig its error stays far below one encoder count.
 MAX_STEP = 1e-3
-#: A step's length times the fastest swing, and times the fastest decay by friction, that the rig can have [rad, 1].
+#: A step is at most this over the highest frequency [rad/s] at which the rig can swing ...
 STEP_OF_SWING = 0.03
+#: ... and this over the highest rate [1/s] at which friction can brake it.
 STEP_OF_DECAY = 0.25
 
 
 class Plant:
-    """A pendubot that moves: state in, state out, one zero-order-hold interval at a time.
+    """A pendubot that moves, one interval of constant torque at a time.
 
     Args:
         parameters: the rig's parameters.
@@ -37,7 +37,7 @@ class Plant:
         qd: initial joint velocities [rad/s].
 
     Raises:
-        ParameterError: the parameters are not physical, so that their motion does not exist.
+        ParameterError: the parameters are not physical.
     """
 
     def __init__(self, parameters: Parameters, q: Pair = HANGING, qd: Pair = (0.0, 0.0)) -> None:
@@ -46,7 +46,7 @@ class Plant:
         self.parameters = parameters
         self._theta = tuple(float(value) for value in parameters.vector())
         self._state: tuple[float, ...] = (*q, *qd)
-        self._pace, self._friction_pace, self._load_pace = _paces(parameters)
+        self._swing_rate, self._friction_rate, self._load_rate = _step_rates(parameters)
 
     @property
     def q(self) -> Pair:
@@ -59,27 +59,27 @@ class Plant:
         return self._state[2], self._state[3]
 
     def place(self, q: Pair, qd: Pair) -> None:
-        """Put it there [rad, rad/s]."""
+        """Set positions [rad] and velocities [rad/s]."""
         self._state = (*q, *qd)
 
     def advance(self, tau: Pair, duration: float) -> None:
         """Move on by ``duration`` [s] under constant torques [N m], by classic Runge-Kutta steps."""
-        friction = self._friction_pace + self._load_pace[0] * abs(tau[0]) + self._load_pace[1] * abs(tau[1])
-        steps = max(1, math.ceil(duration * max(self._pace, friction) - 1e-9))
+        friction = self._friction_rate + self._load_rate[0] * abs(tau[0]) + self._load_rate[1] * abs(tau[1])
+        steps = max(1, math.ceil(duration * max(self._swing_rate, friction) - 1e-9))
         h = duration / steps
         for _ in range(steps):
             self._state = advance(self._theta, self._state, tau, h, math)
 
 
 class LatePlant(Plant):
-    """A pendubot whose motor obeys late: a torque acts ``delay`` [s] after it was applied, and as long."""
+    """A pendubot whose motor obeys late: a torque acts ``delay`` [s] after it was applied, for as long as it was."""
 
     def __init__(self, parameters: Parameters, delay: float, q: Pair = HANGING, qd: Pair = (0.0, 0.0)) -> None:
         super().__init__(parameters, q, qd)
         self._waiting = deque([((0.0, 0.0), delay)])
 
     def advance(self, tau: Pair, duration: float) -> None:
-        """Move on by ``duration`` [s] under the torques [N m] that waited for so long, while these begin to wait."""
+        """Move on by ``duration`` [s] under what was applied a delay ago; ``tau`` [N m] acts after the delay."""
         self._waiting.append((tau, duration))
         while duration > 1e-12:
             then, left = self._waiting.popleft()
@@ -92,18 +92,17 @@ class LatePlant(Plant):
 
 
 def longest_step(parameters: Parameters, torque: float) -> float:
-    """Return the step [s] with which the virtual rig follows its motion under torques up to this [N m]."""
-    pace, friction, load = _paces(parameters)
-    return 1 / max(pace, friction + load[0] * torque)
+    """Return the longest step [s] with which :class:`Plant` simulates under shoulder torques up to this [N m]."""
+    swing, friction, load = _step_rates(parameters)
+    return 1 / max(swing, friction + load[0] * torque)
 
 
-def _paces(p: Parameters) -> tuple[float, float, Pair]:
-    """Return how many steps a second follow a rig's swing, how many its friction, and how many more per N m of torque.
+def _step_rates(p: Parameters) -> tuple[float, float, Pair]:
+    """Return how many steps a second the rig's swing needs, how many its friction, and how many more per N m of torque.
 
-    Light links swing, and friction stops them, fast.
+    Bounds: no eigenvalue of the inverse of M(q) exceeds trace(M) / det(M), and friction brakes no faster than by the
+    trace of that inverse times its slopes. m11 and det(M) are taken where q2 makes them largest and smallest.
     """
-    # No eigenvalue of the inverse of M(q) exceeds trace(M) / det(M), and no rate of decay the trace of that inverse
-    # times the slopes of friction. Over all q2, m11 is here the largest, and det(M) the smallest, that there is.
     m11, m22 = p.P1 + p.P2 + 2 * abs(p.P3), p.P2 + p.J2
     determinant = p.P1 * p.P2 - p.P3**2 + p.J2 * (p.P1 + p.P2 - 2 * abs(p.P3))
     swing = math.sqrt(GRAVITY * (abs(p.P4) + 2 * abs(p.P5)) * (m11 + m22) / determinant)
@@ -134,7 +133,7 @@ def simulate(
 
     Raises:
         ParameterError: the parameters are not physical.
-        TrajectoryError: times or torques do not belong together, or the motion runs off into what is no number.
+        TrajectoryError: times and torques differ in number, or the simulation diverges.
     """
     times, torques = np.asarray(t, dtype=float), np.asarray(tau, dtype=float)
     plant = Plant(parameters, q, qd)
@@ -156,7 +155,7 @@ def simulate(
 
 
 def quantised(trajectory: Trajectory, counts_per_turn: int) -> Trajectory:
-    """Return what encoders of this many counts per turn, at 0 when hanging, would have read; no velocities."""
+    """Return the trajectory as encoders with so many counts per turn, at 0 when hanging, read it; no velocities."""
     zero = np.array(HANGING)
     count = 2 * math.pi / counts_per_turn
     q = np.round((trajectory.q - zero) / count) * count + zero

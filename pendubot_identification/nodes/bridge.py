@@ -19,11 +19,10 @@ from std_srvs.srv import Trigger
 
 from pendubot_identification.errors import ParameterError
 from pendubot_identification.level import Level
+from pendubot_identification.link.events import Armed, ArmingFailed, HostEvent, Report, Sample
 from pendubot_identification.link.health import Health
-from pendubot_identification.link.host import Host
-from pendubot_identification.link.host_config import HostConfig
-from pendubot_identification.link.news import Armed, ArmingFailed, HostEvent, Report, Sample
-from pendubot_identification.link.serial_link import SerialLink
+from pendubot_identification.link.host import Host, HostConfig
+from pendubot_identification.link.serial_port import SerialPort
 
 from .diagnostics import diagnostics_message, stamp_now, status_name
 from .effort_commands import EffortCommands
@@ -78,7 +77,7 @@ class Bridge(SettingsNode):
         group = ReentrantCallbackGroup()
         self.create_service(Trigger, '~/arm', self._on_arm, callback_group=group)
         self.create_service(Trigger, '~/disarm', self._on_disarm, callback_group=group)
-        self._link = SerialLink(
+        self._link = SerialPort(
             self._port,
             s['baud'],
             on_bytes=lambda data, arrival: self._step(lambda now: self._host.receive(data, now), arrival),

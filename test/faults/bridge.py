@@ -14,9 +14,8 @@ from itertools import pairwise
 import numpy as np
 import serial
 
-from pendubot_identification.link.host import Host
-from pendubot_identification.link.host_config import HostConfig
-from pendubot_identification.link.news import Sample
+from pendubot_identification.link.events import Sample
+from pendubot_identification.link.host import Host, HostConfig
 from pendubot_identification.link.protocol import Command, Decoder, Hello, HelloRequest, Mode, State, encode
 from pendubot_identification.link.pty_server import PtyServer
 from pendubot_identification.link.virtual_board import BoardSettings, Faults, VirtualBoard
@@ -281,7 +280,7 @@ def damaged_offline(_, long):
                         last = n
                         published += 1
             k += 1
-    counted = host.counters()
+    counted = host.counters
     exact = (sum(counted.damaged.values()), published, counted.published, counted.lost)
     expected = (receiver.damaged, len(receiver.bodies), len(receiver.bodies), last + 1 - len(receiver.bodies))
     return [
@@ -473,7 +472,7 @@ class Life:
                 scaled |= isinstance(message, Hello)
                 boots[second].append((message.seq, scaled and isinstance(message, State)))
             host.poll(now)
-        counters = host.counters()
+        counters = host.counters
         self.stays_disarmed = not host.armed and not board.armed
         self.increasing = all(a.stamp_ns < b.stamp_ns for a, b in pairwise(samples))
         self.counted = counters.lost, counters.duplicates
@@ -498,7 +497,7 @@ def glitches(_, long):
         now += MS
         for host, board, samples in zip(hosts, (clean, faulty), (truth, found), strict=True):
             samples.update({e.stamp_ns: e for e in host.receive(board.advance(), now) if isinstance(e, Sample)})
-    sent, flagged = len(truth) - len(found), hosts[1].counters().flagged
+    sent, flagged = len(truth) - len(found), hosts[1].counters.flagged
     wrong = sum(sample.q != truth[stamp].q for stamp, sample in found.items())
     spike = max(abs(a - b) for stamp, s in found.items() for a, b in zip(s.qd, truth[stamp].qd, strict=True))
     return [

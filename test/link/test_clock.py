@@ -6,6 +6,10 @@ import pytest
 from pendubot_identification.link.clock import BoardClock
 
 
+def stamp(clock, t_us, arrival_ns):
+    return clock.stamp(clock.host_time(clock.observe(t_us, arrival_ns)))
+
+
 def run(clock, *, seconds, rate=1000, skew_ppm=0.0, start_us=0, seed=1, jitter_us=80.0, latency_us=100.0):
     """Stamp samples as a serial link would deliver them; return errors [us] against the true sampling times."""
     rng = np.random.default_rng(seed)
@@ -15,22 +19,24 @@ def run(clock, *, seconds, rate=1000, skew_ppm=0.0, start_us=0, seed=1, jitter_u
     arrival = true_ns + 1e3 * (latency_us + rng.exponential(jitter_us, n))
     # In order, as bytes are: a late one holds up those behind it.
     arrival = np.maximum.accumulate(arrival).astype(np.int64)
-    stamps = np.array([clock.stamp(int(b) % 2**32, int(a)) for b, a in zip(board_us, arrival, strict=True)])
+    stamps = np.array([stamp(clock, int(b) % 2**32, int(a)) for b, a in zip(board_us, arrival, strict=True)])
     assert (np.diff(stamps) > 0).all()
     return (stamps - true_ns) / 1e3 - latency_us
 
 
-def test_jitter_does_not_reach_the_stamps():
-    error = run(BoardClock(), seconds=20)
+@pytest.mark.parametrize('start_us', [0, 2**32 - 2_000_000])
+def test_jitter_does_not_reach_the_stamps_nor_does_the_counters_wrap(start_us):
+    error = run(BoardClock(), seconds=20, start_us=start_us)
     assert np.abs(error[100:]).max() < 20
 
 
 @pytest.mark.parametrize('skew', [-300.0, 50.0])
-def test_skew_is_followed(skew):
+def test_skew_is_found_within_seconds_and_followed(skew):
     clock = BoardClock()
     error = run(clock, seconds=90, skew_ppm=skew)
-    assert clock.skew_ppm == pytest.approx(skew, abs=1.0)
+    assert np.abs(error[4000:20_000]).max() < 60
     assert np.percentile(np.abs(error[20_000:]), 99) < 50
+    assert clock.skew_ppm == pytest.approx(skew, abs=1.0)
 
 
 def test_skew_is_not_guessed_from_a_short_span_and_clamped_where_no_crystal_has_it():
@@ -42,13 +48,6 @@ def test_skew_is_not_guessed_from_a_short_span_and_clamped_where_no_crystal_has_
     assert mad.skew_ppm == pytest.approx(1000, rel=0.02)
 
 
-def test_skew_is_found_within_seconds_where_nothing_disturbs():
-    clock = BoardClock()
-    error = run(clock, seconds=20, skew_ppm=80)
-    assert np.abs(error[4000:]).max() < 60
-    assert clock.skew_ppm == pytest.approx(80, abs=2)
-
-
 @pytest.mark.parametrize('seed', range(3))
 @pytest.mark.parametrize('skew', [-150.0, 60.0])
 def test_skew_costs_little_before_it_is_known(skew, seed):
@@ -56,14 +55,14 @@ def test_skew_costs_little_before_it_is_known(skew, seed):
     assert np.percentile(np.abs(error - np.median(error)), 99) < 50
 
 
-@pytest.mark.parametrize('seed', range(3))
+@pytest.mark.parametrize('seed', range(2))
 def test_a_busy_minute_changes_no_skew_that_is_known(seed):
     clock = BoardClock()
     rng = np.random.default_rng(seed)
     t = np.arange(0, 180, 1e-2)
     delay = 1e-4 + np.where(t < 60, rng.exponential(5e-5, len(t)), 4e-3 * rng.weibull(4, len(t)))
     for x, d in zip(t, delay, strict=True):
-        clock.stamp(round(x * 1e6), round((x * (1 + 50e-6) + d) * 1e9))
+        stamp(clock, round(x * 1e6), round((x * (1 + 50e-6) + d) * 1e9))
     assert clock.skew_ppm == pytest.approx(50, abs=2)
 
 
@@ -72,7 +71,7 @@ def test_one_sample_that_came_early_moves_the_line_but_does_not_turn_it():
     t = np.arange(0, 100, 1e-3)
     delay = 6e-4 + np.random.default_rng(1).exponential(5e-5, len(t))
     delay[70_000] = 1e-4
-    stamps = [clock.stamp(round(x * 1e6), round((x + d) * 1e9)) for x, d in zip(t, delay, strict=True)]
+    stamps = [stamp(clock, round(x * 1e6), round((x + d) * 1e9)) for x, d in zip(t, delay, strict=True)]
     assert abs(clock.skew_ppm) < 1
     assert np.ptp((np.array(stamps) * 1e-9 - t)[70_000:]) < 5e-5
 
@@ -84,43 +83,38 @@ def test_a_busy_machine_is_not_taken_for_skew(busy):
     t = np.arange(0, 12, 1e-3)
     delay = 1e-4 + np.random.default_rng(1).exponential(5e-5, len(t))
     delay[(t >= busy[0]) & (t < busy[1])] += 3e-3
-    stamps = [clock.stamp(round(x * 1e6), round((x + d) * 1e9)) for x, d in zip(t, delay, strict=True)]
+    stamps = [stamp(clock, round(x * 1e6), round((x + d) * 1e9)) for x, d in zip(t, delay, strict=True)]
     error = np.array(stamps) * 1e-9 - t
     assert np.ptp(error[100:]) < 2e-4
-
-
-def test_the_wrap_of_the_counter_is_no_event():
-    error = run(BoardClock(), seconds=4, start_us=2**32 - 2_000_000)
-    assert np.abs(error[100:]).max() < 50
 
 
 def test_a_burst_that_waited_keeps_its_own_times():
     clock = BoardClock()
     for k in range(1000):
-        clock.stamp(1000 * k, 10**9 + 10**6 * k)
-    late = [clock.stamp(1000 * k, 10**9 + 10**6 * 1500) for k in range(1000, 1500)]
+        stamp(clock, 1000 * k, 10**9 + 10**6 * k)
+    late = [stamp(clock, 1000 * k, 10**9 + 10**6 * 1500) for k in range(1000, 1500)]
     assert late == [10**9 + 10**6 * k for k in range(1000, 1500)]
 
 
 def test_a_silence_longer_than_the_wrap_is_counted_by_the_host():
     clock = BoardClock()
-    clock.stamp(0, 0)
+    stamp(clock, 0, 0)
     silence_us = 3 * 2**32 + 17
-    assert clock.stamp(silence_us % 2**32, silence_us * 1000) == pytest.approx(silence_us * 1000, abs=1000)
+    assert stamp(clock, silence_us % 2**32, silence_us * 1000) == pytest.approx(silence_us * 1000, abs=1000)
 
 
 def test_a_restart_takes_the_new_clock_and_stamps_still_increase():
     clock = BoardClock()
-    before = [clock.stamp(10**9 + 1000 * k, 10**12 + 10**6 * k) for k in range(100)]
+    before = [stamp(clock, 10**9 + 1000 * k, 10**12 + 10**6 * k) for k in range(100)]
     clock.restart()
-    after = [clock.stamp(1000 * k, 10**12 + 10**8 + 10**6 * k) for k in range(100)]
+    after = [stamp(clock, 1000 * k, 10**12 + 10**8 + 10**6 * k) for k in range(100)]
     assert after[0] > before[-1]
     assert after[-1] == 10**12 + 10**8 + 99 * 10**6
 
 
 def test_a_smaller_delay_moves_the_line_but_never_a_stamp_backwards():
     clock = BoardClock()
-    first = clock.stamp(0, 50_000_000)
-    second = clock.stamp(1000, 50_500_000)
-    third = clock.stamp(2000, 7_000_000 + 2_000_000)
+    first = stamp(clock, 0, 50_000_000)
+    second = stamp(clock, 1000, 50_500_000)
+    third = stamp(clock, 2000, 7_000_000 + 2_000_000)
     assert first < second < third

@@ -53,9 +53,10 @@ def test_it_says_hello_at_boot_and_when_asked():
     assert (hello.seq, hello.cpr1, hello.cpr2, hello.torque_limit) == (0, 1000, 1000, 1_500_000)
     assert (hello.sample_period_us, hello.watchdog_max_ms) == (2000, 250)
     assert (state.seq, state.t_us, state.enc1, state.enc2, state.torque, state.status) == (1, 0, 0, 0, 0, 0)
-    bench.board.receive(encode(HelloRequest(1, 0)))
-    asked, state = bench.events()
-    assert (asked.seq, asked.boot_id, state.seq) == (2, hello.boot_id, 3)
+    for _ in range(2):
+        bench.board.receive(encode(HelloRequest(1, 0)))
+    first, second, state = bench.events()
+    assert (first.seq, first.boot_id, second.seq, state.seq) == (2, hello.boot_id, 3, 4)
 
 
 def test_locked_at_the_start_it_obeys_only_mode_0_then_mode_1():
@@ -126,14 +127,6 @@ def test_a_fault_switches_off_and_mode_1_is_ignored_while_it_stands():
     assert bench.step().status == Status.ARMED
 
 
-def test_every_request_gets_its_hello():
-    bench = Bench()
-    bench.step(5)
-    for _ in range(3):
-        bench.board.receive(encode(HelloRequest(0, 0)))
-    assert [type(event) for event in bench.events(2)] == [Hello, Hello, Hello, State, State]
-
-
 def test_an_emergency_stop_stands_until_the_board_restarts():
     bench = Bench(faults=Faults(emergency_stop_at=0.05, reset_at=5.0)).armed()
     assert bench.step(499).status == Status.EMERGENCY_STOP
@@ -181,7 +174,7 @@ def test_the_same_seed_gives_the_same_bytes_and_another_seed_others():
 def test_damage_of_every_frame_leaves_no_wrong_state(name):
     bench = Bench(faults=Faults(**{name: 0.5}))
     true = {}
-    for _ in range(2000):
+    for _ in range(500):
         events = bench.events()
         true[bench.board.last.seq] = bench.board.last
         assert all(event == true[event.seq] for event in events if isinstance(event, State))

@@ -1,169 +1,146 @@
-"""The model against its own laws, and against Lagrange's equations derived by sympy."""
+"""The equations of motion, in Python and in C, against those that sympy derives from kinetic and potential energy."""
 
 import math
+from functools import cache
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pendubot_identification.model.dynamics import (
-    GRAVITY,
+    acceleration_derivatives,
     accelerations,
-    coriolis_matrix,
     dry_friction_terms,
     energy,
     forward_dynamics,
-    friction,
-    gravity,
-    inverse_dynamics,
     mass_matrix,
 )
-from pendubot_identification.model.parameters import MODELS
-from test.strategies import angles, physical_parameters, torques, velocities
+from pendubot_identification.model.rollout import roll, sensitivities
+from test.model.paths import both_paths, path
+from test.strategies import angles, rigs, theta, torques, velocities
+
+#: Of a rig: m1 m2 l1 d1 d2 I1 I2, then friction and rotor as in theta.
+SIZE = 16
 
 
-@given(physical_parameters(), angles)
-def test_mass_matrix_is_symmetric_and_positive_definite(parameters, q):
-    M = mass_matrix(parameters.vector(), q)
-    assert M[0, 1] == M[1, 0]
-    assert np.linalg.eigvalsh(M).min() > 0
-
-
-@given(physical_parameters(), angles, velocities, torques)
-def test_forward_after_inverse_dynamics_is_the_identity(parameters, q, qd, qdd):
-    theta = parameters.vector()
-    tau = inverse_dynamics(theta, q, qd, qdd)
-    np.testing.assert_allclose(forward_dynamics(theta, q, qd, tau), qdd, rtol=1e-6, atol=1e-6 * (1 + abs(qdd).max()))
-
-
-@given(physical_parameters('geared'), angles, velocities, torques)
-def test_inverse_after_forward_dynamics_is_the_identity_though_friction_grows_with_the_torque(parameters, q, qd, tau):
-    theta = parameters.vector('geared')
-    qdd = forward_dynamics(theta, q, qd, tau)
-    np.testing.assert_allclose(inverse_dynamics(theta, q, qd, qdd), tau, atol=1e-6 * (1 + abs(tau).max()))
-
-
-@given(physical_parameters(), angles, velocities)
-def test_mass_derivative_less_twice_coriolis_is_skew_symmetric(parameters, q, qd):
-    theta, h = parameters.vector(), 1e-6
-    derivative = (mass_matrix(theta, q + h * qd) - mass_matrix(theta, q - h * qd)) / (2 * h)
-    S = derivative - 2 * coriolis_matrix(theta, q, qd)
-    np.testing.assert_allclose(S + S.T, 0, atol=1e-6 * (1 + abs(S).max()))
-
-
-@given(physical_parameters(), angles)
-def test_gravity_is_the_slope_of_the_potential(parameters, q):
-    theta, h = parameters.vector(), 1e-6
-    slope = [(energy(theta, q + h * e, [0, 0]) - energy(theta, q - h * e, [0, 0])) / (2 * h) for e in np.eye(2)]
-    np.testing.assert_allclose(gravity(theta, q), slope, atol=1e-6)
-
-
-@given(physical_parameters(), angles, velocities, torques)
-def test_power_of_torques_less_friction_is_the_rate_of_energy(parameters, q, qd, tau):
-    theta = parameters.vector()
-    qdd = forward_dynamics(theta, q, qd, tau)
-    h = 1e-5 / (1 + abs(qdd).max())
-    rate = (energy(theta, q + h * qd, qd + h * qdd) - energy(theta, q - h * qd, qd - h * qdd)) / (2 * h)
-    power = (tau - friction(theta, qd, tau)) @ qd
-    rounding = 1e-15 * abs(energy(theta, q, qd) + 2 * GRAVITY * (parameters.P4 + parameters.P5)) / h
-    assert rate == pytest.approx(power, rel=1e-4, abs=1e-4 + 10 * rounding)
-
-
-@given(physical_parameters(), velocities, torques)
-def test_friction_is_what_the_design_says(parameters, qd, tau):
-    p = parameters
-    expected = [
-        b * v + (Fc + Fs * math.exp(-((v / 0.5) ** 2)) + k * abs(torque)) * math.tanh(v / 0.05)
-        for v, torque, b, Fc, Fs, k in zip(
-            qd, tau, (p.b1, p.b2), (p.Fc1, p.Fc2), (p.Fs1, p.Fs2), (p.k1, p.k2), strict=True
-        )
-    ]
-    np.testing.assert_allclose(friction(p.vector(), qd, tau), expected, rtol=1e-12, atol=1e-15)
-    coefficients = np.array([[p.Fc1, p.Fs1, p.k1], [p.Fc2, p.Fs2, p.k2]])
-    terms = np.array([p.b1, p.b2]) * qd + (coefficients * dry_friction_terms(qd, tau)).sum(axis=-1)
-    np.testing.assert_allclose(terms, expected, rtol=1e-12, atol=1e-15)
-
-
-@given(physical_parameters(), velocities, torques)
-def test_friction_is_odd_in_the_velocity_even_in_the_torque_and_takes_power(parameters, qd, tau):
-    theta = parameters.vector()
-    brake = friction(theta, qd, tau)
-    np.testing.assert_array_equal(friction(theta, -qd, tau), -brake)
-    np.testing.assert_array_equal(friction(theta, qd, -tau), brake)
-    assert (brake * qd >= 0).all()
-    np.testing.assert_array_equal(friction(theta, [0.0, 0.0], tau), [0, 0])
-
-
-@given(physical_parameters('viscous'), angles, velocities, torques, st.sampled_from(list(MODELS)))
-def test_a_larger_model_without_what_it_adds_is_the_smaller_one(parameters, q, qd, tau, model):
-    small, large = parameters.vector(), parameters.vector(model)
-    for function in (forward_dynamics, inverse_dynamics):
-        np.testing.assert_array_equal(function(large, q, qd, tau), function(small, q, qd, tau))
-    np.testing.assert_array_equal(mass_matrix(large, q), mass_matrix(small, q))
-    assert energy(large, q, qd) == energy(small, q, qd)
-
-
-@given(physical_parameters(), angles, velocities, torques)
-def test_floats_and_arrays_give_the_same_accelerations(parameters, q, qd, tau):
-    theta = tuple(map(float, parameters.vector()))
-    floats = accelerations(theta, *map(float, [*q, *qd, *tau]), lib=math)
-    expected = forward_dynamics(theta, q, qd, tau)
-    np.testing.assert_allclose(floats, expected, rtol=1e-9, atol=1e-9 * (1 + abs(expected).max()))
-
-
-@given(
-    st.sampled_from(list(MODELS)).flatmap(lambda m: st.tuples(st.just(m), physical_parameters(m))), st.integers(1, 5)
-)
-def test_many_states_and_rigs_at_once_agree_with_one_at_a_time(rig, count):
-    model, parameters = rig
-    rng = np.random.default_rng(count)
-    q, qd, tau = rng.normal(size=(3, count, 2))
-    theta = parameters.vector(model)
-    rigs = np.array([theta, 2 * theta])[:, None]
-    for function in (forward_dynamics, inverse_dynamics):
-        one_by_one = [function(theta, *x) for x in zip(q, qd, tau, strict=True)]
-        np.testing.assert_array_equal(function(theta, q, qd, tau), one_by_one)
-        together = function(rigs, q, qd, tau)
-        np.testing.assert_array_equal(together, [function(each[0], q, qd, tau) for each in rigs])
-    assert mass_matrix(rigs, q).shape == (2, count, 2, 2)
-    assert energy(rigs, q, qd).shape == (2, count)
-    assert friction(rigs, qd, tau).shape == (2, count, 2)
-
-
-def test_agrees_with_lagranges_equations_at_random_states():
-    """From masses, lengths, inertias, a rotor: kinetic less potential energy; sympy does the rest."""
+@cache
+def derived():
+    """Functions of a rig, a state and torques: accelerations, their derivatives by state and rig, M, energy, theta,
+    its derivatives by the rig.
+    """
     sympy = pytest.importorskip('sympy')
-    mechanics = pytest.importorskip('sympy.physics.mechanics')
-    q1, q2 = mechanics.dynamicsymbols('q1 q2')
-    m1, m2, l1, d1, d2, i1, i2, rotor = sympy.symbols('m1 m2 l1 d1 d2 I1 I2 J2', positive=True)
-    u1, u2 = q1.diff(), q2.diff()
-    c1 = d1 * sympy.Matrix([sympy.cos(q1), sympy.sin(q1)])
-    elbow = l1 * sympy.Matrix([sympy.cos(q1), sympy.sin(q1)])
-    c2 = elbow + d2 * sympy.Matrix([sympy.cos(q1 + q2), sympy.sin(q1 + q2)])
-    time = mechanics.dynamicsymbols._t
-    speed = [c.diff(time).dot(c.diff(time)) for c in (c1, c2)]
-    kinetic = (m1 * speed[0] + m2 * speed[1] + i1 * u1**2 + i2 * (u1 + u2) ** 2 + rotor * u2**2) / 2
-    potential = GRAVITY * (m1 * c1[1] + m2 * c2[1])
-    method = mechanics.LagrangesMethod(kinetic - potential, [q1, q2])
-    method.form_lagranges_equations()
-    state = sympy.symbols('a1 a2 w1 w2')
-    replaced = {u1: state[2], u2: state[3]}
-    M = method.mass_matrix.subs(replaced).subs({q1: state[0], q2: state[1]})
-    F = method.forcing.subs(replaced).subs({q1: state[0], q2: state[1]})
-    evaluate = sympy.lambdify([m1, m2, l1, d1, d2, i1, i2, rotor, *state], (M, F), 'numpy')
+    rig = sympy.symbols('m1 m2 l1 d1 d2 I1 I2 b1 b2 Fc1 Fc2 J2 Fs1 Fs2 k1 k2')
+    m1, m2, l1, d1, d2, I1, I2, b1, b2, Fc1, Fc2, J2, Fs1, Fs2, k1, k2 = rig
+    state, tau = sympy.symbols('q1 q2 v1 v2'), sympy.symbols('t1 t2')
+    q, v = sympy.Matrix(state[:2]), sympy.Matrix(state[2:])
+    one, both = q[0], q[0] + q[1]
+    place1 = d1 * sympy.Matrix([sympy.cos(one), sympy.sin(one)])
+    place2 = sympy.Matrix([l1 * sympy.cos(one) + d2 * sympy.cos(both), l1 * sympy.sin(one) + d2 * sympy.sin(both)])
+    speed1, speed2 = place1.jacobian(q) * v, place2.jacobian(q) * v
+    kinetic = (m1 * speed1.dot(speed1) + m2 * speed2.dot(speed2) + I1 * v[0] ** 2 + I2 * (v[0] + v[1]) ** 2) / 2
+    kinetic += J2 * v[1] ** 2 / 2
+    potential = 9.81 * (m1 * place1[1] + m2 * place2[1])
+    forces = sympy.Matrix(
+        [
+            t - b * w - (Fc + Fs * sympy.exp(-((w / 0.5) ** 2)) + k * sympy.Abs(t)) * sympy.tanh(w / 0.05)
+            for t, w, b, Fc, Fs, k in zip(tau, v, (b1, b2), (Fc1, Fc2), (Fs1, Fs2), (k1, k2), strict=True)
+        ]
+    )
+    # Lagrange: d/dt dL/dv - dL/dq = forces, solved for the accelerations.
+    lagrangian = sympy.Matrix([kinetic - potential])
+    momentum = lagrangian.jacobian(v).T
+    M = momentum.jacobian(v)
+    qdd = M.LUsolve(forces + lagrangian.jacobian(q).T - momentum.jacobian(q) * v)
+    everything = sympy.Matrix([*state, *rig])
+    P = sympy.Matrix(theta(*rig))
+    wanted = qdd, qdd.jacobian(everything), M, kinetic + potential, P, P.jacobian(sympy.Matrix(rig))
+    return sympy.lambdify([rig, state, tau], wanted, 'numpy', cse=True)
 
+
+def lagrange(rig, x, tau):
+    """``derived`` for a rig of any model: accelerations, derivatives, M, energy, theta, theta's derivatives."""
+    qdd, by, M, E, P, P_by = derived()([*rig, *[0.0] * (SIZE - len(rig))], x, tau)
+    size = len(rig) - 2
+    return qdd.ravel(), by[:, : 4 + len(rig)], M, E, P.ravel()[:size], P_by[:size, : len(rig)]
+
+
+def by_rig(derivatives, P_by):
+    """Derivatives by state and theta (..., 4 + D) as those by state and rig."""
+    return np.concatenate([derivatives[..., :4], derivatives[..., 4:] @ P_by], axis=-1)
+
+
+def assert_near(found, expected, tolerance):
+    np.testing.assert_allclose(found, expected, rtol=tolerance, atol=tolerance * np.abs(expected).max())
+
+
+@given(rigs(), angles, velocities, torques)
+def test_python_agrees_with_lagrange(rig, q, v, tau):
+    qdd, by, M, E, P, P_by = lagrange(rig, [*q, *v], tau)
+    assert_near(mass_matrix(P, q), M, 1e-12)
+    assert float(energy(P, q, v)) == pytest.approx(E, rel=1e-9, abs=1e-9)
+    assert_near(forward_dynamics(P, q, v, tau), qdd, 1e-9)
+    assert_near(accelerations(tuple(map(float, P)), *map(float, [*q, *v, *tau]), lib=math), qdd, 1e-9)
+    found, derivatives = acceleration_derivatives(P, q[:, None], v[:, None], tau[:, None])
+    assert_near(found[:, 0], qdd, 1e-9)
+    assert_near(by_rig(derivatives[..., 0], P_by), by, 1e-8)
+
+
+def step(rig, x, X, tau, h):
+    """One classic Runge-Kutta step of the state and of its derivatives by the first state and the rig."""
+
+    def slope(y):
+        x, X = y[:, 0], y[:, 1:]
+        qdd, by, *_ = lagrange(rig, x, tau)
+        accelerated = by[:, :4] @ X
+        accelerated[:, 4:] += by[:, 4:]
+        return np.column_stack([[*x[2:], *qdd], np.vstack([X[2:], accelerated])])
+
+    y = np.column_stack([x, X])
+    k1 = slope(y)
+    k2 = slope(y + h / 2 * k1)
+    k3 = slope(y + h / 2 * k2)
+    k4 = slope(y + h * k3)
+    y = y + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+    return y[:, 0], y[:, 1:]
+
+
+@both_paths
+@settings(max_examples=40)
+@given(rigs(), st.integers(0, 10**6))
+def test_roll_and_sensitivities_do_runge_kutta_steps_of_lagranges_equations(compiled, rig, seed):
+    rng = np.random.default_rng(seed)
+    steps, lanes, h = 3, 5, 1e-4
+    start, tau = rng.normal(scale=[[2], [2], [8], [8]], size=(4, lanes)), rng.normal(size=(2, steps, lanes))
+    *_, P, P_by = lagrange(rig, start[:, 0], tau[:, 0, 0])
+    with path(compiled):
+        states = roll(P, start, tau, h)
+        derivatives = sensitivities(P, states, tau, h)
+    for lane in range(lanes):
+        x, X = start[:, lane], np.eye(4, 4 + len(rig))
+        for k in range(steps):
+            x, X = step(rig, x, X, tau[:, k, lane], h)
+            assert_near(states[k + 1, :, lane], x, 1e-9)
+            assert_near(by_rig(derivatives[k, :, :, lane], P_by), X, 1e-8)
+
+
+@given(rigs('geared'), velocities, torques)
+def test_dry_friction_terms_are_what_multiplies_its_parameters(rig, v, tau):
+    """As a change of the accelerations by Fc, Fs and k, from which M takes away the sign."""
+    P, q = np.array(theta(*rig)), np.array([0.3, -0.8])
+    derivatives = acceleration_derivatives(P, q[:, None], v[:, None], tau[:, None])[1][:, 4:, 0]
+    terms = dry_friction_terms(v, tau)
+    for joint in range(2):
+        columns = derivatives[:, [7 + joint, 10 + joint, 12 + joint]]
+        assert_near((-mass_matrix(P, q) @ columns)[joint], terms[joint], 1e-9)
+
+
+def test_many_states_and_rigs_at_once_agree_with_one_at_a_time():
     rng = np.random.default_rng(1)
-    for size in 25 * list(MODELS.values()):
-        masses = rng.uniform(0.05, 2.0, 8)
-        if size < 10:
-            masses[7] = 0.0
-        x = rng.normal(scale=[2, 2, 8, 8])
-        dissipation, tau = rng.uniform(0, 0.1, size - 5), rng.normal(size=2)
-        mass, forcing = evaluate(*masses, *x)
-        a, b, length, e, f, j1, j2, j3 = masses
-        theta = [a * e**2 + b * length**2 + j1, b * f**2 + j2, b * length * f, a * e + b * length, b * f, *dissipation]
-        if size >= 10:
-            theta[9] = j3
-        expected = np.linalg.solve(mass, forcing.ravel() + tau - friction(theta, x[2:], tau))
-        np.testing.assert_allclose(forward_dynamics(theta, x[:2], x[2:], tau), expected, rtol=1e-9, atol=1e-9)
+    q, v, tau = rng.normal(size=(3, 4, 2))
+    P = np.array([0.06, 0.05, 0.032, 0.23, 0.16, 0.01, 0.005, 0.25, 0.19, 0.0026, 0.1, 0.05, 0.15, 0.2])
+    many = np.array([P, 2 * P])[:, None]
+    expected = [[forward_dynamics(each, *x) for x in zip(q, v, tau, strict=True)] for each in many[:, 0]]
+    np.testing.assert_array_equal(forward_dynamics(many, q, v, tau), expected)
+    expected = [[energy(each, *x) for x in zip(q, v, strict=True)] for each in many[:, 0]]
+    np.testing.assert_array_equal(energy(many, q, v), expected)

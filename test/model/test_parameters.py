@@ -12,7 +12,6 @@ from pendubot_identification.model.parameters import (
     MODELS,
     NAMES,
     PAPER,
-    SPECIFICATIONS,
     Bounds,
     Parameters,
     default_bounds,
@@ -25,22 +24,6 @@ def test_order_of_theta_is_the_papers_and_then_friction():
     assert NAMES == ('P1', 'P2', 'P3', 'P4', 'P5', 'b1', 'b2', 'Fc1', 'Fc2', 'J2', 'Fs1', 'Fs2', 'k1', 'k2')
     assert tuple(field.name for field in fields(Parameters)) == NAMES
     assert PAPER.vector().tolist() == [0.002207, 0.000400, 0.000101, 0.022447, 0.003326, 0.006592, 0.00009]
-
-
-def test_every_model_begins_with_the_ones_before_it():
-    assert MODELS == {'viscous': 7, 'coulomb': 9, 'rotor': 10, 'geared': 14}
-    whole = Parameters(*range(1, 15)).vector('viscous').tolist()
-    assert whole == list(range(1, 15))
-    for size in MODELS.values():
-        assert Parameters(*whole[:size]).vector().tolist() == whole[:size]
-
-
-@pytest.mark.parametrize('model', MODELS)
-def test_a_model_has_a_vector_of_its_own_length(model):
-    theta = PAPER.vector(model)
-    assert len(theta) == MODELS[model]
-    assert theta[7:].tolist() == [0.0] * (MODELS[model] - 7)
-    assert Parameters.from_vector(theta) == PAPER
 
 
 @pytest.mark.parametrize(
@@ -60,11 +43,6 @@ def test_parameters_know_the_smallest_model_that_has_them_and_no_vector_drops_on
         theta = parameters.vector(wanted)
         assert len(theta) == max(size, MODELS[model])
         assert Parameters.from_vector(theta) == parameters
-
-
-@given(physical_parameters())
-def test_vector_and_back_is_the_identity(parameters):
-    assert Parameters.from_vector(parameters.vector()) == parameters
 
 
 @given(physical_parameters())
@@ -89,7 +67,7 @@ def test_what_no_rig_can_have_is_named(change, named):
     assert named in problem
 
 
-@pytest.mark.parametrize('size', sorted(set(range(16)) - set(MODELS.values())))
+@pytest.mark.parametrize('size', [0, 6, 8, 13, 15])
 def test_a_vector_of_another_length_is_refused(size):
     with pytest.raises(ParameterError, match=f'{size} values was given; 7, 9, 10, 14 are expected'):
         Parameters.from_vector(np.ones(size))
@@ -105,22 +83,13 @@ def test_repaired_vectors_are_physical_and_differ_in_P3_alone_and_only_if_they_m
     result = repaired(theta)
     assert result[0] * result[1] > result[2] ** 2
     assert Parameters.from_vector(result).unphysical() == ()
-    np.testing.assert_array_equal(repaired(result), result)
+    np.testing.assert_array_equal(repaired([theta, result]), [result, result])
     np.testing.assert_array_equal(np.delete(result, 2), np.delete(theta, 2))
     if abs(coupling) < LARGEST_COUPLING:
         assert result[2] == theta[2]
     else:
         assert result[2] == pytest.approx(math.copysign(LARGEST_COUPLING, coupling) * math.sqrt(P1 * P2))
     np.testing.assert_array_equal(theta, before)
-
-
-@given(st.lists(physical_parameters('geared'), min_size=1, max_size=4))
-def test_what_can_be_built_needs_no_repair_one_or_many(rigs):
-    together = np.array([rig.vector('geared') for rig in rigs])
-    couplings = abs(together[:, 2]) / np.sqrt(together[:, 0] * together[:, 1])
-    fine = together[couplings <= LARGEST_COUPLING * (1 - 1e-12)]
-    np.testing.assert_array_equal(repaired(fine), fine)
-    np.testing.assert_array_equal(repaired(together), [repaired(theta) for theta in together])
 
 
 @given(st.sampled_from(NAMES), st.floats(-1, 1), st.floats(0, 1))
@@ -138,21 +107,12 @@ def test_bounds_of_an_unknown_parameter_or_infinite_ones_are_refused():
         Bounds(np.zeros(6), np.ones(6))
 
 
-@pytest.mark.parametrize('size', MODELS.values())
-def test_bounds_of_a_model_are_the_first_ones_and_know_their_names(size):
-    bounds = default_bounds().of(size)
-    assert bounds.names == NAMES[:size]
-    assert list(zip(bounds.lower, bounds.upper, strict=True)) == [(s.lower, s.upper) for s in SPECIFICATIONS[:size]]
-    with pytest.raises(ParameterError, match='no parameter'):
-        bounds.replaced('k3' if size == len(NAMES) else NAMES[size], 0, 1)
-
-
 def test_bounds_tell_what_lies_on_them():
-    bounds = default_bounds().of(7)
-    theta = PAPER.vector()
+    bounds, theta = default_bounds().of(7), PAPER.vector()
+    assert bounds.names == NAMES[:7]
     assert not bounds.at_bound(theta).any()
-    theta[5] = 0.0
-    assert np.flatnonzero(bounds.at_bound(theta)).tolist() == [5]
+    theta[0], theta[5] = 1.0, 0.0
+    assert np.flatnonzero(bounds.at_bound(theta)).tolist() == [0, 5]
 
 
 def test_the_default_bounds_hold_the_paper_and_no_friction_that_takes_a_whole_torque():

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from pendubot_identification.errors import ParameterError
-from pendubot_identification.model.dynamics import energy, forward_dynamics, gravity, mass_matrix
+from pendubot_identification.model.dynamics import energy, forward_dynamics, mass_matrix
 from pendubot_identification.model.parameters import PAPER, Parameters
 from pendubot_identification.model.simulation import HANGING, LatePlant, Plant, quantised, simulate
 from test.strategies import physical_parameters
@@ -25,18 +25,6 @@ def test_energy_is_constant_without_torque_and_friction(parameters, q1, q2):
         plant.advance((0.0, 0.0), 0.01)
     swing = 9.81 * (free.P4 + free.P5)
     assert energy(theta, plant.q, plant.qd) == pytest.approx(before, abs=1e-5 * swing)
-
-
-@settings(max_examples=20)
-@given(physical_parameters(), st.floats(-1, 1))
-def test_friction_only_takes_energy(parameters, q2):
-    plant = Plant(parameters, (0.0, q2))
-    theta = parameters.vector()
-    energies = []
-    for _ in range(30):
-        energies.append(float(energy(theta, plant.q, plant.qd)))
-        plant.advance((0.0, 0.0), 0.01)
-    assert np.diff(energies).max() <= 1e-6 * 9.81 * (parameters.P4 + parameters.P5)
 
 
 #: The paper's rig; the same with a geared motor at each joint; a heavier one, whose friction stops it in 2 ms.
@@ -94,15 +82,9 @@ def test_friction_in_proportion_to_a_large_torque_is_followed_however_stiff():
     for _ in range(100):
         plant.advance((25.0, 0.0), 0.01)
         assert abs(plant.qd[0]) < 20
-    weight = gravity(heavy.vector(), plant.q)[0]
+    weight = 9.81 * heavy.P4 * math.cos(plant.q[0])
     creep = math.tanh(plant.qd[0] / 0.05)
     assert 25 * (1 - 0.5 * creep) == pytest.approx(weight, rel=0.01)
-
-
-def test_hanging_at_rest_stays_so():
-    plant = Plant(PAPER)
-    plant.advance((0.0, 0.0), 1.0)
-    np.testing.assert_allclose([*plant.q, *plant.qd], [*HANGING, 0, 0], atol=1e-12)
 
 
 def test_a_rig_that_cannot_be_is_refused():

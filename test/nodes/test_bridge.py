@@ -130,7 +130,7 @@ def test_who_arms_is_told_no_outcome_of_what_others_asked_before(ros, monkeypatc
     """Wherever in between another thread gets the lock: else failure is told, and the motor armed."""
     from std_srvs.srv import Trigger
 
-    from pendubot_identification.link.news import Armed, ArmingFailed
+    from pendubot_identification.link.events import Armed, ArmingFailed
     from pendubot_identification.nodes.bridge import Bridge
 
     def others():

@@ -1,4 +1,4 @@
-"""A serial port that is kept open: a thread reads it, and opens it again whenever it can."""
+"""The serial port on the host's side: a thread reads it, and opens it again whenever it was lost."""
 
 from __future__ import annotations
 
@@ -11,18 +11,16 @@ import termios
 import threading
 import time
 from collections.abc import Callable
+from pathlib import Path
 
 import serial
-
-from .frame_writer import FrameWriter
-from .port_holder import holders
 
 #: A port that failed or is missing is tried again this often [s].
 RETRY = 0.02
 
-#: How long [s] closing may have to wait for the thread; a silent port is looked after this often.
+#: A silent port is checked this often [s]; closing waits for the thread at most so long.
 _READ_TIMEOUT = 0.05
-#: A kernel buffer that takes nothing for so long [s] belongs to a device that is gone.
+#: A device whose buffer takes nothing for so long [s] is gone.
 _WRITE_TIMEOUT = 0.02
 
 _MISSING, _BUSY, _FORBIDDEN = 'missing', 'busy', 'forbidden'
@@ -37,7 +35,7 @@ _TROUBLES = {
 }
 
 
-class SerialLink:
+class SerialPort:
     """A port, read by a thread of its own from :meth:`start` until :meth:`close`.
 
     Args:
@@ -65,7 +63,7 @@ class SerialLink:
         self._write: Callable[[bytes], bool] | None = None
         self._lock = threading.Lock()
         self._stopping = threading.Event()
-        self._thread = threading.Thread(target=self._run, name='serial link', daemon=True)
+        self._thread = threading.Thread(target=self._run, name='serial port', daemon=True)
 
     def start(self) -> None:
         """Begin to open and read."""
@@ -93,7 +91,7 @@ class SerialLink:
             try:
                 device = open_port(self._port, self._baud)
             except Exception as error:
-                # Who holds a busy port takes a while to find out: only where it is news.
+                # Only for new trouble: to find who holds a busy port takes a while.
                 if (trouble := _trouble(error)) != told:
                     told = trouble
                     self._on_closed(_sentence(self._port, trouble))
@@ -108,7 +106,7 @@ class SerialLink:
                 device.close()
             if not self._stopping.is_set():
                 self._on_closed(f'the port {self._port} was lost ({reason}); it is opened again when it returns')
-                # That it is missing now is no further news.
+                # That it is missing now is not reported too.
                 told = _MISSING
                 self._stopping.wait(RETRY)
 
@@ -128,13 +126,13 @@ class SerialLink:
 
 
 def _leads_elsewhere(port: str, device: serial.SerialBase) -> bool:
-    """Tell whether a port's path, such as a link that udev made, now is another device than the one that is open."""
+    """Tell whether a port's path, such as a link that udev made, leads to another device than the one that is open."""
     if not isinstance(device, serial.Serial):
         return False
     try:
         return os.stat(port).st_rdev != os.fstat(device.fd).st_rdev
     except FileNotFoundError:
-        # Where it went the device itself soon fails too.
+        # Unplugged: reading the device soon fails, too.
         return False
 
 
@@ -145,10 +143,10 @@ def _writer(device: serial.SerialBase) -> Callable[[bytes], bool]:
 
 
 def _reader(device: serial.SerialBase) -> Callable[[], tuple[bytes, int]]:
-    """Return what waits for bytes and returns all that are there, with a time by which all of them had arrived.
+    """Return a function that waits for bytes and returns all that are there, and a time by which they had arrived.
 
-    The time is taken after reading: if this process loses the processor in between, what comes meanwhile is read too,
-    and must not seem to have come before it was sent.
+    The time is taken after reading: while this process waits for the processor more may come, is read too, and must not
+    seem to have arrived before it was sent.
     """
 
     def through_pyserial() -> tuple[bytes, int]:
@@ -160,7 +158,7 @@ def _reader(device: serial.SerialBase) -> Callable[[], tuple[bytes, int]]:
     if not isinstance(device, serial.Serial):
         return through_pyserial
 
-    # A thousand times a second pyserial's own reading costs as much as all the rest of the bridge.
+    # Not through pyserial: at 1 kHz its reading costs as much as all the rest of the bridge.
     descriptor = device.fd
     poll = select.poll()
     poll.register(descriptor, select.POLLIN)
@@ -178,35 +176,35 @@ def _reader(device: serial.SerialBase) -> Callable[[], tuple[bytes, int]]:
 
 
 def open_port(port: str, baud: int) -> serial.SerialBase:
-    """Open a port for this program alone, with nothing of what came before.
+    """Open a port for this program alone; what came before is dropped.
 
     Raises:
         OSError, termios.error, ValueError: it is missing, busy, forbidden, or no serial port.
-        Exception: a URL of which pyserial makes nothing: re.error, KeyError and others.
+        Exception: a URL that pyserial does not understand, such as re.error or KeyError.
     """
     device = serial.serial_for_url(port, baud, timeout=_READ_TIMEOUT, write_timeout=_WRITE_TIMEOUT, exclusive=True)
     try:
-        _keep_to_ourselves(device)
+        _lock_out_others(device)
     except (OSError, termios.error):
         device.close()
         raise
     return device
 
 
-def _keep_to_ourselves(device: serial.SerialBase) -> None:
+def _lock_out_others(device: serial.SerialBase) -> None:
     if not isinstance(device, serial.Serial):
         return
-    # pyserial's lock only binds those who ask for it; this binds everybody. Not on a pty: there the flag outlives
-    # its holder as long as the other end is open, and would lock out the next bridge after a crash.
+    # pyserial's lock stops only programs that ask for it; this stops all. Not on a pty: there it would stay after a
+    # crash, as long as the other end is open, and stop the next bridge.
     if not os.ttyname(device.fd).startswith('/dev/pts/'):
         fcntl.ioctl(device.fd, termios.TIOCEXCL)
-    # Not every driver has it; without it frames only come in larger pieces.
+    # Not every driver has it; without it several frames may come together.
     with contextlib.suppress(AttributeError, NotImplementedError, ValueError, OSError):
         device.set_low_latency_mode(True)
 
 
 def _trouble(error: Exception) -> str:
-    """Return what kind of trouble it is, or, where it is none of the usual ones, what the system says."""
+    """Return which of the usual troubles an error is, or else its own text."""
     return _TROUBLES.get(getattr(error, 'errno', None) or 0, str(error) or type(error).__name__)
 
 
@@ -223,3 +221,44 @@ def _sentence(port: str, trouble: str) -> str:
             '(sudo adduser $USER dialout) and log in again'
         )
     return f'the port {port} cannot be opened ({trouble}); set port to a serial port or a pyserial URL'
+
+
+def holders(port: str) -> list[str]:
+    """Return, as ``name (process 123)``, the programs that have a device open; those of other users stay hidden."""
+    device = os.path.realpath(port)
+    found = []
+    for process in Path('/proc').glob('[0-9]*'):
+        # Processes come and go meanwhile, and those of others may not be looked into.
+        with contextlib.suppress(OSError):
+            if any(_target(descriptor) == device for descriptor in (process / 'fd').iterdir()):
+                found.append(f'{(process / "comm").read_text().strip()} (process {process.name})')
+    return found
+
+
+def _target(descriptor: Path) -> str:
+    with contextlib.suppress(OSError):
+        return os.readlink(descriptor)
+    return ''
+
+
+class FrameWriter:
+    """Writes frames to a descriptor that does not block, or drops them: a late torque or sample is of no use."""
+
+    def __init__(self, descriptor: int) -> None:
+        self._descriptor = descriptor
+        self._cut = False
+
+    def write(self, data: bytes) -> bool:
+        """Write at once; return whether all of it went out.
+
+        Raises:
+            OSError: the device is gone.
+        """
+        # After a frame that was cut short a delimiter ends it: else the next one would be lost with it.
+        data = b'\0' + data if self._cut else data
+        sent = 0
+        with contextlib.suppress(BlockingIOError):
+            sent = os.write(self._descriptor, data)
+        complete = sent == len(data)
+        self._cut = not complete and (self._cut or sent > 0)
+        return complete

@@ -1,0 +1,22 @@
+"""Both ways in which motions are simulated: the compiled kernel and numpy."""
+
+import contextlib
+
+import pytest
+
+from pendubot_identification.model import kernel
+
+both_paths = pytest.mark.parametrize('compiled', [True, False], ids=['kernel', 'numpy'])
+
+
+@contextlib.contextmanager
+def path(compiled):
+    """Simulate by the kernel, or by numpy; skip what needs a kernel where there is none."""
+    before = kernel.wanted
+    if compiled and kernel.library() is None:
+        pytest.skip(kernel.description())
+    kernel.wanted = compiled
+    try:
+        yield
+    finally:
+        kernel.wanted = before
