@@ -1,11 +1,21 @@
-"""How bad it is."""
+"""How bad it is: what results, the link and the recorder say of themselves."""
 
+from dataclasses import dataclass
 from enum import IntEnum
 
 
 class Level(IntEnum):
-    """What a result or a link is worth, with the numbers of diagnostic_msgs/DiagnosticStatus."""
+    """How bad it is, with the numbers of diagnostic_msgs/DiagnosticStatus."""
 
     OK = 0
     WARN = 1
     ERROR = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Diagnosis:
+    """What ``/diagnostics`` says of a program: a level, one or more sentences, and figures by name, as text."""
+
+    level: Level
+    message: str
+    values: dict[str, str]

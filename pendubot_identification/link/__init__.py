@@ -1,5 +1,5 @@
 """The wire between board and host, both ends: bytes and the time in; samples, reports and bytes out.
 
-Protocol, clock, host, motor and virtual board know no port and no clock of their own; the serial port and the
-pseudo-terminal stand beside them.
+The host's end is ``host``, which a program feeds from a ``serial_port``; the board's is ``virtual_board``, which
+``pty_server`` serves on a pseudo-terminal. All others know neither a port nor a clock: bytes and times are arguments.
 """

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 
-from pendubot_identification.level import Level
+from pendubot_identification.level import Diagnosis, Level
 
 from .clock import SECOND
 from .events import Report
@@ -23,15 +23,6 @@ WORRYING = (
     'board_damaged',
     'board_overruns',
 )
-
-
-@dataclass(frozen=True, slots=True)
-class Diagnosis:
-    """A level, one or more sentences, and figures by name, as text."""
-
-    level: Level
-    message: str
-    values: dict[str, str]
 
 
 class Health:

@@ -34,7 +34,7 @@ HELD_UP = 50 * MS
 WAITING = 'waiting for the board to say HELLO'
 #: A board whose clock went back further than this, and did not wrap, has restarted.
 CLOCK_BACK_US = 10_000
-#: The board's clock is faster than the host's by at most this part.
+#: The board's clock and the host's differ by at most this part.
 FASTER = 1e-3
 
 # As plain numbers, because a status comes a thousand times a second and IntFlag is slow.

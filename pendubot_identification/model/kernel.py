@@ -1,7 +1,7 @@
-"""The optional compiled kernel, kernel.c: found by the import system like any extension, called through ctypes.
+"""The optional compiled kernel, kernel.c, called through ctypes.
 
-Whoever can use it asks for :func:`library` and does without where that is None: no compiler was there at installation,
-or ``PENDUBOT_KERNEL=off`` is set. Nothing but the time depends on it.
+:func:`library` is None where no compiler was there at installation, or ``PENDUBOT_KERNEL=off`` is set: then numpy does
+the same, slower.
 """
 
 from __future__ import annotations
@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from ctypes import CDLL
 
-#: Of kernel.c's calls; a library that an older version left behind is not used.
+#: Of kernel.c's functions; a library of another version is not used.
 VERSION = 2
 
-#: Set by the package from the environment: whether to use it, and on how many threads at most (0: as many as this
-#: process may use cores). No number depends on them.
+#: Set by the package from the environment: whether to use the kernel, and on how many threads at most (0: one on each
+#: core that this process may use). Results do not depend on the threads.
 wanted = True
 threads = 0
 

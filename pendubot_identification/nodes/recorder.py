@@ -16,8 +16,7 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 from std_srvs.srv import Trigger
 
 from pendubot_identification.errors import BagError, ParameterError
-from pendubot_identification.level import Level
-from pendubot_identification.link.health import Diagnosis
+from pendubot_identification.level import Diagnosis, Level
 from pendubot_identification.recordings.bag_metadata import Qos
 from pendubot_identification.recordings.bag_writer import Limits
 from pendubot_identification.recordings.recording import Arrival, Recording

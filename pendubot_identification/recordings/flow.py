@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from pendubot_identification.level import Level
-from pendubot_identification.link.health import Diagnosis
+from pendubot_identification.level import Diagnosis, Level
 
 #: A message that is written so much later than it was published is worth a warning [s].
 LATE = 1.0

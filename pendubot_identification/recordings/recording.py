@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from pendubot_identification.errors import BagError
-from pendubot_identification.link.health import Diagnosis
+from pendubot_identification.level import Diagnosis
 from pendubot_identification.recordings.flow import Flow, diagnose
 
 from .bag_metadata import Qos
