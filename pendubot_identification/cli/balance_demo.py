@@ -11,7 +11,6 @@ from pendubot_identification.errors import PendubotError
 
 from .programs import (
     LOOK,
-    PAUSE,
     Programs,
     interruptible,
     new_folder,
@@ -23,10 +22,10 @@ from .programs import (
 
 RATE, SAMPLES, DELAY, LIMIT = 200, 2400, 0.004, 2.0
 RIG = ('--preset', 'balance', '--delay', DELAY, '--torque-limit', LIMIT)
-#: While the computer pauses it may turn far and fast; nothing of it breaks.
-UNBOUNDED = {'max_shoulder': 100.0, 'max_elbow': 1000.0, 'max_speed': 1000.0}
 #: It is to be held for so long [s], and may take so much longer: where the computer pauses, it falls in between.
 HOLD, PATIENCE = 10.0, 40.0
+#: A patient rig's clock stays behind by every pause, and so do its samples, by so much at most [s].
+LAG = 10.0
 
 
 def run(args: argparse.Namespace) -> int:
@@ -61,7 +60,7 @@ def _swung_up(rclpy: Any, folder: Path) -> _Watcher:
     watcher = _Watcher(rclpy)
     with Programs(folder) as programs:
         programs.start_rig(RATE, *RIG)
-        balancer = programs.start('balancer', *parameters(torque_limit=LIMIT, max_age=PAUSE, **UNBOUNDED))
+        balancer = programs.start('balancer', *parameters(torque_limit=LIMIT, max_age=LAG))
         programs.wait(balancer, watcher.sees_it_ready, 'was not ready', 60.0, watcher.spin)
         watcher.start()
         print('the balancer knows the rig through /pendubot/params alone; it swings it up', flush=True)

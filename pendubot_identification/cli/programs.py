@@ -27,8 +27,7 @@ DOMAINS, TRIES = range(1, 101), 5
 #: Whoever is in a domain is discovered within this [s]: mostly in 0.2 s, but where first announcements are missed, with
 #: the next, which Fast DDS sends every 3 s.
 DISCOVERY = 4.0
-#: The computer may pause for so long [s] without any timeout ending anything: on the virtual rig, where a motor that
-#: runs on meanwhile harms nobody.
+#: The computer may pause for so long [s] and end nothing: the virtual rig waits meanwhile.
 PAUSE = 2.0
 #: How often it is looked how things stand [s], and a pause that is worth a word.
 LOOK, PAUSED = 0.02, 0.1
@@ -204,9 +203,9 @@ class Programs(ExitStack):
     def start_rig(self, rate: int, *options: object) -> None:
         """Start a virtual board and a bridge that outlast a pause of this computer."""
         port = self._folder / 'board'
-        board = self.start('virtual_board', '--link', port, '--rate', rate, *options)
+        board = self.start('virtual_board', '--patient', '--link', port, '--rate', rate, *options)
         self.wait(board, port.exists, 'opened no port')
-        self.start('bridge', *parameters(port=port, watchdog_ms=round(1e3 * PAUSE), link_timeout=PAUSE))
+        self.start('bridge', *parameters(port=port, link_timeout=PAUSE))
 
 
 def once_more(attempt: Callable[[], Result]) -> Result:

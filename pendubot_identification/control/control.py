@@ -67,7 +67,7 @@ class Limits:
         shoulder: farthest that link 1 may be from upright [rad]; hanging is pi away.
         elbow: farthest that the elbow may turn [rad].
         speed: fastest joint speed [rad/s].
-        gap: longest time without a sample, or without a torque that is obeyed [s].
+        gap: longest time without a sample [s].
         swing_up: longest swing-up [s]; 0: none at all.
     """
 
@@ -124,7 +124,7 @@ class Controller:
         self._loop = loop
         self._bounds = bounds or Limits()
         self._estimator = self._estimate()
-        self._echo = Echo(loop.transport, loop.period, self._bounds.gap)
+        self._echo = Echo(loop.transport, loop.period)
         self._wiring: Wiring | None = Wiring(design.parameters, loop.period, loop.lag)
         self._theta = tuple(map(float, design.parameters.vector()))
         self._last: float | None = None

@@ -10,8 +10,8 @@ SAME = 2e-6
 LONGEST = 10
 #: Of so many unambiguous samples, nearly all must say so, before another transport is believed.
 EVIDENCE, AGREEMENT = 40, 0.8
-#: Torques are remembered for so long [s].
-MEMORY = 0.1
+#: Without any torque of its own for so long [s] the controller is not obeyed.
+DISOBEDIENCE = 0.1
 
 
 class Echo:
@@ -20,17 +20,15 @@ class Echo:
     Args:
         transport: what to believe at first [samples].
         period: between samples [s].
-        patience: without any torque of its own for so long [s], though not for fewer samples than may be on their way,
-            the controller is not obeyed.
 
     Attributes:
         transport: so many samples after the one from which it was computed a torque is applied.
     """
 
-    def __init__(self, transport: int, period: float, patience: float = 0.1) -> None:
+    def __init__(self, transport: int, period: float) -> None:
         self.transport = transport
-        self._patience = max(LONGEST + 1, round(patience / period))
-        self._commands: deque[float] = deque(maxlen=max(LONGEST + 1, round(MEMORY / period)))
+        self._patience = max(LONGEST + 1, round(DISOBEDIENCE / period))
+        self._commands: deque[float] = deque(maxlen=self._patience)
         self._seen: deque[int] = deque(maxlen=EVIDENCE)
         self._strange = 0
 

@@ -22,6 +22,9 @@ from .virtual_board import VirtualBoard
 #: Option of Linux's prctl: by how much [ns] timers of this thread may be late.
 PR_SET_TIMERSLACK = 29
 
+#: Where this process, or the host that commands an armed board, was kept waiting for longer [ns], a patient rig waits.
+PAUSE = 50_000_000
+
 TRACE_HEADER = 't_us,enc1,enc2,torque,status'
 
 
@@ -33,6 +36,8 @@ class PtyServer:
         link: where to put a symbolic link to the pty, so that a host finds it under a name that stays.
         trace: where to write a CSV file of every sample as the board took it (t_us, counts, micro-N m, status).
         tell: called with ``cable out`` as it goes, and ``cable in`` once it is back.
+        patient: the board's time stands still while this process is kept waiting and, as long as the board is armed,
+            while the host says nothing: on a computer that pauses no rig runs on without its controller.
 
     Attributes:
         path: where a host opens it.
@@ -48,8 +53,11 @@ class PtyServer:
         link: Path | None = None,
         trace: Path | None = None,
         tell: Callable[[str], None] = lambda _: None,
+        patient: bool = False,
     ) -> None:
         self._board = board
+        self._patient = patient
+        self._heard = 0
         self._tell = tell
         self._link = link
         self._master: int | None = None
@@ -90,7 +98,10 @@ class PtyServer:
         while not stopped() and due - start < duration * 1e9:
             wait = max(0, due - time.monotonic_ns()) * 1e-9
             self._receive(wait)
-            if time.monotonic_ns() >= due:
+            now = time.monotonic_ns()
+            if self._patient and (now - due > PAUSE or (self._board.armed and now - self._heard > PAUSE)):
+                due = now + period
+            elif now >= due:
                 data = self._board.sample()
                 # First, so that the trace holds every sample that a host has.
                 self._write_trace()
@@ -148,6 +159,7 @@ class PtyServer:
         # A host that left may have sent something before; if it did not, reading fails.
         with contextlib.suppress(OSError):
             self._board.receive(os.read(self._master, 4096))
+            self._heard = time.monotonic_ns()
 
     def _send(self, data: bytes) -> None:
         # Like a UART, without waiting for a host that does not read.

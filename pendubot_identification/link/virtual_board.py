@@ -51,7 +51,7 @@ class BoardSettings:
     counts: int = 4000
     torque_limit: float = 2.0
     sample_period_us: int = 10_000
-    watchdog_max_ms: int = 2000
+    watchdog_max_ms: int = 500
     clock_start_us: int = 0
 
     def __post_init__(self) -> None:

@@ -88,6 +88,12 @@ def parser() -> argparse.ArgumentParser:
         metavar='S',
         help='the motor obeys so much later than the board says (default %(default)s)',
     )
+    p.add_argument(
+        '--patient',
+        action='store_true',
+        help='its time stands still while this computer keeps it waiting and, armed, while no command comes: the rig '
+        'does not run on without its controller',
+    )
     p.add_argument('--seed', type=int, help='of everything random (default: a new one every time, printed)')
     p.add_argument('--trace', type=Path, metavar='FILE', help='write every sample as the board took it, as CSV')
     p.add_argument(
@@ -157,7 +163,7 @@ def main(args: Sequence[str] | None = None) -> int:
     stop = Ending()
     stop.set_at_signal()
     try:
-        with PtyServer(make_board(options), options.link, options.trace, _tell) as server:
+        with PtyServer(make_board(options), options.link, options.trace, _tell, options.patient) as server:
             signal.signal(signal.SIGUSR1, lambda *_: server.pull())
             signal.signal(signal.SIGUSR2, lambda *_: server.plug())
             print(f'seed {options.seed}\nvirtual board on {server.path}', flush=True)

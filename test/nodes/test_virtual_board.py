@@ -1,7 +1,10 @@
 """What the virtual board's options make of it; test_bridge.py has the program itself."""
 
+import signal
+import time
 from dataclasses import asdict, replace
 
+import numpy as np
 import pytest
 import yaml
 
@@ -12,6 +15,7 @@ from pendubot_identification.model.simulation import LatePlant
 from pendubot_identification.nodes.virtual_board import make_board, parser
 from pendubot_identification.results.result_file import SCHEMA
 from test.processes import run_program
+from test.rig import ARMED, WATCHDOG
 
 
 def pushed(*options):
@@ -85,3 +89,24 @@ def test_a_trace_that_cannot_be_written_any_more_is_one_sentence(tmp_path, room)
     )
     assert not link.is_symlink()
     assert trace.stat().st_size == room, 'what there was room for is there'
+
+
+@pytest.mark.ros
+@pytest.mark.parametrize('stopped', ['board', 'bridge', 'both'])
+def test_a_patient_rig_waits_while_its_computer_pauses(rig, stopped):
+    r = rig(100, '--patient')
+    programs = {'board': [r.start_board()], 'bridge': [r.start_bridge('link_timeout:=60.0')]}
+    programs['both'] = programs['board'] + programs['bridge']
+    r.until_samples()
+    assert r.call('arm').success
+    r.drive_until(0.2, lambda: r.samples[-1][6] == 0.2)
+    before, begun = len(r.trace()), time.monotonic()
+    for number in (signal.SIGSTOP, signal.SIGCONT):
+        for program in programs[stopped]:
+            program.process.send_signal(number)
+        time.sleep(0.5 if number == signal.SIGSTOP else 0.0)
+    r.drive_until(-0.2, lambda: r.samples[-1][6] == -0.2)
+    passed, trace = time.monotonic() - begun, r.trace()
+    assert passed - (len(trace) - before) * 0.01 > 0.4, 'it did not catch up'
+    assert (np.diff(trace[:, 0]) == 10_000).all()
+    assert (trace[before:, 4] & (ARMED | WATCHDOG) == ARMED).all()
