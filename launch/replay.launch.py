@@ -14,11 +14,8 @@ from launch_ros.substitutions import FindPackageShare
 
 PACKAGE = 'pendubot_identification'
 ARGUMENTS = {
-    'bag': ('', 'folder of the bag, or its .mcap file'),
+    'bag': ('', 'folder of the bag, or its .mcap file; BAG@START:END: these seconds of it'),
     'rate': ('1.0', 'times real time'),
-    'start': ('0.0', "seconds from the bag's first message"),
-    'duration': ('0.0', 'seconds; 0: to the end'),
-    'loop': ('false', 'true: again and again'),
     'view': ('true', 'whether robot_state_publisher describes the rig, for RViz: see view.launch.py'),
 }
 
@@ -26,7 +23,7 @@ ARGUMENTS = {
 def generate_launch_description():
     """Play, and describe the rig."""
     value = {name: LaunchConfiguration(name) for name in ARGUMENTS}
-    types = {'bag': str, 'rate': float, 'start': float, 'duration': float, 'loop': bool}
+    types = {'bag': str, 'rate': float}
     view = PathJoinSubstitution([FindPackageShare(PACKAGE), 'launch', 'view.launch.py'])
     return LaunchDescription(
         [

@@ -1,1 +1,1 @@
-"""Messages that come, that came, and that come again."""
+"""Messages that come, and that came."""
