@@ -9,18 +9,15 @@ from launch.substitutions import LaunchConfiguration
 from pendubot_identification.launching import described, include, program
 
 ARGUMENTS = {
-    'bag': ('', 'folder of the bag, or its .mcap file'),
+    'bag': ('', 'folder of the bag, or its .mcap file; BAG@START:END: these seconds of it'),
     'rate': (1.0, 'times real time'),
-    'start': (0.0, "seconds from the bag's first message"),
-    'duration': (0.0, 'seconds; 0: to the end'),
-    'loop': (False, 'true: again and again'),
     'view': (True, 'whether robot_state_publisher describes the rig, for RViz: see view.launch.py'),
 }
 
 
 def start(given):
     """Return the player."""
-    return [program('player', {name: given[name] for name in ('bag', 'rate', 'start', 'duration', 'loop')})]
+    return [program('player', {name: given[name] for name in ('bag', 'rate')})]
 
 
 def generate_launch_description():

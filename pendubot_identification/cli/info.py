@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from pendubot_identification.recordings.bag_reader import BagInfo
+    from pendubot_identification.recordings.bag_reader import BagReader
     from pendubot_identification.recordings.bag_survey import TopicTimes
-    from pendubot_identification.recordings.mcap_salvage import Damage
+    from pendubot_identification.recordings.mcap_file import Damage
 
 DESCRIPTION = """\
 Say what is in a bag: its topics, how many messages of each, how often and how regularly, how long it lasts, whether
@@ -51,27 +51,27 @@ def run(args: argparse.Namespace) -> int:
     from pendubot_identification.recordings.bag_survey import survey
 
     reader = BagReader(args.bag)
-    summary = summarise(reader.info, *survey(reader.files))
+    summary = summarise(reader, *survey(reader.files))
     print(json.dumps(summary, indent=2) if args.json else as_text(summary))
     return 0
 
 
-def summarise(info: BagInfo, topics: dict[str, TopicTimes], damages: dict[str, list[Damage]]) -> dict[str, Any]:
+def summarise(bag: BagReader, topics: dict[str, TopicTimes], damages: dict[str, list[Damage]]) -> dict[str, Any]:
     """Return what ``--json`` prints: times in seconds or, where the name says so, nanoseconds; rates in Hz."""
     return {
-        'bag': str(info.path),
-        'files': [str(file) for file in info.files],
-        'closed': info.closed,
-        'note': info.note,
+        'bag': str(bag.path),
+        'files': [str(file.path) for file in bag.files],
+        'closed': bag.closed,
+        'note': bag.note,
         'damaged': [
             {'file': name, 'offset': damage.offset, 'size': damage.size}
             for name, found in damages.items()
             for damage in found
         ],
-        'start_ns': info.first_ns,
-        'duration': info.duration,
+        'start_ns': bag.first_ns if bag.count else None,
+        'duration': bag.duration,
         'messages': sum(topic.count for topic in topics.values()),
-        'topics': [_of_topic(topic.name, topic.type_name, topics[topic.name]) for topic in info.topics],
+        'topics': [_of_topic(name, type_name, topics[name]) for name, (type_name, _) in bag.topics.items()],
     }
 
 
@@ -90,7 +90,7 @@ def _of_topic(name: str, type_name: str, times: TopicTimes) -> dict[str, Any]:
         'messages': times.count,
         'lost': times.lost,
         'rate': (len(at) - 1) / span if span else 0.0,
-        'stamped': bool(times.stamps),
+        'stamped': times.stamped,
         # JSON has no NaN.
         **{key: None if value != value else value for key, value in asdict(found).items()},
         'latency': float(np.median(latency)) if len(latency) else None,

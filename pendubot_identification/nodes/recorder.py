@@ -13,12 +13,10 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.duration import Duration
 from rclpy.topic_endpoint_info import TopicEndpointInfo
-from std_srvs.srv import Trigger
 
 from pendubot_identification.errors import BagError, ParameterError
 from pendubot_identification.level import Diagnosis, Level
 from pendubot_identification.recordings.bag_metadata import Qos
-from pendubot_identification.recordings.bag_writer import Limits
 from pendubot_identification.recordings.recording import Arrival, Recording
 
 from .diagnostics import diagnostics_message, stamp_now, status_name
@@ -30,7 +28,7 @@ from .runtime import Setting, SettingsNode, run
 DISCOVERY_PERIOD = 0.1  #: How often publishers that are new are looked for [s].
 FETCH_PERIOD = 0.01  #: How often what has come is fetched from the middleware [s].
 FLUSH_PERIOD = 0.05  #: How often what was recorded is handed to the system, which keeps it through a SIGKILL [s].
-SYNC_PERIOD = 1.0  #: How often it is put on the disk, which keeps it through a power cut [s].
+SYNC_PERIOD = 1.0  #: How often it is put on the disk, which keeps it through a power cut, and is counted [s].
 PATIENCE = 5.0  #: After this time topics that nobody publishes are named in a warning [s].
 
 
@@ -44,14 +42,12 @@ class Recorder(SettingsNode):
     PROGRAM = 'recorder'
     SUMMARY = (
         'Records topics of any type into a bag (MCAP) that ros2 bag and pendubot read. Topics may appear later than '
-        'the recorder; each as its publishers offer it. ~/pause, ~/resume and ~/split are std_srvs/Trigger. '
-        'SIGINT, SIGTERM and a disk that fills close the bag; after SIGKILL it holds all but the last moments.'
+        'the recorder; each is recorded as its publishers offer it. SIGINT, SIGTERM and a disk that fills close the '
+        'bag; after SIGKILL it holds all but the last moments.'
     )
     SETTINGS = (
         Setting('output', '', "the bag's folder, which must not exist; empty: pendubot_<UTC date-time> in this folder"),
         Setting('topics', ['joint_states', 'pendubot/effort_command'], 'the topics to record'),
-        Setting('max_size', 0, 'a file that would grow beyond this ends, and another begins; 0: never', 'bytes', 0),
-        Setting('max_duration', 0.0, 'a file of this length ends, and another begins; 0: never', 's', 0.0, 1e9),
         Setting('reserve', 100_000_000, 'the bag is closed before the disk has less than this left', 'bytes', 0),
         Setting('max_messages', 0, 'end after so many messages of the first topic; 0: when stopped', minimum=0),
     )
@@ -63,16 +59,13 @@ class Recorder(SettingsNode):
         self._max_messages: int = s['max_messages']
         self._fetcher = Fetcher(self, self._take)
         self._troubles: dict[str, str] = {}
-        self._ending = threading.Event()
+        self._ending, self._sync_due = threading.Event(), threading.Event()
         self._failure: BagError | None = None
         path = Path(s['output'] or f'pendubot_{datetime.now(timezone.utc):%Y%m%dT%H%M%SZ}')
-        limits = Limits(s['max_size'], s['max_duration'], s['reserve'], int(FLUSH_PERIOD * 1e9))
-        self._recording = Recording(path, self._names, limits)
+        self._recording = Recording(path, self._names, s['reserve'])
         self.get_logger().info(f'recording to {path}')
         self._missing_since = time.monotonic()
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
-        for name in ('pause', 'resume', 'split'):
-            self.create_service(Trigger, f'~/{name}', partial(self._serve, getattr(self._recording, name)))
         self.create_timer(DISCOVERY_PERIOD, partial(self._guarded, self._discover))
         self.create_timer(FETCH_PERIOD, self._fetcher.fetch)
         self.create_timer(FLUSH_PERIOD, partial(self._guarded, self._recording.flush))
@@ -151,6 +144,7 @@ class Recorder(SettingsNode):
             message_type = message_class(name, type_name)
             self._recording.begin(name, type_name, Qos(qos.reliability.name.lower(), qos.durability.name.lower()))
             self._fetcher.subscribe(name, message_type, qos)
+            self._sync_due.set()  # metadata.yaml names the topic
             self.get_logger().info(f'recording {name} [{type_name}]')
         self._recording.publishers(name, len(publishers))
         deaf = len(publishers) - heard(publishers, qos)
@@ -161,28 +155,14 @@ class Recorder(SettingsNode):
         published_ns = info['source_timestamp'] or received_ns
         arrival = Arrival(data, received_ns, published_ns, info['publication_sequence_number'])
         self._guarded(lambda: self._recording.take(name, arrival))
-        self._end_if_enough()
-
-    def _end_if_enough(self) -> None:
         if 0 < self._max_messages <= self._recording.count(self._names[0]):
             self._ending.set()
             self.end(self.exit_status)
 
-    def _serve(self, action: Callable[[], str], _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        # What came before is treated as it was then.
-        self._fetcher.fetch_all()
-        try:
-            response.message, response.success = action(), True
-            # ~/resume writes what was latched meanwhile.
-            self._end_if_enough()
-        except BagError as error:
-            # If it matters beyond the answer, the next message meets with it too.
-            response.message = str(error)
-        self.get_logger().info(response.message)
-        return response
-
     def _keep_synced(self) -> None:
-        while not self._ending.wait(SYNC_PERIOD):
+        while not self._ending.is_set():
+            self._sync_due.wait(SYNC_PERIOD)
+            self._sync_due.clear()
             self._guarded(self._recording.sync)
 
     def _tell(self, d: Diagnosis) -> None:

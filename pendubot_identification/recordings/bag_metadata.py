@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -68,54 +68,27 @@ class Topic:
         return {'offered_qos_profiles': self.profiles, 'topic_type_hash': self.type_hash}
 
 
-@dataclass
-class Span:
-    """How many messages, from when to when [ns since the epoch]."""
+def information(
+    file: str, topics: Iterable[Topic], counts: Mapping[str, int], first_ns: int, last_ns: int
+) -> dict[str, Any]:
+    """Return everything that metadata.yaml says of a bag of one file, under its one key's value.
 
-    count: int = 0
-    first_ns: int = 0
-    last_ns: int = 0
-
-    def add(self, time_ns: int) -> None:
-        """Count a message."""
-        self.first_ns = min(self.first_ns, time_ns) if self.count else time_ns
-        self.last_ns = max(self.last_ns, time_ns) if self.count else time_ns
-        self.count += 1
-
-    def document(self) -> dict[str, Any]:
-        """Return it in rosbag2's words."""
-        return {
-            'starting_time': {'nanoseconds_since_epoch': self.first_ns},
-            'duration': {'nanoseconds': self.last_ns - self.first_ns},
-            'message_count': self.count,
-        }
-
-
-@dataclass
-class FileSpan(Span):
-    """One file of a bag: its name, and what is in it."""
-
-    name: str = ''
-    topics: dict[str, int] = field(default_factory=dict)
-
-
-def whole_span(files: Iterable[Span]) -> Span:
-    """Return the span of all files together."""
-    filled = [file for file in files if file.count]
-    if not filled:
-        return Span()
-    return Span(sum(file.count for file in filled), min(f.first_ns for f in filled), max(f.last_ns for f in filled))
-
-
-def information(files: Sequence[FileSpan], topics: Iterable[Topic]) -> dict[str, Any]:
-    """Return everything that metadata.yaml says, under its one key's value."""
-    span = whole_span(files).document()
+    Args:
+        file: its name.
+        topics: in it.
+        counts: how many messages of each there are.
+        first_ns: log time of its first message [ns since the epoch].
+        last_ns: of its last.
+    """
+    span = {
+        'starting_time': {'nanoseconds_since_epoch': first_ns},
+        'duration': {'nanoseconds': last_ns - first_ns},
+        'message_count': sum(counts.values()),
+    }
     return {
         'version': 9,
         'storage_identifier': 'mcap',
-        'duration': span['duration'],
-        'starting_time': span['starting_time'],
-        'message_count': span['message_count'],
+        **span,
         'topics_with_message_count': [
             {
                 'topic_metadata': {
@@ -125,14 +98,14 @@ def information(files: Sequence[FileSpan], topics: Iterable[Topic]) -> dict[str,
                     'offered_qos_profiles': offered_profiles(topic.profiles),
                     'type_description_hash': topic.type_hash,
                 },
-                'message_count': sum(file.topics.get(topic.name, 0) for file in files),
+                'message_count': counts.get(topic.name, 0),
             }
             for topic in topics
         ],
         'compression_format': '',
         'compression_mode': '',
-        'relative_file_paths': [file.name for file in files],
-        'files': [{'path': file.name, **file.document()} for file in files],
+        'relative_file_paths': [file],
+        'files': [{'path': file, **span}],
         'custom_data': None,
         'ros_distro': 'jazzy',
     }

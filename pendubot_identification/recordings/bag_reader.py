@@ -7,9 +7,9 @@ import math
 import os
 import re
 from array import array
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import chain
+from functools import cached_property
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Generic, TypeVar
 
@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 from pendubot_identification.errors import BagError, TrajectoryError
 from pendubot_identification.trajectories.trajectory import MINIMUM_SAMPLES, Trajectory
 
-from .bulk import Layout, Message, Samples
-from .joint_states import JOINT_NAMES, JOINT_STATE, JOINT_STATES_TOPIC, JointState, decode_joint_state
-from .mcap_file import McapFile
+from .joint_states import JOINT_NAMES, JOINT_STATE, JOINT_STATES_TOPIC, JointDecoder, decode_joint_state
+from .mcap_file import FOREVER_NS, McapFile
+from .mcap_records import Messages
 
 if TYPE_CHECKING:
     # Not for who only looks at a bag: scipy takes longer to import than the index of most to read.
@@ -33,9 +33,6 @@ LATENCY_NS = 1_000_000_000
 
 #: Samples of a long recording that are looked at together.
 AT_ONCE = 4096
-#: Longer than any bag [ns], and short enough to be added to a time.
-FOREVER_NS = 2**63
-
 Taken = TypeVar('Taken', bound='Recording', covariant=True)
 
 
@@ -85,47 +82,6 @@ class BagWindow:
         return f'{self.path}@{start}:{end}'
 
 
-@dataclass(frozen=True, slots=True)
-class TopicInfo:
-    """A topic of a bag, its message type, and how many messages of it there are."""
-
-    name: str
-    type_name: str
-    count: int
-
-
-@dataclass(frozen=True, slots=True)
-class BagInfo:
-    """What is in a bag.
-
-    Attributes:
-        path: the bag's folder or file.
-        files: its .mcap files in order.
-        topics: by name.
-        first_ns, last_ns: earliest and latest log time [ns since the epoch], None in an empty bag.
-        closed: whether its recording came to an end.
-        note: what could be read, in a sentence, where it did not; else empty.
-    """
-
-    path: Path
-    files: tuple[Path, ...]
-    topics: tuple[TopicInfo, ...]
-    first_ns: int | None
-    last_ns: int | None
-    closed: bool
-    note: str
-
-    @property
-    def duration(self) -> float:
-        """Seconds from the first to the last message."""
-        return 0.0 if self.first_ns is None or self.last_ns is None else (self.last_ns - self.first_ns) / 1e9
-
-    @property
-    def count(self) -> int:
-        """The number of messages on all topics."""
-        return sum(topic.count for topic in self.topics)
-
-
 @dataclass(frozen=True)
 class RecordedTrajectory(Generic[Taken]):
     """A motion from a bag, and what a result must say of that bag.
@@ -149,51 +105,66 @@ class RecordedTrajectory(Generic[Taken]):
 class BagReader:
     """A bag folder or a single .mcap file, closed or not; what metadata.yaml counts is never relied upon.
 
+    Attributes:
+        path: the bag's folder or file.
+        files: its .mcap files in order.
+        topics: by name, type and number of messages of each.
+        first_ns, last_ns: earliest and latest log time [ns since the epoch], 0 in an empty bag.
+        closed: whether its recording came to an end.
+        note: what could be read, in a sentence, where it did not; else empty.
+
     Raises:
         BagError: there is no such bag, it is none, or it cannot be read.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = Path(path)
-        self._hash: str | None = None
-        self._files, unread = _open_all(_mcap_files(self.path))
-        topics: dict[str, TopicInfo] = {}
-        for file in self._files:
+        self.files, unread = _open_all(_mcap_files(self.path))
+        topics: dict[str, tuple[str, int]] = {}
+        for file in self.files:
             for name, (type_name, count) in file.topics.items():
-                before = topics[name].count if name in topics else 0
-                topics[name] = TopicInfo(name, type_name, before + count)
-        self.info = BagInfo(
-            path=self.path,
-            files=tuple(file.path for file in self._files),
-            topics=tuple(topics[name] for name in sorted(topics)),
-            first_ns=min((file.first_ns for file in self._files if file.first_ns is not None), default=None),
-            last_ns=max((file.last_ns for file in self._files if file.last_ns is not None), default=None),
-            closed=all(file.closed for file in self._files) and not unread,
-            note='; '.join([*(file.note for file in self._files if file.note), *unread]),
-        )
+                topics[name] = type_name, topics.get(name, ('', 0))[1] + count
+        self.topics = dict(sorted(topics.items()))
+        self.first_ns = min((file.first_ns for file in self.files if file.first_ns is not None), default=0)
+        self.last_ns = max((file.last_ns for file in self.files if file.last_ns is not None), default=0)
+        self.closed = all(file.closed for file in self.files) and not unread
+        self.note = '; '.join([*(file.note for file in self.files if file.note), *unread])
 
     @property
-    def files(self) -> list[McapFile]:
-        """The bag's files in order."""
-        return self._files
+    def duration(self) -> float:
+        """Seconds from the first to the last message."""
+        return (self.last_ns - self.first_ns) / 1e9
+
+    @property
+    def count(self) -> int:
+        """The number of messages on all topics."""
+        return sum(count for _, count in self.topics.values())
 
     def is_long(self, topic: str, duration: float) -> bool:
         """Tell whether about so many seconds of a topic are too many samples to be held."""
         from pendubot_identification.trajectories.long import is_long
 
-        count = sum(t.count for t in self.info.topics if t.name == topic)
-        return self.info.duration > 0 and is_long(count * duration / self.info.duration, duration)
+        _, count = self.topics.get(topic, ('', 0))
+        return self.duration > 0 and is_long(count * duration / self.duration, duration)
 
+    @cached_property
     def content_hash(self) -> str:
-        """Return the SHA-256 of the bag's .mcap files, one after the other, in hexadecimal."""
-        if self._hash is None:
-            digest = hashlib.sha256()
-            for file in self._files:
-                with file.path.open('rb') as stream:
-                    while block := stream.read(1 << 20):
-                        digest.update(block)
-            self._hash = digest.hexdigest()
-        return self._hash
+        """The SHA-256 of the bag's .mcap files, one after the other, in hexadecimal."""
+        digest = hashlib.sha256()
+        for file in self.files:
+            with file.path.open('rb') as stream:
+                while block := stream.read(1 << 20):
+                    digest.update(block)
+        return digest.hexdigest()
+
+    def messages(self, topics: Collection[str], start_ns: int = 0, end_ns: int = FOREVER_NS) -> Iterator[Messages]:
+        """Return the messages of some topics with START <= log time < END [ns], many at once, in the order of writing.
+
+        Raises:
+            BagError: a part of a closed file is damaged.
+        """
+        for file in self.files:
+            yield from file.messages(topics, start_ns, end_ns)
 
     def joint_samples(
         self, topic: str, joint_names: Sequence[str], start: float | None = None, end: float | None = None
@@ -208,66 +179,15 @@ class BagReader:
             BagError: the topic or a joint is not there or without position or effort, or a part that is needed is
                 damaged.
         """
-        stream = self.stream(topic, joint_names, start, end)
+        stream = Stream(self, topic, joint_names, start, end)
         while True:
             # Arrays of the standard library grow in place, and are not copied to become numpy's.
             times, values = array('q'), array('d')
             for elapsed_ns, block in stream:
-                times.frombytes(elapsed_ns.tobytes())
-                values.frombytes(block.tobytes())
+                times.frombytes(elapsed_ns.data.cast('B'))
+                values.frombytes(block.data.cast('B'))
             if not stream.missed():
                 return np.frombuffer(times, dtype=np.int64), np.frombuffer(values).reshape(-1, 3, 2)
-
-    def stream(
-        self, topic: str, joint_names: Sequence[str], start: float | None = None, end: float | None = None
-    ) -> Stream:
-        """Return the same samples, block by block, to be read again and again.
-
-        Raises:
-            BagError: the topic is not there.
-        """
-        self._require(topic)
-        return Stream(self, topic, joint_names, start, end)
-
-    def blocks(
-        self, topic: str, joint_names: Sequence[str], from_ns: int, until_ns: int
-    ) -> Iterator[Samples | Message]:
-        """Return the topic's messages of these log times, as many at once as are laid out alike."""
-        for file in self._files:
-            first, channel = next(file.messages(topic), None), file.channel(topic)
-            if first is None:
-                continue
-            layout = None if channel is None else Layout.of(first.data, channel, joint_names)
-            chunks = None if layout is None else file.chunks(topic, max(from_ns, 0), until_ns)
-            if layout is None or chunks is None:
-                for message in file.messages(topic, from_ns, until_ns):
-                    yield Message(message.log_time, message.data)
-                continue
-            for block in chain.from_iterable(map(layout.read, chunks)):
-                if isinstance(block, Message):
-                    if from_ns <= block.log_ns < until_ns:
-                        yield block
-                    continue
-                within = (from_ns <= block.log_ns) & (block.log_ns < until_ns)
-                if within.any():
-                    yield block.part(within)
-
-    def first(self, topic: str) -> tuple[int, JointState]:
-        """Return the first message of a topic that there is, and its log time [ns]."""
-        message = next(message for file in self._files for message in file.messages(topic))
-        return message.log_time, decode_joint_state(message.data)
-
-    def _require(self, topic: str) -> None:
-        if not self.info.count:
-            raise BagError(f'{self.path} holds no message; record again while something is published')
-        found = next((t for t in self.info.topics if t.name == topic), None)
-        if found is None or not found.count:
-            there = ', '.join(f'{t.name} [{t.type_name}]' for t in self.info.topics if t.count)
-            raise BagError(
-                f'{self.path} holds nothing on {topic}; its topics are {there}: name one of type {JOINT_STATE}'
-            )
-        if found.type_name != JOINT_STATE:
-            raise BagError(f'{self.path}: {topic} is of type {found.type_name}; name a topic of type {JOINT_STATE}')
 
 
 class Stream:
@@ -275,11 +195,15 @@ class Stream:
 
     Iterating gives blocks, each of t [ns] from the bag's first sample, shape (N,), and values, shape (N, 3, 2), as
     :meth:`BagReader.joint_samples` returns them.
+
+    Raises:
+        BagError: the topic is not there, or not of JointStates.
     """
 
     def __init__(
         self, reader: BagReader, topic: str, joint_names: Sequence[str], start: float | None, end: float | None
     ) -> None:
+        _require(reader, topic)
         self._reader, self._topic, self._joint_names = reader, topic, joint_names
         self._from_start = start is None
         self._low = 0 if start is None else round(min(start * 1e9, FOREVER_NS))
@@ -290,25 +214,23 @@ class Stream:
         self._missed = False
 
     def __iter__(self) -> Iterator[tuple[NDArray[np.int64], NDArray[np.float64]]]:
-        reader, low, high = self._reader, self._low, self._high
-        logged_ns, first = reader.first(self._topic)
-        earliest, latest, count = FOREVER_NS, -FOREVER_NS, 0
-        until_ns = logged_ns + high + self._margin
-        for block in reader.blocks(self._topic, self._joint_names, logged_ns + low - self._margin, until_ns):
-            if isinstance(block, Samples):
-                stamps, values = block.stamp_ns, block.values
-            else:
-                state = decode_joint_state(block.data)
-                where = f'{reader.path}: sample {count} of {self._topic}'
-                stamps = np.array([state.stamp_ns])
-                values = np.array(_of_joints(state, self._joint_names, where)).reshape(1, 3, 2)
-            elapsed_ns = stamps - first.stamp_ns
+        low, high, topics = self._low, self._high, [self._topic]
+        first = next(iter(next(some for some in self._reader.messages(topics) if len(some))))
+        first_ns, logged_ns = decode_joint_state(first.data).stamp_ns, first.log_time
+        decode = JointDecoder(self._joint_names, f'{self._reader.path}: {self._topic}')
+        from_ns, until_ns = logged_ns + low - self._margin, logged_ns + high + self._margin
+        earliest, latest = FOREVER_NS, -FOREVER_NS
+        for messages in self._reader.messages(topics, max(from_ns, 0), min(until_ns, FOREVER_NS)):
+            if not len(messages):
+                continue
+            stamps, values = decode(messages)
+            elapsed_ns = stamps - first_ns
             earliest, latest = min(earliest, int(elapsed_ns.min())), max(latest, int(elapsed_ns.max()))
             # With no START, stamps that run back beyond the first are there to be complained of.
             wanted = elapsed_ns < high if self._from_start else (low <= elapsed_ns) & (elapsed_ns < high)
-            count += int(wanted.sum())
-            yield elapsed_ns[wanted], values[wanted]
-        self._missed = not (earliest <= low and (latest >= high or until_ns > (reader.info.last_ns or 0)))
+            if wanted.any():
+                yield elapsed_ns[wanted], values[wanted]
+        self._missed = not (earliest <= low and (latest >= high or until_ns > self._reader.last_ns))
 
     def missed(self) -> bool:
         """Tell whether the last reading may have missed samples; if so, the next one misses none."""
@@ -358,9 +280,9 @@ def read_recording(
     from pendubot_identification.trajectories.long import Long
 
     reader = reader or BagReader(window.path)
-    duration = min(window.end or math.inf, reader.info.duration) - (window.start or 0.0)
+    duration = min(window.end or math.inf, reader.duration) - (window.start or 0.0)
     long = None
-    stream = reader.stream(topic, joint_names, window.start, window.end)
+    stream = Stream(reader, topic, joint_names, window.start, window.end)
     while reader.is_long(topic, duration):
         long = Long.survey(
             str(window),
@@ -373,7 +295,7 @@ def read_recording(
     if long is None:
         # Other topics may have lasted longer.
         return read_trajectory(window, topic=topic, joint_names=joint_names, reader=reader)
-    return RecordedTrajectory(long, window, reader.content_hash(), reader.info.closed, reader.info.note)
+    return RecordedTrajectory(long, window, reader.content_hash, reader.closed, reader.note)
 
 
 def read_trajectory(
@@ -404,7 +326,7 @@ def read_trajectory(
     elapsed_ns, values = reader.joint_samples(topic, joint_names, window.start, window.end)
     if not len(values):
         raise TrajectoryError(
-            f'{window}: the window holds no sample; the bag lasts {reader.info.duration:.3f} s: choose a time within it'
+            f'{window}: the window holds no sample; the bag lasts {reader.duration:.3f} s: choose a time within it'
         )
     # A velocity is a convenience that not every message need hold.
     known = bool(np.isfinite(values[:, 2]).all())
@@ -417,26 +339,21 @@ def read_trajectory(
         qd=values[:, 2] if known else None,
         name=str(window),
     ).require_samples(minimum)
-    return RecordedTrajectory(trajectory, window, reader.content_hash(), reader.info.closed, reader.info.note)
+    return RecordedTrajectory(trajectory, window, reader.content_hash, reader.closed, reader.note)
 
 
-def _of_joints(state: JointState, joint_names: Sequence[str], where: str) -> list[float]:
-    """Return position, effort and velocity (NaN where there is none) of the two joints."""
-    n = len(state.names)
-    try:
-        joints = [state.names.index(name) for name in joint_names]
-    except ValueError:
-        missing = next(name for name in joint_names if name not in state.names)
-        there = ', '.join(state.names) or 'none'
-        raise BagError(f'{where} has no joint {missing!r}; its joints are {there}: name two of these') from None
-    if len(state.position) != n:
-        raise BagError(f'{where} has {len(state.position)} positions for {n} joints; each joint needs one')
-    if len(state.effort) != n:
+def _require(reader: BagReader, topic: str) -> None:
+    """Refuse a topic without messages, or of another type."""
+    there = {name: kind for name, (kind, count) in reader.topics.items() if count}
+    if not there:
+        raise BagError(f'{reader.path} holds no message; record again while something is published')
+    if topic not in there:
+        named = ', '.join(f'{name} [{kind}]' for name, kind in there.items())
         raise BagError(
-            f'{where} has {len(state.effort)} efforts for {n} joints; each joint needs one, 0 where it is not driven'
+            f'{reader.path} holds nothing on {topic}; its topics are {named}: name one of type {JOINT_STATE}'
         )
-    velocity = [state.velocity[j] for j in joints] if len(state.velocity) == n else [math.nan, math.nan]
-    return [*(state.position[j] for j in joints), *(state.effort[j] for j in joints), *velocity]
+    if there[topic] != JOINT_STATE:
+        raise BagError(f'{reader.path}: {topic} is of type {there[topic]}; name a topic of type {JOINT_STATE}')
 
 
 def _mcap_files(path: Path) -> list[Path]:
@@ -449,7 +366,9 @@ def _mcap_files(path: Path) -> list[Path]:
     if os.path.isfile(path):
         return [path]
     try:
-        found = {name: path / name for name in os.listdir(path) if name.endswith('.mcap')}
+        # Of one that rosbag2 was compressing, the one that it has not removed yet.
+        names = sorted((name for name in os.listdir(path) if name.endswith(('.mcap', '.mcap.zstd'))), reverse=True)
+        found = {name.removesuffix('.zstd'): path / name for name in names}
     except PermissionError as error:
         raise BagError(
             f'{path} cannot be read: {error.strerror}; check the permissions of this folder and of those above'
@@ -488,6 +407,9 @@ def _open_all(paths: list[Path]) -> tuple[list[McapFile], list[str]]:
 def _listed_files(path: Path) -> list[str]:
     try:
         metadata = yaml.safe_load((path / 'metadata.yaml').read_text(encoding='utf-8'))
-        return [PurePath(name).name for name in metadata['rosbag2_bagfile_information']['relative_file_paths']]
+        return [
+            PurePath(name).name.removesuffix('.zstd')
+            for name in metadata['rosbag2_bagfile_information']['relative_file_paths']
+        ]
     except (OSError, ValueError, TypeError, KeyError, yaml.YAMLError):
         return []

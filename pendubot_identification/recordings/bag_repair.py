@@ -6,15 +6,12 @@ from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
-from mcap.records import Message
-
 from pendubot_identification.errors import BagError
 
 from .bag_metadata import Topic
 from .bag_reader import BagReader
-from .bag_writer import BagWriter
-from .mcap_file import McapFile
-from .mcap_salvage import Damage, whole_records
+from .bag_writer import BagWriter, whole_bag
+from .mcap_file import Damage, McapFile
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,10 +40,9 @@ class SavedFile:
 
 
 def repair(path: Path, output: Path, *, overwrite: bool = False) -> list[SavedFile]:
-    """Write a closed copy of a bag with every message that is whole; the original is only read.
+    """Write a closed copy of a bag, of one file, with every message that is whole; the original is only read.
 
-    Messages, their times and numbers, topics, types and qualities of service are copied byte for byte, each file into
-    one of its own.
+    Messages, their times and numbers, topics, types and qualities of service are copied byte for byte.
 
     Raises:
         BagError: there is no such bag, nothing of it can be saved, the output is taken or the system refuses to write.
@@ -57,14 +53,10 @@ def repair(path: Path, output: Path, *, overwrite: bool = False) -> list[SavedFi
     files = BagReader(path).files
     if not any(file.channels for file in files):
         raise BagError(f'{path} holds no message that is whole; nothing can be saved')
-    saved = []
-    with BagWriter(output, overwrite=overwrite) as bag:
-        channels: dict[Topic, int] = {}
-        numbers: dict[str, int] = {}
-        for file in files:
-            bag.split()
-            saved.append(_copy(file, bag, channels, numbers))
-    return saved
+    channels: dict[Topic, int] = {}
+    numbers: dict[str, int] = {}
+    with whole_bag(output, overwrite=overwrite) as bag:
+        return [_copy(file, bag, channels, numbers) for file in files]
 
 
 def _copy(file: McapFile, bag: BagWriter, channels: dict[Topic, int], numbers: dict[str, int]) -> SavedFile:
@@ -87,17 +79,18 @@ def _copy(file: McapFile, bag: BagWriter, channels: dict[Topic, int], numbers: d
     counts: Counter[str] = Counter()
     missing: Counter[str] = Counter()
     damages: list[Damage] = []
-    for _, record in whole_records(file.path, damages):
-        if not isinstance(record, Message) or record.channel_id not in to:
-            continue
-        bag.write(to[record.channel_id], record.data, record.log_time, record.publish_time, record.sequence)
-        name = file.channels[record.channel_id].topic
-        counts[name] += 1
-        # Lower numbers are of messages that are repeated in each file; writers that do not count leave zeros.
-        last = numbers.get(name, 0)
-        if record.sequence > last:
-            missing[name] += record.sequence - last - 1 if last else 0
-            numbers[name] = record.sequence
+    for part in file.whole_parts(damages):
+        for message in part.messages:
+            if message.channel_id not in to:
+                continue
+            bag.write(to[message.channel_id], message.data, message.log_time, message.publish_time, message.sequence)
+            name = file.channels[message.channel_id].topic
+            counts[name] += 1
+            # Lower numbers are of messages that come again; recorders that do not count leave zeros.
+            last = numbers.get(name, 0)
+            if message.sequence > last:
+                missing[name] += message.sequence - last - 1 if last else 0
+                numbers[name] = message.sequence
     for name, (_, counted) in file.topics.items():
         missing[name] = max(missing[name], counted - counts[name])
     return SavedFile(file.path, file.closed, dict(counts), dict(missing), tuple(damages))

@@ -2,64 +2,71 @@
 
 from __future__ import annotations
 
-import struct
 from array import array
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from mcap.records import Message, Schema
+from mcap.records import Schema
 from numpy.typing import NDArray
 
-from .mcap_file import McapFile
-from .mcap_salvage import Damage, chunk_parts, whole_parts
+from .mcap_file import Damage, McapFile
+from .mcap_records import Messages
 
-#: Where the stamp of a message that begins with a header stands, after four bytes of encapsulation.
-STAMP_OFFSET = 4
+#: The stamp with which a header begins, after four bytes of encapsulation.
+STAMP = np.dtype([('sec', '<i4'), ('nanosec', '<u4')])
 
 
 @dataclass
 class TopicTimes:
-    """A topic's messages in the order of writing, each once: what is repeated in each file is left out after the first.
+    """A topic's messages that are whole, in the order of writing.
 
     Attributes:
         logged: when each was received [ns since the epoch].
-        stamps: their ``header.stamp`` [ns]; empty where the type has none.
-        count: how many are whole, with those that are repeated.
-        lost: numbers that are missing between the first and the last, as the recorder numbered them.
+        stamps: their ``header.stamp`` [ns], of those that have one.
+        numbers: as the recorder numbered them; 0 from recorders that do not.
     """
 
     logged: array[int] = field(default_factory=lambda: array('q'))
     stamps: array[int] = field(default_factory=lambda: array('q'))
-    count: int = 0
-    lost: int = 0
-    _number: int = 0
+    numbers: array[int] = field(default_factory=lambda: array('q'))
 
-    def add(self, logged: int, number: int, stamp: int | None) -> None:
-        """Take in one message."""
-        self.count += 1
-        # Writers that do not number leave zeros.
-        if number:
-            if number <= self._number:
-                return
-            if self._number:
-                self.lost += number - self._number - 1
-            self._number = number
-        self.logged.append(logged)
-        if stamp is not None:
-            self.stamps.append(stamp)
+    def add(self, messages: Messages, stamped: bool) -> None:
+        """Take in some messages, which may begin with a stamp."""
+        self.logged.frombytes(messages.heads['logged'].tobytes())
+        self.numbers.frombytes(messages.heads['sequence'].astype(np.int64).tobytes())
+        if stamped and (messages.lengths >= 4 + STAMP.itemsize).all():
+            stamp = messages.contents(STAMP, 4)
+            self.stamps.frombytes((stamp['sec'].astype(np.int64) * 1_000_000_000 + stamp['nanosec']).tobytes())
+
+    @property
+    def count(self) -> int:
+        """How many there are."""
+        return len(self.logged)
+
+    @property
+    def lost(self) -> int:
+        """How many numbers are missing between the first and the last."""
+        numbers = np.unique(np.array(self.numbers, np.int64))
+        numbers = numbers[numbers > 0]
+        return int(numbers[-1] - numbers[0]) + 1 - len(numbers) if len(numbers) else 0
+
+    @property
+    def stamped(self) -> bool:
+        """Whether every message has a stamp."""
+        return len(self.stamps) == len(self.logged) > 0
 
     def times(self) -> NDArray[np.int64]:
-        """Return the stamps, or where the type has none, the log times [ns], shape (N,)."""
-        return np.frombuffer(self.stamps or self.logged or b'', dtype=np.int64)
+        """Return the stamps, or where not every message has one, the log times [ns], shape (N,)."""
+        return np.array(self.stamps if self.stamped else self.logged, np.int64)
 
     def latency(self) -> NDArray[np.float64]:
         """Return how much later than its stamp each message was received [s], shape (N,) or (0,)."""
-        if not self.stamps:
-            return np.empty(0)
-        return np.asarray(np.subtract(*(np.frombuffer(x, dtype=np.int64) for x in (self.logged, self.stamps))) / 1e9)
+        logged = np.array(self.logged if self.stamped else (), np.int64)
+        return (logged - self.times()[: len(logged)]) / 1e9
 
 
-def survey(files: list[McapFile]) -> tuple[dict[str, TopicTimes], dict[str, list[Damage]]]:
+def survey(files: Sequence[McapFile]) -> tuple[dict[str, TopicTimes], dict[str, list[Damage]]]:
     """Return what is whole by topic, and what is damaged by the file's name.
 
     Raises:
@@ -69,17 +76,13 @@ def survey(files: list[McapFile]) -> tuple[dict[str, TopicTimes], dict[str, list
     damages: dict[str, list[Damage]] = {}
     for file in files:
         damages[file.path.name] = []
-        by_number = {
-            number: (topics[channel.topic], begins_with_header(file.schemas.get(channel.schema_id)))
-            for number, channel in file.channels.items()
-        }
-        for *_, part in whole_parts(file.path, damages[file.path.name]):
-            if isinstance(part, bytes):
-                _survey_chunk(part, by_number)
-            elif isinstance(part, Message) and part.channel_id in by_number:
-                topic, stamped = by_number[part.channel_id]
-                stamp = _stamp(part.data, 0) if stamped else None
-                topic.add(part.log_time, part.sequence, stamp)
+        stamped = {number: begins_with_header(file.schemas.get(c.schema_id)) for number, c in file.channels.items()}
+        for part in file.whole_parts(damages[file.path.name]):
+            channels = part.messages.heads['channel']
+            for number in np.unique(channels).tolist():
+                if number in file.channels:
+                    messages = part.messages.part(channels == number)
+                    topics[file.channels[number].topic].add(messages, stamped[number])
     return topics, damages
 
 
@@ -91,19 +94,3 @@ def begins_with_header(schema: Schema | None) -> bool:
     # Constants hold no bytes.
     fields = (words for words in lines if len(words) >= 2 and '=' not in ''.join(words))
     return next(fields, [''])[0] in ('std_msgs/Header', 'std_msgs/msg/Header', 'Header')
-
-
-def _survey_chunk(data: bytes, by_number: dict[int, tuple[TopicTimes, bool]]) -> None:
-    for head, begin, _ in chunk_parts(data):
-        if isinstance(head, tuple) and (known := by_number.get(head[0])) is not None:
-            _, number, logged, _ = head
-            topic, stamped = known
-            topic.add(logged, number, _stamp(data, begin) if stamped else None)
-
-
-def _stamp(data: bytes, at: int) -> int:
-    """Return the stamp of a message in CDR that begins at an offset [ns]."""
-    # The second byte of the encapsulation is odd where the message is little-endian.
-    order = '<' if data[at + 1] & 1 else '>'
-    seconds, nanoseconds = struct.unpack_from(f'{order}iI', data, at + STAMP_OFFSET)
-    return int(seconds) * 1_000_000_000 + int(nanoseconds)

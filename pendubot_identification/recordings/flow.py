@@ -24,12 +24,10 @@ class Flow:
     Attributes:
         count: messages that came.
         lost: messages that were published in between and never came.
-        skipped: messages that came and were not wanted.
     """
 
     count: int = 0
     lost: int = 0
-    skipped: int = 0
     _last: list[int] = field(default_factory=list)
     _since: int = 0
     _lag_ns: int = 0
@@ -52,10 +50,6 @@ class Flow:
             # One of them began anew.
             self._last[self._last.index(max(self._last))] = number
 
-    def forget(self) -> None:
-        """Expect nothing of what comes next: what was not listened to is not lost."""
-        self._last.clear()
-
     def report(self, elapsed: float) -> tuple[float, float]:
         """Return rate [Hz] and largest lag [s] since the last report, ``elapsed`` seconds ago."""
         result = self._since / elapsed, self._lag_ns / 1e9
@@ -64,19 +58,18 @@ class Flow:
 
 
 def diagnose(
-    flows: Mapping[str, Flow], elapsed: float, *, paused: bool, troubles: tuple[str, ...], free: int, reserve: int
+    flows: Mapping[str, Flow], elapsed: float, *, troubles: tuple[str, ...], free: int, reserve: int
 ) -> Diagnosis:
     """Return how a recording is doing.
 
     Args:
         flows: by topic.
         elapsed: since the last time [s].
-        paused: whether nothing is written on purpose.
         troubles: what else is worth a warning.
         free: room left on the disk [bytes].
         reserve: at which the recording ends [bytes].
     """
-    worries = ['paused'] if paused else []
+    worries: list[str] = []
     values: dict[str, object] = {}
     for topic, flow in flows.items():
         rate, lag = flow.report(elapsed)
@@ -84,7 +77,6 @@ def diagnose(
         values[f'{topic} rate [Hz]'] = f'{rate:.1f}'
         values[f'{topic} lag [s]'] = f'{lag:.4f}'
         values[f'{topic} lost'] = flow.lost
-        values[f'{topic} skipped'] = flow.skipped
         if flow.lost:
             worries.append(f'{topic}: {flow.lost} messages lost')
         if lag > LATE:

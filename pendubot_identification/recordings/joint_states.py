@@ -1,4 +1,4 @@
-"""``sensor_msgs/msg/JointState`` as bytes, and a motion as a bag of them."""
+"""``sensor_msgs/msg/JointState`` as bytes, one by one or many at once, and a motion as a bag of them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ from rosbags.serde import SerdeError
 from pendubot_identification.errors import BagError
 from pendubot_identification.trajectories.trajectory import Trajectory
 
-from .bag_writer import BagWriter
+from .bag_writer import whole_bag
+from .mcap_records import Messages
 from .message_types import typestore
 
 JOINT_STATE = 'sensor_msgs/msg/JointState'
@@ -35,17 +36,23 @@ class JointState(NamedTuple):
     position: NDArray[np.float64]
     velocity: NDArray[np.float64]
     effort: NDArray[np.float64]
+    frame: str = ''
 
 
 def encode_joint_state(
-    stamp_ns: int, names: Sequence[str], position: ArrayLike, velocity: ArrayLike, effort: ArrayLike
+    stamp_ns: int,
+    names: Sequence[str],
+    position: ArrayLike,
+    velocity: ArrayLike,
+    effort: ArrayLike,
+    frame: str = '',
 ) -> bytes:
     """Return a JointState as CDR, with its encapsulation header; units and shapes as in :class:`JointState`."""
     types = typestore().types
     sec, nanosec = divmod(int(stamp_ns), 1_000_000_000)
     stamp = types['builtin_interfaces/msg/Time'](sec=sec, nanosec=nanosec)
     message = types[JOINT_STATE](
-        header=types['std_msgs/msg/Header'](stamp=stamp, frame_id=''),
+        header=types['std_msgs/msg/Header'](stamp=stamp, frame_id=frame),
         name=list(names),
         position=np.asarray(position, dtype=np.float64),
         velocity=np.asarray(velocity, dtype=np.float64),
@@ -71,7 +78,115 @@ def decode_joint_state(data: bytes) -> JointState:
         position=message.position,  # type: ignore[attr-defined]
         velocity=message.velocity,  # type: ignore[attr-defined]
         effort=message.effort,  # type: ignore[attr-defined]
+        frame=message.header.frame_id,  # type: ignore[attr-defined]
     )
+
+
+class JointDecoder:
+    """Reads two joints from many JointStates at once.
+
+    A JointState whose joints and frame keep their names differs from the others in its stamp and numbers alone. So one
+    that rosbags has read says where the others hold theirs, until one comes that is laid out in another way.
+
+    Args:
+        joint_names: the shoulder's and the elbow's.
+        source: from where the messages are, to be said of one that cannot be used.
+    """
+
+    def __init__(self, joint_names: Sequence[str], source: str) -> None:
+        self._joint_names, self._source = joint_names, source
+        self._count = 0
+        self._layout: _Layout | None = None
+
+    def __call__(self, messages: Messages) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """Return stamps [ns], shape (N,), and position, effort and velocity, NaN where there is none, shape (N, 3, 2).
+
+        Raises:
+            BagError: one is no JointState, or lacks a joint, its position or its effort.
+        """
+        stamps, values = np.empty(len(messages), np.int64), np.full((len(messages), 3, 2), np.nan)
+        left = np.arange(len(messages))
+        while left.size:
+            if self._layout is not None:
+                left = left[~self._layout.read(messages, left, stamps, values)]
+            if left.size:
+                (message,) = messages.part(left[:1])
+                state = decode_joint_state(message.data)
+                joints = _joints(state, self._joint_names, f'{self._source}, sample {self._count + left[0]}')
+                stamps[left[0]], values[left[0], :2] = state.stamp_ns, (state.position[joints], state.effort[joints])
+                if len(state.velocity) == len(state.names):
+                    values[left[0], 2] = state.velocity[joints]
+                self._layout = _Layout.of(message.data, state, joints)
+                left = left[1:]
+        self._count += len(messages)
+        return stamps, values
+
+
+class _Layout(NamedTuple):
+    """How JointStates of the same names are laid out.
+
+    Attributes:
+        own: one of them, shape (bytes,).
+        shared: 255 where all of them are the same, else 0, shape (bytes,).
+        numbers: their stamp as ``sec`` and ``nanosec``, their numbers by place in what the decoder returns, 0 to 5.
+    """
+
+    own: NDArray[np.uint8]
+    shared: NDArray[np.uint8]
+    numbers: np.dtype[np.void]
+
+    @classmethod
+    def of(cls, data: bytes, state: JointState, joints: list[int]) -> _Layout | None:
+        """Return how a message is laid out; None where it is in another byte order, or longer than it says."""
+        # Two messages that differ in every bit of their numbers, and nowhere else.
+        clear, full = (_probe(state, bits) for bits in (0, -1))
+        own = np.frombuffer(data, np.uint8)
+        if len(own) != len(clear) or (own[:2] != clear[:2]).any():
+            return None
+        # Where this one differs from what is encoded here there is padding, in which anything may stand.
+        shared = np.where((clear == full) & (clear == own), 255, 0).astype(np.uint8)
+        shared[4:12] = 0
+        n, places = len(state.names), np.flatnonzero(clear != full)[::8]
+        velocities = places[n:-n][joints] if len(state.velocity) == n else ()
+        offsets = [*places[:n][joints], *places[-n:][joints], *velocities]
+        fields = {'sec': ('<i4', 4), 'nanosec': ('<u4', 8), **{str(k): ('<f8', at) for k, at in enumerate(offsets)}}
+        formats, at = zip(*fields.values(), strict=True)
+        return cls(own, shared, np.dtype({'names': [*fields], 'formats': formats, 'offsets': at, 'itemsize': len(own)}))
+
+    def read(
+        self, messages: Messages, which: NDArray[np.intp], stamps: NDArray[np.int64], values: NDArray[np.float64]
+    ) -> NDArray[np.bool_]:
+        """Read some messages into their places, as far as they are laid out like this; return which of them are."""
+        found = messages.lengths[which] == len(self.own)
+        records = messages.part(which[found]).contents(self.numbers)
+        rows = records.view(np.uint8).reshape(-1, len(self.own))
+        found[found] = alike = ~((rows ^ self.own) & self.shared).any(axis=1)
+        records, which = records[alike], which[found]
+        stamps[which] = records['sec'].astype(np.int64) * 1_000_000_000 + records['nanosec']
+        for k in range(len(self.numbers.fields or ()) - 2):
+            values.reshape(-1, 6)[which, k] = records[str(k)]
+        return found
+
+
+def _probe(state: JointState, bits: int) -> NDArray[np.uint8]:
+    """Return the bytes of a message with these names, all of whose numbers have the bits of an integer."""
+    position, velocity, effort = (np.full(len(numbers), bits).view(np.float64) for numbers in state[2:5])
+    return np.frombuffer(encode_joint_state(0, state.names, position, velocity, effort, state.frame), np.uint8)
+
+
+def _joints(state: JointState, joint_names: Sequence[str], where: str) -> list[int]:
+    """Return the places of two joints, each of which has a position and an effort."""
+    n = len(state.names)
+    if missing := [name for name in joint_names if name not in state.names]:
+        there = ', '.join(state.names) or 'none'
+        raise BagError(f'{where} has no joint {missing[0]!r}; its joints are {there}: name two of these')
+    if len(state.position) != n:
+        raise BagError(f'{where} has {len(state.position)} positions for {n} joints; each joint needs one')
+    if len(state.effort) != n:
+        raise BagError(
+            f'{where} has {len(state.effort)} efforts for {n} joints; each joint needs one, 0 where it is not driven'
+        )
+    return [state.names.index(name) for name in joint_names]
 
 
 def write_trajectory(
@@ -82,7 +197,7 @@ def write_trajectory(
     start_ns: int = EPOCH_NS,
     overwrite: bool = False,
 ) -> None:
-    """Write a motion as a bag with the topic ``/joint_states``.
+    """Write a motion as a bag with the topic ``/joint_states``, whole or not at all.
 
     Args:
         path: the bag's folder.
@@ -103,7 +218,7 @@ def write_trajectory(
     stamps = start_ns + np.rint(trajectory.t * 1e9).astype(np.int64)
     # Times that increase by less than a nanosecond must still give stamps that increase.
     stamps = np.maximum.accumulate(stamps - order) + order
-    with BagWriter(path, overwrite=overwrite) as bag:
+    with whole_bag(path, overwrite=overwrite) as bag:
         channel = bag.add_topic(JOINT_STATES_TOPIC, JOINT_STATE)
         for k, stamp in enumerate(stamps.tolist()):
             velocity = () if trajectory.qd is None else trajectory.qd[k]

@@ -1,300 +1,333 @@
-"""Reading one .mcap file through its index; where it was not closed, through one that is made of what is whole."""
+"""One .mcap file: its topics and its messages; of one that was never closed, or is damaged, all that is whole.
+
+A closed file ends with an index of its chunks. Where there is none, one is made of every chunk whose checksum is right,
+wherever it stands; messages may also stand outside of chunks, one by one.
+"""
 
 from __future__ import annotations
 
 import os
 import struct
+import tempfile
+import weakref
 import zlib
+from array import array
 from collections import Counter
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager, suppress
 from io import BytesIO
-from itertools import chain
 from pathlib import Path
-from typing import Any, BinaryIO, TypeVar
+from typing import Any, NamedTuple
 
+import numpy as np
+import zstandard
 from mcap.data_stream import ReadDataStream
-from mcap.exceptions import UnsupportedCompressionError
-from mcap.records import Channel, Chunk, DataEnd, Message, Schema, Statistics
-from mcap.stream_reader import StreamReader, get_chunk_data_stream
+from mcap.opcode import Opcode
+from mcap.records import Channel, Schema, Statistics
+from numpy.typing import NDArray
 
 from pendubot_identification.errors import BagError
 
-from .chunk_index import RECORD, ChunkIndex, FoundChunk
-from .mcap_salvage import (
-    MAGIC,
-    Damage,
-    MessageHead,
-    chunk_parts,
-    chunk_records,
-    is_chunk_of,
-    whole_parts,
-    whole_records,
-)
+from .mcap_records import HEAD, IN_CHUNKS, Messages, definition, records, understood, unpacked
 
-Unpacked = TypeVar('Unpacked')
-
+MAGIC = b'\x89MCAP0\r\n'
+#: The last record, the footer: opcode, length, where the summary and where its offsets begin, its CRC (0: none).
+FOOTER = struct.Struct('<BQQQL')
+#: How the index of a chunk begins: first and last log time, where its record stands, how long that is.
+INDEX = struct.Struct('<qqqq')
+#: A chunk's record up to the name of its compression, whose length comes last. The length of its records follows.
+CHUNK, LONGEST_NAME = struct.Struct('<BQ28xL'), 4
+#: The kinds of records that there are; beyond those opcodes are anybody's.
+KINDS, FREE = frozenset(map(int, Opcode)), 0x80
+#: A file is not so many times as long as rosbag2 compressed it to.
+RATIO = 1000
 #: Bytes of records that are looked at together: enough for numpy, and still in a processor's cache.
 TOGETHER = 250_000
+#: Bytes that are searched at once for the next whole chunk.
+BLOCK = 1 << 20
+FOREVER_NS = 2**63 - 1
 
-#: What stands before the last magic: where the summary starts, where its offsets start, and its CRC (0: none).
-FOOTER = struct.Struct('<QQL')
+
+class Damage(NamedTuple):
+    """A part of a file that is not understood: where it begins and how long it is [bytes]."""
+
+    offset: int
+    size: int
+
+
+class Part(NamedTuple):
+    """A whole chunk, or records outside of chunks: where it begins, how long it is [bytes], and what is in it.
+
+    Only for chunks a checksum vouches.
+    """
+
+    offset: int
+    size: int
+    definitions: list[Schema | Channel]
+    messages: Messages
+    vouched: bool
 
 
 class McapFile:
-    """One .mcap file, closed or not.
+    """One .mcap file, closed or not; or one of rosbag2's compression mode ``file``, .mcap.zstd.
 
     Attributes:
         path: of the file.
         closed: whether whoever wrote it came to the end.
         note: what could be read, in a sentence, where it was not closed; else empty.
+        channels, schemas: by their numbers.
         topics: the schema's name and the number of messages of each topic.
         first_ns, last_ns: earliest and latest log time [ns since the epoch]; None where there is no message.
 
     Raises:
-        BagError: the file is missing, empty, no MCAP file, or compressed in a way that cannot be read here.
+        BagError: the file is missing, empty or no MCAP file.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.note = ''
-        self.topics: dict[str, tuple[str, int]] = {}
+        self.closed, self.note = True, ''
+        self.channels: dict[int, Channel] = {}
+        self.schemas: dict[int, Schema] = {}
         self.first_ns: int | None = None
         self.last_ns: int | None = None
-        self._channels: dict[int, Channel] = {}
-        self._schemas: dict[int, Schema] = {}
-        self._chunks = ChunkIndex.of([])
-        counts: Counter[int] = Counter()
-        self._check_magic()
-        self.closed = self._read_summary(counts)
-        if self.first_ns is None:
-            self._scan(counts)
-        for channel_id, channel in self._channels.items():
-            schema = self._schemas.get(channel.schema_id)
+        self._counts: Counter[int] = Counter()
+        with self._explained():
+            self._descriptor = _opened(path)
+            weakref.finalize(self, os.close, self._descriptor)
+            self._size = os.fstat(self._descriptor).st_size
+            if not self._size:
+                raise BagError(f'{path} is empty: its recording ended before anything was written; record it again')
+            if os.pread(self._descriptor, len(MAGIC), 0) != MAGIC:
+                raise BagError(f'{path} is no MCAP file; give a bag folder or a .mcap file as rosbag2 writes them')
+            try:
+                self._index = self._read_summary()
+            except Exception:
+                self.closed = False
+            if self.first_ns is None:
+                self._index = self._scan()
+        self.topics: dict[str, tuple[str, int]] = {}
+        for number, channel in self.channels.items():
+            schema = self.schemas.get(channel.schema_id)
             _, before = self.topics.get(channel.topic, ('', 0))
-            self.topics[channel.topic] = (schema.name if schema else '', before + counts[channel_id])
+            self.topics[channel.topic] = (schema.name if schema else '', before + self._counts[number])
 
-    def messages(self, topic: str, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[Message]:
-        """Return the messages of a topic in the order of writing, without those logged outside the times [ns].
+    def messages(self, topics: Collection[str], start_ns: int = 0, end_ns: int = FOREVER_NS) -> Iterator[Messages]:
+        """Return the messages of some topics with START <= log time < END [ns], many at once, in the order of writing.
 
-        Only what holds messages of the topic and of these times is read, where there are chunks.
+        Only what holds messages of these times is read.
 
         Raises:
             BagError: a part of a closed file is damaged, or the file is not any more what it was.
         """
-        low = 0 if start_ns is None else start_ns
-        high = 2**64 if end_ns is None else end_ns
-        channels = {k for k, channel in self._channels.items() if channel.topic == topic}
-        indexed = chain.from_iterable(self._indexed(channels, low, high, _records))
-        for record in indexed if self._chunks else self._whole_records():
-            if isinstance(record, Message) and record.channel_id in channels and low <= record.log_time < high:
-                yield record
+        channels = [number for number, channel in self.channels.items() if channel.topic in topics]
+        first, last, _, sizes = self._index.T
+        wanted = np.flatnonzero((last >= start_ns) & (first < end_ns))
+        groups = np.cumsum(sizes[wanted]) // TOGETHER
+        for rows in np.split(self._index[wanted], np.flatnonzero(np.diff(groups)) + 1):
+            parts, damaged = list[bytes](), None
+            for first_ns, _, offset, size in rows.tolist():
+                try:
+                    parts.append(unpacked(self._read(offset, size)))
+                except Exception:
+                    damaged = offset, first_ns
+                    break
+            try:
+                _, found = understood(b''.join(parts))
+            except Exception as error:
+                raise self._damaged(int(rows[0, 2]), int(rows[0, 0])) from error
+            logged = found.heads['logged']
+            yield found.part(np.isin(found.heads['channel'], channels) & (start_ns <= logged) & (logged < end_ns))
+            # What is whole before it is given first.
+            if damaged is not None:
+                raise self._damaged(*damaged)
 
-    def chunks(self, topic: str, start_ns: int, end_ns: int) -> Iterator[bytes] | None:
-        """Return the records in the chunks that hold messages of a topic and of these times [ns], many chunks at once.
+    def whole_parts(self, damages: list[Damage]) -> Iterator[Part]:
+        """Return what is whole from the beginning of the file to its end, whatever an index says.
 
-        Returns:
-            None where messages stand outside of chunks.
+        Args:
+            damages: to which what is not whole is added, as it is passed.
 
         Raises:
-            BagError: as :meth:`messages`.
+            BagError: the system refuses to read.
         """
-        if not self._chunks:
-            return None
-        channels = {k for k, channel in self._channels.items() if channel.topic == topic}
-        return _joined(self._indexed(channels, start_ns, end_ns, _unpacked))
+        with self._explained():
+            end = self._size - len(MAGIC)
+            if self._size < 2 * len(MAGIC) or self._read(end, len(MAGIC)) != MAGIC:
+                end = self._size
+            at = passed = len(MAGIC)
+            while at < end:
+                size, part = self._part(at, end)
+                if part is not None:
+                    passed = at + size
+                    yield part
+                elif not size:
+                    # A wrong length leads past what is whole: so that is searched for from the last whole part on.
+                    found = self._next_chunk(passed + 1, end)
+                    at = passed if found < at else at
+                    damages.append(Damage(at, found - at))
+                    size = found - at
+                at += size
 
-    def channel(self, topic: str) -> int | None:
-        """Return the number of a topic's only channel; None where it has several."""
-        numbers = [k for k, channel in self._channels.items() if channel.topic == topic]
-        return numbers[0] if len(numbers) == 1 else None
-
-    def encoding(self, topic: str) -> str:
-        """Return how a topic's messages are encoded: ``cdr`` in every bag of ROS 2."""
-        return next(c.message_encoding for c in self._channels.values() if c.topic == topic)
-
-    @property
-    def channels(self) -> dict[int, Channel]:
-        """The channels by their number."""
-        return self._channels
-
-    @property
-    def schemas(self) -> dict[int, Schema]:
-        """The message definitions by their number."""
-        return self._schemas
-
-    def _check_magic(self) -> None:
+    def _part(self, at: int, end: int) -> tuple[int, Part | None]:
+        """Return the size of the record at an offset, and what it is, if it may hold messages; 0 if it is broken."""
         try:
-            with self.path.open('rb') as file:
-                magic = file.read(len(MAGIC))
-        except OSError as error:
-            raise BagError(f'{self.path} cannot be read: {error.strerror}; check its name and permissions') from error
-        if not magic:
-            raise BagError(f'{self.path} is empty: its recording ended before anything was written; record it again')
-        # A single damaged byte does not make it another kind of file.
-        alike = sum(a == b for a, b in zip(magic, MAGIC, strict=False))
-        if magic != MAGIC and (alike < len(MAGIC) - 1 or next(whole_parts(self.path), None) is None):
-            raise BagError(f'{self.path} is no MCAP file; give a bag folder or a .mcap file as rosbag2 writes them')
-
-    def _read_summary(self, counts: Counter[int]) -> bool:
-        """Take what the end of the file says of the rest; return whether the file has an end."""
-        try:
-            with self.path.open('rb') as file:
-                file.seek(-len(MAGIC), os.SEEK_END)
-                if file.tell() == 0 or file.read() != MAGIC:
-                    return False
-                chunks, others = ChunkIndex.split(_summary(file))
-            records = list(StreamReader(BytesIO(others + MAGIC), skip_magic=True).records)
+            opcode, length = HEAD.unpack(self._read(at, HEAD.size))
+            size = HEAD.size + length
+            if at + size > end or (opcode < FREE and opcode not in KINDS):
+                return 0, None
+            if opcode in IN_CHUNKS:
+                # Outside of chunks, mostly among others.
+                size = _end_of_run(self._read(at, max(size, min(TOGETHER, end - at))))
+            elif opcode != Opcode.CHUNK:
+                return size, None
+            definitions, messages = understood(unpacked(self._read(at, size)))
+            known = {*self.channels, *(each.id for each in definitions if isinstance(each, Channel))}
+            # Else it may well be a chunk whose first byte is damaged.
+            part = Part(at, size, definitions, messages, opcode == Opcode.CHUNK)
+            return (size, part) if part.vouched or known.issuperset(messages.heads['channel'].tolist()) else (0, None)
+        except OSError:
+            raise
         except Exception:
-            return False
-        channels = {r.id: r for r in records if isinstance(r, Channel)}
-        statistics = next((r for r in records if isinstance(r, Statistics)), None)
-        if statistics is None or not channels:
-            return True
-        self._chunks, self._channels = chunks, channels
-        self._schemas = {r.id: r for r in records if isinstance(r, Schema)}
-        if statistics.message_count:
+            return 0, None
+
+    def _next_chunk(self, start: int, end: int) -> int:
+        """Return where the next whole chunk begins; the end where there is none."""
+        longest = CHUNK.size + LONGEST_NAME + 8
+        while start < end:
+            block = self._read(start, min(BLOCK, end - start))
+            at = block.find(Opcode.CHUNK)
+            while 0 <= at <= len(block) - longest:
+                _, length, name = CHUNK.unpack_from(block, at)
+                head = CHUNK.size + name + 8
+                # Few bytes of this value begin a chunk: only there the lengths belong together.
+                inside = int.from_bytes(block[at + head - 8 : at + head], 'little')
+                if name <= LONGEST_NAME and head + inside == HEAD.size + length and self._part(start + at, end)[0]:
+                    return start + at
+                at = block.find(Opcode.CHUNK, at + 1)
+            start += max(len(block) - longest, 1)
+        return end
+
+    def _read_summary(self) -> NDArray[np.int64]:
+        """Take what the end of the file says of the rest; return its index of chunks.
+
+        Raises:
+            Exception: it says nothing, or what makes no sense.
+        """
+        at = self._size - len(MAGIC) - FOOTER.size
+        *head, start, _, crc = FOOTER.unpack(self._read(at, FOOTER.size))
+        if head != [Opcode.FOOTER, FOOTER.size - HEAD.size] or self._read(at + FOOTER.size, len(MAGIC)) != MAGIC:
+            raise ValueError('there is no footer')
+        summary = self._read(start or at, at + FOOTER.size - (start or at))
+        # An index with a wrong time would hide messages.
+        if crc and zlib.crc32(summary[:-4]) != crc:
+            raise ValueError('the summary is damaged')
+        numbers, statistics = array('q'), None
+        for opcode, begin, end in records(summary):
+            # The library would take longer for these than for all else that a window needs.
+            if opcode == Opcode.CHUNK_INDEX:
+                numbers.extend(INDEX.unpack_from(summary, begin))
+            elif opcode == Opcode.STATISTICS:
+                statistics = Statistics.read(ReadDataStream(BytesIO(summary[begin:end])))
+            elif opcode in IN_CHUNKS:
+                self._learn(definition(opcode, summary[begin:end]))
+        index = np.array(numbers, np.int64).reshape(-1, 4)
+        if statistics is not None and statistics.message_count and statistics.chunk_count == len(index) > 0:
             self.first_ns, self.last_ns = statistics.message_start_time, statistics.message_end_time
-            counts.update(statistics.channel_message_counts)
-        return True
+            self._counts.update(statistics.channel_message_counts)
+        return index[np.argsort(index[:, 2], kind='stable')]
 
-    def _scan(self, counts: Counter[int]) -> None:
-        """Learn by reading everything what no index says, and make the index."""
-        ended = loose = False
+    def _scan(self) -> NDArray[np.int64]:
+        """Learn by reading everything what no index says; return the index."""
         damages: list[Damage] = []
-        chunks: list[FoundChunk] = []
-        with self._explained():
-            for offset, size, part in whole_parts(self.path, damages):
-                heads: list[MessageHead] = []
-                if isinstance(part, bytes):
-                    for record, _, _ in chunk_parts(part):
-                        if isinstance(record, tuple):
-                            heads.append(record)
-                        else:
-                            self._learn(record, vouched=True)
-                elif isinstance(part, Message):
-                    loose = True
-                    heads.append((part.channel_id, part.sequence, part.log_time, part.publish_time))
-                else:
-                    self._learn(part, vouched=False)
-                    ended = ended or isinstance(part, DataEnd)
-                if not heads:
-                    continue
-                channels, _, times, _ = zip(*heads, strict=True)
-                counts.update(channels)
-                first, last = min(times), max(times)
-                self.first_ns = first if self.first_ns is None else min(self.first_ns, first)
-                self.last_ns = last if self.last_ns is None else max(self.last_ns, last)
-                # An index has no place for what stands outside of chunks.
-                if not loose:
-                    chunks.append(FoundChunk(first, last, offset, size, tuple(set(channels))))
-        self._chunks = ChunkIndex.of([] if loose else chunks)
-        self.closed = self.closed and ended
+        numbers, channels = array('q'), array('H')
+        for offset, size, definitions, messages, vouched in self.whole_parts(damages):
+            for each in definitions:
+                self._learn(each, vouched)
+            if len(messages):
+                logged = messages.heads['logged']
+                numbers.extend((int(logged.min()), int(logged.max()), offset, size))
+                channels.frombytes(messages.heads['channel'].tobytes())
+        index = np.array(numbers, np.int64).reshape(-1, 4)
+        self._counts.update(channels)
+        if len(index):
+            self.first_ns, self.last_ns = int(index[:, 0].min()), int(index[:, 1].max())
+        self.closed = self.closed and not damages
         if not self.closed:
-            self.note = self._found(sum(counts[k] for k in self._channels), damages)
+            count, seconds = (
+                sum(self._counts[k] for k in self.channels),
+                ((self.last_ns or 0) - (self.first_ns or 0)) / 1e9,
+            )
+            self.note = (
+                f'{self.path.name} was never closed, or is cut or damaged: its {count} messages that are whole, within '
+                f'{seconds:.3f} s, are used'
+            )
+            if inside := [damage for damage in damages if sum(damage) < self._size]:
+                lost = sum(damage.size for damage in inside)
+                self.note += f'; {lost} bytes among them are not, first at byte {inside[0].offset}'
+        return index
 
-    def _learn(self, record: Any, *, vouched: bool) -> None:
-        if isinstance(record, (Schema, Channel)):
-            known: dict[int, Any] = self._schemas if isinstance(record, Schema) else self._channels
-            # What a checksum vouches for is right, where the two differ.
-            if vouched or record.id not in known:
-                known[record.id] = record
-
-    def _found(self, count: int, damages: list[Damage]) -> str:
-        seconds = ((self.last_ns or 0) - (self.first_ns or 0)) / 1e9
-        size = self.path.stat().st_size
-        inside = [damage for damage in damages if damage.offset + damage.size < size]
-        note = f'{self.path.name} was never closed, or is cut or damaged: its '
-        if not inside:
-            return note + f'first {count} messages, {seconds:.3f} s, are whole and are used'
-        lost = sum(damage.size for damage in inside)
-        return note + (
-            f'{count} messages that are whole, within {seconds:.3f} s, are used; {lost} bytes among them are not, '
-            f'first at byte {inside[0].offset}'
-        )
-
-    def _whole_records(self) -> Iterator[Any]:
-        """Every record that is whole, of a file with messages outside of chunks."""
-        with self._explained():
-            for _, record in whole_records(self.path):
-                yield record
-
-    def _indexed(
-        self, channels: set[int], low: int, high: int, unpack: Callable[[Chunk], Unpacked]
-    ) -> Iterator[Unpacked]:
-        with self._explained(), self.path.open('rb') as file:
-            for k in self._chunks.holding(channels, low, high):
-                offset = int(self._chunks.offset[k])
-                try:
-                    file.seek(offset)
-                    content = file.read(int(self._chunks.length[k]))[RECORD.size :]
-                    # As for the index: a checksum proves a chunk, even where its opcode was hit.
-                    if not is_chunk_of(len(content), content):
-                        raise ValueError('something else stands there')
-                    unpacked = unpack(Chunk.read(ReadDataStream(BytesIO(content))))
-                except UnsupportedCompressionError:
-                    raise
-                except Exception as error:
-                    raise self._damaged(offset, int(self._chunks.first_ns[k])) from error
-                yield unpacked
+    def _learn(self, each: Schema | Channel, vouched: bool = True) -> None:
+        known: dict[int, Any] = self.schemas if isinstance(each, Schema) else self.channels
+        if vouched or each.id not in known:
+            known[each.id] = each
 
     def _damaged(self, offset: int, first_ns: int) -> BagError:
         if not self.closed:
             return BagError(
-                f'{self.path} was whole {offset} bytes from its start when it was opened and is not now; read it again'
+                f'{self.path} was whole {offset} bytes from its start when it was opened and is not now: read it again'
             )
         after = (first_ns - (self.first_ns or 0)) / 1e9
         return BagError(
-            f'{self.path} is damaged {offset} bytes from its start, {after:.3f} s after its first message; '
-            'copy it again from where it was recorded, choose a window without that time, or save what is '
-            f'whole with pendubot repair {self.path.parent}'
+            f'{self.path} is damaged {offset} bytes from its start, {after:.3f} s after its first message; copy it '
+            'again from where it was recorded, choose a window without that time, or save what is whole with pendubot '
+            f'repair {self.path.parent}'
         )
+
+    def _read(self, at: int, size: int) -> bytes:
+        data = os.pread(self._descriptor, size, at) if 0 <= size <= self._size - at else b''
+        if len(data) < size or size < 0:
+            raise ValueError('the file has no such part')
+        return data
 
     @contextmanager
     def _explained(self) -> Iterator[None]:
-        """Turn what cannot be read here into a sentence."""
+        """Turn what the system refuses into a sentence."""
         try:
             yield
-        except UnsupportedCompressionError as error:
-            raise BagError(f'{self.path} cannot be read: {error}; install that package with pip') from error
         except OSError as error:
-            raise BagError(f'{self.path} cannot be read: {error.strerror or error}; copy it to another disk') from error
+            reason = error.strerror or str(error)
+            raise BagError(f'{self.path} cannot be read: {reason}; check its name, permissions and disk') from error
 
 
-def _unpacked(chunk: Chunk) -> bytes:
-    """Return a chunk's records as bytes, decompressed and checked."""
-    stream, length = get_chunk_data_stream(chunk, validate_crc=True)
-    return stream.read(length)
-
-
-def _records(chunk: Chunk) -> list[Any]:
-    return list(chunk_records(_unpacked(chunk)))
-
-
-def _joined(parts: Iterator[bytes]) -> Iterator[bytes]:
-    """Return the same bytes in longer parts: chunks that were flushed ten times a second are short."""
-    together, size = list[bytes](), 0
-    for part in parts:
-        together.append(part)
-        size += len(part)
-        if size >= TOGETHER:
-            yield b''.join(together)
-            together, size = [], 0
-    yield b''.join(together)
-
-
-def _summary(file: BinaryIO) -> bytes:
-    """Return the records of an MCAP file's summary and its footer.
+def _opened(path: Path) -> int:
+    """Return a descriptor to read an .mcap file by; where rosbag2 compressed it, one of a copy without a name.
 
     Raises:
-        ValueError: they are not what was written: an index with a wrong time would hide messages.
+        OSError: the system refuses.
+        BagError: it is damaged from the start, or would be far too long.
     """
-    end = file.seek(-len(MAGIC) - FOOTER.size, os.SEEK_END)
-    start, _, crc = FOOTER.unpack(file.read(FOOTER.size))
-    start = start or end - RECORD.size
-    file.seek(start)
-    summary = file.read(end + FOOTER.size - start)
-    # The CRC covers all from the summary's start to the CRC itself.
-    if crc != 0 and zlib.crc32(summary[:-4]) != crc:
-        raise ValueError('the summary is damaged')
-    return summary
+    if path.suffix != '.zstd':
+        return os.open(path, os.O_RDONLY)
+    with path.open('rb') as packed, tempfile.TemporaryFile() as plain:
+        limit = RATIO * os.fstat(packed.fileno()).st_size
+        # What is cut or damaged is taken as far as it goes.
+        with suppress(zstandard.ZstdError):
+            for block in zstandard.ZstdDecompressor().read_to_iter(packed):
+                plain.write(block)
+                if plain.tell() > limit:
+                    raise BagError(f'{path} is no bag: it would be over {RATIO} times as long when it is decompressed')
+        if not plain.tell():
+            raise BagError(f'{path} cannot be decompressed: it is cut or damaged; copy it again from its recorder')
+        plain.flush()
+        return os.dup(plain.fileno())
+
+
+def _end_of_run(data: bytes) -> int:
+    """Return where the whole records end that may stand in a chunk."""
+    at = 0
+    with suppress(ValueError, struct.error):
+        for opcode, _, end in records(data):
+            if opcode not in IN_CHUNKS:
+                break
+            at = end
+    return at

@@ -16,7 +16,6 @@ from pendubot_identification.excitation.excitation import PulseTrain
 from pendubot_identification.model.parameters import NAMES, PAPER
 from pendubot_identification.model.rollout import roll
 from pendubot_identification.model.simulation import quantised
-from pendubot_identification.recordings.bulk import _walk
 from pendubot_identification.recordings.joint_states import EPOCH_NS, JOINT_NAMES, JOINT_STATE, encode_joint_state
 from pendubot_identification.recordings.message_types import message_definition
 from pendubot_identification.trajectories.trajectory import Trajectory
@@ -104,8 +103,8 @@ def motion(count):
 def write(path, columns, chunk_size):
     """Write a bag's only file, quickly; metadata.yaml is not needed to read it."""
     count = len(columns[0])
-    message = bytearray(encode_joint_state(EPOCH_NS, JOINT_NAMES, [0, 0], [0, 0], [0, 0]))
-    _, places, _ = _walk(bytes(message))
+    message = bytearray(encode_joint_state(EPOCH_NS, JOINT_NAMES, [1, 1], [2, 2], [3, 3]))
+    places = [message.index(struct.pack('<d', number)) for number in (1, 2, 3)]
     with path.open('wb') as file:
         writer = Writer(file, chunk_size=chunk_size, compression=CompressionType.NONE)
         writer.start(profile='ros2')
@@ -114,7 +113,7 @@ def write(path, columns, chunk_size):
         for k in range(count):
             stamp = EPOCH_NS + k * (1_000_000_000 // RATE)
             struct.pack_into('<iI', message, 4, *divmod(stamp, 1_000_000_000))
-            for (first, _), column in zip(places, columns, strict=True):
+            for first, column in zip(places, columns, strict=True):
                 message[first : first + 16] = column[k].tobytes()
             writer.add_message(channel, stamp, bytes(message), stamp, k)
         writer.finish()

@@ -68,7 +68,7 @@ def test_a_bag_that_one_was_estimated_from_is_named(results, tmp_path, capsys):
     from pendubot_identification.recordings.bag_reader import BagReader
 
     data = plain(('weak',))
-    data['bags'][0]['sha256'] = BagReader(SAMPLE).content_hash()
+    data['bags'][0]['sha256'] = BagReader(SAMPLE).content_hash
     write_result(tmp_path / 'c.yaml', data)
     status, out, _ = compare(capsys, results / 'a.yaml', tmp_path / 'c.yaml', '--on', SAMPLE, '--json')
     assert status == 0

@@ -42,7 +42,7 @@ def test_a_bag_is_replaced_only_by_force(file, tmp_path):
     with pytest.raises(BagError, match=r'exists already.*--force'):
         run(file, '--output', tmp_path / 'bag', *COLUMNS)
     assert run(file, '--output', tmp_path / 'bag', *COLUMNS, '--force') == 0
-    assert BagReader(tmp_path / 'bag').info.count == 101
+    assert BagReader(tmp_path / 'bag').count == 101
 
 
 def test_a_file_that_cannot_be_used_leaves_no_bag(file, tmp_path):

@@ -6,7 +6,7 @@ import pytest
 
 from pendubot_identification.cli import info
 from pendubot_identification.errors import BagError
-from pendubot_identification.recordings.bag_writer import BagWriter, Limits
+from pendubot_identification.recordings.bag_writer import BagWriter
 from pendubot_identification.recordings.joint_states import JOINT_STATE, encode_joint_state, write_trajectory
 from pendubot_identification.trajectories.trajectory import Trajectory
 
@@ -53,11 +53,11 @@ def test_a_bag_that_was_never_closed_says_what_is_whole(bag, capsys):
     assert run(bag) == 0
     text = capsys.readouterr().out
     assert 'closed    no' in text
-    assert 'bag_0.mcap was never closed, or is cut or damaged: its first' in text
+    assert 'bag_0.mcap was never closed, or is cut or damaged: its ' in text
 
 
 def test_what_is_irregular_or_missing_is_told(tmp_path, capsys):
-    with BagWriter(tmp_path / 'bag', limits=Limits(max_duration=0.5)) as bag:
+    with BagWriter(tmp_path / 'bag') as bag:
         channel = bag.add_topic('/joint_states', JOINT_STATE)
         for k in range(100):
             if k in (40, 41):
@@ -68,7 +68,6 @@ def test_what_is_irregular_or_missing_is_told(tmp_path, capsys):
             bag.write(channel, data, START + k * 10_000_000 + 3_000_000, sequence=k + 1)
     assert run(tmp_path / 'bag') == 0
     text = capsys.readouterr().out
-    assert 'files     2' in text
     assert 'gaps 3, 4 messages, first after 0.390 s' in text
     assert 'latency 3.000 ms, at most 203.000 ms' in text
     assert 'stamps 1 repeat, 1 run back' in text

@@ -27,7 +27,7 @@ def test_a_killed_bag_becomes_a_closed_copy(killed, tmp_path, capsys):
     assert ' messages saved, 5 lost' in text
     assert 'are damaged and left out' in text
     assert 'swing_repaired, closed; the original is as it was' in text
-    info = BagReader(tmp_path / 'swing_repaired').info
+    info = BagReader(tmp_path / 'swing_repaired')
     assert (info.closed, info.count) == (True, len(by_mcap(tmp_path / 'swing_repaired')))
     assert damage.COUNT - 11 <= info.count < damage.COUNT
 
@@ -53,7 +53,7 @@ def test_a_whole_bag_is_said_to_be_whole(killed, capsys):
 
 def test_a_single_file_is_repaired_beside_itself(killed, tmp_path):
     assert main(['repair', 'swing/swing_0.mcap']) == 0
-    assert BagReader(tmp_path / 'swing' / 'swing_0_repaired').info.closed
+    assert BagReader(tmp_path / 'swing' / 'swing_0_repaired').closed
 
 
 @pytest.mark.parametrize(

@@ -44,7 +44,7 @@ def wait_for_subscriptions(*publishers):
 def recorded(path):
     """Return the number of messages that a reader sees by now."""
     try:
-        return BagReader(path).info.count
+        return BagReader(path).count
     except BagError:
         return 0
 
@@ -168,7 +168,7 @@ def _fills_up(folder, limited):
             wait(lambda: program.process.poll() is not None or recorded(path) >= sent - 5)  # noqa: B023
         status = program.process.returncode
     left = shutil.disk_usage(folder).free - reserve
-    info = BagReader(path).info
+    info = BagReader(path)
     same = by_mcap(path) == by_rosbags(path)
     return [
         Figure(

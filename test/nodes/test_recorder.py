@@ -21,7 +21,7 @@ from test.recordings.independent import by_mcap, by_rosbags
 
 from ..conftest import ROOT
 from ..faults.recorder import disk_of_its_own, joint_state, kills, recorded, recorder, wait, wait_for_subscriptions
-from ..processes import MODULES, Program, call, run_program, spin_until
+from ..processes import MODULES, Program, run_program, spin_until
 
 pytestmark = pytest.mark.ros
 
@@ -138,63 +138,9 @@ def test_it_ends_by_itself_after_max_messages_of_the_first_topic(tmp_path, node,
                 publisher.publish(Float64(data=float(k)))
         assert program.process.wait(10) == 0
     (path,) = tmp_path.glob('pendubot_20*T*Z')
-    info = BagReader(path).info
+    info = BagReader(path)
     assert info.closed
-    assert {topic.name: topic.count for topic in info.topics}['/first'] == 50
-
-
-def test_what_is_skipped_before_the_first_message_ends_nothing(tmp_path, node, diagnostics):
-    from std_msgs.msg import Float64
-
-    path = tmp_path / 'bag'
-    with recorder(path, '/begun_paused') as program:
-        assert ask(node, 'pause').success
-        publisher = node.create_publisher(Float64, '/begun_paused', 10)
-        wait_for_subscriptions(publisher)
-        publisher.publish(Float64(data=1.0))
-        assert spin_until(node, lambda: diagnostics and diagnostics[-1][2]['/begun_paused skipped'] == '1')
-        assert ask(node, 'resume').success
-        publisher.publish(Float64(data=2.0))
-        wait(lambda: recorded(path) == 1)
-        assert program.stop() == 0
-
-
-def test_a_latched_message_that_waited_counts_among_max_messages(tmp_path, node, diagnostics):
-    from std_msgs.msg import Float64
-    from std_srvs.srv import Trigger
-
-    path = tmp_path / 'bag'
-    publisher = latched_publisher(node, '/waited')
-    with recorder(path, '/waited', max_messages=2) as program:
-        publisher.publish(Float64(data=1.0))
-        wait(lambda: recorded(path) == 1)
-        assert ask(node, 'pause').success
-        publisher.publish(Float64(data=2.0))
-        assert spin_until(node, lambda: diagnostics and diagnostics[-1][2]['/waited skipped'] == '1')
-        # It ends with this: its answer may not come.
-        client = node.create_client(Trigger, '/recorder/resume')
-        assert client.wait_for_service(10.0)
-        client.call_async(Trigger.Request())
-        assert program.process.wait(10) == 0
-    assert recorded(path) == 2
-
-
-def latched_publisher(node, topic):
-    from rclpy.qos import DurabilityPolicy, QoSProfile
-    from std_msgs.msg import Float64
-
-    return node.create_publisher(Float64, topic, QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL))
-
-
-def ask(node, service):
-    """Call one of the recorder's services; return its response."""
-    from std_srvs.srv import Trigger
-
-    client = node.create_client(Trigger, f'/recorder/{service}')
-    try:
-        return call(node, client, Trigger.Request())
-    finally:
-        node.destroy_client(client)
+    assert info.topics['/first'] == ('std_msgs/msg/Float64', 50)
 
 
 def values(message):
@@ -218,64 +164,38 @@ def diagnostics(node):
     return said
 
 
-def test_pause_resume_and_split_do_what_they_say(tmp_path, node, diagnostics):
+def test_metadata_of_a_killed_recording_names_every_topic_and_counts(tmp_path, node):
     from std_msgs.msg import Float64
 
     path = tmp_path / 'bag'
-    latched, plain = latched_publisher(node, '/latched'), node.create_publisher(Float64, '/plain', 100)
-    latched.publish(Float64(data=0.5))
-    with recorder(path, '/latched', '/plain') as program:
-        wait_for_subscriptions(latched, plain)
-        wait(lambda: recorded(path) == 1)
-        for k in range(10):
-            plain.publish(Float64(data=float(k)))
-        wait(lambda: recorded(path) >= 11)
-        paused = ask(node, 'pause')
-        assert (paused.success, paused.message) == (True, 'paused')
-        for k in range(100, 150):
-            plain.publish(Float64(data=float(k)))
-        latched.publish(Float64(data=1.5))
-        skipped = {'/plain skipped': '50', '/latched skipped': '1'}
-        assert spin_until(node, lambda: diagnostics and skipped.items() <= diagnostics[-1][2].items())
-        assert ask(node, 'resume').success
-        wait(lambda: recorded(path) == 12)
-        split = ask(node, 'split')
-        assert split.success
-        assert 'is closed; the next message begins another' in split.message
-        empty = ask(node, 'split')
-        assert (empty.success, 'holds no message yet' in empty.message) == (False, True)
-        for k in range(10, 20):
-            plain.publish(Float64(data=float(k)))
-        wait(lambda: recorded(path) >= 23)
-        assert program.stop() == 0
-    messages = by_mcap(path)
-    assert by_rosbags(path) == messages
-    read = [(topic, struct.unpack('<d', data[4:])[0]) for topic, _, data in messages]
-    assert [value for topic, value in read if topic == '/plain'] == list(range(20))
-    # The one that came while paused is in force afterwards, and in each file.
-    assert [value for topic, value in read if topic == '/latched'][:2] == [0.5, 1.5]
-    assert [value for topic, value in read if topic == '/latched'][-1] == 1.5
 
+    def described():
+        try:
+            content = yaml.safe_load((path / 'metadata.yaml').read_text())['rosbag2_bagfile_information']
+        except FileNotFoundError:
+            return {}
+        counted = content['topics_with_message_count']
+        assert content['message_count'] == sum(topic['message_count'] for topic in counted)
+        return {topic['topic_metadata']['name']: topic['message_count'] for topic in counted}
 
-@pytest.mark.parametrize('limit', [{'max_size': 100_000}, {'max_duration': 0.02}])
-def test_a_bag_of_several_files_holds_all_that_was_sent(tmp_path, node, limit):
-    path = tmp_path / 'bag'
-    message = joint_state(5)
-    with recorder(path, '/split', **limit) as program:
-        publisher = node.create_publisher(type(message), '/split', 5000)
-        wait_for_subscriptions(publisher)
-        for k in range(2000):
-            message.header.stamp.nanosec = k
-            publisher.publish(message)
-            if k % 100 == 99:
-                wait(lambda k=k: recorded(path) > k - 500)
-        wait(lambda: recorded(path) == 2000)
-        assert program.stop() == 0
-    assert len(list(path.glob('*.mcap'))) > 1
-    messages = by_mcap(path)
-    assert [int.from_bytes(data[8:12], 'little') for _, _, data in messages] == list(range(2000))
-    assert by_rosbags(path) == messages
-    assert BagReader(path).info.closed
+    with recorder(path, '/early', '/late', '/never') as program:
+        early = node.create_publisher(Float64, '/early', 1000)
+        wait_for_subscriptions(early)
+        wait(lambda: described() == {'/early': 0})
+        for k in range(300):
+            early.publish(Float64(data=float(k)))
+        wait(lambda: described() == {'/early': 300})
+        late = node.create_publisher(Float64, '/late', 1000)
+        wait_for_subscriptions(late)
+        late.publish(Float64(data=1.0))
+        wait(lambda: described() == {'/early': 300, '/late': 1})
+        program.kill()
+    assert described() == {'/early': 300, '/late': 1}
+    assert not BagReader(path).closed
+    profiles = yaml.safe_load((path / 'metadata.yaml').read_text())['rosbag2_bagfile_information']
+    (first, _) = profiles['topics_with_message_count']
+    assert first['topic_metadata']['type'] == 'std_msgs/msg/Float64'
+    assert first['topic_metadata']['offered_qos_profiles'][0]['reliability'] == 'reliable'
 
 
 def test_diagnostics_say_how_it_is_doing(tmp_path, node, diagnostics):
@@ -292,8 +212,6 @@ def test_diagnostics_say_how_it_is_doing(tmp_path, node, diagnostics):
         assert (level, text, said['/said lost']) == (0, 'recording', '0')
         assert float(said['free [MB]']) > 0
         assert any(float(each[2]['/said rate [Hz]']) > 0 for each in diagnostics)
-        ask(node, 'pause')
-        assert spin_until(node, lambda: diagnostics[-1][:2] == (1, 'paused'))
         assert program.stop() == 0
 
 
@@ -333,8 +251,7 @@ def test_messages_that_were_lost_are_counted(tmp_path, node, diagnostics, anothe
 
 
 def whole_messages(path):
-    (file,) = BagReader(path).files
-    return [message.data for message in file.messages(BagReader(path).info.topics[0].name)]
+    return [message.data for messages in BagReader(path).messages(['/lost']) for message in messages]
 
 
 def test_publishers_that_offer_less_are_heard_once_they_are_alone(tmp_path, node, diagnostics):
@@ -355,7 +272,7 @@ def test_publishers_that_offer_less_are_heard_once_they_are_alone(tmp_path, node
         poor.publish(Float64(data=2.0))
         wait(lambda: recorded(path) == 2)
         assert program.stop() == 0
-    assert BagReader(path).info.closed
+    assert BagReader(path).closed
 
 
 def test_sigkill_while_recording_at_1_khz_loses_at_most_a_tenth_of_a_second(tmp_path, node):
@@ -382,7 +299,7 @@ def test_a_full_disk_is_one_sentence_and_leaves_what_is_whole(tmp_path, node, di
     wait(lambda: said in program.output)
     assert 'Traceback' not in program.output
     assert spin_until(node, lambda: diagnostics[-1][0] == 2 and said in diagnostics[-1][1])
-    info = BagReader(path).info
+    info = BagReader(path)
     assert info.closed
     assert info.count > 50
 
@@ -406,7 +323,7 @@ def test_a_disk_that_fills_ends_the_bag_before_the_reserve_is_gone(tmp_path, nod
         wait(lambda: 'is closed with all that was received before: its disk has' in program.output)
         assert 'Traceback' not in program.output
         assert shutil.disk_usage(folder).free >= reserve
-        info = BagReader(path).info
+        info = BagReader(path)
         assert info.closed
         assert by_rosbags(path) == by_mcap(path)
         assert info.count >= 1
@@ -476,14 +393,14 @@ def test_a_topic_of_two_types_is_one_sentence(tmp_path, node, ros):
     finally:
         other.destroy_node()
         ros.shutdown(context=context)
-    assert BagReader(tmp_path / 'bag').info.closed
+    assert BagReader(tmp_path / 'bag').closed
 
 
 def test_topics_that_nobody_publishes_are_named(tmp_path):
     with recorder(tmp_path / 'bag', '/nobody') as program:
         program.wait_for('nobody publishes /nobody yet')
         assert program.stop() == 0
-    assert BagReader(tmp_path / 'bag').info.closed
+    assert BagReader(tmp_path / 'bag').closed
 
 
 @pytest.mark.parametrize(
@@ -493,7 +410,6 @@ def test_topics_that_nobody_publishes_are_named(tmp_path):
         ({'output': '{taken}'}, 'exists already; give another name'),
         ({'topics': '["two words"]'}, 'a name such as joint_states is expected'),
         ({'topics': '[""]'}, 'name at least one topic'),
-        ({'max_size': 1000}, '0 or at least 65536 bytes are expected'),
         ({'reserve': 2**60}, 'is not begun: its disk has'),
         ({'max_messages': -1}, 'a whole number of at least 0 is expected'),
     ],

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pendubot_identification.errors import BagError
 from pendubot_identification.recordings.bag_reader import BagReader
 from pendubot_identification.recordings.bag_repair import repair
-from pendubot_identification.recordings.bag_writer import BagWriter, Limits
+from pendubot_identification.recordings.bag_writer import BagWriter
 from pendubot_identification.recordings.joint_states import JOINT_STATE
 
 from .independent import by_mcap, by_rosbags
@@ -19,7 +19,7 @@ TOPICS = ('/joint_states', '/other')
 def write(path, *, closed=True):
     """Write a bag of two topics; without its end, as SIGKILL leaves it, if wanted. Return what is in it."""
     sent = []
-    bag = BagWriter(path, limits=Limits())
+    bag = BagWriter(path)
     channels = [bag.add_topic(name, JOINT_STATE) for name in TOPICS]
     for k in range(COUNT):
         stamp, data = message(k)
@@ -58,12 +58,10 @@ def examine(path, copy, sent):
     try:
         reader = BagReader(path)
         for name in TOPICS:
-            messages = [
-                (name, message.log_time, message.data) for file in reader.files for message in file.messages(name)
-            ]
+            messages = [(name, message.log_time, message.data) for part in reader.messages([name]) for message in part]
             outcome.silent += sum(each not in known for each in messages)
             outcome.read += len(messages)
-        if reader.info.closed and not reader.info.note:
+        if reader.closed and not reader.note:
             outcome.silent += abs(len(sent) - outcome.read)
     except BagError:
         outcome.refused = True

@@ -83,11 +83,11 @@ def test_a_malformed_window_is_one_sentence(text, sentence):
         BagWindow.parse(text)
 
 
-def test_info_counts_by_topic(bag):
-    info = BagReader(bag).info
-    assert [(t.name, t.type_name, t.count) for t in info.topics] == [('/joint_states', JOINT_STATE, 1000)]
-    assert (info.closed, info.note, info.count, info.duration) == (True, '', 1000, 9.99)
-    assert info.first_ns == START + 3_000_000
+def test_a_bag_is_counted_by_topic(bag):
+    reader = BagReader(bag)
+    assert reader.topics == {'/joint_states': (JOINT_STATE, 1000)}
+    assert (reader.closed, reader.note, reader.count, reader.duration) == (True, '', 1000, 9.99)
+    assert reader.first_ns == START + 3_000_000
 
 
 def test_the_whole_bag_and_its_file_are_the_same_motion(bag):
@@ -116,10 +116,9 @@ def test_a_window_counts_from_the_bags_first_sample(bag, start, end, first, last
 
 def test_a_window_reads_no_more_than_itself_and_a_latency(bag, monkeypatch):
     read = []
-    unpack = mcap_file.get_chunk_data_stream
-    monkeypatch.setattr(
-        mcap_file, 'get_chunk_data_stream', lambda c, validate_crc: read.append(c) or unpack(c, validate_crc)
-    )
+    unpacked = mcap_file.unpacked
+    monkeypatch.setattr(mcap_file, 'TOGETHER', 1)
+    monkeypatch.setattr(mcap_file, 'unpacked', lambda record: read.append(record) or unpacked(record))
     read_trajectory(BagWindow(bag, 5, 5.5))
     assert len(read) < 35
     read.clear()
@@ -174,7 +173,7 @@ def test_metadata_yaml_is_not_relied_upon(bag, tmp_path, metadata):
         (path / 'bag_0.mcap').rename(path / 'renamed.mcap')
     else:
         (path / 'metadata.yaml').write_text('{[')
-    assert BagReader(path).info.count == 1000
+    assert BagReader(path).count == 1000
 
 
 def test_splits_are_read_in_order(tmp_path):
@@ -218,9 +217,9 @@ def test_a_file_cut_anywhere_gives_what_is_whole_before_the_cut(tmp_path):
             with pytest.raises(BagError, match='is no MCAP file'):
                 BagReader(path)
             continue
-        info = BagReader(path).info
+        info = BagReader(path)
         assert not info.closed
-        assert f'first {info.count} messages' in info.note
+        assert f'its {info.count} messages that are whole' in info.note
         counts.append(info.count)
         if info.count >= 50:
             assert len(read_trajectory(path).trajectory) == info.count
@@ -232,7 +231,7 @@ def test_a_damaged_index_hides_no_message(bag, tmp_path):
     path = shutil.copytree(bag, tmp_path / 'bag')
     whole = (path / 'bag_0.mcap').read_bytes()
     # The time of a chunk's first message stands in the file for the last time in the index.
-    first = mcap_file.McapFile(path / 'bag_0.mcap')._chunks.first_ns[-1]
+    first = mcap_file.McapFile(path / 'bag_0.mcap')._index[-1, 0]
     at = whole.rindex(int(first).to_bytes(8, 'little'))
     (path / 'bag_0.mcap').write_bytes(whole[: at + 6] + bytes([whole[at + 6] ^ 64]) + whole[at + 7 :])
     read = read_trajectory(BagWindow(path, 0, 9.99))
@@ -251,7 +250,7 @@ def test_damage_in_a_closed_file_is_named_and_can_be_avoided(bag, tmp_path):
     assert len(read_trajectory(BagWindow(path, 0, 3)).trajectory) == 300
     # Once the end is lost too, all but the damaged chunk is used, and that is said.
     (path / 'bag_0.mcap').write_bytes(data[:-100])
-    info = BagReader(path).info
+    info = BagReader(path)
     assert 985 <= info.count < 1000
     assert f'its {info.count} messages that are whole' in info.note
     assert 'bytes among them are not, first at byte' in info.note
@@ -293,7 +292,7 @@ def test_no_bag_is_one_sentence(tmp_path):
 def test_an_empty_bag_is_one_sentence(tmp_path):
     with BagWriter(tmp_path / 'bag') as bag:
         bag.add_topic('/joint_states', JOINT_STATE)
-    assert BagReader(tmp_path / 'bag').info.closed
+    assert BagReader(tmp_path / 'bag').closed
     with pytest.raises(BagError, match='holds no message'):
         read_trajectory(tmp_path / 'bag')
 
@@ -312,7 +311,7 @@ def test_a_wrong_topic_is_one_sentence(tmp_path):
     [
         ({'names': lambda k: ('a', 'b')}, BagError, "no joint 'shoulder'; its joints are a, b"),
         ({'effort': lambda k: ()}, BagError, 'has 0 efforts for 2 joints'),
-        ({'effort': lambda k: (1,) if k == 70 else (1, 2)}, BagError, 'sample 70 .* has 1 efforts for 2 joints'),
+        ({'effort': lambda k: (1,) if k == 70 else (1, 2)}, BagError, 'sample 70 has 1 efforts for 2 joints'),
         ({'position': lambda k: ()}, BagError, 'has 0 positions for 2 joints'),
         ({'position': lambda k: (np.nan if k == 7 else 0, 0)}, TrajectoryError, 'q that is not a finite number'),
         ({'effort': lambda k: (0, np.inf)}, TrajectoryError, 'tau that is not a finite number'),

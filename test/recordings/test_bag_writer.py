@@ -1,9 +1,11 @@
 import os
 import resource
+import shutil
 import signal
 import subprocess
 import sys
 import textwrap
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,8 +15,10 @@ from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
 
 from pendubot_identification.errors import BagError
+from pendubot_identification.recordings import bag_writer
+from pendubot_identification.recordings.bag_metadata import Qos
 from pendubot_identification.recordings.bag_reader import BagReader, read_trajectory
-from pendubot_identification.recordings.bag_writer import BagWriter, Qos
+from pendubot_identification.recordings.bag_writer import BagWriter, whole_bag
 from pendubot_identification.recordings.joint_states import (
     JOINT_STATE,
     decode_joint_state,
@@ -24,8 +28,11 @@ from pendubot_identification.recordings.joint_states import (
 from pendubot_identification.recordings.message_types import message_definition
 from pendubot_identification.trajectories.trajectory import Trajectory
 
+from .independent import by_mcap, by_rosbags
+
 START = 1_700_000_000_000_000_000
 STEP = 10_000_000
+FLOAT = bytes([0, 1, 0, 0])
 
 
 def message(k):
@@ -33,8 +40,8 @@ def message(k):
     return stamp, encode_joint_state(stamp, ('shoulder', 'elbow'), [0.1 * k, -k], [1, 2], [k, 0])
 
 
-def write(path, count=100, **options):
-    with BagWriter(path, **options) as bag:
+def write(path, count=100, bag=None):
+    with bag or BagWriter(path) as bag:
         channel = bag.add_topic('/joint_states', JOINT_STATE)
         for k in range(count):
             stamp, data = message(k)
@@ -134,7 +141,7 @@ def test_two_topics_of_one_type_share_its_schema(tmp_path):
         summary = make_reader(file).get_summary()
     assert len(summary.schemas) == 1
     assert '&' not in (tmp_path / 'bag' / 'metadata.yaml').read_text()
-    assert [(t.name, t.count) for t in BagReader(tmp_path / 'bag').info.topics] == [('/a', 1), ('/b', 1)]
+    assert BagReader(tmp_path / 'bag').topics == {'/a': ('std_msgs/msg/Float64', 1), '/b': ('std_msgs/msg/Float64', 1)}
 
 
 @pytest.mark.parametrize('overwrite', [False, True])
@@ -151,18 +158,35 @@ def test_nothing_but_a_bag_is_ever_overwritten(tmp_path, content, overwrite):
         if content == 'folder':
             (path / 'notes.txt').write_text('mine')
     before = {file: file.read_bytes() for file in tmp_path.rglob('*') if file.is_file()}
+    with pytest.raises(BagError, match=r'give another name'), whole_bag(path, overwrite=overwrite):
+        pass
     with pytest.raises(BagError, match=r'give another name'):
-        BagWriter(path, overwrite=overwrite)
+        BagWriter(path)
     assert {file: file.read_bytes() for file in tmp_path.rglob('*') if file.is_file()} == before
 
 
-def test_a_bag_is_overwritten_only_when_asked(tmp_path):
+def test_a_bag_is_overwritten_only_when_asked_and_by_a_whole_one(tmp_path):
     path = write(tmp_path / 'bag', count=10)
-    with pytest.raises(BagError, match='exists already'):
-        BagWriter(path)
-    assert BagReader(path).info.count == 10
-    write(path, count=20, overwrite=True)
-    assert BagReader(path).info.count == 20
+    with pytest.raises(BagError, match='exists already'), whole_bag(path):
+        pass
+
+    def interrupted():
+        with whole_bag(path, overwrite=True) as bag:
+            bag.write(bag.add_topic('/joint_states', JOINT_STATE), message(0)[1], START)
+            bag.flush()
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    assert os.listdir(tmp_path) == ['bag']
+    assert BagReader(path).count == 10
+    # What one left that was killed is not in the way.
+    write(tmp_path / 'bag.partial', count=5)
+    with whole_bag(path, overwrite=True) as bag:
+        write(path, 20, bag)
+    assert os.listdir(tmp_path) == ['bag']
+    assert BagReader(path).count == 20
+    assert by_mcap(path) == by_rosbags(path)
 
 
 def test_a_folder_that_cannot_be_made_is_one_sentence(tmp_path):
@@ -200,7 +224,7 @@ def test_sigkill_loses_no_more_than_the_last_tenth_of_a_second(tmp_path):
         tmp_path,
     )
     assert killed.returncode == -signal.SIGKILL
-    info = BagReader(tmp_path / 'bag').info
+    info = BagReader(tmp_path / 'bag')
     assert not info.closed
     assert 'never closed' in info.note
     assert 990 <= info.count <= 1000
@@ -217,28 +241,45 @@ def test_sync_leaves_nothing_behind(tmp_path):
         """,
         tmp_path,
     )
-    assert BagReader(tmp_path / 'bag').info.count == 5
+    assert BagReader(tmp_path / 'bag').count == 5
 
 
-def test_sync_puts_the_file_on_the_disk_and_so_does_every_end_of_one(tmp_path, monkeypatch):
+def test_sync_puts_the_file_on_the_disk_and_so_does_the_end(tmp_path, monkeypatch):
     synced = []
     fsync = os.fsync
     monkeypatch.setattr(os, 'fsync', lambda fd: synced.append(os.readlink(f'/proc/self/fd/{fd}')) or fsync(fd))
     bag = BagWriter(tmp_path / 'bag')
     folder = str(tmp_path / 'bag')
-    # metadata.yaml, under the name that it has until it is whole, the folder that lists both, and the one above.
-    assert synced == [f'{folder}/metadata.yaml.tmp', folder, folder, str(tmp_path)]
+    # metadata.yaml, under the name that it has until it is whole, the folder that lists it, and the one above.
+    described = [f'{folder}/metadata.yaml.tmp', folder]
+    assert synced == [*described, str(tmp_path)]
     channel = bag.add_topic('/joint_states', JOINT_STATE)
     bag.write(channel, message(0)[1], START)
     for action, expected in (
+        (bag.sync, [f'{folder}/bag_0.mcap', *described]),
         (bag.sync, [f'{folder}/bag_0.mcap']),
-        (bag.split, [f'{folder}/bag_0.mcap']),
-        (lambda: bag.write(channel, message(1)[1], START), [f'{folder}/metadata.yaml.tmp', folder, folder]),
-        (bag.close, [f'{folder}/bag_1.mcap', f'{folder}/metadata.yaml.tmp', folder]),
+        (lambda: bag.write(channel, message(1)[1], START), []),
+        (bag.close, [f'{folder}/bag_0.mcap', *described]),
     ):
         synced.clear()
         action()
         assert synced == expected
+
+
+def test_metadata_says_what_is_there_while_it_is_written(tmp_path):
+    def described():
+        content = yaml.safe_load((tmp_path / 'bag' / 'metadata.yaml').read_text())['rosbag2_bagfile_information']
+        return {t['topic_metadata']['name']: t['message_count'] for t in content['topics_with_message_count']}
+
+    with BagWriter(tmp_path / 'bag') as bag:
+        assert described() == {}
+        channel = bag.add_topic('/joint_states', JOINT_STATE)
+        bag.sync()
+        assert described() == {'/joint_states': 0}
+        for k in range(5):
+            bag.write(channel, message(k)[1], message(k)[0])
+        bag.sync()
+        assert described() == {'/joint_states': 5}
 
 
 def test_a_full_disk_is_one_sentence_and_leaves_what_is_whole(tmp_path):
@@ -259,11 +300,77 @@ def test_a_full_disk_is_one_sentence_and_leaves_what_is_whole(tmp_path):
     assert full.stderr == ''
     count, _, sentence = full.stdout.partition(' ')
     assert 'is closed with all that was received before: the system limits files to 0.100 MB' in sentence
-    info = BagReader(tmp_path / 'bag').info
+    info = BagReader(tmp_path / 'bag')
     assert info.closed
     assert int(count) <= info.count <= int(count) + 1
     assert os.path.getsize(tmp_path / 'bag' / 'bag_0.mcap') <= 100_000
     assert resource.getrlimit(resource.RLIMIT_FSIZE)[0] == resource.RLIM_INFINITY
+
+
+def test_the_bag_is_closed_before_the_reserve_is_gone(tmp_path, monkeypatch):
+    path = tmp_path / 'bag'
+    real = os.statvfs(tmp_path)
+
+    def left():
+        return 10_000_000 - sum(file.stat().st_size for file in path.glob('*'))
+
+    # Stands for a disk that fills: each byte that the bag takes is gone.
+    disk = {'f_frsize': 1, 'f_blocks': real.f_blocks}
+    monkeypatch.setattr(bag_writer.os, 'statvfs', lambda _: SimpleNamespace(**disk, f_bavail=left()))
+    reserve = 9_500_000
+    bag = BagWriter(path, reserve=reserve)
+    channel = bag.add_topic('/joint_states', JOINT_STATE)
+    sent = []
+
+    def write_until_refused():
+        for k in range(100_000):
+            stamp, data = message(k)
+            sent.append(('/joint_states', stamp, data))
+            bag.write(channel, data, stamp)
+
+    with pytest.raises(BagError, match=r'is closed with all that was received before: its disk has .* MB left'):
+        write_until_refused()
+    assert reserve <= left() < reserve + 100_000, 'or closed long before it had to be'
+    assert BagReader(path).closed
+    assert by_mcap(path) == by_rosbags(path) == sent[: len(by_mcap(path))]
+    assert len(sent) - len(by_mcap(path)) <= 1
+    with pytest.raises(BagError, match='its disk has'):
+        bag.write(channel, message(0)[1], message(0)[0])
+
+
+def test_a_bag_is_not_begun_where_the_reserve_is_gone_already(tmp_path):
+    free = shutil.disk_usage(tmp_path).free
+    with pytest.raises(BagError, match='is not begun: its disk has'):
+        BagWriter(tmp_path / 'bag', reserve=free + 10**9)
+    assert not (tmp_path / 'bag').exists()
+
+
+def test_what_the_system_refuses_all_the_same_leaves_what_is_whole(tmp_path):
+    # The writer does not see this limit coming: it is as if somebody else filled the disk at this moment, or a quota.
+    full = in_another_process(
+        """
+        from pendubot_identification.recordings import bag_writer
+        bag_writer._shortage = lambda *_: ''
+        resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))
+        try:
+            for k in range(10_000):
+                stamp, data = message(k)
+                bag.write(channel, data, stamp)
+        except BagError as error:
+            print(k, error)
+        bag.close()
+        """,
+        tmp_path,
+    )
+    assert full.stderr == ''
+    count, _, sentence = full.stdout.partition(' ')
+    assert 'cannot be written (File too large); free some space' in sentence
+    reader = BagReader(tmp_path / 'bag')
+    assert not reader.closed
+    assert int(count) - 10 <= reader.count <= int(count)
+    damages = []
+    assert sum(1 for _ in reader.files[0].whole_parts(damages)) > 10
+    assert damages == [], 'half a chunk was left at the end'
 
 
 def test_a_clock_that_is_set_back_does_not_stop_the_flushing(tmp_path):
@@ -275,7 +382,7 @@ def test_a_clock_that_is_set_back_does_not_stop_the_flushing(tmp_path):
         """,
         tmp_path,
     )
-    assert BagReader(tmp_path / 'bag').info.count >= 90
+    assert BagReader(tmp_path / 'bag').count >= 90
 
 
 @pytest.mark.parametrize('qd', [True, False])

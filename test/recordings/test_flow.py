@@ -34,14 +34,6 @@ def test_a_publisher_that_begins_anew_has_lost_nothing():
     assert flow.lost == 1
 
 
-def test_what_was_not_listened_to_is_not_lost():
-    flow = Flow()
-    flow.heard(1, 0)
-    flow.forget()
-    flow.heard(100, 0)
-    assert flow.lost == 0
-
-
 def test_a_middleware_that_does_not_number_loses_nothing_known():
     flow = Flow()
     flow.heard(None, 0)
@@ -62,7 +54,6 @@ def usual(**changed):
     return {
         'flows': {'/x': flow},
         'elapsed': 1.0,
-        'paused': False,
         'troubles': (),
         'free': 10**12,
         'reserve': 10**8,
@@ -79,7 +70,6 @@ def flow_of(*numbers, lag_ns=0):
 @pytest.mark.parametrize(
     ('changed', 'sentence'),
     [
-        ({'paused': True}, 'paused'),
         ({'troubles': ('somebody is deaf',)}, 'somebody is deaf'),
         ({'free': 150_000_000}, '150 MB left on the disk; the bag is closed at 100'),
         ({'flows': {'/x': flow_of(1, 5)}}, '/x: 3 messages lost'),

@@ -1,0 +1,129 @@
+"""JointStates read many at once, against rosbags, which reads them one by one."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pendubot_identification.errors import BagError
+from pendubot_identification.recordings.bag_reader import BagWindow, read_trajectory
+from pendubot_identification.recordings.bag_writer import BagWriter
+from pendubot_identification.recordings.joint_states import (
+    JOINT_STATE,
+    JOINT_STATES_TOPIC,
+    JointDecoder,
+    decode_joint_state,
+    encode_joint_state,
+)
+from pendubot_identification.recordings.mcap_records import HEAD, MESSAGE, understood
+
+JOINTS = ('shoulder', 'elbow')
+numbers = st.floats(allow_nan=True, allow_infinity=True, width=64)
+stamps = st.integers(-(2**31) * 10**9, 2**31 * 10**9 - 1)
+
+
+def record(data, channel=1):
+    head = np.array((5, MESSAGE.itemsize - HEAD.size + len(data), channel, 1, 7, 7), MESSAGE)
+    return head.tobytes() + data
+
+
+def decoded(*messages):
+    """Decode messages that stand together."""
+    _, found = understood(b''.join(map(record, messages)))
+    return JointDecoder(JOINTS, 'bag')(found)
+
+
+def expected(*messages):
+    """The same, as rosbags reads them."""
+    states = [decode_joint_state(message) for message in messages]
+    values = np.full((len(states), 3, 2), np.nan)
+    for k, state in enumerate(states):
+        joints = [state.names.index(name) for name in JOINTS]
+        for row, kind in enumerate((state.position, state.effort, state.velocity)):
+            if kind.size:
+                values[k, row] = kind[joints]
+    return np.array([state.stamp_ns for state in states]), values
+
+
+@st.composite
+def messages(draw):
+    """JointStates of some joints in some order, some with the same names as those before."""
+    found = []
+    for _ in range(draw(st.integers(1, 3))):
+        names = draw(st.permutations([*JOINTS, *draw(st.lists(st.sampled_from(['a', 'wheel', 'ä', '']), unique=True))]))
+        velocities, frame = draw(st.booleans()), draw(st.sampled_from(['', 'base']))
+        rows = st.lists(numbers, min_size=len(names), max_size=len(names))
+        found += [
+            encode_joint_state(draw(stamps), names, draw(rows), draw(rows) if velocities else [], draw(rows), frame)
+            for _ in range(draw(st.integers(1, 4)))
+        ]
+    return draw(st.permutations(found))
+
+
+@given(messages())
+def test_reads_what_rosbags_reads(encoded):
+    for one, other in zip(decoded(*encoded), expected(*encoded), strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+def test_what_stands_in_the_padding_says_nothing():
+    # ROS's own serialisation leaves there what was in memory before.
+    plain = [encode_joint_state(k, JOINTS, [k, 2], [3, 4], [5, k]) for k in range(3)]
+    padding = plain[0].index(b'shoulder\0') + len(b'shoulder\0')
+    filled = [message[:padding] + bytes([0x55, k]) + message[padding + 2 :] for k, message in enumerate(plain)]
+    assert plain[0][padding : padding + 3] == bytes(3)
+    for one, other in zip(decoded(*filled), expected(*plain), strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+def big_endian(stamp, numbers):
+    from pendubot_identification.recordings.message_types import typestore
+
+    types = typestore().types
+    header = types['std_msgs/msg/Header'](types['builtin_interfaces/msg/Time'](0, stamp), '')
+    values = [np.array(n, np.float64) for n in numbers]
+    message = types[JOINT_STATE](header, list(JOINTS), *values)
+    return bytes(typestore().serialize_cdr(message, JOINT_STATE, little_endian=False))
+
+
+def test_the_other_byte_order_is_read_too():
+    encoded = [big_endian(k, ([k, 1], [2, 3], [4, 5])) for k in range(3)]
+    encoded.insert(1, encode_joint_state(9, JOINTS, [6, 7], [8, 9], [10, 11]))
+    for one, other in zip(decoded(*encoded), expected(*encoded), strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+@pytest.mark.parametrize('data', [b'', b'\x00\x01\x00\x00', b'\x00\x01\x00\x00' + b'\xff' * 100])
+def test_what_is_no_joint_state_is_one_sentence(data):
+    with pytest.raises(BagError, match='is no sensor_msgs/msg/JointState'):
+        decoded(data)
+
+
+@pytest.mark.parametrize('closed', [True, False])
+def test_a_bag_whose_messages_change_is_read_whole(tmp_path, closed):
+    """Joints that change their order midway, and velocities that are missing for a while."""
+    bag = BagWriter(tmp_path / 'bag')
+    channel = bag.add_topic(JOINT_STATES_TOPIC, JOINT_STATE)
+    for k in range(300):
+        order = 1 if k < 100 else -1
+        velocity = [] if 150 <= k < 200 else [0.2, 0.1][::order]
+        data = encode_joint_state(k * 10**7, JOINTS[::order], [k, -k][::order], velocity, [k / 2, 0][::order])
+        bag.write(channel, data, k * 10**7)
+    bag.flush()
+    if closed:
+        bag.close()
+    read = read_trajectory(BagWindow(tmp_path / 'bag', 0.5, 2.5)).trajectory
+    np.testing.assert_array_equal(read.q, np.arange(50, 250)[:, None] * [1, -1])
+    np.testing.assert_array_equal(read.tau, np.arange(50, 250)[:, None] * [0.5, 0])
+    assert read.qd is None
+    bag.close()
+
+
+def test_a_joint_that_is_missing_midway_is_named(tmp_path):
+    with BagWriter(tmp_path / 'bag') as bag:
+        channel = bag.add_topic(JOINT_STATES_TOPIC, JOINT_STATE)
+        for k in range(100):
+            names = JOINTS if k != 60 else ('shoulder', 'wrist')
+            bag.write(channel, encode_joint_state(k * 10**7, names, [0, 0], [0, 0], [0, 0]), k * 10**7)
+    with pytest.raises(BagError, match=r'/joint_states, sample 60 has no joint .elbow.'):
+        read_trajectory(tmp_path / 'bag')
