@@ -15,7 +15,7 @@ BAGS = [(f'{SHARE}/{folder}', sorted(glob(f'{folder}/*.*'))) for folder in ['bag
 # alike.
 KERNEL = Extension(
     f'{NAME}.core._kernel',
-    [f'{NAME}/core/kernel.c'],
+    [f'{NAME}/core/kernel.c', f'{NAME}/core/optimizers/mde.c'],
     extra_compile_args=[
         *('-std=gnu11', '-O3', '-ffp-contract=off', '-fno-math-errno', '-fno-trapping-math'),
         *('-fvisibility=hidden', '-Wno-psabi', '-pthread'),

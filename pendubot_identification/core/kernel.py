@@ -1,4 +1,4 @@
-"""The optional compiled kernel, kernel.c: found by the import system like any extension, called through ctypes.
+"""The optional compiled kernel, kernel.c and mde.c: found by the import system as any extension, called by ctypes.
 
 Whoever can use it asks for :func:`library` and does without where that is None: no compiler was there at installation,
 or ``PENDUBOT_KERNEL=off`` is set. Nothing but the time depends on it.
@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from ctypes import CDLL
 
-#: Of kernel.c's calls; a library that an older version left behind is not used.
-VERSION = 2
+#: Of its calls; a library that an older version left behind is not used.
+VERSION = 3
 
 #: Set by the package from the environment: whether to use it, and on how many threads at most (0: as many as this
 #: process may use cores). No number depends on them.
@@ -50,7 +50,7 @@ def _library() -> CDLL | None:
         sizes, pointer = c_int64, c_void_p
         found.pendubot_roll.argtypes = [*[sizes] * 5, c_double, *[pointer] * 4]
         found.pendubot_sensitivities.argtypes = [*[sizes] * 4, c_double, *[pointer] * 4]
-        found.pendubot_mde.argtypes = [sizes, pointer, sizes, *[pointer] * 3, *[sizes] * 3, *[pointer] * 6]
+        found.pendubot_mde.argtypes = [pointer, sizes, *[pointer] * 7]
         found.pendubot_mde.restype = c_int64
         found.pendubot_roll.restype = found.pendubot_sensitivities.restype = None
     except (OSError, AttributeError):

@@ -9,8 +9,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
 
-from pendubot_identification.core.paper.competition import ALGORITHMS, PER_VECTOR, TARGET
 from pendubot_identification.core.paper.explained import Balance
+from pendubot_identification.core.paper.trials import ALGORITHMS, PER_VECTOR, TARGET
 from pendubot_identification.core.trajectories.trajectory import Trajectory
 
 from .style import GREY, STYLES, legend_above, panels

@@ -7,8 +7,7 @@ import math
 import pytest
 
 from pendubot_identification.core.paper.benchmark_functions import FUNCTIONS
-from pendubot_identification.core.paper.competition import ALGORITHMS, PER_VECTOR
-from pendubot_identification.core.paper.trials import IDENTIFICATION
+from pendubot_identification.core.paper.trials import ALGORITHMS, IDENTIFICATION, PER_VECTOR
 from pendubot_identification.report import paper_tables
 from pendubot_identification.report.paper_tables import Table, shown
 from pendubot_identification.report.published import TABLE_4

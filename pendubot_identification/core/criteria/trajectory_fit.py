@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from ..model.parameters import MODELS, Bounds, coupling_excess, repaired
 from ..model.rollout import roll
-from ..optimizers.mde import MDE, MDESettings
-from ..optimizers.optimizer import OptimizationResult, minimize
+from ..optimizers.mde import MDESettings, mde
+from ..optimizers.optimizer import OptimizationResult
 from ..trajectories.motion import Motion
 from ..trajectories.signals import encoder_step
 from .levenberg_marquardt import LEAST_INERTIA, Fit, levenberg_marquardt
@@ -293,5 +293,5 @@ def search(
         return np.asarray((lost.mean(axis=(0, 1, 3)) + 4 * coupling_excess(theta)).reshape(u.shape[:-1]))
 
     unit = Bounds(np.zeros_like(width), np.ones_like(width), bounds.names)
-    found = minimize(MDE(unit, settings, runs=runs, seed=seed), objective, progress)
+    found = mde(objective, unit, settings, runs=runs, seed=seed, progress=progress)
     return replace(found, x=repaired(vectors(found.x)))

@@ -12,8 +12,7 @@ from ..criteria.energy import Residuals, energy_residuals
 from ..criteria.quadratic import Penalised, Quadratic
 from ..criteria.weak import balance_weights, estimate_delay, weak_regression, weak_residuals
 from ..model.parameters import MODELS, repaired
-from ..optimizers.mde import MDE
-from ..optimizers.optimizer import minimize
+from ..optimizers.mde import mde
 from ..trajectories.motion import AnyMotion, Motion
 from ..trajectories.signals import SMOOTHING
 from .estimate import REACHED, Effort, Estimate, Progress
@@ -91,13 +90,12 @@ def estimate_linear(
     theta, runs, steps = exact, None, ['exact bounded least squares']
     if settings.optimizer != 'lsq':
         how, count = settings.search(name, model)
-        mde = MDE(bounds, how, runs=count, seed=settings.seed)
 
         def tell(generation: int, best: float) -> None:
             if progress is not None:
                 progress(f'{name}: MDE', generation, how.generations, best)
 
-        runs = minimize(mde, Penalised.of(criterion), tell)
+        runs = mde(Penalised.of(criterion), bounds, how, runs=count, seed=settings.seed, progress=tell)
         theta = repaired(runs.x)[runs.best]
         reached = int((runs.value <= J_exact * (1 + REACHED)).sum())
         steps = [
