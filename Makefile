@@ -39,7 +39,7 @@ sample-bag: $(VENV)/.ros
 	rm -rf bags/paper_experiment
 	cp -r build/sample/paper_experiment bags/
 
-$(VENV)/.ros: setup.py .ci/constraints.txt pendubot_identification/model/kernel.c
+$(VENV)/.ros: setup.py .ci/constraints.txt pendubot_identification/model/kernel.c pendubot_identification/optimizers/mde.c
 	@echo "Setting up $(VENV) (once, about a minute) ..."
 	@$(PYTHON) -m venv $(VENV)
 	@$(PIP) --editable '.[ros]'

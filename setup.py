@@ -15,7 +15,7 @@ BAGS = [(f'{SHARE}/{folder}', sorted(glob(f'{folder}/*.*'))) for folder in ['bag
 # alike.
 KERNEL = Extension(
     f'{NAME}.model._kernel',
-    [f'{NAME}/model/kernel.c'],
+    [f'{NAME}/model/kernel.c', f'{NAME}/optimizers/mde.c'],
     extra_compile_args=[
         *('-std=gnu11', '-O3', '-ffp-contract=off', '-fno-math-errno', '-fno-trapping-math'),
         *('-fvisibility=hidden', '-Wno-psabi', '-pthread'),

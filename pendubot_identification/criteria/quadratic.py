@@ -12,7 +12,7 @@ from scipy.optimize import lsq_linear, minimize_scalar
 
 from pendubot_identification.errors import ParameterError
 from pendubot_identification.model.parameters import LARGEST_COUPLING, Bounds, coupling_excess
-from pendubot_identification.optimizers.mde_kernel import Problem
+from pendubot_identification.optimizers.mde import QuadraticForm
 
 Array = NDArray[np.float64]
 
@@ -75,7 +75,7 @@ class Quadratic:
         """Return J for parameter vectors of shape (..., D), as an array of shape (...).
 
         Product by product, in an order of which the last bits depend: a BLAS has one of its own on every processor,
-        and the same seed would not give the same result. The compiled kernel keeps to this order.
+        and the same seed would not give the same result.
         """
         vectors = np.asarray(theta, dtype=float)
         x = np.ascontiguousarray(vectors.reshape(-1, vectors.shape[-1]).T)
@@ -110,13 +110,9 @@ class Quadratic:
         return start, factors, columns
 
     @property
-    def problem(self) -> Problem:
-        """The criterion as the compiled kernel takes it."""
-        return self._problem(0.0)
-
-    def _problem(self, worth: float) -> Problem:
-        reduced, rest = self.triangle[:-1] / math.sqrt(self.count), (self.floor, worth, LARGEST_COUPLING)
-        return Problem('quadratic', np.concatenate([reduced[:, :-1].ravel(), reduced[:, -1], rest]))
+    def quadratic(self) -> QuadraticForm:
+        """The criterion as mde.c takes it."""
+        return QuadraticForm(self.triangle / math.sqrt(self.count), 0.0)
 
     def minimum(self, bounds: Bounds) -> Array:
         """Return the exact minimiser, shape (D,), within the bounds and where M(q) is positive definite for every q.
@@ -239,9 +235,9 @@ class Penalised:
         return value
 
     @property
-    def problem(self) -> Problem:
-        """The same as the compiled kernel takes it."""
-        return self.criterion._problem(self.worth)
+    def quadratic(self) -> QuadraticForm:
+        """The same as mde.c takes it."""
+        return self.criterion.quadratic._replace(worth=self.worth)
 
 
 def _coupled(theta: Array) -> bool:

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from pendubot_identification.model.parameters import MODELS, Bounds, coupling_excess, repaired
 from pendubot_identification.model.rollout import roll
-from pendubot_identification.optimizers.mde import MDE, MDESettings
-from pendubot_identification.optimizers.optimizer import OptimizationResult, minimize
+from pendubot_identification.optimizers.mde import MDESettings, mde
+from pendubot_identification.optimizers.optimizer import OptimizationResult
 from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.signals import encoder_step
 
@@ -294,5 +294,5 @@ def search(
         return np.asarray((lost.mean(axis=(0, 1, 3)) + 4 * coupling_excess(theta)).reshape(u.shape[:-1]))
 
     unit = Bounds(np.zeros_like(width), np.ones_like(width), bounds.names)
-    found = minimize(MDE(unit, settings, runs=runs, seed=seed), objective, progress)
+    found = mde(objective, unit, settings, runs=runs, seed=seed, progress=progress)
     return replace(found, x=repaired(vectors(found.x)))

@@ -18,7 +18,7 @@ from pendubot_identification.errors import ExcitationError, ParameterError
 from pendubot_identification.model.parameters import NAMES, Bounds, Parameters
 from pendubot_identification.model.rollout import roll, sensitivities
 from pendubot_identification.model.simulation import HANGING, longest_step
-from pendubot_identification.optimizers.mde import MDE, MDESettings
+from pendubot_identification.optimizers.mde import MDESettings, mde
 
 from .excitation import PulseTrain
 
@@ -196,15 +196,20 @@ def design(
         ExcitationError: no pulse train was found that keeps the limits.
     """
     space = _Space(limits, experiment)
-    search = MDE(space.bounds, MDESettings(POPULATION, generations, per_component=False), runs=1, seed=seed)
     found: list[Foreseen] = []
-    while not search.done:
-        candidates = foresee(parameters, [space.train(u) for u in search.ask()[0]], experiment, limits)
-        search.tell(np.array([[_cost(candidate, limits) for candidate in candidates]]))
-        found += [candidate for candidate in candidates if np.isfinite(candidate.log_information)]
-        found = sorted(found, key=lambda each: -each.log_information)[:FINALISTS]
+
+    def costs(points: Array) -> Array:
+        candidates = foresee(parameters, [space.train(u) for u in points[0]], experiment, limits)
+        told = [candidate for candidate in candidates if np.isfinite(candidate.log_information)]
+        found[:] = sorted(found + told, key=lambda each: -each.log_information)[:FINALISTS]
+        return np.array([[_cost(candidate, limits) for candidate in candidates]])
+
+    def tell(generation: int, _: float) -> None:
         if progress is not None:
-            progress(search.generation, generations, found[0].log_information if found else math.nan)
+            progress(generation, generations, found[0].log_information if found else math.nan)
+
+    settings = MDESettings(POPULATION, generations, per_component=False)
+    mde(costs, space.bounds, settings, runs=1, seed=seed, progress=tell)
     if not found:
         raise ExcitationError(
             f'no pulses up to {limits.torque:g} N m were found that tell all parameters, stay below {limits.speed:g} '

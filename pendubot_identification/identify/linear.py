@@ -12,8 +12,7 @@ from pendubot_identification.criteria.energy import Residuals, energy_residuals
 from pendubot_identification.criteria.quadratic import Penalised, Quadratic
 from pendubot_identification.criteria.weak import balance_weights, estimate_delay, weak_regression, weak_residuals
 from pendubot_identification.model.parameters import MODELS, repaired
-from pendubot_identification.optimizers.mde import MDE
-from pendubot_identification.optimizers.optimizer import minimize
+from pendubot_identification.optimizers.mde import mde
 from pendubot_identification.trajectories.motion import AnyMotion, Motion
 from pendubot_identification.trajectories.signals import SMOOTHING
 
@@ -92,13 +91,12 @@ def estimate_linear(
     theta, runs, steps = exact, None, ['exact bounded least squares']
     if settings.optimizer != 'lsq':
         how, count = settings.search(name, model)
-        mde = MDE(bounds, how, runs=count, seed=settings.seed)
 
         def tell(generation: int, best: float) -> None:
             if progress is not None:
                 progress(f'{name}: MDE', generation, how.generations, best)
 
-        runs = minimize(mde, Penalised.of(criterion), tell)
+        runs = mde(Penalised.of(criterion), bounds, how, runs=count, seed=settings.seed, progress=tell)
         theta = repaired(runs.x)[runs.best]
         reached = int((runs.value <= J_exact * (1 + REACHED)).sum())
         steps = [

@@ -1,4 +1,4 @@
-"""The optional compiled kernel, kernel.c, called through ctypes.
+"""The optional compiled kernel, kernel.c and mde.c, called through ctypes.
 
 :func:`library` is None where no compiler was there at installation, or ``PENDUBOT_KERNEL=off`` is set: then numpy does
 the same, slower.
@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from ctypes import CDLL
 
-#: Of kernel.c's functions; a library of another version is not used.
-VERSION = 2
+#: Of the kernel's functions; a library of another version is not used.
+VERSION = 3
 
 #: Set by the package from the environment: whether to use the kernel, and on how many threads at most (0: one on each
 #: core that this process may use). Results do not depend on the threads.
@@ -50,7 +50,7 @@ def _library() -> CDLL | None:
         sizes, pointer = c_int64, c_void_p
         found.pendubot_roll.argtypes = [*[sizes] * 5, c_double, *[pointer] * 4]
         found.pendubot_sensitivities.argtypes = [*[sizes] * 4, c_double, *[pointer] * 4]
-        found.pendubot_mde.argtypes = [sizes, pointer, sizes, *[pointer] * 3, *[sizes] * 3, *[pointer] * 6]
+        found.pendubot_mde.argtypes = [pointer, sizes, *[pointer] * 7]
         found.pendubot_mde.restype = c_int64
         found.pendubot_roll.restype = found.pendubot_sensitivities.restype = None
     except (OSError, AttributeError):

@@ -1,10 +1,10 @@
-"""What every optimiser shares: ask and tell over independent runs, their random streams, and what they have found."""
+"""What every optimiser here shares: independent runs side by side, when they stop, and what they have found."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from itertools import count
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,11 +15,11 @@ from pendubot_identification.model.parameters import Bounds
 Array = NDArray[np.float64]
 #: Values of a function at points: (..., D) in, (...) out.
 Objective = Callable[[Array], Array]
-#: Called now and then with the generations done and the best value so far.
+#: Called with the generations done and the best value so far.
 Progress = Callable[[int, float], None]
+#: Of the runs: best points, shape (D, runs, NP), their values, shape (runs, NP), and what else an optimiser keeps.
+State = tuple[Array, ...]
 
-#: Generations between two calls of the progress function.
-PROGRESS_EVERY = 50
 #: Of all runs together.
 MOST_VECTORS = 100_000
 
@@ -32,64 +32,29 @@ class OptimizationResult:
         x: each run's best point, shape (runs, D).
         value: its value, shape (runs,).
         generations: how many generations each run took, shape (runs,).
-        evaluations: how many function values each run asked for, shape (runs,).
         history: the best value after each generation, shape (generations + 1, runs); a run that stopped keeps its last.
-        cost: how many function values a run had asked for after each generation, shape (generations + 1,).
-        stopped_by: per run ``generations`` (of PSO ``evaluations``), ``target`` or ``spread``.
+        stopped_by: per run ``generations``, ``target`` or ``spread``.
+        at_start: function values that a run asks for before its first generation.
+        per_generation: function values that it asks for in each.
     """
 
     x: Array
     value: Array
     generations: NDArray[np.int64]
-    evaluations: NDArray[np.int64]
     history: Array
-    cost: NDArray[np.int64]
     stopped_by: tuple[str, ...]
+    at_start: int
+    per_generation: int
 
     @property
     def best(self) -> int:
         """The number of the run that found the lowest value."""
         return int(np.argmin(self.value))
 
-
-class Optimizer(Protocol):
-    """Independent runs advanced together: ask for points, tell their values, until done."""
-
     @property
-    def done(self) -> bool:
-        """Whether every run has stopped."""
-
-    @property
-    def generation(self) -> int:
-        """The number of generations done."""
-
-    @property
-    def best_value(self) -> float:
-        """The lowest value of any run so far."""
-
-    def ask(self) -> Array:
-        """Return the points to evaluate, shape (active runs, population, D)."""
-
-    def tell(self, values: Array) -> None:
-        """Take their values, shape (active runs, population)."""
-
-    def result(self) -> OptimizationResult:
-        """Return what the runs have found so far."""
-
-
-def minimize(optimizer: Optimizer, objective: Objective, progress: Progress | None = None) -> OptimizationResult:
-    """Drive an optimiser until every run has stopped; one that has a way to leap many generations takes it."""
-    leap: Callable[[Objective], bool] = getattr(optimizer, 'leap', lambda _: False)
-    told = 0
-    while not optimizer.done:
-        if not leap(objective):
-            optimizer.tell(objective(optimizer.ask()))
-        if progress is not None and optimizer.generation >= told + PROGRESS_EVERY:
-            told = optimizer.generation
-            progress(told, optimizer.best_value)
-    if progress is not None:
-        progress(optimizer.generation, optimizer.best_value)
-    return optimizer.result()
+    def evaluations(self) -> NDArray[np.int64]:
+        """How many function values each run asked for, shape (runs,)."""
+        return self.at_start + self.generations * self.per_generation
 
 
 def require_runs(runs: int, population: int, seed: int) -> None:
@@ -108,119 +73,94 @@ def require_runs(runs: int, population: int, seed: int) -> None:
         raise ParameterError(f'the seed is {seed}; a whole number of at least 0 is expected')
 
 
-def random_streams(seed: int, runs: int) -> list[np.random.Generator]:
-    """Return a stream for every run, which does not depend on how many there are."""
-    return [np.random.Generator(np.random.SFC64([seed, run])) for run in range(runs)]
+def random_numbers(seed: int) -> np.random.Generator:
+    """Return numpy's quickest generator."""
+    return np.random.Generator(np.random.SFC64(seed))
 
 
-def random_points(streams: Sequence[np.random.Generator], count: int, bounds: Bounds) -> Array:
-    """Return points spread evenly over the box, shape (runs, count, D)."""
-    unit = np.stack([stream.random((count, len(bounds.lower))) for stream in streams])
-    return np.asarray(bounds.lower + unit * (bounds.upper - bounds.lower))
+def random_points(rng: np.random.Generator, bounds: Bounds, runs: int, population: int) -> Array:
+    """Return points spread evenly over the box, shape (D, runs, NP)."""
+    lower, upper = columns(bounds)
+    return rng.uniform(lower, upper, (len(lower), runs, population))
 
 
-class Found:
-    """The best of every run, kept when the run itself is no longer advanced.
-
-    Args:
-        runs: how many.
-        dimension: D.
-        first: function values that a run asks for at the start.
-        each: function values that it asks for in every generation.
-    """
-
-    def __init__(self, runs: int, dimension: int, first: int, each: int) -> None:
-        self.x = np.zeros((runs, dimension))
-        self.value = np.full(runs, np.inf)
-        self.generations = np.zeros(runs, dtype=np.int64)
-        self.history: list[Array] = []
-        self.stopped_by = ['running'] * runs
-        self._first, self._each = first, each
-
-    def record(self, active: NDArray[np.intp], generation: int, value: Array) -> None:
-        """Take the best values of the runs that are still going."""
-        self.value[active] = value
-        self.generations[active] = generation
-        self.history.append(self.value.copy()[None])
-
-    def record_many(self, active: NDArray[np.intp], generations: NDArray[np.int64], history: Array) -> None:
-        """Take many generations at once: the best values after each, and each run's last generation."""
-        values = np.tile(self.value, (len(history), 1))
-        values[:, active] = history
-        self.history.append(values)
-        self.value[active] = history[-1]
-        self.generations[active] = generations
-
-    def stop(self, stopping: NDArray[np.intp], reasons: Iterable[str], x: Array) -> None:
-        """Note why runs have stopped, and their best points."""
-        self.x[stopping] = x
-        for run, reason in zip(stopping, reasons, strict=True):
-            self.stopped_by[run] = reason
-
-    def result(self) -> OptimizationResult:
-        """Return all of it."""
-        history = np.concatenate(self.history) if self.history else np.empty((0, len(self.value)))
-        return OptimizationResult(
-            self.x.copy(),
-            self.value.copy(),
-            self.generations.copy(),
-            self._first + self.generations * self._each,
-            history,
-            self._first + np.arange(len(history)) * self._each,
-            tuple(self.stopped_by),
-        )
+def columns(bounds: Bounds) -> tuple[Array, Array]:
+    """Return the lower and the upper bounds, each of shape (D, 1, 1)."""
+    return bounds.lower[:, None, None], bounds.upper[:, None, None]
 
 
-class IndependentRuns:
-    """What all optimisers here are made of: runs, each with its random stream, and what each has found.
+def evaluate(objective: Objective, x: Array) -> Array:
+    """Return the values of points of shape (D, runs, NP), shape (runs, NP)."""
+    return objective(x.transpose(1, 2, 0))
+
+
+def best_points(x: Array, values: Array) -> Array:
+    """Return the best point of every run, shape (D, runs)."""
+    return np.asarray(x[:, np.arange(len(values)), values.argmin(axis=1)])
+
+
+def reasons_to_stop(
+    values: Array, generation: int, generations: int, target: float | None, spread: float | None
+) -> NDArray[np.str_]:
+    """Return why each run stops, shape (runs,); empty where it goes on.
 
     Args:
-        bounds: the search box, of dimension D.
-        runs: number of independent runs.
-        seed: same seed, same result.
-        population: vectors of a run, and so the function values of a generation.
-
-    Raises:
-        ParameterError: see :func:`require_runs`.
+        values: of the runs' vectors, shape (runs, NP).
+        generation: the one that has ended.
+        generations: the most that a run may take.
+        target: a run stops at a value not above this.
+        spread: a run stops once (worst - best) of its values is not above this fraction of the best.
     """
+    lowest = values.min(axis=1)
+    reasons = np.full(len(values), 'generations' if generation >= generations else '', dtype='U11')
+    if spread is not None:
+        reasons[values.max(axis=1) - lowest <= spread * np.abs(lowest)] = 'spread'
+    if target is not None:
+        reasons[lowest <= target] = 'target'
+    return reasons
 
-    def __init__(self, bounds: Bounds, runs: int, seed: int, population: int) -> None:
-        require_runs(runs, population, seed)
-        self.bounds = bounds
-        self.generation = 0
-        self._streams = random_streams(seed, runs)
-        self._active = np.arange(runs)
-        self._found = Found(runs, len(bounds.lower), population, population)
 
-    @property
-    def done(self) -> bool:
-        """Whether every run has stopped."""
-        return not self._active.size
+def run_generations(
+    step: Callable[..., State],
+    state: State,
+    generations: int,
+    *,
+    target: float | None = None,
+    spread: float | None = None,
+    per_generation: int | None = None,
+    progress: Progress | None = None,
+) -> OptimizationResult:
+    """Advance all runs, generation by generation, until each has stopped.
 
-    @property
-    def best_value(self) -> float:
-        """The lowest value of any run so far."""
-        return float(self._found.value.min())
-
-    def result(self) -> OptimizationResult:
-        """Return what the runs have found so far."""
-        self._found.x[self._active] = self._leaders()
-        return self._found.result()
-
-    def _stop(self, reasons: NDArray[np.object_]) -> None:
-        """End the active runs for which there is a reason, shape (active runs,); the others go on."""
-        going: NDArray[np.bool_] = reasons == ''
-        if going.all():
-            return
-        self._found.stop(self._active[~going], reasons[~going], self._leaders()[~going])
-        self._active = self._active[going]
-        self._streams = [stream for stream, goes in zip(self._streams, going, strict=True) if goes]
-        self._keep(going)
-
-    def _leaders(self) -> Array:
-        """Return the best point of every active run so far, shape (active runs, D)."""
-        raise NotImplementedError
-
-    def _keep(self, going: NDArray[np.bool_]) -> None:
-        """Keep of all that belongs to the runs what belongs to those that go on."""
-        raise NotImplementedError
+    Args:
+        step: takes the arrays of the runs that go on, and returns them one generation later.
+        state: these arrays at the start, see :data:`State`; the last axis but one of each is that of the runs.
+        generations: the most that a run may take.
+        target: see :func:`reasons_to_stop`.
+        spread: likewise.
+        per_generation: function values that a run asks for in each; None: as many as it has vectors.
+        progress: called after every generation.
+    """
+    runs, population = state[1].shape
+    points, value, taken = np.empty((len(state[0]), runs)), np.empty(runs), np.zeros(runs, dtype=np.int64)
+    stopped_by, history, active = np.full(runs, '', dtype='U11'), [], np.arange(runs)
+    for generation in count():
+        x, values = state[:2]
+        value[active] = values.min(axis=1)
+        history.append(value.copy())
+        reasons = reasons_to_stop(values, generation, generations, target, spread)
+        going = reasons == ''
+        if not going.all():
+            ended = active[~going]
+            points[:, ended], taken[ended] = best_points(x, values)[:, ~going], generation
+            stopped_by[ended] = reasons[~going]
+            active, state = active[going], tuple(array[..., going, :] for array in state)
+        if progress is not None and generation:
+            progress(generation, float(value.min()))
+        if not active.size:
+            break
+        state = step(*state)
+    each = population if per_generation is None else per_generation
+    return OptimizationResult(
+        points.T.copy(), value, taken, np.array(history), tuple(map(str, stopped_by)), population, each
+    )

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pendubot_identification.model.parameters import Bounds
-from pendubot_identification.optimizers.mde_kernel import Problem
 
 Array = NDArray[np.float64]
 
@@ -17,8 +16,6 @@ Array = NDArray[np.float64]
 @dataclass(frozen=True, slots=True)
 class BenchmarkFunction:
     """A function of points of shape (..., n), whose least value is 0, at 0.
-
-    As an objective it is what the compiled kernel knows too, to a rounding; its ``value`` alone is numpy's everywhere.
 
     Attributes:
         name: as in the paper.
@@ -31,15 +28,6 @@ class BenchmarkFunction:
     half_width: float
     value: Callable[[ArrayLike], Array]
     gradient: Callable[[ArrayLike], Array]
-
-    def __call__(self, x: ArrayLike) -> Array:
-        """Return :attr:`value`."""
-        return self.value(x)
-
-    @property
-    def problem(self) -> Problem:
-        """The function as the compiled kernel takes it."""
-        return Problem(self.name.lower(), np.empty(0))
 
     def bounds(self, dimension: int) -> Bounds:
         """Return its box in n dimensions."""

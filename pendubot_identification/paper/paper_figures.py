@@ -9,8 +9,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
 
-from pendubot_identification.paper.competition import ALGORITHMS, PER_VECTOR, TARGET
 from pendubot_identification.paper.explained import Balance
+from pendubot_identification.paper.trials import ALGORITHMS, PER_VECTOR, TARGET
 from pendubot_identification.report.style import GREY, STYLES, legend_above, panels
 from pendubot_identification.trajectories.trajectory import Trajectory
 

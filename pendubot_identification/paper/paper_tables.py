@@ -16,8 +16,15 @@ import numpy as np
 
 from pendubot_identification.model.parameters import NAMES, PAPER, UNITS
 from pendubot_identification.paper.benchmark_functions import FUNCTIONS
-from pendubot_identification.paper.competition import ALGORITHMS, PER_VECTOR, TARGET, rank_sum, ranks
-from pendubot_identification.paper.trials import BUDGET, IDENTIFICATION
+from pendubot_identification.paper.trials import (
+    ALGORITHMS,
+    BUDGET,
+    IDENTIFICATION,
+    PER_VECTOR,
+    TARGET,
+    rank_sum,
+    ranks,
+)
 
 from .published import TABLE_4, TRAINING, VALIDATION_AVERAGE
 

@@ -238,15 +238,13 @@ class _Reproduction:
 
     def _run_trials(self, experiment: str, trials: Sequence[Trial]) -> tuple[list[dict[str, Any]], list[float]]:
         """Return what came of the trials, and what each took [s]; what was done is written also after an interrupt."""
-        from pendubot_identification.optimizers.optimizer import minimize
-
         records: list[dict[str, Any]] = []
         seconds: list[float] = []
         try:
             with self._progress(experiment, len(trials)) as bar:
                 for trial in trials:
                     begin = time.perf_counter()
-                    result = minimize(trial.start(), trial.objective)
+                    result = trial.run()
                     seconds.append(time.perf_counter() - begin)
                     records.append(trial.data(result))
                     bar.update()

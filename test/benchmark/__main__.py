@@ -16,8 +16,6 @@ PAGE, FIGURE = ROOT / 'docs' / 'performance.md', ROOT / 'docs' / 'growth.svg'
 PARTS = {
     'optimisers': optimisers.full_budget,
     'minimum': optimisers.to_the_minimum,
-    'limit': optimisers.limit,
-    'functions': optimisers.benchmark_functions,
     'simulation': motions.evaluation,
     'sensitivities': motions.with_sensitivities,
     'start': start.whole,

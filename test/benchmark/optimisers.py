@@ -1,9 +1,4 @@
-"""MDE beside differential evolutions from PyPI, all with the same number of function values; and beside its limit."""
-
-import ctypes
-import subprocess
-import tempfile
-from pathlib import Path
+"""MDE beside differential evolutions from PyPI, all with the same number of function values."""
 
 import numpy as np
 from scipy.optimize import differential_evolution
@@ -11,12 +6,10 @@ from scipy.optimize import differential_evolution
 from pendubot_identification.criteria.energy import energy_regression
 from pendubot_identification.criteria.quadratic import Penalised, Quadratic
 from pendubot_identification.model.parameters import coupling_excess, default_bounds
-from pendubot_identification.optimizers.mde import MDE, MDESettings
-from pendubot_identification.optimizers.mde_kernel import leap
-from pendubot_identification.optimizers.optimizer import minimize
-from pendubot_identification.paper.benchmark_functions import FUNCTIONS
+from pendubot_identification.optimizers import mde as optimizer
+from pendubot_identification.optimizers.mde import MDESettings
 from pendubot_identification.recordings.bag_reader import read_trajectory
-from test.benchmark.measure import interleaved, on, one_thread, seconds, table
+from test.benchmark.measure import interleaved, on, table
 from test.conftest import ROOT
 
 RUNS, POPULATION, GENERATIONS = 10, 30, 4000
@@ -45,7 +38,7 @@ def by_blas(criterion):
 
 def mde(objective, bounds, population=POPULATION, runs=RUNS, **settings):
     chosen = MDESettings(population, **{'generations': GENERATIONS, **settings})
-    return lambda: minimize(MDE(bounds, chosen, runs=runs), objective)
+    return lambda: optimizer.mde(objective, bounds, chosen, runs=runs)
 
 
 def scipys(value, bounds, population=POPULATION, runs=RUNS, target=None):
@@ -153,9 +146,9 @@ def full_budget():
     spent = interleaved(
         {
             'kernel': on(True, mde(objective, bounds)),
-            'kernel, one thread': one_thread(mde(objective, bounds)),
+            'kernel, per vector': on(True, mde(objective, bounds, per_component=False)),
             'numpy': on(False, mde(objective, bounds)),
-            'kernel, one thread, per vector': one_thread(mde(objective, bounds, per_component=False)),
+            'numpy, per vector': on(False, mde(objective, bounds, per_component=False)),
             'scipy DE, vectorised': scipys(value, bounds),
             'pygmo DE': pygmos(pygmos_problem(criterion, bounds)),
             'minionpy DE': minions(value, bounds),
@@ -164,7 +157,7 @@ def full_budget():
         }
     )
     spent['pymoo DE (from a 100th of the work)'] *= 10 * RUNS
-    return table(spent, ('kernel', 'kernel, one thread', 'numpy'))
+    return table(spent, ('kernel', 'numpy'))
 
 
 def to_the_minimum():
@@ -176,92 +169,13 @@ def to_the_minimum():
         interleaved(
             {
                 'kernel': on(True, mde(objective, bounds, target=target)),
-                'kernel, one thread': one_thread(mde(objective, bounds, target=target)),
-                'kernel, one thread, per vector': one_thread(
-                    mde(objective, bounds, target=target, per_component=False)
-                ),
+                'kernel, per vector': on(True, mde(objective, bounds, target=target, per_component=False)),
+                'numpy': on(False, mde(objective, bounds, target=target)),
                 'numpy, per vector': on(False, mde(objective, bounds, target=target, per_component=False)),
                 'scipy DE, vectorised': scipys(value, bounds, target=target),
                 'pygmo DE': pygmos(pygmos_problem(criterion, bounds), target=target),
                 'minionpy DE': minions(value, bounds, target=target),
             }
         ),
-        ('kernel', 'kernel, one thread', 'kernel, one thread, per vector'),
+        ('kernel', 'kernel, per vector'),
     )
-
-
-def benchmark_functions(dimension=10):
-    import pygmo
-
-    theirs = {'Griewank': pygmo.griewank, 'Ackley': pygmo.ackley, 'Rastrigin': pygmo.rastrigin}
-    parts = []
-    for function in FUNCTIONS:
-        bounds = function.bounds(dimension)
-        works = {
-            'kernel': on(True, mde(function, bounds)),
-            'kernel, one thread': one_thread(mde(function, bounds)),
-            'numpy': on(False, mde(function, bounds)),
-            'scipy DE, vectorised': scipys(function.value, bounds),
-        }
-        if function.name in theirs:
-            works['pygmo DE, its own C++ problem'] = pygmos(theirs[function.name](dimension))
-        parts.append(f'{function.name}\n\n' + table(interleaved(works), ('kernel', 'kernel, one thread', 'numpy')))
-    return '\n\n'.join(parts)
-
-
-class _HandWritten(ctypes.Structure):
-    _fields_ = (
-        *((name, ctypes.c_int64) for name in ('threshold', 'crossover_low', 'crossover_count')),
-        *((name, ctypes.c_double) for name in ('weight_low', 'weight_step')),
-    )
-
-
-def limit(runs=8, generations=2000):
-    """The kernel's generations beside limit.c: the same written by hand, and random words, sums and products alone."""
-    criterion, bounds, settings = energy_criterion(), default_bounds().of(7), MDESettings(generations=generations)
-    how = _HandWritten(settings.threshold_units, *settings.crossover_units, *settings.weight_steps)
-    optimizer = MDE(bounds, settings, runs=runs)
-    points = optimizer.ask()
-    values = criterion(points)
-    best = points[np.arange(runs), values.argmin(axis=1)]
-    vectors = np.concatenate([points, best[:, None]], axis=1).transpose(0, 2, 1).copy()
-    states = [stream.bit_generator.state for stream in optimizer._streams]
-    results = {}
-
-    def compiled():
-        for stream, state in zip(optimizer._streams, states, strict=True):
-            stream.bit_generator.state = state
-        arguments = optimizer._streams, vectors.copy(), values.copy()
-        results['kernel'] = leap(criterion.problem, settings, bounds, 0, *arguments).history
-
-    with tempfile.TemporaryDirectory() as folder:
-        built = Path(folder) / 'limit.so'
-        source = Path(__file__).with_name('limit.c')
-        flags = ['-std=gnu11', '-O3', '-march=native', '-mprefer-vector-width=512', '-ffp-contract=off']
-        command = ['cc', *flags, '-shared', '-fPIC', str(source), '-o', str(built)]
-        if subprocess.run(command, capture_output=True).returncode:
-            return 'Not measured: limit.c wants a processor and a compiler with AVX-512.'
-        call = ctypes.CDLL(str(built)).limit
-
-    def by_hand(whole):
-        def work():
-            state = np.array([state['state']['state'] for state in states])
-            history = np.empty((runs, generations))
-            arrays = criterion.problem.data, bounds.lower, bounds.upper, state, vectors.copy(), values.copy(), history
-            pointers = [ctypes.c_void_p(array.ctypes.data) for array in arrays]
-            call(ctypes.c_int64(whole), ctypes.c_int64(generations), ctypes.byref(how), *pointers)
-            results[whole] = history.T
-
-        return work
-
-    spent = interleaved(
-        {
-            'kernel, one thread': one_thread(compiled),
-            'the same, written by hand in AVX-512': by_hand(1),
-            'its random words, sums and products alone': by_hand(0),
-        }
-    )
-    np.testing.assert_array_equal(results[1], results['kernel'])
-    kernel = spent['kernel, one thread']
-    rows = [f'| {name} | {seconds(value)} | {kernel / value:.3g} |' for name, value in spent.items()]
-    return '\n'.join(['| | time | kernel over it |', '|---|---|---|', *rows])

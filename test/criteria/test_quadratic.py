@@ -7,8 +7,7 @@ from scipy.optimize import minimize
 from pendubot_identification.criteria.quadratic import Quadratic
 from pendubot_identification.errors import ParameterError
 from pendubot_identification.model.parameters import LARGEST_COUPLING, Bounds, repaired
-from pendubot_identification.optimizers.mde import MDE, MDESettings
-from pendubot_identification.optimizers.optimizer import minimize as search
+from pendubot_identification.optimizers.mde import MDESettings, mde
 
 NAMES = ('a', 'b', 'c')
 PHYSICAL = ('P1', 'P2', 'P3', 'P4', 'P5')
@@ -95,8 +94,8 @@ def test_mde_with_repaired_vectors_reaches_the_same_minimum(seed):
     J, bounds = coupled(seed)
     exact = J.minimum(bounds)
     assert abs(exact[2]) == pytest.approx(LARGEST_COUPLING * np.sqrt(exact[0] * exact[1]), rel=1e-6), 'on the cone'
-    mde = MDE(bounds, MDESettings(generations=1500, per_component=False, spread=1e-12), runs=3)
-    result = search(mde, lambda x: J(repaired(x)))
+    how = MDESettings(generations=1500, per_component=False, spread=1e-12)
+    result = mde(lambda x: J(repaired(x)), bounds, how, runs=3)
     np.testing.assert_allclose(result.value, J(exact), rtol=1e-6)
     assert (result.value >= J(exact) * (1 - 1e-9)).all()
 

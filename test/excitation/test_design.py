@@ -105,7 +105,7 @@ def test_refuses_what_makes_no_sense():
 
 @pytest.mark.filterwarnings('error')
 def test_torques_that_throw_the_rig_out_of_all_floats_are_no_design_and_no_warning():
-    limits = Limits(torque=1000.0, speed=1e5)
+    limits = Limits(torque=1e4, speed=1e5)
     assert limits.used(np.full(2, np.inf), np.full(2, np.inf)) == np.inf
-    with pytest.raises(ExcitationError, match='no pulses up to 1000 N m were found'):
+    with pytest.raises(ExcitationError, match='no pulses up to 10000 N m were found'):
         design(PAPER, limits, Experiment(), generations=1)

@@ -147,15 +147,12 @@ def test_too_few_generations_are_noticed():
 
 
 @pytest.mark.parametrize('criterion', ['energy', 'weak'])
-def test_the_same_seed_gives_the_same_result_and_a_run_the_same_among_any_number(criterion):
+def test_the_same_seed_gives_the_same_result(criterion):
     motion = recording(300)
     how = Settings((criterion,), 'viscous', 'mde', hold='zero', mde={'generations': 20}, runs=2, seed=3)
-    first, again, more, other = (
-        identify([motion], [], changed).best for changed in (how, how, replace(how, runs=5), replace(how, seed=4))
-    )
+    first, again, other = (identify([motion], [], changed).best for changed in (how, how, replace(how, seed=4)))
     for name in ('theta', 'covariance', 'std_error', 'J', 'J_runs'):
         np.testing.assert_array_equal(getattr(first, name), getattr(again, name))
-    np.testing.assert_array_equal(more.runs.x[:2], first.runs.x)
     assert (other.runs.x != first.runs.x).any()
 
 

@@ -1,25 +1,46 @@
-"""MDE as the paper's Table 1: what it draws, what it keeps, and that it finds minima."""
+"""MDE against the paper's Table 1 written as plain loops, in numpy and in C: the same distribution, the same minima."""
+
+import random
+from functools import cache
+from itertools import permutations
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.stats import binomtest, chisquare
+from scipy.stats import chisquare, mannwhitneyu
 
 from pendubot_identification.criteria.energy import energy_regression
 from pendubot_identification.criteria.quadratic import Penalised, Quadratic
 from pendubot_identification.errors import ParameterError
 from pendubot_identification.identify.estimate import REACHED
 from pendubot_identification.identify.settings import SPREAD
+from pendubot_identification.model import kernel
 from pendubot_identification.model.parameters import Bounds, default_bounds
-from pendubot_identification.optimizers.mde import BLOCK, MDE, MDESettings, _draw, _looked_up, _steps
-from pendubot_identification.optimizers.optimizer import minimize
+from pendubot_identification.optimizers import mde as mde_module
+from pendubot_identification.optimizers.mde import MDESettings, mde
 from test.virtual import recording
 
 
-def box(dimension, low=-5.0, high=10.0):
-    names = tuple(f'x{k}' for k in range(dimension))
-    return Bounds(np.full(dimension, low), np.full(dimension, high), names)
+@pytest.fixture(params=['kernel', 'numpy'])
+def path(request, monkeypatch):
+    monkeypatch.setattr(kernel, 'wanted', request.param == 'kernel')
+    if request.param == 'kernel' and kernel.library() is None:
+        pytest.skip(kernel.description())
+
+
+def box(dimension, low=0.0, high=3.0):
+    return Bounds(np.full(dimension, low), np.full(dimension, high), tuple(f'x{k}' for k in range(dimension)))
+
+
+def quadratic(dimension, seed=1, indefinite=False):
+    """Return a least-squares problem; its minimum may lie where the mass matrix is indefinite."""
+    rng = np.random.default_rng(seed)
+    theta = rng.uniform(0.1, 0.9, dimension)
+    if indefinite:
+        theta[2] = 2 * np.sqrt(theta[0] * theta[1])
+    phi = rng.normal(size=(100, dimension))
+    return Quadratic.reduce(phi, phi @ theta + 0.1 * rng.normal(size=100))
 
 
 def sphere(x):
@@ -27,50 +48,176 @@ def sphere(x):
 
 
 def rosenbrock(x):
-    x = np.asarray(x)
     return (100 * (x[..., 1:] - x[..., :-1] ** 2) ** 2 + (1 - x[..., :-1]) ** 2).sum(axis=-1)
+
+
+def table_1(f, bounds, how, seed, line_14=True):
+    """Return the best value of one run of the pseudocode; `line_14` is whether r1 and r2 differ from best, too."""
+    chance = random.Random(seed)
+    low, high = bounds.lower.tolist(), bounds.upper.tolist()
+    D, NP = len(low), how.population
+    x = [[chance.uniform(low[j], high[j]) for j in range(D)] for _ in range(NP)]
+    J = [f(v) for v in x]
+    for _ in range(how.generations):
+        best, trials = J.index(min(J)), []
+
+        def choose(i, best=best):
+            if chance.random() > how.threshold:
+                return chance.sample([k for k in range(NP) if k != i], 3)
+            return best, *chance.sample([k for k in range(NP) if k not in ((i, best) if line_14 else (i,))], 2)
+
+        for i in range(NP):
+            F, CR, jrand = chance.uniform(*how.weight), chance.uniform(*how.crossover), chance.randrange(D)
+            v, once = list(x[i]), choose(i)
+            for j in range(D):
+                if chance.random() < CR or j == jrand:
+                    a, b, c = choose(i) if how.per_component else once
+                    y = x[a][j] + F * (x[b][j] - x[c][j])
+                    v[j] = (x[i][j] + low[j]) / 2 if y < low[j] else (x[i][j] + high[j]) / 2 if y > high[j] else y
+            trials.append(v)
+        for i, v in enumerate(trials):
+            if (value := f(v)) <= J[i]:
+                x[i], J[i] = v, value
+    return min(J)
+
+
+@cache
+def found_by_table_1(how, line_14=True):
+    """Return what 200 runs of the plain loops find on quadratic(3)."""
+    root = quadratic(3).quadratic.root.tolist()
+
+    def f(v):
+        return sum((sum(map(float.__mul__, row, v)) - row[-1]) ** 2 for row in root)
+
+    return [table_1(f, box(3), how, seed, line_14) for seed in range(200)]
+
+
+@pytest.mark.parametrize('per_component', [True, False])
+@pytest.mark.parametrize('threshold', [0.0, 0.3, 1.0])
+def test_the_best_values_are_distributed_as_those_of_table_1(path, threshold, per_component):
+    how = MDESettings(10, 40, threshold, per_component=per_component)
+    ours = mde(quadratic(3), box(3), how, runs=1000).value
+    assert mannwhitneyu(ours, found_by_table_1(how)).pvalue > 0.01
+    if threshold == 1.0 and per_component:
+        other = found_by_table_1(how, line_14=False)
+        assert mannwhitneyu(ours, other).pvalue < 1e-6, 'this test sees whether the best vector may be a partner'
+
+
+@pytest.mark.parametrize('per_component', [True, False])
+def test_line_14_the_best_vector_is_no_partner_of_itself(path, per_component):
+    """One generation of best/1 with F = 0.5 from known vectors: what is found tells what it was made of."""
+    asked = []
+    how = MDESettings(5, 1, 1.0, (0.5, 0.5), (1.0, 1.0), per_component)
+    criterion, bounds = quadratic(3), box(3, -100, 100)
+    mde(lambda x: asked.append(x.copy()) or criterion(x), bounds, how, runs=300)
+    start, found, told = asked[0], mde(criterion, bounds, how, runs=300).x, 0
+    for x, point, best in zip(start, found, criterion(start).argmin(axis=1), strict=True):
+        a, b = np.transpose(list(permutations(set(range(5)) - {best}, 2)))
+        made = x[best] + 0.5 * (x[a] - x[b])
+        inside = (np.abs(made) < 100).all(axis=0) & (point != x[best])
+        told += inside.sum()
+        assert np.isclose(made, point, rtol=1e-12).any(axis=0)[inside].all()
+    assert told > 50
+
+
+@pytest.mark.parametrize('per_component', [True, False])
+@pytest.mark.parametrize('operator', ['rand/1', 'best/1'])
+def test_partners_differ_and_all_are_as_likely(operator, per_component):
+    """Of 6 vectors in numpy: where F is small and CR = 1 every trial tells which vectors it was made of."""
+    asked, F = [], 1e-3
+    threshold = {'rand/1': 0.0, 'best/1': 1.0}[operator]
+    how = MDESettings(6, 1, threshold, (F, F), (1.0, 1.0), per_component)
+    mde(lambda x: asked.append(x.copy()) or sphere(x), box(2, -1.0, 1.0), how, runs=1000)
+    start, trials = asked
+    counts = {}
+    for x, trial, best in zip(start, trials, sphere(start).argmin(axis=1), strict=True):
+        for i in set(range(6)) - {best}:
+            if operator == 'rand/1':
+                choices = permutations(set(range(6)) - {i}, 3)
+            else:
+                choices = ((best, *pair) for pair in permutations(set(range(6)) - {i, best}, 2))
+            a, b, c = np.transpose(list(choices))
+            made = x[a] + F * (x[b] - x[c])
+            if (np.abs(made) < 1).all():
+                same = np.isclose(made, trial[i], rtol=0, atol=1e-12)
+                assert (same.sum(axis=0) == 1).all()
+                assert per_component or same.all(axis=1).any(), 'the same partners for all components'
+                number = int(same[:, 0].argmax())
+                counts[number] = counts.get(number, 0) + 1
+    assert len(counts) == {'rand/1': 5 * 4 * 3, 'best/1': 4 * 3}[operator]
+    assert chisquare(list(counts.values())).pvalue > 0.01
+
+
+@pytest.mark.parametrize('per_component', [True, False])
+def test_numpy_and_c_arrive_as_soon_and_at_the_same_minimum(monkeypatch, per_component):
+    """Of the paper's criterion, in the paper's settings."""
+    regression = energy_regression(recording(900))
+    criterion, bounds = Quadratic.reduce(regression.phi, regression.y), default_bounds().of(7)
+    least = float(criterion(criterion.minimum(bounds)))
+    how = MDESettings(target=least * (1 + 1e-6), per_component=per_component)
+    taken = []
+    for wanted in (True, False):
+        monkeypatch.setattr(kernel, 'wanted', wanted)
+        result = mde(Penalised.of(criterion), bounds, how, runs=30)
+        assert set(result.stopped_by) == {'target'}
+        np.testing.assert_allclose(criterion(result.x), result.value, rtol=1e-10)
+        taken.append(result.generations)
+    assert mannwhitneyu(*taken).pvalue > 0.01
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(3, 20), st.integers(5, 70), st.integers(1, 5), st.booleans(), st.booleans(), st.integers(0, 1000))
+def test_c_minimises_what_it_is_given_whatever_its_size(dimension, population, runs, per_component, indefinite, seed):
+    criterion, bounds = quadratic(dimension, seed, indefinite), box(dimension)
+    objective = Penalised.of(criterion) if indefinite else criterion
+    how = MDESettings(population, 60, per_component=per_component)
+    result = mde(objective, bounds, how, runs=runs, seed=seed)
+    np.testing.assert_allclose(objective(result.x), result.value, rtol=1e-9)
+    assert (result.value < result.history[0]).all()
+    assert (np.diff(result.history, axis=0) <= 0).all()
+    assert (bounds.lower <= result.x).all()
+    assert (result.x <= bounds.upper).all()
+
+
+@pytest.mark.parametrize('seed', [1, 2])
+def test_where_the_minimum_is_indefinite_the_best_definite_vector_is_found(path, seed):
+    criterion = quadratic(7, seed, indefinite=True)
+    bounds = Bounds(np.zeros(7), np.full(7, 3.0), default_bounds().of(7).names)
+    least = float(criterion(criterion.minimum(bounds)))
+    assert least > 1.01 * float(criterion(criterion.minimum_in_box(bounds)))
+    result = mde(Penalised.of(criterion), bounds, MDESettings(generations=1500, per_component=False), runs=3)
+    np.testing.assert_allclose(result.value, least, rtol=1e-4)
 
 
 @pytest.mark.parametrize('per_component', [True, False])
 @pytest.mark.parametrize(('function', 'dimension', 'where'), [(sphere, 4, 0.0), (rosenbrock, 2, 1.0)])
 def test_finds_the_minimum_in_every_run(per_component, function, dimension, where):
-    settings = MDESettings(generations=1500, per_component=per_component)
-    result = minimize(MDE(box(dimension), settings, runs=5), function)
+    how = MDESettings(generations=1500, per_component=per_component)
+    result = mde(function, box(dimension, -5, 10), how, runs=5)
     np.testing.assert_allclose(result.x, where, atol=1e-3)
     np.testing.assert_allclose(result.value, function(result.x))
     assert result.value[result.best] == result.value.min()
 
 
-def test_finds_a_minimum_on_the_bound():
-    result = minimize(MDE(box(3, low=0.5), MDESettings(generations=600), runs=3), sphere)
-    np.testing.assert_allclose(result.x, 0.5, atol=1e-9)
+def test_finds_a_minimum_on_the_bound(path):
+    criterion, bounds = quadratic(3), box(3, 0.5, 2.0)
+    result = mde(criterion, bounds, MDESettings(generations=600), runs=3)
+    np.testing.assert_allclose(result.x, np.tile(criterion.minimum(bounds), (3, 1)), atol=1e-6)
+    assert (criterion.minimum(bounds) == 0.5).any()
 
 
-@pytest.mark.parametrize('per_component', [True, False])
-def test_a_runs_result_does_not_depend_on_its_neighbours(per_component):
-    settings = MDESettings(generations=60, target=1e-2, per_component=per_component)
-    many = minimize(MDE(box(3), settings, runs=7, seed=5), sphere)
-    few = minimize(MDE(box(3), settings, runs=3, seed=5), sphere)
-    np.testing.assert_array_equal(many.x[:3], few.x)
-    np.testing.assert_array_equal(many.generations[:3], few.generations)
-    assert len(np.unique(many.value)) == 7, 'the runs differ from each other'
-
-
-def test_same_seed_same_result_other_seed_other_result():
-    first, again, other = (minimize(MDE(box(3), MDESettings(generations=30), seed=s), sphere) for s in (1, 1, 2))
+def test_same_seed_same_result_other_seed_other_result(path):
+    first, again, other = (mde(quadratic(3), box(3), MDESettings(generations=30), seed=s) for s in (1, 1, 2))
     np.testing.assert_array_equal(first.x, again.x)
+    np.testing.assert_array_equal(first.history, again.history)
     assert (first.x != other.x).any()
+    assert len(np.unique(first.value)) == 10, 'the runs differ from each other'
 
 
-def test_never_leaves_the_bounds_and_never_forgets_the_best():
-    optimizer = MDE(box(2, -1.0, 0.3), MDESettings(population=8, generations=200), runs=4)
+def test_never_leaves_the_bounds_and_asks_for_as_many_values_as_it_says():
     asked = []
-
-    def watched(x):
-        asked.append(x.copy())
-        return sphere(x - 0.29)
-
-    result = minimize(optimizer, watched)
+    how = MDESettings(population=8, generations=200)
+    result = mde(lambda x: asked.append(x.copy()) or sphere(x - 0.29), box(2, -1.0, 0.3), how, runs=4)
     points = np.concatenate([a.reshape(-1, 2) for a in asked])
     assert points.min() >= -1.0
     assert points.max() <= 0.3
@@ -80,15 +227,25 @@ def test_never_leaves_the_bounds_and_never_forgets_the_best():
     np.testing.assert_array_equal(result.history[-1], result.value)
 
 
-def test_stops_at_the_target_at_the_spread_or_at_the_last_generation():
-    at_target = minimize(MDE(box(2), MDESettings(target=1e-3)), sphere)
+def test_each_run_stops_at_the_target_at_the_spread_or_at_the_last_generation(path, monkeypatch):
+    monkeypatch.setattr(mde_module, 'CHUNK', 50)  # C is called more than once
+    criterion, bounds = quadratic(7), box(7)
+    least = float(criterion(criterion.minimum(bounds)))
+    target = least * (1 + 1e-6)
+    at_target = mde(criterion, bounds, MDESettings(target=target))
     assert set(at_target.stopped_by) == {'target'}
-    assert at_target.value.max() <= 1e-3
     assert len(set(at_target.generations)) > 1, 'each run stops by itself'
-    at_spread = minimize(MDE(box(2), MDESettings(spread=1e-6)), lambda x: 1 + sphere(x))
+    for run, last in enumerate(at_target.generations):
+        assert at_target.history[last, run] <= target < at_target.history[last - 1, run]
+        assert (at_target.history[last:, run] == at_target.value[run]).all(), 'a run that has stopped keeps its value'
+    at_spread = mde(criterion, bounds, MDESettings(spread=1e-6))
     assert set(at_spread.stopped_by) == {'spread'}
-    np.testing.assert_allclose(at_spread.value, 1, rtol=1e-5)
-    assert set(minimize(MDE(box(2), MDESettings(generations=3)), sphere).stopped_by) == {'generations'}
+    np.testing.assert_allclose(at_spread.value, least, rtol=1e-5)
+    at_once = mde(criterion, bounds, MDESettings(target=1e9))
+    assert (set(at_once.generations), at_once.history.shape) == ({0}, (1, 10))
+    at_last = mde(criterion, bounds, MDESettings(generations=100))
+    assert set(at_last.stopped_by) == {'generations'}
+    assert at_last.history.shape == (101, 10)
 
 
 @pytest.mark.parametrize(('seed', 'strength'), [(1, 1.0), (2, 0.3), (4, 1.0)])
@@ -98,117 +255,19 @@ def test_stopping_at_the_spread_loses_nothing_that_4000_generations_find(seed, s
     criterion, bounds = Quadratic.reduce(regression.phi, regression.y), default_bounds().of(7)
     exact = float(criterion(criterion.minimum(bounds)))
     objective = Penalised.of(criterion)
-    full, early = (minimize(MDE(bounds, MDESettings(spread=spread), seed=seed), objective) for spread in (None, SPREAD))
+    full, early = (mde(objective, bounds, MDESettings(spread=spread), seed=seed) for spread in (None, SPREAD))
     assert early.generations.max() < 4000
     np.testing.assert_array_less(full.value, exact * (1 + REACHED))
     np.testing.assert_array_less(early.value, exact * (1 + REACHED))
 
 
-@settings(max_examples=40)
-@given(st.integers(5, 60), st.integers(1, 8), st.booleans(), st.floats(0, 1), st.integers(0, 1000))
-def test_mutations_are_the_papers(population, dimension, per_component, threshold, seed):
-    """Partners differ from each other and the target; one component at least crosses over; F within its range."""
-    chosen = MDESettings(population=population, threshold=threshold, per_component=per_component)
-    steps, weight = _draw([np.random.Generator(np.random.SFC64(seed))], chosen, dimension)
-    assert weight.shape == (BLOCK, 1, population)
-    assert weight.min() >= 0.4
-    assert weight.max() <= 1.0
-    assert steps.shape[:4] == (BLOCK, dimension, 1, population)
-    plus, minus, base = (steps[..., k].astype(int) for k in range(3))
-    kept, best = base == 0, base == 2 * population
-    crosses, rand = ~kept, ~kept & ~best
-    assert (plus == minus)[kept].all(), 'a difference of 0'
-    assert crosses.any(axis=1).all()
-    for others in (plus, minus, base[rand]):
-        assert 1 <= others.min(initial=1) <= others.max(initial=1) < population, 'once round the ring is the target'
-    assert (plus != minus)[crosses].all()
-    assert (base != plus)[rand].all()
-    assert (base != minus)[rand].all()
-    if not per_component:
-        one = crosses.argmax(axis=1)[:, None]
-        for what in (plus, minus, base):
-            same = np.take_along_axis(what, one, axis=1)
-            assert ((what == same) | kept).all(), 'partners and operator are those of the whole vector'
-
-
-def test_a_threshold_is_kept_at_its_ends():
-    for threshold, best in ((0.0, False), (1.0, True)):
-        for per_component in (True, False):
-            chosen = MDESettings(crossover=(0.0, 1.0), threshold=threshold, per_component=per_component)
-            base = _draw([np.random.Generator(np.random.SFC64(1))], chosen, 7)[0][..., 2]
-            assert ((base[base > 0] == 60) == best).all()
-
-
-@pytest.mark.parametrize('rate', [0.0, 1.0])
-def test_a_crossover_rate_is_kept_at_its_ends(rate):
-    steps, _ = _draw([np.random.Generator(np.random.SFC64(1))], MDESettings(crossover=(rate, rate)), 7)
-    assert ((steps[..., 2] > 0).sum(axis=1) == (7 if rate else 1)).all()
-
-
-@settings(max_examples=30)
-@given(st.integers(5, 60), st.integers(0, 1000))
-def test_a_table_of_partners_tells_what_is_computed(population, seed):
-    rng = np.random.default_rng(seed)
-    ends = [0, 1, 2**31, 2**32 - 1]
-    u = np.concatenate([ends, rng.integers(2**32, size=500)]).astype(np.uint32)
-    how = rng.integers(3, size=len(u)).astype(np.uint8)
-    tabulated = _looked_up(u, how, population)[..., :3]
-    np.testing.assert_array_equal(tabulated, _steps(u, how, population))
-
-
-def drawn(generations, per_component, population=6, dimension=7):
-    """Return what many generations drew, shape (generations, D, NP, 3), and the weights, shape (generations, NP)."""
-    chosen = MDESettings(population=population, threshold=0.3, per_component=per_component)
-    stream = np.random.Generator(np.random.SFC64(1))
-    parts = [_draw([stream], chosen, dimension) for _ in range(generations // BLOCK)]
-    steps = np.concatenate([steps[..., :3].astype(int) for steps, _ in parts])[:, :, 0]
-    return steps, np.concatenate([weight for _, weight in parts])[:, 0]
-
-
-@pytest.mark.parametrize('per_component', [True, False])
-def test_partners_and_operators_are_drawn_as_often_as_told(per_component):
-    """Chi-square tests, of a draw that is the same every time."""
-    population, dimension = 6, 7
-    steps, weight = drawn(8000, per_component)
-    plus, minus, base = np.moveaxis(steps, -1, 0)
-    crosses = base > 0
-    best = base == 2 * population
-    if not per_component:  # once for a vector
-        one = crosses.argmax(axis=1)[:, None]
-        plus, minus, base, best = (np.take_along_axis(a, one, axis=1) for a in (plus, minus, base, best))
-        of_draws = np.ones_like(best)
-    else:
-        of_draws = crosses
-    rand = of_draws & ~best
-    triples = np.stack([plus[rand], minus[rand], base[rand]])
-    _, counts = np.unique(triples, axis=1, return_counts=True)
-    assert len(counts) == 5 * 4 * 3
-    assert chisquare(counts).pvalue > 0.01
-    pairs = np.unique(np.stack([plus[best], minus[best]]), axis=1, return_counts=True)[1]
-    assert len(pairs) == 5 * 4
-    assert chisquare(pairs).pvalue > 0.01, 'of best/1 too: partners do not depend on the operator'
-    # One of seven components is forced; of the others CR ~ U[0.7, 1] crosses 0.85.
-    share = 0.85 + 0.15 / dimension
-    counted = [crosses.sum(), (~crosses).sum()]
-    assert chisquare(counted, np.multiply([share, 1 - share], crosses.size)).pvalue > 0.01
-    counted = [best[of_draws].sum(), rand.sum()]
-    assert chisquare(counted, np.multiply([0.3, 0.7], of_draws.sum())).pvalue > 0.01
-    counted = np.histogram(weight, 30, (0.4, 1.0))[0]
-    assert chisquare(counted).pvalue > 0.01
-
-
-def test_the_operator_depends_neither_on_the_crossover_rate_nor_on_how_a_component_came_to_cross():
-    """Of vectors in which many components cross, and so of high CR, and of those whose forced one alone does."""
-    for crossover in ((0.7, 1.0), (0.0, 0.05), (0.0, 1.0)):
-        chosen = MDESettings(population=20, crossover=crossover, threshold=0.3)
-        stream = np.random.Generator(np.random.SFC64(2))
-        base = np.concatenate([_draw([stream], chosen, 7)[0][..., 2] for _ in range(60)])
-        crosses = base > 0
-        many = np.broadcast_to(crosses.sum(axis=1)[:, None], crosses.shape)
-        for count in range(1, 8):
-            here = crosses & (many == count)
-            if here.sum() > 200:
-                assert binomtest(int((base[here] == 40).sum()), int(here.sum()), 0.3).pvalue > 1e-3
+def test_progress_is_told_to_the_end(path):
+    told = []
+    result = mde(quadratic(7), box(7), MDESettings(generations=1200), runs=2, progress=lambda *what: told.append(what))
+    assert told[-1] == (1200, result.value.min())
+    done, best = zip(*told, strict=True)
+    assert list(done) == sorted(done)
+    assert list(best) == sorted(best, reverse=True)
 
 
 @pytest.mark.parametrize(
@@ -230,6 +289,8 @@ def test_settings_without_sense_are_refused(changes, sentence):
 
 def test_no_runs_and_negative_seeds_are_refused():
     with pytest.raises(ParameterError, match='0 runs'):
-        MDE(box(2), runs=0)
+        mde(sphere, box(2), runs=0)
     with pytest.raises(ParameterError, match='seed is -1'):
-        MDE(box(2), seed=-1)
+        mde(sphere, box(2), seed=-1)
+    with pytest.raises(ParameterError, match='at most 100000'):
+        mde(sphere, box(2), runs=4000)

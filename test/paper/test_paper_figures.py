@@ -9,7 +9,6 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_rgb
 
 from pendubot_identification.model.parameters import PAPER
-from pendubot_identification.optimizers.optimizer import minimize
 from pendubot_identification.paper import paper_figures, trials
 from pendubot_identification.paper.explained import energy_balance, foreseen
 from pendubot_identification.report import style
@@ -18,7 +17,7 @@ from test.virtual import recording
 
 def made(some):
     """Return the records of trials."""
-    return [trial.data(minimize(trial.start(), trial.objective)) for trial in some]
+    return [trial.data(trial.run()) for trial in some]
 
 
 @pytest.fixture(scope='module')

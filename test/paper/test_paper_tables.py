@@ -8,10 +8,9 @@ import pytest
 
 from pendubot_identification.paper import paper_tables
 from pendubot_identification.paper.benchmark_functions import FUNCTIONS
-from pendubot_identification.paper.competition import ALGORITHMS, PER_VECTOR
 from pendubot_identification.paper.paper_tables import Table, shown
 from pendubot_identification.paper.published import TABLE_4
-from pendubot_identification.paper.trials import IDENTIFICATION
+from pendubot_identification.paper.trials import ALGORITHMS, IDENTIFICATION, PER_VECTOR
 
 
 def record(function, algorithm, values, spent=100, n=2, threshold=None):

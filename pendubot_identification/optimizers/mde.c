@@ -1,0 +1,168 @@
+/* Modified differential evolution on a quadratic criterion: trials() of mde.py and what is around it, for one run.
+ *
+ * Plain C without Python.h, called through ctypes. It draws its own random numbers. An array of vectors holds one
+ * component of all of them, then the next: the loops go along such rows, and the compiler makes vector instructions of
+ * them. A row is as long as the population, rounded up to whole LANES; what is left over is computed for nothing.
+ */
+#include <math.h>
+#include <stdint.h>
+#include <stdlib.h>
+
+#define LANES 16
+#define EACH(t, count) _Pragma("GCC ivdep") for (int64_t t = 0; t < (count); t++)
+#define INLINE static inline __attribute__((always_inline))
+
+/* The functions are compiled for processors with and without AVX2, and the right ones are taken when they are loaded. */
+#if defined(__x86_64__) && defined(__GLIBC__) && defined(__GNUC__) && !defined(__clang__)
+#define EXPORT __attribute__((visibility("default"), target_clones("avx2", "default")))
+#else
+#define EXPORT __attribute__((visibility("default")))
+#endif
+
+typedef struct {
+    int64_t population, dimension, per_component;
+    double threshold, F_low, F_high, CR_low, CR_high;
+    double target, spread; /* NaN for none */
+    double worth, largest_coupling;
+} Settings;
+
+/* xoshiro128++ of Blackman and Vigna (2019), LANES of them side by side. */
+typedef struct {
+    uint32_t a[LANES], b[LANES], c[LANES], d[LANES];
+} Random;
+
+/* What a generation needs; all are rows but words, which is two, and trials. Random words stand for numbers from 0 to
+ * 1; of those that are compared 31 bits count. */
+typedef struct {
+    uint32_t *words, *CR;
+    int32_t *jrand, *base, *plus, *minus;
+    double *F, *costs, *residuals, *trials;
+} Room;
+
+INLINE uint32_t rotate(uint32_t x, int k) { return x << k | x >> (32 - k); }
+
+INLINE void draw(Random *restrict s, uint32_t *restrict words, int32_t count)
+{
+    for (int32_t at = 0; at < count; at += LANES)
+        EACH(l, LANES) {
+            uint32_t a = s->a[l], b = s->b[l], c = s->c[l] ^ s->a[l], d = s->d[l] ^ s->b[l];
+            words[at + l] = rotate(a + s->d[l], 7) + a;
+            s->a[l] = a ^ d, s->b[l] = b ^ c, s->c[l] = c ^ b << 9, s->d[l] = rotate(d, 11);
+        }
+}
+
+/* Choose operator and partners of every target t: a trial is x[base] + F (x[plus] - x[minus]). */
+INLINE void choose(Random *random, const Room *m, int32_t n, int32_t rows, int32_t best, uint32_t threshold)
+{
+    const uint32_t *partners = m->words, *operators = m->words + rows;
+    draw(random, m->words, 2 * rows);
+    EACH(t, rows) {
+        /* Three others, counted from the target on, are the digits of one random word. */
+        uint64_t u = (uint64_t)partners[t] * (uint32_t)(n - 1);
+        int32_t r1 = u >> 32;
+        u = (u & UINT32_MAX) * (uint32_t)(n - 2);
+        int32_t r2 = u >> 32;
+        u = (u & UINT32_MAX) * (uint32_t)(n - 3);
+        int32_t r3 = u >> 32;
+        r2 += r2 >= r1;
+        int32_t low = r1 < r2 ? r1 : r2, high = r1 < r2 ? r2 : r1;
+        r3 += r3 >= low;
+        r3 += r3 >= high;
+        r1 += t + 1, r2 += t + 1, r3 += t + 1;
+        r1 -= r1 < n ? 0 : n, r2 -= r2 < n ? 0 : n, r3 -= r3 < n ? 0 : n;
+        /* Line 14, as in mde.py. */
+        int32_t best_1 = operators[t] >> 1 < threshold;
+        m->base[t] = best_1 ? best : r1;
+        m->plus[t] = !best_1 ? r2 : r1 == best ? r3 : r1;
+        m->minus[t] = !best_1 | (r2 == best) ? r3 : r2;
+    }
+}
+
+INLINE void make_trials(const Settings *s, Random *random, const Room *m, int32_t rows, const double *lower,
+    const double *upper, const double *x, int32_t best)
+{
+    int32_t n = s->population, d = s->dimension;
+    double one = 0x1p31, F_width = (s->F_high - s->F_low) / one, CR_width = (s->CR_high - s->CR_low) / one;
+    draw(random, m->words, 2 * rows);
+    EACH(t, rows) {
+        m->F[t] = s->F_low + F_width * (int32_t)(m->words[t] >> 1);
+        m->CR[t] = one * (s->CR_low + CR_width * (int32_t)(m->words[rows + t] >> 1));
+    }
+    draw(random, m->words, rows);
+    EACH(t, rows) m->jrand[t] = (uint64_t)m->words[t] * (uint32_t)d >> 32;
+    for (int32_t j = 0; j < d; j++) {
+        const double *own = x + j * rows;
+        double *restrict trial = m->trials + j * rows, low = lower[j], high = upper[j];
+        if (s->per_component || j == 0)
+            choose(random, m, n, rows, best, one * s->threshold);
+        draw(random, m->words, rows);
+        EACH(t, rows) {
+            double v = own[m->base[t]] + m->F[t] * (own[m->plus[t]] - own[m->minus[t]]);
+            double bound = v < low ? low : high;
+            v = (v < low) | (v > high) ? (own[t] + bound) / 2.0 : v;
+            trial[t] = (m->words[t] >> 1 < m->CR[t]) | (m->jrand[t] == j) ? v : own[t];
+        }
+    }
+}
+
+/* |root [x, -1]|^2, and what coupling_excess() of parameters.py costs. */
+INLINE void evaluate(const Settings *s, const Room *m, int32_t rows, const double *root)
+{
+    int32_t d = s->dimension;
+    const double *x = m->trials;
+    double *restrict r = m->residuals, *restrict costs = m->costs, stretch = 2.0 / s->largest_coupling;
+    EACH(t, rows) costs[t] = root[d * (d + 1) + d] * root[d * (d + 1) + d];
+    for (int32_t k = 0; k < d; k++) {
+        const double *row = root + k * (d + 1);
+        EACH(t, rows) r[t] = -row[d];
+        for (int32_t j = k; j < d; j++)
+            EACH(t, rows) r[t] += row[j] * x[j * rows + t];
+        EACH(t, rows) costs[t] += r[t] * r[t];
+    }
+    if (s->worth > 0.0)
+        EACH(t, rows) {
+            double P1 = x[t], P2 = x[rows + t], P3 = x[2 * rows + t], coupling = stretch * P3;
+            double excess = sqrt((P1 - P2) * (P1 - P2) + coupling * coupling) / (P1 + P2) - 1.0;
+            excess = P1 + P2 > 0.0 ? excess : fabs(P3) + 1.0;
+            costs[t] += excess > 0.0 ? s->worth * excess : 0.0;
+        }
+}
+
+/* Advance a run until it stops, by so many generations at most.
+ *
+ * root (D + 1, D + 1), lower and upper (D), x (D, rows), values (rows), history (generations) of the best values.
+ * Returns how many generations it was advanced; -1 without memory.
+ */
+EXPORT int64_t pendubot_mde(const Settings *s, int64_t generations, const double *root, const double *lower,
+    const double *upper, Random *random, double *x, double *values, double *history)
+{
+    int32_t n = s->population, d = s->dimension, rows = (n + LANES - 1) / LANES * LANES;
+    double *doubles = calloc((size_t)(3 + d) * rows, sizeof(double));
+    uint32_t *integers = calloc((size_t)7 * rows, sizeof(uint32_t));
+    int32_t *rest = (int32_t *)integers + 3 * rows;
+    Room m = {integers, integers + 2 * rows, rest, rest + rows, rest + 2 * rows, rest + 3 * rows,
+        doubles, doubles + rows, doubles + 2 * rows, doubles + 3 * rows};
+    int64_t made = doubles && integers ? 0 : -1;
+    for (; made >= 0; made++) {
+        int32_t best = 0, worst = 0;
+        for (int32_t t = 1; t < n; t++) {
+            best = values[t] < values[best] ? t : best;
+            worst = values[t] > values[worst] ? t : worst;
+        }
+        if (made > 0)
+            history[made - 1] = values[best];
+        if (made == generations || values[best] <= s->target
+            || values[worst] - values[best] <= s->spread * fabs(values[best]))
+            break;
+        make_trials(s, random, &m, rows, lower, upper, x, best);
+        evaluate(s, &m, rows, root);
+        for (int32_t j = 0; j < d; j++) {
+            double *restrict own = x + j * rows, *restrict trial = m.trials + j * rows;
+            EACH(t, rows) own[t] = m.costs[t] <= values[t] ? trial[t] : own[t];
+        }
+        EACH(t, rows) values[t] = m.costs[t] <= values[t] ? m.costs[t] : values[t];
+    }
+    free(doubles);
+    free(integers);
+    return made;
+}

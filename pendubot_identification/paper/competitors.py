@@ -1,0 +1,151 @@
+"""What the paper holds MDE against, its Table 3: DE, HDE and PSO, with all independent runs advanced as one array."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pendubot_identification.errors import ParameterError
+from pendubot_identification.model.parameters import Bounds
+from pendubot_identification.optimizers.mde import MDESettings, generation
+from pendubot_identification.optimizers.optimizer import (
+    Objective,
+    OptimizationResult,
+    State,
+    best_points,
+    columns,
+    evaluate,
+    random_numbers,
+    random_points,
+    require_runs,
+    run_generations,
+)
+
+Array = NDArray[np.float64]
+
+
+def classic(
+    population: int = 18,
+    weight: float = 0.6714,
+    crossover: float = 0.5026,
+    generations: int = 4000,
+    target: float | None = None,
+) -> MDESettings:
+    """Return what makes MDE plain DE, rand/1/bin (Storn and Price 1997): one F, one CR, partners once a vector.
+
+    The defaults are the paper's Table 3: Pedersen's for 10 dimensions and 20 000 function values (Good parameters for
+    differential evolution, HL1002, 2010).
+    """
+    return MDESettings(
+        population, generations, 0.0, (weight, weight), (crossover, crossover), per_component=False, target=target
+    )
+
+
+def hde(
+    objective: Objective,
+    gradient: Callable[[Array], Array],
+    bounds: Bounds,
+    settings: MDESettings,
+    *,
+    rate: float = 0.01,
+    runs: int = 10,
+    seed: int = 1,
+) -> OptimizationResult:
+    """Minimise by DE with a gradient step of the best vector in every generation (the paper's, after its reference 29).
+
+    The step is one more trial: x_best - rate gradient(x_best), drawn back into the box, takes the best one's place
+    where it is at least as good. So a generation asks for NP + 1 function values and one gradient.
+
+    Args:
+        objective: see :func:`.mde.mde`, as for all that is not said here.
+        gradient: of the objective: (..., D) in, (..., D) out.
+        bounds: the search box, of dimension D.
+        settings: as :func:`classic` makes them.
+        rate: the learning rate.
+        runs: number of independent runs.
+        seed: same seed, same result.
+    """
+    require_runs(runs, settings.population, seed)
+    rng = random_numbers(seed)
+
+    def step(x: Array, values: Array) -> State:
+        run, best = np.arange(len(values)), values.argmin(axis=1)
+        point, value = x[:, run, best], values[run, best]
+        moved = np.clip(point.T - rate * gradient(point.T), bounds.lower, bounds.upper)
+        offered = objective(moved)
+        x[:, run, best] = np.where(offered <= value, moved.T, point)
+        values[run, best] = np.minimum(offered, value)
+        return generation(rng, objective, bounds, settings, x, values)
+
+    x = random_points(rng, bounds, runs, settings.population)
+    start, each = (x, evaluate(objective, x)), settings.population + 1
+    return run_generations(step, start, settings.generations, target=settings.target, per_generation=each)
+
+
+@dataclass(frozen=True, slots=True)
+class PSOSettings:
+    """The paper's Table 3: Pedersen's parameters for 20 dimensions and 400 000 function values.
+
+    Attributes:
+        particles: s, of one swarm.
+        inertia: w.
+        personal: c1, towards a particle's own best.
+        social: c2, towards the swarm's best.
+        evaluations: a run ends with the generation in which it has asked for so many function values.
+        target: stop a run at a value not above this.
+
+    Raises:
+        ParameterError: a setting that makes no sense.
+    """
+
+    particles: int = 149
+    inertia: float = -0.3236
+    personal: float = -0.1136
+    social: float = 3.9789
+    evaluations: int = 4000
+    target: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.particles < 1 or self.evaluations < self.particles:
+            raise ParameterError(
+                f'{self.particles} particles and {self.evaluations} function values were asked for; at least one '
+                'particle, and a value for each, are needed'
+            )
+
+
+def pso(
+    objective: Objective, bounds: Bounds, settings: PSOSettings | None = None, *, runs: int = 10, seed: int = 1
+) -> OptimizationResult:
+    """Minimise by particle swarm optimisation, global best, in the form of SwarmOps.
+
+        v <- w v + c1 r1 (own best - x) + c2 r2 (swarm's best - x),    x <- x + v
+
+    r1 and r2 are drawn once a particle, not once a component. Velocities are bounded by the width of the box, positions
+    by the box; all particles move, then all are evaluated. Pedersen, Good parameters for particle swarm optimization,
+    HL1001, 2010. Arguments are those of :func:`.mde.mde`.
+    """
+    settings = settings or PSOSettings()
+    require_runs(runs, settings.particles, seed)
+    rng = random_numbers(seed)
+    lower, upper = columns(bounds)
+    width = upper - lower
+
+    def step(best: Array, values: Array, x: Array, v: Array) -> State:
+        r1, r2 = rng.random((2, *values.shape))
+        leader = best_points(best, values)[..., None]
+        v = settings.inertia * v + settings.personal * r1 * (best - x) + settings.social * r2 * (leader - x)
+        v = np.clip(v, -width, width)
+        x = np.clip(x + v, lower, upper)
+        offered = evaluate(objective, x)
+        better = offered < values
+        return np.where(better, x, best), np.where(better, offered, values), x, v
+
+    x = random_points(rng, bounds, runs, settings.particles)
+    start = x, evaluate(objective, x), x, rng.uniform(-width, width, x.shape)
+    return run_generations(
+        step, start, math.ceil(settings.evaluations / settings.particles) - 1, target=settings.target
+    )

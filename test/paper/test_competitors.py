@@ -1,0 +1,106 @@
+"""DE and PSO against SwarmOps, the package from which the paper took their settings and form; HDE's gradient step."""
+
+from unittest import mock
+
+import numpy as np
+import pytest
+from scipy.stats import mannwhitneyu
+
+from pendubot_identification.errors import ParameterError
+from pendubot_identification.optimizers import mde as mde_module
+from pendubot_identification.optimizers.mde import mde
+from pendubot_identification.optimizers.optimizer import columns
+from pendubot_identification.paper.benchmark_functions import FUNCTIONS
+from pendubot_identification.paper.competitors import PSOSettings, classic, hde, pso
+
+with mock.patch.object(np, 'Infinity', np.inf, create=True):  # numpy 2 has dropped the name
+    from swarmops import DE, PSO, tools
+    from swarmops.Problem import Problem
+
+SPHERE, GRIEWANK = FUNCTIONS[:2]
+
+
+def swarmops(algorithm, function, parameters, *, evaluations, runs):
+    """Return the errors of 2-dimensional runs after so many function values."""
+    bounds = function.bounds(2)
+
+    def fitness(x, limit=np.inf):
+        return float(function.value(x))
+
+    problem = Problem(function.name, 2, 0.0, bounds.lower, bounds.upper, func=fitness)
+    errors = []
+    for run in range(runs):
+        tools.new_prng(1000 + run)
+        errors.append(algorithm(problem=problem, parameters=parameters, max_evaluations=evaluations).best_fitness)
+    return np.array(errors)
+
+
+@pytest.mark.parametrize('function', FUNCTIONS, ids=lambda f: f.name)
+def test_de_agrees_with_swarmops(function, monkeypatch):
+    """Table 3's settings, 30 generations: the errors come from one distribution, once both draw back to the bound."""
+    monkeypatch.setattr(mde_module, 'drawn_back', lambda v, x, bounds: np.clip(v, *columns(bounds)))
+    ours = mde(function.value, function.bounds(2), classic(18, 0.6714, 0.5026, generations=29), runs=1000).value
+    theirs = swarmops(DE.DE, function, [18, 0.5026, 0.6714], evaluations=30 * 18, runs=100)
+    assert mannwhitneyu(ours, theirs).pvalue > 0.01
+
+
+@pytest.mark.parametrize('function', FUNCTIONS, ids=lambda f: f.name)
+def test_pso_agrees_with_swarmops(function):
+    """Table 3's settings, 4000 function values: the errors come from one distribution."""
+    ours = pso(function.value, function.bounds(2), runs=500)
+    assert ours.evaluations.tolist() == [27 * 149] * 500, 'the generation in which 4000 are reached is finished'
+    theirs = swarmops(PSO.PSO, function, [149, -0.3236, -0.1136, 3.9789], evaluations=4000, runs=50)
+    assert mannwhitneyu(ours.value, theirs).pvalue > 0.01
+
+
+def test_pso_remembers_the_best_of_each_run_and_stops_each_by_itself():
+    result = pso(SPHERE.value, SPHERE.bounds(2), PSOSettings(30, evaluations=9000, target=1e-2), runs=7, seed=5)
+    assert set(result.stopped_by) == {'target'}
+    assert len(set(result.generations)) > 1
+    assert (result.evaluations == 30 * (result.generations + 1)).all()
+    np.testing.assert_array_equal(result.history[-1], result.value)
+    assert (np.diff(result.history, axis=0) <= 0).all()
+    np.testing.assert_allclose(SPHERE.value(result.x), result.value)
+
+
+def test_pso_never_leaves_the_box():
+    asked = []
+    outwards = PSOSettings(20, evaluations=2000)
+    pso(lambda x: asked.append(np.abs(x).max()) or -np.abs(x).sum(axis=-1), FUNCTIONS[3].bounds(2), outwards, runs=3)
+    assert max(asked) <= 5.12
+
+
+def test_hde_steps_down_the_gradient_of_the_best_and_keeps_what_is_better():
+    asked = []
+    how = classic(generations=30)
+    result = hde(
+        lambda x: asked.append(x.copy()) or SPHERE.value(x), SPHERE.gradient, SPHERE.bounds(2), how, rate=0.25, runs=3
+    )
+    assert [a.shape for a in asked] == [(3, 18, 2)] + [(3, 2), (3, 18, 2)] * 30
+    assert result.evaluations.tolist() == [18 + 30 * 19] * 3
+    for generation, step in enumerate(asked[1::2], start=1):
+        np.testing.assert_allclose(SPHERE.value(step), result.history[generation - 1] / 4, rtol=1e-12)
+        assert (result.history[generation] <= SPHERE.value(step) * (1 + 1e-12)).all(), 'a step that is better is kept'
+    once = hde(SPHERE.value, SPHERE.gradient, SPHERE.bounds(5), classic(target=0.0), rate=0.5)
+    assert once.generations.tolist() == [1] * 10, 'half of this gradient leads to the minimum at once'
+
+
+def test_hde_stays_inside_and_takes_no_step_that_is_worse():
+    asked = []
+    result = hde(
+        lambda x: asked.append(np.abs(x).max()) or GRIEWANK.value(x),
+        GRIEWANK.gradient,
+        GRIEWANK.bounds(3),
+        classic(generations=50),
+        rate=1e4,
+        runs=4,
+    )
+    assert max(asked) <= GRIEWANK.half_width
+    assert (np.diff(result.history, axis=0) <= 0).all()
+    np.testing.assert_allclose(GRIEWANK.value(result.x), result.value)
+
+
+@pytest.mark.parametrize(('changes', 'sentence'), [({'particles': 0}, '0 part'), ({'evaluations': 10}, '10 function')])
+def test_settings_without_sense_are_refused(changes, sentence):
+    with pytest.raises(ParameterError, match=sentence):
+        PSOSettings(**changes)
