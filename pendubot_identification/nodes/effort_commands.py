@@ -58,15 +58,18 @@ class EffortCommands(Waitable):
         self._take.argtypes = [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p]
         self._torque, self._info = ctypes.c_double(), _MessageInfo()
         self._index = 0
-        self._driver, self._driven = b'', 0
+        self._driver, self._driven = b'', -self._timeout
         self._conflict, self._refused_at, self._looked = (b'', b''), 0, 0
         self._names: dict[bytes, str] = {}
         node.add_waitable(self)
 
     def conflict(self) -> str:
         """Return in a sentence who was refused last, and who drives."""
-        driver, other = (self._names.get(gid, 'a node of unknown name') for gid in self._conflict)
-        return f'effort commands of {"another " * (driver == other)}{other} are refused, for {driver} drives; end one'
+        driver, other = (self._names.get(gid, '') for gid in self._conflict)
+        if other and other == driver:
+            other = f'another {other}'
+        unknown = 'a node of unknown name'
+        return f'effort commands of {other or unknown} are refused, for {driver or unknown} drives; end one'
 
     def contested(self) -> bool:
         """Tell whether more than one publisher commands at present."""
