@@ -15,7 +15,7 @@ from pendubot_identification.adapters.bag_reader import BagWindow
 from pendubot_identification.adapters.datasets import load_datasets
 from pendubot_identification.adapters.files import refuse_input, refuse_unwritable
 from pendubot_identification.adapters.joint_states import JOINT_NAMES, JOINT_STATES_TOPIC
-from pendubot_identification.adapters.result_file import read_parameters, result_data, write_result
+from pendubot_identification.adapters.result_file import read_parameters, result_of, write_result
 from pendubot_identification.core.errors import ParameterError, PendubotError, ResultError
 from pendubot_identification.core.estimation.identification import identify
 from pendubot_identification.core.estimation.settings import CRITERIA, DELAYS, HOLDS, OPTIMIZERS, SPREAD, Settings
@@ -122,22 +122,22 @@ class Identifier(SettingsNode):
             refuse_input(output, [*read, Path(values['start']) if values['start'] else None])
             refuse_unwritable(output, overwrite=values['force'])
         data = load_datasets(bags, judges, topic=values['topic'], joint_names=values['joint_names'])
-        result = identify(data.training, data.validation, settings, self._progress, data.notes)
-        plain = result_data(result, data.sources)
+        found = identify(data.training, data.validation, settings, self._progress, data.notes)
+        result = result_of(found, data.sources)
         unwritten = ''
         try:
             if output is not None:
-                write_result(output, plain, overwrite=values['force'])
+                write_result(output, result, overwrite=values['force'])
         except ResultError as error:
             unwritten = str(error)
         # Two lines, because rclpy keeps a severity for each line that logs.
         if result.level is Level.OK:
-            self.get_logger().info(f'identified\n{whole(plain)}')
+            self.get_logger().info(f'identified\n{whole(result)}')
         else:
-            self.get_logger().warning(f'identified\n{whole(plain)}')
+            self.get_logger().warning(f'identified\n{whole(result)}')
         # The judgement first, so that whoever hears the parameters can already know how good they are; and both last,
         # so that whoever hears them can already have them identified again.
-        self._publish(result.level, headline(plain), identification_values(plain))
+        self._publish(result.level, headline(result), identification_values(result))
         self._params.publish(parameters_message(result))
         if unwritten:
             # The parameters are none the worse for it, so their judgement stands.
