@@ -3,10 +3,11 @@
 import functools
 
 from pendubot_identification.identify.identification import identify
+from pendubot_identification.identify.result import Result, Source, structured
+from pendubot_identification.identify.result import plain as plain_of
 from pendubot_identification.identify.settings import CRITERIA, Settings
 from pendubot_identification.recordings.bag_reader import read_trajectory
-from pendubot_identification.recordings.datasets import Source
-from pendubot_identification.results.result_file import result_data
+from pendubot_identification.results.result_file import result_of
 from test.conftest import ROOT
 
 SAMPLE = ROOT / 'bags' / 'paper_experiment'
@@ -21,6 +22,16 @@ def identified(criteria=CRITERIA, model='viscous', optimizer='lsq', hold='zero',
     return identify([motion[:400]], validation, Settings(criteria, model, optimizer, hold=hold))
 
 
+def made(*args, **settings):
+    """Return the same as a result."""
+    return result_of(identified(*args, **settings), [SOURCE])
+
+
 def plain(*args, **settings):
     """Return the same as plain data, a copy of one's own."""
-    return result_data(identified(*args, **settings), [SOURCE])
+    return plain_of(made(*args, **settings))
+
+
+def result(data):
+    """Return the result that plain data are of."""
+    return structured(Result, data, 'test')

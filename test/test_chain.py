@@ -74,8 +74,6 @@ def test_the_demo_ends_in_a_table_of_all_criteria_beside_the_truth(tmp_path):
     assert 'a subscriber that joined afterwards received /pendubot/params (P1,P2,P3,P4,P5,b1,b2' in demo.output
     for name in ('energy', 'weak'):
         assert f'{name}: MDE: 10 of 10 runs reached the exact minimum' in demo.output
-    for paper in ('2.37e-03', '2.39e-03', '3.03e-03'):
-        assert paper in demo.output
     result = yaml.safe_load((folder / 'result.yaml').read_text())
     assert [bag['samples'] for bag in result['bags']] == [900, 900]
     motion = read_trajectory(folder / 'paper_experiment').trajectory

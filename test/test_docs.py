@@ -222,10 +222,10 @@ def test_the_controller_of_the_page_receives_what_was_latched_before_it_started(
     from pendubot_identification.level import Level
     from pendubot_identification.nodes.diagnostics import diagnostics_message
     from pendubot_identification.nodes.messages import LATCHED, parameters_message
-    from test.identified import identified
+    from test.identified import made
     from test.processes import Program
 
-    result = identified(('weak',))
+    result = made(('weak',))
     node = ros.create_node('identifier_of_the_page')
     status = node.create_publisher(DiagnosticArray, '/pendubot/identification', LATCHED)
     params = node.create_publisher(Float64MultiArray, '/pendubot/params', LATCHED)
@@ -238,8 +238,8 @@ def test_the_controller_of_the_page_receives_what_was_latched_before_it_started(
             for _ in range(3):  # two topics, so in any order
                 controller.wait_for('[controller]:')
             assert 'level 1: so so' in controller.output
-            assert repr(float(result.best.theta[0])) in controller.output
-            assert f'to hold link 1 horizontal takes {9.81 * result.parameters.P4:.4f} N m' in controller.output
+            assert repr(result.parameters['P1'].value) in controller.output
+            assert f'to hold link 1 horizontal takes {9.81 * result.theta.P4:.4f} N m' in controller.output
             assert controller.stop() in (0, -2, 130), controller.output
     finally:
         node.destroy_node()

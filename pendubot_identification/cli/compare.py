@@ -7,11 +7,15 @@ import json
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pendubot_identification.errors import UsageError, wrong_usage
 
-Results = Mapping[str, Mapping[str, Any]]
+if TYPE_CHECKING:
+    from pendubot_identification.identify.result import Given, Result
+
+    Results = Mapping[str, Result | Given]
+
 
 DESCRIPTION = """\
 Set results side by side: every parameter with its standard error, and how far it is from that of the first result,
@@ -54,12 +58,12 @@ def run(args: argparse.Namespace) -> int:
         PendubotError: fewer than two results, one that cannot be read, or a bag that cannot.
     """
     from pendubot_identification.report.tables import side_by_side
-    from pendubot_identification.results.result_file import read_result, unphysical
+    from pendubot_identification.results.result_file import read_result
 
     if len(args.results) < 2:
         raise UsageError(f'{args.results[0]} is one result alone; name two or more to be compared')
     results = {str(path): read_result(path) for path in args.results}
-    doubts = [f'{path}: {problem}' for path, data in results.items() for problem in unphysical(data, Path(path))]
+    doubts = [f'{path}: {problem}' for path, data in results.items() for problem in data.unphysical()]
     if len(results) < len(args.results):
         raise UsageError('the same result is named twice; name two or more that differ')
     plain = {'results': list(results), 'parameters': _parameters(results), 'notes': [*doubts, *_shared(results)]}
@@ -79,11 +83,11 @@ def _parameters(results: Results) -> dict[str, Any]:
 
     rows: dict[str, Any] = {}
     for name, unit in zip(NAMES, UNITS, strict=True):
-        entries = [result['parameters'].get(name) for result in results.values()]
+        entries = [result.parameters.get(name) for result in results.values()]
         if any(entries):
-            values = [None if e is None else e['value'] for e in entries]
+            values = [None if e is None else e.value for e in entries]
             # How far the data would let a parameter off its bound is not how uncertain it is.
-            errors = [None if e is None or e.get('on_bound') else e.get('std_error') for e in entries]
+            errors = [None if e is None or e.on_bound else e.std_error for e in entries]
             rows[name] = {
                 'unit': unit,
                 'value': values,
@@ -111,15 +115,14 @@ def _shared(results: Results) -> list[str]:
     ]
 
 
-def _training(result: Mapping[str, Any]) -> set[str]:
-    return {bag['sha256'] for bag in result.get('bags') or [] if bag['role'] == 'training'}
+def _training(result: Result | Given) -> set[str]:
+    return {bag.sha256 for bag in result.bags if bag.role == 'training'}
 
 
 def _foreseen(results: Results, args: argparse.Namespace) -> dict[str, Any]:
     """Return how far each result's simulation of a bag's motion is off, by horizon."""
     from pendubot_identification.identify.prediction import HORIZONS, predict, state_scale
     from pendubot_identification.recordings.bag_reader import BagWindow, read_recording
-    from pendubot_identification.results.result_file import parameters_of
     from pendubot_identification.trajectories.long import held_parts
     from pendubot_identification.trajectories.motion import Motion
     from pendubot_identification.trajectories.signals import choose_smoothing
@@ -134,10 +137,8 @@ def _foreseen(results: Results, args: argparse.Namespace) -> dict[str, Any]:
     smoothing = choose_smoothing(parts)
     errors, notes = [], []
     for name, result in results.items():
-        effort = result.get('effort') or {}
-        motions = [Motion.prepare(part, smoothing, effort.get('hold', 'zero')) for part in parts]
-        theta = parameters_of(result, Path(name)).vector()
-        prediction = predict(motions, theta, effort.get('delay', 0.0), state_scale(motions))
+        motions = [Motion.prepare(part, smoothing, result.effort.hold) for part in parts]
+        prediction = predict(motions, result.theta.vector(), result.effort.delay, state_scale(motions))
         errors.append(_numbers(prediction.error))
         still = _numbers(prediction.standing_still)
         if recorded.sha256 in _training(result):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -46,8 +47,9 @@ def add_parser(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     """Read, convert, write."""
     from pendubot_identification.files import refuse_input, write_whole
+    from pendubot_identification.level import Level
     from pendubot_identification.results.export import FORMATS, SUFFIXES
-    from pendubot_identification.results.result_file import read_result, unphysical
+    from pendubot_identification.results.result_file import read_result
 
     name = args.format or (SUFFIXES.get(args.output.suffix) if args.output is not None else None)
     if name is None:
@@ -56,13 +58,12 @@ def run(args: argparse.Namespace) -> int:
     if args.output is not None:
         refuse_input(args.output, [args.result])
     result = read_result(args.result)
-    if problems := unphysical(result, args.result):
+    if problems := result.unphysical():
         # As an identification says it, though a hand may have written these parameters.
-        warnings = dict.fromkeys([*(result.get('warnings') or []), *problems])
-        result |= {'level': 'ERROR', 'warnings': list(warnings)}
+        result = replace(result, level=Level.ERROR, warnings=list(dict.fromkeys([*result.warnings, *problems])))
     text = FORMATS[name](result)
-    if result.get('level') in ('WARN', 'ERROR'):
-        print(f'level {result["level"]}: {"; ".join(result.get("warnings") or [])}', file=sys.stderr)
+    if result.level:
+        print(f'level {result.level.name}: {"; ".join(result.warnings)}', file=sys.stderr)
     if args.output is None:
         print(text, end='')
         return 0

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Mapping
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
@@ -17,16 +16,16 @@ from .report import add_reference, previous, reference, write_failure_report, wr
 
 if TYPE_CHECKING:
     from pendubot_identification.files import OutputFolder
+    from pendubot_identification.identify.result import Result
     from pendubot_identification.recordings.datasets import Datasets
 
-    from .report import Recordings
+    from .report import Beside, Recordings
 
 # The names of core's settings and parameters, again: importing them takes a second, which no --help is worth.
 CRITERIA = ('energy', 'weak', 'trajectory')
 MODELS = ('viscous', 'coulomb', 'rotor', 'geared', 'auto')
 OPTIMIZERS = ('auto', 'mde', 'lsq')
 HOLDS = ('auto', 'zero', 'linear')
-LEVELS = ('OK', 'WARN', 'ERROR')
 #: The exit status of a result that is no better than what --fail-on names, and from which level on that is.
 FAILED, FAILING = 3, {'warn': 1, 'error': 2, 'never': 3}
 
@@ -179,6 +178,7 @@ def add_parser(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     """Identify, print, write."""
     from pendubot_identification.files import OutputFolder, refuse_input, refuse_unwritable
+    from pendubot_identification.identify.result import plain
     from pendubot_identification.report.tables import whole
     from pendubot_identification.results.result_file import read_parameters, write_result
 
@@ -195,36 +195,34 @@ def run(args: argparse.Namespace) -> int:
     with nullcontext() if args.report is None else OutputFolder(args.report, overwrite=args.force) as folder:
         if args.output is not None:
             refuse_unwritable(args.output, overwrite=args.force)
-        plain, motions = _identify(args, settings, folder)
+        result, motions = _identify(args, settings, folder)
         try:
             if args.output is not None:
-                write_result(args.output, plain, overwrite=args.force)
+                write_result(args.output, result, overwrite=args.force)
             if folder is not None:
                 with progress_bar(hidden=args.json) as progress:
-                    page = write_result_report(folder, plain, motions, beside, (), progress)
+                    page = write_result_report(folder, result, motions, beside, (), progress)
         finally:
             # Also where they cannot be written. Only now, because whoever closes the pipe ends the program.
-            print(json.dumps(plain, indent=2) if args.json else whole(plain))
+            print(json.dumps(plain(result), indent=2) if args.json else whole(result))
     for written in (args.output, page):
         if written is not None and not args.json:
             print(f'written to {written}')
-    return FAILED if LEVELS.index(plain['level']) >= FAILING[args.fail_on] else 0
+    return FAILED if result.level >= FAILING[args.fail_on] else 0
 
 
-def _identify(
-    args: argparse.Namespace, settings: Any, folder: OutputFolder | None
-) -> tuple[Mapping[str, Any], Recordings]:
-    """Return the result as plain data, and what a report shows of the motions; where it fails, a page says why."""
+def _identify(args: argparse.Namespace, settings: Any, folder: OutputFolder | None) -> tuple[Result, Recordings]:
+    """Return the result, and what a report shows of the motions; where it fails, a page says why."""
     from pendubot_identification.identify.identification import identify
     from pendubot_identification.recordings.datasets import load_datasets
-    from pendubot_identification.results.result_file import result_data
+    from pendubot_identification.results.result_file import result_of
 
     data = None
     try:
         data = load_datasets(args.bags, args.validate, topic=args.topic, joint_names=joints(args.joints))
         with progress_bar(hidden=args.json) as progress:
-            result = identify(data.training, data.validation, settings, progress, data.notes)
-        return result_data(result, data.sources), _shown(data)
+            found = identify(data.training, data.validation, settings, progress, data.notes)
+        return result_of(found, data.sources), _shown(data)
     except Exception as error:
         if folder is not None:
             page = write_failure_report(folder, sentence(error), _asked(args), None if data is None else _shown(data))
@@ -251,7 +249,7 @@ def _shown(data: Datasets) -> Recordings:
     return held_parts(data.training), held_parts(data.validation)
 
 
-def _beside(args: argparse.Namespace) -> tuple[Mapping[str, Any], str] | None:
+def _beside(args: argparse.Namespace) -> Beside | None:
     """Return what the report shows beside the result: a reference, or the result that it takes the place of."""
     if args.report is None:
         if args.reference is not None:

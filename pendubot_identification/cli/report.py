@@ -17,10 +17,13 @@ from .progress import Progress, progress_bar
 if TYPE_CHECKING:
     from pendubot_identification.files import OutputFolder
     from pendubot_identification.identify.evidence import Answer
+    from pendubot_identification.identify.result import Given, Result
     from pendubot_identification.report.figures import Picture
     from pendubot_identification.trajectories.trajectory import Trajectory
 
     Recordings = tuple[Sequence[Trajectory], Sequence[Trajectory]]
+    #: Other parameters, to stand beside a result's, and what to call them.
+    Beside = tuple[Result | Given, str]
 
 MOTION, TELLS = 'Recorded and simulated motion', 'What the motion tells of the parameters'
 LEFT, SEARCH = 'What is left unexplained', 'The search'
@@ -101,7 +104,7 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def reference(path: Path | None) -> tuple[Mapping[str, Any], str] | None:
+def reference(path: Path | None) -> Beside | None:
     """Return the parameters of a file to stand beside a result's, and what to call them.
 
     Raises:
@@ -110,25 +113,25 @@ def reference(path: Path | None) -> tuple[Mapping[str, Any], str] | None:
     return None if path is None else (_with_parameters(path), 'reference')
 
 
-def previous(path: Path) -> tuple[Mapping[str, Any], str]:
+def previous(path: Path) -> Beside:
     """Return the same of a result that is about to be replaced."""
     return _with_parameters(path), 'earlier result'
 
 
-def _with_parameters(path: Path) -> Mapping[str, Any]:
-    from pendubot_identification.results.result_file import read_result, unphysical
+def _with_parameters(path: Path) -> Result | Given:
+    from pendubot_identification.results.result_file import read_result
 
-    data = read_result(path)
-    for problem in unphysical(data, path):
+    result = read_result(path)
+    for problem in result.unphysical():
         print(f'pendubot: {path}: {problem}', file=sys.stderr)
-    return data
+    return result
 
 
 def write_result_report(
     folder: OutputFolder,
-    result: Mapping[str, Any],
+    result: Result,
     motions: Recordings | None,
-    beside: tuple[Mapping[str, Any], str] | None,
+    beside: Beside | None,
     notes: Sequence[str],
     progress: Progress,
 ) -> Path:
@@ -143,13 +146,13 @@ def write_result_report(
     return _write(folder, page, {'result.yaml': result_text(result)} | files)
 
 
-def _between(result: Mapping[str, Any]) -> list[str]:
+def _between(result: Result) -> list[str]:
     """Return what no figure shows of long recordings."""
     return [
-        f'what lies between {len(source["stretches"])} stretches of {source["bag"]}, {source["duration"]:.0f} s; the '
+        f'what lies between {len(source.stretches)} stretches of {source.bag}, {source.duration:.0f} s; the '
         'figures, and the residuals in them, are of these stretches alone'
-        for source in result['bags']
-        if source.get('stretches')
+        for source in result.bags
+        if source.stretches
     ]
 
 
@@ -176,9 +179,9 @@ def _write(folder: OutputFolder, page: str, files: Mapping[str, str | bytes]) ->
 
 
 def _sections(
-    result: Mapping[str, Any],
+    result: Result,
     motions: Recordings | None,
-    beside: tuple[Mapping[str, Any], str] | None,
+    beside: Beside | None,
     progress: Progress,
 ) -> tuple[dict[str, list[Picture]], list[str]]:
     """Return the figures under their headings, and why any of them is missing."""
@@ -189,13 +192,13 @@ def _sections(
     from pendubot_identification.trajectories.motion import Motion
 
     found = answers(result)
-    best, other = found[result['criterion']], beside or (None, '')
+    best, other = found[result.criterion], beside or (None, '')
     wanted: list[tuple[str, str, Callable[[], Picture | None]]] = []
     wanted += [(TELLS, 'the parameters', partial(figures.draw_parameters, result, *other))]
     wanted += [(TELLS, 'the correlations', partial(figures.draw_correlation, result))]
     if motions is not None:
         training, judges = (
-            [Motion.prepare(motion, result['smoothing'], hold(result)) for motion in recorded] for recorded in motions
+            [Motion.prepare(motion, result.smoothing, hold(result)) for motion in recorded] for recorded in motions
         )
         scale = state_scale(training)
 
@@ -204,18 +207,24 @@ def _sections(
             return figures.draw_simulation(shown, validation=bool(judges))
 
         def excited() -> Picture:
-            return figures.draw_excitation(list(result['parameters']), excitation(training, best))
+            return figures.draw_excitation(list(result.parameters), excitation(training, best))
 
         def left(answer: Answer) -> Picture:
-            return figures.draw_residuals(residuals(training, answer, settings(result), result['smoothing'], scale))
+            return figures.draw_residuals(residuals(training, answer, settings(result), result.smoothing, scale))
 
         wanted += [(MOTION, 'the data', partial(figures.draw_recordings, *motions))]
         wanted += [(MOTION, 'the simulation', simulated), (TELLS, 'the excitation', excited)]
         wanted += [(LEFT, f'the residuals of {name}', partial(left, answer)) for name, answer in found.items()]
-    for name, entry in result['criteria'].items():
+    for name, entry in result.criteria.items():
         # Without MDE there is none, and results of earlier versions do not hold it.
-        if entry.get('convergence'):
-            wanted += [(SEARCH, f'the convergence of {name}', partial(figures.draw_convergence, name, entry))]
+        if entry.convergence:
+            wanted += [
+                (
+                    SEARCH,
+                    f'the convergence of {name}',
+                    partial(figures.draw_convergence, name, entry.J, entry.convergence),
+                )
+            ]
     sections: dict[str, list[Picture]] = {MOTION: [], TELLS: [], LEFT: [], SEARCH: []}
     left_out = []
     for k, (section, what, draw) in enumerate(wanted):

@@ -21,7 +21,7 @@ from pendubot_identification.recordings.bag_reader import BagWindow
 from pendubot_identification.recordings.datasets import load_datasets
 from pendubot_identification.recordings.joint_states import JOINT_NAMES
 from pendubot_identification.report.tables import headline, whole
-from pendubot_identification.results.result_file import read_parameters, result_data, result_text
+from pendubot_identification.results.result_file import read_parameters, result_of, result_text
 
 from .diagnostics import diagnostics_message, stamp_now
 from .ending import Ending
@@ -128,22 +128,22 @@ class Identifier(SettingsNode):
         # A name in a bag: in this node's namespace if it is relative, but not remapped.
         topic = self.resolve_topic_name(values['topic'], only_expand=True)
         data = load_datasets(bags, judges, topic=topic, joint_names=values['joint_names'])
-        result = identify(data.training, data.validation, settings, self._progress, data.notes)
-        plain = result_data(result, data.sources)
+        found = identify(data.training, data.validation, settings, self._progress, data.notes)
+        result = result_of(found, data.sources)
         unwritten = ''
         try:
             if output is not None:
-                write_whole(output, result_text(plain), overwrite=values['force'], force=FORCE)
+                write_whole(output, result_text(result), overwrite=values['force'], force=FORCE)
         except ResultError as error:
             unwritten = str(error)
         # Two lines, because rclpy keeps a severity for each line that logs.
         if result.level is Level.OK:
-            self.get_logger().info(f'identified\n{whole(plain)}')
+            self.get_logger().info(f'identified\n{whole(result)}')
         else:
-            self.get_logger().warning(f'identified\n{whole(plain)}')
+            self.get_logger().warning(f'identified\n{whole(result)}')
         # The judgement first, so that whoever hears the parameters can already know how good they are; and both last,
         # so that whoever hears them can already have them identified again.
-        self._publish(result.level, headline(plain), identification_values(plain))
+        self._publish(result.level, headline(result), identification_values(result))
         self._params.publish(parameters_message(result))
         if unwritten:
             # The parameters are none the worse for it, so their judgement stands.

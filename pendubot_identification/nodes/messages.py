@@ -10,18 +10,17 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 
 from pendubot_identification.errors import ControlError
-from pendubot_identification.identify.identification import Identification
-from pendubot_identification.model.parameters import NAMES
+from pendubot_identification.identify.result import Result, plain
 
 #: A subscriber that joins later still receives the last message.
 LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
-def parameters_message(result: Identification) -> Float64MultiArray:
+def parameters_message(result: Result) -> Float64MultiArray:
     """Return theta of the published model; ``layout.dim[0].label`` names its 7, 9, 10 or 14 entries, ``P1,P2,...``."""
-    theta = result.best.theta.tolist()
+    theta = [entry.value for entry in result.parameters.values()]
     message = Float64MultiArray(data=theta)
-    names = ','.join(NAMES[: len(theta)])
+    names = ','.join(result.parameters)
     message.layout.dim = [MultiArrayDimension(label=names, size=len(theta), stride=len(theta))]
     return message
 
@@ -43,14 +42,14 @@ def joint_sample(m: JointState, names: Sequence[str]) -> tuple[float, tuple[floa
     return m.header.stamp.sec + m.header.stamp.nanosec * 1e-9, q, effort
 
 
-def identification_values(data: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the entries of a result (see :func:`.results.result_file.result_data`) under flat names.
+def identification_values(result: Result) -> dict[str, Any]:
+    """Return the entries of a result under flat names.
 
     ``P1``, ``P1.std_error``, ``P1.unit``, ``J.training``, ``prediction.error``, ``criterion``, ``bags.0.bag``,
     ``warnings.0``, ``criteria.energy.P1`` ... Matrices, single runs and the models that were not chosen are left to the
     result file.
     """
-    values: dict[str, Any] = {}
+    data, values = plain(result), {}
     for name, entry in data['parameters'].items():
         values[name] = entry['value']
         values |= _flat(name, {key: value for key, value in entry.items() if key != 'value'})

@@ -3,32 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 from pendubot_identification.errors import TrajectoryError
 from pendubot_identification.identify.recipes import SHORTEST
+from pendubot_identification.identify.result import Source
 from pendubot_identification.trajectories.long import Long, Recording, gridded, sharing
 from pendubot_identification.trajectories.trajectory import MINIMUM_SAMPLES, Trajectory
 
 from .bag_reader import BagReader, BagWindow, RecordedTrajectory, read_recording
 from .joint_states import JOINT_NAMES, JOINT_STATES_TOPIC
-
-
-@dataclass(frozen=True, slots=True)
-class Source:
-    """What a result says of a bag it used."""
-
-    bag: str
-    role: str
-    samples: int
-    duration: float
-    sha256: str
-    closed: bool
-    topic: str = JOINT_STATES_TOPIC
-    joint_names: list[str] = field(default_factory=lambda: list(JOINT_NAMES))
-    #: When the stretches begin that stand for a long recording, of which not everything is looked at [s].
-    stretches: list[float] = field(default_factory=list)
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,10 +15,10 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from pendubot_identification.identify.evidence import Excitation, Residuals, Simulation
+from pendubot_identification.identify.result import Convergence, CriterionValue, Given, Result
 from pendubot_identification.trajectories.trajectory import Trajectory
 
 from .style import rendered, style
-from .tables import Result
 
 Array = NDArray[np.float64]
 
@@ -203,11 +203,11 @@ def draw_residuals(residuals: Residuals) -> Picture:
     )
 
 
-def draw_convergence(criterion: str, answer: Result) -> Picture:
+def draw_convergence(criterion: str, J: CriterionValue, convergence: Convergence) -> Picture:
     """Draw the best value of each run of MDE after each generation."""
-    generations = np.array(answer['convergence']['generations']) + 1.0
-    best = np.array(answer['convergence']['best'], dtype=float)
-    least = answer['J']['least_squares']
+    generations = np.array(convergence.generations) + 1.0
+    best = np.array(convergence.best, dtype=float)
+    least = J.least_squares
 
     def draw(figure: Figure) -> None:
         axis = figure.subplots()
@@ -239,13 +239,13 @@ def draw_convergence(criterion: str, answer: Result) -> Picture:
     )
 
 
-def draw_parameters(result: Result, reference: Mapping[str, Any] | None, reference_name: str) -> Picture:
+def draw_parameters(result: Result, reference: Result | Given | None, reference_name: str) -> Picture:
     """Draw every parameter with its 95 % interval: the published one, each criterion's, and a reference's."""
-    published = result['criterion']
-    rows = [(f'{published}, published', result['parameters'], COLOURS[1])]
-    rows += [(n, e['parameters'], COLOURS[0]) for n, e in result['criteria'].items() if n != published]
-    rows += [(reference_name, reference['parameters'], MEASURED)] if reference is not None else []
-    names = list(result['parameters'])
+    published = result.criterion
+    rows = [(f'{published}, published', result.parameters, COLOURS[1])]
+    rows += [(n, e.parameters, COLOURS[0]) for n, e in result.criteria.items() if n != published]
+    rows += [(reference_name, reference.parameters, MEASURED)] if reference is not None else []
+    names = list(result.parameters)
     lines = -(-len(names) // 2)
 
     def draw(figure: Figure) -> None:
@@ -255,11 +255,11 @@ def draw_parameters(result: Result, reference: Mapping[str, Any] | None, referen
                 entry = parameters.get(name)
                 if entry is None:
                     continue
-                low, high = entry.get('interval') or (None, None)
+                low, high = entry.interval
                 if low is not None and high is not None:
                     axis.plot([low, high], [k, k], color=colour, linewidth=2.5, alpha=0.5, solid_capstyle='butt')
-                axis.plot(entry['value'], k, 'o', color=colour, markersize=4)
-            axis.set_title(f'{name} [{result["parameters"][name]["unit"]}]')
+                axis.plot(entry.value, k, 'o', color=colour, markersize=4)
+            axis.set_title(f'{name} [{result.parameters[name].unit}]')
             axis.set_yticks(range(len(rows)), [label for label, _, _ in rows])
             axis.set_ylim(len(rows) - 0.5, -0.5)
             axis.xaxis.set_major_locator(MaxNLocator(3))
@@ -283,8 +283,8 @@ def draw_parameters(result: Result, reference: Mapping[str, Any] | None, referen
 
 def draw_correlation(result: Result) -> Picture | None:
     """Draw the correlation matrix of the published estimate; None where it has none."""
-    names = list(result['parameters'])
-    matrix = np.array(result['criteria'][result['criterion']]['correlation'], dtype=float)
+    names = list(result.parameters)
+    matrix = np.array(result.criteria[result.criterion].correlation, dtype=float)
     if not np.isfinite(matrix).any():
         return None
 

@@ -12,10 +12,11 @@ from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from typing import Any
 
+from pendubot_identification.identify.result import Given, Result, plain
 from pendubot_identification.model.parameters import SPECIFICATIONS
 
 from .figures import Picture
-from .tables import Result, consequences, decimals, doubt, fixed, scientific, verdict
+from .tables import consequences, decimals, doubt, fixed, scientific, verdict
 
 MEANINGS = {s.name: s.meaning for s in SPECIFICATIONS}
 UNITS = {'q1': 'angle of link 1', 'q2': 'angle of link 2', 'dq1': 'velocity of link 1', 'dq2': 'velocity of link 2'}
@@ -68,22 +69,22 @@ def result_page(
     result: Result,
     motion: Sequence[Picture],
     sections: Mapping[str, Sequence[Picture]],
-    reference: Result | None = None,
+    reference: Result | Given | None = None,
     reference_name: str = 'reference',
     notes: Sequence[str] = (),
 ) -> str:
     """Return the page of a result.
 
     Args:
-        result: plain data of a result file.
+        result: of an identification.
         motion: the figures of recorded and simulated motion, which come first.
         sections: all others under their heading, in order.
-        reference: plain data of another result, or of parameters alone, to stand beside it.
+        reference: another result, or parameters alone, to stand beside it.
         reference_name: what that is called.
         notes: what else its reader should know, such as why a figure is not there.
     """
     show = _Shown(result)
-    criterion, model, level = result['criterion'], result['model'], result['level']
+    criterion, model, level = result.criterion, result.model, result.level.name
     parts = [
         f'<h1>Parameters of a pendubot, by <em>{escape(criterion)}</em>, {escape(model)} model</h1>',
         _judgement(result),
@@ -94,7 +95,7 @@ def result_page(
         f'{CRITERIA.get(criterion, "")}.</p>',
         '<h2>Parameters</h2>',
         _parameters(result, show, reference, reference_name),
-        *(f'<p>{escape(sentence)}.</p>' for sentence in result.get('advice', ())),
+        *(f'<p>{escape(sentence)}.</p>' for sentence in result.advice),
         _section('Recorded and simulated motion', motion),
         '<h2>How well they foresee</h2>',
         _quality(result, show),
@@ -129,8 +130,8 @@ def failure_page(reason: str, asked: Sequence[str], pictures: Sequence[Picture] 
 class _Shown:
     """Numbers of a result as HTML, each with the entry that it is."""
 
-    def __init__(self, result: Result, of: str = '') -> None:
-        self._result, self._of = result, f' data-of="{of}"' if of else ''
+    def __init__(self, result: Result | Given, of: str = '') -> None:
+        self._result, self._of = plain(result), f' data-of="{of}"' if of else ''
 
     def entry(self, path: str) -> Any:
         """Return an entry, such as that of ``parameters.P1.interval.0``."""
@@ -168,11 +169,11 @@ def _page(title: str, parts: Iterable[str]) -> str:
 
 
 def _judgement(result: Result) -> str:
-    level, warnings = result['level'], list(result['warnings'])
+    level, warnings = result.level.name, result.warnings
     items = [escape(warning) for warning in warnings]
-    for name, entry in result['criteria'].items():
-        others = [warning for warning in entry['warnings'] if warning not in warnings]
-        items += [f'<em>{escape(name)}</em> alone, {entry["level"]}: {escape(warning)}' for warning in others]
+    for name, entry in result.criteria.items():
+        others = [warning for warning in entry.warnings if warning not in warnings]
+        items += [f'<em>{escape(name)}</em> alone, {entry.level.name}: {escape(warning)}' for warning in others]
     listed = _list(items)
     if not warnings:
         listed = '<p>No warnings of what is published.</p>' + listed
@@ -189,8 +190,8 @@ def _list(items: Iterable[str]) -> str:
     return f'<ul>{listed}</ul>' if listed else ''
 
 
-def _parameters(result: Result, show: _Shown, reference: Result | None, reference_name: str) -> str:
-    entries = result['parameters']
+def _parameters(result: Result, show: _Shown, reference: Result | Given | None, reference_name: str) -> str:
+    entries = result.parameters
     digits = decimals(entries.values())
     other = None if reference is None else _Shown(reference, 'reference')
     head = ['', 'estimate', '95 % interval', *([reference_name] if other else [])]
@@ -200,14 +201,14 @@ def _parameters(result: Result, show: _Shown, reference: Result | None, referenc
         beside = doubt(entry)
         interval = ' to '.join(show.fixed(f'{at}.interval.{k}', digits) for k in (0, 1))
         row = [
-            f'{name} [{entry["unit"]}]<small>{escape(MEANINGS[name])}</small>',
+            f'{name} [{entry.unit}]<small>{escape(MEANINGS[name])}</small>',
             show.fixed(f'{at}.value', digits) + (f'<small>{beside}</small>' if beside else ''),
             interval,
         ]
         if other is not None and reference is not None:
-            there = reference['parameters'].get(name)
+            there = reference.parameters.get(name)
             row.append('-' if there is None else other.fixed(f'{at}.value', digits))
-            if there is not None and (there.get('interval') or [None])[0] is not None:
+            if there is not None and there.interval[0] is not None:
                 low, high = (other.fixed(f'{at}.interval.{k}', digits) for k in (0, 1))
                 row[-1] += f'<small>{low} to {high}</small>'
         rows.append(row)
@@ -215,16 +216,16 @@ def _parameters(result: Result, show: _Shown, reference: Result | None, referenc
 
 
 def _quality(result: Result, show: _Shown) -> str:
-    names = list(result['criteria'])
-    head = ['', *(f'{name}<small>{"published" if name == result["criterion"] else ""}</small>' for name in names)]
+    names = list(result.criteria)
+    head = ['', *(f'{name}<small>{"published" if name == result.criterion else ""}</small>' for name in names)]
     rows = []
-    for k, _ in enumerate(result['prediction']['horizons']):
+    for k, _ in enumerate(result.prediction.horizons):
         at = [show.fixed(f'criteria.{name}.prediction.error.{k}', 3) for name in names]
         still = show.fixed(f'prediction.standing_still.{k}', 3)
         rows.append([f'error after {show.short(f"prediction.horizons.{k}")} s', *at, still])
     prediction = _table([*head, 'standing still'], rows)
     fits = [
-        [text, *(show.fixed(f'prediction.fit.{state}.{k}', 1) for k in range(len(result['prediction']['horizons'])))]
+        [text, *(show.fixed(f'prediction.fit.{state}.{k}', 1) for k in range(len(result.prediction.horizons)))]
         for state, text in UNITS.items()
     ]
     ahead = [f'{show.short(f"prediction.horizons.{k}")} s' for k in range(len(fits[0]) - 1)]
@@ -232,13 +233,13 @@ def _quality(result: Result, show: _Shown) -> str:
         [f'J {which}', *(show.scientific(f'criteria.{name}.J.{which}') for name in names)]
         for which in ('training', 'validation')
     ]
-    worth.append(['&nbsp; in', *(escape(result['criteria'][name]['J']['unit']) for name in names)])
+    worth.append(['&nbsp; in', *(escape(result.criteria[name].J.unit) for name in names)])
     worth.append(['condition number', *(show.short(f'criteria.{name}.condition_number') for name in names)])
-    worth.append(['level', *(escape(result['criteria'][name]['level']) for name in names)])
+    worth.append(['level', *(result.criteria[name].level.name for name in names)])
     return '\n'.join(
         [
             f'<p>Errors of simulated states in standard deviations of these states, '
-            f'{escape(result["prediction"]["method"])}. Good errors are far below those of a rig that is said to '
+            f'{escape(result.prediction.method)}. Good errors are far below those of a rig that is said to '
             'stand still, and below one.</p>',
             prediction,
             '<p>The published parameters, state by state: fit in per cent, where a hundred is perfect and nought is no '
@@ -254,50 +255,50 @@ def _quality(result: Result, show: _Shown) -> str:
 
 
 def _how(result: Result, show: _Shown) -> str:
-    effort, length = result['effort'], result['link_length']
+    effort, length = result.effort, result.link_length
     delay = f'{show.short("effort.delay")} s'
-    if effort['delay_std_error'] is not None:
+    if effort.delay_std_error is not None:
         delay += f' (standard error {show.short("effort.delay_std_error")} s)'
     parts = [
-        f'<p>The torque was taken as {HOLDS.get(effort["hold"], effort["hold"])}, and as acting later than it is '
+        f'<p>The torque was taken as {HOLDS.get(effort.hold, effort.hold)}, and as acting later than it is '
         f'stamped by {delay}. States were smoothed over {show("smoothing")} s.</p>',
-        f'<p>The intervals: {escape(result["criteria"][result["criterion"]]["uncertainty"])}.</p>',
+        f'<p>The intervals: {escape(result.criteria[result.criterion].uncertainty)}.</p>',
     ]
-    if length['value'] is not None:
-        expected = '' if length['expected'] is None else f'; {show("link_length.expected")} m was expected'
+    if length.value is not None:
+        expected = '' if length.expected is None else f'; {show("link_length.expected")} m was expected'
         parts.append(
             "<p>The elbow's own equation has no torque in it and gives the length of link 1 as "
             f'{show.short("link_length.value")} m, standard error {show.short("link_length.std_error")} m{expected}. A '
             'length that is not the one of a ruler means wrong signs, zeros or stamps.</p>'
         )
-    if result.get('zeros'):
+    if result.zeros:
         rows = [
-            [escape(zero['recording']), *(_angle(show, f'zeros.{k}.{joint}') for joint in ('q1', 'q2'))]
-            for k, zero in enumerate(result['zeros'])
+            [escape(zero.recording), *(_angle(show, f'zeros.{k}.{joint}') for joint in ('q1', 'q2'))]
+            for k, zero in enumerate(result.zeros)
         ]
         parts += [
             '<p>So far off are the zeros of each recording, in degrees, what was read less what is true: friction may '
             'hold the links where they do not hang straight when the encoders are set to zero.</p>',
             _table(['recording', 'q1', 'q2'], rows),
         ]
-    for name, entry in result['criteria'].items():
-        said = ''.join(f'<li>{escape(step)}</li>' for step in entry['steps'])
-        parts.append(f'<h3>{escape(name)}: {CRITERIA.get(name, "")}</h3><ul>{said}</ul>')
-    compared = result['models']['compared']
+    for name, entry in result.criteria.items():
+        said = _list(map(escape, entry.steps))
+        parts.append(f'<h3>{escape(name)}: {CRITERIA.get(name, "")}</h3>{said}')
+    compared = result.models.compared
     if compared:
         rows = [
             [
-                escape(score['model']),
+                escape(score.model),
                 show(f'models.compared.{k}.parameters'),
-                ' '.join(show.fixed(f'models.compared.{k}.error.{h}', 4) for h in range(len(score['error']))),
+                ' '.join(show.fixed(f'models.compared.{k}.error.{h}', 4) for h in range(len(score.error))),
             ]
             for k, score in enumerate(compared)
         ]
-        ahead = ', '.join(show.short(f'prediction.horizons.{h}') for h in range(len(compared[0]['error'])))
+        ahead = ', '.join(show.short(f'prediction.horizons.{h}') for h in range(len(compared[0].error)))
         parts += [
             '<h3>The choice of the model</h3>',
             _table(['model', 'parameters', f'errors after {ahead} s'], rows),
-            f'<p>By {escape(result["models"]["by"])}. The smallest model that foresees about as well as any is taken.'
+            f'<p>By {escape(result.models.by or "")}. The smallest model that foresees about as well as any is taken.'
             '</p>',
         ]
     return '\n'.join(parts)
@@ -368,4 +369,4 @@ def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 
 def _validated(result: Result) -> bool:
-    return any(source['role'] == 'validation' for source in result['bags'])
+    return any(source.role == 'validation' for source in result.bags)

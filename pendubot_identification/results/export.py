@@ -3,68 +3,66 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
-from typing import Any
+from collections.abc import Callable
 
 import yaml
 
+from pendubot_identification.identify.result import Given, Parameter, Result, plain
 from pendubot_identification.model.parameters import MODELS, NAMES, SPECIFICATIONS
 
-Result = Mapping[str, Any]
+Exported = Result | Given
 
 MEANINGS = {s.name: (s.unit, s.meaning) for s in SPECIFICATIONS}
 
 
-def provenance(result: Result) -> list[str]:
+def provenance(result: Exported) -> list[str]:
     """Return, line by line, where the numbers come from and how far to trust them; never an empty list."""
-    made, bags = result.get('made_by') or {}, result.get('bags') or []
-    criterion, model = result.get('criterion') or 'not known', result.get('model') or 'not known'
+    criterion, model = result.criterion or 'not known', result.model or 'not known'
     lines = [
         'Parameters of a pendubot, SI units; q1 is measured from the horizontal, q2 relative to link 1',
-        f'made by pendubot_identification {made.get("version", "of an unknown version")}; criterion {criterion}, '
-        f'model {model}',
-        *(f'{bag["role"]}: {bag["bag"]}, sha256 {bag["sha256"]}' for bag in bags),
-        f'level: {result.get("level") or "not known"}',
-        *(f'warning: {warning}' for warning in result.get('warnings') or []),
-        *(f'{name} is not covered by the level: {why}' for name, why in (result.get('not_covered') or {}).items()),
+        f'made by pendubot_identification {result.made_by.version}; criterion {criterion}, model {model}',
+        *(f'{bag.role}: {bag.bag}, sha256 {bag.sha256}' for bag in result.bags),
+        f'level: {"not known" if result.level is None else result.level.name}',
+        *(f'warning: {warning}' for warning in result.warnings),
+        *(f'{name} is not covered by the level: {why}' for name, why in (result.not_covered or {}).items()),
     ]
     return [' '.join(str(line).split()) for line in lines]
 
 
-def as_yaml(result: Result) -> str:
+def as_yaml(result: Exported) -> str:
     """Return parameters for ``--params-file`` of any node: P1, P2, ... under ``/**``."""
     comments = ''.join(f'# {line}\n' for line in [*provenance(result), *_meanings(result)])
-    values = {name: float(entry['value']) for name, entry in _vector(result).items()}
+    values = {name: entry.value for name, entry in _vector(result).items()}
     return comments + yaml.safe_dump({'/**': {'ros__parameters': values}}, sort_keys=False)
 
 
-def as_json(result: Result) -> str:
+def as_json(result: Exported) -> str:
     """Return the whole result."""
-    return json.dumps(dict(result), indent=2) + '\n'
+    return json.dumps(plain(result), indent=2) + '\n'
 
 
-def as_matlab(result: Result) -> str:
+def as_matlab(result: Exported) -> str:
     """Return a script that makes a struct ``pendubot``: parameters by name, ``theta``, ``names``, ``std_error``."""
     parameters = _vector(result)
     lines = [f'% {line}' for line in provenance(result)]
-    lines += [f'pendubot.{name} = {_number(e["value"])};  % {_told(name, e)}' for name, e in parameters.items()]
-    errors = (_number(entry.get('std_error')) for entry in parameters.values())
+    lines += [f'pendubot.{name} = {_number(e.value)};  % {_told(name, e)}' for name, e in parameters.items()]
+    errors = (_number(entry.std_error) for entry in parameters.values())
     lines += [
-        f'pendubot.theta = [{" ".join(_number(entry["value"]) for entry in parameters.values())}];',
+        f'pendubot.theta = [{" ".join(_number(entry.value) for entry in parameters.values())}];',
         f'pendubot.std_error = [{" ".join(errors)}];',
         f'pendubot.names = {{{", ".join(repr(name) for name in parameters)}}};',
     ]
     return '\n'.join(lines) + '\n'
 
 
-def as_c(result: Result) -> str:
+def as_c(result: Exported) -> str:
     """Return a header of macros: ``PENDUBOT_P1`` ..., ``PENDUBOT_THETA``, an initialiser, ``PENDUBOT_COUNT``."""
     parameters = _vector(result)
     named = [f'PENDUBOT_{name}' for name in parameters]
     lines = ['/*', *(f' * {_uncommented(line)}' for line in provenance(result)), ' */']
     lines += ['#ifndef PENDUBOT_PARAMETERS_H', '#define PENDUBOT_PARAMETERS_H', '']
     for macro, (name, entry) in zip(named, parameters.items(), strict=True):
-        lines.append(f'#define {macro} ({_number(entry["value"])})  /* {_told(name, entry)} */')
+        lines.append(f'#define {macro} ({_number(entry.value)})  /* {_told(name, entry)} */')
     lines += [
         '',
         f'#define PENDUBOT_COUNT {len(named)}',
@@ -75,26 +73,26 @@ def as_c(result: Result) -> str:
     return '\n'.join(lines) + '\n'
 
 
-FORMATS: dict[str, Callable[[Result], str]] = {'yaml': as_yaml, 'json': as_json, 'matlab': as_matlab, 'c': as_c}
+FORMATS: dict[str, Callable[[Exported], str]] = {'yaml': as_yaml, 'json': as_json, 'matlab': as_matlab, 'c': as_c}
 SUFFIXES = {'.yaml': 'yaml', '.yml': 'yaml', '.json': 'json', '.m': 'matlab', '.h': 'c'}
 
 
-def _vector(result: Result) -> dict[str, Mapping[str, Any]]:
+def _vector(result: Exported) -> dict[str, Parameter]:
     """Return the entries in the order of theta; 0 for those that a hand left out, as far as the model goes."""
-    given = result['parameters']
+    given = result.parameters
     last = max(NAMES.index(name) for name in given)
     size = min(size for size in MODELS.values() if size > last)
-    return {name: given.get(name, {'value': 0.0}) for name in NAMES[:size]}
+    return {name: given.get(name, Parameter(value=0.0)) for name in NAMES[:size]}
 
 
-def _meanings(result: Result) -> list[str]:
+def _meanings(result: Exported) -> list[str]:
     return [f'{name}: {_told(name, entry)}' for name, entry in _vector(result).items()]
 
 
-def _told(name: str, entry: Mapping[str, Any]) -> str:
+def _told(name: str, entry: Parameter) -> str:
     """Return unit, meaning, and how certain."""
     unit, meaning = MEANINGS[name]
-    error = entry.get('std_error')
+    error = entry.std_error
     return f'{unit}; {meaning}' + ('' if error is None else f'; standard error {error:.2g}')
 
 

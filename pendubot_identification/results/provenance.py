@@ -2,29 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from pendubot_identification.errors import BagError
 from pendubot_identification.identify.evidence import Answer
+from pendubot_identification.identify.result import Result
 from pendubot_identification.identify.settings import Settings
 from pendubot_identification.model.parameters import NAMES, Bounds, Parameters
 from pendubot_identification.recordings.bag_reader import BagWindow, read_recording
-from pendubot_identification.recordings.joint_states import JOINT_NAMES, JOINT_STATES_TOPIC
 from pendubot_identification.trajectories.long import Long
 from pendubot_identification.trajectories.trajectory import Trajectory
 
 
-def recordings(
-    result: Mapping[str, Any], folder: Path | None = None
-) -> tuple[tuple[Trajectory, ...], tuple[Trajectory, ...]]:
+def recordings(result: Result, folder: Path | None = None) -> tuple[tuple[Trajectory, ...], tuple[Trajectory, ...]]:
     """Read the bags of a result again, divided as they were.
 
     Args:
-        result: what :func:`.result_file.read_result` returned.
+        result: of an identification.
         folder: where the bags lie now, by their own names; None: where they lay.
 
     Returns:
@@ -35,8 +31,8 @@ def recordings(
         TrajectoryError: what is read makes no motion.
     """
     found: dict[str, list[Trajectory]] = {'training': [], 'validation': []}
-    for source in result['bags']:
-        window = BagWindow.parse(source['bag'])
+    for source in result.bags:
+        window = BagWindow.parse(source.bag)
         if folder is not None:
             window = BagWindow(folder / window.path.name, window.start, window.end)
         if not window.path.exists():
@@ -46,59 +42,59 @@ def recordings(
             )
         recorded = read_recording(
             window,
-            topic=source.get('topic', JOINT_STATES_TOPIC),
-            joint_names=source.get('joint_names', JOINT_NAMES),
+            topic=source.topic,
+            joint_names=source.joint_names,
         )
-        if recorded.sha256 != source['sha256']:
+        if recorded.sha256 != source.sha256:
             raise BagError(
                 f'{window.path} is not the bag of which this result was made: its SHA-256 begins with '
-                f'{recorded.sha256[:12]}, {source["sha256"][:12]} is expected; --bags FOLDER names where that one lies'
+                f'{recorded.sha256[:12]}, {source.sha256[:12]} is expected; --bags FOLDER names where that one lies'
             )
         # One bag without a window was halved: the first samples estimate, the last ones validate.
-        samples = source['samples']
+        samples = source.samples
         motion = recorded.trajectory
         if isinstance(motion, Long):
-            taken = source['stretches']
-            found[source['role']] += [s for s in motion.stretches if round(float(s.t[0]), 3) in taken]
+            taken = source.stretches
+            found[source.role] += [s for s in motion.stretches if round(float(s.t[0]), 3) in taken]
             continue
-        part = slice(samples) if source['role'] == 'training' else slice(len(motion) - samples, None)
-        found[source['role']].append(motion[part])
+        part = slice(samples) if source.role == 'training' else slice(len(motion) - samples, None)
+        found[source.role].append(motion[part])
     return tuple(found['training']), tuple(found['validation'])
 
 
-def settings(result: Mapping[str, Any]) -> Settings:
+def settings(result: Result) -> Settings:
     """Return with what settings a result was made, but for those of MDE and where a search started."""
-    made = result['made_by']
-    lower, upper = np.array(made['lower_bounds']), np.array(made['upper_bounds'])
+    made = result.made_by
+    lower, upper = np.array(made.lower_bounds), np.array(made.upper_bounds)
     return Settings(
-        criteria=tuple(made['criteria']),
-        model=made['model'],
-        optimizer=made['optimizer'],
-        sliding=made['sliding_window'],
-        smoothing=made['smoothing'],
-        hold=made['hold'],
-        delays=tuple(made['delays']),
-        link_length=made['link_length'],
-        seed=made['seed'],
+        criteria=tuple(made.criteria),
+        model=made.model,
+        optimizer=made.optimizer,
+        sliding=made.sliding_window,
+        smoothing=made.smoothing,
+        hold=made.hold,
+        delays=made.delays,
+        link_length=made.link_length,
+        seed=made.seed,
         bounds=Bounds(lower, upper, NAMES[: len(lower)]),
     )
 
 
-def hold(result: Mapping[str, Any]) -> str:
+def hold(result: Result) -> str:
     """Return how a result took the torque between its samples; ``energy`` alone never asks."""
-    holds = [entry['effort']['hold'] for name, entry in result['criteria'].items() if name != 'energy']
-    asked: str = result['made_by']['hold']
+    holds = [entry.effort.hold for name, entry in result.criteria.items() if name != 'energy']
+    asked = result.made_by.hold
     return asked if asked != 'auto' else (holds or ['zero'])[0]
 
 
-def answers(result: Mapping[str, Any]) -> dict[str, Answer]:
+def answers(result: Result) -> dict[str, Answer]:
     """Return every criterion's answer."""
     return {
         name: Answer(
             name,
-            result['model'],
-            Parameters(**{n: value['value'] for n, value in entry['parameters'].items()}).vector(result['model']),
-            entry['effort']['delay'],
+            result.model,
+            Parameters(**{n: value.value for n, value in entry.parameters.items()}).vector(result.model),
+            entry.effort.delay,
         )
-        for name, entry in result['criteria'].items()
+        for name, entry in result.criteria.items()
     }

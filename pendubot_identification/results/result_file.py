@@ -1,12 +1,11 @@
-"""The result of an identification as a YAML file, and as the plain data that ``--json`` prints."""
+"""The result of an identification as a YAML file."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import astuple, fields, is_dataclass
-from enum import Enum
-from numbers import Integral, Real
+from contextlib import suppress
+from dataclasses import astuple, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +16,7 @@ from numpy.typing import NDArray
 from pendubot_identification import __version__
 from pendubot_identification.errors import ResultError
 from pendubot_identification.files import write_whole
+from pendubot_identification.identify.result import SCHEMA, Given, Result, Source, plain, structured
 from pendubot_identification.model.parameters import MODELS, NAMES, UNITS, Parameters
 
 if TYPE_CHECKING:
@@ -24,26 +24,19 @@ if TYPE_CHECKING:
     from pendubot_identification.identify.estimate import Estimate
     from pendubot_identification.identify.identification import Identification
     from pendubot_identification.identify.settings import Settings
-    from pendubot_identification.recordings.datasets import Source
 
 Array = NDArray[np.float64]
 
-SCHEMA = 1
 #: Generations of which a result file tells the best values.
 SHOWN_GENERATIONS = 30
-#: What every identification says of itself.
-WHOLE = ('parameters', 'level', 'criterion', 'model', 'prediction', 'criteria', 'made_by', 'bags')
 REQUIRED = NAMES[: MODELS['viscous']]
 
 
-def result_data(result: Identification, sources: Sequence[Source]) -> dict[str, Any]:
-    """Return a result as plain data, see :func:`plain`.
-
-    The published parameters come first: who looks for a name takes the first that stands there.
-    """
+def result_of(result: Identification, sources: Sequence[Source]) -> Result:
+    """Return what an identification found, made of these bags, by way of what its file holds."""
     best, settings = result.best, result.settings
     length, error = result.link_length
-    return plain(
+    data = plain(
         {
             'schema': SCHEMA,
             'parameters': _parameters(best),
@@ -126,36 +119,7 @@ def result_data(result: Identification, sources: Sequence[Source]) -> dict[str, 
             'bags': sources,
         }
     )
-
-
-def plain(value: Any) -> Any:
-    """Return a value as what YAML and JSON can hold: None, bool, int, float, str, list and dict, and nothing derived.
-
-    Numbers and arrays of numpy become Python's, an enumeration its name, an object of a dataclass a dictionary; a
-    number that is not finite becomes None.
-
-    Raises:
-        TypeError: something else is in it.
-    """
-    if value is None or isinstance(value, (bool, np.bool_)):
-        return None if value is None else bool(value)
-    if isinstance(value, Enum):
-        return value.name
-    if isinstance(value, Integral):
-        return int(value)
-    if isinstance(value, Real):
-        return float(value) if math.isfinite(value) else None
-    if isinstance(value, (str, Path)):
-        return str(value)
-    if isinstance(value, np.ndarray):
-        return plain(value.tolist())
-    if is_dataclass(value) and not isinstance(value, type):
-        return {field.name: plain(getattr(value, field.name)) for field in fields(value)}
-    if isinstance(value, Mapping):
-        return {plain(key): plain(entry) for key, entry in value.items()}
-    if isinstance(value, Sequence) and not isinstance(value, (bytes, bytearray)):
-        return [plain(entry) for entry in value]
-    raise TypeError(f'a result cannot hold {value!r}')
+    return structured(Result, data, 'this identification')
 
 
 def _parameters(e: Estimate) -> dict[str, dict[str, Any]]:
@@ -248,26 +212,25 @@ def _convergence(e: Estimate) -> dict[str, Any] | None:
     return {'generations': generations, 'best': history[generations].T}
 
 
-def write_result(path: Path, data: Mapping[str, Any], *, overwrite: bool = False) -> None:
+def write_result(path: Path, result: Result, *, overwrite: bool = False) -> None:
     """Write a result, whole or not at all.
 
     Raises:
         ResultError: the file exists already, or the system refuses to write it.
     """
-    write_whole(path, result_text(data), overwrite=overwrite)
+    write_whole(path, result_text(result), overwrite=overwrite)
 
 
-def result_text(data: Mapping[str, Any]) -> str:
+def result_text(result: Result) -> str:
     """Return a result as YAML, the way it stands in its file."""
-    return yaml.dump(dict(data), Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=100)
+    return yaml.dump(plain(result), Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=100)
 
 
-def read_result(path: Path) -> dict[str, Any]:
-    """Return what a result file holds, with the parameters in the order of theta and their numbers as floats.
+def _read(path: Path) -> dict[str, Any]:
+    """Return what a result file holds, as it stands there.
 
     Raises:
-        ResultError: there is no such file, it is no result of this schema, or something stands for a number that is
-            none.
+        ResultError: there is no such file, or it is no result of this schema.
     """
     try:
         data = yaml.safe_load(path.read_text(encoding='utf-8'))
@@ -279,107 +242,67 @@ def read_result(path: Path) -> dict[str, Any]:
         raise ResultError(f'{path} is no YAML file; name a file that pendubot identify wrote') from error
     if not isinstance(data, dict) or data.get('schema') != SCHEMA:
         raise ResultError(f'{path} is no result of schema {SCHEMA}; name a file that pendubot identify wrote')
-    if isinstance(entries := data.get('parameters'), dict):
-        data['parameters'] = {name: entries[name] for name in NAMES if name in entries} | entries
-        for name, entry in entries.items():
-            if isinstance(entry, dict):
-                entry |= _numbers_of(entry, f'{path}: {name}')
     return data
 
 
-def _numbers_of(entry: Mapping[str, Any], where: str) -> dict[str, Any]:
-    """Return a parameter's numbers as floats: a hand writes 4e-4, which YAML takes for a word.
+def read_result(path: Path) -> Result | Given:
+    """Return what a result file says: all of it, or what is taken of one that a hand wrote.
 
     Raises:
-        ResultError: one is no number.
+        ResultError: there is no such file, it is no result of this schema, or its parameters are no numbers by name.
     """
-    numbers = {key: entry[key] for key in ('value', 'std_error', 'interval') if entry.get(key) is not None}
-    for key, found in numbers.items():
-        try:
-            if key == 'interval':
-                low, high = found
-                numbers[key] = [None if bound is None else _number(float(bound)) for bound in (low, high)]
-            else:
-                numbers[key] = _number(float(found))
-        except (TypeError, ValueError, OverflowError):
-            expected = 'two numbers are' if key == 'interval' else 'a number is'
-            raise ResultError(f'{where} has the {key} {found!r}; {expected} expected in its place') from None
-    return numbers
+    given = _given(data := _read(path), path)
+    with suppress(ResultError):
+        return _whole(data, given, path)
+    return given
 
 
-def read_whole_result(path: Path) -> dict[str, Any]:
-    """Return what a result file holds that an identification wrote, not a hand.
+def read_whole_result(path: Path) -> Result:
+    """Return a result that an identification wrote, not a hand.
 
     Raises:
-        ResultError: there is no such file, or it is no result of this schema, or holds parameters alone, or these are
-            no numbers by name.
+        ResultError: there is no such file, or it is no result of this schema, or not all of it.
     """
-    data = read_result(path)
-    missing = [key for key in WHOLE if not data.get(key)]
-    if missing:
-        raise ResultError(
-            f'{path} does not say {", ".join(missing)}; name a file that pendubot identify wrote, as it wrote it'
-        )
-    parameters_of(data, path)
-    return data
+    data = _read(path)
+    return _whole(data, _given(data, path), path)
 
 
 def read_parameters(path: Path) -> Parameters:
     """Return the parameters of a result file.
 
     Raises:
-        ResultError: there is no such file, it is no result of this schema, or its parameters are no numbers by name.
+        ResultError: as :func:`read_result`.
     """
-    return parameters_of(read_result(path), path)
+    return read_result(path).theta
 
 
 def read_estimate(path: Path) -> tuple[Parameters, Array | None]:
     """Return the parameters of a result file, and their standard errors, shape (D,), where it has them all.
 
     Raises:
-        ResultError: as :func:`read_parameters`.
+        ResultError: as :func:`read_result`.
     """
-    data = read_result(path)
-    parameters = parameters_of(data, path)
-    entries = [data['parameters'].get(name, {}) for name in NAMES[: len(parameters.vector())]]
-    errors = [_value(entry, 'std_error') for entry in entries]
-    return parameters, None if None in errors else np.array(errors, dtype=float)
+    given = read_result(path)
+    names = NAMES[: len(given.theta.vector())]
+    errors = [given.parameters[name].std_error if name in given.parameters else None for name in names]
+    return given.theta, None if None in errors else np.array(errors, dtype=float)
 
 
-def parameters_of(data: Mapping[str, Any], path: Path) -> Parameters:
-    """Return the parameters in the data of a result file.
+def _whole(data: Mapping[str, Any], given: Given, path: Path) -> Result:
+    return replace(structured(Result, data, path), parameters=given.parameters)
 
-    Raises:
-        ResultError: its parameters are no numbers by name.
-    """
+
+def _given(data: Mapping[str, Any], path: Path) -> Given:
     entries = data.get('parameters')
     entries = entries if isinstance(entries, dict) else {}
-    values = {str(name): value for name, entry in entries.items() if (value := _value(entry)) is not None}
-    named = dict.fromkeys([*REQUIRED, *entries])
-    wrong = [str(name) for name in named if name not in NAMES or name not in values]
+    wrong = [str(name) for name in dict.fromkeys([*REQUIRED, *entries]) if name not in NAMES or name not in entries]
     if wrong:
         raise ResultError(
             f'{path} has no parameter vector: look at {", ".join(wrong)}; a number each is expected for '
             f'{", ".join(REQUIRED)} and, where they are not 0, for {", ".join(NAMES[len(REQUIRED) :])}'
         )
-    return Parameters(**values)
-
-
-def unphysical(data: Mapping[str, Any], path: Path) -> list[str]:
-    """Return why no rig can have the parameters of a result file, in the words of an identification's warnings.
-
-    Raises:
-        ResultError: its parameters are no numbers by name.
-    """
-    return [f'not physical: {problem}' for problem in parameters_of(data, path).unphysical()]
-
-
-def _value(entry: Any, key: str = 'value') -> float | None:
-    """Return the number in an entry ``{value: number, ...}``; None where there is none."""
-    try:
-        return _number(float(entry[key]))
-    except (KeyError, TypeError, ValueError):
-        return None
+    ordered = {name: entries[name] for name in NAMES if name in entries}
+    return structured(Given, {**data, 'parameters': ordered}, path)
 
 
 class _Dumper(yaml.SafeDumper):

@@ -76,7 +76,8 @@ def test_numbers_that_a_hand_wrote_are_numbers(tmp_path, capsys):
     (tmp_path / 'hand.yaml').write_text(f'schema: 1\nparameters: {{{entries}, P3: {{value: 0}}}}\n')
     assert main(['export', str(tmp_path / 'hand.yaml'), '--format', 'json']) == 0
     parameters = json.loads(capsys.readouterr().out)['parameters']
-    assert [parameters[name] for name in names] == [{'value': 4e-4}] * 6
+    assert [parameters[name]['value'] for name in names] == [4e-4] * 6
+    assert parameters['P1']['determined'] is None, 'nobody said so'
 
 
 @pytest.mark.parametrize(

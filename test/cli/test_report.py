@@ -221,7 +221,7 @@ def test_a_folder_that_cannot_be_written_is_refused_before_anything_is_computed(
         (': : :', 'is no YAML file'),
         (
             'schema: 1\nparameters: {P1: {value: 1}}\n',
-            'does not say level, criterion, model, prediction, criteria, made_by, bags; name a file that pendubot',
+            'has no parameter vector: look at P2, P3, P4, P5, b1, b2; a number each is expected',
         ),
     ],
 )

@@ -25,7 +25,7 @@ from pendubot_identification.recordings.joint_states import (
     write_trajectory,
 )
 from pendubot_identification.results.provenance import recordings
-from pendubot_identification.results.result_file import result_data
+from pendubot_identification.results.result_file import result_of
 from pendubot_identification.trajectories import long
 from pendubot_identification.trajectories.long import STRETCH, STRETCHES, Long
 from pendubot_identification.trajectories.trajectory import Trajectory
@@ -98,7 +98,7 @@ def test_what_is_quadratic_is_that_of_all_of_it(bag, monkeypatch):
         np.testing.assert_allclose(other.J_validation, one.J_validation, rtol=0.1)
         assert other.residuals == pytest.approx(one.residuals, abs=3)
         assert 'from all of' in other.steps[0]
-    motions = recordings(result_data(again, data.sources))
+    motions = recordings(result_of(again, data.sources))
     assert [len(part) for part in motions] == [STRETCHES, STRETCHES]
     for part, recorded in zip(motions, (data.training, data.validation), strict=True):
         assert [m.name for m in part] == [m.name for m in recorded[0].stretches]
@@ -108,7 +108,7 @@ def test_several_long_recordings_share_the_stretches(bag, soon):
     data = load_datasets([f'{bag}@0:100', f'{bag}@140:240'], [f'{bag}@0:95'])
     assert [len(recorded.stretches) for recorded in (*data.training, *data.validation)] == [6, 6, 11]
     found = identify(data.training, data.validation, SETTINGS)
-    motions = recordings(result_data(found, data.sources))
+    motions = recordings(result_of(found, data.sources))
     assert [len(part) for part in motions] == [12, 11]
 
 

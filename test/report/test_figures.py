@@ -10,9 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pendubot_identification.identify.evidence import Excitation, Residuals, Simulation
+from pendubot_identification.identify.result import Given, Parameter
 from pendubot_identification.report import figures
 from pendubot_identification.trajectories.trajectory import Trajectory
-from test.identified import plain
+from test.identified import made, plain, result
 
 
 def motion(samples=300, interval=0.01, name='swing', start=0.0):
@@ -44,14 +45,14 @@ def pictures():
 
 
 def every_picture():
-    result = plain(optimizer='mde', criteria=('energy',))
+    found = made(optimizer='mde', criteria=('energy',))
     yield figures.draw_recordings([motion()], [motion(start=3.0)])
     yield figures.draw_simulation(simulation(), validation=True)
     yield figures.draw_residuals(left())
-    yield figures.draw_convergence('energy', result['criteria']['energy'])
-    yield figures.draw_parameters(result, plain(), 'reference')
-    yield figures.draw_correlation(result)
-    yield figures.draw_excitation(list(result['parameters']), Excitation(np.ones((7, 3)), np.ones((7, 3)), np.ones(3)))
+    yield figures.draw_convergence('energy', (energy := found.criteria['energy']).J, energy.convergence)
+    yield figures.draw_parameters(found, made(), 'reference')
+    yield figures.draw_correlation(found)
+    yield figures.draw_excitation(list(found.parameters), Excitation(np.ones((7, 3)), np.ones((7, 3)), np.ones(3)))
 
 
 def test_the_same_arrays_give_the_same_bytes(pictures):
@@ -120,11 +121,11 @@ def test_simulations_that_are_lost_are_drawn_as_far_as_they_go():
 
 
 def test_parameters_of_a_hand_written_reference_and_of_a_larger_model():
-    by_hand = {'schema': 1, 'parameters': {'P1': {'value': 0.0022}, 'Fc1': {'value': 0.1}}}
-    assert '; black: reference.' in figures.draw_parameters(plain(), by_hand, 'reference').shows
+    by_hand = Given(parameters={'P1': Parameter(value=0.0022), 'Fc1': Parameter(value=0.1)})
+    assert '; black: reference.' in figures.draw_parameters(made(), by_hand, 'reference').shows
 
 
 def test_no_correlations_where_everything_lies_on_a_bound():
-    result = plain()
-    result['criteria'][result['criterion']]['correlation'] = [[None] * 7] * 7
-    assert figures.draw_correlation(result) is None
+    data = plain()
+    data['criteria'][data['criterion']]['correlation'] = [[None] * 7] * 7
+    assert figures.draw_correlation(result(data)) is None

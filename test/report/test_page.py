@@ -8,9 +8,10 @@ from html.parser import HTMLParser
 import pytest
 
 from pendubot_identification.errors import TrajectoryError
+from pendubot_identification.identify.result import Given, Parameter
 from pendubot_identification.report.figures import draw_correlation
 from pendubot_identification.report.page import failure_page, result_page
-from test.identified import plain
+from test.identified import plain, result
 
 VOID = {'meta', 'link', 'img'}
 
@@ -67,17 +68,17 @@ def unit_of_last_digit(text):
     'options', [{}, {'optimizer': 'mde', 'criteria': ('energy',)}, {'criteria': ('energy',), 'validate': False}]
 )
 def test_every_number_is_the_one_of_the_result_file(options):
-    result, reference = plain(**options), plain(('weak',))
-    page = Page(result_page(result, [], {}, reference))
+    data, reference = plain(**options), plain(('weak',))
+    page = Page(result_page(result(data), [], {}, result(reference)))
     assert len(page.data) > 70
     for attributes, shown in page.data:
-        source = reference if attributes.get('data-of') == 'reference' else result
+        source = reference if attributes.get('data-of') == 'reference' else data
         value = entry(source, attributes['data-entry'])
         assert attributes['value'] == repr(value)
         assert math.isclose(float(shown), value, rel_tol=1e-12, abs_tol=0.51 * unit_of_last_digit(shown)), shown
     # And no number stands anywhere else, but in what the file says in words and in names and prose.
     text = ' '.join(page.text)
-    for known in sorted(sentences(result), key=len, reverse=True):
+    for known in sorted(sentences(data), key=len, reverse=True):
         text = text.replace(known, ' ')
     text = re.sub(r'95 % interval|link [12]|\b[A-Za-z]+[0-9](\^2)?|\^2', ' ', text)
     assert re.findall(r'\d+', text) == []
@@ -92,55 +93,60 @@ def test_zeros_that_are_off_and_advice_are_shown():
         'q2_std_error': None,
         'unit': 'degree',
     }
-    text = result_page(plain() | {'zeros': [zeros], 'advice': ['move the elbow']}, [], {})
+    text = result_page(result(plain() | {'zeros': [zeros], 'advice': ['move the elbow']}), [], {})
     shown = {attributes['data-entry']: number for attributes, number in Page(text).data}
     assert (shown['zeros.0.q1'], shown['zeros.0.q1_std_error']) == ('-3.3', '0.2')
     assert 'zeros.0.q2' not in shown
     assert 'move the elbow' in text
 
 
+def test_nothing_is_said_of_motors_that_may_not_be_there():
+    """A recording may have torques at both joints, and then shows them."""
+    assert 'motor' not in ' '.join(Page(result_page(result(plain()), [], {})).text)
+
+
 def test_all_that_the_file_says_of_its_making_is_at_the_foot():
-    result = plain()
-    page = Page(result_page(result, [], {}))
+    data = plain()
+    page = Page(result_page(result(data), [], {}))
     shown = {attributes['data-entry'] for attributes, _ in page.data}
     text = ' '.join(page.text)
-    for name, value in result['made_by'].items():
+    for name, value in data['made_by'].items():
         assert name.replace('_', ' ') in text
         if isinstance(value, (int, float)) and not isinstance(value, bool):
             assert f'made_by.{name}' in shown
     assert {f'made_by.upper_bounds.{k}' for k in range(14)} <= shown
-    for k, bag in enumerate(result['bags']):
+    for k, bag in enumerate(data['bags']):
         assert bag['sha256'] in text
         assert bag['bag'] in text
         assert f'bags.{k}.samples' in shown
 
 
 def test_nothing_comes_from_elsewhere_and_nothing_runs():
-    result = plain()
-    page = Page(result_page(result, [draw_correlation(result)], {}))
+    made = result(plain())
+    page = Page(result_page(made, [draw_correlation(made)], {}))
     assert len(page.links) == 2, 'the figure, and an icon that is none'
     assert all(link.startswith('data:') for link in page.links)
     assert not page.tags & {'script', 'iframe', 'object', 'form'}
-    source = result_page(result, [], {})
+    source = result_page(made, [], {})
     assert '@import' not in source
     assert 'url(' not in source
 
 
 def test_warnings_stand_at_the_top_in_words():
-    result = plain()
-    result |= {'level': 'ERROR', 'warnings': ['not physical: P1 < 0', 'cut & dried']}
-    text = result_page(result, [], {})
+    data = plain()
+    data |= {'level': 'ERROR', 'warnings': ['not physical: P1 < 0', 'cut & dried']}
+    text = result_page(result(data), [], {})
     assert text.index('not physical: P1 &lt; 0') < text.index('<h2>')
     assert text.index('cut &amp; dried') < text.index('<h2>')
     assert 'do not use these parameters in a controller' in text
-    others = [w for e in result['criteria'].values() for w in e['warnings'] if w not in result['warnings']]
+    others = [w for e in data['criteria'].values() for w in e['warnings'] if w not in data['warnings']]
     assert all(html.escape(warning) in text for warning in others)
 
 
 def test_what_a_user_named_is_no_markup():
-    result = plain()
-    result['bags'][0]['bag'] = '<script>alert(1)</script>'
-    assert 'script' not in Page(result_page(result, [], {}, notes=['<script>'])).tags
+    data = plain()
+    data['bags'][0]['bag'] = '<script>alert(1)</script>'
+    assert 'script' not in Page(result_page(result(data), [], {}, notes=['<script>'])).tags
     assert 'script' not in Page(failure_page('<script>', ['<script>'])).tags
 
 
@@ -154,7 +160,7 @@ def test_a_page_of_a_failure_says_why_and_what_was_asked_for():
 
 
 def test_parameters_by_hand_stand_beside_a_result():
-    by_hand = {'schema': 1, 'parameters': {'P1': {'value': 0.5}}}
-    page = Page(result_page(plain(), [], {}, by_hand, 'reference'))
+    by_hand = Given(parameters={'P1': Parameter(value=0.5)})
+    page = Page(result_page(result(plain()), [], {}, by_hand, 'reference'))
     there = [(a['data-entry'], a['value']) for a, _ in page.data if a.get('data-of')]
     assert there == [('parameters.P1.value', '0.5')]

@@ -4,19 +4,22 @@ import json
 import re
 import shutil
 import subprocess
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import yaml
 
+from pendubot_identification.identify.result import Given, Parameter, plain
+from pendubot_identification.level import Level
 from pendubot_identification.model.parameters import NAMES
 from pendubot_identification.results.export import FORMATS, SUFFIXES
-from test.identified import identified, plain
+from test.identified import identified, made
 
 
 @pytest.fixture(scope='module')
 def result():
-    return plain(('weak',))
+    return made(('weak',))
 
 
 @pytest.fixture(scope='module')
@@ -46,7 +49,7 @@ def test_matlab_makes_a_struct_with_every_digit(result, theta):
     np.testing.assert_array_equal(struct['theta'], theta)
     np.testing.assert_array_equal([struct[name] for name in struct['names']], theta)
     assert tuple(struct['names']) == NAMES[:7]
-    assert struct['std_error'] == [entry['std_error'] for entry in result['parameters'].values()]
+    assert struct['std_error'] == [entry.std_error for entry in result.parameters.values()]
 
 
 @pytest.mark.skipif(shutil.which('octave') is None, reason='needs octave')
@@ -59,7 +62,7 @@ def test_octave_evaluates_the_script(result, theta, tmp_path):
 @pytest.mark.skipif(shutil.which('gcc') is None, reason='needs a C compiler')
 @pytest.mark.parametrize('standard', ['-std=c89', '-std=c17'])
 def test_c_compiles_without_a_warning_and_keeps_every_digit(result, theta, tmp_path, standard):
-    result = {**result, 'bags': [{'role': 'training', 'bag': 'odd */ name /* of\na bag', 'sha256': '0'}]}
+    result = replace(result, bags=[replace(result.bags[0], bag='odd */ name /* of\na bag')])
     (tmp_path / 'pendubot.h').write_text(FORMATS['c'](result))
     (tmp_path / 'main.c').write_text(
         '#include <stdio.h>\n#include "pendubot.h"\n#include "pendubot.h"\n'
@@ -74,7 +77,7 @@ def test_c_compiles_without_a_warning_and_keeps_every_digit(result, theta, tmp_p
 
 
 def test_json_is_the_whole_result(result):
-    assert json.loads(FORMATS['json'](result)) == result
+    assert json.loads(FORMATS['json'](result)) == plain(result)
 
 
 def test_yaml_holds_the_parameters_of_a_node(result, theta):
@@ -103,15 +106,25 @@ def test_a_node_of_any_name_loads_the_yaml(result, theta, tmp_path):
 
 @pytest.mark.parametrize('name', ['yaml', 'matlab', 'c'])
 def test_units_level_warnings_and_provenance_stand_in_it(result, name):
-    doubtful = {**result, 'level': 'WARN', 'warnings': ['poorly determined: the standard error of b2']}
+    doubtful = replace(
+        result, level=Level.WARN, warnings=['poorly determined: the standard error of b2'], not_covered={'b2': 'so'}
+    )
     text = FORMATS[name](doubtful)
-    for expected in ('kg m^2', 'N m s/rad', 'level: WARN', 'warning: poorly determined', 'criterion weak', 'swing@0:4'):
+    for expected in (
+        'b2 is not covered by the level: so',
+        'kg m^2',
+        'N m s/rad',
+        'level: WARN',
+        'warning: poorly determined',
+        'criterion weak',
+        'swing@0:4',
+    ):
         assert expected in text
 
 
 @pytest.mark.parametrize('name', [name for name in FORMATS if name != 'json'])
 def test_a_file_by_hand_with_nothing_but_values_is_enough(name):
-    text = FORMATS[name]({'schema': 1, 'parameters': {n: {'value': 0.5} for n in NAMES[:7]}})
+    text = FORMATS[name](Given(parameters={n: Parameter(value=0.5) for n in NAMES[:7]}))
     assert '0.5' in text
     assert 'not known' in text
 
@@ -122,9 +135,9 @@ def test_a_file_by_hand_with_nothing_but_values_is_enough(name):
 def test_what_a_hand_left_out_is_0_in_its_own_place(last, size, left_out):
     """Whatever the order in which the hand wrote."""
     theta = {name: 0.5 + k for k, name in enumerate(NAMES[:size])} | dict.fromkeys(left_out, 0.0)
-    given = {name: {'value': value} for name, value in reversed(theta.items()) if name not in left_out}
+    given = {name: Parameter(value=value) for name, value in reversed(theta.items()) if name not in left_out}
     assert last in given
-    result = {'schema': 1, 'parameters': given}
+    result = Given(parameters=given)
     struct = evaluated(FORMATS['matlab'](result))
     assert (struct['theta'], struct['names']) == (list(theta.values()), list(theta))
     assert yaml.safe_load(FORMATS['yaml'](result))['/**']['ros__parameters'] == theta

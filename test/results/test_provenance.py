@@ -5,13 +5,15 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
+from pendubot_identification.identify.result import plain as plain_of
 from pendubot_identification.identify.settings import Settings
 from pendubot_identification.model.parameters import NAMES, Bounds
 from pendubot_identification.recordings.datasets import load_datasets
 from pendubot_identification.results.provenance import answers, hold, recordings, settings
-from pendubot_identification.results.result_file import result_data
+from pendubot_identification.results.result_file import result_of
 from test.conftest import ROOT
-from test.identified import identified, plain
+from test.identified import identified, made, plain
+from test.identified import result as read
 
 SAMPLE = ROOT / 'bags' / 'paper_experiment'
 
@@ -28,7 +30,7 @@ SAMPLE = ROOT / 'bags' / 'paper_experiment'
 )
 def test_recordings_are_divided_as_they_were(bags, validate):
     data = load_datasets([b.format(SAMPLE) for b in bags], [v.format(SAMPLE) for v in validate])
-    again = recordings(result_data(identified(('weak',)), data.sources))
+    again = recordings(result_of(identified(('weak',)), data.sources))
     for motions, before in zip(again, (data.training, data.validation), strict=True):
         assert [m.name for m in motions] == [m.name for m in before]
         for motion, other in zip(motions, before, strict=True):
@@ -39,10 +41,11 @@ def test_recordings_are_divided_as_they_were(bags, validate):
 
 def test_results_of_earlier_versions_named_no_topic():
     data = load_datasets([str(SAMPLE)])
-    result = result_data(identified(('weak',)), data.sources)
-    for bag in result['bags']:
+    result = result_of(identified(('weak',)), data.sources)
+    data = plain_of(result)
+    for bag in data['bags']:
         del bag['topic'], bag['joint_names']
-    assert [len(motions) for motions in recordings(result)] == [1, 1]
+    assert [len(motions) for motions in recordings(read(data))] == [1, 1]
 
 
 def test_settings_are_those_that_were_asked_for():
@@ -58,7 +61,7 @@ def test_settings_are_those_that_were_asked_for():
         seed=7,
         bounds=Bounds(np.zeros(9), np.arange(1.0, 10.0), NAMES[:9]),
     )
-    again = settings(result_data(replace(identified(('weak',)), settings=asked), []))
+    again = settings(result_of(replace(identified(('weak',)), settings=asked), []))
     for field in fields(Settings):
         if field.name != 'bounds':
             assert getattr(again, field.name) == getattr(asked, field.name), field.name
@@ -67,15 +70,15 @@ def test_settings_are_those_that_were_asked_for():
 
 
 def test_answers_and_hold():
-    result = plain()
-    found = answers(result)
-    assert list(found) == list(result['criteria'])
+    data = plain()
+    found = answers(read(data))
+    assert list(found) == list(data['criteria'])
     for name, answer in found.items():
-        values = [entry['value'] for entry in result['criteria'][name]['parameters'].values()]
+        values = [entry['value'] for entry in data['criteria'][name]['parameters'].values()]
         assert answer.theta.tolist() == values
-        assert answer.delay == result['criteria'][name]['effort']['delay']
+        assert answer.delay == data['criteria'][name]['effort']['delay']
         # As a program would write it that sorts what it writes.
-        result['criteria'][name]['parameters'] = dict(reversed(result['criteria'][name]['parameters'].items()))
-        assert answers(result)[name].theta.tolist() == values
-    assert hold(result) == 'zero'
-    assert hold(plain(('energy',), hold='linear')) == 'linear', 'energy never asks, but the states may be simulated so'
+        data['criteria'][name]['parameters'] = dict(reversed(data['criteria'][name]['parameters'].items()))
+        assert answers(read(data))[name].theta.tolist() == values
+    assert hold(read(data)) == 'zero'
+    assert hold(made(('energy',), hold='linear')) == 'linear', 'energy never asks, but the states may be simulated so'

@@ -7,7 +7,6 @@ import subprocess
 import sys
 from dataclasses import asdict, dataclass, replace
 from enum import Enum, IntEnum
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,20 +17,20 @@ from hypothesis import strategies as st
 from pendubot_identification.errors import ResultError
 from pendubot_identification.identify.estimate import Zeros
 from pendubot_identification.identify.prediction import HORIZONS
+from pendubot_identification.identify.result import SCHEMA, Given, Parameter
+from pendubot_identification.identify.result import plain as plain_of
 from pendubot_identification.identify.settings import CRITERIA
 from pendubot_identification.model.parameters import MODELS, NAMES, PAPER, Parameters
 from pendubot_identification.results.result_file import (
-    SCHEMA,
     read_parameters,
     read_result,
     read_whole_result,
-    result_data,
+    result_of,
     result_text,
     write_result,
 )
-from pendubot_identification.results.result_file import plain as plain_of
 from test.conftest import RECORDINGS
-from test.identified import SOURCE, identified, plain
+from test.identified import SOURCE, identified, made, plain
 
 SCORER = RECORDINGS.parent / 'tools' / 'score_recordings.py'
 THETA = np.arange(1.0, 15.0) / 100
@@ -57,11 +56,12 @@ def first_numbers(node, found=None):
 
 
 def test_what_is_written_is_read_back(tmp_path):
-    data = plain()
-    write_result(tmp_path / 'result.yaml', data)
-    assert read_result(tmp_path / 'result.yaml') == data
-    assert json.loads(json.dumps(data, allow_nan=False)) == data
-    text = (tmp_path / 'result.yaml').read_text()
+    result, path = made(), tmp_path / 'result.yaml'
+    write_result(path, result)
+    assert read_result(path) == read_whole_result(path) == result
+    assert json.loads(json.dumps(plain_of(result), allow_nan=False)) == plain_of(result) == yaml.safe_load(path.open())
+    text = path.read_text()
+    assert result_text(read_whole_result(path)) == text
     assert max(map(len, text.splitlines())) < 130
     assert '&id' not in text, 'no aliases: people read this'
 
@@ -99,7 +99,6 @@ LEAVES = st.sampled_from(
         (Word('no: [word'), 'no: [word'),
         (np.str_('yes'), 'yes'),
         ('bag\udcff', 'bag\udcff'),
-        (Path('/swing'), '/swing'),
         (Colour.RED, 'RED'),
         (Number.ONE, 'ONE'),
     ]
@@ -122,11 +121,11 @@ def held(pairs):
 def test_whatever_a_result_holds_can_be_written_and_read(pair):
     value, expected = pair
     assert plain_of(value) == expected
-    assert yaml.safe_load(result_text({'held': plain_of(value)})) == {'held': expected}
+    assert yaml.safe_load(yaml.safe_dump(plain_of(value))) == expected
     assert json.loads(json.dumps(plain_of(value), allow_nan=False)) == expected
 
 
-@pytest.mark.parametrize('value', [object(), {1, 2}, b'bytes', 1j, [lambda: None]])
+@pytest.mark.parametrize('value', [object(), {1, 2}, b'bytes', 1j, [lambda: None], int])
 def test_what_no_file_can_hold_is_no_part_of_a_result(value):
     with pytest.raises(TypeError, match='a result cannot hold'):
         plain_of(value)
@@ -156,9 +155,9 @@ def test_the_scoring_tool_reads_what_was_published(tmp_path):
     scorer = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(scorer)
     for model in MODELS:
-        data = plain(('energy',), model)
-        write_result(tmp_path / 'result.yaml', data, overwrite=True)
-        theta = [entry['value'] for entry in data['parameters'].values()]
+        result = made(('energy',), model)
+        write_result(tmp_path / 'result.yaml', result, overwrite=True)
+        theta = [entry.value for entry in result.parameters.values()]
         assert scorer.load_params(tmp_path / 'result.yaml').tolist() == theta + [0.0] * (14 - len(theta))
 
 
@@ -207,7 +206,7 @@ def test_zeros_are_in_degrees_by_recording():
     zeros = Zeros(
         ('first', 'second'), np.radians([[1.0, np.nan], [-2.0, 0.5]]), np.radians([[0.1, np.nan], [0.2, 0.3]])
     )
-    data = result_data(replace(result, estimates=(replace(result.best, zeros=zeros),)), [SOURCE])
+    data = plain_of(result_of(replace(result, estimates=(replace(result.best, zeros=zeros),)), [SOURCE]))
     first, second = data['zeros']
     assert data['criteria']['energy']['zeros'] == data['zeros']
     assert (first['recording'], first['unit'], second['q1']) == ('first', 'degree', None)
@@ -227,7 +226,7 @@ def test_what_made_it():
 
 
 def test_the_comparison_of_models():
-    data = result_data(identified(('energy',), 'auto'), [SOURCE])
+    data = plain(('energy',), 'auto')
     assert [score['model'] for score in data['models']['compared']] == list(MODELS)
     assert data['model'] in MODELS
     assert data['models']['by'].startswith('energy, each of 5 blocks')
@@ -255,9 +254,6 @@ def test_parameters_that_are_0_may_be_absent(tmp_path):
     ('change', 'named'),
     [
         ({'b2': None}, 'b2'),
-        ({'P1': {'value': None}}, 'P1'),
-        ({'P1': {'value': float('nan')}}, 'P1'),
-        ({'P1': {'std_error': 1.0}}, 'P1'),
         ({'P6': {'value': 1.0}}, 'P6'),
         ({7: {'value': 1.0}}, '7'),
     ],
@@ -275,19 +271,26 @@ def test_numbers_as_a_hand_writes_them_are_numbers(tmp_path):
     others = ', '.join(f'{name}: {{value: 1}}' for name in ('P1', 'P3', 'P4', 'P5', 'b1', 'b2'))
     entry = '{value: 4e-4, std_error: 2e-5, interval: [36e-5, 44e-5]}'
     path.write_text(f'schema: 1\nparameters: {{P2: {entry}, {others}}}\n')
-    parameters = read_result(path)['parameters']
-    assert tuple(parameters) == NAMES[:7], 'in the order of theta, whatever the order of the file'
-    assert parameters['P2'] == {'value': 4e-4, 'std_error': 2e-5, 'interval': [36e-5, 44e-5]}
-    assert all(isinstance(entry['value'], float) for entry in parameters.values())
+    given = read_result(path)
+    assert isinstance(given, Given)
+    assert tuple(given.parameters) == NAMES[:7], 'in the order of theta, whatever the order of the file'
+    assert given.parameters['P2'] == Parameter(value=4e-4, std_error=2e-5, interval=(36e-5, 44e-5))
+    assert all(isinstance(entry.value, float) for entry in given.parameters.values())
 
 
 @pytest.mark.parametrize(
     ('entry', 'sentence'),
     [
-        ({'value': 'much'}, "r.yaml: b2 has the value 'much'; a number is expected in its place"),
-        ({'value': 1.0, 'std_error': '?'}, r"r.yaml: b2 has the std_error '\?'; a number is expected"),
-        ({'value': 1.0, 'interval': 0.1}, 'r.yaml: b2 has the interval 0.1; two numbers are expected'),
-        ({'value': 1.0, 'interval': [1, 'b']}, r"r.yaml: b2 has the interval \[1, 'b'\]; two numbers are expected"),
+        ({'value': 'much'}, "r.yaml: parameters.b2.value is 'much'; a number is expected in its place"),
+        ({'value': None}, 'r.yaml: parameters.b2.value is None; a number is expected in its place'),
+        ({'value': float('nan')}, 'r.yaml: parameters.b2.value is nan; a number is expected in its place'),
+        ({'value': True}, 'r.yaml: parameters.b2.value is True; a number is expected in its place'),
+        ({'std_error': 1.0}, 'r.yaml: parameters.b2 does not say value; name a file that pendubot identify wrote'),
+        (0.1, 'r.yaml: parameters.b2 is 0.1; entries by name are expected in its place'),
+        ({'value': 1.0, 'std_error': '?'}, r"r.yaml: parameters.b2.std_error is '\?'; a number is expected"),
+        ({'value': 1.0, 'interval': 0.1}, 'r.yaml: parameters.b2.interval is 0.1; two numbers are expected'),
+        ({'value': 1.0, 'interval': [1, 'b']}, "r.yaml: parameters.b2.interval.1 is 'b'; a number is expected"),
+        ({'value': 1.0, 'unit': 3}, 'r.yaml: parameters.b2.unit is 3; a text is expected in its place'),
     ],
 )
 def test_what_stands_for_a_number_and_is_none_is_one_sentence(tmp_path, entry, sentence):
@@ -296,12 +299,48 @@ def test_what_stands_for_a_number_and_is_none_is_one_sentence(tmp_path, entry, s
         read_result(written(tmp_path / 'r.yaml', entries))
 
 
-def test_a_result_that_lost_a_value_is_none(tmp_path):
+def lost(path):
+    """A whole result, but for what an entry holds."""
     data = plain()
-    data['parameters']['P4']['value'] = None
-    write_result(tmp_path / 'r.yaml', data)
-    with pytest.raises(ResultError, match='look at P4; a number each'):
+    *way, last = path
+    at = data
+    for key in way:
+        at = at[key]
+    del at[last]
+    return data
+
+
+@pytest.mark.parametrize(
+    ('path', 'sentence'),
+    [
+        (('parameters', 'P4', 'value'), 'r.yaml: parameters.P4 does not say value; name a file'),
+        (('parameters', 'P4'), 'look at P4; a number each'),
+        (('level',), 'r.yaml does not say level; name a file that pendubot identify wrote, as it wrote it'),
+        (('criteria', 'weak', 'J', 'unit'), 'r.yaml: criteria.weak.J does not say unit; name a file'),
+        (('bags', 0, 'sha256'), 'r.yaml: bags.0 does not say sha256; name a file'),
+    ],
+)
+def test_a_result_that_lost_something_is_none(tmp_path, path, sentence):
+    (tmp_path / 'r.yaml').write_text(yaml.safe_dump(lost(path)))
+    with pytest.raises(ResultError, match=sentence):
         read_whole_result(tmp_path / 'r.yaml')
+
+
+def test_a_result_of_an_earlier_version_is_read(tmp_path):
+    """It held less, and what a later one adds is left out."""
+    data = plain() | {'of_a_later_version': 1}
+    for entry in (data, *data['criteria'].values()):
+        del entry['consequences']
+    for entry in data['criteria'].values():
+        del entry['convergence']
+    for bag in data['bags']:
+        del bag['topic'], bag['joint_names'], bag['stretches']
+    del data['not_covered'], data['faults']
+    (tmp_path / 'r.yaml').write_text(yaml.safe_dump(data, sort_keys=False))
+    result = read_whole_result(tmp_path / 'r.yaml')
+    assert (result.parameters, result.J, result.made_by) == ((now := made()).parameters, now.J, now.made_by)
+    assert result.not_covered is None
+    assert result.bags[0].topic == '/joint_states'
 
 
 @pytest.mark.parametrize('entries', [None, [], 'P1', {}])
