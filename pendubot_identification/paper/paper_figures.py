@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -10,11 +10,9 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
 
 from pendubot_identification.paper.explained import Balance
-from pendubot_identification.paper.trials import ALGORITHMS, PER_VECTOR, TARGET
+from pendubot_identification.paper.trials import ALGORITHMS, PER_VECTOR, TARGET, Outcome
 from pendubot_identification.report.style import GREY, STYLES, legend_above, panels
 from pendubot_identification.trajectories.trajectory import Trajectory
-
-Record = Mapping[str, Any]
 
 #: What lies between these percentiles of the runs is shaded.
 SPREAD = (10, 90)
@@ -26,14 +24,23 @@ DIM = '#555555'
 STYLE_OF = dict(zip((*reversed(ALGORITHMS), PER_VECTOR), STYLES, strict=True))
 
 
-def convergence(records: Sequence[Record], over: str = 'generations') -> Figure:
-    """Return Figure 1: error against generations, as in the paper, or against ``function values``."""
+def convergence(outcomes: Sequence[Outcome], over: str = 'generations') -> Figure:
+    """Return Figure 1: error against generations, as in the paper, or against ``function values``.
+
+    Medians over the runs, shaded between percentiles; a run that has stopped keeps its last error.
+    """
     figure, axes = panels(2, 2, 6.2, sharex=True)
-    functions = list(dict.fromkeys(r['function'] for r in records))
-    for ax, function in zip(axes.flat, functions, strict=True):
-        for record in records:
-            if record['function'] == function:
-                _curve(ax, record, over)
+    panel = dict(zip(dict.fromkeys(o.trial.function for o in outcomes), axes.flat, strict=True))
+    for o in outcomes:
+        ax, result, style = panel[o.trial.function], o.result, STYLE_OF[o.trial.algorithm]
+        at = np.unique(np.round(np.geomspace(1, len(result.history), 200)).astype(int)) - 1
+        errors = np.percentile(result.history[at], [SPREAD[0], 50, SPREAD[1]], axis=1)
+        low, median, high = np.maximum(errors, LEAST)
+        x = at + 1 if over == 'generations' else result.at_start + at * result.per_generation
+        ax.fill_between(x, low, high, color=style['color'], alpha=0.13, linewidth=0)
+        ax.plot(x, median, label=o.trial.algorithm, **{**style, 'marker': ''})
+        ax.plot(x[-1:], median[-1:], **style)
+    for function, ax in panel.items():
         ax.axhline(TARGET, color=GREY, linewidth=0.8)
         ax.set(title=function, xscale='log', yscale='log')
     for ax in axes[-1]:
@@ -48,47 +55,21 @@ def convergence(records: Sequence[Record], over: str = 'generations') -> Figure:
     return figure
 
 
-def _curve(ax: Any, record: Record, over: str) -> None:
-    """Draw the median over the runs, and shade between percentiles; a run that has stopped keeps its last error."""
-    end = max(run['generations'] for run in record['runs'])
-    at = np.unique(np.round(np.geomspace(1, end + 1, 200)).astype(int)) - 1
-    errors = np.array([_sampled(run['history'], at) for run in record['runs']])
-    low, median, high = np.maximum(np.percentile(errors, [SPREAD[0], 50, SPREAD[1]], axis=0), LEAST)
-    x = at + 1
-    if over != 'generations':
-        x = record['evaluations_at_start'] + at * record['evaluations_per_generation']
-    style = {**STYLE_OF[record['algorithm']], 'marker': ''}
-    ax.fill_between(x, low, high, color=style['color'], alpha=0.13, linewidth=0)
-    ax.plot(x, median, label=record['algorithm'], **style)
-    ax.plot(x[-1:], median[-1:], **STYLE_OF[record['algorithm']])
-
-
-def _sampled(history: Sequence[Sequence[float]], at: Any) -> Any:
-    """Return a run's best error at generations, from the generations that found something better."""
-    generations, values = np.array(history).T
-    return values[np.searchsorted(generations, at, side='right') - 1]
-
-
-def threshold(records: Sequence[Record]) -> Figure:
+def threshold(outcomes: Sequence[Outcome]) -> Figure:
     """Return generations and arrivals of MDE over the threshold, per component and per vector."""
     figure, axes = panels(2, 2, 6.0, sharex=True, sharey='row')
-    problems = list(dict.fromkeys(r['function'] for r in records))
+    problems = list(dict.fromkeys(o.trial.function for o in outcomes))
     titles = {'MDE': 'operator per component', PER_VECTOR: 'operator per vector'}
-    for column, algorithm in enumerate(titles):
+    for (taken, share), (algorithm, title) in zip(axes.T, titles.items(), strict=True):
         for problem, style in zip(problems, STYLES, strict=True):
-            mine = sorted(
-                (r for r in records if (r['function'], r['algorithm']) == (problem, algorithm)),
-                key=lambda r: r['threshold'],
-            )
-            at = [r['threshold'] for r in mine]
-            arrived = [[run['generations'] for run in r['runs'] if run['stopped_by'] == 'target'] for r in mine]
-            taken = [np.median(runs) if runs else np.nan for runs in arrived]
-            share = [100 * len(runs) / len(r['runs']) for runs, r in zip(arrived, mine, strict=True)]
-            axes[0, column].plot(at, taken, label=problem, **style)
-            axes[1, column].plot(at, share, **style)
-        axes[0, column].set(title=titles[algorithm], yscale='log')
-        axes[1, column].set(xlabel='threshold: probability of best/1 [1]', ylim=(-5, 105))
-        for ax in axes[:, column]:
+            mine = [o for o in outcomes if (o.trial.function, o.trial.algorithm) == (problem, algorithm)]
+            at = [o.trial.threshold for o in mine]
+            arrived = [o.result.generations[o.arrived] for o in mine]
+            taken.plot(at, [np.median(runs) if len(runs) else np.nan for runs in arrived], label=problem, **style)
+            share.plot(at, [100 * o.arrived.mean() for o in mine], **style)
+        taken.set(title=title, yscale='log')
+        share.set(xlabel='threshold: probability of best/1 [1]', ylim=(-5, 105))
+        for ax in (taken, share):
             ax.axvline(0.3, color=GREY, linewidth=0.8, zorder=0)
     axes[0, 0].set_ylabel('generations to the target, median')
     axes[1, 0].set_ylabel('runs that reach the target [%]')
@@ -97,15 +78,16 @@ def threshold(records: Sequence[Record]) -> Figure:
     return figure
 
 
-def dimensions(records: Sequence[Record]) -> Figure:
+def dimensions(outcomes: Sequence[Outcome]) -> Figure:
     """Return the final errors in 2, 10 and 30 dimensions: median, and the range of all runs."""
     figure, axes = panels(2, 2, 6.2, sharex=True)
-    functions, sizes = (list(dict.fromkeys(r[key] for r in records)) for key in ('function', 'n'))
-    algorithms = list(dict.fromkeys(r['algorithm'] for r in records))
+    functions, sizes, algorithms = (
+        list(dict.fromkeys(getattr(o.trial, name) for o in outcomes)) for name in ('function', 'n', 'algorithm')
+    )
     for ax, function in zip(axes.flat, functions, strict=True):
         for k, algorithm in enumerate(algorithms):
-            mine = [r for r in records if (r['function'], r['algorithm']) == (function, algorithm)]
-            errors = [np.maximum([run['value'] for run in r['runs']], LEAST) for r in mine]
+            mine = [o for o in outcomes if (o.trial.function, o.trial.algorithm) == (function, algorithm)]
+            errors = [np.maximum(o.result.value, LEAST) for o in mine]
             median, low, high = (np.array([f(e) for e in errors]) for f in (np.median, np.min, np.max))
             x = np.arange(len(sizes)) + 0.15 * (k - (len(algorithms) - 1) / 2)
             style = {**STYLE_OF[algorithm], 'linestyle': 'none'}

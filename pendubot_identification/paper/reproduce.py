@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from pendubot_identification.identify.identification import Identification
     from pendubot_identification.identify.settings import Settings
     from pendubot_identification.paper.paper_tables import Table
-    from pendubot_identification.paper.trials import Trial
+    from pendubot_identification.paper.trials import Outcome, Trial
     from pendubot_identification.recordings.datasets import Datasets
 
 #: What can be asked for, and the experiment that it is made of.
@@ -151,11 +151,11 @@ class _Reproduction:
         from pendubot_identification.paper import paper_figures, paper_tables
         from pendubot_identification.paper.trials import competition
 
-        records, seconds = self._run_trials('competition', list(competition(self._seed, self._runs)))
+        outcomes = self._run_trials('competition', competition(self._seed, self._runs))
         if 'table4' in self._only:
-            for table in paper_tables.table_4(records, self._runs):
+            for table in paper_tables.table_4(outcomes, self._runs):
                 self._add_table(table)
-            times = paper_tables.times(records, seconds)
+            times = paper_tables.times(outcomes)
             self._folder.write('times.md', times.markdown())
             self._folder.write('times.csv', times.csv())
         if 'figure1' in self._only:
@@ -163,9 +163,9 @@ class _Reproduction:
                 'median of the best error so far, 10th to 90th percentile shaded, of all runs; a mark where '
                 'the last run ends'
             )
-            self._add_figure('figure1', f'Figure 1: {what}', paper_figures.convergence, records)
+            self._add_figure('figure1', f'Figure 1: {what}', paper_figures.convergence, outcomes)
             caption = f'Figure 1 over function values, which cost alike whoever asks for them: {what}'
-            self._add_figure('figure1_evaluations', caption, paper_figures.convergence, records, 'function values')
+            self._add_figure('figure1_evaluations', caption, paper_figures.convergence, outcomes, 'function values')
 
     def _identification(self) -> None:
         from pendubot_identification.identify.identification import identify
@@ -185,7 +185,7 @@ class _Reproduction:
                 bar.total = of or None
                 bar.update(done - bar.n)
 
-            found = _identified(identify([training], [validation], settings, tell), data, settings)
+            found = _plain(identify([training], [validation], settings, tell), data, settings)
         self._write_raw('identification', found)
         if 'table7' in self._only:
             self._add_table(paper_tables.table_7(found))
@@ -215,42 +215,44 @@ class _Reproduction:
         regression = energy_regression(held_parts(_sample().training)[0])
         criterion = Quadratic.reduce(regression.phi, regression.y)
         trials = sweep(self._seed, self._runs, criterion, default_bounds().of(MODELS['viscous']))
-        records, _ = self._run_trials('sweep', list(trials))
+        outcomes = self._run_trials('sweep', trials)
         if 'threshold' in self._only:
-            self._add_table(paper_tables.threshold_table(records))
+            self._add_table(paper_tables.threshold_table(outcomes))
             caption = 'The threshold: how fast MDE arrives, and how often'
-            self._add_figure('threshold', caption, paper_figures.threshold, records)
+            self._add_figure('threshold', caption, paper_figures.threshold, outcomes)
         if 'operator' in self._only:
-            self._add_table(paper_tables.operator_table(records))
+            self._add_table(paper_tables.operator_table(outcomes))
 
     def _dimensions(self) -> None:
         from pendubot_identification.paper import paper_figures, paper_tables
         from pendubot_identification.paper.trials import dimensions
 
-        records, _ = self._run_trials('dimensions', list(dimensions(self._seed, self._runs)))
-        counts, errors = paper_tables.dimensions_tables(records)
+        outcomes = self._run_trials('dimensions', dimensions(self._seed, self._runs))
+        counts, errors = paper_tables.dimensions_tables(outcomes)
         self._add_table(counts)
         caption = (
             'Beyond the paper: final errors with equal budgets; median and range of all runs; the line is the target'
         )
-        self._add_figure('dimensions', caption, paper_figures.dimensions, records)
+        self._add_figure('dimensions', caption, paper_figures.dimensions, outcomes)
         self._add_table(errors)
 
-    def _run_trials(self, experiment: str, trials: Sequence[Trial]) -> tuple[list[dict[str, Any]], list[float]]:
-        """Return what came of the trials, and what each took [s]; what was done is written also after an interrupt."""
-        records: list[dict[str, Any]] = []
-        seconds: list[float] = []
+    def _run_trials(self, experiment: str, trials: Iterable[Trial]) -> list[Outcome]:
+        """Return what came of the trials; what was done is written also after an interrupt."""
+        from pendubot_identification.paper.trials import Outcome
+
+        outcomes: list[Outcome] = []
+        waiting = list(trials)
         try:
-            with self._progress(experiment, len(trials)) as bar:
-                for trial in trials:
+            with self._progress(experiment, len(waiting)) as bar:
+                for trial in waiting:
                     begin = time.perf_counter()
-                    result = trial.run()
-                    seconds.append(time.perf_counter() - begin)
-                    records.append(trial.data(result))
+                    result = trial.minimise()
+                    outcomes.append(Outcome(trial, result, time.perf_counter() - begin))
                     bar.update()
         finally:
-            self._write_raw(experiment, {'complete': len(records) == len(trials), 'trials': records})
-        return records, seconds
+            complete = len(outcomes) == len(waiting)
+            self._write_raw(experiment, {'complete': complete, 'trials': [outcome.data() for outcome in outcomes]})
+        return outcomes
 
     def _progress(self, experiment: str, total: int | None = None) -> Any:
         """Return a bar that shows on a terminal, and nowhere else, what is being done."""
@@ -285,7 +287,7 @@ def _sample() -> Datasets:
     return load_datasets([str(resource(SAMPLE))])
 
 
-def _identified(result: Identification, data: Datasets, settings: Settings) -> dict[str, Any]:
+def _plain(result: Identification, data: Datasets, settings: Settings) -> dict[str, Any]:
     """Return the identification as plain data."""
     best, (mde, _) = result.best, settings.search('energy', 'viscous')
     assert best.runs is not None  # for the type checker; MDE was asked for

@@ -9,11 +9,10 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy.stats import mannwhitneyu
 
 from pendubot_identification.criteria.quadratic import Penalised, Quadratic
-from pendubot_identification.errors import ParameterError
 from pendubot_identification.model.parameters import Bounds
 from pendubot_identification.optimizers.mde import MDESettings, mde
 from pendubot_identification.optimizers.optimizer import MOST_VECTORS, OptimizationResult
@@ -23,24 +22,28 @@ from .competitors import PSOSettings, classic, hde, pso
 
 Array = NDArray[np.float64]
 
-#: Table 3: a run stops at this error, or after so many generations. PSO's 4000 are function values, as SwarmOps counts:
+#: Table 3: a run stops at this error, or after 4000 generations. PSO's 4000 are function values, as SwarmOps counts:
 #: only so does it match its column of Table 4.
-TARGET, GENERATIONS = 1e-5, 4000
-#: n of Table 4, inferred, and its runs.
-DIMENSION, RUNS = 2, 10
-#: Table 3.
-PSO_SETTINGS = PSOSettings(149, -0.3236, -0.1136, 3.9789, evaluations=4000, target=TARGET)
-DE_SETTINGS = classic(18, weight=0.6714, crossover=0.5026, generations=GENERATIONS, target=TARGET)
-HDE_RATE = 0.01
-MDE_SETTINGS = MDESettings(population=50, generations=GENERATIONS, target=TARGET)
+TARGET = 1e-5
+#: n of Table 4, inferred.
+DIMENSION = 2
 ALGORITHMS = ('PSO', 'DE', 'HDE', 'MDE')
 #: The same as MDE, with the operator drawn once a vector, as the paper's text has it.
 PER_VECTOR = 'MDE per vector'
+#: Table 3.
+SETTINGS: dict[str, PSOSettings | MDESettings] = {
+    'PSO': PSOSettings(149, -0.3236, -0.1136, 3.9789, evaluations=4000, target=TARGET),
+    'DE': classic(18, weight=0.6714, crossover=0.5026, generations=4000, target=TARGET),
+    'HDE': classic(18, weight=0.6714, crossover=0.5026, generations=4000, target=TARGET),
+    'MDE': MDESettings(population=50, generations=4000, target=TARGET),
+    PER_VECTOR: MDESettings(population=50, generations=4000, per_component=False, target=TARGET),
+}
+HDE_RATE = 0.01
 
 #: Runs that tell how often an algorithm arrives, for each one that the paper's tables have.
 MANY = 10
 #: More of them would not fit into a usual memory.
-MOST_RUNS = MOST_VECTORS // (MANY * PSO_SETTINGS.particles)
+MOST_RUNS = MOST_VECTORS // (MANY * 149)
 #: Runs of the sweep, likewise, and the generations after which one of them has failed. Those that arrive take 200.
 SWEEP, SWEEP_GENERATIONS = 5, 400
 THRESHOLDS = tuple(k / 10 for k in range(11))
@@ -53,47 +56,28 @@ IDENTIFICATION = 'Identification'
 
 
 def compete(
-    algorithm: str,
-    function: BenchmarkFunction,
-    dimension: int = DIMENSION,
-    *,
-    runs: int = RUNS,
-    seed: int = 1,
-    evaluations: int | None = None,
+    algorithm: str, function: BenchmarkFunction, n: int, *, runs: int, seed: int = 1, evaluations: int | None = None
 ) -> OptimizationResult:
     """Minimise a function by an algorithm with the settings of Table 3.
 
     Args:
-        algorithm: one of :data:`ALGORITHMS`, or :data:`PER_VECTOR`.
+        algorithm: a key of :data:`SETTINGS`.
         function: with its box and, for HDE, its gradient.
-        dimension: n.
+        n: dimension.
         runs: independent runs.
         seed: same seed, same result.
         evaluations: end each run with the generation in which it has asked for so many function values, whatever the
             algorithm; None: at the paper's limits.
-
-    Raises:
-        ParameterError: an algorithm that is not known.
     """
-    f, bounds = function.value, function.bounds(dimension)
-
-    def limited(settings: MDESettings, each: int) -> MDESettings:
-        if evaluations is None:
-            return settings
-        return replace(settings, generations=max(1, math.ceil((evaluations - settings.population) / each)))
-
-    if algorithm == 'PSO':
-        swarm = PSO_SETTINGS if evaluations is None else replace(PSO_SETTINGS, evaluations=evaluations)
-        return pso(f, bounds, swarm, runs=runs, seed=seed)
-    if algorithm == 'DE':
-        return mde(f, bounds, limited(DE_SETTINGS, DE_SETTINGS.population), runs=runs, seed=seed)
+    f, bounds, how = function.value, function.bounds(n), SETTINGS[algorithm]
+    if isinstance(how, PSOSettings):
+        return pso(f, bounds, replace(how, evaluations=evaluations or how.evaluations), runs=runs, seed=seed)
+    if evaluations is not None:
+        each = how.population + (algorithm == 'HDE')
+        how = replace(how, generations=max(1, math.ceil((evaluations - how.population) / each)))
     if algorithm == 'HDE':
-        settings = limited(DE_SETTINGS, DE_SETTINGS.population + 1)
-        return hde(f, function.gradient, bounds, settings, rate=HDE_RATE, runs=runs, seed=seed)
-    if algorithm in ('MDE', PER_VECTOR):
-        settings = limited(replace(MDE_SETTINGS, per_component=algorithm == 'MDE'), MDE_SETTINGS.population)
-        return mde(f, bounds, settings, runs=runs, seed=seed)
-    raise ParameterError(f'there is no algorithm {algorithm!r}; choose one of {", ".join((*ALGORITHMS, PER_VECTOR))}')
+        return hde(f, function.gradient, bounds, how, rate=HDE_RATE, runs=runs, seed=seed)
+    return mde(f, bounds, how, runs=runs, seed=seed)
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,28 +86,42 @@ class Trial:
 
     Attributes:
         function: its name.
-        dimension: n.
+        n: dimension.
         algorithm: its name.
         threshold: of MDE, where it is not the paper's.
         seed: the trial's own.
-        run: does it.
+        minimise: does it.
         detailed: whether points and histories are worth keeping.
     """
 
     function: str
-    dimension: int
+    n: int
     algorithm: str
     threshold: float | None
     seed: int
-    run: Callable[[], OptimizationResult]
+    minimise: Callable[[], OptimizationResult]
     detailed: bool = False
 
-    def data(self, result: OptimizationResult) -> dict[str, Any]:
-        """Return what the runs came to as plain numbers, strings, lists and dictionaries.
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What a trial came to, and how long it took [s]."""
+
+    trial: Trial
+    result: OptimizationResult
+    seconds: float
+
+    @property
+    def arrived(self) -> NDArray[np.bool_]:
+        """Which runs reached their target, shape (runs,)."""
+        return np.array([reason == 'target' for reason in self.result.stopped_by])
+
+    def data(self) -> dict[str, Any]:
+        """Return the runs as plain numbers, strings, lists and dictionaries, without the time.
 
         A history is a list of [generation, value], one for each generation that found something better.
         """
-        runs = []
+        trial, result, runs = self.trial, self.result, []
         for k in range(len(result.value)):
             run: dict[str, Any] = {
                 'value': float(result.value[k]),
@@ -131,18 +129,17 @@ class Trial:
                 'evaluations': int(result.evaluations[k]),
                 'stopped_by': result.stopped_by[k],
             }
-            if self.detailed:
+            if trial.detailed:
                 best = result.history[:, k]
                 better = np.flatnonzero(np.diff(best, prepend=np.inf) < 0)
-                run['x'] = result.x[k].tolist()
-                run['history'] = [[int(g), float(best[g])] for g in better]
+                run |= {'x': result.x[k].tolist(), 'history': [[int(g), float(best[g])] for g in better]}
             runs.append(run)
         return {
-            'function': self.function,
-            'n': self.dimension,
-            'algorithm': self.algorithm,
-            'threshold': self.threshold,
-            'seed': self.seed,
+            'function': trial.function,
+            'n': trial.n,
+            'algorithm': trial.algorithm,
+            'threshold': trial.threshold,
+            'seed': trial.seed,
             'evaluations_at_start': result.at_start,
             'evaluations_per_generation': result.per_generation,
             'runs': runs,
@@ -154,7 +151,7 @@ def competition(seed: int, runs: int) -> Iterator[Trial]:
     for f in FUNCTIONS:
         for algorithm in ALGORITHMS:
             own = seed_of(seed, 'competition', f.name, algorithm)
-            run = partial(compete, algorithm, f, runs=MANY * runs, seed=own)
+            run = partial(compete, algorithm, f, DIMENSION, runs=MANY * runs, seed=own)
             yield Trial(f.name, DIMENSION, algorithm, None, own, run, detailed=True)
 
 
@@ -178,7 +175,7 @@ def sweep(seed: int, runs: int, identification: Quadratic, bounds: Bounds) -> It
         bounds: its box.
     """
     least = float(identification(identification.minimum(bounds)))
-    at_functions = replace(MDE_SETTINGS, generations=SWEEP_GENERATIONS)
+    at_functions = MDESettings(population=50, generations=SWEEP_GENERATIONS, target=TARGET)
     problems: list[tuple[str, Callable[..., Array], Bounds, MDESettings, int]] = [
         *((f.name, f.value, f.bounds(DIMENSION), at_functions, SWEEP * runs) for f in FUNCTIONS),
         (IDENTIFICATION, Penalised.of(identification), bounds, MDESettings(target=least * (1 + NEAR)), runs),
@@ -198,20 +195,16 @@ def seed_of(seed: int, *what: object) -> int:
     return int(np.random.SeedSequence([seed, *name]).generate_state(1)[0])
 
 
-def ranks(samples: Sequence[tuple[ArrayLike, ArrayLike]]) -> list[Array]:
+def ranks(outcomes: Sequence[OptimizationResult]) -> list[Array]:
     """Return how good runs are among each other, the lower the better; equally good ones have the same number.
 
     A run that reaches the target is better than one that does not. Of two that do, the one with fewer function values
     is better, for its error only says by how much it overshot; of two that do not, the one with the lower error.
-
-    Args:
-        samples: errors and function values, each of shape (runs,), of every algorithm.
     """
     keys = []
-    for value, evaluations in samples:
-        error, spent = np.asarray(value, dtype=float), np.asarray(evaluations, dtype=float)
-        reached = error <= TARGET
-        keys.append(np.column_stack([~reached, np.where(reached, spent, error)]))
+    for each in outcomes:
+        reached = each.value <= TARGET
+        keys.append(np.column_stack([~reached, np.where(reached, each.evaluations, each.value)]))
     _, order = np.unique(np.concatenate(keys), axis=0, return_inverse=True)
     return np.split(order.ravel().astype(float), np.cumsum([len(key) for key in keys])[:-1])
 
