@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from pendubot_identification import __version__
 from pendubot_identification.core.errors import ResultError
-from pendubot_identification.core.model.parameters import MODELS, NAMES, UNITS, Parameters
+from pendubot_identification.core.model.parameters import MODELS, NAMES, UNDER_LOAD, UNITS, Parameters
 
 from .files import write_whole
 
@@ -51,6 +51,7 @@ def result_data(result: Identification, sources: Sequence[Source]) -> dict[str, 
         'advice': list(best.advice),
         'criterion': best.criterion,
         'model': best.model,
+        'not_in_model': _absent(best),
         'effort': _effort(best, result.interval),
         'zeros': _zeros(best),
         'smoothing': result.smoothing,
@@ -61,7 +62,7 @@ def result_data(result: Identification, sources: Sequence[Source]) -> dict[str, 
             'compared': [
                 {
                     'model': score.model,
-                    'parameters': MODELS[score.model],
+                    'parameters': int(settings.bounds.of(MODELS[score.model]).present.sum()),
                     'error': _numbers(score.error),
                     'behind': _number(score.behind[0]),
                     'behind_std_error': _number(score.behind[1]),
@@ -94,11 +95,11 @@ def result_data(result: Identification, sources: Sequence[Source]) -> dict[str, 
                 'mde': _mde(e, settings),
                 'convergence': _convergence(e),
                 'uncertainty': e.uncertainty,
-                'correlation': _numbers(e.correlation),
+                'correlation': _numbers(e.correlation[np.ix_(e.present, e.present)]),
             }
             for e in result.estimates
         },
-        'covariance': _numbers(best.covariance),
+        'covariance': _numbers(best.covariance[np.ix_(best.present, best.present)]),
         'made_by': {
             'version': __version__,
             'criteria': list(settings.criteria),
@@ -128,8 +129,14 @@ def _parameters(e: Estimate) -> dict[str, dict[str, Any]]:
             'on_bound': not e.free[k],
             'determined': bool(e.determined[k]),
         }
-        for k in range(len(e.theta))
+        for k in np.flatnonzero(e.present)
     }
+
+
+def _absent(e: Estimate) -> list[str]:
+    """Return which parameters the rig cannot have, and why."""
+    joints = dict(zip(UNDER_LOAD, ('shoulder', 'elbow'), strict=True))
+    return [f'{name}, for the effort of the {joints[name]} is zero throughout' for name in e.absent]
 
 
 def _effort(e: Estimate, interval: float) -> dict[str, Any]:
@@ -298,12 +305,14 @@ def read_parameters(path: Path) -> Parameters:
 def read_estimate(path: Path) -> tuple[Parameters, Array | None]:
     """Return the parameters of a result file, and their standard errors, shape (D,), where it has them all.
 
+    What the file leaves out is 0, and certain.
+
     Raises:
         ResultError: as :func:`read_parameters`.
     """
     data = read_result(path)
     parameters = parameters_of(data, path)
-    entries = [data['parameters'].get(name, {}) for name in NAMES[: len(parameters.vector())]]
+    entries = [data['parameters'].get(name, {'std_error': 0.0}) for name in NAMES[: len(parameters.vector())]]
     errors = [_value(entry, 'std_error') for entry in entries]
     return parameters, None if None in errors else np.array(errors, dtype=float)
 

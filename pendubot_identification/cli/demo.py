@@ -95,12 +95,12 @@ def _identified(rclpy: Any, folder: Path, seed: int) -> tuple[list[float], str]:
 
 
 def _show(folder: Path, theta: list[float], label: str) -> int:
-    from pendubot_identification.adapters.result_file import read_result
+    from pendubot_identification.adapters.result_file import read_parameters, read_result
     from pendubot_identification.core.model.parameters import PAPER
     from pendubot_identification.report.tables import comparison_table, criterion_table, judgement, quality_table, steps
 
     result = read_result(folder / 'result.yaml')
-    if theta != [entry['value'] for entry in result['parameters'].values()]:
+    if theta != read_parameters(folder / 'result.yaml').vector(result['model']).tolist():
         raise PendubotError(f'/pendubot/params said {theta}, the result file something else; please report this')
     print(f'a subscriber that joined afterwards received /pendubot/params ({label}): {result["criterion"]}\n')
     parts = comparison_table(result, asdict(PAPER)), quality_table(result), criterion_table(result), steps(result)

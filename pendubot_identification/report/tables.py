@@ -40,7 +40,8 @@ def parameter_table(result: Result, truth: Mapping[str, float] | None = None) ->
         if truth is not None:
             row += [fixed(truth[name], digits), _error(entry['value'], truth[name])]
         rows.append([*row, 'on its bound' if entry['on_bound'] else '' if entry['determined'] else 'undetermined'])
-    return table([*head, ''], rows)
+    absent = (_wrapped(f'not in the model: {which}') for which in result.get('not_in_model', []))
+    return '\n'.join([table([*head, ''], rows), *absent])
 
 
 def comparison_table(result: Result, truth: Mapping[str, float] | None = None) -> str:

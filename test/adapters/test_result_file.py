@@ -13,6 +13,7 @@ import yaml
 
 from pendubot_identification.adapters.result_file import (
     SCHEMA,
+    read_estimate,
     read_parameters,
     read_result,
     read_whole_result,
@@ -63,10 +64,22 @@ def test_what_is_written_is_read_back(tmp_path):
 @pytest.mark.parametrize('model', MODELS)
 def test_the_published_parameters_come_first_and_no_others_stand_anywhere(model):
     data = plain(('energy',), model)
-    names = NAMES[: MODELS[model]]
+    names = tuple(name for name in NAMES[: MODELS[model]] if name != 'k2')
     assert tuple(data['parameters']) == names
     assert keys(data) & set(NAMES) == set(names)
     assert first_numbers(data) == {name: entry['value'] for name, entry in data['parameters'].items()}
+
+
+def test_what_a_rig_without_an_elbow_motor_cannot_have_is_named_and_nothing_else(tmp_path):
+    data = plain(model='geared')
+    assert data['not_in_model'] == ['k2, for the effort of the elbow is zero throughout']
+    assert np.shape(data['covariance']) == np.shape(data['criteria']['weak']['correlation']) == (13, 13)
+    write_result(tmp_path / 'result.yaml', data)
+    parameters, std_error = read_estimate(tmp_path / 'result.yaml')
+    assert parameters.k2 == 0
+    assert parameters.vector('geared').tolist() == identified(model='geared').best.theta.tolist()
+    assert std_error.tolist() == [*(entry['std_error'] for entry in data['parameters'].values()), 0.0]
+    assert plain(model='rotor')['not_in_model'] == []
 
 
 def test_the_published_ones_come_first_among_several_criteria():
@@ -86,7 +99,7 @@ def test_the_scoring_tool_reads_what_was_published(tmp_path):
     for model in MODELS:
         data = plain(('energy',), model)
         write_result(tmp_path / 'result.yaml', data, overwrite=True)
-        theta = [entry['value'] for entry in data['parameters'].values()]
+        theta = [entry['value'] for entry in data['parameters'].values()]  # but k2, the last, which this rig has not
         assert scorer.load_params(tmp_path / 'result.yaml').tolist() == theta + [0.0] * (14 - len(theta))
 
 

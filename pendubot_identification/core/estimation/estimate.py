@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..level import Level
-from ..model.parameters import Parameters
+from ..model.parameters import NAMES, Parameters
 from ..optimizers.optimizer import OptimizationResult
 from .prediction import Prediction
 
@@ -67,7 +67,8 @@ class Estimate:
         free: which parameters lie on no bound, shape (D,).
         covariance: shape (D, D); NaN in the rows and columns of parameters on a bound. Scaled so that an interval of
             1.96 standard errors to both sides holds the truth in 95 % of cases, however few the recordings.
-        std_error: shape (D,); of a parameter on its bound, how far the data would let it off.
+        std_error: shape (D,); of a parameter on its bound, how far the data would let it off; NaN of one that is not in
+            the model.
         uncertainty: in words, how the covariance was found.
         effort: how the effort was taken.
         J: the criterion on the training data, in ``unit``.
@@ -84,6 +85,7 @@ class Estimate:
         prediction: of validation data; None without.
         zeros: of the recordings' positions; None where the criterion does not tell them.
         exact: whether the residuals are those of the encoders alone.
+        absent: the parameters that are not in the model of this rig; theta has them as 0.
         level: how far to trust it.
         warnings: why, in sentences for the user.
         advice: what motion would tell the parameters that this one tells poorly.
@@ -111,6 +113,7 @@ class Estimate:
     prediction: Prediction | None = None
     zeros: Zeros | None = None
     exact: bool = False
+    absent: tuple[str, ...] = ()
     level: Level = Level.OK
     warnings: tuple[str, ...] = ()
     advice: tuple[str, ...] = ()
@@ -119,6 +122,11 @@ class Estimate:
     def parameters(self) -> Parameters:
         """The estimate by name."""
         return Parameters.from_vector(self.theta)
+
+    @property
+    def present(self) -> NDArray[np.bool_]:
+        """Which of theta are in the model of this rig, shape (D,)."""
+        return ~np.isin(NAMES[: len(self.theta)], self.absent)
 
     @property
     def intervals(self) -> Array:

@@ -257,7 +257,7 @@ def _estimate_trajectory(data: Data, judges: Sequence[Motion], model: str, progr
         theta=found.fit.theta,
         free=found.fit.free[:size],
         covariance=covariance[:size, :size],
-        std_error=std_error[:size],
+        std_error=np.where(bounds.present, std_error[:size], np.nan),
         uncertainty=uncertainty,
         effort=Effort(data.hold, found.fit.delay, float(std_error[size]) if found.fit.free[size] else np.nan),
         J=J,
@@ -270,4 +270,5 @@ def _estimate_trajectory(data: Data, judges: Sequence[Motion], model: str, progr
         J_validation=segment_cost(judges, found.fit.theta, found.fit.delay, bounds, scale)[0] if judges else np.nan,
         zeros=zeros,
         exact=found.exact,
+        absent=bounds.absent,
     )
