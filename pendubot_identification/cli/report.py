@@ -207,7 +207,7 @@ def _sections(
             return figures.draw_simulation(shown, validation=bool(judges))
 
         def excited() -> Picture:
-            return figures.draw_excitation(list(result.parameters), excitation(training, best))
+            return figures.draw_excitation(list(result.parameters), excitation(training, best, result.parameters))
 
         def left(answer: Answer) -> Picture:
             return figures.draw_residuals(residuals(training, answer, settings(result), result.smoothing, scale))

@@ -208,11 +208,15 @@ class AgainstPositions:
         noise: standard deviation of the recorded positions [rad], shape (2,).
         margin: what of a segment is left out at both ends [s], so that a delay does not lead out of it.
         delay: about which the delay will lie [s].
+        initial: a guess of the initial states, shape (4, L); by default the smoothed ones.
     """
 
-    def __init__(self, segments: Segments, noise: Array, margin: float = 0.0, delay: float = 0.0) -> None:
+    def __init__(
+        self, segments: Segments, noise: Array, margin: float = 0.0, delay: float = 0.0, initial: Array | None = None
+    ) -> None:
         self.segments = segments
         self._noise = noise
+        self._initial = initial
         duration = segments.steps * segments.step
         within = []
         for group, start in zip(segments.group, segments.start, strict=True):
@@ -233,8 +237,8 @@ class AgainstPositions:
         return self._q.size
 
     def initial(self, delay: float) -> Array:
-        """Return the smoothed states."""
-        return self.segments.measured(np.array([delay]))[:, 0]
+        """Return the guess that was given, or the smoothed states."""
+        return self.segments.measured(np.array([delay]))[:, 0] if self._initial is None else self._initial
 
     def residuals(self, states: Array, delay: float) -> Array:
         """Return 2 residuals of every compared sample."""

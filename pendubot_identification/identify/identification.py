@@ -116,6 +116,7 @@ def identify(
             f'stretches of {STRETCH:g} s; choose a shorter one, or none'
         )
     require_excitation(held, settings)
+    settings = settings.of_rig(held)
     notes = [*notes, *suspicions([*training, *validation])]
     progress('preparing', 0, 0, np.nan)
     data = Data.prepare(training, settings)

@@ -237,6 +237,7 @@ class Result(_Vector):
     Attributes:
         not_covered: by name, parameters of which the level says nothing, and why; None in results of earlier versions.
         consequences: what follows from a grave fault.
+        not_in_model: the parameters that the rig cannot have, and why.
     """
 
     schema: int = SCHEMA
@@ -249,6 +250,7 @@ class Result(_Vector):
     advice: list[str] = field(default_factory=list)
     criterion: str
     model: str
+    not_in_model: list[str] = field(default_factory=list)
     effort: EffortTaken
     zeros: list[ZeroFound]
     smoothing: float

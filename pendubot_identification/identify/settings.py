@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from pendubot_identification.errors import ParameterError
-from pendubot_identification.model.parameters import MODELS, Bounds, Parameters, default_bounds
+from pendubot_identification.model.parameters import MODELS, UNDER_LOAD, Bounds, Parameters, default_bounds
 from pendubot_identification.optimizers.mde import MDESettings
 from pendubot_identification.optimizers.optimizer import require_runs
+from pendubot_identification.trajectories.trajectory import Trajectory
 
 CRITERIA = ('energy', 'weak', 'trajectory')
 OPTIMIZERS = ('auto', 'mde', 'lsq')
@@ -103,6 +104,12 @@ class Settings:
         for criterion in self.criteria:
             mde, runs = self.search(criterion, self.model)
             require_runs(runs, mde.population, self.seed)
+
+    def of_rig(self, motions: Sequence[Trajectory]) -> Settings:
+        """Return the settings for the rig that moved so: a joint without any effort has no friction under load."""
+        driven = np.any([motion.tau.any(axis=0) for motion in motions], axis=0)
+        absent = [name for name, motor in zip(UNDER_LOAD, driven, strict=True) if not motor]
+        return replace(self, bounds=self.bounds.without(absent))
 
     def search(self, criterion: str, model: str) -> tuple[MDESettings, int]:
         """Return how MDE minimises a criterion of a model, and in how many runs."""

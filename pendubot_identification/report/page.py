@@ -212,7 +212,8 @@ def _parameters(result: Result, show: _Shown, reference: Result | Given | None, 
                 low, high = (other.fixed(f'{at}.interval.{k}', digits) for k in (0, 1))
                 row[-1] += f'<small>{low} to {high}</small>'
         rows.append(row)
-    return _table(head, rows)
+    absent = (f'<p>Not in the model: {escape(which)}.</p>' for which in result.not_in_model)
+    return _table(head, rows) + ''.join(absent)
 
 
 def _quality(result: Result, show: _Shown) -> str:

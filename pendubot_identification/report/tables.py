@@ -45,7 +45,8 @@ def parameter_table(result: Result, truth: Mapping[str, float] | None = None) ->
         if truth is not None:
             row += [fixed(truth[name], digits), _error(entry.value, truth[name])]
         rows.append([*row, doubt(entry)])
-    return table([*head, ''], rows)
+    absent = (_wrapped(f'not in the model: {which}') for which in result.not_in_model)
+    return '\n'.join([table([*head, ''], rows), *absent])
 
 
 def comparison_table(result: Result, truth: Mapping[str, float] | None = None) -> str:

@@ -15,12 +15,12 @@ from pendubot_identification.identify.judgement import judge
 from pendubot_identification.identify.prediction import HORIZONS, Prediction, predict, state_scale
 from pendubot_identification.identify.settings import Settings
 from pendubot_identification.level import Level
-from pendubot_identification.model.parameters import PAPER, Parameters, default_bounds
+from pendubot_identification.model.parameters import NAMES, PAPER, Parameters, default_bounds
 from pendubot_identification.model.simulation import HANGING, simulate
 from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.trajectory import Trajectory
 from test.conftest import RECORDINGS
-from test.virtual import recording
+from test.virtual import GEARED, exact_motion, recording
 
 TRUTH = PAPER.vector()
 #: Criteria that cost little.
@@ -181,6 +181,25 @@ def test_what_the_rig_has_is_chosen_and_no_more():
     assert (np.abs(result.best.theta - rig.vector()) < 4 * result.best.std_error).all()
     assert result.level is Level.OK
     assert result.models[0].behind[0] > 3 * result.models[0].behind[1], 'without dry friction'
+
+
+@pytest.mark.parametrize('criteria', [('energy',), ('weak',), ('trajectory',)])
+@pytest.mark.parametrize(('driven', 'absent'), [((1, 0), 'k2'), ((0, 1), 'k1'), ((1, 1), None)])
+def test_a_joint_without_a_motor_has_no_friction_under_load(criteria, driven, absent):
+    motion = exact_motion(GEARED, 500, 0.01, seed=3, strength=np.array(driven)).recorded
+    result = identify([motion], settings=Settings(criteria, 'geared', hold='zero'))
+    names, best = np.array(NAMES), result.best
+    assert best.absent == ((absent,) if absent else ())
+    assert list(names[~best.present]) == list(best.absent)
+    assert (best.theta[~best.present] == 0).all()
+    assert np.isnan(best.std_error[~best.present]).all()
+    assert np.isnan(best.intervals[~best.present]).all()
+    assert np.isfinite(best.std_error[best.present]).all()
+    assert np.isfinite(best.condition_number)
+    said = ' '.join([*result.warnings, *best.advice])
+    assert 'told: k' not in said
+    if absent:
+        assert absent not in said
 
 
 @pytest.mark.parametrize('delay', [0.023, -0.018])
