@@ -14,7 +14,7 @@ from pendubot_identification.adapters.joint_states import (
     decode_joint_state,
     encode_joint_state,
 )
-from pendubot_identification.adapters.mcap_records import HEAD, MESSAGE, understood
+from pendubot_identification.adapters.mcap_records import FIELDS, MESSAGE, understood
 from pendubot_identification.core.errors import BagError
 
 JOINTS = ('shoulder', 'elbow')
@@ -23,7 +23,7 @@ stamps = st.integers(-(2**31) * 10**9, 2**31 * 10**9 - 1)
 
 
 def record(data, channel=1):
-    head = np.array((5, MESSAGE.itemsize - HEAD.size + len(data), channel, 1, 7, 7), MESSAGE)
+    head = np.array((5, FIELDS + len(data), channel, 1, 7, 7), MESSAGE)
     return head.tobytes() + data
 
 
