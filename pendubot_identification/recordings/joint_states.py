@@ -14,7 +14,7 @@ from pendubot_identification.errors import BagError
 from pendubot_identification.trajectories.trajectory import Trajectory
 
 from .bag_writer import whole_bag
-from .mcap_records import Messages
+from .mcap_records import FIELDS, Messages
 from .message_types import typestore
 
 JOINT_STATE = 'sensor_msgs/msg/JointState'
@@ -157,7 +157,7 @@ class _Layout(NamedTuple):
         self, messages: Messages, which: NDArray[np.intp], stamps: NDArray[np.int64], values: NDArray[np.float64]
     ) -> NDArray[np.bool_]:
         """Read some messages into their places, as far as they are laid out like this; return which of them are."""
-        found = messages.lengths[which] == len(self.own)
+        found = messages.heads['length'][which] == FIELDS + len(self.own)
         records = messages.part(which[found]).contents(self.numbers)
         rows = records.view(np.uint8).reshape(-1, len(self.own))
         found[found] = alike = ~((rows ^ self.own) & self.shared).any(axis=1)
