@@ -1,6 +1,7 @@
-"""The host's rules, without a port or a clock. What they are worth on a real wire, test/faults shows.
+"""The host's rules, without a port or a clock.
 
-There, too: damaged frames and exact counts of them, joining in mid-frame, glitches of encoders, boards that reset.
+Damaged frames and their exact counts, joining in mid-frame, glitches of encoders and boards that reset under random
+losses are in test/faults.
 """
 
 import math
