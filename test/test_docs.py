@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """What the documentation tells a user to type, typed; what only ROS itself could run, held against what is declared."""
 
 import ast

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Recordings of virtual rigs, to be identified again."""
 
 from dataclasses import replace

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """``pendubot demo``: the whole chain, live, on the virtual rig; the one subcommand that needs ROS."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """``pendubot report``: a result as a page to look at; ``pendubot identify --report`` makes the same."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Bounded Levenberg-Marquardt for the trajectory criterion, with the segments' initial states condensed out."""
 
 from __future__ import annotations

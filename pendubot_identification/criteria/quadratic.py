@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """A least-squares criterion reduced once by QR: its value and its exact minimum, whatever the number of samples."""
 
 from __future__ import annotations

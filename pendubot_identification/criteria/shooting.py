@@ -1,6 +1,9 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The trajectory criterion: recordings cut into segments, each simulated from an initial state of its own.
 
-What a parameter vector must foresee is a motion, so what is minimised is the simulation error, by multiple shooting
+What a parameter vector must predict is a motion, so what is minimised is the simulation error, by multiple shooting
 (Bock 1983): J(theta, delay, x_1 .. x_S) = sum over segments s of |residuals of s|^2, where x_s, a segment's initial
 state, is known only roughly and estimated along. Two kinds of residuals:
 

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Minimising the trajectory criterion: from rough parameters to the sharpest that the recordings support."""
 
 from __future__ import annotations

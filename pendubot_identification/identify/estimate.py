@@ -1,4 +1,7 @@
-"""What one criterion says of a rig: parameters, how certain, and how well they foresee."""
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""What one criterion says of a rig: parameters, how certain, and how well they predict."""
 
 from __future__ import annotations
 

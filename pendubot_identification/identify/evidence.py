@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """What can be shown of an answer: simulated motion, residuals, and what each parameter does, as arrays."""
 
 from __future__ import annotations
@@ -114,7 +117,7 @@ class Excitation:
 
 
 def simulate_beside(motions: Sequence[Motion], answer: Answer, scale: Array) -> Simulation:
-    """Simulate recordings from measured states on, and return the part of one of them that is foreseen worst.
+    """Simulate recordings from measured states on, and return the part of one of them that is predicted worst.
 
     Args:
         motions: the recordings.

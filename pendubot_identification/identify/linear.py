@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The criteria that are quadratic in theta, energy and weak: exact minimum, MDE beside it, uncertainty."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """How each criterion is minimised: quickly, for comparisons, and in full, for a result."""
 
 from __future__ import annotations
@@ -23,10 +26,10 @@ from pendubot_identification.trajectories.long import STRETCH, Long, Recording, 
 from pendubot_identification.trajectories.motion import AnyMotion, LongMotion, Motion
 from pendubot_identification.trajectories.signals import choose_smoothing
 
+from .covariance import estimated_zeros, scaled_condition_number, trajectory_covariance
 from .estimate import Effort, Estimate, Progress, Zeros
 from .linear import Linear, estimate_linear, linear
 from .prediction import state_scale
-from .sandwich import estimated_zeros, scaled_condition_number, trajectory_covariance
 from .settings import Settings
 
 Array = NDArray[np.float64]

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """What an identification leaves behind: every answer, how far to trust it, and what it was made of.
 
 One class for each part of a result file, its fields in the file's order and by the file's names. :func:`plain` makes of
@@ -106,12 +109,12 @@ class _Method:
 
 @dataclass(frozen=True, kw_only=True)
 class PublishedPrediction(Predicted, _Method):
-    """The same of what is published, and what was foreseen from what."""
+    """The same of what is published, and what was predicted from what."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ComparedModel:
-    """How far behind the best a model foresees, as a logarithm of the error."""
+    """How far behind the best a model predicts, as a logarithm of the error."""
 
     model: str
     parameters: int

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """What an identification is asked for."""
 
 from __future__ import annotations
@@ -38,9 +41,9 @@ class Settings:
     """What is minimised, and how.
 
     Attributes:
-        criteria: some of ``energy`` (the paper's), ``weak`` and ``trajectory``. Of several, the one that foresees the
+        criteria: some of ``energy`` (the paper's), ``weak`` and ``trajectory``. Of several, the one that predicts the
             validation data best is published.
-        model: one of :data:`.parameters.MODELS`, or ``auto``: the smallest that foresees as well as any.
+        model: one of :data:`.parameters.MODELS`, or ``auto``: the smallest that predicts as well as any.
         optimizer: ``mde``, or ``lsq``: for the quadratic criteria their exact bounded least-squares answer, for
             ``trajectory`` Levenberg-Marquardt from the answer of ``weak``. ``auto`` takes MDE for the quadratic
             criteria, where it costs a second and is held against the exact answer, and ``lsq`` for ``trajectory``.

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The parameter vector theta: names, units, meaning, bounds and physical checks; the paper's Section 2 and friction."""
 
 from __future__ import annotations

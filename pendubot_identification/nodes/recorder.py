@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """``recorder``: writes topics of any type, byte for byte, into a bag."""
 
 from __future__ import annotations
@@ -22,10 +25,10 @@ from pendubot_identification.recordings.bag_writer import BagWriter
 from pendubot_identification.recordings.flow import Flow, diagnose
 
 from .diagnostics import diagnostics_message, stamp_now, status_name
-from .ending import Ending
 from .fetching import DEPTH, Fetcher
 from .matching import check_names, heard, matched, message_class
 from .runtime import Setting, SettingsNode, run
+from .shutdown import Shutdown
 
 DISCOVERY_PERIOD = 0.1  #: How often publishers that are new are looked for [s].
 FETCH_PERIOD = 0.01  #: How often what has come is fetched from the middleware [s].
@@ -64,7 +67,7 @@ class Recorder(SettingsNode):
         Setting('max_messages', 0, 'end after so many messages of the first topic; 0: when stopped', minimum=0),
     )
 
-    def __init__(self, ended: Ending) -> None:
+    def __init__(self, ended: Shutdown) -> None:
         super().__init__(ended)
         s = self.settings()
         self._names = self._resolved(s['topics'])

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Reading a bag: what is in it, and the motion of its joints in a window of time."""
 
 from __future__ import annotations

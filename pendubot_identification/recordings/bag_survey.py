@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """What a bag holds, read from its beginning to its end: every time, stamp and number, and what is damaged."""
 
 from __future__ import annotations

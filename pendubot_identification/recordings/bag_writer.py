@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Writing a bag: a folder with an .mcap file and metadata.yaml, as rosbag2 writes it, that survives SIGKILL."""
 
 from __future__ import annotations

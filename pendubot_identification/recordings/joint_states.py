@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """``sensor_msgs/msg/JointState`` as bytes, one by one or many at once, and a motion as a bag of them."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """One .mcap file: its topics and its messages; of one that was never closed, or is damaged, all that is whole.
 
 A closed file ends with an index of its chunks. Where there is none, one is made of every chunk whose checksum is right,

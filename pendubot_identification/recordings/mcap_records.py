@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The records of MCAP as bytes: decompressed within bounds, and their messages many at once.
 
 Records as in https://mcap.dev/spec: an opcode, a length, and so many bytes. A chunk holds schemas, channels and

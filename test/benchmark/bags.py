@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """A long bag: a window of it, and all of it, beside rosbags; each in a process of its own, whose memory is measured."""
 
 import json

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The trajectory criterion's minimum on the virtual rig: from bad starts, from none, and with the wrong model."""
 
 from dataclasses import replace
@@ -6,8 +9,8 @@ import numpy as np
 import pytest
 
 from pendubot_identification.criteria.trajectory_fit import fit_positions, fit_states, search, segment_cost
+from pendubot_identification.identify.covariance import estimated_zeros, trajectory_covariance
 from pendubot_identification.identify.prediction import state_scale
-from pendubot_identification.identify.sandwich import estimated_zeros, trajectory_covariance
 from pendubot_identification.model.parameters import BALANCE, MODELS, PAPER, default_bounds
 from pendubot_identification.optimizers.mde import MDESettings
 from pendubot_identification.trajectories.motion import Motion

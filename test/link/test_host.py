@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The host's rules, without a port or a clock.
 
 Damaged frames and their exact counts, joining in mid-frame, glitches of encoders and boards that reset under random

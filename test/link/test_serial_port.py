@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """A real port object on a real pseudo-terminal: read at once, opened again, held alone.
 
 What is said of a port that is missing, busy or forbidden, test/faults shows.

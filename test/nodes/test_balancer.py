@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The balancer with a real bridge and the virtual board, each in its own process; the trace of the board tells."""
 
 import signal

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The exciter with a real bridge and the virtual board: what the board applied is what was drawn."""
 
 import csv

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """JointStates read many at once, against rosbags, which reads them one by one."""
 
 import numpy as np

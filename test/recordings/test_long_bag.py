@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Bags that are too long to be held: read piece by piece, taken in stretches, and the same answers in the end."""
 
 import shutil

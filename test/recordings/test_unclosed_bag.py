@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Bags without an end: all that is whole is read, as the MCAP library reads it, and of a window no more than that."""
 
 from itertools import chain

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Result files: what is in them, for whom it is in which order, and what can be read back."""
 
 import importlib.util
@@ -206,7 +209,7 @@ def test_what_is_not_a_number_is_null_and_what_lies_on_a_bound_is_marked():
     assert data['covariance'][held.index(True)] == [None] * 7
     assert data['J']['validation'] is None
     assert data['effort']['delay_std_error'] is None
-    assert data['prediction']['method'] == 'each of 5 blocks of time foreseen from the others'
+    assert data['prediction']['method'] == 'each of 5 blocks of time predicted from the others'
 
 
 def test_the_delay_for_who_interpolates_the_torque_linearly():

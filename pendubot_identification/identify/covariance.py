@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Covariance of a trajectory estimate: what the information matrix says where residuals are noise, else a jackknife."""
 
 from __future__ import annotations
