@@ -4,7 +4,7 @@ import numpy as np
 
 from pendubot_identification.core.model.parameters import PAPER
 from pendubot_identification.core.model.simulation import simulate
-from pendubot_identification.core.paper.explained import energy_balance, foreseen
+from pendubot_identification.core.paper.explained import energy_balance, predicted
 
 
 def motion(rate, seconds=2.0):
@@ -23,7 +23,7 @@ def test_energy_received_is_energy_gained():
 
 def test_pieces_cover_the_motion_and_repeat_it():
     recorded = motion(200)
-    pieces = foreseen(recorded, PAPER, 0.5)
+    pieces = predicted(recorded, PAPER, 0.5)
     assert [len(piece) for piece in pieces] == [100] * 4
     np.testing.assert_allclose(np.concatenate([piece.t for piece in pieces]), recorded.t)
     assert np.abs(np.concatenate([piece.q for piece in pieces]) - recorded.q).max() < 0.01
