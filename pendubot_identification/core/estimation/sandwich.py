@@ -28,13 +28,13 @@ ZERO_PRIOR = math.radians(20.0)
 def trajectory_covariance(found: TrajectoryFit, groups: str = 'recordings') -> tuple[Array, Array, str]:
     """Return covariance and standard errors of theta and delay, and in words how they were found.
 
-    White residuals: the inverse of the condensed Gauss-Newton matrix times the residuals' variance. Otherwise the
-    model errs more than the encoders, its errors hang together, and what counts is how the estimate moves from one
-    recording to the next: the cluster-robust sandwich in its jackknife form (CR3; Bell and McCaffrey 2002), with
-    recordings as clusters or, where there are fewer than three, blocks of 4 s. Few clusters make Student's
-    quantile; it is part of the errors here, so that 1.96 of them hold the truth in 95 % of cases. Blocks of time have
-    the zeros of their recording in common; so there the step that theta would take were the zeros unknown is one more
-    standard error.
+    Residuals as small as the encoders' noise are taken as independent of each other: the inverse of the condensed
+    Gauss-Newton matrix times their variance. Otherwise the model errs more than the encoders, its errors hang together,
+    and what counts is how the estimate moves from one recording to the next: the cluster-robust sandwich in its jackknife
+    form (CR3; Bell and McCaffrey 2002), with recordings as clusters or, where there are fewer than three, blocks of 4 s.
+    Few clusters make Student's quantile; it is part of the errors here, so that 1.96 of them hold the truth in 95 % of
+    cases. Blocks of time have the zeros of their recording in common; so there the step that theta would take were the
+    zeros unknown is one more standard error.
 
     Args:
         found: the fit of D parameters and the delay, G = D + 1.
@@ -49,7 +49,7 @@ def trajectory_covariance(found: TrajectoryFit, groups: str = 'recordings') -> t
     if found.white:
         variance = found.variance
         covariance = variance * _inverse(information, free)
-        words = f"Gauss-Newton; the residuals are white, with {variance:.2f} times the variance of the positions' noise"
+        words = f"Gauss-Newton; the residuals have {variance:.2f} times the variance of the positions' noise"
     else:
         several = len(np.unique(found.group)) >= FEWEST_RECORDINGS
         clusters, what = (found.group, groups) if several else _blocks(found, BLOCK)
