@@ -99,6 +99,7 @@ def result_data(result: Identification, sources: Sequence[Source]) -> dict[str, 
             }
             for e in result.estimates
         },
+        'covariance_rank': best.covariance_rank,
         'covariance': _numbers(best.covariance[np.ix_(best.present, best.present)]),
         'made_by': {
             'version': __version__,

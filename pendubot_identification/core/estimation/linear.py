@@ -17,6 +17,7 @@ from ..optimizers.optimizer import minimize
 from ..trajectories.motion import AnyMotion, Motion
 from ..trajectories.signals import SMOOTHING
 from .estimate import REACHED, Effort, Estimate, Progress
+from .sandwich import correlations
 from .settings import Settings
 from .uncertainty import BLOCK, Blocks, bootstrap_covariance
 
@@ -115,6 +116,7 @@ def estimate_linear(
         theta=theta,
         free=free,
         covariance=covariance,
+        correlation=correlations(criterion.phi.T @ criterion.phi, free),
         std_error=np.sqrt(np.where(free, np.diag(covariance), np.diag(off))),
         uncertainty=f'block bootstrap over blocks of {made.blocks.length:.3g} s',
         effort=Effort(hold if name == 'weak' else 'zero', made.delay),

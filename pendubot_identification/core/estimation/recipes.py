@@ -18,7 +18,7 @@ from ..trajectories.signals import choose_smoothing
 from .estimate import Effort, Estimate, Progress, Zeros
 from .linear import Linear, estimate_linear, linear
 from .prediction import state_scale
-from .sandwich import estimated_zeros, scaled_condition_number, trajectory_covariance
+from .sandwich import correlations, estimated_zeros, scaled_condition_number, trajectory_covariance
 from .settings import Settings
 
 Array = NDArray[np.float64]
@@ -257,6 +257,7 @@ def _estimate_trajectory(data: Data, judges: Sequence[Motion], model: str, progr
         theta=found.fit.theta,
         free=found.fit.free[:size],
         covariance=covariance[:size, :size],
+        correlation=correlations(found.fit.informations.sum(axis=0)[:-2, :-2], found.fit.free)[:size, :size],
         std_error=np.where(bounds.present, std_error[:size], np.nan),
         uncertainty=uncertainty,
         effort=Effort(data.hold, found.fit.delay, float(std_error[size]) if found.fit.free[size] else np.nan),
