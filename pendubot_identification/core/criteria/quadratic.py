@@ -12,7 +12,6 @@ from scipy.optimize import lsq_linear, minimize_scalar
 
 from ..errors import ParameterError
 from ..model.parameters import LARGEST_COUPLING, Bounds, coupling_excess
-from ..optimizers.mde import QuadraticForm
 
 Array = NDArray[np.float64]
 
@@ -110,9 +109,14 @@ class Quadratic:
         return start, factors, columns
 
     @property
-    def quadratic(self) -> QuadraticForm:
-        """The criterion as mde.c takes it."""
-        return QuadraticForm(self.triangle / math.sqrt(self.count), 0.0)
+    def root(self) -> Array:
+        """The triangle over the root of N: J is |root [theta, -1]|^2."""
+        return self.triangle / math.sqrt(self.count)
+
+    @property
+    def worth(self) -> float:
+        """What :attr:`Penalised.worth` is there: an indefinite mass matrix costs nothing."""
+        return 0.0
 
     def minimum(self, bounds: Bounds) -> Array:
         """Return the exact minimiser, shape (D,), within the bounds and where M(q) is positive definite for every q.
@@ -235,9 +239,9 @@ class Penalised:
         return value
 
     @property
-    def quadratic(self) -> QuadraticForm:
-        """The same as mde.c takes it."""
-        return self.criterion.quadratic._replace(worth=self.worth)
+    def root(self) -> Array:
+        """The criterion's."""
+        return self.criterion.root
 
 
 def _coupled(theta: Array) -> bool:

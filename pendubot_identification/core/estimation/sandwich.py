@@ -29,12 +29,12 @@ def trajectory_covariance(found: TrajectoryFit, groups: str = 'recordings') -> t
     """Return covariance and standard errors of theta and delay, and in words how they were found.
 
     Residuals as small as the encoders' noise are taken as independent of each other: the inverse of the condensed
-    Gauss-Newton matrix times their variance. Otherwise the model errs more than the encoders, its errors hang together,
-    and what counts is how the estimate moves from one recording to the next: the cluster-robust sandwich in its jackknife
-    form (CR3; Bell and McCaffrey 2002), with recordings as clusters or, where there are fewer than three, blocks of 4 s.
-    Few clusters make Student's quantile; it is part of the errors here, so that 1.96 of them hold the truth in 95 % of
-    cases. Blocks of time have the zeros of their recording in common; so there the step that theta would take were the
-    zeros unknown is one more standard error.
+    Gauss-Newton matrix times their variance. Otherwise the model errs more than the encoders, its errors hang
+    together, and what counts is how the estimate moves from one recording to the next: the cluster-robust sandwich in
+    its jackknife form (CR3; Bell and McCaffrey 2002), with recordings as clusters or, where there are fewer than
+    three, blocks of 4 s. Few clusters make Student's quantile; it is part of the errors here, so that 1.96 of them
+    hold the truth in 95 % of cases. Blocks of time have the zeros of their recording in common; so there the step
+    that theta would take were the zeros unknown is one more standard error.
 
     Args:
         found: the fit of D parameters and the delay, G = D + 1.
