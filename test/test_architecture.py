@@ -43,7 +43,7 @@ def test_package_xml_names_every_dependency_and_no_other():
     """Under its rosdep key; what colcon and rosdep do not bring is missing on the user's machine."""
     keys = {'numpy': 'python3-numpy', 'scipy': 'python3-scipy', 'serial': 'python3-serial', 'tqdm': 'python3-tqdm'}
     keys |= {'yaml': 'python3-yaml', 'mcap': 'mcap-ros2-support', 'rosbags': 'python3-rosbags-pip'}
-    keys |= {'matplotlib': 'python3-matplotlib'}
+    keys |= {'matplotlib': 'python3-matplotlib', 'jinja2': 'python3-jinja2'}
     imported = set()
     for path in [*(ROOT / 'pendubot_identification').rglob('*.py'), *(ROOT / 'launch').glob('*.py')]:
         for node in ast.walk(ast.parse(path.read_text())):

@@ -53,7 +53,7 @@ def run(args: argparse.Namespace) -> int:
     Raises:
         PendubotError: fewer than two results, one that cannot be read, or a bag that cannot.
     """
-    from pendubot_identification.report.tables import side_by_side
+    from pendubot_identification.report.tables import comparison
     from pendubot_identification.results.result_file import read_result, unphysical
 
     if len(args.results) < 2:
@@ -66,7 +66,7 @@ def run(args: argparse.Namespace) -> int:
     if args.on is not None:
         foreseen = _foreseen(results, args)
         plain |= foreseen | {'notes': [*plain['notes'], *foreseen['notes']]}
-    print(json.dumps(plain, indent=2) if args.json else side_by_side(plain))
+    print(json.dumps(plain, indent=2) if args.json else comparison(plain))
     return 0
 
 

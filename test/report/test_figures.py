@@ -49,7 +49,7 @@ def every_picture():
     yield figures.draw_simulation(simulation(), validation=True)
     yield figures.draw_residuals(left())
     yield figures.draw_convergence('energy', result['criteria']['energy'])
-    yield figures.draw_parameters(result, plain(), 'reference')
+    yield figures.draw_parameters(result, (plain(), 'reference'))
     yield figures.draw_correlation(result)
     yield figures.draw_excitation(list(result['parameters']), Excitation(np.ones((7, 3)), np.ones((7, 3)), np.ones(3)))
 
@@ -94,13 +94,9 @@ def test_an_hour_at_1_kHz_makes_small_figures():
 
 def test_the_windows_are_marked_where_they_are():
     """Recordings of one bag share its time; others stand behind it."""
-    picture = figures.draw_recordings([motion(name='a@0:3'), motion(name='b')], [motion(name='a@3:6', start=3.0)])
-    assert 'one after the other' in picture.shows
-    assert figures._placed([motion(name='a@0:3'), motion(name='b'), motion(name='a@3:6', start=3.0)]) == [
-        0.0,
-        pytest.approx(5.99),
-        0.0,
-    ]
+    first, other, second = motion(name='a@0:3'), motion(name='b'), motion(name='a@3:6', start=3.0)
+    assert 'one after the other' in figures.draw_recordings([first, other], [second]).shows
+    assert figures._places('aba', [first.t, other.t, second.t]) == [0.0, pytest.approx(5.99), 0.0]
 
 
 def test_without_validation_data_it_says_what_is_shown_instead():
@@ -121,7 +117,7 @@ def test_simulations_that_are_lost_are_drawn_as_far_as_they_go():
 
 def test_parameters_of_a_hand_written_reference_and_of_a_larger_model():
     by_hand = {'schema': 1, 'parameters': {'P1': {'value': 0.0022}, 'Fc1': {'value': 0.1}}}
-    assert '; black: reference.' in figures.draw_parameters(plain(), by_hand, 'reference').shows
+    assert '; black: reference.' in figures.draw_parameters(plain(), (by_hand, 'reference')).shows
 
 
 def test_no_correlations_where_everything_lies_on_a_bound():

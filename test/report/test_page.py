@@ -68,13 +68,15 @@ def unit_of_last_digit(text):
 )
 def test_every_number_is_the_one_of_the_result_file(options):
     result, reference = plain(**options), plain(('weak',))
-    page = Page(result_page(result, [], {}, reference))
+    page = Page(result_page(result, {}, (reference, 'reference')))
     assert len(page.data) > 70
     for attributes, shown in page.data:
         source = reference if attributes.get('data-of') == 'reference' else result
         value = entry(source, attributes['data-entry'])
         assert attributes['value'] == repr(value)
-        assert math.isclose(float(shown), value, rel_tol=1e-12, abs_tol=0.51 * unit_of_last_digit(shown)), shown
+        number, unit = (shown.rstrip('%'), 0.01) if '%' in shown else (shown, 1.0)
+        rounding = 0.51 * unit * unit_of_last_digit(number)
+        assert math.isclose(unit * float(number), value, rel_tol=1e-12, abs_tol=rounding), shown
     # And no number stands anywhere else, but in what the file says in words and in names and prose.
     text = ' '.join(page.text)
     for known in sorted(sentences(result), key=len, reverse=True):
@@ -92,7 +94,7 @@ def test_zeros_that_are_off_and_advice_are_shown():
         'q2_std_error': None,
         'unit': 'degree',
     }
-    text = result_page(plain() | {'zeros': [zeros], 'advice': ['move the elbow']}, [], {})
+    text = result_page(plain() | {'zeros': [zeros], 'advice': ['move the elbow']}, {})
     shown = {attributes['data-entry']: number for attributes, number in Page(text).data}
     assert (shown['zeros.0.q1'], shown['zeros.0.q1_std_error']) == ('-3.3', '0.2')
     assert 'zeros.0.q2' not in shown
@@ -101,7 +103,7 @@ def test_zeros_that_are_off_and_advice_are_shown():
 
 def test_all_that_the_file_says_of_its_making_is_at_the_foot():
     result = plain()
-    page = Page(result_page(result, [], {}))
+    page = Page(result_page(result, {}))
     shown = {attributes['data-entry'] for attributes, _ in page.data}
     text = ' '.join(page.text)
     for name, value in result['made_by'].items():
@@ -117,11 +119,11 @@ def test_all_that_the_file_says_of_its_making_is_at_the_foot():
 
 def test_nothing_comes_from_elsewhere_and_nothing_runs():
     result = plain()
-    page = Page(result_page(result, [draw_correlation(result)], {}))
+    page = Page(result_page(result, {'motion': [draw_correlation(result)]}))
     assert len(page.links) == 2, 'the figure, and an icon that is none'
     assert all(link.startswith('data:') for link in page.links)
     assert not page.tags & {'script', 'iframe', 'object', 'form'}
-    source = result_page(result, [], {})
+    source = result_page(result, {})
     assert '@import' not in source
     assert 'url(' not in source
 
@@ -129,7 +131,7 @@ def test_nothing_comes_from_elsewhere_and_nothing_runs():
 def test_warnings_stand_at_the_top_in_words():
     result = plain()
     result |= {'level': 'ERROR', 'warnings': ['not physical: P1 < 0', 'cut & dried']}
-    text = result_page(result, [], {})
+    text = result_page(result, {})
     assert text.index('not physical: P1 &lt; 0') < text.index('<h2>')
     assert text.index('cut &amp; dried') < text.index('<h2>')
     assert 'do not use these parameters in a controller' in text
@@ -140,7 +142,7 @@ def test_warnings_stand_at_the_top_in_words():
 def test_what_a_user_named_is_no_markup():
     result = plain()
     result['bags'][0]['bag'] = '<script>alert(1)</script>'
-    assert 'script' not in Page(result_page(result, [], {}, notes=['<script>'])).tags
+    assert 'script' not in Page(result_page(result, {}, notes=['<script>'])).tags
     assert 'script' not in Page(failure_page('<script>', ['<script>'])).tags
 
 
@@ -155,6 +157,6 @@ def test_a_page_of_a_failure_says_why_and_what_was_asked_for():
 
 def test_parameters_by_hand_stand_beside_a_result():
     by_hand = {'schema': 1, 'parameters': {'P1': {'value': 0.5}}}
-    page = Page(result_page(plain(), [], {}, by_hand, 'reference'))
+    page = Page(result_page(plain(), {}, (by_hand, 'reference')))
     there = [(a['data-entry'], a['value']) for a, _ in page.data if a.get('data-of')]
     assert there == [('parameters.P1.value', '0.5')]
