@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Hashable, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -39,23 +39,19 @@ drawn = style(
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """A figure, and what is said of it.
+    """A figure; what is said of it stands in ``page.html.jinja``.
 
     Attributes:
         name: of its files.
-        title: in a few words.
-        shows: what is drawn, in a sentence or two.
-        good: what a good one looks like, in one sentence.
         svg: the figure.
         png: the same for programs that show no SVG.
+        about: what its caption needs to know.
     """
 
     name: str
-    title: str
-    shows: str
-    good: str
     svg: str
     png: bytes
+    about: Mapping[str, Any]
 
     @property
     def size(self) -> tuple[str, ...]:
@@ -84,20 +80,7 @@ def draw_recordings(training: Sequence[Trajectory], validation: Sequence[Traject
     _label(axes, ('tau1, tau2 [N m]' if driven else 'tau1 [N m]', *STATE_LABELS[:2]))
     kinds = {'estimates': ESTIMATION, 'validates': VALIDATION} if validation else {'estimates': ESTIMATION}
     _legend(axes[0], [Patch(color=colour, alpha=0.4, label=kind) for kind, colour in kinds.items()])
-    return _picture(
-        figure,
-        'recordings',
-        'The data',
-        ('Torque at the shoulder (black) and elbow (blue)' if driven else 'Torque at the shoulder')
-        + ', angle of link 1 from the horizontal (hanging: minus a quarter turn) and angle of link 2 relative to it.'
-        + (
-            ' The recordings stand one after the other, in the order of the list at the foot.'
-            if len(set(recordings)) > 1
-            else ''
-        ),
-        'Good data have both joints moving all the time, at changing speeds, in both windows; nothing is cut off '
-        'flat at a limit, and hanging at rest reads as it should.',
-    )
+    return _picture(figure, 'recordings', driven=driven, several=len(set(recordings)) > 1)
 
 
 @drawn
@@ -117,23 +100,8 @@ def draw_simulation(simulation: Simulation, *, validation: bool) -> Picture:
         axis.set_ylim(middle - reach, middle + reach)
     _label(axes, STATE_LABELS)
     _legend(axes[0], axes[0].lines[:2])
-    return _picture(
-        figure,
-        'simulation',
-        'Measured against simulated motion',
-        (
-            ''
-            if validation
-            else 'There are no validation data: this figure shows that the model can follow, not that it predicts. '
-        )
-        + f'The published parameters, simulated over {simulation.ahead:.3g} s at a time from the measured state at '
-        'each dot on, with nothing but the torque, on '
-        + ('data that no parameter was estimated from' if validation else 'the very data that were fitted')
-        + '. Measured velocities are differences of smoothed angles.'
-        + ('' if simulation.whole else f' This is the part that is predicted worst, of {simulation.name}.'),
-        'A good model keeps the coloured lines on the black ones from dot to dot, in all four panels; where they '
-        'part, the distance is what a controller would not know.',
-    )
+    part = '' if simulation.whole else simulation.name
+    return _picture(figure, 'simulation', validation=validation, ahead=simulation.ahead, part=part)
 
 
 @drawn
@@ -159,28 +127,7 @@ def draw_residuals(residuals: Residuals) -> Picture:
     histogram.set(xlabel='in its root mean square', title='histogram', yticks=[])
     over_time.set(xlabel='time [s]', ylabel=f'[{residuals.unit}]')
     _legend(over_time, over_time.lines[:: len(places)])
-
-    cumulative = np.isinf(residuals.shared)
-    made = {
-        'energy': 'What the energy balance leaves, from the beginning of the window on.'
-        if cumulative
-        else 'What the energy balance of each sliding window leaves.',
-        'weak': "What the balances of the shoulder's momentum, the elbow's and of energy leave under each bump.",
-        'trajectory': 'Errors of the four states, simulated over half a second at a time, in their standard '
-        'deviations.',
-    }[residuals.criterion]
-    return _picture(
-        figure,
-        f'residuals_{residuals.criterion}',
-        f'Residuals of {residuals.criterion}',
-        f'{made} All on training data. The dark grey band holds 95 % of the autocorrelations of white noise; in the '
-        'light grey part neighbours share data and always are correlated. Dotted: a normal distribution.',
-        'Good residuals are small and come back to zero; each holds all data before it, so that they are never '
-        'white, and a drift or a step stays: it is energy that the model does not account for.'
-        if cumulative
-        else 'Good residuals are small, without drift, steps or bursts, inside the dark grey band as soon as the light '
-        'grey part ends, and spread like the dotted curve; a pattern in them is something that the model lacks.',
-    )
+    return _picture(figure, f'residuals_{residuals.criterion}', cumulative=np.isinf(residuals.shared))
 
 
 @drawn
@@ -192,28 +139,11 @@ def draw_convergence(criterion: str, answer: Result) -> Picture:
     figure, (axis,) = _panels(3.0, 1)
     values = best if least is None else np.maximum(best / least - 1, 1e-14)
     axis.loglog(generations, values.T, color=COLOURS[0], linewidth=0.8, alpha=0.8)
-    axis.set_xlabel('generation')
-    name, title = f'convergence_{criterion}', f'Convergence of MDE on {criterion}'
-    if least is None:
-        axis.set_ylabel('best value')
-        shows = (
-            'The bounded error of the best parameters of each run of modified differential evolution, from which '
-            'Levenberg-Marquardt went on.'
-        )
-        good = 'A good search falls and then stays level; with several runs, all end at the same value.'
-    else:
+    axis.set(xlabel='generation', ylabel='best value' if least is None else 'best J / exact minimum - 1')
+    if least is not None:
         axis.axhline(1e-6, color=SIMULATED, linestyle='--', label='counts as found')
         _legend(axis, axis.lines[-1:])
-        axis.set_ylabel('best J / exact minimum - 1')
-        shows = (
-            'One line for each independent run of modified differential evolution: how far its best parameters are '
-            'above the exact minimum.'
-        )
-        good = (
-            'A good search ends below the dashed line in every run: then the parameters are those of the exact '
-            'minimum, and chance had no part in them.'
-        )
-    return _picture(figure, name, title, shows, good)
+    return _picture(figure, f'convergence_{criterion}', exact=least is not None)
 
 
 @drawn
@@ -243,17 +173,7 @@ def draw_parameters(result: Result, beside: tuple[Result, str] | None = None) ->
         axis.ticklabel_format(axis='x', style='sci', scilimits=(-2, 3), useOffset=False)
     for axis in axes[len(names) :]:
         axis.set_visible(False)
-    return _picture(
-        figure,
-        'parameters',
-        'Parameters and their 95 % intervals',
-        'Each criterion estimates the same parameters in its own way'
-        + (f'; black: {beside[1]}.' if beside else '.')
-        + ' Bars are 95 % intervals; of a dot alone it is too short to be seen, or not known.',
-        'Good intervals are short and overlap'
-        + (', the published one with the black one first of all' if beside else '')
-        + '; where criteria disagree, the residuals tell which of them is biased.',
-    )
+    return _picture(figure, 'parameters')
 
 
 @drawn
@@ -275,14 +195,7 @@ def draw_correlation(result: Result) -> Picture | None:
     axis.set_yticks(range(len(names)), names)
     axis.tick_params(length=0, labelsize=small)
     axis.grid(False)
-    return _picture(
-        figure,
-        'correlation',
-        'Correlations of the parameters',
-        'Correlations of the errors of the published estimate. Empty rows are parameters on a bound.',
-        'Good is pale off the diagonal; a deep colour near plus or minus one says that only a combination of the two '
-        'parameters is identifiable, so that both may be wrong together and predict well nevertheless.',
-    )
+    return _picture(figure, 'correlation')
 
 
 @drawn
@@ -304,17 +217,7 @@ def draw_excitation(names: Sequence[str], excitation: Excitation) -> Picture:
     axes[0].invert_yaxis()
     handles, labels = axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc='lower center', ncols=3, bbox_to_anchor=(0.5, 1.0))
-    return _picture(
-        figure,
-        'excitation',
-        'What the motion excites',
-        "How large each parameter's part is in the two equations of motion, under the bumps of the weak criterion on "
-        'training data: in pale all of it, in dark what no combination of the other parameters could do '
-        'instead. A parameter that was found to be zero has no bar.',
-        'Good excitation brings every dark bar well beyond the dashed line in at least one of the equations; a '
-        'parameter whose bars all end before it is drowned, and one that is pale but not dark cannot be told from '
-        'others: move that joint faster, or through more of its turn.',
-    )
+    return _picture(figure, 'excitation')
 
 
 def envelope(t: Array, y: Array, most: int = MOST_POINTS) -> tuple[Array, Array]:
@@ -344,9 +247,9 @@ def _panels(height: float, rows: int) -> tuple[Figure, NDArray[Any]]:
     return figure, figure.subplots(rows, 1, sharex=True, squeeze=False)[:, 0]
 
 
-def _picture(figure: Figure, name: str, title: str, shows: str, good: str) -> Picture:
+def _picture(figure: Figure, name: str, **about: Any) -> Picture:
     files = rendered(figure, bbox_inches='tight')
-    return Picture(name, title, shows, good, files['svg'].decode(), files['png'])
+    return Picture(name, files['svg'].decode(), files['png'], about)
 
 
 def _label(axes: NDArray[Any], labels: Sequence[str]) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -25,8 +24,8 @@ from .tables import Result
 
 #: The motions that estimate, and those that validate.
 Recordings = tuple[Sequence[Trajectory], Sequence[Trajectory]]
-#: The section of the page in which a figure stands, what the figure is of, and what draws it.
-Wanted = tuple[str, str, Callable[[], 'Picture | None']]
+#: What a figure is of, and what draws it.
+Wanted = tuple[str, Callable[[], 'Picture | None']]
 
 
 def write_report(
@@ -51,24 +50,22 @@ def write_report(
         ResultError: the system refuses to write.
     """
     wanted = list(_wanted(result, motions, beside))
-    pictures: defaultdict[str, list[Picture]] = defaultdict(list)
-    notes = list(notes)
-    for k, (section, what, draw) in enumerate(wanted):
+    pictures, notes = [], list(notes)
+    for k, (what, draw) in enumerate(wanted):
         progress('drawing', k, len(wanted), math.nan)
         try:
-            picture = draw()
+            pictures.append(draw())
         except PendubotError as error:
             notes.append(f'{what}; {error}')
-        else:
-            pictures[section] += [picture] if picture else []
     notes += [
         f'what lies between {len(source["stretches"])} stretches of {source["bag"]}, {source["duration"]:.0f} s; the '
         'figures, and the residuals in them, are of these stretches alone'
         for source in result['bags']
         if source.get('stretches')
     ]
-    files = {'result.yaml': result_text(result), **_files(picture for drawn in pictures.values() for picture in drawn)}
-    return _write(folder, files, result_page(result, pictures, beside, notes))
+    drawn = [picture for picture in pictures if picture is not None]
+    page = result_page(result, drawn, beside, notes)
+    return _write(folder, {'result.yaml': result_text(result), **_files(drawn)}, page)
 
 
 def write_failure(folder: OutputFolder, reason: str, asked: Sequence[str], motions: Recordings | None) -> Path:
@@ -82,9 +79,9 @@ def write_failure(folder: OutputFolder, reason: str, asked: Sequence[str], motio
 
 
 def _wanted(result: Result, motions: Recordings | None, beside: tuple[Result, str] | None) -> Iterator[Wanted]:
-    """Yield all figures of a result, those of the same section in the order in which they stand there."""
-    yield 'identifiability', 'the parameters', partial(figures.draw_parameters, result, beside)
-    yield 'identifiability', 'the correlations', partial(figures.draw_correlation, result)
+    """Yield all figures of a result."""
+    yield 'the parameters', partial(figures.draw_parameters, result, beside)
+    yield 'the correlations', partial(figures.draw_correlation, result)
     if motions is not None:
         found = answers(result)
         best = found[result['criterion']]
@@ -103,16 +100,15 @@ def _wanted(result: Result, motions: Recordings | None, beside: tuple[Result, st
         def left(criterion: str) -> Picture:
             return figures.draw_residuals(residuals(training, found[criterion], asked, result['smoothing'], scale))
 
-        yield 'motion', 'the data', partial(figures.draw_recordings, *motions)
-        yield 'motion', 'the simulation', simulated
-        yield 'identifiability', 'the excitation', excited
+        yield 'the data', partial(figures.draw_recordings, *motions)
+        yield 'the simulation', simulated
+        yield 'the excitation', excited
         for criterion in found:
-            yield 'residuals', f'the residuals of {criterion}', partial(left, criterion)
+            yield f'the residuals of {criterion}', partial(left, criterion)
     for criterion, answer in result['criteria'].items():
         # Without MDE there is none, and results of earlier versions do not hold it.
         if answer.get('convergence'):
-            drawing = partial(figures.draw_convergence, criterion, answer)
-            yield 'search', f'the convergence of {criterion}', drawing
+            yield f'the convergence of {criterion}', partial(figures.draw_convergence, criterion, answer)
 
 
 def _files(pictures: Iterable[Picture]) -> dict[str, str | bytes]:

@@ -7,7 +7,7 @@ own value, so that page and file can be compared. The page itself is ``page.html
 from __future__ import annotations
 
 import base64
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -24,7 +24,7 @@ from .tables import Result
 
 def result_page(
     result: Result,
-    pictures: Mapping[str, Sequence[Picture]],
+    pictures: Iterable[Picture],
     beside: tuple[Result, str] | None = None,
     notes: Sequence[str] = (),
 ) -> str:
@@ -32,7 +32,7 @@ def result_page(
 
     Args:
         result: plain data of a result file.
-        pictures: the figures by section: ``motion``, ``identifiability``, ``residuals`` and ``search``.
+        pictures: its figures, as far as they could be drawn.
         beside: plain data of another result, or of parameters alone, to stand beside it, and what that is called.
         notes: what else its reader should know, such as why a figure is missing.
     """
@@ -42,13 +42,13 @@ def result_page(
         number=partial(tables.number, result),
         tables=tables,
         meanings={f'{s.name} [{s.unit}]': s.meaning for s in SPECIFICATIONS},
-        pictures=pictures,
+        pictures={picture.name: picture for picture in pictures},
         beside=beside,
         notes=notes,
     )
 
 
-def failure_page(reason: str, asked: Sequence[str], pictures: Sequence[Picture] = ()) -> str:
+def failure_page(reason: str, asked: Sequence[str], pictures: Iterable[Picture] = ()) -> str:
     """Return the page of an identification that failed.
 
     Args:
@@ -56,7 +56,7 @@ def failure_page(reason: str, asked: Sequence[str], pictures: Sequence[Picture] 
         asked: what was asked for, as it was typed.
         pictures: of the data, as far as they could be read.
     """
-    return _page(result=None, reason=reason, asked=asked, pictures={'motion': pictures})
+    return _page(result=None, reason=reason, asked=asked, pictures={picture.name: picture for picture in pictures})
 
 
 def _page(**context: Any) -> str:

@@ -8,9 +8,10 @@ from html.parser import HTMLParser
 import pytest
 
 from pendubot_identification.errors import TrajectoryError
-from pendubot_identification.report.figures import draw_correlation
+from pendubot_identification.report.figures import draw_correlation, draw_recordings, draw_simulation
 from pendubot_identification.report.page import failure_page, result_page
 from test.identified import plain
+from test.report.test_figures import every_picture, motion, simulation
 
 VOID = {'meta', 'link', 'img'}
 
@@ -68,7 +69,7 @@ def unit_of_last_digit(text):
 )
 def test_every_number_is_the_one_of_the_result_file(options):
     result, reference = plain(**options), plain(('weak',))
-    page = Page(result_page(result, {}, (reference, 'reference')))
+    page = Page(result_page(result, [], (reference, 'reference')))
     assert len(page.data) > 70
     for attributes, shown in page.data:
         source = reference if attributes.get('data-of') == 'reference' else result
@@ -94,7 +95,7 @@ def test_zeros_that_are_off_and_advice_are_shown():
         'q2_std_error': None,
         'unit': 'degree',
     }
-    text = result_page(plain() | {'zeros': [zeros], 'advice': ['move the elbow']}, {})
+    text = result_page(plain() | {'zeros': [zeros], 'advice': ['move the elbow']}, [])
     shown = {attributes['data-entry']: number for attributes, number in Page(text).data}
     assert (shown['zeros.0.q1'], shown['zeros.0.q1_std_error']) == ('-3.3', '0.2')
     assert 'zeros.0.q2' not in shown
@@ -103,7 +104,7 @@ def test_zeros_that_are_off_and_advice_are_shown():
 
 def test_all_that_the_file_says_of_its_making_is_at_the_foot():
     result = plain()
-    page = Page(result_page(result, {}))
+    page = Page(result_page(result, []))
     shown = {attributes['data-entry'] for attributes, _ in page.data}
     text = ' '.join(page.text)
     for name, value in result['made_by'].items():
@@ -117,13 +118,35 @@ def test_all_that_the_file_says_of_its_making_is_at_the_foot():
         assert f'bags.{k}.samples' in shown
 
 
+def test_every_figure_is_shown_with_what_a_good_one_looks_like():
+    text = result_page(plain(), every_picture(), (plain(), 'reference'))
+    shown = text.split('<figure>')[1:]
+    assert len(shown) == 7
+    for figure in shown:
+        (good,) = re.findall(r'<p class="good">(.+?)</p>', figure, re.DOTALL)
+        assert re.search(r'\b[Gg]ood\b', good)
+        assert '. ' not in good, 'one sentence'
+    assert 'black: reference.' in text
+    assert 'one after the other' not in text, 'there is but one recording'
+
+
+def test_captions_follow_from_what_was_drawn():
+    several = draw_recordings([motion(name='a@0:3'), motion(name='b')], [])
+    fitted = draw_simulation(simulation(), validation=False)
+    text = ' '.join(result_page(plain(), [several, fitted]).split())
+    assert 'The recordings stand one after the other' in text
+    assert 'There are no validation data' in text
+    assert 'over 1 s at a time' in text
+    assert 'the very data that were fitted' in text
+
+
 def test_nothing_comes_from_elsewhere_and_nothing_runs():
     result = plain()
-    page = Page(result_page(result, {'motion': [draw_correlation(result)]}))
+    page = Page(result_page(result, [draw_correlation(result)]))
     assert len(page.links) == 2, 'the figure, and an icon that is none'
     assert all(link.startswith('data:') for link in page.links)
     assert not page.tags & {'script', 'iframe', 'object', 'form'}
-    source = result_page(result, {})
+    source = result_page(result, [])
     assert '@import' not in source
     assert 'url(' not in source
 
@@ -131,7 +154,7 @@ def test_nothing_comes_from_elsewhere_and_nothing_runs():
 def test_warnings_stand_at_the_top_in_words():
     result = plain()
     result |= {'level': 'ERROR', 'warnings': ['not physical: P1 < 0', 'cut & dried']}
-    text = result_page(result, {})
+    text = result_page(result, [])
     assert text.index('not physical: P1 &lt; 0') < text.index('<h2>')
     assert text.index('cut &amp; dried') < text.index('<h2>')
     assert 'do not use these parameters in a controller' in text
@@ -142,7 +165,7 @@ def test_warnings_stand_at_the_top_in_words():
 def test_what_a_user_named_is_no_markup():
     result = plain()
     result['bags'][0]['bag'] = '<script>alert(1)</script>'
-    assert 'script' not in Page(result_page(result, {}, notes=['<script>'])).tags
+    assert 'script' not in Page(result_page(result, [], notes=['<script>'])).tags
     assert 'script' not in Page(failure_page('<script>', ['<script>'])).tags
 
 
@@ -157,6 +180,6 @@ def test_a_page_of_a_failure_says_why_and_what_was_asked_for():
 
 def test_parameters_by_hand_stand_beside_a_result():
     by_hand = {'schema': 1, 'parameters': {'P1': {'value': 0.5}}}
-    page = Page(result_page(plain(), {}, (by_hand, 'reference')))
+    page = Page(result_page(plain(), [], (by_hand, 'reference')))
     there = [(a['data-entry'], a['value']) for a, _ in page.data if a.get('data-of')]
     assert there == [('parameters.P1.value', '0.5')]
