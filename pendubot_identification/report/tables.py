@@ -44,22 +44,17 @@ def parameter_table(result: Result, beside: tuple[Result, str] | None = None) ->
         beside: another result, or parameters alone, to be shown beside them, and what to call it.
     """
     entries = result['parameters']
-    exact = rounding(entries.values())
-    head: list[Cell] = ['', 'estimate', '95 % interval']
-    rows: list[list[Cell]] = [
-        [f'{name} [{entry["unit"]}]', number(result, f'parameters.{name}.value', exact), _interval(result, name, exact)]
-        for name, entry in entries.items()
+    exact, doubts = rounding(entries.values()), [doubt(entry) for entry in entries.values()]
+    columns: list[tuple[str, Sequence[Cell]]] = [
+        ('', [f'{name} [{entry["unit"]}]' for name, entry in entries.items()]),
+        ('estimate', [number(result, f'parameters.{name}.value', exact) for name in entries]),
+        ('95 % interval', [_interval(result, name, exact) for name in entries]),
     ]
-    if beside:
-        head.append(beside[1])
-        for row, name in zip(rows, entries, strict=True):
-            row.append(_beside(beside[0], name, exact))
-    doubts = [doubt(entry) for entry in entries.values()]
-    if any(doubts):
-        head.append('')
-        for row, doubted in zip(rows, doubts, strict=True):
-            row.append(doubted)
-    return Table(head, rows, [f'95 % intervals: {result["criteria"][result["criterion"]]["uncertainty"]}'])
+    columns += [(beside[1], [_beside(beside[0], name, exact) for name in entries])] if beside else []
+    columns += [('', doubts)] if any(doubts) else []
+    head, cells = zip(*columns, strict=True)
+    note = f'95 % intervals: {result["criteria"][result["criterion"]]["uncertainty"]}'
+    return Table(head, list(zip(*cells, strict=True)), [note])
 
 
 def _interval(result: Result, name: str, exact: str, of: str = '') -> Cell:
@@ -81,17 +76,21 @@ def comparison_table(result: Result, truth: Mapping[str, float] | None = None) -
     """Return a column a criterion: its parameters with their standard errors or, where known, their true errors."""
     criteria = {name: entry['parameters'] for name, entry in result['criteria'].items()}
     exact = rounding(entry for parameters in criteria.values() for entry in parameters.values())
-    rows = []
-    for name, published in result['parameters'].items():
-        row: list[Cell] = [f'{name} [{published["unit"]}]']
-        for criterion, parameters in criteria.items():
-            at = f'criteria.{criterion}.parameters.{name}'
-            if truth is None:
-                row.append((number(result, f'{at}.value', exact), ' ± ', number(result, f'{at}.std_error', exact)))
-            else:
-                off = _error(parameters[name]['value'], truth[name])
-                row.append((number(result, f'{at}.value', exact), f' {off:>9}'))
-        rows.append(row if truth is None else [*row, Number(truth[name], exact)])
+
+    def cell(criterion: str, name: str) -> Cell:
+        at = f'criteria.{criterion}.parameters.{name}'
+        if truth is None:
+            return _with_error(result, f'{at}.value', exact, f'{at}.std_error')
+        return number(result, f'{at}.value', exact), f' {_error(criteria[criterion][name]["value"], truth[name]):>9}'
+
+    rows = [
+        [
+            f'{name} [{entry["unit"]}]',
+            *(cell(criterion, name) for criterion in criteria),
+            *([] if truth is None else [Number(truth[name], exact)]),
+        ]
+        for name, entry in result['parameters'].items()
+    ]
     return Table(['', *criteria, *([] if truth is None else ['true value'])], rows)
 
 
@@ -128,7 +127,7 @@ def criterion_table(result: Result) -> Table:
         ['J training', *(number(result, f'{at}.J.training', '.3e') for at in paths)],
         ['J validation', *(number(result, f'{at}.J.validation', '.3e') for at in paths)],
         ['unit of J', *(entry(result, f'{at}.J.unit') for at in paths)],
-        ['effort acts later by [s]', *(_with_error(result, f'{at}.effort.delay', '.5f') for at in paths)],
+        ['effort acts later by [s]', *(_with_error(result, f'{at}.effort.delay', '.3g') for at in paths)],
         ['condition number', *(number(result, f'{at}.condition_number', '.4g') for at in paths)],
         ['level', *(entry(result, f'{at}.level') for at in paths)],
     ]
@@ -195,7 +194,7 @@ def data_sentences(result: Result) -> list[Cell]:
     sentences: list[Cell] = [
         (
             f'The torque was taken as {HOLDS.get(hold, hold)}, and as acting later than it is stamped by ',
-            _with_error(result, 'effort.delay', '.4g'),
+            _with_error(result, 'effort.delay', '.3g'),
             ' s; states were smoothed over ',
             number(result, 'smoothing'),
             ' s.',
@@ -204,15 +203,8 @@ def data_sentences(result: Result) -> list[Cell]:
     if length['value'] is not None:
         expected = ('; ', number(result, 'link_length.expected'), ' m was expected') if length['expected'] else ''
         found = _with_error(result, 'link_length.value', '.4g', 'link_length.std_error')
-        sentences.append(
-            (
-                "The elbow's own equation, in which no torque stands, gives the length of link 1 as ",
-                found,
-                ' m',
-                expected,
-                '.',
-            )
-        )
+        says = "The elbow's own equation, in which no torque stands, gives the length of link 1 as "
+        sentences.append((says, found, ' m', expected, '.'))
     return sentences
 
 
