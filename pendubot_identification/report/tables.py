@@ -230,11 +230,10 @@ def steps(result: Result) -> str:
 
 def not_covered(result: Result) -> Mapping[str, str]:
     """Return by name the parameters that the level says nothing of, and why."""
-    if 'not_covered' in result:
-        return result['not_covered']
     # Results of earlier versions only mark them.
     doubts = {name: doubt(entry) for name, entry in result['parameters'].items()}
-    return {name: doubt for name, doubt in doubts.items() if doubt}
+    found: Mapping[str, str] = result.get('not_covered', {name: doubt for name, doubt in doubts.items() if doubt})
+    return found
 
 
 def verdict(result: Result) -> str:
