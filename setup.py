@@ -32,7 +32,7 @@ setup(
     name=NAME,
     version='0.1.0',
     packages=find_packages(include=[NAME, f'{NAME}.*']),
-    package_data={NAME: ['py.typed']},
+    package_data={NAME: ['py.typed', 'report/page.html.jinja']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (SHARE, ['package.xml']),
@@ -49,6 +49,7 @@ setup(
         'mcap>=1.5',
         'rosbags>=0.10',
         'matplotlib>=3.6',
+        'jinja2>=3.0',
         'PyYAML>=6.0',
         'tqdm>=4.66',
     ],

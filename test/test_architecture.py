@@ -47,7 +47,7 @@ def test_an_import_of_ros_in_a_criterion_would_be_found(tmp_path):
 PYPI = {
     **{
         name: (name, f'python3-{name}')
-        for name in ('hypothesis', 'matplotlib', 'numpy', 'pytest', 'scipy', 'sympy', 'tqdm')
+        for name in ('hypothesis', 'jinja2', 'matplotlib', 'numpy', 'pytest', 'scipy', 'sympy', 'tqdm')
     },
     'mcap': ('mcap', 'mcap-ros2-support'),
     'rosbags': ('rosbags', 'python3-rosbags-pip'),

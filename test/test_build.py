@@ -59,9 +59,11 @@ def test_colcon_builds_and_every_program_runs_from_there(tmp_path, options):
             assert Path(named).is_file()
     sample = Path(sourced(f'"{programs / "pendubot"}" --help').stdout.split('sample bag: ')[1].split()[0])
     assert sample.is_relative_to(tmp_path)
-    result = sourced(f'"{programs / "pendubot"}" identify "{sample}" --optimizer lsq --output result.yaml')
+    look = '--output result.yaml --report look'
+    result = sourced(f'"{programs / "pendubot"}" identify "{sample}" --optimizer lsq {look}')
     assert result.returncode == 0, result.stderr
     assert (tmp_path / 'result.yaml').is_file()
+    assert (tmp_path / 'look' / 'report.html').is_file(), 'the page needs its template'
     assert sourced(f'"{programs / "pendubot"}" --version').stdout.endswith('compiled kernel\n')
     share = tmp_path / 'install' / 'pendubot_identification' / 'share'
     assert (share / 'ament_index/resource_index/packages/pendubot_identification').exists()

@@ -60,7 +60,7 @@ def run(args: argparse.Namespace) -> int:
     Raises:
         PendubotError: fewer than two results, one that cannot be read, or a bag that cannot.
     """
-    from pendubot_identification.report.tables import side_by_side
+    from pendubot_identification.report.tables import comparison
     from pendubot_identification.results.result_file import read_result
 
     if len(args.results) < 2:
@@ -73,7 +73,7 @@ def run(args: argparse.Namespace) -> int:
     if args.on is not None:
         predicted = _predictions(results, args)
         plain |= predicted | {'notes': [*plain['notes'], *predicted['notes']]}
-    print(json.dumps(plain, indent=2) if args.json else side_by_side(plain))
+    print(json.dumps(plain, indent=2) if args.json else comparison(plain))
     return 0
 
 

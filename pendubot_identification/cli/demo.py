@@ -87,15 +87,16 @@ def _identified(rclpy: Any, folder: Path, seed: int) -> tuple[list[float], str]:
 
 def _show(folder: Path, theta: list[float], label: str) -> int:
     from pendubot_identification.model.parameters import PAPER
-    from pendubot_identification.report.tables import comparison_table, criterion_table, judgement, quality_table, steps
+    from pendubot_identification.report import tables
     from pendubot_identification.results.result_file import read_whole_result
 
     result = read_whole_result(folder / 'result.yaml')
     if theta != result.theta.vector(result.model).tolist():
         raise PendubotError(f'/pendubot/params said {theta}, the result file something else; please report this')
     print(f'a subscriber that joined afterwards received /pendubot/params ({label}): {result.criterion}\n')
-    parts = comparison_table(result, asdict(PAPER)), quality_table(result), criterion_table(result), steps(result)
-    print(*parts, judgement(result), sep='\n\n')
+    compared, runs = tables.comparison_table(result, asdict(PAPER)), tables.run_table(result)
+    shown = [compared, tables.prediction_table(result), tables.criterion_table(result), *([runs] if runs else [])]
+    print(*(table.text() for table in shown), tables.steps(result), tables.judgement(result), sep='\n\n')
     print(
         f'\nThe first {SAMPLES // 2} samples estimate, the others validate. The errors of energy are its own: encoder\n'
         'counts and central differences move its minimum away from the truth, and MDE finds that minimum exactly.\n'

@@ -122,7 +122,7 @@ def run(args: argparse.Namespace) -> int:
     torque = max(abs(found.train.amplitude_min), abs(found.train.amplitude_max))
     (paper,) = predict(parameters, [paper_pulses(args.torque if args.design else torque)], experiment)
     moved = motion_lines(found, experiment)
-    print(*moved, '', excitation_table(parameters, errors, paper, found), sep='\n')
+    print(*moved, '', excitation_table(parameters, errors, paper, found).text(), sep='\n')
     if args.check is not None:
         _hold_against(args, [torque, *found.speed, *found.angle])
     if args.output is not None:

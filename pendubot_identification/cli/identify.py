@@ -15,14 +15,13 @@ from typing import TYPE_CHECKING, Any
 from pendubot_identification.errors import PendubotError, UsageError, sentence, wrong_usage
 
 from .progress import progress_bar
-from .report import add_reference, previous, reference, write_failure_report, write_result_report
+from .report import add_reference, read_beside
 
 if TYPE_CHECKING:
     from pendubot_identification.files import OutputFolder
-    from pendubot_identification.identify.result import Result
+    from pendubot_identification.identify.result import Given, Result
     from pendubot_identification.recordings.datasets import Datasets
-
-    from .report import Beside, Recordings
+    from pendubot_identification.report.folder import Recordings
 
 # The names of core's settings and parameters, again: importing them takes a second, which no --help is worth.
 CRITERIA = ('energy', 'weak', 'trajectory')
@@ -182,7 +181,7 @@ def run(args: argparse.Namespace) -> int:
     """Identify, print, write."""
     from pendubot_identification.files import OutputFolder, refuse_input, refuse_unwritable
     from pendubot_identification.identify.result import plain
-    from pendubot_identification.report.tables import whole
+    from pendubot_identification.report.tables import summary
     from pendubot_identification.results.result_file import read_parameters, write_result
 
     with wrong_usage():
@@ -203,11 +202,13 @@ def run(args: argparse.Namespace) -> int:
             if args.output is not None:
                 write_result(args.output, result, overwrite=args.force)
             if folder is not None:
+                from pendubot_identification.report.folder import write_report
+
                 with progress_bar(hidden=args.json) as progress:
-                    page = write_result_report(folder, result, motions, beside, (), progress)
+                    page = write_report(folder, result, motions, beside, (), progress)
         finally:
             # Also where they cannot be written. Only now, because whoever closes the pipe ends the program.
-            print(json.dumps(plain(result), indent=2) if args.json else whole(result))
+            print(json.dumps(plain(result), indent=2) if args.json else summary(result))
     for written in (args.output, page):
         if written is not None and not args.json:
             print(f'written to {written}')
@@ -228,7 +229,9 @@ def _identify(args: argparse.Namespace, settings: Any, folder: OutputFolder | No
         return result_of(found, data.sources), _shown(data)
     except Exception as error:
         if folder is not None:
-            page = write_failure_report(folder, sentence(error), _asked(args), None if data is None else _shown(data))
+            from pendubot_identification.report.folder import write_failure
+
+            page = write_failure(folder, sentence(error), _asked(args), None if data is None else _shown(data))
             if not args.json:
                 print(f'why is also said in {page}')
         raise
@@ -252,18 +255,18 @@ def _shown(data: Datasets) -> Recordings:
     return held_parts(data.training), held_parts(data.validation)
 
 
-def _beside(args: argparse.Namespace) -> Beside | None:
+def _beside(args: argparse.Namespace) -> tuple[Result | Given, str] | None:
     """Return what the report shows beside the result: a reference, or the result that it takes the place of."""
     if args.report is None:
         if args.reference is not None:
             raise UsageError('--reference stands beside a result in its report; add --report DIR')
         return None
     if args.reference is not None:
-        return reference(args.reference)
+        return read_beside(args.reference, 'reference')
     for earlier in (args.output, args.report / 'result.yaml'):
         if earlier is not None and earlier.exists():
             try:
-                return previous(earlier)
+                return read_beside(earlier, 'earlier result')
             except PendubotError:
                 continue  # it is about to be replaced, whatever it is
     return None

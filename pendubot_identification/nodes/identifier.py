@@ -23,7 +23,7 @@ from pendubot_identification.model.parameters import MODELS, NAMES, Bounds, defa
 from pendubot_identification.recordings.bag_reader import BagWindow
 from pendubot_identification.recordings.datasets import load_datasets
 from pendubot_identification.recordings.joint_states import JOINT_NAMES
-from pendubot_identification.report.tables import headline, whole
+from pendubot_identification.report.tables import headline, summary
 from pendubot_identification.results.result_file import read_parameters, result_of, result_text
 
 from .diagnostics import diagnostics_message, stamp_now
@@ -141,9 +141,9 @@ class Identifier(SettingsNode):
             unwritten = str(error)
         # Two lines, because rclpy keeps a severity for each line that logs.
         if result.level is Level.OK:
-            self.get_logger().info(f'identified\n{whole(result)}')
+            self.get_logger().info(f'identified\n{summary(result)}')
         else:
-            self.get_logger().warning(f'identified\n{whole(result)}')
+            self.get_logger().warning(f'identified\n{summary(result)}')
         # The judgement first, so that whoever hears the parameters can already know how good they are; and both last,
         # so that whoever hears them can already have them identified again.
         self._publish(result.level, headline(result), identification_values(result))

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pendubot_identification.excitation.design import Experiment, Predicted
 from pendubot_identification.model.parameters import NAMES, Parameters
 
-from .tables import table
+from .table import Cell, Number, Table
 
 
 def motion_lines(found: Predicted, experiment: Experiment) -> list[str]:
@@ -28,38 +28,34 @@ def motion_lines(found: Predicted, experiment: Experiment) -> list[str]:
 
 def excitation_table(
     parameters: Parameters, std_error: NDArray[np.float64] | None, paper: Predicted, found: Predicted
-) -> str:
+) -> Table:
     """Return a row a parameter: its standard error in % now, after the paper's pulses, and after those found.
 
     Args:
         parameters: of the rig.
         std_error: of the present estimate, shape (D,); None where it is not known.
-        paper: what the paper's pulses tell.
-        found: what the others tell.
+        paper: what is predicted of the paper's pulses.
+        found: the same of the others.
     """
     theta = parameters.vector()
-    unit = np.where(theta == 0, 1.0, np.abs(theta)) / 100
-    columns = {"paper's pulses": paper.std_error / unit, 'these': found.std_error / unit}
+    columns = {"paper's pulses": paper.std_error, 'these': found.std_error}
     if std_error is not None:
-        columns = {'now': std_error / unit, **columns}
-    rows = [
-        [name, *(_number(errors[k]) for errors in columns.values()), _ratio(paper.std_error[k], found.std_error[k])]
-        for k, name in enumerate(NAMES[: len(theta)])
+        columns = {'now': std_error, **columns}
+    errors = 100 * np.array(list(columns.values())) / np.where(theta == 0, 1.0, np.abs(theta))
+    errors[~np.isfinite(errors)] = np.nan
+    errors = np.column_stack([errors, np.nanmax(errors, axis=1, initial=0.0)])
+    with np.errstate(divide='ignore', invalid='ignore'):
+        ratios = errors[-2] / errors[-1]
+    rows: list[list[Cell]] = [
+        [name, *(_finite(value, '.2g') for value in values), _finite(ratio, '.1f')]
+        for name, values, ratio in zip([*NAMES[: len(theta)], 'the worst'], errors.T, ratios, strict=True)
     ]
-    worst = [float(np.max(errors[np.isfinite(errors)], initial=0.0)) for errors in columns.values()]
-    rows.append(['the worst', *map(_number, worst), _ratio(*worst[-2:])])
-    return '\n'.join(
-        [
-            table(['standard error, %', *columns, 'ratio'], rows),
-            'from this motion alone, followed for 2 s at a time, as far as the rounding of the encoders sets them:',
-            'where the model itself errs they are larger, and the ratio is what counts',
-        ]
-    )
+    notes = [
+        'from this motion alone, followed for 2 s at a time, as far as the rounding of the encoders sets them:',
+        'where the model itself errs they are larger, and the ratio is what counts',
+    ]
+    return Table(['standard error, %', *columns, 'ratio'], rows, notes)
 
 
-def _number(value: float) -> str:
-    return f'{value:.2g}' if np.isfinite(value) else '-'
-
-
-def _ratio(before: float, after: float) -> str:
-    return f'{before / after:.1f}' if np.isfinite([before, after]).all() and after > 0 else '-'
+def _finite(value: float, format: str) -> Number:
+    return Number(value if np.isfinite(value) else None, format)

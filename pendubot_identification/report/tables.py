@@ -1,17 +1,18 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Results as text for a terminal."""
+"""What a result says, as tables and sentences: those of the terminal and those of the page."""
 
 from __future__ import annotations
 
 import math
-import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from pendubot_identification.identify.result import EffortTaken, Number, Parameter, Result
+from pendubot_identification.identify.result import Given, Parameter, Result
 from pendubot_identification.level import Level
+
+from .table import Cell, Number, Table, wrapped
 
 #: What each level means. That of OK holds where every parameter is known.
 VERDICTS = {
@@ -19,122 +20,218 @@ VERDICTS = {
     Level.WARN: 'use these parameters with the reservations below',
     Level.ERROR: 'do not use these parameters in a controller',
 }
-#: Columns of a terminal.
-WIDTH = 120
+HOLDS = {'zero': 'held from sample to sample', 'linear': 'changing linearly from sample to sample'}
+STATES = {'q1': 'angle of link 1', 'q2': 'angle of link 2', 'dq1': 'velocity of link 1', 'dq2': 'velocity of link 2'}
 
 
-def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Return aligned columns, the first to the left and the others to the right."""
-    lines = [head, *rows]
-    widths = [max(len(line[k]) for line in lines) for k in range(len(head))]
-    return '\n'.join(
-        '  '.join(
-            cell.rjust(w) if k else cell.ljust(w) for k, (cell, w) in enumerate(zip(line, widths, strict=True))
-        ).rstrip()
-        for line in lines
-    )
+def entry(result: Result | Given, path: str) -> Any:
+    """Return an entry of a result by its path, such as ``parameters.P1.interval.0``."""
+    found: Any = result
+    for key in path.split('.'):
+        if isinstance(found, Sequence):
+            found = found[int(key)]
+        else:
+            found = found[key] if isinstance(found, Mapping) else getattr(found, key)
+    return found.name if isinstance(found, Level) else found
 
 
-def parameter_table(result: Result, truth: Mapping[str, float] | None = None) -> str:
-    """Return a row a published parameter: estimate, 95 % interval, unit, the true value where known, and doubts."""
+def number(result: Result | Given, path: str, format: str = '', of: str = '') -> Number:
+    """Return the number at a path, to be shown; ``format`` and ``of`` as in :class:`.Number`."""
+    return Number(entry(result, path), format, path, of)
+
+
+def parameter_table(result: Result, beside: tuple[Result | Given, str] | None = None) -> Table:
+    """Return a row a published parameter: estimate, 95 % interval, what stands beside it, and doubts.
+
+    Args:
+        result: whose parameters they are.
+        beside: another result, or parameters alone, to be shown beside them, and what to call it.
+    """
     entries = result.parameters
-    digits = decimals(entries.values())
-    head, rows = ['', 'estimate', '95 % interval', 'unit'], []
-    if truth is not None:
-        head += ['true value', 'error']
-    for name, entry in entries.items():
-        low, high = (fixed(value, digits) for value in entry.interval)
-        row = [name, fixed(entry.value, digits), f'{low} to {high}', entry.unit]
-        if truth is not None:
-            row += [fixed(truth[name], digits), _error(entry.value, truth[name])]
-        rows.append([*row, doubt(entry)])
-    absent = (_wrapped(f'not in the model: {which}') for which in result.not_in_model)
-    return '\n'.join([table([*head, ''], rows), *absent])
-
-
-def comparison_table(result: Result, truth: Mapping[str, float] | None = None) -> str:
-    """Return a column a criterion: its parameters beside the truth, where known, or with their standard errors."""
-    criteria = {name: entry.parameters for name, entry in result.criteria.items()}
-    digits = decimals(entry for parameters in criteria.values() for entry in parameters.values())
-    head, rows = ['', *criteria], []
-    if truth is not None:
-        head.append('true value')
-    for name, first in result.parameters.items():
-        row = [f'{name} [{first.unit}]']
-        for parameters in criteria.values():
-            value, error = parameters[name].value, parameters[name].std_error
-            beside = f'± {fixed(error, digits)}' if truth is None else _error(value, truth[name]).rjust(9)
-            row.append(f'{fixed(value, digits)} {beside}')
-        if truth is not None:
-            row.append(fixed(truth[name], digits))
-        rows.append(row)
-    return table(head, rows)
-
-
-def quality_table(result: Result) -> str:
-    """Return a column a criterion: J, simulation errors beside those of standing still, delay, level."""
-    criteria = result.criteria.values()
-    rows = [['J training', *(scientific(e.J.training) for e in criteria), '']]
-    rows.append(['J validation', *(scientific(e.J.validation) for e in criteria), ''])
-    rows.append(['  in', *(e.J.unit for e in criteria), ''])
-    prediction = result.prediction
-    for k, horizon in enumerate(prediction.horizons):
-        errors = [fixed(e.prediction.error[k], 3) for e in criteria]
-        rows.append([f'error after {horizon:g} s', *errors, fixed(prediction.standing_still[k], 3)])
-    rows.append(['effort acts later by', *(_delay(e.effort) for e in criteria), ''])
-    rows.append(['level', *(e.level.name for e in criteria), ''])
-    names = (f'{name}, published' if name == result.criterion else name for name in result.criteria)
-    return table(['', *names, 'standing still'], rows)
-
-
-def zero_table(result: Result) -> str:
-    """Return how far off the zeros of every recording are by the published criterion; empty where it knows of none."""
-    rows = [
-        [zero.recording, _angle(zero.q1, zero.q1_std_error), _angle(zero.q2, zero.q2_std_error)]
-        for zero in result.zeros
+    exact, doubts = rounding(entries.values()), [doubt(entry) for entry in entries.values()]
+    columns: list[tuple[str, Sequence[Cell]]] = [
+        ('', [f'{name} [{entry.unit}]' for name, entry in entries.items()]),
+        ('estimate', [number(result, f'parameters.{name}.value', exact) for name in entries]),
+        ('95 % interval', [_interval(result, name, exact) for name in entries]),
     ]
-    return table(['zeros are off by [degrees]', 'q1', 'q2'], rows) if rows else ''
+    columns += [(beside[1], [_beside(beside[0], name, exact) for name in entries])] if beside else []
+    columns += [('', doubts)] if any(doubts) else []
+    head, cells = zip(*columns, strict=True)
+    note = f'95 % intervals: {result.criteria[result.criterion].uncertainty}'
+    absent = [f'not in the model: {which}' for which in result.not_in_model]
+    return Table(head, list(zip(*cells, strict=True)), [note, *absent])
 
 
-def model_table(result: Result) -> str:
-    """Return how the models predict, which one was chosen, and why; empty where it was given."""
-    compared = result.models.compared
-    if not compared:
-        return ''
-    rows = []
-    for score in compared:
-        behind, error = score.behind or 0.0, score.behind_std_error
-        beside = '' if error is None else f' ± {100 * error:.1f} %'
-        errors = ' '.join(fixed(error, 4) for error in score.error)
-        rows.append([score.model, str(score.parameters), errors, f'{100 * behind:+.1f} %{beside}'])
-    ahead = ', '.join(f'{h:g}' for h in result.prediction.horizons[: len(compared[0].error)])
-    why = 'the smallest model that predicts the training data within one standard error of the best'
-    if compared[-1].exact:
-        why = "the smallest model that leaves nothing but the encoders' rounding; larger ones were not tried"
-    return '\n'.join(
+def _interval(result: Result | Given, name: str, exact: str, of: str = '') -> Cell:
+    low, high = (number(result, f'parameters.{name}.interval.{k}', exact, of) for k in (0, 1))
+    return low, ' to ', high
+
+
+def _beside(reference: Given | Result, name: str, exact: str) -> Cell:
+    """Return a parameter of a reference, which may lack it or know nothing but its value."""
+    found = reference.parameters.get(name)
+    if found is None:
+        return '-'
+    value = number(reference, f'parameters.{name}.value', exact, 'reference')
+    known = found.interval[0] is not None
+    return (value, ' (', _interval(reference, name, exact, 'reference'), ')') if known else value
+
+
+def comparison_table(result: Result, truth: Mapping[str, float] | None = None) -> Table:
+    """Return a column a criterion: its parameters with their standard errors or, where known, their true errors."""
+    criteria = {name: entry.parameters for name, entry in result.criteria.items()}
+    exact = rounding(entry for parameters in criteria.values() for entry in parameters.values())
+
+    def cell(criterion: str, name: str) -> Cell:
+        at = f'criteria.{criterion}.parameters.{name}'
+        if truth is None:
+            return _with_error(result, f'{at}.value', exact, f'{at}.std_error')
+        return number(result, f'{at}.value', exact), f' {_error(criteria[criterion][name].value, truth[name]):>9}'
+
+    rows = [
         [
-            table(['model', 'parameters', f'error after {ahead} s', 'behind the best'], rows),
-            _wrapped(f'{result.model} was chosen: {why} ({result.models.by})'),
+            f'{name} [{entry.unit}]',
+            *(cell(criterion, name) for criterion in criteria),
+            *([] if truth is None else [Number(truth[name], exact)]),
         ]
-    )
+        for name, entry in result.parameters.items()
+    ]
+    return Table(['', *criteria, *([] if truth is None else ['true value'])], rows)
 
 
-def criterion_table(result: Result) -> str:
-    """Return J of ``energy``: best, worst and average over MDE's runs; empty without them."""
+def prediction_table(result: Result) -> Table:
+    """Return a row a horizon and a column a criterion: how far simulation ends from what was measured."""
+    rows: list[list[Cell]] = [
+        [
+            ('error after ', number(result, f'prediction.horizons.{k}', 'g'), ' s'),
+            *(number(result, f'criteria.{name}.prediction.error.{k}', '.3f') for name in result.criteria),
+            number(result, f'prediction.standing_still.{k}', '.3f'),
+        ]
+        for k in range(len(result.prediction.horizons))
+    ]
+    note = f'errors of simulated states in their standard deviations, {result.prediction.method}'
+    return Table(['', *_criteria(result), 'persistence'], rows, [note])
+
+
+def fit_table(result: Result) -> Table:
+    """Return a row a horizon and a column a state: the fit in per cent by the published parameters."""
+    rows: list[list[Cell]] = [
+        [
+            ('after ', number(result, f'prediction.horizons.{k}', 'g'), ' s'),
+            *(number(result, f'prediction.fit.{state}.{k}', '.1f') for state in STATES),
+        ]
+        for k in range(len(result.prediction.horizons))
+    ]
+    return Table(['', *STATES.values()], rows)
+
+
+def criterion_table(result: Result) -> Table:
+    """Return a column a criterion: the J that it minimised, the effort's delay, its condition number and its level."""
+    paths = [f'criteria.{name}' for name in result.criteria]
+    rows = [
+        ['J training', *(number(result, f'{at}.J.training', '.3e') for at in paths)],
+        ['J validation', *(number(result, f'{at}.J.validation', '.3e') for at in paths)],
+        ['unit of J', *(entry(result, f'{at}.J.unit') for at in paths)],
+        ['effort acts later by [s]', *(_with_error(result, f'{at}.effort.delay', '.3g') for at in paths)],
+        ['condition number', *(number(result, f'{at}.condition_number', '.4g') for at in paths)],
+        ['level', *(entry(result, f'{at}.level') for at in paths)],
+    ]
+    return Table(['', *_criteria(result)], rows)
+
+
+def _criteria(result: Result) -> list[str]:
+    """Return the names of the criteria, one of them marked as published, to stand above columns."""
+    return [f'{name}, published' if name == result.criterion else name for name in result.criteria]
+
+
+def run_table(result: Result) -> Table | None:
+    """Return J of ``energy``: best, worst and average over MDE's runs; None without them."""
     energy = result.criteria.get('energy')
     if energy is None or energy.mde is None:
-        return ''
+        return None
     J = energy.J
     rows = [['training', *_spread(J.training_runs)]]
     if J.validation is not None:
         runs = J.validation_runs
         rows.append(['validation', *(_spread(runs) if runs else ['', '', f'{J.validation:.3e}'])])
-    return table([f'energy: J [{J.unit}]', 'best', 'worst', 'average'], rows)
+    return Table([f'energy: J [{J.unit}]', 'best', 'worst', 'average'], rows)
+
+
+def _spread(values: Sequence[float | None]) -> list[str]:
+    known = [value for value in values if value is not None]
+    return [f'{value:.3e}' for value in (min(known), max(known), sum(known) / len(known))] if known else ['-'] * 3
+
+
+def zero_table(result: Result) -> Table | None:
+    """Return how far off the zeros of every recording are by the published criterion; None where it knows of none."""
+    rows = [
+        [zero.recording, *(_with_error(result, f'zeros.{k}.{joint}', '.1f') for joint in ('q1', 'q2'))]
+        for k, zero in enumerate(result.zeros)
+    ]
+    return Table(['zeros are off by [degrees]', 'q1', 'q2'], rows) if rows else None
+
+
+def model_table(result: Result) -> Table | None:
+    """Return how well each model predicts, which one was chosen, and why; None where the model was given."""
+    compared = result.models.compared
+    if not compared:
+        return None
+    horizons = range(len(compared[0].error))
+    rows = [
+        [
+            score.model,
+            number(result, f'models.compared.{k}.parameters'),
+            _joined(' ', (number(result, f'models.compared.{k}.error.{h}', '.4f') for h in horizons)),
+            _with_error(result, f'models.compared.{k}.behind', '.1%'),
+        ]
+        for k, score in enumerate(compared)
+    ]
+    why = 'the smallest model that predicts the training data within one standard error of the best'
+    if compared[-1].exact:
+        why = "the smallest model that leaves nothing but the encoders' rounding; larger ones were not tried"
+    after = _joined(', ', (number(result, f'prediction.horizons.{h}', 'g') for h in horizons))
+    note = f'{result.model} was chosen: {why} ({result.models.by})'
+    return Table(['model', 'parameters', ('error after ', after, ' s'), 'above the best by'], rows, [note])
+
+
+def data_sentences(result: Result) -> list[Cell]:
+    """Return how the torque and the states were taken, and what the elbow's own equation says of link 1."""
+    hold, length = result.effort.hold, result.link_length
+    sentences: list[Cell] = [
+        (
+            f'The torque was taken as {HOLDS.get(hold, hold)}, and as acting later than it is stamped by ',
+            _with_error(result, 'effort.delay', '.3g'),
+            ' s; states were smoothed over ',
+            number(result, 'smoothing'),
+            ' s.',
+        )
+    ]
+    if length.value is not None:
+        expected = ('; ', number(result, 'link_length.expected'), ' m was expected') if length.expected else ''
+        found = _with_error(result, 'link_length.value', '.4g', 'link_length.std_error')
+        says = "The elbow's own equation, in which no torque stands, gives the length of link 1 as "
+        sentences.append((says, found, ' m', expected, '.'))
+    return sentences
+
+
+def _with_error(result: Result, path: str, format: str, error: str = '') -> Cell:
+    """Return the number at a path and, where it is known, its standard error, which is at ``error``."""
+    value, known = number(result, path, format), number(result, error or f'{path}_std_error', format)
+    return value if known.value is None else (value, ' ± ', known)
+
+
+def _joined(separator: str, numbers: Iterable[Number]) -> Cell:
+    return tuple(part for each in numbers for part in (separator, each))[1:]
+
+
+def sources(result: Result) -> list[str]:
+    """Return the recordings, a line each."""
+    return [f'{b.role}: {b.bag}, {b.samples} samples, {b.duration:.2f} s' for b in result.bags]
 
 
 def steps(result: Result) -> str:
     """Return what the optimiser did, a paragraph a criterion."""
-    return '\n'.join(_wrapped(f'{name}: {"; ".join(entry.steps)}') for name, entry in result.criteria.items())
+    return '\n'.join(wrapped(f'{name}: {"; ".join(entry.steps)}') for name, entry in result.criteria.items())
 
 
 def not_covered(result: Result) -> Mapping[str, str]:
@@ -158,17 +255,24 @@ def verdict(result: Result) -> str:
 
 def judgement(result: Result) -> str:
     """Return the level of what is published and every warning; of other criteria what each is warned of first."""
-    level, warnings = result.level.name, result.warnings
-    lines = [f'{level}: {warning}' for warning in warnings or [verdict(result)]]
+    lines = [f'{result.level.name}: {warning}' for warning in result.warnings or [verdict(result)]]
     if followed := len(consequences(result)):
         lines.append(
             f'{followed} more follow from that: the result file (--output) and the report (--report) list them'
         )
-    for name, entry in result.criteria.items():
-        others = [warning for warning in entry.warnings if warning not in warnings]
-        more = f' (and {len(others) - 1} more)' if len(others) > 1 else ''
-        lines += [f'{name} alone, {entry.level.name}: {warning}{more}' for warning in others[:1]]
-    return '\n'.join(map(_wrapped, lines))
+    for name, (first, *others) in own_warnings(result).items():
+        more = f' (and {len(others)} more)' if others else ''
+        lines.append(f'{name} alone, {result.criteria[name].level.name}: {first}{more}')
+    return '\n'.join(map(wrapped, lines))
+
+
+def own_warnings(result: Result) -> dict[str, list[str]]:
+    """Return by criterion the warnings that what is published does not have; without criteria that have none."""
+    found = {
+        name: [warning for warning in entry.warnings if warning not in result.warnings]
+        for name, entry in result.criteria.items()
+    }
+    return {name: warnings for name, warnings in found.items() if warnings}
 
 
 def headline(result: Result) -> str:
@@ -184,88 +288,70 @@ def consequences(result: Result) -> list[str]:
 
 
 def advice(result: Result) -> str:
-    """Return what motion would tell more; empty where nothing is told poorly."""
-    sentences = result.advice
-    if not sentences:
+    """Return what motion would help to identify the parameters; empty where all are known well."""
+    if not result.advice:
         return ''
-    design = 'pendubot excite --design proposes an excitation that tells most of all parameters'
-    return '\n'.join(_wrapped(sentence) for sentence in [*sentences, design])
+    design = 'pendubot excite --design proposes an excitation that identifies all parameters as well as can be'
+    return '\n'.join(map(wrapped, [*result.advice, design]))
 
 
-def side_by_side(compared: Mapping[str, Any]) -> str:
-    """Return results beside each other, as ``pendubot compare`` found them."""
-    letters = [_letter(k) for k in range(len(compared['results']))]
-    legend = [f'{letter}  {name}' for letter, name in zip(letters, compared['results'], strict=True)]
-    rows = compared['parameters']
-    digits = decimals(
-        Parameter(value=value or 0.0, std_error=error)
-        for row in rows.values()
-        for value, error in zip(row['value'], row['std_error'], strict=True)
-    )
-    head = ['', *letters, *(f'{letter} - A' for letter in letters[1:])]
-    lines = []
-    for name, row in rows.items():
-        shown = (
-            fixed(value, digits) + ('' if error is None else f' ± {fixed(error, digits)}')
-            for value, error in zip(row['value'], row['std_error'], strict=True)
-        )
-        apart = ('-' if a is None else f'{a:+.1f}' for a in row['apart'][1:])
-        lines.append([f'{name} [{row["unit"]}]', *shown, *apart])
-    parts = ['\n'.join(legend), table(head, lines), 'differences from A in standard errors of both together']
-    if 'on' in compared:
-        errors = [
-            [f'error after {horizon:g} s', *(fixed(e[k], 3) for e in compared['error']), fixed(still, 3)]
-            for k, (horizon, still) in enumerate(zip(compared['horizons'], compared['standing_still'], strict=True))
-        ]
-        parts += [
-            table(['', *letters, 'standing still'], errors),
-            _wrapped(f'errors of simulated states in their standard deviations, on {compared["on"]}'),
-        ]
-    return '\n\n'.join([*parts, *map(_wrapped, compared['notes'])])
-
-
-def _letter(k: int) -> str:
-    return chr(ord('A') + k) if k < 26 else f'A{k}'
-
-
-def whole(result: Result, truth: Mapping[str, float] | None = None) -> str:
+def summary(result: Result) -> str:
     """Return all that a terminal shows of a result."""
-    effort, length, published = result.effort, result.link_length, result.criteria[result.criterion]
-    sources = (f'{b.role}: {b.bag}, {b.samples} samples, {b.duration:.2f} s' for b in result.bags)
-    held = {'zero': 'held from sample to sample', 'linear': 'changing linearly from sample to sample'}
-    taken = f'torque {held[effort.hold]}; states smoothed over {result.smoothing:g} s'
-    if length.value is not None:
-        taken += f'; P3 / P5 by the elbow alone: {length.value:.4g} m ± {length.std_error or 0:.1g} m'
-        taken += '' if length.expected is None else f', expected {length.expected:g} m'
-    several = len(result.criteria) > 1
-    parts = [
-        '\n'.join(sources),
-        f'published: the answer of {result.criterion}, {result.model} model\n' + parameter_table(result, truth),
-    ]
+    published = f'published: the answer of {result.criterion}, {result.model} model'
+    shown: list[str | Table | None] = ['\n'.join(sources(result)), f'{published}\n{parameter_table(result).text()}']
     # Where a fault of the recordings explains all that is odd, the rest would only hide it.
     if not result.consequences:
-        parts += [
-            comparison_table(result, truth) if several else '',
-            '\n'.join(
-                [
-                    quality_table(result),
-                    _wrapped(f'errors of simulated states in their standard deviations, {result.prediction.method}'),
-                    _wrapped(f'95 % intervals: {published.uncertainty}'),
-                    _wrapped(taken),
-                ]
-            ),
+        shown += [
+            comparison_table(result) if len(result.criteria) > 1 else None,
+            prediction_table(result),
+            criterion_table(result),
+            '\n'.join(map(wrapped, data_sentences(result))),
             zero_table(result),
             model_table(result),
-            criterion_table(result),
+            run_table(result),
             steps(result),
             advice(result),
         ]
-    return '\n\n'.join(part for part in [*parts, judgement(result)] if part)
+    shown.append(judgement(result))
+    return '\n\n'.join(part.text() if isinstance(part, Table) else part for part in shown if part)
 
 
-def _spread(values: Sequence[Number]) -> list[str]:
-    known = [value for value in values if value is not None]
-    return [f'{value:.3e}' for value in (min(known), max(known), sum(known) / len(known))] if known else ['-'] * 3
+def comparison(compared: Mapping[str, Any]) -> str:
+    """Return results beside each other, as ``pendubot compare`` found them."""
+    letters = [chr(ord('A') + k) if k < 26 else f'A{k}' for k in range(len(compared['results']))]
+    legend = [f'{letter}  {name}' for letter, name in zip(letters, compared['results'], strict=True)]
+    exact = rounding(
+        Parameter(value=value or 0.0, std_error=error)
+        for row in compared['parameters'].values()
+        for value, error in zip(row['value'], row['std_error'], strict=True)
+    )
+    rows: list[list[Cell]] = [
+        [
+            f'{name} [{row["unit"]}]',
+            *(
+                (Number(value, exact), '' if error is None else f' ± {error:{exact}}')
+                for value, error in zip(row['value'], row['std_error'], strict=True)
+            ),
+            *(Number(z, '+.1f') for z in row['apart'][1:]),
+        ]
+        for name, row in compared['parameters'].items()
+    ]
+    note = 'z: the difference from A in standard errors of both together'
+    tables = [Table(['', *letters, *(f'z of {letter} - A' for letter in letters[1:])], rows, [note])]
+    if 'on' in compared:
+        tables.append(
+            Table(
+                ['', *letters, 'persistence'],
+                [
+                    [f'error after {horizon:g} s', *(Number(value, '.3f') for value in (*errors, still))]
+                    for horizon, still, *errors in zip(
+                        compared['horizons'], compared['standing_still'], *compared['error'], strict=True
+                    )
+                ],
+                [f'errors of simulated states in their standard deviations, on {compared["on"]}'],
+            )
+        )
+    return '\n\n'.join(['\n'.join(legend), *(table.text() for table in tables), *map(wrapped, compared['notes'])])
 
 
 def doubt(entry: Parameter) -> str:
@@ -273,35 +359,11 @@ def doubt(entry: Parameter) -> str:
     return 'on its bound' if entry.on_bound else 'undetermined' if entry.determined is False else ''
 
 
-def decimals(entries: Iterable[Parameter]) -> int:
-    """Return the decimals that show three digits of the smallest estimate, or of its standard error if that is more."""
+def rounding(entries: Iterable[Parameter]) -> str:
+    """Return the format that shows three digits of the smallest estimate, or of its standard error if that is more."""
     sizes = [max(abs(e.value), e.std_error or 0.0) for e in entries if e.value and not e.on_bound]
-    return min(max(2 - math.floor(math.log10(min(sizes, default=1.0))), 4), 7)
-
-
-def fixed(value: float | None, digits: int) -> str:
-    """Return a number with so many decimals; a dash where there is none."""
-    return '-' if value is None else f'{value:.{digits}f}'
-
-
-def scientific(value: float | None) -> str:
-    """Return a number with four digits and its power of ten; a dash where there is none."""
-    return '-' if value is None else f'{value:.3e}'
+    return f'.{min(max(2 - math.floor(math.log10(min(sizes, default=1.0))), 4), 7)}f'
 
 
 def _error(value: float, truth: float) -> str:
     return f'{100 * (value / truth - 1):+.1f} %' if truth else f'{value:+.1e}'
-
-
-def _angle(value: float | None, error: float | None) -> str:
-    return '-' if value is None else f'{value:.1f} ± {fixed(error, 1)}'
-
-
-def _delay(effort: EffortTaken) -> str:
-    error = effort.delay_std_error
-    return f'{1e3 * effort.delay:.2f}' + ('' if error is None else f' ± {1e3 * error:.2f}') + ' ms'
-
-
-def _wrapped(text: str) -> str:
-    """Return a paragraph that a terminal need not break; names of files stay whole."""
-    return textwrap.fill(text, WIDTH, subsequent_indent='  ', break_long_words=False, break_on_hyphens=False)

@@ -11,15 +11,15 @@ import numpy as np
 
 from pendubot_identification.errors import BagError
 from pendubot_identification.identify.evidence import Answer
-from pendubot_identification.identify.result import Result
+from pendubot_identification.identify.result import Result, Source
 from pendubot_identification.identify.settings import Settings
 from pendubot_identification.model.parameters import NAMES, Bounds, Parameters
 from pendubot_identification.recordings.bag_reader import BagWindow, read_recording
-from pendubot_identification.trajectories.long import Long
+from pendubot_identification.trajectories.long import Long, Recording
 from pendubot_identification.trajectories.trajectory import Trajectory
 
 
-def recordings(result: Result, folder: Path | None = None) -> tuple[tuple[Trajectory, ...], tuple[Trajectory, ...]]:
+def recordings(result: Result, folder: Path | None = None) -> tuple[list[Trajectory], list[Trajectory]]:
     """Read the bags of a result again, divided as they were.
 
     Args:
@@ -43,26 +43,23 @@ def recordings(result: Result, folder: Path | None = None) -> tuple[tuple[Trajec
                 f'there is no bag {window.path}, of which this result was made; was it moved, or is this another '
                 'folder? --bags FOLDER names where it lies now'
             )
-        recorded = read_recording(
-            window,
-            topic=source.topic,
-            joint_names=source.joint_names,
-        )
+        recorded = read_recording(window, topic=source.topic, joint_names=source.joint_names)
         if recorded.sha256 != source.sha256:
             raise BagError(
                 f'{window.path} is not the bag of which this result was made: its SHA-256 begins with '
                 f'{recorded.sha256[:12]}, {source.sha256[:12]} is expected; --bags FOLDER names where that one lies'
             )
-        # One bag without a window was halved: the first samples estimate, the last ones validate.
-        samples = source.samples
-        motion = recorded.trajectory
-        if isinstance(motion, Long):
-            taken = source.stretches
-            found[source.role] += [s for s in motion.stretches if round(float(s.t[0]), 3) in taken]
-            continue
-        part = slice(samples) if source.role == 'training' else slice(len(motion) - samples, None)
-        found[source.role].append(motion[part])
-    return tuple(found['training']), tuple(found['validation'])
+        found[source.role] += _part(recorded.trajectory, source)
+    return found['training'], found['validation']
+
+
+def _part(motion: Recording, source: Source) -> list[Trajectory]:
+    """Return what a source used of a recording."""
+    if isinstance(motion, Long):
+        return [stretch for stretch in motion.stretches if round(float(stretch.t[0]), 3) in source.stretches]
+    # A bag without a window was halved: the first samples estimate, the last ones validate.
+    samples = source.samples
+    return [motion[:samples] if source.role == 'training' else motion[len(motion) - samples :]]
 
 
 def settings(result: Result) -> Settings:
@@ -71,33 +68,29 @@ def settings(result: Result) -> Settings:
     lower, upper = np.array(made.lower_bounds), np.array(made.upper_bounds)
     return Settings(
         criteria=tuple(made.criteria),
+        sliding=made.sliding_window,
+        delays=made.delays,
+        bounds=Bounds(lower, upper, NAMES[: len(lower)]),
         model=made.model,
         optimizer=made.optimizer,
-        sliding=made.sliding_window,
         smoothing=made.smoothing,
         hold=made.hold,
-        delays=made.delays,
         link_length=made.link_length,
         seed=made.seed,
-        bounds=Bounds(lower, upper, NAMES[: len(lower)]),
     )
 
 
 def hold(result: Result) -> str:
     """Return how a result took the torque between its samples; ``energy`` alone never asks."""
-    holds = [entry.effort.hold for name, entry in result.criteria.items() if name != 'energy']
-    asked = result.made_by.hold
-    return asked if asked != 'auto' else (holds or ['zero'])[0]
+    asked: str = result.made_by.hold
+    found = [answer.effort.hold for name, answer in result.criteria.items() if name != 'energy']
+    return asked if asked != 'auto' else (found or ['zero'])[0]
 
 
 def answers(result: Result) -> dict[str, Answer]:
     """Return every criterion's answer."""
-    return {
-        name: Answer(
-            name,
-            result.model,
-            Parameters(**{n: value.value for n, value in entry.parameters.items()}).vector(result.model),
-            entry.effort.delay,
-        )
-        for name, entry in result.criteria.items()
-    }
+    found = {}
+    for name, answer in result.criteria.items():
+        parameters = Parameters(**{name: entry.value for name, entry in answer.parameters.items()})
+        found[name] = Answer(name, result.model, parameters.vector(result.model), answer.effort.delay)
+    return found

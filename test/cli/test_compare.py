@@ -64,7 +64,7 @@ def test_what_each_predicts_of_a_bag(results, capsys):
     assert all(w < e < still for e, w, still in zip(energy, weak, found['standing_still'], strict=True))
     status, out, _ = compare(capsys, *named)
     assert 'error after 0.5 s' in out
-    assert 'standing still' in out
+    assert 'persistence' in out
 
 
 def test_a_bag_that_one_was_estimated_from_is_named(results, tmp_path, capsys):

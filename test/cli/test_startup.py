@@ -12,7 +12,7 @@ import pytest
 
 from test.conftest import ROOT
 
-HEAVY = ('scipy', 'matplotlib', 'rclpy', 'tqdm')
+HEAVY = ('scipy', 'matplotlib', 'rclpy', 'tqdm', 'jinja2')
 CHILD = """
 import json, sys
 from pendubot_identification.cli.main import main

@@ -12,9 +12,11 @@ import pytest
 
 from pendubot_identification.errors import TrajectoryError
 from pendubot_identification.identify.result import Given, Parameter
-from pendubot_identification.report.figures import draw_correlation
+from pendubot_identification.report.figures import draw_correlation, draw_recordings, draw_simulation
 from pendubot_identification.report.page import failure_page, result_page
-from test.identified import plain, result
+from test.identified import plain
+from test.identified import result as typed
+from test.report.test_figures import every_picture, motion, simulation
 
 VOID = {'meta', 'link', 'img'}
 
@@ -71,17 +73,19 @@ def unit_of_last_digit(text):
     'options', [{}, {'optimizer': 'mde', 'criteria': ('energy',)}, {'criteria': ('energy',), 'validate': False}]
 )
 def test_every_number_is_the_one_of_the_result_file(options):
-    data, reference = plain(**options), plain(('weak',))
-    page = Page(result_page(result(data), [], {}, result(reference)))
+    result, reference = plain(**options), plain(('weak',))
+    page = Page(result_page(typed(result), [], (typed(reference), 'reference')))
     assert len(page.data) > 70
     for attributes, shown in page.data:
-        source = reference if attributes.get('data-of') == 'reference' else data
+        source = reference if attributes.get('data-of') == 'reference' else result
         value = entry(source, attributes['data-entry'])
         assert attributes['value'] == repr(value)
-        assert math.isclose(float(shown), value, rel_tol=1e-12, abs_tol=0.51 * unit_of_last_digit(shown)), shown
+        number, unit = (shown.rstrip('%'), 0.01) if '%' in shown else (shown, 1.0)
+        rounding = 0.51 * unit * unit_of_last_digit(number)
+        assert math.isclose(unit * float(number), value, rel_tol=1e-12, abs_tol=rounding), shown
     # And no number stands anywhere else, but in what the file says in words and in names and prose.
     text = ' '.join(page.text)
-    for known in sorted(sentences(data), key=len, reverse=True):
+    for known in sorted(sentences(result), key=len, reverse=True):
         text = text.replace(known, ' ')
     text = re.sub(r'95 % interval|link [12]|\b[A-Za-z]+[0-9](\^2)?|\^2', ' ', text)
     assert re.findall(r'\d+', text) == []
@@ -96,60 +100,77 @@ def test_zeros_that_are_off_and_advice_are_shown():
         'q2_std_error': None,
         'unit': 'degree',
     }
-    text = result_page(result(plain() | {'zeros': [zeros], 'advice': ['move the elbow']}), [], {})
+    text = result_page(typed(plain() | {'zeros': [zeros], 'advice': ['move the elbow']}), [])
     shown = {attributes['data-entry']: number for attributes, number in Page(text).data}
     assert (shown['zeros.0.q1'], shown['zeros.0.q1_std_error']) == ('-3.3', '0.2')
     assert 'zeros.0.q2' not in shown
     assert 'move the elbow' in text
 
 
-def test_nothing_is_said_of_motors_that_may_not_be_there():
-    """A recording may have torques at both joints, and then shows them."""
-    assert 'motor' not in ' '.join(Page(result_page(result(plain()), [], {})).text)
-
-
 def test_all_that_the_file_says_of_its_making_is_at_the_foot():
-    data = plain()
-    page = Page(result_page(result(data), [], {}))
+    result = plain()
+    page = Page(result_page(typed(result), []))
     shown = {attributes['data-entry'] for attributes, _ in page.data}
     text = ' '.join(page.text)
-    for name, value in data['made_by'].items():
+    for name, value in result['made_by'].items():
         assert name.replace('_', ' ') in text
         if isinstance(value, (int, float)) and not isinstance(value, bool):
             assert f'made_by.{name}' in shown
     assert {f'made_by.upper_bounds.{k}' for k in range(14)} <= shown
-    for k, bag in enumerate(data['bags']):
+    for k, bag in enumerate(result['bags']):
         assert bag['sha256'] in text
         assert bag['bag'] in text
         assert f'bags.{k}.samples' in shown
 
 
+def test_every_figure_is_shown_with_what_a_good_one_looks_like():
+    text = result_page(typed(plain()), every_picture(), (typed(plain()), 'reference'))
+    shown = text.split('<figure>')[1:]
+    assert len(shown) == 7
+    for figure in shown:
+        (good,) = re.findall(r'<p class="good">(.+?)</p>', figure, re.DOTALL)
+        assert re.search(r'\b[Gg]ood\b', good)
+        assert '. ' not in good, 'one sentence'
+    assert 'black: reference.' in text
+    assert 'one after the other' not in text, 'there is but one recording'
+
+
+def test_captions_follow_from_what_was_drawn():
+    several = draw_recordings([motion(name='a@0:3'), motion(name='b')], [])
+    fitted = draw_simulation(simulation(), validation=False)
+    text = ' '.join(result_page(typed(plain()), [several, fitted]).split())
+    assert 'The recordings stand one after the other' in text
+    assert 'There are no validation data' in text
+    assert 'over 1 s at a time' in text
+    assert 'the very data that were fitted' in text
+
+
 def test_nothing_comes_from_elsewhere_and_nothing_runs():
-    made = result(plain())
-    page = Page(result_page(made, [draw_correlation(made)], {}))
+    result = plain()
+    page = Page(result_page(typed(result), [draw_correlation(typed(result))]))
     assert len(page.links) == 2, 'the figure, and an icon that is none'
     assert all(link.startswith('data:') for link in page.links)
     assert not page.tags & {'script', 'iframe', 'object', 'form'}
-    source = result_page(made, [], {})
+    source = result_page(typed(result), [])
     assert '@import' not in source
     assert 'url(' not in source
 
 
 def test_warnings_stand_at_the_top_in_words():
-    data = plain()
-    data |= {'level': 'ERROR', 'warnings': ['not physical: P1 < 0', 'cut & dried']}
-    text = result_page(result(data), [], {})
+    result = plain()
+    result |= {'level': 'ERROR', 'warnings': ['not physical: P1 < 0', 'cut & dried']}
+    text = result_page(typed(result), [])
     assert text.index('not physical: P1 &lt; 0') < text.index('<h2>')
     assert text.index('cut &amp; dried') < text.index('<h2>')
     assert 'do not use these parameters in a controller' in text
-    others = [w for e in data['criteria'].values() for w in e['warnings'] if w not in data['warnings']]
+    others = [w for e in result['criteria'].values() for w in e['warnings'] if w not in result['warnings']]
     assert all(html.escape(warning) in text for warning in others)
 
 
 def test_what_a_user_named_is_no_markup():
-    data = plain()
-    data['bags'][0]['bag'] = '<script>alert(1)</script>'
-    assert 'script' not in Page(result_page(result(data), [], {}, notes=['<script>'])).tags
+    result = plain()
+    result['bags'][0]['bag'] = '<script>alert(1)</script>'
+    assert 'script' not in Page(result_page(typed(result), [], notes=['<script>'])).tags
     assert 'script' not in Page(failure_page('<script>', ['<script>'])).tags
 
 
@@ -164,6 +185,11 @@ def test_a_page_of_a_failure_says_why_and_what_was_asked_for():
 
 def test_parameters_by_hand_stand_beside_a_result():
     by_hand = Given(parameters={'P1': Parameter(value=0.5)})
-    page = Page(result_page(result(plain()), [], {}, by_hand, 'reference'))
+    page = Page(result_page(typed(plain()), [], (by_hand, 'reference')))
     there = [(a['data-entry'], a['value']) for a, _ in page.data if a.get('data-of')]
     assert there == [('parameters.P1.value', '0.5')]
+
+
+def test_nothing_is_said_of_motors_that_may_not_be_there():
+    """A recording may have torques at both joints, and then shows them."""
+    assert 'motor' not in ' '.join(Page(result_page(typed(plain()), [])).text)

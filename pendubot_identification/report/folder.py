@@ -1,0 +1,129 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""A report as a folder: the figures as SVG and PNG, the result file, and the page, which shows them all."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from pendubot_identification.errors import PendubotError
+from pendubot_identification.files import OutputFolder
+from pendubot_identification.identify.evidence import excitation, residuals, simulate_beside
+from pendubot_identification.identify.prediction import state_scale
+from pendubot_identification.identify.result import Given, Result
+from pendubot_identification.results.provenance import answers, hold, settings
+from pendubot_identification.results.result_file import result_text
+from pendubot_identification.trajectories.motion import Motion
+from pendubot_identification.trajectories.trajectory import Trajectory
+
+from . import figures
+from .figures import Picture
+from .page import failure_page, result_page
+
+#: The motions that estimate, and those that validate.
+Recordings = tuple[Sequence[Trajectory], Sequence[Trajectory]]
+#: What a figure is of, and what draws it.
+Wanted = tuple[str, Callable[[], 'Picture | None']]
+
+
+def write_report(
+    folder: OutputFolder,
+    result: Result,
+    motions: Recordings | None,
+    beside: tuple[Result | Given, str] | None,
+    notes: Sequence[str],
+    progress: Callable[[str, int, int, float], None],
+) -> Path:
+    """Draw all that there is to draw of a result, write it, and return where the page is.
+
+    Args:
+        folder: what is written to, all or nothing.
+        result: of an identification.
+        motions: the recordings; None where they cannot be read, and nothing is drawn of them.
+        beside: another result, or parameters alone, to be shown beside it, and what to call it.
+        notes: what the page says that it does not show.
+        progress: told what is being done, how much of it is done, and of how much.
+
+    Raises:
+        ResultError: the system refuses to write.
+    """
+    wanted = list(_wanted(result, motions, beside))
+    pictures, notes = [], list(notes)
+    for k, (what, draw) in enumerate(wanted):
+        progress('drawing', k, len(wanted), math.nan)
+        try:
+            pictures.append(draw())
+        except PendubotError as error:
+            notes.append(f'{what}; {error}')
+    notes += [
+        f'what lies between {len(source.stretches)} stretches of {source.bag}, {source.duration:.0f} s; the '
+        'figures, and the residuals in them, are of these stretches alone'
+        for source in result.bags
+        if source.stretches
+    ]
+    drawn = [picture for picture in pictures if picture is not None]
+    page = result_page(result, drawn, beside, notes)
+    return _write(folder, {'result.yaml': result_text(result), **_files(drawn)}, page)
+
+
+def write_failure(folder: OutputFolder, reason: str, asked: Sequence[str], motions: Recordings | None) -> Path:
+    """Write a page that says why there is no result, with the data as far as they could be read; return where it is.
+
+    Raises:
+        ResultError: the system refuses to write.
+    """
+    pictures = [figures.draw_recordings(*motions)] if motions else []
+    return _write(folder, _files(pictures), failure_page(reason, asked, pictures))
+
+
+def _wanted(result: Result, motions: Recordings | None, beside: tuple[Result | Given, str] | None) -> Iterator[Wanted]:
+    """Yield all figures of a result."""
+    yield 'the parameters', partial(figures.draw_parameters, result, beside)
+    yield 'the correlations', partial(figures.draw_correlation, result)
+    if motions is not None:
+        found = answers(result)
+        best = found[result.criterion]
+        training, validation = (
+            [Motion.prepare(motion, result.smoothing, hold(result)) for motion in recorded] for recorded in motions
+        )
+        scale, asked = state_scale(training), settings(result)
+
+        def simulated() -> Picture:
+            shown = simulate_beside(validation or training, best, scale)
+            return figures.draw_simulation(shown, validation=bool(validation))
+
+        def excited() -> Picture:
+            return figures.draw_excitation(list(result.parameters), excitation(training, best, result.parameters))
+
+        def left(criterion: str) -> Picture:
+            return figures.draw_residuals(residuals(training, found[criterion], asked, result.smoothing, scale))
+
+        yield 'the data', partial(figures.draw_recordings, *motions)
+        yield 'the simulation', simulated
+        yield 'the excitation', excited
+        for criterion in found:
+            yield f'the residuals of {criterion}', partial(left, criterion)
+    for criterion, answer in result.criteria.items():
+        # Without MDE there is none, and results of earlier versions do not hold it.
+        if answer.convergence:
+            drawn = partial(figures.draw_convergence, criterion, answer.J, answer.convergence)
+            yield f'the convergence of {criterion}', drawn
+
+
+def _files(pictures: Iterable[Picture]) -> dict[str, str | bytes]:
+    return {
+        f'{picture.name}.{ending}': content
+        for picture in pictures
+        for ending, content in (('svg', picture.svg), ('png', picture.png))
+    }
+
+
+def _write(folder: OutputFolder, files: Mapping[str, Any], page: str) -> Path:
+    """Write the page last: where it is, all of it is."""
+    folder.write_together({**files, 'report.html': page})
+    return (folder.path / 'report.html').absolute()
