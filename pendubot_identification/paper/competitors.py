@@ -12,7 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pendubot_identification.errors import ParameterError
 from pendubot_identification.model.parameters import Bounds
 from pendubot_identification.optimizers.mde import MDESettings, generation
 from pendubot_identification.optimizers.optimizer import (
@@ -100,9 +99,6 @@ class PSOSettings:
         social: c2, towards the swarm's best.
         evaluations: a run ends with the generation in which it has asked for so many function values.
         target: stop a run at a value not above this.
-
-    Raises:
-        ParameterError: a setting that makes no sense.
     """
 
     particles: int = 149
@@ -111,13 +107,6 @@ class PSOSettings:
     social: float = 3.9789
     evaluations: int = 4000
     target: float | None = None
-
-    def __post_init__(self) -> None:
-        if self.particles < 1 or self.evaluations < self.particles:
-            raise ParameterError(
-                f'{self.particles} particles and {self.evaluations} function values were asked for; at least one '
-                'particle, and a value for each, are needed'
-            )
 
 
 def pso(

@@ -32,11 +32,11 @@ DIMENSION = 2
 ALGORITHMS = ('PSO', 'DE', 'HDE', 'MDE')
 #: The same as MDE, with the operator drawn once a vector, as the paper's text has it.
 PER_VECTOR = 'MDE per vector'
-#: Table 3.
+#: Table 3; that of PSO, DE and HDE is in competitors.py.
 SETTINGS: dict[str, PSOSettings | MDESettings] = {
-    'PSO': PSOSettings(149, -0.3236, -0.1136, 3.9789, evaluations=4000, target=TARGET),
-    'DE': classic(18, weight=0.6714, crossover=0.5026, generations=4000, target=TARGET),
-    'HDE': classic(18, weight=0.6714, crossover=0.5026, generations=4000, target=TARGET),
+    'PSO': PSOSettings(target=TARGET),
+    'DE': classic(target=TARGET),
+    'HDE': classic(target=TARGET),
     'MDE': MDESettings(population=50, generations=4000, target=TARGET),
     PER_VECTOR: MDESettings(population=50, generations=4000, per_component=False, target=TARGET),
 }
@@ -45,7 +45,7 @@ HDE_RATE = 0.01
 #: Runs that tell how often an algorithm arrives, for each one that the paper's tables have.
 MANY = 10
 #: More of them would not fit into a usual memory.
-MOST_RUNS = MOST_VECTORS // (MANY * 149)
+MOST_RUNS = MOST_VECTORS // (MANY * PSOSettings().particles)
 #: Runs of the sweep, likewise, and the generations after which one of them has failed. Those that arrive take 200.
 SWEEP, SWEEP_GENERATIONS = 5, 400
 THRESHOLDS = tuple(k / 10 for k in range(11))
