@@ -55,9 +55,3 @@ def test_package_xml_names_every_dependency_and_no_other():
     declared = {e.text for e in ElementTree.parse(ROOT / 'package.xml').iter('exec_depend')}
     # Launch files also start what they do not import; see test_launch.
     assert declared == {keys.get(name, name) for name in imported} | {'robot_state_publisher'}
-
-
-def test_nodes_are_thin():
-    for path in (ROOT / 'pendubot_identification' / 'nodes').glob('*.py'):
-        if path.name != 'runtime.py':
-            assert len(path.read_text().splitlines()) <= 200, f'{path.name} has outgrown a shell around the core'
