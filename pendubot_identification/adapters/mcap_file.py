@@ -258,15 +258,11 @@ class McapFile:
             known[each.id] = each
 
     def _damaged(self, offset: int, first_ns: int) -> BagError:
-        if not self.closed:
-            return BagError(
-                f'{self.path} was whole {offset} bytes from its start when it was opened and is not now: read it again'
-            )
         after = (first_ns - (self.first_ns or 0)) / 1e9
         return BagError(
-            f'{self.path} is damaged {offset} bytes from its start, {after:.3f} s after its first message; copy it '
-            'again from where it was recorded, choose a window without that time, or save what is whole with pendubot '
-            f'repair {self.path.parent}'
+            f'{self.path} is damaged {offset} bytes from its start, {after:.3f} s after its first message, or is not '
+            'any more what it was when it was opened; copy it again from where it was recorded, choose a window '
+            f'without that time, or save what is whole with pendubot repair {self.path.parent}'
         )
 
     def _read(self, at: int, size: int) -> bytes:
