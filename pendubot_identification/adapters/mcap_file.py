@@ -16,6 +16,7 @@ from array import array
 from collections import Counter
 from collections.abc import Collection, Iterator
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -43,7 +44,8 @@ TOGETHER = 250_000
 FOREVER_NS = 2**63 - 1
 
 
-class Damage(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class Damage:
     """A part of a file that is not understood: where it begins and how long it is [bytes]."""
 
     offset: int
@@ -247,7 +249,7 @@ class McapFile:
                 f'{self.path.name} was never closed, or is cut or damaged: its {count} messages that are whole, within '
                 f'{seconds:.3f} s, are used'
             )
-            if inside := [damage for damage in damages if sum(damage) < self._size]:
+            if inside := [damage for damage in damages if damage.offset + damage.size < self._size]:
                 lost = sum(damage.size for damage in inside)
                 self.note += f'; {lost} bytes among them are not, first at byte {inside[0].offset}'
         return index
