@@ -132,4 +132,4 @@ def test_a_recording_killed_midway_identifies_and_is_named(tmp_path):
     # How many runs get there to 1e-6 in the generations that they have depends on what was recorded until then.
     reached, exact = re.search(r'J = (\S+), exact (\S+)$', result.stdout, re.MULTILINE).groups()
     assert float(reached) == pytest.approx(float(exact), rel=1e-3), result.stdout
-    assert 'whole and are used' in run_program('pendubot', 'info', bag).stdout
+    assert 'messages that are whole' in run_program('pendubot', 'info', bag).stdout

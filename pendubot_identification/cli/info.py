@@ -66,11 +66,7 @@ def summarise(bag: BagReader, topics: dict[str, TopicTimes], damages: dict[str, 
         'files': [str(file.path) for file in bag.files],
         'closed': bag.closed,
         'note': bag.note,
-        'damaged': [
-            {'file': name, 'offset': damage.offset, 'size': damage.size}
-            for name, found in damages.items()
-            for damage in found
-        ],
+        'damaged': [{'file': name} | asdict(damage) for name, found in damages.items() for damage in found],
         'start_ns': bag.first_ns if bag.count else None,
         'duration': bag.duration,
         'messages': sum(len(topic.logged) for topic in topics.values()),

@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import argparse
 import json
+from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from pendubot_identification.recordings.bag_repair import SavedFile
@@ -54,39 +55,24 @@ def run(args: argparse.Namespace) -> int:
     bag = Path(args.bag)
     output = args.output or bag.absolute().parent / f'{bag.absolute().stem if bag.is_file() else bag.name}_repaired'
     saved = repair(bag, output, overwrite=args.force)
-    summary = summarise(output, saved)
-    print(json.dumps(summary, indent=2) if args.json else as_text(summary))
+    if args.json:
+        whole = all(file.whole for file in saved)
+        print(json.dumps({'output': str(output), 'whole': whole, 'files': [asdict(file) for file in saved]}, indent=2))
+    else:
+        print(as_text(output, saved))
     return 0
 
 
-def summarise(output: Path, saved: list[SavedFile]) -> dict[str, Any]:
-    """Return what ``--json`` prints: messages saved and known to be lost, and damaged places in bytes."""
-    return {
-        'output': str(output),
-        'whole': all(file.whole for file in saved),
-        'files': [
-            {
-                'file': str(file.path),
-                'closed': file.closed,
-                'saved': file.counts,
-                'missing': {topic: count for topic, count in file.missing.items() if count},
-                'damaged': [{'offset': damage.offset, 'size': damage.size} for damage in file.damages],
-            }
-            for file in saved
-        ],
-    }
-
-
-def as_text(summary: dict[str, Any]) -> str:
-    """Return the summary for people."""
+def as_text(output: Path, saved: list[SavedFile]) -> str:
+    """Return for people what was saved."""
     lines = []
-    for file in summary['files']:
-        lines.append(f'{file["file"]}: {"closed" if file["closed"] else "never closed, or cut"}')
-        width = max(map(len, file['saved']), default=0)
-        for topic, count in file['saved'].items():
-            lost = file['missing'].get(topic, 0)
+    for file in saved:
+        lines.append(f'{file.file}: {"closed" if file.closed else "never closed, or cut"}')
+        width = max(map(len, file.saved), default=0)
+        for topic, count in file.saved.items():
+            lost = file.missing.get(topic)
             lines.append(f'  {topic:{width}} {count:8d} messages saved' + (f', {lost} lost' if lost else ''))
-        lines += [f'  {d["size"]} bytes from byte {d["offset"]} on are damaged and left out' for d in file['damaged']]
-    if summary['whole']:
+        lines += [f'  {d.size} bytes from byte {d.offset} on are damaged and left out' for d in file.damaged]
+    if all(file.whole for file in saved):
         lines.append('nothing was missing or damaged')
-    return '\n'.join([*lines, f'written to {summary["output"]}, closed; the original is as it was'])
+    return '\n'.join([*lines, f'written to {output}, closed; the original is as it was'])

@@ -22,24 +22,24 @@ class SavedFile:
     """What became of one file of a bag.
 
     Attributes:
-        path: of the original.
+        file: the original's path.
         closed: whether it had an end and an index.
-        counts: messages saved, by topic.
+        saved: messages, by topic.
         missing: messages that are known to be lost, by topic: of those that the index counts, or else of the recorder's
             numbers between the first and the last that were saved. What came after the last is not known.
-        damages: what could not be used.
+        damaged: what could not be used.
     """
 
-    path: Path
+    file: str
     closed: bool
-    counts: dict[str, int]
+    saved: dict[str, int]
     missing: dict[str, int]
-    damages: tuple[Damage, ...]
+    damaged: list[Damage]
 
     @property
     def whole(self) -> bool:
         """Whether nothing had to be repaired."""
-        return self.closed and not self.damages and not any(self.missing.values())
+        return self.closed and not self.damaged and not self.missing
 
 
 def repair(path: Path, output: Path, *, overwrite: bool = False) -> list[SavedFile]:
@@ -57,13 +57,15 @@ def repair(path: Path, output: Path, *, overwrite: bool = False) -> list[SavedFi
     if not any(file.channels for file in files):
         raise BagError(f'{path} holds no message that is whole; nothing can be saved')
     channels: dict[Topic, int] = {}
-    numbers: dict[str, int] = {}
+    numbers: Counter[str] = Counter()
     with whole_bag(output, overwrite=overwrite) as bag:
-        return [_copy(file, bag, channels, numbers) for file in files]
+        return [_copied(file, bag, channels, numbers) for file in files]
 
 
-def _copy(file: McapFile, bag: BagWriter, channels: dict[Topic, int], numbers: dict[str, int]) -> SavedFile:
-    to: dict[int, int] = {}
+def _copied(file: McapFile, bag: BagWriter, channels: dict[Topic, int], numbers: Counter[str]) -> SavedFile:
+    """Copy one file, to the channels and behind the numbers of those before."""
+    saved, missing, damaged = Counter[str](), Counter[str](), list[Damage]()
+    to: dict[int, tuple[int, str]] = {}
     for number, channel in sorted(file.channels.items()):
         if (schema := file.schemas.get(channel.schema_id)) is None:
             continue
@@ -78,22 +80,18 @@ def _copy(file: McapFile, bag: BagWriter, channels: dict[Topic, int], numbers: d
         )
         if topic not in channels:
             channels[topic] = bag.add_channel(topic)
-        to[number] = channels[topic]
-    counts: Counter[str] = Counter()
-    missing: Counter[str] = Counter()
-    damages: list[Damage] = []
-    for part in file.whole_parts(damages):
+        to[number] = channels[topic], channel.topic
+    for part in file.whole_parts(damaged):
         for message in part.messages:
             if message.channel_id not in to:
                 continue
-            bag.write(to[message.channel_id], message.data, message.log_time, message.publish_time, message.sequence)
-            name = file.channels[message.channel_id].topic
-            counts[name] += 1
+            target, name = to[message.channel_id]
+            bag.write(target, message.data, message.log_time, message.publish_time, message.sequence)
+            saved[name] += 1
             # Lower numbers are of messages that come again; recorders that do not count leave zeros.
-            last = numbers.get(name, 0)
-            if message.sequence > last:
-                missing[name] += message.sequence - last - 1 if last else 0
+            if message.sequence > numbers[name]:
+                missing[name] += message.sequence - numbers[name] - 1 if numbers[name] else 0
                 numbers[name] = message.sequence
     for name, (_, counted) in file.topics.items():
-        missing[name] = max(missing[name], counted - counts[name])
-    return SavedFile(file.path, file.closed, dict(counts), dict(missing), tuple(damages))
+        missing[name] = max(missing[name], counted - saved[name])
+    return SavedFile(str(file.path), file.closed, dict(saved), dict(+missing), damaged)

@@ -251,7 +251,7 @@ class BagWriter:
 
 @contextmanager
 def whole_bag(path: Path, *, overwrite: bool = False) -> Iterator[BagWriter]:
-    """Write a bag whole or not at all: meanwhile it is beside its place, as ``NAME.partial``.
+    """Write a bag whole or not at all: meanwhile it is beside its place, as ``NAME.NUMBER.partial``.
 
     Args:
         path: the bag's folder.
@@ -261,18 +261,20 @@ def whole_bag(path: Path, *, overwrite: bool = False) -> Iterator[BagWriter]:
         BagError: the name is taken, or the system refuses to write.
     """
     path = Path(path)
-    beside = path.with_name(f'{path.absolute().name}.partial')
     if os.path.lexists(path) and not overwrite:
         raise BagError(f'{path} exists already; give another name, or replace it with --force')
     try:
         _bag_files(path)
-        _remove(beside)
+        # Of a name that no other program takes, should two write the same bag.
+        beside = path.absolute().with_name(f'{path.absolute().name}.{os.getpid()}.partial')
         try:
             with BagWriter(path, folder=beside) as bag:
                 yield bag
-            _remove(path)
+            if overwrite:
+                for file in _bag_files(path):
+                    file.unlink()
             os.rename(beside, path)
-            sync_folder(path.absolute().parent)
+            sync_folder(beside.parent)
         finally:
             shutil.rmtree(beside, ignore_errors=True)
     except (RefusedError, OSError) as error:
@@ -309,11 +311,3 @@ def _bag_files(path: Path) -> list[Path]:
     if foreign := [file.name for file in content if file not in parts]:
         raise BagError(f'{path} holds {foreign[0]!r} beside its bag, so it is not overwritten; give another name')
     return parts
-
-
-def _remove(path: Path) -> None:
-    """Remove a bag, if there is one."""
-    for file in _bag_files(path):
-        file.unlink()
-    if path.is_dir():
-        path.rmdir()

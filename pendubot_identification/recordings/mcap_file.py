@@ -19,6 +19,7 @@ from array import array
 from collections import Counter
 from collections.abc import Collection, Iterator
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -46,7 +47,8 @@ TOGETHER = 250_000
 FOREVER_NS = 2**63 - 1
 
 
-class Damage(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class Damage:
     """A part of a file that is not understood: where it begins and how long it is [bytes]."""
 
     offset: int
@@ -250,7 +252,7 @@ class McapFile:
                 f'{self.path.name} was never closed, or is cut or damaged: its {count} messages that are whole, within '
                 f'{seconds:.3f} s, are used'
             )
-            if inside := [damage for damage in damages if sum(damage) < self._size]:
+            if inside := [damage for damage in damages if damage.offset + damage.size < self._size]:
                 lost = sum(damage.size for damage in inside)
                 self.note += f'; {lost} bytes among them are not, first at byte {inside[0].offset}'
         return index
@@ -261,15 +263,11 @@ class McapFile:
             known[each.id] = each
 
     def _damaged(self, offset: int, first_ns: int) -> BagError:
-        if not self.closed:
-            return BagError(
-                f'{self.path} was whole {offset} bytes from its start when it was opened and is not now: read it again'
-            )
         after = (first_ns - (self.first_ns or 0)) / 1e9
         return BagError(
-            f'{self.path} is damaged {offset} bytes from its start, {after:.3f} s after its first message; copy it '
-            'again from where it was recorded, choose a window without that time, or save what is whole with pendubot '
-            f'repair {self.path.parent}'
+            f'{self.path} is damaged {offset} bytes from its start, {after:.3f} s after its first message, or is not '
+            'any more what it was when it was opened; copy it again from where it was recorded, choose a window '
+            f'without that time, or save what is whole with pendubot repair {self.path.parent}'
         )
 
     def _read(self, at: int, size: int) -> bytes:

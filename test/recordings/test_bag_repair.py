@@ -97,7 +97,7 @@ def test_the_original_is_as_it_was_and_the_copy_says_all_that_it_said(tmp_path):
     (saved,) = repair(path, tmp_path / 'copy')
     assert contents(path) == before
     assert saved.whole
-    assert saved.counts == {'/latched': 5}
+    assert saved.saved == {'/latched': 5}
     assert (tmp_path / 'copy' / 'metadata.yaml').read_bytes() == metadata.replace(b'bag_', b'copy_')
     assert by_mcap(tmp_path / 'copy') == by_mcap(path) == by_rosbags(tmp_path / 'copy')
 
@@ -109,9 +109,9 @@ def test_what_is_lost_is_counted(tmp_path):
     change(file, hit)
     (saved,) = repair(tmp_path / 'bag', tmp_path / 'copy')
     assert not saved.whole
-    assert sum(saved.counts.values()) + sum(saved.missing.values()) == damage.COUNT
+    assert sum(saved.saved.values()) + sum(saved.missing.values()) == damage.COUNT
     assert sum(saved.missing.values()) > 0
-    (place,) = saved.damages
+    (place,) = saved.damaged
     assert place.offset < hit < place.offset + place.size
 
 

@@ -169,13 +169,27 @@ def test_a_bag_is_overwritten_only_when_asked_and_by_a_whole_one(tmp_path):
         interrupted()
     assert os.listdir(tmp_path) == ['bag']
     assert BagReader(path).count == 10
-    # What one left that was killed is not in the way.
-    write(tmp_path / 'bag.partial', count=5)
     with whole_bag(path, overwrite=True) as bag:
         write(path, 20, bag)
     assert os.listdir(tmp_path) == ['bag']
     assert BagReader(path).count == 20
     assert by_mcap(path) == by_rosbags(path)
+
+
+def test_of_two_who_write_one_bag_the_first_is_kept(tmp_path, monkeypatch):
+    path = tmp_path / 'bag'
+
+    def both():
+        with whole_bag(path) as slow:
+            monkeypatch.setattr(os, 'getpid', lambda: 1)
+            with whole_bag(path) as quick:
+                write(path, 20, quick)
+            write(path, 10, slow)
+
+    with pytest.raises(BagError, match='is not written: Directory not empty'):
+        both()
+    assert os.listdir(tmp_path) == ['bag']
+    assert BagReader(path).count == 20
 
 
 def test_a_folder_that_cannot_be_made_is_one_sentence(tmp_path):
