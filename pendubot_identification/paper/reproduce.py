@@ -68,9 +68,9 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the experiments, write, print."""
-    from pendubot_identification.cli.reproduction import Reproduction
     from pendubot_identification.errors import PendubotError
     from pendubot_identification.files import OutputFolder
+    from pendubot_identification.paper.reproduction import Reproduction
     from pendubot_identification.paper.trials import MOST_RUNS
 
     if not 1 <= args.runs <= MOST_RUNS:
