@@ -1,10 +1,10 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The rig's state from encoder positions and applied torques, now and when the next torque will act.
+"""The rig's state, estimated from encoder positions and applied torques, and how late commanded torques are applied.
 
-A Kalman filter with constant gain whose model is the nonlinear one: so it needs no velocities from differences, which
-lag, and predicts over the loop's dead time wherever the rig swings.
+The estimator is a Kalman filter with constant gain whose model is the nonlinear one. So it needs no differences of
+positions, which lag behind, and it predicts over the loop's dead time at any speed.
 """
 
 from __future__ import annotations
@@ -19,42 +19,49 @@ from pendubot_identification.model.dynamics import Pair
 from pendubot_identification.model.parameters import Parameters
 from pendubot_identification.model.simulation import Plant
 
-from .command_monitor import LONGEST
-
 Array = NDArray[np.float64]
-State = tuple[float, float, float, float]
+#: q1, q2 [rad], q1', q2' [rad/s].
+RigState = tuple[float, float, float, float]
+
+#: Torques [N m] that differ by less are the same: the board counts in micro-N m.
+SAME_TORQUE = 2e-6
+#: The longest transport that is looked for [samples].
+LONGEST_TRANSPORT = 10
+#: The transport is the one that this share of the last so many unambiguous samples shows.
+TRANSPORT_SAMPLES, TRANSPORT_SHARE = 40, 0.8
+#: The motor does not obey when none of the commanded torques has been applied for so long [s].
+DISOBEDIENCE = 0.1
 
 
 class Estimator:
-    """Follows the state sample by sample.
+    """Estimates the state, sample by sample.
 
     Args:
         parameters: of the rig.
         period: between samples [s].
         transport: a torque computed from a sample is applied so many samples later, at least 1.
         lag: the motor obeys so much later than the board says [s].
-        L: gain of the positions' innovations, shape (4, 2).
+        L: Kalman gain of the positions' innovation, shape (4, 2).
 
     Attributes:
-        innovation: how far the last positions were from what was expected [rad].
-        transport: as given; it may be set to what was measured.
+        transport: as given; the controller sets it to what was measured.
     """
 
     def __init__(self, parameters: Parameters, period: float, transport: int, lag: float, L: Array) -> None:
         self._plant = Plant(parameters)
         self._period = period
+        # The lag as whole periods and the rest.
         self._whole = math.floor(lag / period + 1e-9)
         self._part = max(0.0, lag - self._whole * period)
-        self._L = [tuple(map(float, row)) for row in L]
-        self._state: State | None = None
-        #: Torques applied, the last one from the last sample on; and those commanded that are still to be applied.
+        self._L = L.tolist()
+        self._state: RigState | None = None
+        #: Torques applied, the last one from the last sample on; and those commanded, of which the last are pending.
         self._applied: deque[float] = deque([0.0] * (self._whole + 2), maxlen=self._whole + 2)
-        self._commanded: deque[float] = deque([0.0] * LONGEST, maxlen=LONGEST)
+        self._commanded: deque[float] = deque([0.0] * LONGEST_TRANSPORT, maxlen=LONGEST_TRANSPORT)
         self.transport = transport
-        self.innovation: Pair = (0.0, 0.0)
 
-    def update(self, q: Pair, effort: float, samples: int = 1) -> State:
-        """Take positions [rad] and the torque applied from now on [N m]; return q1, q2, q1', q2'.
+    def update(self, q: Pair, effort: float, samples: int = 1) -> RigState:
+        """Take positions [rad] and the torque applied from now on [N m]; return the state now.
 
         ``samples``: how many periods have passed since the last one, more than 1 where some were lost.
         """
@@ -67,46 +74,73 @@ class Estimator:
             self._move(self._applied[-self._whole - 2], self._part)
             self._move(self._applied[-self._whole - 1], self._period - self._part)
             self._applied.append(effort)
-        q1, q2, v1, v2 = (*self._plant.q, *self._plant.qd)
-        r1, r2 = self.innovation = q[0] - q1, q[1] - q2
-        a, b, c, d = self._L if samples == 1 else self._after(samples)
-        self._state = (
-            q1 + a[0] * r1 + a[1] * r2,
-            q2 + b[0] * r1 + b[1] * r2,
-            v1 + c[0] * r1 + c[1] * r2,
-            v2 + d[0] * r1 + d[1] * r2,
-        )
+        expected = (*self._plant.q, *self._plant.qd)
+        r1, r2 = q[0] - expected[0], q[1] - expected[1]
+        gain = self._L if samples == 1 else self._gain_after(samples)
+        q1, q2, v1, v2 = (x + by1 * r1 + by2 * r2 for x, (by1, by2) in zip(expected, gain, strict=True))
+        self._state = q1, q2, v1, v2
         return self._state
 
-    def predict(self) -> State:
+    def predict(self) -> RigState:
         """Return the state at the moment when a torque computed now begins to act."""
-        assert self._state is not None, 'there is nothing to predict from before the first sample'
+        assert self._state is not None, 'update() has to come first'
         self._plant.place(self._state[:2], self._state[2:])
         self._move(self._applied[-self._whole - 2], self._part)
-        for torque in [*list(self._applied)[-self._whole - 1 :], *self._pending()]:
+        pending = list(self._commanded)[LONGEST_TRANSPORT + 1 - self.transport :]
+        for torque in [*list(self._applied)[-self._whole - 1 :], *pending]:
             self._move(torque, self._period)
         return (*self._plant.q, *self._plant.qd)
 
-    def _after(self, samples: int) -> list[tuple[float, ...]]:
-        """Return the gain after a gap: the positions are new, and speed explains what moved meanwhile, not more."""
-        elapsed = samples * self._period
-        bound = min(1.0, 1 / (elapsed * max(abs(value) for row in self._L[2:] for value in row)))
-        return [(1.0, 0.0), (0.0, 1.0), *(tuple(bound * value for value in row) for row in self._L[2:])]
+    def command(self, torque: float) -> None:
+        """Note the torque [N m] that was computed from the last sample."""
+        self._commanded.append(torque)
 
     def resume(self, before: Estimator) -> None:
-        """Go on where another one, of other parameters, was."""
+        """Go on from the state and torques of an estimator with other parameters."""
         self._state, self.transport = before._state, before.transport
         self._applied.extend(before._applied)
         self._commanded.extend(before._commanded)
 
-    def command(self, torque: float) -> None:
-        """Note the torque [N m] that was computed from this sample."""
-        self._commanded.append(torque)
-
-    def _pending(self) -> list[float]:
-        """Return the torques that were commanded and not applied yet, in their order."""
-        return list(self._commanded)[LONGEST + 1 - self.transport :]
+    def _gain_after(self, samples: int) -> list[list[float]]:
+        """Return the gain after lost samples: positions as measured, speeds corrected by at most innovation / time."""
+        elapsed = samples * self._period
+        bound = min(1.0, 1 / (elapsed * max(abs(value) for row in self._L[2:] for value in row)))
+        return [[1.0, 0.0], [0.0, 1.0], *([bound * value for value in row] for row in self._L[2:])]
 
     def _move(self, torque: float, duration: float) -> None:
         if duration > 0:
             self._plant.advance((torque, 0.0), duration)
+
+
+class CommandMonitor:
+    """Compares the efforts that come with samples with the torques that were commanded.
+
+    Args:
+        transport: first guess [samples].
+        period: between samples [s].
+
+    Attributes:
+        transport: a torque computed from a sample is applied so many samples later.
+    """
+
+    def __init__(self, transport: int, period: float) -> None:
+        self.transport = transport
+        self._patience = max(LONGEST_TRANSPORT + 1, round(DISOBEDIENCE / period))
+        self._commands: deque[float] = deque(maxlen=self._patience)
+        self._seen: deque[int] = deque(maxlen=TRANSPORT_SAMPLES)
+        self._unmatched = 0
+
+    def command(self, torque: float) -> None:
+        """Note the torque [N m] that was computed from the last sample."""
+        self._commands.append(torque)
+
+    def obeyed(self, effort: float) -> bool:
+        """Take the effort of a sample [N m]; return whether commanded torques are applied at all."""
+        matches = [j for j, torque in enumerate(reversed(self._commands), 1) if abs(torque - effort) <= SAME_TORQUE]
+        self._unmatched = 0 if matches or not self._commands else self._unmatched + 1
+        if len(matches) == 1 and matches[0] <= LONGEST_TRANSPORT:
+            self._seen.append(matches[0])
+            most = max(set(self._seen), key=self._seen.count)
+            if len(self._seen) == TRANSPORT_SAMPLES and self._seen.count(most) >= TRANSPORT_SHARE * TRANSPORT_SAMPLES:
+                self.transport = most
+        return self._unmatched < self._patience

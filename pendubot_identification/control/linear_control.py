@@ -3,39 +3,39 @@
 
 """Linear control of a balanced pendubot: linearisation, sampling, discrete LQR and Kalman gains, and their margins.
 
-Near a balanced configuration x = (q - q*, q') [rad, rad/s] moves as x' = A x + B (tau - tau*). The loop is sampled with
-dead time: the torque computed from a sample acts D seconds after it. The regulator predicts the state over D and feeds
-that back, which is the LQR of the plant augmented by its delay states (Artstein's reduction: what the pending torques
-do to the state is known, and the rest is a plant without delay).
+Near a balanced configuration x = (q - q*, q') [rad, rad/s] obeys x' = A x + B (tau - tau*). The loop is sampled and has
+a dead time: the torque computed from a sample acts D seconds after it. The regulator feeds back the state predicted D
+ahead, which is the LQR of the plant augmented by its delay states (Artstein's reduction: the effect of the pending
+torques is known, and what remains is a plant without delay).
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm, solve_discrete_are
 
 from pendubot_identification.errors import ControlError
-from pendubot_identification.model.dynamics import GRAVITY, mass_matrix
+from pendubot_identification.model.dynamics import GRAVITY, acceleration_derivatives, mass_matrix
 from pendubot_identification.model.parameters import Parameters
 
 Array = NDArray[np.float64]
 
-#: What the encoders see of the state.
+#: The output matrix: encoders measure positions.
 _MEASURED = np.eye(2, 4)
-#: Gains, and delays [s], beyond which margins are not looked for.
+#: The largest gain, and the longest added delay [s], up to which margins are looked for.
 _LARGEST_GAIN, _LONGEST_DELAY = 100.0, 0.2
-#: In so many steps they are first looked for, coarsely.
+#: Points of the coarse grid on which they are looked for first.
 _GRID = 81
 
 
 @dataclass(frozen=True, slots=True)
 class Equilibrium:
-    """A configuration in which the rig stays: positions q1, q2 [rad] and the shoulder torque that holds it [N m]."""
+    """A configuration in which the rig rests: positions q1, q2 [rad] and the shoulder torque that holds it [N m]."""
 
     q1: float
     q2: float
@@ -45,7 +45,7 @@ class Equilibrium:
 def equilibrium(parameters: Parameters, q1: float = math.pi / 2, standing: bool = True) -> Equilibrium:
     """Return the equilibrium with link 1 at ``q1`` [rad] and link 2 above its joint (``standing``) or below it.
 
-    A pendubot has one for every q1: no torque acts on link 2, which is upright or hangs, and the motor holds link 1.
+    There is one for every q1: link 2, on which no torque acts, stands or hangs, and the motor holds link 1.
     """
     return Equilibrium(q1, (math.pi / 2 if standing else -math.pi / 2) - q1, parameters.P4 * GRAVITY * math.cos(q1))
 
@@ -53,23 +53,22 @@ def equilibrium(parameters: Parameters, q1: float = math.pi / 2, standing: bool 
 def linearise(parameters: Parameters, at: Equilibrium) -> tuple[Array, Array]:
     """Return A, shape (4, 4), and B, shape (4, 1), of x' = A x + B (tau - tau*) about an equilibrium.
 
-    M q'' + b q' + dG/dq (q - q*) = (tau - tau*, 0). Dry friction has no slope that a motion of any size feels: the
-    linear model is without it.
+    Dry friction is left out: at rest its slope is so steep that it would describe no motion of any size.
     """
-    p = parameters
-    inverse = np.linalg.inv(mass_matrix(p.vector(), [at.q1, at.q2]))
-    lower = -p.P5 * GRAVITY * math.sin(at.q1 + at.q2)
-    stiffness = np.array([[lower - p.P4 * GRAVITY * math.sin(at.q1), lower], [lower, lower]])
-    A, B = np.zeros((4, 4)), np.zeros((4, 1))
-    A[:2, 2:] = np.eye(2)
-    A[2:, :2] = -inverse @ stiffness
-    A[2:, 2:] = -inverse @ np.diag([p.b1, p.b2])
-    B[2:, 0] = inverse[:, 0]
-    return A, B
+    viscous = replace(parameters, Fc1=0.0, Fc2=0.0, Fs1=0.0, Fs2=0.0, k1=0.0, k2=0.0).vector()
+    q, v, tau = np.array([[at.q1], [at.q2]]), np.zeros((2, 1)), np.array([[at.tau], [0.0]])
+    _, slopes = acceleration_derivatives(viscous, q, v, tau)
+    A = np.vstack([np.eye(2, 4, 2), slopes[:, :4, 0]])
+    return A, _by_torque(parameters, at)[:, :1]
+
+
+def _by_torque(parameters: Parameters, at: Equilibrium) -> Array:
+    """Return the derivative of x' by the torques of both joints, shape (4, 2)."""
+    return np.vstack([np.zeros((2, 2)), np.linalg.inv(mass_matrix(parameters.vector(), [at.q1, at.q2]))])
 
 
 def sampled(A: Array, B: Array, duration: float) -> tuple[Array, Array]:
-    """Return what x becomes after ``duration`` [s] under a constant torque: Phi, shape (4, 4), and Gamma, (4, 1)."""
+    """Return the zero-order-hold model over ``duration`` [s]: Phi, shape (4, 4), and Gamma, of B's shape (4, M)."""
     n, m = B.shape
     block = np.zeros((n + m, n + m))
     block[:n, :n], block[:n, n:] = A, B
@@ -79,14 +78,14 @@ def sampled(A: Array, B: Array, duration: float) -> tuple[Array, Array]:
 
 @dataclass(frozen=True, slots=True)
 class Weights:
-    """What the regulator and the estimator are designed for; torques as fractions of the rig's weight (P4 + P5) g.
+    """Weights of the LQR and covariances of the Kalman filter; torques as fractions of the rig's weight (P4 + P5) g.
 
     Attributes:
-        angle: deviation [rad] of an angle that weighs as much as ``torque``.
-        torque: see there; the smaller it is, the nearer to the least torque that balances at all.
-        disturbance: torque on each joint, white from sample to sample at 100 Hz, that the model leaves unexplained: the
-            larger, the more the estimator believes the encoders.
-        counts_per_turn: of the encoders, whose rounding is the noise.
+        angle: deviation of an angle [rad] that costs as much as ``torque``.
+        torque: the smaller, the less torque is used.
+        disturbance: standard deviation of the torque on each joint that the model leaves unexplained, white at 100 Hz;
+            the larger, the more the estimator trusts the encoders.
+        counts_per_turn: of the encoders, whose rounding is the measurement noise.
     """
 
     angle: float = 0.1
@@ -104,7 +103,7 @@ class Regulator:
         period: between samples [s].
         delay: from a sample to the moment when the torque computed from it acts [s].
         K: shape (4,); tau = tau* - K x, x predicted ``delay`` ahead.
-        S: shape (4, 4); x^T S x is the cost to go, which a regulated rig without disturbance never increases.
+        S: shape (4, 4); x^T S x is the cost to go.
         L: shape (4, 2); Kalman gain of the positions' innovation.
     """
 
@@ -125,7 +124,7 @@ def design(parameters: Parameters, at: Equilibrium, period: float, delay: float,
         at: where to balance.
         period: between samples [s].
         delay: from a sample to the moment when the torque computed from it acts [s].
-        weights: what matters how much.
+        weights: of the LQR and the Kalman filter.
 
     Raises:
         ControlError: there is no such regulator, because the motor cannot move what has to be balanced.
@@ -134,8 +133,7 @@ def design(parameters: Parameters, at: Equilibrium, period: float, delay: float,
     Phi, Gamma = sampled(A, B, period)
     weight = (parameters.P4 + parameters.P5) * GRAVITY
     Q, R = np.diag([1, 1, 0, 0]) / weights.angle**2, np.eye(1) / (weights.torque * weight) ** 2
-    both = np.vstack([np.zeros((2, 2)), np.linalg.inv(mass_matrix(parameters.vector(), [at.q1, at.q2]))])
-    _, pushes = sampled(A, both, period)
+    _, pushes = sampled(A, _by_torque(parameters, at), period)
     disturbance = pushes @ pushes.T * (weights.disturbance * weight) ** 2 * (0.01 / period)
     noise = np.eye(2) * (2 * math.pi / weights.counts_per_turn) ** 2 / 12
     try:
@@ -151,7 +149,7 @@ def design(parameters: Parameters, at: Equilibrium, period: float, delay: float,
     return Regulator(A, B, period, delay, K[0], S, L)
 
 
-def closed_loop(regulator: Regulator, gain: complex = 1.0, delay: float | None = None) -> Array:
+def closed_loop_matrix(regulator: Regulator, gain: complex = 1.0, delay: float | None = None) -> Array:
     """Return the transition matrix, over one period, of the rig under the regulator: stable when all |z| < 1.
 
     Args:
@@ -167,7 +165,7 @@ def closed_loop(regulator: Regulator, gain: complex = 1.0, delay: float | None =
 
 
 def _parts(r: Regulator, delay: float) -> tuple[Array, Array]:
-    """Return the closed loop without what the torques do to the rig, and that."""
+    """Return the two parts of :func:`closed_loop_matrix`: without the torques' effect on the rig, and this effect."""
     Phi, own = _effects(r, delay, r.period)
     _, assumed = _effects(r, r.delay, r.period)
     ahead, pending = _effects(r, r.delay, r.delay)
@@ -184,7 +182,7 @@ def _parts(r: Regulator, delay: float) -> tuple[Array, Array]:
 
 
 def _effects(r: Regulator, delay: float, span: float) -> tuple[Array, Array]:
-    """Return what becomes of the state over ``span`` [s] after a sample: its transition, and the effect of torques.
+    """Return how the state moves over ``span`` [s] after a sample: transition, shape (4, 4), and effects of torques.
 
     Row j of the effects, shape (N, 4), belongs to the torque that was computed j samples before this one.
     """
@@ -200,12 +198,12 @@ def _effects(r: Regulator, delay: float, span: float) -> tuple[Array, Array]:
 
 @dataclass(frozen=True, slots=True)
 class Margins:
-    """How far the rig may be from what was designed for, one thing at a time, before the loop is unstable.
+    """Stability margins: how far the rig may differ from the design, in one respect at a time.
 
     Attributes:
-        gain_down, gain_up: factors of the torque; the rig being unstable, there is a lower one.
+        gain_down, gain_up: smallest and largest factor of the torque.
         phase: [rad].
-        delay: more dead time than designed for [s].
+        delay: dead time in addition to the designed one [s].
     """
 
     gain_down: float
@@ -215,13 +213,13 @@ class Margins:
 
 
 def margins(regulator: Regulator) -> Margins:
-    """Return the margins of a design, exact for the sampled loop: where its closed loop ceases to be stable.
+    """Return the margins of a design, from the eigenvalues of the sampled closed loop.
 
     Raises:
-        ControlError: it is not even stable as designed.
+        ControlError: the loop is unstable as designed.
     """
     r = regulator
-    if not _stable(closed_loop(r)):
+    if not _stable(closed_loop_matrix(r)):
         raise ControlError(
             f'a sample every {1e3 * r.period:g} ms and a dead time of {1e3 * r.delay:.3g} ms are too slow to hold this '
             'rig upright; sample faster, or shorten the delay'
@@ -230,7 +228,7 @@ def margins(regulator: Regulator) -> Margins:
     up = _edge(lambda power: fixed + math.exp(power) * moved, math.log(_LARGEST_GAIN))
     down = _edge(lambda power: fixed + math.exp(-power) * moved, math.log(_LARGEST_GAIN))
     phase = _edge(lambda angle: fixed + complex(math.cos(angle), -math.sin(angle)) * moved, math.pi)
-    delay = _edge(lambda more: closed_loop(r, delay=r.delay + more), _LONGEST_DELAY)
+    delay = _edge(lambda more: closed_loop_matrix(r, delay=r.delay + more), _LONGEST_DELAY)
     return Margins(math.exp(-down), math.exp(up), phase, delay)
 
 
@@ -239,7 +237,7 @@ def _stable(matrix: Array) -> bool:
 
 
 def _edge(loop: Callable[[float], Array], furthest: float) -> float:
-    """Return up to where a loop that is stable at 0 stays so, at most ``furthest``."""
+    """Return the largest value, at most ``furthest``, up to which a loop that is stable at 0 stays stable."""
     grid = np.linspace(0, furthest, _GRID)
     outside = next((k for k in range(1, len(grid)) if not _stable(loop(grid[k]))), None)
     if outside is None:

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What a balancer has to know before it may begin: parameters that somebody vouches for, and the loop that it is in."""
+"""Readiness: what must be known before the design: parameters, how good they are, and period and delay of the loop."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from pendubot_identification.errors import ControlError
 from pendubot_identification.level import Level
 from pendubot_identification.model.parameters import NAMES, Parameters
 
-from .control import Loop
+from .controller import Loop
 
-#: Of so many samples the shortest steps, these tenths of them, tell the period: on a busy machine others are skipped.
-#: It is believed until it changes by more than this.
-SAMPLES, SHORTEST, TOLERANCE = 100, 0.1, 0.05
+#: The period is this quantile of so many steps between samples, a low one because a busy machine skips samples. It is
+#: kept until it changes by more than this share.
+SAMPLES, QUANTILE, TOLERANCE = 100, 0.1, 0.05
 
 
 class Readiness:
@@ -44,7 +44,7 @@ class Readiness:
             self._steps.append(t - self._last)
         self._last = t
         if len(self._steps) == SAMPLES:
-            period = sorted(self._steps)[round(SHORTEST * SAMPLES)]
+            period = sorted(self._steps)[round(QUANTILE * SAMPLES)]
             self._steps.clear()
             if period > 0 and (self._period is None or abs(period / self._period - 1) > TOLERANCE):
                 self._period = round(period, 6)
@@ -57,8 +57,8 @@ class Readiness:
         """Take a parameter vector.
 
         Raises:
-            ControlError: no rig has it.
-            ParameterError: it is none.
+            ControlError: no rig has these parameters.
+            ParameterError: it has a wrong length.
         """
         parameters = Parameters.from_vector(theta)
         self._theta = tuple(theta)
@@ -66,19 +66,19 @@ class Readiness:
             raise ControlError(f'no rig has the parameters that came: {problems[0]}; identify the rig again')
 
     def judge(self, level: Level, message: str, values: Mapping[str, str]) -> None:
-        """Take what an identification says of its parameters; ``values`` has them by name, and ``effort.delay``."""
+        """Take an identification's judgement of its parameters; ``values`` has them by name, and ``effort.delay``."""
         self._judgements.append((level, message, values))
 
     def ready(self, accept_warn: bool) -> tuple[Parameters, Loop]:
         """Return the parameters and the loop.
 
         Raises:
-            ControlError: something is missing, or is not good enough; the sentence says what.
+            ControlError: something is missing or not good enough; the sentence says what.
         """
         if not self._theta:
             raise ControlError('no parameters have come on pendubot/params; start the identifier')
         self.offer(self._theta)
-        values = self._vouched(accept_warn)
+        values = self._judgement(accept_warn)
         if self._period is None:
             raise ControlError('too few samples have come on joint_states to know their rate; start the bridge')
         lag = self._motor_delay
@@ -87,8 +87,8 @@ class Readiness:
             lag = max(0.0, found) if math.isfinite(found) else 0.0
         return Parameters.from_vector(self._theta), Loop(self._period, 1, lag, min(self._limit, self._board_limit))
 
-    def _vouched(self, accept_warn: bool) -> Mapping[str, str]:
-        """Return what the identification of just these parameters says, if it is good enough."""
+    def _judgement(self, accept_warn: bool) -> Mapping[str, str]:
+        """Return the values in the judgement of exactly these parameters, if its level is good enough."""
         for level, message, values in reversed(self._judgements):
             if tuple(_number(values.get(name)) for name in NAMES[: len(self._theta)]) != self._theta:
                 continue

@@ -1,11 +1,11 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Whether encoders and motor are wired as the parameters take it: told from the first tenths of a second of motion.
+"""Sign check: finds wrong signs and exchanged encoders in the first tenths of a second of motion.
 
-The motion of short windows is simulated as it would be if the wiring were right, an encoder's sign wrong, the motor's
-sign wrong, or the encoders exchanged. What predicts the motion far better than the others is the truth; parameters that
-are off blur all of them alike.
+Short windows are simulated under each hypothesis: wiring right, an encoder's sign wrong, the motor's sign wrong, or the
+encoders exchanged. The one that predicts the motion much better than the others is taken; inaccurate parameters worsen
+all predictions alike.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ from pendubot_identification.model.simulation import HANGING
 
 #: Length of a window [s], its simulation's steps, and how many steps later the next one begins.
 WINDOW, STEPS, STRIDE = 0.08, 8, 2
-#: Errors [rad] below this say nothing; the truth explains so many times better, in squares.
-FLOOR, CLEARLY = 0.0015, 5.0
+#: A hypothesis is taken when every other has more than so many times its squared error, plus this [rad] squared.
+RATIO, FLOOR = 5.0, 0.0015
 
 
 class _Fault(NamedTuple):
@@ -48,13 +48,13 @@ _FAULTS = (
 )
 
 
-#: Takes a straight line off the values along a window.
+#: Subtracts the straight line fitted to the values along a window.
 _LINE = np.column_stack([np.ones(STEPS + 1), np.arange(STEPS + 1)])
 _WITHOUT_LINE = np.eye(STEPS + 1) - _LINE @ np.linalg.pinv(_LINE)
 
 
 class SignCheck:
-    """Watches the beginning of a motion.
+    """Watches the beginning of a motion until one hypothesis is clear.
 
     Args:
         parameters: of the rig.
@@ -74,16 +74,16 @@ class SignCheck:
         self.interrupt()
 
     def interrupt(self) -> None:
-        """Begin another window with the next sample: some were lost."""
+        """Begin another window with the next sample, after samples were lost."""
         self._positions.clear()
         self._efforts.clear()
         self._countdown = self._size + self._late
 
     def update(self, q: Pair, effort: float) -> bool:
-        """Take a sample; return True once the wiring has shown itself to be right.
+        """Take positions [rad] and applied torque [N m]; return True once the wiring is found to be right.
 
         Raises:
-            ControlError: it is wrong; the sentence names what is.
+            ControlError: it is wrong; the sentence says how.
         """
         self._positions.append(q)
         self._efforts.append(effort)
@@ -97,7 +97,7 @@ class SignCheck:
             self._errors[k] += self._error(seen, [wiring.motor * torque for torque in torques])
         best = min(range(len(_FAULTS)), key=self._errors.__getitem__)
         second = min(error for k, error in enumerate(self._errors) if k != best)
-        if second < CLEARLY * self._errors[best] + FLOOR**2:
+        if second < RATIO * self._errors[best] + FLOOR**2:
             return False
         if best:
             raise ControlError(f'{_FAULTS[best].name}: the rig moves as it would then; mend that, see docs/rig.md')
@@ -109,9 +109,9 @@ class SignCheck:
         return [sum(applied[k : k + n]) / n for k in range(0, len(applied), n)]
 
     def _error(self, seen: list[Pair], torques: list[float]) -> float:
-        """Return how far the window's positions are from a simulation of them, in mean square [rad^2].
+        """Return the mean squared prediction error of the window's positions [rad^2].
 
-        What a straight line takes off is not counted: the initial velocities are but differences.
+        A straight line is subtracted, because initial velocities are known from differences only.
         """
         (q1, q2), (later1, later2) = seen[:2]
         state: tuple[float, ...] = (q1, q2, (later1 - q1) / self._step, (later2 - q2) / self._step)

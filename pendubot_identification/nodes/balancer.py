@@ -22,8 +22,9 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray
 from std_srvs.srv import Trigger
 
-from pendubot_identification.control.balancing import Balancing, Phase, Plan
-from pendubot_identification.control.control import Limits, Loop
+from pendubot_identification.control.balancing import Balancing, Phase
+from pendubot_identification.control.controller import Loop, SafetyLimits
+from pendubot_identification.control.plan import Plan
 from pendubot_identification.errors import ParameterError, PendubotError
 from pendubot_identification.level import Level
 from pendubot_identification.model.parameters import Parameters
@@ -65,7 +66,7 @@ class Balancer(SettingsNode):
         super().__init__(ended)
         s = self.settings()
         self._names, self._max_age = s['joint_names'], s['max_age']
-        bounds = Limits(s['max_shoulder'], s['max_elbow'], s['max_speed'], s['max_age'], s['swing_up_time'])
+        bounds = SafetyLimits(s['max_shoulder'], s['max_elbow'], s['max_speed'], s['max_age'], s['swing_up_time'])
         self._balancing = Balancing(s['torque_limit'], None if s['motor_delay'] < 0 else s['motor_delay'], bounds)
         self._worker: threading.Thread | None = None
         self._effort = self.create_publisher(Float64, 'pendubot/effort_command', QoSProfile(depth=1))

@@ -28,7 +28,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pendubot_identification.control.closed_loop import HELD, deviation, simulate_closed_loop
-from pendubot_identification.control.control import UPRIGHT, Controller, Design, Limits, Loop
+from pendubot_identification.control.controller import UPRIGHT, Controller, Design, Loop, SafetyLimits
 from pendubot_identification.control.linear_control import Weights, design, equilibrium
 from pendubot_identification.errors import ControlError
 from pendubot_identification.excitation.excitation import PulseTrain
@@ -167,7 +167,7 @@ def compare(options):
 
 def falls(plan, loop, lag, gain):
     """Tell whether a rig that is almost upright is lost, in 10 s."""
-    bounds = Limits(swing_up=0.0)
+    bounds = SafetyLimits(swing_up=0.0)
     rig = LatePlant(plan.parameters, lag, (UPRIGHT + 0.01, 0.0))
     run = simulate_closed_loop(Controller(plan, loop, bounds), rig, loop, TIME, motor=gain)
     return bool(run.stopped) or bool(deviation(run.motion.q).max() > HELD)
@@ -211,7 +211,8 @@ def paper(rates, seeds):
             for seed in range(seeds):
                 q1, q2 = np.random.default_rng(seed).uniform(-0.02, 0.02, 2)
                 rig = LatePlant(PAPER, lag, (UPRIGHT + q1, q2))
-                run = simulate_closed_loop(Controller(plan, loop, Limits(swing_up=0.0)), rig, loop, 1 + TIME + 0.1)
+                controller = Controller(plan, loop, SafetyLimits(swing_up=0.0))
+                run = simulate_closed_loop(controller, rig, loop, 1 + TIME + 0.1)
                 held += math.isfinite(judged(run.motion.t, run.motion.q, run.motion.tau[:, 0], 1.0).held)
             print(
                 f'| {rate} Hz | {1e3 * lag:g} ms | {plan.regulator.K.round(1)} | {1e3 * m.delay:.2f} ms '

@@ -8,8 +8,9 @@ from dataclasses import replace
 
 import pytest
 
-from pendubot_identification.control.balancing import Balancing, Phase, Plan
-from pendubot_identification.control.control import UPRIGHT, Limits, Loop
+from pendubot_identification.control.balancing import Balancing, Phase
+from pendubot_identification.control.controller import UPRIGHT, Loop, SafetyLimits
+from pendubot_identification.control.plan import Plan
 from pendubot_identification.control.readiness import Readiness
 from pendubot_identification.errors import ControlError, ParameterError
 from pendubot_identification.level import Level
@@ -236,7 +237,7 @@ def test_it_does_not_begin_unprepared_nor_twice():
 def test_what_cannot_be_swung_up_may_be_held_all_the_same():
     for balancing, words in (
         (prepared(swing_up=math.inf), 'do not swing this rig up, as a simulation shows'),
-        (prepared(Limits(swing_up=0.0)), 'swing_up_time is 0'),
+        (prepared(SafetyLimits(swing_up=0.0)), 'swing_up_time is 0'),
     ):
         balancing.sample(1.0, 1.0, (-UPRIGHT, 0.0), 0.0, 0.1)
         with pytest.raises(ControlError, match=words):

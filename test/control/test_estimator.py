@@ -8,8 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from pendubot_identification.control.command_monitor import CommandMonitor
-from pendubot_identification.control.estimator import Estimator
+from pendubot_identification.control.estimator import CommandMonitor, Estimator
 from pendubot_identification.control.linear_control import Weights, design, equilibrium
 from pendubot_identification.model.parameters import BALANCE
 from pendubot_identification.model.simulation import HANGING, LatePlant

@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from pendubot_identification.control.closed_loop import HELD, deviation, simulate_closed_loop
-from pendubot_identification.control.control import Controller, Design, Limits, Loop
+from pendubot_identification.control.controller import Controller, Design, Loop, SafetyLimits
 from pendubot_identification.control.linear_control import (
     Weights,
-    closed_loop,
+    closed_loop_matrix,
     design,
     equilibrium,
     linearise,
@@ -86,7 +86,7 @@ def test_margins_are_where_the_closed_loop_ceases_to_be_stable(rate, lag):
     m = margins(r)
 
     def radius(**changed):
-        return abs(np.linalg.eigvals(closed_loop(r, **changed))).max()
+        return abs(np.linalg.eigvals(closed_loop_matrix(r, **changed))).max()
 
     assert radius() < 1
     for inside, outside in (
@@ -106,7 +106,7 @@ def test_the_simulated_rig_falls_at_the_computed_margins(rate):
 
     def falls(more=0.0, gain=1.0):
         rig = LatePlant(BALANCE, LAG + more, (math.pi / 2 + 0.01, 0.0))
-        run = simulate_closed_loop(Controller(plan, loop, Limits(swing_up=0.0)), rig, loop, 3.0, motor=gain)
+        run = simulate_closed_loop(Controller(plan, loop, SafetyLimits(swing_up=0.0)), rig, loop, 3.0, motor=gain)
         return bool(run.stopped) or bool(deviation(run.motion.q).max() > HELD)
 
     m = plan.margins

@@ -12,8 +12,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pendubot_identification.control.closed_loop import simulate_closed_loop, sufficient_limit, swing_up_time
-from pendubot_identification.control.control import UPRIGHT, Controller, Design, Limits, Loop, Mode
+from pendubot_identification.control.closed_loop import held_since, simulate_closed_loop
+from pendubot_identification.control.controller import UPRIGHT, Controller, ControlMode, Design, Loop, SafetyLimits
+from pendubot_identification.control.plan import sufficient_limit, swing_up_time
 from pendubot_identification.control.swing_up import SwingUp
 from pendubot_identification.errors import ControlError
 from pendubot_identification.model.dynamics import accelerations
@@ -50,7 +51,7 @@ def test_from_near_upright_all_are_held(rate):
     for seed in range(4):
         closed_loop = run('upright', seed, rate)
         assert not closed_loop.stopped
-        assert closed_loop.held_since() < 1.0, seed
+        assert held_since(closed_loop.motion) < 1.0, seed
         assert closed_loop.balancing[1:].all()
 
 
@@ -59,14 +60,14 @@ def test_from_hanging_all_are_swung_up_within_the_torque_limit(rate):
     for seed in range(3):
         closed_loop = run('hanging', seed, rate)
         assert not closed_loop.stopped
-        assert closed_loop.held_since() < 10.0, seed
+        assert held_since(closed_loop.motion) < 10.0, seed
         assert np.abs(closed_loop.motion.tau).max() <= 2.0
 
 
 def test_parameters_that_are_off_still_do():
     for seed in range(2):
-        assert run('upright', seed, known=WRONG).held_since() < 1.0
-        assert run('hanging', seed, known=WRONG).held_since() < 10.0
+        assert held_since(run('upright', seed, known=WRONG).motion) < 1.0
+        assert held_since(run('hanging', seed, known=WRONG).motion) < 10.0
 
 
 def test_a_push_that_fells_it_is_followed_by_another_swing_up():
@@ -79,7 +80,7 @@ def test_a_push_that_fells_it_is_followed_by_another_swing_up():
     controller._last = None
     closed_loop = simulate_closed_loop(controller, rig, loop, 12.0, enough=2.0)
     assert not closed_loop.balancing.all()
-    assert closed_loop.held_since() < 10.0
+    assert held_since(closed_loop.motion) < 10.0
 
 
 MIRROR = {
@@ -119,7 +120,7 @@ def test_lost_samples_are_not_taken_for_wrong_signs(rate):
             if silent <= 0 and rng.random() < 0.67:
                 torque = controller.step(k * loop.period, rig.q, effort)
             rig.advance((effort, 0.0), loop.period)
-        assert controller.mode is Mode.BALANCE
+        assert controller.mode is ControlMode.BALANCE
 
 
 def test_new_parameters_come_in_without_a_jump():
@@ -136,7 +137,7 @@ def test_new_parameters_come_in_without_a_jump():
             effort, torque = torque, controller.step(k * loop.period, rig.q, torque)
             rig.advance((effort, 0.0), loop.period)
             taus[changed].append(torque)
-        assert controller.mode is Mode.BALANCE
+        assert controller.mode is ControlMode.BALANCE
     before, after = np.array(taus[False]), np.array(taus[True])
     np.testing.assert_array_equal(before[:60], after[:60])
     # At the change the torque is what it would have been; then, little by little, it is another one.
@@ -149,11 +150,11 @@ def test_new_parameters_come_in_without_a_jump():
 @pytest.mark.parametrize(
     ('bounds', 'start', 'words'),
     [
-        (Limits(shoulder=1.0), 'hanging', r'link 1 is 3\.\d+ rad from upright; at most 1 rad'),
-        (Limits(elbow=0.5), 'hanging', 'the elbow has turned by'),
-        (Limits(speed=3.0), 'hanging', 'a joint moves at'),
-        (Limits(swing_up=0.0), 'hanging', 'not near enough to upright'),
-        (Limits(swing_up=0.4), 'hanging', r'not upright after 0\.4 s'),
+        (SafetyLimits(shoulder=1.0), 'hanging', r'link 1 is 3\.\d+ rad from upright; at most 1 rad'),
+        (SafetyLimits(elbow=0.5), 'hanging', 'the elbow has turned by'),
+        (SafetyLimits(speed=3.0), 'hanging', 'a joint moves at'),
+        (SafetyLimits(swing_up=0.0), 'hanging', 'not near enough to upright'),
+        (SafetyLimits(swing_up=0.4), 'hanging', r'not upright after 0\.4 s'),
     ],
 )
 def test_it_stops_at_its_bounds(bounds, start, words):
@@ -198,7 +199,7 @@ def test_too_small_a_motor_is_known_beforehand():
     assert swing_up_time(Design.make(BALANCE, weak), weak) == math.inf
     enough = sufficient_limit(Design.make(BALANCE, weak), weak)
     assert 0.3 < enough < 2.0
-    assert run('hanging', 1, loop=replace(weak, limit=enough)).held_since() < 10.0
+    assert held_since(run('hanging', 1, loop=replace(weak, limit=enough)).motion) < 10.0
 
 
 @pytest.mark.parametrize(

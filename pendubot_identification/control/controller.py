@@ -1,10 +1,9 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The controller: a sample in, a torque out. It swings up, balances, and stops where it must not go on.
+"""The controller: a sample in, a torque out. It swings the rig up, balances it, and stops at its safety limits.
 
-Sans-IO: time comes with the samples, randomness there is none. What stops it is an exception, so that nothing goes on
-by oversight; whoever drives it commands zero torque then, and disarms.
+Time comes with the samples. It stops by raising ControlError; its caller then commands zero torque and disarms.
 """
 
 from __future__ import annotations
@@ -18,22 +17,22 @@ from pendubot_identification.model.dynamics import Pair
 from pendubot_identification.model.parameters import Parameters
 from pendubot_identification.model.rollout import advance
 
-from .command_monitor import CommandMonitor
-from .estimator import Estimator, State
+from .estimator import CommandMonitor, Estimator, RigState
 from .linear_control import Margins, Regulator, Weights, design, equilibrium, margins
 from .sign_check import SignCheck
 from .swing_up import SwingUp
 
 UPRIGHT = math.pi / 2
-#: Farther than this from upright [rad] nothing is caught, and what balanced has fallen.
+#: With a link farther than this from upright [rad], balancing does not begin, and ends.
 REACH = 0.8
-#: Caught is what a simulation with this much of the torque limit brings within this [rad], in so long [s] by steps [s].
+#: Balancing begins where, in a simulation with this share of the torque limit, it brings both angles within this [rad]
+#: in this time [s]; the simulation's step [s].
 CATCH_TORQUE, CATCH_ANGLE, CATCH_TIME, CATCH_STEP = 0.9, 0.15, 0.5, 0.005
-#: New parameters take over the torque where the old ones left it, and bring in their own over this [s].
+#: When parameters change, the jump of the torque is taken out and fades with this time constant [s].
 BUMPLESS = 0.1
 
 
-class Mode(Enum):
+class ControlMode(Enum):
     """What the controller is doing."""
 
     SWING_UP = 'swinging up'
@@ -42,11 +41,11 @@ class Mode(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Loop:
-    """What lies between a sample and the torque that answers it.
+    """The sampled control loop.
 
     Attributes:
         period: between samples [s].
-        transport: so many samples after the one from which it was computed a torque is applied; at least 1.
+        transport: a torque computed from a sample is applied so many samples later, at least 1.
         lag: the motor obeys so much later than the board says [s].
         limit: largest torque [N m].
     """
@@ -58,13 +57,13 @@ class Loop:
 
     @property
     def delay(self) -> float:
-        """Dead time from a sample to the effect of its torque [s]."""
+        """Dead time from a sample until the torque computed from it acts [s]."""
         return self.transport * self.period + self.lag
 
 
 @dataclass(frozen=True, slots=True)
-class Limits:
-    """Where the controller gives up.
+class SafetyLimits:
+    """Where the controller stops.
 
     Attributes:
         shoulder: farthest that link 1 may be from upright [rad]; hanging is pi away.
@@ -83,11 +82,7 @@ class Limits:
 
 @dataclass(frozen=True, slots=True)
 class Design:
-    """Everything that follows from the parameters.
-
-    Raises:
-        ControlError: they are not physical, or the upright cannot be held so slowly.
-    """
+    """What is computed from the parameters before anything moves."""
 
     parameters: Parameters
     regulator: Regulator
@@ -96,7 +91,11 @@ class Design:
 
     @classmethod
     def make(cls, parameters: Parameters, loop: Loop, weights: Weights | None = None) -> Design:
-        """Design for a rig and a loop."""
+        """Design for a rig and a loop.
+
+        Raises:
+            ControlError: the parameters are not physical, or the loop is too slow to balance the rig.
+        """
         if problems := parameters.unphysical():
             raise ControlError(f'no rig has these parameters: {problems[0]}; identify the rig again')
         if parameters.P5 <= 0 or parameters.P3 <= 0:
@@ -109,25 +108,25 @@ class Design:
 
 
 class Controller:
-    """Follows the rig from the first sample on, and computes torques.
+    """Estimates the state from the first sample on, and computes torques.
 
     Args:
         design: from the rig's parameters, for this loop.
-        loop: what lies between sample and torque.
-        bounds: where to give up.
+        loop: period, dead time and torque limit.
+        bounds: where to stop.
 
     Attributes:
         mode: what it is doing.
         design: the present one.
     """
 
-    def __init__(self, design: Design, loop: Loop, bounds: Limits | None = None) -> None:
-        self.mode = Mode.SWING_UP
+    def __init__(self, design: Design, loop: Loop, bounds: SafetyLimits | None = None) -> None:
+        self.mode = ControlMode.SWING_UP
         self.design = design
         self._loop = loop
-        self._bounds = bounds or Limits()
+        self._bounds = bounds or SafetyLimits()
         self._estimator = self._estimate()
-        self._echo = CommandMonitor(loop.transport, loop.period)
+        self._monitor = CommandMonitor(loop.transport, loop.period)
         self._sign_check: SignCheck | None = SignCheck(design.parameters, loop.period, loop.lag)
         self._theta = tuple(map(float, design.parameters.vector()))
         self._last: float | None = None
@@ -138,11 +137,11 @@ class Controller:
 
     @property
     def transport(self) -> int:
-        """How many samples a torque takes, as measured."""
-        return self._echo.transport
+        """So many samples after its own a torque is applied, as measured."""
+        return self._monitor.transport
 
     def adopt(self, design: Design) -> None:
-        """Go on with other parameters, from the present torque, without a jump."""
+        """Go on with other parameters, without a jump of the torque."""
         before = None if self._last is None else self._law(self._estimator.predict())
         old, self.design = self._estimator, design
         self._theta = tuple(map(float, design.parameters.vector()))
@@ -160,7 +159,7 @@ class Controller:
             effort: the torque that is applied from it on [N m], as the board says.
 
         Raises:
-            ControlError: the controller stops; the torque has to be 0 now, and the motor disarmed.
+            ControlError: it stops; the torque has to be 0 now, and the motor disarmed.
         """
         state = self._follow(t, q, effort)
         self._watch(q, effort, state)
@@ -172,14 +171,14 @@ class Controller:
             raise ControlError(f'the torque came out as {torque}; look at the parameters')
         self._torque = max(-self._loop.limit, min(self._loop.limit, torque))
         self._estimator.command(self._torque)
-        self._echo.command(self._torque)
+        self._monitor.command(self._torque)
         return self._torque
 
     def _estimate(self) -> Estimator:
         loop = self._loop
         return Estimator(self.design.parameters, loop.period, loop.transport, loop.lag, self.design.regulator.L)
 
-    def _follow(self, t: float, q: Pair, effort: float) -> State:
+    def _follow(self, t: float, q: Pair, effort: float) -> RigState:
         if not all(map(math.isfinite, (t, *q, effort))):
             raise ControlError(f'a sample holds {t}, {q}, {effort}; all of it has to be finite')
         elapsed = self._loop.period if self._last is None else t - self._last
@@ -194,7 +193,7 @@ class Controller:
             self._sign_check.interrupt()
         return self._estimator.update(q, effort, samples)
 
-    def _watch(self, q: Pair, effort: float, state: State) -> None:
+    def _watch(self, q: Pair, effort: float, state: RigState) -> None:
         b = self._bounds
         away, speed = abs(q[0] - self._upright), max(abs(state[2]), abs(state[3]))
         if away > b.shoulder:
@@ -203,20 +202,20 @@ class Controller:
             raise ControlError(f'the elbow has turned by {abs(q[1]):.1f} rad; at most {b.elbow:g} rad are allowed')
         if speed > b.speed:
             raise ControlError(f'a joint moves at {speed:.1f} rad/s; at most {b.speed:g} rad/s are allowed')
-        if not self._echo.obeyed(effort):
+        if not self._monitor.obeyed(effort):
             raise ControlError(f'the motor does not obey: {effort:g} N m are applied, {self._torque:g} were asked for')
-        self._estimator.transport = self._echo.transport
+        self._estimator.transport = self._monitor.transport
         if self._sign_check is not None and self._sign_check.update(q, effort):
             self._sign_check = None
 
-    def _decide(self, t: float, state: State) -> None:
+    def _decide(self, t: float, state: RigState) -> None:
         error = self._error(state)
         near = abs(error[0]) < REACH and abs(error[0] + error[1]) < REACH
-        if self.mode is Mode.BALANCE and not near:
-            self.mode, self._swinging_since = Mode.SWING_UP, t
-        elif self.mode is Mode.SWING_UP and near and self._catches(error):
-            self.mode = Mode.BALANCE
-        if self.mode is Mode.SWING_UP and t - self._swinging_since >= self._bounds.swing_up:
+        if self.mode is ControlMode.BALANCE and not near:
+            self.mode, self._swinging_since = ControlMode.SWING_UP, t
+        elif self.mode is ControlMode.SWING_UP and near and self._catches(error):
+            self.mode = ControlMode.BALANCE
+        if self.mode is ControlMode.SWING_UP and t - self._swinging_since >= self._bounds.swing_up:
             allowed = self._bounds.swing_up
             raise ControlError(
                 f'not upright after {allowed:g} s of swinging up'
@@ -224,21 +223,21 @@ class Controller:
                 else 'it is not near enough to upright to be caught, and swinging up is not allowed'
             )
 
-    def _error(self, state: State) -> State:
+    def _error(self, state: RigState) -> RigState:
         """Return the state as deviation from the nearest upright."""
         q1, q2, v1, v2 = state
         return math.remainder(q1 - UPRIGHT, 2 * math.pi), math.remainder(q2, 2 * math.pi), v1, v2
 
-    def _regulated(self, error: State) -> float:
+    def _regulated(self, error: RigState) -> float:
         a, b, c, d = self.design.regulator.K
         return -float(a * error[0] + b * error[1] + c * error[2] + d * error[3])
 
-    def _law(self, state: State) -> float:
-        if self.mode is Mode.BALANCE:
+    def _law(self, state: RigState) -> float:
+        if self.mode is ControlMode.BALANCE:
             return self._regulated(self._error(state))
         return self.design.swing_up.torque(state, self._upright)
 
-    def _catches(self, error: State) -> bool:
+    def _catches(self, error: RigState) -> bool:
         """Tell by simulation whether the regulator would catch the rig from here, with some torque to spare."""
         limit = CATCH_TORQUE * self._loop.limit
         for _ in range(round(CATCH_TIME / CATCH_STEP)):

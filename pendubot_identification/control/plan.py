@@ -1,0 +1,101 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The plan: a design for identified parameters, whether its margins suffice, and its swing-up tried in simulation."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+from pendubot_identification.errors import ControlError
+from pendubot_identification.model.parameters import Parameters
+from pendubot_identification.model.simulation import LatePlant
+
+from .closed_loop import held_since, simulate_closed_loop
+from .controller import Controller, Design, Loop
+
+#: The least margins for a real rig: factor of the gain; delay [s], because a busy computer is late now and then.
+GAIN, DELAY = 1.15, 0.001
+#: A swing-up is simulated for at most so long, and has succeeded when the rig is then balanced for so long [s].
+LONGEST, ENOUGH = 10.0, 1.0
+#: Larger torque limits are tried in steps of this factor, up to so many times the limit.
+MORE, MOST = 1.3, 20.0
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """A design and the result of its closed-loop simulation.
+
+    Attributes:
+        design: from the parameters.
+        loop: for which it was made.
+        swing_up: when the rig is upright in simulation [s]; infinite if never, NaN if not simulated.
+        sufficient: a torque limit [N m] that swings it up where the loop's does not; infinite if none does.
+    """
+
+    design: Design
+    loop: Loop
+    swing_up: float = math.nan
+    sufficient: float = math.nan
+
+    @classmethod
+    def make(cls, parameters: Parameters, loop: Loop, simulate_closed_loop: bool = True) -> Plan:
+        """Design, and simulate the closed loop if wanted, which takes seconds.
+
+        Raises:
+            ControlError: there is no such controller, or its margins are too small.
+        """
+        design = Design.make(parameters, loop)
+        m = design.margins
+        if m.gain_up < GAIN or m.gain_down > 1 / GAIN or m.delay < DELAY:
+            raise ControlError(
+                f'this rig can hardly be balanced: the gain may be {m.gain_down:.2f} to {m.gain_up:.2f} times what is '
+                f'thought and the delay {1e3 * m.delay:.2g} ms longer, and {1 / GAIN:.2f} to {GAIN:.2f} and '
+                f'{1e3 * DELAY:g} ms are needed; sample faster, shorten the delay of {1e3 * loop.delay:.3g} ms, or '
+                'build a longer link 1'
+            )
+        if not simulate_closed_loop:
+            return cls(design, loop)
+        swing_up = swing_up_time(design, loop)
+        sufficient = math.nan if math.isfinite(swing_up) else sufficient_limit(design, loop)
+        return cls(design, loop, swing_up, sufficient)
+
+    @property
+    def simulated(self) -> bool:
+        """Whether the swing-up was simulated, with success or without."""
+        return not math.isnan(self.swing_up)
+
+    def summary(self) -> str:
+        """Say the margins and how the simulation went."""
+        m = self.design.margins
+        text = (
+            f'gain may be {m.gain_down:.2f} to {m.gain_up:.2f} times what is thought, the phase margin is '
+            f'{math.degrees(m.phase):.0f} degrees, the delay margin {1e3 * m.delay:.0f} ms beside '
+            f'{1e3 * self.loop.delay:.0f} ms of dead time'
+        )
+        if math.isfinite(self.swing_up):
+            return f'{text}; in simulation it is upright {self.swing_up:.1f} s after hanging'
+        return f'{text}; {self.obstacle()}' if self.simulated else text
+
+    def obstacle(self) -> str:
+        """Say that the torque limit is too small, and which would do."""
+        enough = f'{self.sufficient:.2g} N m would do' if math.isfinite(self.sufficient) else 'neither would more'
+        return f'{self.loop.limit:g} N m do not swing this rig up, as a simulation shows; {enough}'
+
+
+def swing_up_time(design: Design, loop: Loop) -> float:
+    """Return when [s] the rig with the design's own parameters is held upright, from hanging; infinite if never."""
+    rig = LatePlant(design.parameters, loop.lag)
+    run = simulate_closed_loop(Controller(design, loop), rig, loop, LONGEST, enough=ENOUGH)
+    return math.inf if run.stopped else held_since(run.motion)
+
+
+def sufficient_limit(design: Design, loop: Loop) -> float:
+    """Return a torque limit [N m] that swings the rig up, at most 30 % above the least; infinite if none does."""
+    limit = loop.limit * MORE
+    while limit <= MOST * loop.limit:
+        if math.isfinite(swing_up_time(design, replace(loop, limit=limit))):
+            return limit
+        limit *= MORE
+    return math.inf
