@@ -3,21 +3,16 @@
 
 """The controller on simulated rigs: it swings up, balances, changes its parameters, and stops."""
 
-import functools
 import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from pendubot_identification.control.closed_loop import held_since, simulate_closed_loop
 from pendubot_identification.control.controller import UPRIGHT, Controller, ControlMode, Design, Loop, SafetyLimits
 from pendubot_identification.control.plan import sufficient_limit, swing_up_time
-from pendubot_identification.control.swing_up import SwingUp
 from pendubot_identification.errors import ControlError
-from pendubot_identification.model.dynamics import accelerations
 from pendubot_identification.model.parameters import BALANCE
 from pendubot_identification.model.simulation import HANGING, LatePlant
 
@@ -34,40 +29,23 @@ def place(start, seed):
     return q1 + e1, q2 + e2
 
 
-@functools.cache
-def made(known, loop):
-    return Design.make(known, loop)
-
-
-def run(start, seed, rate=200, known=None, seconds=12.0, loop=None, **how):
-    loop = loop or LOOPS[rate]
-    controller = Controller(made(known or BALANCE, loop), loop)
-    rig = LatePlant(how.pop('rig', BALANCE), LAG, place(start, seed))
+def run(start, seed, rate, known, seconds=12.0, **how):
+    loop = LOOPS[rate]
+    controller = Controller(Design.make(known, loop), loop)
+    rig = LatePlant(BALANCE, LAG, place(start, seed))
     return simulate_closed_loop(controller, rig, loop, seconds, enough=2.0, **how)
 
 
 @pytest.mark.parametrize('rate', LOOPS)
-def test_from_near_upright_all_are_held(rate):
-    for seed in range(4):
-        closed_loop = run('upright', seed, rate)
-        assert not closed_loop.stopped
-        assert held_since(closed_loop.motion) < 1.0, seed
-        assert closed_loop.balancing[1:].all()
-
-
-@pytest.mark.parametrize('rate', LOOPS)
-def test_from_hanging_all_are_swung_up_within_the_torque_limit(rate):
-    for seed in range(3):
-        closed_loop = run('hanging', seed, rate)
-        assert not closed_loop.stopped
-        assert held_since(closed_loop.motion) < 10.0, seed
-        assert np.abs(closed_loop.motion.tau).max() <= 2.0
-
-
-def test_parameters_that_are_off_still_do():
+@pytest.mark.parametrize('known', [BALANCE, WRONG], ids=['exact', 'off'])
+@pytest.mark.parametrize(('start', 'within'), [('upright', 1.0), ('hanging', 10.0)])
+def test_the_rig_is_swung_up_and_held_within_the_torque_limit(rate, known, start, within):
     for seed in range(2):
-        assert held_since(run('upright', seed, known=WRONG).motion) < 1.0
-        assert held_since(run('hanging', seed, known=WRONG).motion) < 10.0
+        closed_loop = run(start, seed, rate, known)
+        assert not closed_loop.stopped
+        assert held_since(closed_loop.motion) < within
+        assert np.abs(closed_loop.motion.tau).max() <= 2.0
+        assert start == 'hanging' or closed_loop.balancing[1:].all()
 
 
 def test_a_push_that_fells_it_is_followed_by_another_swing_up():
@@ -76,8 +54,7 @@ def test_a_push_that_fells_it_is_followed_by_another_swing_up():
     rig = LatePlant(BALANCE, LAG, (UPRIGHT, 0.0))
     assert simulate_closed_loop(controller, rig, loop, 2.0).balancing[-1]
     rig.place(rig.q, (0.0, 12.0))
-    # Its own time goes on; the closed-loop simulation's begins anew.
-    controller._last = None
+    controller._last = None  # the second simulation's time begins at 0 again
     closed_loop = simulate_closed_loop(controller, rig, loop, 12.0, enough=2.0)
     assert not closed_loop.balancing.all()
     assert held_since(closed_loop.motion) < 10.0
@@ -93,27 +70,21 @@ MIRROR = {
 
 @pytest.mark.parametrize('rate', LOOPS)
 @pytest.mark.parametrize('start', ['upright', 'hanging'])
-@pytest.mark.parametrize('known', [BALANCE, WRONG], ids=['exact', 'off'])
 @pytest.mark.parametrize('wrong', MIRROR)
-def test_wrong_signs_and_exchanged_joints_are_named_within_a_fifth_of_a_second(rate, start, known, wrong):
+def test_wrong_signs_and_exchanged_joints_are_named_within_a_fifth_of_a_second(rate, start, wrong):
     sensed, motor, words = MIRROR[wrong]
-    for seed in range(2):
-        closed_loop = run(start, seed, rate, known, 0.3, sensed=sensed, motor=motor)
-        assert words in closed_loop.stopped
-        assert closed_loop.motion.t[-1] < 0.2
+    closed_loop = run(start, 0, rate, WRONG, 0.3, sensed=sensed, motor=motor)
+    assert words in closed_loop.stopped
+    assert closed_loop.motion.t[-1] < 0.2
 
 
 @pytest.mark.parametrize('rate', LOOPS)
 def test_lost_samples_are_not_taken_for_wrong_signs(rate):
-    """A controller that hears two of three samples, and now and then none for 50 ms."""
+    """The controller receives two of three samples, and now and then none for 50 ms."""
     loop, rng = LOOPS[rate], np.random.default_rng(1)
     for start in ('upright', 'hanging'):
-        controller, rig, torque, silent = (
-            Controller(DESIGNS[rate], loop),
-            LatePlant(BALANCE, LAG, place(start, 2)),
-            0.0,
-            0,
-        )
+        controller, rig = Controller(DESIGNS[rate], loop), LatePlant(BALANCE, LAG, place(start, 2))
+        torque, silent = 0.0, 0
         for k in range(round(6 / loop.period)):
             effort = torque
             silent = round(0.05 / loop.period) if k > 50 and rng.random() < 0.002 else silent - 1
@@ -140,7 +111,7 @@ def test_new_parameters_come_in_without_a_jump():
         assert controller.mode is ControlMode.BALANCE
     before, after = np.array(taus[False]), np.array(taus[True])
     np.testing.assert_array_equal(before[:60], after[:60])
-    # At the change the torque is what it would have been; then, little by little, it is another one.
+    # At the change the torque stays almost the same; then it changes gradually.
     largest = np.abs(np.diff(before[40:80])).max()
     assert abs(after[60] - before[60]) < largest
     assert np.abs(np.diff(after[55:80])).max() < 2 * largest
@@ -182,31 +153,17 @@ def test_it_stops_at_samples_that_make_no_sense(t, q, effort, words):
         controller.step(t, q, effort)
 
 
-@given(st.lists(st.floats(-30.0, 30.0), min_size=4, max_size=4), st.floats(-0.9, 0.9))
-def test_the_swing_up_moves_link_1_as_it_wants(state, scale):
-    """Partial feedback linearisation: under the torque, the shoulder accelerates as the law says, anywhere."""
-    rig = replace(BALANCE, P3=BALANCE.P3 * (1 + scale / 2))
-    q1, q2, v1, v2 = state
-    torque = SwingUp(rig).torque((q1, q2, v1, v2))
-    reached, _ = accelerations(tuple(rig.vector()), q1, q2, v1, v2, torque, 0.0, math)
-    w = math.sqrt(rig.P5 * 9.81 / rig.P2)
-    draw = 0.28 * (q1 - math.pi / 2) + 2 * 0.82 * math.sqrt(0.28) * v1 / w
-    assert abs(reached / w**2 + draw) <= 0.8 + 1e-6
-
-
 def test_too_small_a_motor_is_known_beforehand():
     weak = replace(LOOPS[200], limit=0.3)
     assert swing_up_time(Design.make(BALANCE, weak), weak) == math.inf
     enough = sufficient_limit(Design.make(BALANCE, weak), weak)
     assert 0.3 < enough < 2.0
-    assert held_since(run('hanging', 1, loop=replace(weak, limit=enough)).motion) < 10.0
 
 
 @pytest.mark.parametrize(
     ('rig', 'words'),
     [
         (replace(BALANCE, P3=0.01), 'M\\(q\\) is not positive definite'),
-        (replace(BALANCE, b1=-0.1), 'friction b1'),
         (replace(BALANCE, P5=-0.01), 'centre of mass at the elbow'),
     ],
 )
