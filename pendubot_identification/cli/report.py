@@ -15,10 +15,11 @@ from typing import TYPE_CHECKING, Any
 
 from pendubot_identification.errors import PendubotError
 
-from .progress import Progress, progress_bar
+from .progress import progress_bar
 
 if TYPE_CHECKING:
     from pendubot_identification.files import OutputFolder
+    from pendubot_identification.identify.estimate import Progress
     from pendubot_identification.identify.evidence import Answer
     from pendubot_identification.identify.result import Given, Result
     from pendubot_identification.report.figures import Picture

@@ -181,7 +181,7 @@ class _Reproduction:
         data = _sample()
         training, validation = held_parts([*data.training, *data.validation])
         # At no spread a run stops early: every generation is taken, as in the paper.
-        settings = Settings(('energy',), 'viscous', 'mde', mde={'spread': None}, runs=self._runs, seed=self._seed)
+        settings = Settings(('energy',), 'viscous', 'mde', spread=0.0, runs=self._runs, seed=self._seed)
         with self._progress('identification') as bar:
 
             def tell(what: str, done: int, of: int, best: float) -> None:
