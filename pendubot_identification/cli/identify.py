@@ -62,6 +62,7 @@ examples:
   pendubot identify a b c --validate d --output result.yaml   several recordings pooled
   pendubot identify swing --criterion energy --sliding 0.3    energy over windows of 0.3 s
   pendubot identify swing --hold linear --delay 0:0.02        a torque that was measured, and late
+  pendubot identify swing --delay 0.004                       a delay that is known
   pendubot identify swing --delay=-0.02:0.02                  before a minus, the = is needed
   pendubot identify swing --report look                       a page with figures, look/report.html
 exit status: 0 success, 1 a failure explained in one line, 2 wrong usage, 3 a result of level ERROR (see --fail-on)

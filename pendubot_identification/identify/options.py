@@ -28,8 +28,8 @@ CRITERION = Setting(
 DELAY = Setting(
     'delay',
     DELAYS,
-    'energy knows none; for the others, how much later than stamped the torque acts, estimated between two values or '
-    'fixed by one',
+    'how much later than stamped the torque acts (of weak and trajectory), estimated between two values, or fixed '
+    'where they are equal',
     's',
     -0.5,
     0.5,

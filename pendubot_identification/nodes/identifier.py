@@ -45,8 +45,9 @@ def _parameters() -> Iterator[Setting]:
     """Yield the options of an identification as ROS parameters."""
     for option in OPTIONS:
         if option is DELAY:
-            for name, default in zip(('delay_min', 'delay_max'), DELAYS, strict=True):
-                yield replace(option, name=name, default=default, dynamic=True)
+            for name, end, default in zip(('delay_min', 'delay_max'), ('least', 'greatest'), DELAYS, strict=True):
+                words = f'{option.description}: the {end}'
+                yield replace(option, name=name, default=default, description=words, dynamic=True)
         elif option is CRITERION:
             yield replace(option, choices=(), dynamic=True)  # the text names several of them
         elif option is not PER_VECTOR:

@@ -159,7 +159,8 @@ def help_text(node_class: type[SettingsNode]) -> str:
         'parameters:',
     ]
     for s in node_class.SETTINGS:
-        lines.append(f'  {s.name}, default {s.default!r}, {s.expected()}')
+        default = f'{s.default!r}{" (left open)" if s.optional else ""}'
+        lines.append(f'  {s.name}, default {default}, {s.expected()}')
         lines.append(textwrap.indent(textwrap.fill(s.description, 94), '      '))
     lines += [
         '',

@@ -336,6 +336,7 @@ def test_what_a_user_did_wrong_is_one_sentence(capsys, bag, arguments, sentence)
         (['{bag}', '--seed', '-1'], 'seed is -1; a whole number of at least 0'),
         (['{bag}', '--sliding', '-3'], 'sliding is -3.0; a number with a decimal point from 0.001'),
         (['{bag}', '--smoothing', '-0.1'], 'smoothing is -0.1; a number'),
+        (['{bag}', '--smoothing', '11'], 'smoothing is 11.0; a number with a decimal point from 0 to 10 s is expected'),
         (['{bag}', '--delay', '0.02:0.01'], 'searched from 0.02 to 0.01 s'),
         (['{bag}', '--bounds', 'Fc1=0:1', '--model', 'viscous'], 'that --model viscous does not have'),
         (['{bag}', '--runs', '3', '--optimizer', 'lsq'], '--runs is of MDE, and --optimizer lsq does without'),
