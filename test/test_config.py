@@ -45,6 +45,8 @@ def test_loads_into_the_node_that_it_names_in_any_namespace(program, namespace):
     import rclpy
     from rclpy.node import Node
 
+    from pendubot_identification.nodes.runtime import descriptor
+
     path = ROOT / 'config' / f'{program}.yaml'
     context = rclpy.Context()
     rclpy.init(context=context)
@@ -53,8 +55,8 @@ def test_loads_into_the_node_that_it_names_in_any_namespace(program, namespace):
     try:
         assert set(node._parameter_overrides) == {s.name for s in node_classes()[program].SETTINGS}
         for s in node_classes()[program].SETTINGS:
-            declared = node.declare_parameter(s.name, s.default, s.descriptor()).value
-            s.check(list(declared) if isinstance(s.default, list) else declared)
+            declared = node.declare_parameter(s.name, s.default, descriptor(s)).value
+            s.check(s.of_ros(declared))
     finally:
         node.destroy_node()
         context.try_shutdown()
@@ -62,11 +64,13 @@ def test_loads_into_the_node_that_it_names_in_any_namespace(program, namespace):
 
 @pytest.mark.parametrize('program', PROGRAMS)
 def test_every_parameter_has_a_descriptor_with_meaning_unit_and_range(program):
+    from pendubot_identification.nodes.runtime import descriptor
+
     for setting in node_classes()[program].SETTINGS:
-        descriptor = setting.descriptor()
-        assert descriptor.description
-        assert setting.unit == '' or f'[{setting.unit}]' in descriptor.description
+        described = descriptor(setting)
+        assert described.description
+        assert setting.unit == '' or f'[{setting.unit}]' in described.description
         if isinstance(setting.default, (int, float)) and not isinstance(setting.default, bool):
-            ranges = [*descriptor.integer_range, *descriptor.floating_point_range]
+            ranges = [*described.integer_range, *described.floating_point_range]
             assert ranges, f'{setting.name} has no range'
             assert ranges[0].from_value <= setting.default <= ranges[0].to_value

@@ -7,12 +7,15 @@ from __future__ import annotations
 
 import argparse
 import json
+from collections.abc import Iterable
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pendubot_identification.errors import PendubotError, UsageError, sentence, wrong_usage
+from pendubot_identification.errors import ParameterError, PendubotError, UsageError, sentence, wrong_usage
+from pendubot_identification.identify.options import CRITERION, DATA, DELAY, HOW, MDE, OPTIONS, START, WHAT
+from pendubot_identification.setting import Setting
 
 from .progress import progress_bar
 from .report import add_reference, read_beside
@@ -20,14 +23,11 @@ from .report import add_reference, read_beside
 if TYPE_CHECKING:
     from pendubot_identification.files import OutputFolder
     from pendubot_identification.identify.result import Given, Result
+    from pendubot_identification.identify.settings import Settings
+    from pendubot_identification.model.parameters import Bounds
     from pendubot_identification.recordings.datasets import Datasets
     from pendubot_identification.report.folder import Recordings
 
-# The names of core's settings and parameters, again: importing them takes a second, which no --help is worth.
-CRITERIA = ('energy', 'weak', 'trajectory')
-MODELS = ('viscous', 'coulomb', 'rotor', 'geared', 'auto')
-OPTIMIZERS = ('auto', 'mde', 'lsq')
-HOLDS = ('auto', 'zero', 'linear')
 #: The exit status of a result that is no better than what --fail-on names, and from which level on that is.
 FAILED, FAILING = 3, {'warn': 1, 'error': 2, 'never': 3}
 
@@ -61,6 +61,8 @@ examples:
   pendubot identify a b c --validate d --output result.yaml   several recordings pooled
   pendubot identify swing --criterion energy --sliding 0.3    energy over windows of 0.3 s
   pendubot identify swing --hold linear --delay 0:0.02        a torque that was measured, and late
+  pendubot identify swing --delay 0.004                       a delay that is known
+  pendubot identify swing --delay=-0.02:0.02                  before a minus, the = is needed
   pendubot identify swing --report look                       a page with figures, look/report.html
 exit status: 0 success, 1 a failure explained in one line, 2 wrong usage, 3 a result of level ERROR (see --fail-on)
 """
@@ -78,19 +80,7 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument('bags', nargs='+', metavar='BAG[@START:END]', help='bags that estimate')
     parser.add_argument('--validate', nargs='+', default=[], metavar='BAG[@START:END]', help='bags that only judge')
     what = parser.add_argument_group('what is minimised')
-    what.add_argument(
-        '--criterion',
-        type=_criteria,
-        default=CRITERIA,
-        metavar='NAME[,NAME ...]',
-        help=f'of {", ".join(CRITERIA)} (default: all)',
-    )
-    what.add_argument(
-        '--model',
-        default='auto',
-        choices=MODELS,
-        help='auto (default): the smallest that predicts training data left out about as well as any',
-    )
+    _add_options(what, WHAT)
     what.add_argument(
         '--bounds',
         action='append',
@@ -98,63 +88,8 @@ def add_parser(subparsers: Any) -> None:
         metavar='NAME=LOW:HIGH',
         help='search interval of a parameter, such as P1=0:0.5; may be repeated',
     )
-    data = parser.add_argument_group('how the data are taken')
-    data.add_argument(
-        '--hold',
-        default='auto',
-        choices=HOLDS,
-        help='the torque between its samples: zero, it is held, as the bridge records it; linear, it was measured; '
-        'auto (default): what explains the motion better. energy always takes it as held',
-    )
-    data.add_argument(
-        '--delay',
-        type=_delays,
-        metavar='LOW:HIGH',
-        help='the torque acts by so much [s] later than it is stamped, estimated between two values or fixed by one '
-        '(default: --delay=-0.1:0.1; before a minus, the = is needed). energy knows none',
-    )
-    data.add_argument(
-        '--smoothing',
-        type=float,
-        metavar='S',
-        help="the differentiator's window [s] (default: 0.02 for energy, chosen from the data for the others)",
-    )
-    data.add_argument(
-        '--sliding', type=float, metavar='S', help='sliding window of the energy balance [s]; cumulative without'
-    )
-    data.add_argument(
-        '--link-length', type=float, metavar='M', help='length of link 1 by a ruler [m]: the data are held against it'
-    )
-    how = parser.add_argument_group('how it is minimised')
-    how.add_argument(
-        '--optimizer',
-        default='auto',
-        choices=OPTIMIZERS,
-        help="mde: modified differential evolution, the paper's; lsq: the exact least-squares answer for energy and "
-        'weak, Levenberg-Marquardt for trajectory; auto (default): lsq for trajectory, mde held against lsq for others',
-    )
-    how.add_argument(
-        '--start',
-        type=Path,
-        metavar='RESULT.yaml',
-        help='parameters from which trajectory starts, instead of the answer of weak',
-    )
-    how.add_argument('--seed', type=int, default=1, help='same seed, same result (default %(default)s)')
-    how.add_argument('--runs', type=int, help='independent runs of MDE (default 10; 1 for trajectory)')
-    how.add_argument('--population', type=int, metavar='NP', help='vectors of a run (default 30; 40 for trajectory)')
-    how.add_argument('--generations', type=int, help='of a run, at most (default 4000; 120 for trajectory)')
-    how.add_argument(
-        '--spread',
-        type=float,
-        metavar='R',
-        help='stop a run when the worst J of its population exceeds the best by no more than this fraction (default '
-        '1e-9, which loses nothing; 1e-6 for trajectory); 0 takes every generation, as in the paper',
-    )
-    how.add_argument(
-        '--per-vector',
-        action='store_true',
-        help="draw MDE's operator once per vector; beyond energy and viscous it always is",
-    )
+    _add_options(parser.add_argument_group('how the data are taken'), DATA)
+    _add_options(parser.add_argument_group('how it is minimised'), HOW)
     where = parser.add_argument_group('input and output')
     where.add_argument('--topic', default='/joint_states', help='topic with the joint states (default %(default)s)')
     where.add_argument(
@@ -175,6 +110,29 @@ def add_parser(subparsers: Any) -> None:
     )
     where.add_argument('--json', action='store_true', help='print the result as JSON and nothing else')
     parser.set_defaults(run=run)
+
+
+def _add_options(group: argparse._ArgumentGroup, options: Iterable[Setting]) -> None:
+    """Add options of an identification; one that is not given is None."""
+    spelled: dict[Setting, dict[str, Any]] = {
+        CRITERION: {'type': _criteria, 'choices': None, 'metavar': 'NAME[,NAME ...]'},
+        DELAY: {'type': _delays, 'metavar': 'LOW:HIGH'},
+        START: {'type': Path, 'metavar': 'RESULT.yaml'},
+    }
+    for option in options:
+        flag, words = f'--{option.name.replace("_", "-")}', option.help()
+        if isinstance(option.default, bool):
+            group.add_argument(flag, action='store_const', const=True, help=words)
+            continue
+        if not option.optional:
+            default = option.default
+            words += f' (default {":".join(map(str, default)) if isinstance(default, tuple) else default})'
+        how: dict[str, Any] = {
+            'type': type(option.default),
+            'choices': option.choices or None,
+            'metavar': option.unit.upper() or None,
+        }
+        group.add_argument(flag, help=words, **(how | spelled.get(option, {})))
 
 
 def run(args: argparse.Namespace) -> int:
@@ -215,7 +173,7 @@ def run(args: argparse.Namespace) -> int:
     return FAILED if result.level >= FAILING[args.fail_on] else 0
 
 
-def _identify(args: argparse.Namespace, settings: Any, folder: OutputFolder | None) -> tuple[Result, Recordings]:
+def _identify(args: argparse.Namespace, settings: Settings, folder: OutputFolder | None) -> tuple[Result, Recordings]:
     """Return the result, and what a report shows of the motions; where it fails, a page says why."""
     from pendubot_identification.identify.identification import identify
     from pendubot_identification.recordings.datasets import load_datasets
@@ -231,7 +189,9 @@ def _identify(args: argparse.Namespace, settings: Any, folder: OutputFolder | No
         if folder is not None:
             from pendubot_identification.report.folder import write_failure
 
-            page = write_failure(folder, sentence(error), _asked(args), None if data is None else _shown(data))
+            page = write_failure(
+                folder, sentence(error), _asked(args, settings), None if data is None else _shown(data)
+            )
             if not args.json:
                 print(f'why is also said in {page}')
         raise
@@ -272,48 +232,28 @@ def _beside(args: argparse.Namespace) -> tuple[Result | Given, str] | None:
     return None
 
 
-def _asked(args: argparse.Namespace) -> list[str]:
+def _asked(args: argparse.Namespace, settings: Settings) -> list[str]:
     """Return what was asked for, in words."""
     words = [f'estimate from {bag}' for bag in args.bags] + [f'validate on {bag}' for bag in args.validate]
-    return [*words, f'criterion {", ".join(args.criterion)}; model {args.model}; optimizer {args.optimizer}']
+    return [*words, f'criterion {", ".join(settings.criteria)}; model {settings.model}; optimizer {settings.optimizer}']
 
 
-def _settings(args: argparse.Namespace) -> Any:
+def _settings(args: argparse.Namespace) -> Settings:
     """Return the settings, but for where to start.
 
     Raises:
         PendubotError: an option makes no sense.
     """
-    from pendubot_identification.identify.settings import DELAYS, Settings
+    from pendubot_identification.identify.settings import Settings
 
-    _refuse_what_does_nothing(args)
-    mde = {'population': args.population, 'generations': args.generations}
-    mde = {name: value for name, value in mde.items() if value is not None}
-    if args.per_vector:
-        mde['per_component'] = False
-    if args.spread is not None:
-        if not args.spread >= 0:
-            raise UsageError(
-                f'--spread is {args.spread:g}; 0, which takes every generation, or a number above it is expected'
-            )
-        mde['spread'] = args.spread or None
-    return Settings(
-        criteria=args.criterion,
-        model=args.model,
-        optimizer=args.optimizer,
-        sliding=args.sliding,
-        smoothing=args.smoothing,
-        hold=args.hold,
-        delays=args.delay or DELAYS,
-        link_length=args.link_length,
-        mde=mde,
-        runs=args.runs,
-        seed=args.seed,
-        bounds=_bounds(args.bounds),
-    )
+    given = {option.name: getattr(args, option.name) for option in OPTIONS}
+    given = {name: value for name, value in given.items() if value is not None and name != 'start'}
+    settings = Settings.of(bounds=_bounds(args.bounds), **given)
+    _refuse_what_does_nothing(args, settings)
+    return settings
 
 
-def _refuse_what_does_nothing(args: argparse.Namespace) -> None:
+def _refuse_what_does_nothing(args: argparse.Namespace, settings: Settings) -> None:
     """Refuse options of one criterion or optimiser, and bounds of one model, where another was asked for.
 
     Raises:
@@ -321,40 +261,36 @@ def _refuse_what_does_nothing(args: argparse.Namespace) -> None:
     """
     from pendubot_identification.model.parameters import MODELS, NAMES
 
-    for option in ('runs', 'population', 'generations', 'spread', 'per_vector'):
-        given, name = getattr(args, option), option.replace('_', '-')
-        if given is None or given is False:  # of a spread, 0 is something
+    for option in MDE:
+        flag = f'--{option.name.replace("_", "-")}'
+        if getattr(args, option.name) is None:
             continue
-        if args.optimizer == 'lsq':
-            raise UsageError(f'--{name} is of MDE, and --optimizer lsq does without; leave one of the two out')
-        if args.optimizer == 'auto' and args.criterion == ('trajectory',):
+        if settings.optimizer == 'lsq':
+            raise UsageError(f'{flag} is of MDE, and --optimizer lsq does without; leave one of the two out')
+        if settings.optimizer == 'auto' and settings.criteria == ('trajectory',):
             raise UsageError(
-                f'--{name} is of MDE, and --criterion trajectory does without unless it is asked for; leave it out, or '
+                f'{flag} is of MDE, and --criterion trajectory does without unless it is asked for; leave it out, or '
                 'add --optimizer mde'
             )
     # Of energy, a delay would but silence what is said of stamps that are off.
-    for option, users in (('sliding', ('energy',)), ('delay', ('weak', 'trajectory')), ('start', ('trajectory',))):
-        if getattr(args, option) is not None and not set(users) & set(args.criterion):
+    for name, users in (('sliding', ('energy',)), ('delay', ('weak', 'trajectory')), ('start', ('trajectory',))):
+        if getattr(args, name) is not None and not set(users) & set(settings.criteria):
             raise UsageError(
-                f'--{option} is of {" and ".join(users)}, and --criterion {",".join(args.criterion)} does without; '
+                f'--{name} is of {" and ".join(users)}, and --criterion {",".join(settings.criteria)} does without; '
                 'leave one of the two out'
             )
-    names = NAMES[: MODELS.get(args.model, len(NAMES))]
+    names = NAMES[: MODELS.get(settings.model, len(NAMES))]
     for text in args.bounds:
         name = text.partition('=')[0]
         if name in NAMES and name not in names:
             raise UsageError(
-                f'--bounds {text} is of a parameter that --model {args.model} does not have; its parameters are '
+                f'--bounds {text} is of a parameter that --model {settings.model} does not have; its parameters are '
                 f'{", ".join(names)}'
             )
 
 
 def _criteria(text: str) -> tuple[str, ...]:
-    names = tuple(dict.fromkeys(name.strip() for name in text.split(',')))
-    for name in names:
-        if name not in CRITERIA:
-            raise argparse.ArgumentTypeError(f'there is no criterion {name!r}; name some of {", ".join(CRITERIA)}')
-    return names
+    return tuple(dict.fromkeys(name.strip() for name in text.split(',')))
 
 
 def _delays(text: str) -> tuple[float, float]:
@@ -367,8 +303,7 @@ def _delays(text: str) -> tuple[float, float]:
     return low, high
 
 
-def _bounds(texts: list[str]) -> Any:
-    from pendubot_identification.errors import ParameterError
+def _bounds(texts: list[str]) -> Bounds:
     from pendubot_identification.model.parameters import default_bounds
 
     bounds = default_bounds()
@@ -390,8 +325,6 @@ def joints(text: str) -> list[str]:
     Raises:
         ParameterError: it names no two joints.
     """
-    from pendubot_identification.errors import ParameterError
-
     names = [name.strip() for name in text.split(',') if name.strip()]
     if len(names) != 2 or len(set(names)) != 2:
         raise ParameterError(

@@ -6,11 +6,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
-#: Told what is being done, how much of it is done, of how much (0: not known), and the best J so far or NaN.
-Progress = Callable[[str, int, int, float], None]
+if TYPE_CHECKING:
+    from pendubot_identification.identify.estimate import Progress
 
 #: Of a step with an end, and of one whose end nobody knows.
 LAYOUT = '{desc} {bar:20} {n_fmt}/{total_fmt}{postfix} [{elapsed}, {remaining} left]'

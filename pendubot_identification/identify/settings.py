@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -17,16 +17,10 @@ from pendubot_identification.optimizers.mde import MDESettings
 from pendubot_identification.optimizers.optimizer import require_runs
 from pendubot_identification.trajectories.trajectory import Trajectory
 
-CRITERIA = ('energy', 'weak', 'trajectory')
-OPTIMIZERS = ('auto', 'mde', 'lsq')
-HOLDS = ('auto', 'zero', 'linear')
-#: The effort's delay is searched within these [s].
-DELAYS = (-0.1, 0.1)
+from .options import CRITERIA, DELAYS, OPTIONS, SPREAD
+
 #: MDE's runs where none are given, as in the paper.
 RUNS = 10
-#: A run of MDE stops when its population has come together this closely: then its best J has long been the minimum's
-#: to a relative 1e-6, and what is left of 4000 generations changes nothing that can be seen.
-SPREAD = 1e-9
 #: The paper's MDE, for its criterion and model.
 THE_PAPERS = MDESettings(spread=SPREAD)
 #: Beyond them the operator is drawn once per vector: per component MDE does not arrive in thousands of generations.
@@ -40,24 +34,13 @@ SEARCH, SEARCH_RUNS = MDESettings(population=40, generations=120, per_component=
 class Settings:
     """What is minimised, and how.
 
+    The fields are those of :data:`.options.OPTIONS`, which says what each of them means; None leaves one open. Four
+    are given otherwise than by a user:
+
     Attributes:
-        criteria: some of ``energy`` (the paper's), ``weak`` and ``trajectory``. Of several, the one that predicts the
-            validation data best is published.
-        model: one of :data:`.parameters.MODELS`, or ``auto``: the smallest that predicts as well as any.
-        optimizer: ``mde``, or ``lsq``: for the quadratic criteria their exact bounded least-squares answer, for
-            ``trajectory`` Levenberg-Marquardt from the answer of ``weak``. ``auto`` takes MDE for the quadratic
-            criteria, where it costs a second and is held against the exact answer, and ``lsq`` for ``trajectory``.
-        sliding: length [s] of the energy balance's sliding window; None: cumulative.
-        smoothing: the differentiator's window [s]; None: 0.02 s for ``energy``, chosen from the data for the others.
-        hold: how the torque behaves between its samples: ``zero`` (held, as the bridge records it), ``linear``
-            (measured), or ``auto``: what explains the motion better. ``energy`` always takes it as held.
-        delays: within which the effort's delay is searched [s]; equal ones fix it. ``energy`` has none.
-        start: where ``lsq`` starts on ``trajectory``, instead of the answer of ``weak``.
-        link_length: l1 [m], to be held against P3 / P5.
-        mde: those fields of :class:`.mde.MDESettings` that are chosen, by name; the others are what suits each
-            criterion, see :meth:`search`.
-        runs: independent runs of MDE; None likewise.
-        seed: of its random numbers.
+        criteria: option criterion. Of several, the one that predicts the validation data best is published.
+        delays: option delay, the two ends [s].
+        start: the parameters themselves.
         bounds: the search box, of all 14 parameters or the first of them; the others' are then the default ones.
 
     Raises:
@@ -73,7 +56,10 @@ class Settings:
     delays: tuple[float, float] = DELAYS
     start: Parameters | None = None
     link_length: float | None = None
-    mde: Mapping[str, Any] = field(default_factory=dict)
+    population: int | None = None
+    generations: int | None = None
+    spread: float | None = None
+    per_vector: bool = False
     runs: int | None = None
     seed: int = 1
     bounds: Bounds = field(default_factory=default_bounds)
@@ -81,24 +67,12 @@ class Settings:
     def __post_init__(self) -> None:
         if not self.criteria or len(set(self.criteria)) < len(self.criteria):
             raise ParameterError(f'the criteria are {self.criteria}; one or more of {", ".join(CRITERIA)} are expected')
-        chosen: list[tuple[str, str, tuple[str, ...]]] = [('criterion', name, CRITERIA) for name in self.criteria]
-        chosen += [('model', self.model, ('auto', *MODELS)), ('optimizer', self.optimizer, OPTIMIZERS)]
-        chosen += [('hold', self.hold, HOLDS)]
-        for kind, name, known in chosen:
-            if name not in known:
-                raise ParameterError(f'there is no {kind} {name!r}; choose one of {", ".join(known)}')
-        if self.sliding is not None and not (np.isfinite(self.sliding) and self.sliding > 0):
-            raise ParameterError(f'the sliding window is {self.sliding:g} s; a time above 0 is expected')
-        if self.smoothing is not None and not (np.isfinite(self.smoothing) and self.smoothing >= 0):
-            raise ParameterError(f'the smoothing window is {self.smoothing:g} s; 0 or a time above 0 is expected')
+        named = {'criterion': self.criteria, 'delay': self.delays}
+        for option in OPTIONS:
+            option.check(named[option.name] if option.name in named else getattr(self, option.name))
         low, high = self.delays
-        if not (np.isfinite([low, high]).all() and -0.5 <= low <= high <= 0.5):
-            raise ParameterError(
-                f'the delay is searched from {low:g} to {high:g} s; two times within half a second are expected, the '
-                'smaller one first'
-            )
-        if self.link_length is not None and not (np.isfinite(self.link_length) and self.link_length > 0):
-            raise ParameterError(f'the length of link 1 is {self.link_length:g} m; a length above 0 is expected')
+        if low > high:
+            raise ParameterError(f'the delay is searched from {low:g} to {high:g} s; the smaller one is expected first')
         given, size = len(self.bounds.lower), MODELS['geared' if self.model == 'auto' else self.model]
         if given < size:
             raise ParameterError(f'bounds of {given} parameters were given; the model {self.model} has up to {size}')
@@ -107,6 +81,11 @@ class Settings:
         for criterion in self.criteria:
             mde, runs = self.search(criterion, self.model)
             require_runs(runs, mde.population, self.seed)
+
+    @classmethod
+    def of(cls, criterion: tuple[str, ...] = CRITERIA, delay: tuple[float, float] = DELAYS, **others: Any) -> Settings:
+        """Return the settings of options as they are named to a user; what is not given has its default."""
+        return cls(criteria=criterion, delays=delay, **others)
 
     def of_rig(self, motions: Sequence[Trajectory]) -> Settings:
         """Return the settings for the rig that moved so: a joint without any effort has no friction under load."""
@@ -121,7 +100,9 @@ class Settings:
             usual, runs = SEARCH, SEARCH_RUNS
         elif criterion == 'energy' and model == 'viscous':
             usual = THE_PAPERS
-        chosen = replace(usual, **self.mde)
-        # That the operator is drawn per component can be chosen away, not to.
-        chosen = replace(chosen, per_component=usual.per_component and chosen.per_component)
-        return chosen, runs if self.runs is None else self.runs
+        chosen: dict[str, Any] = {'population': self.population, 'generations': self.generations}
+        chosen = {name: value for name, value in chosen.items() if value is not None}
+        if self.spread is not None:
+            chosen['spread'] = self.spread or None
+        how = replace(usual, per_component=usual.per_component and not self.per_vector, **chosen)
+        return how, runs if self.runs is None else self.runs

@@ -5,3 +5,6 @@
 
 The compiled kernel beside it does the long loops; without a compiler numpy does the same work.
 """
+
+#: How many of the parameters, from the first on, each model has.
+MODELS = {'viscous': 7, 'coulomb': 9, 'rotor': 10, 'geared': 14}

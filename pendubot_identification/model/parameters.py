@@ -15,6 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from pendubot_identification.errors import ParameterError
 
+from . import MODELS as MODELS
+
 Vector = NDArray[np.float64]
 
 
@@ -48,8 +50,6 @@ SPECIFICATIONS = (
 )
 NAMES = tuple(s.name for s in SPECIFICATIONS)
 UNITS = tuple(s.unit for s in SPECIFICATIONS)
-#: How many of the parameters, from the first on, each model has.
-MODELS = {'viscous': 7, 'coulomb': 9, 'rotor': 10, 'geared': 14}
 FRICTION = ('b1', 'b2', 'Fc1', 'Fc2', 'Fs1', 'Fs2', 'k1', 'k2')
 #: Friction under load of shoulder and elbow: a joint without a motor has none.
 UNDER_LOAD = ('k1', 'k2')

@@ -29,11 +29,12 @@ from pendubot_identification.errors import ParameterError, PendubotError
 from pendubot_identification.level import Level
 from pendubot_identification.model.parameters import Parameters
 from pendubot_identification.recordings.joint_states import JOINT_NAMES
+from pendubot_identification.setting import Setting
 
 from .diagnostics import diagnostics_message, stamp_now, status_name
 from .messages import LATCHED, joint_sample
 from .presence import bridge_of, rival
-from .runtime import Setting, SettingsNode, run
+from .runtime import SettingsNode, run
 from .shutdown import Shutdown
 
 

@@ -26,11 +26,12 @@ from pendubot_identification.link.events import Armed, ArmingFailed, HostEvent, 
 from pendubot_identification.link.health import Health
 from pendubot_identification.link.host import Host, HostConfig
 from pendubot_identification.link.serial_port import SerialPort
+from pendubot_identification.setting import Setting
 
 from .diagnostics import diagnostics_message, stamp_now, status_name
 from .effort_commands import EffortCommands
 from .joint_state_bytes import JointStateBytes
-from .runtime import Setting, SettingsNode, run
+from .runtime import SettingsNode, run
 from .shutdown import Shutdown
 from .steady_time import SteadyTime
 

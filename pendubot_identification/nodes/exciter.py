@@ -16,10 +16,11 @@ from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
 from pendubot_identification.excitation.excitation import PulseTrain
+from pendubot_identification.setting import Setting
 
 from .diagnostics import status_name
 from .presence import bridge_of, rival
-from .runtime import Setting, SettingsNode, run
+from .runtime import SettingsNode, run
 from .shutdown import Shutdown
 
 #: Without joint states for this long [s] the excitation ends: nobody is watching the rig.

@@ -6,6 +6,8 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +19,8 @@ from std_srvs.srv import Trigger
 from pendubot_identification.errors import ParameterError, PendubotError, ResultError
 from pendubot_identification.files import refuse_input, refuse_unwritable, write_whole
 from pendubot_identification.identify.identification import identify
-from pendubot_identification.identify.settings import CRITERIA, DELAYS, HOLDS, OPTIMIZERS, SPREAD, Settings
+from pendubot_identification.identify.options import CRITERION, DELAY, DELAYS, OPTIONS, PER_VECTOR
+from pendubot_identification.identify.settings import Settings
 from pendubot_identification.level import Level
 from pendubot_identification.model.parameters import MODELS, NAMES, Bounds, default_bounds
 from pendubot_identification.recordings.bag_reader import BagWindow
@@ -25,16 +28,30 @@ from pendubot_identification.recordings.datasets import load_datasets
 from pendubot_identification.recordings.joint_states import JOINT_NAMES
 from pendubot_identification.report.tables import headline, summary
 from pendubot_identification.results.result_file import read_parameters, result_of, result_text
+from pendubot_identification.setting import Setting
 
 from .diagnostics import diagnostics_message, stamp_now
 from .matching import check_names
 from .messages import LATCHED, identification_values, parameters_message
 from .progress import NodeProgress
-from .runtime import Setting, SettingsNode, run
+from .runtime import SettingsNode, run
 from .shutdown import Shutdown
 
 #: What the user sets to have an existing result file overwritten.
 FORCE = 'force:=true'
+
+
+def _parameters() -> Iterator[Setting]:
+    """Yield the options of an identification as ROS parameters."""
+    for option in OPTIONS:
+        if option is DELAY:
+            for name, end, default in zip(('delay_min', 'delay_max'), ('least', 'greatest'), DELAYS, strict=True):
+                words = f'{option.description}: the {end}'
+                yield replace(option, name=name, default=default, description=words, dynamic=True)
+        elif option is CRITERION:
+            yield replace(option, choices=(), dynamic=True)  # the text names several of them
+        elif option is not PER_VECTOR:
+            yield replace(option, dynamic=True)
 
 
 class Identifier(SettingsNode):
@@ -53,29 +70,7 @@ class Identifier(SettingsNode):
         Setting('validate', [''], 'bags that only judge; by default what the windows leave', dynamic=True),
         Setting('topic', 'joint_states', 'topic with the joint states in the bags', dynamic=True),
         Setting('joint_names', list(JOINT_NAMES), 'their joint names: shoulder, elbow', dynamic=True),
-        Setting('criterion', '', f'what is minimised, of {", ".join(CRITERIA)}; empty: all', dynamic=True),
-        Setting('model', 'auto', 'which parameters there are', choices=('auto', *MODELS), dynamic=True),
-        Setting('optimizer', 'auto', 'what minimises', choices=OPTIMIZERS, dynamic=True),
-        Setting('hold', 'auto', 'how the torque behaves between its samples', choices=HOLDS, dynamic=True),
-        Setting('delay_min', DELAYS[0], 'the torque acts at least so much later', 's', -0.5, 0.5, dynamic=True),
-        Setting('delay_max', DELAYS[1], 'the torque acts at most so much later', 's', -0.5, 0.5, dynamic=True),
-        Setting('sliding', 0.0, 'sliding window of the energy balance; 0: cumulative', 's', 0.0, 3600.0, dynamic=True),
-        Setting('smoothing', 0.0, "the differentiator's window; 0: by default", 's', 0.0, 10.0, dynamic=True),
-        Setting('link_length', 0.0, 'of link 1, to compare; 0: not known', 'm', 0.0, 100.0, dynamic=True),
-        Setting('start', '', 'result file from whose parameters trajectory starts; empty: from weak', dynamic=True),
-        Setting('runs', 0, 'independent runs of MDE; 0: by default', '', 0, 1000, dynamic=True),
-        Setting('generations', 0, 'generations of a run; 0: by default', '', 0, 10_000_000, dynamic=True),
-        Setting('population', 0, 'vectors of a run (NP); 0: by default', '', 0, 10_000, dynamic=True),
-        Setting(
-            'spread',
-            SPREAD,
-            'a run ends when its vectors are so close, relatively; 0: never',
-            '',
-            0.0,
-            1.0,
-            dynamic=True,
-        ),
-        Setting('seed', 1, 'same seed, same result', '', 0, 2**31 - 1, dynamic=True),
+        *_parameters(),
         Setting('lower_bounds', default_bounds().lower.tolist(), f'of {" ".join(NAMES)}, in their units', dynamic=True),
         Setting('upper_bounds', default_bounds().upper.tolist(), f'of {" ".join(NAMES)}, in their units', dynamic=True),
         Setting('output', '', 'result file to write; empty: none', dynamic=True),
@@ -171,26 +166,14 @@ class Identifier(SettingsNode):
 
 
 def _settings(values: dict[str, Any]) -> Settings:
-    names = [name.strip() for name in values['criterion'].split(',') if name.strip()]
-    mde = {name: values[name] for name in ('population', 'generations') if values[name]}
-    if values['spread'] != SPREAD:
-        mde['spread'] = values['spread'] or None
+    chosen = {o.name: values[o.name] for o in OPTIONS if values.get(o.name) is not None}
+    if names := [name.strip() for name in chosen.pop('criterion', '').split(',') if name.strip()]:
+        chosen['criterion'] = tuple(names)
+    if 'start' in chosen:
+        chosen['start'] = read_parameters(Path(chosen['start']))
     lower, upper = values['lower_bounds'], values['upper_bounds']
-    return Settings(
-        criteria=tuple(names) or CRITERIA,
-        model=values['model'],
-        optimizer=values['optimizer'],
-        sliding=values['sliding'] or None,
-        smoothing=values['smoothing'] or None,
-        hold=values['hold'],
-        delays=(values['delay_min'], values['delay_max']),
-        start=read_parameters(Path(values['start'])) if values['start'] else None,
-        link_length=values['link_length'] or None,
-        mde=mde,
-        runs=values['runs'] or None,
-        seed=values['seed'],
-        bounds=Bounds(np.array(lower), np.array(upper), NAMES[: max(len(lower), MODELS['viscous'])]),
-    )
+    bounds = Bounds(np.array(lower), np.array(upper), NAMES[: max(len(lower), MODELS['viscous'])])
+    return Settings.of(delay=(values['delay_min'], values['delay_max']), bounds=bounds, **chosen)
 
 
 def _named(bags: list[str]) -> list[str]:

@@ -17,10 +17,11 @@ from pendubot_identification.errors import BagError, ParameterError
 from pendubot_identification.recordings.bag_metadata import offered_profiles
 from pendubot_identification.recordings.bag_reader import BagReader, BagWindow
 from pendubot_identification.recordings.mcap_file import McapFile
+from pendubot_identification.setting import Setting
 
 from .matching import check_names, message_class
 from .presence import CommandGuard
-from .runtime import Setting, SettingsNode, run
+from .runtime import SettingsNode, run
 from .shutdown import Shutdown
 
 SECOND = 1_000_000_000

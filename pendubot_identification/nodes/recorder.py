@@ -23,11 +23,12 @@ from pendubot_identification.level import Diagnosis, Level
 from pendubot_identification.recordings.bag_metadata import Qos
 from pendubot_identification.recordings.bag_writer import BagWriter
 from pendubot_identification.recordings.flow import Flow, diagnose
+from pendubot_identification.setting import Setting
 
 from .diagnostics import diagnostics_message, stamp_now, status_name
 from .fetching import DEPTH, Fetcher
 from .matching import check_names, heard, matched, message_class
-from .runtime import Setting, SettingsNode, run
+from .runtime import SettingsNode, run
 from .shutdown import Shutdown
 
 DISCOVERY_PERIOD = 0.1  #: How often publishers that are new are looked for [s].

@@ -12,9 +12,8 @@ import sys
 import textwrap
 import threading
 import traceback
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from typing import Any
 
 import rclpy
@@ -32,80 +31,29 @@ from rclpy.utilities import remove_ros_args
 from pendubot_identification.errors import ParameterError, PendubotError
 from pendubot_identification.parameter_files import unheard
 from pendubot_identification.resources import resource
+from pendubot_identification.setting import Setting
 
 from .shutdown import Shutdown, ended
 
 
-@dataclass(frozen=True)
-class Setting:
-    """One ROS parameter of a node: name, default (which gives the type), meaning, unit and range.
-
-    A setting that is not ``dynamic`` is read once at the start and refuses to be set later.
-    """
-
-    name: str
-    default: Any
-    description: str
-    unit: str = ''
-    minimum: float = -math.inf
-    maximum: float = math.inf
-    choices: tuple[str, ...] = ()
-    dynamic: bool = False
-
-    def check(self, value: Any) -> None:
-        """Refuse, with a reason, a value outside the range or the choices.
-
-        Raises:
-            ParameterError: the value makes no sense.
-        """
-        for entry in value if isinstance(value, list) else [value]:
-            allowed = not self.choices or entry in self.choices
-            if isinstance(entry, (int, float)):
-                allowed = allowed and math.isfinite(entry) and self.minimum <= entry <= self.maximum
-            if not allowed:
-                raise self.refusal(entry)
-
-    def refusal(self, value: object) -> ParameterError:
-        """Return the error that says what was given and what is expected."""
-        return ParameterError(f'{self.name} is {value}; {self.expected()} is expected')
-
-    def expected(self) -> str:
-        """Say in words what values there are."""
-        if self.choices:
-            return f'one of {", ".join(self.choices)}'
-        one, many = {
-            bool: ('true or false', 'a list of true or false'),
-            int: ('a whole number', 'a list of whole numbers'),
-            float: ('a number with a decimal point', 'a list of numbers with decimal points'),
-            str: ('a text', 'a list of texts'),
-        }[type(self.default[0] if isinstance(self.default, list) else self.default)]
-        words = many if isinstance(self.default, list) else one
-        low, high = math.isfinite(self.minimum), math.isfinite(self.maximum)
-        if low and high:
-            words += f' from {self.minimum:.10g} to {self.maximum:.10g}'
-        elif low or high:
-            words += f' of at least {self.minimum:.10g}' if low else f' of at most {self.maximum:.10g}'
-        return words + (f' {self.unit}' if self.unit else '')
-
-    def descriptor(self) -> ParameterDescriptor:
-        """Make the ROS descriptor: description with unit, range, and whether it can change."""
-        descriptor = ParameterDescriptor(
-            name=self.name,
-            description=self.description + (f' [{self.unit}]' if self.unit else ''),
-            read_only=not self.dynamic,
-        )
-        if self.choices:
-            descriptor.additional_constraints = self.expected()
-        if isinstance(self.default, bool) or (math.isinf(self.minimum) and math.isinf(self.maximum)):
-            return descriptor
-        if isinstance(self.default, int):
-            low, high = max(self.minimum, -(2**63)), min(self.maximum, 2**63 - 1)
-            descriptor.integer_range = [IntegerRange(from_value=int(low), to_value=int(high), step=0)]
-        elif isinstance(self.default, float):
-            descriptor.floating_point_range = [FloatingPointRange(from_value=self.minimum, to_value=self.maximum)]
-        elif not isinstance(self.default, str):
-            descriptor.additional_constraints = self.expected()
-        return descriptor
+def descriptor(setting: Setting) -> ParameterDescriptor:
+    """Return the ROS descriptor of a setting: description with unit, range, and whether it can change."""
+    made = ParameterDescriptor(name=setting.name, description=setting.help(), read_only=not setting.dynamic)
+    low, high = setting.minimum, setting.maximum
+    if setting.choices:
+        made.additional_constraints = setting.expected()
+    if isinstance(setting.default, bool) or (math.isinf(low) and math.isinf(high)):
+        return made
+    if setting.optional:
+        low = min(low, setting.default)
+    if isinstance(setting.default, int):
+        low, high = max(low, -(2**63)), min(high, 2**63 - 1)
+        made.integer_range = [IntegerRange(from_value=int(low), to_value=int(high), step=0)]
+    elif isinstance(setting.default, float):
+        made.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
+    elif not isinstance(setting.default, str):
+        made.additional_constraints = setting.expected()
+    return made
 
 
 class SettingsNode(Node):
@@ -126,7 +74,7 @@ class SettingsNode(Node):
         self.ended = ended
         for setting in self.SETTINGS:
             try:
-                self.declare_parameter(setting.name, setting.default, setting.descriptor())
+                self.declare_parameter(setting.name, setting.default, descriptor(setting))
             except ParameterException as error:
                 # rclpy names the value only in its sentence.
                 given = re.search(r"to '(.*)' of type|\((.*)\) for parameter", str(error), re.DOTALL)
@@ -137,16 +85,17 @@ class SettingsNode(Node):
         self.add_pre_set_parameters_callback(lambda changed: [self._meant(p) for p in changed])
         self.add_on_set_parameters_callback(self._on_set)
 
-    def settings(self) -> dict[str, Any]:
-        """Return the present value of every setting, arrays as lists."""
-        values = {}
+    def settings(self, changed: Sequence[Parameter] = ()) -> dict[str, Any]:
+        """Return the value of every setting, or what it is changed to: arrays as lists, what is left open as None."""
+        given, values = {p.name: p.value for p in changed}, {}
         for setting in self.SETTINGS:
             try:
-                values[setting.name] = self.get_parameter(setting.name).value
+                value = given[setting.name] if setting.name in given else self.get_parameter(setting.name).value
             except ParameterUninitializedException as error:
                 # What ROS makes of an empty list: it has no type.
                 raise setting.refusal('empty') from error
-        return {k: list(v) if not isinstance(v, str) and isinstance(v, Iterable) else v for k, v in values.items()}
+            values[setting.name] = setting.of_ros(value)
+        return values
 
     def check(self, values: dict[str, Any]) -> None:
         """Refuse settings that make no sense together; a subclass overrides this.
@@ -193,9 +142,8 @@ class SettingsNode(Node):
         return given
 
     def _on_set(self, changed: Sequence[Parameter]) -> SetParametersResult:
-        values = self.settings() | {p.name: p.value for p in changed}
         try:
-            self._check(values)
+            self._check(self.settings(changed))
         except PendubotError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
@@ -211,7 +159,8 @@ def help_text(node_class: type[SettingsNode]) -> str:
         'parameters:',
     ]
     for s in node_class.SETTINGS:
-        lines.append(f'  {s.name}, default {s.default!r}, {s.expected()}')
+        default = f'{s.default!r}{" (left open)" if s.optional else ""}'
+        lines.append(f'  {s.name}, default {default}, {s.expected()}')
         lines.append(textwrap.indent(textwrap.fill(s.description, 94), '      '))
     lines += [
         '',

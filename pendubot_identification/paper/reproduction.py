@@ -176,7 +176,7 @@ class Reproduction:
     def _identify(self, data: Datasets, training: Trajectory, validation: Trajectory) -> dict[str, Any]:
         """Return the identification in the paper's settings as plain data."""
         # At no spread a run stops early: every generation is taken, as in the paper.
-        settings = Settings(('energy',), 'viscous', 'mde', mde={'spread': None}, runs=self._runs, seed=self._seed)
+        settings = Settings(('energy',), 'viscous', 'mde', spread=0.0, runs=self._runs, seed=self._seed)
         with self._progress('identification') as bar:
 
             def tell(what: str, done: int, of: int, best: float) -> None:

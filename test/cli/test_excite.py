@@ -49,6 +49,7 @@ def test_the_exciter_takes_a_written_file(tmp_path):
 
     from pendubot_identification.excitation.exciter_file import write_exciter
     from pendubot_identification.nodes.exciter import Exciter
+    from pendubot_identification.nodes.runtime import descriptor
 
     path, train = tmp_path / 'exciter.yaml', PulseTrain(0.7, 0.31, -0.2, 1.0, 1e-3, 12)
     write_exciter(path, train, 9, ['for a rig'])
@@ -56,11 +57,11 @@ def test_the_exciter_takes_a_written_file(tmp_path):
     rclpy.init(context=context)
     node = Node('exciter', context=context, cli_args=['--ros-args', '--params-file', str(path)])
     try:
-        values = {s.name: node.declare_parameter(s.name, s.default, s.descriptor()).value for s in Exciter.SETTINGS}
+        values = {s.name: node.declare_parameter(s.name, s.default, descriptor(s)).value for s in Exciter.SETTINGS}
     finally:
         node.destroy_node()
         context.try_shutdown()
-    assert PulseTrain(**{n: values[n] for n in values if n not in ('duration', 'arm')}) == train
+    assert PulseTrain(**{n: values[n] for n in values if n not in ('duration', 'arm', 'recorded')}) == train
     assert values['duration'] == 9.0
 
 

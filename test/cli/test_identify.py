@@ -15,10 +15,9 @@ import numpy as np
 import pytest
 import yaml
 
-from pendubot_identification.cli import identify as command
 from pendubot_identification.cli.main import main
-from pendubot_identification.identify.settings import CRITERIA, HOLDS, OPTIMIZERS
-from pendubot_identification.model.parameters import MODELS, NAMES, PAPER
+from pendubot_identification.identify.options import CRITERIA
+from pendubot_identification.model.parameters import NAMES, PAPER
 from pendubot_identification.recordings.csv_import import import_csv
 from pendubot_identification.recordings.joint_states import write_trajectory
 from pendubot_identification.results.result_file import read_parameters
@@ -321,7 +320,7 @@ def test_what_a_user_did_wrong_is_one_sentence(capsys, bag, arguments, sentence)
     ('arguments', 'sentence'),
     [
         (['{bag}', '--joints', 'elbow,elbow'], 'names 1 joints; two are expected'),
-        (['{bag}', '--runs', '100000000'], 'at most 100000'),
+        (['{bag}', '--runs', '100000000'], 'runs is 100000000; a whole number from 1 to 100000 is expected'),
         (['{bag}', '--joints', 'a'], 'names 1 joints; two are expected'),
         (['{bag}@9:2'], 'reversed'),
         (['{bag}@3:3'], 'empty or reversed'),
@@ -329,12 +328,15 @@ def test_what_a_user_did_wrong_is_one_sentence(capsys, bag, arguments, sentence)
         (['{bag}', '--bounds', 'P1=2:1'], 'bounds of P1 are inverted'),
         (['{bag}', '--bounds', 'P1=2'], 'NAME=LOW:HIGH is expected'),
         (['{bag}', '--bounds', 'P8=0:1'], "no parameter 'P8'"),
-        (['{bag}', '--population', '4'], 'NP is 4; at least 5'),
-        (['{bag}', '--generations', '0'], 'at least 1'),
-        (['{bag}', '--runs', '0'], '0 runs'),
-        (['{bag}', '--seed', '-1'], 'seed is -1'),
-        (['{bag}', '--sliding', '-3'], 'sliding window is -3 s'),
-        (['{bag}', '--smoothing', '-0.1'], 'smoothing window is -0.1 s'),
+        (['{bag}', '--population', '4'], 'population is 4; a whole number from 5'),
+        (['{bag}', '--generations', '0'], 'generations is 0; a whole number from 1'),
+        (['{bag}', '--criterion', 'energy,magic'], 'criterion is magic; one of energy, weak, trajectory is'),
+        (['{bag}', '--criterion', 'energy,'], 'criterion is empty; one of energy, weak, trajectory is expected'),
+        (['{bag}', '--runs', '0'], 'runs is 0; a whole number from 1'),
+        (['{bag}', '--seed', '-1'], 'seed is -1; a whole number of at least 0'),
+        (['{bag}', '--sliding', '-3'], 'sliding is -3.0; a number with a decimal point from 0.001'),
+        (['{bag}', '--smoothing', '-0.1'], 'smoothing is -0.1; a number'),
+        (['{bag}', '--smoothing', '11'], 'smoothing is 11.0; a number with a decimal point from 0 to 10 s is expected'),
         (['{bag}', '--delay', '0.02:0.01'], 'searched from 0.02 to 0.01 s'),
         (['{bag}', '--bounds', 'Fc1=0:1', '--model', 'viscous'], 'that --model viscous does not have'),
         (['{bag}', '--runs', '3', '--optimizer', 'lsq'], '--runs is of MDE, and --optimizer lsq does without'),
@@ -347,9 +349,9 @@ def test_what_a_user_did_wrong_is_one_sentence(capsys, bag, arguments, sentence)
         (['{bag}', '--criterion', 'energy', '--start', 'x.yaml'], '--start is of trajectory, and --criterion energy'),
         (['{bag}', '--criterion', 'energy,weak', '--start', 'x.yaml'], 'and --criterion energy,weak does without'),
         (['{bag}', '--criterion', 'weak', '--sliding', '0.3'], '--sliding is of energy, and --criterion weak does'),
-        (['{bag}', '--spread', '-1'], '--spread is -1; 0, which takes every generation, or a number above it'),
-        (['{bag}', '--delay', '3'], 'two times within half a second are expected'),
-        (['{bag}', '--link-length', '0'], 'length of link 1 is 0 m'),
+        (['{bag}', '--spread', '-1'], 'spread is -1.0; a number with a decimal point from 0 to 1 is expected'),
+        (['{bag}', '--delay', '3'], 'delay is 3.0; a list of numbers with decimal points from -0.5 to 0.5 s'),
+        (['{bag}', '--link-length', '0'], 'link_length is 0.0; a number'),
     ],
 )
 def test_what_can_be_told_from_the_command_line_alone_is_wrong_usage(capsys, bag, arguments, sentence):
@@ -531,12 +533,12 @@ def test_a_rate_that_no_recording_has_is_refused(capsys, tmp_path):
 
 
 def test_wrong_usage_exits_2(capsys):
-    for option in ('criterion', 'model', 'optimizer', 'hold', 'delay', 'runs'):
+    for option in ('model', 'optimizer', 'hold', 'delay', 'runs'):
         with pytest.raises(SystemExit) as stopped:
             main(['identify', 'x', f'--{option}', 'magic'])
         assert stopped.value.code == 2
         assert "'magic'" in capsys.readouterr().err.splitlines()[-1]
-    for arguments in ([], ['identify'], ['identify', 'x', '--criterion', 'energy,'], ['fly']):
+    for arguments in ([], ['identify'], ['fly']):
         with pytest.raises(SystemExit) as stopped:
             main(arguments)
         assert stopped.value.code == 2
@@ -551,11 +553,7 @@ def test_help_of_every_subcommand_is_worth_reading(capsys):
         assert len(capsys.readouterr().out.splitlines()) > 8
 
 
-def test_the_choices_are_those_of_the_core_and_help_does_not_wait_for_it():
-    assert command.CRITERIA == CRITERIA
-    assert command.OPTIMIZERS == OPTIMIZERS
-    assert command.HOLDS == HOLDS
-    assert set(command.MODELS) == {'auto', *MODELS}
+def test_help_does_not_wait_for_numpy():
     code = (
         'import sys\n'
         'from pendubot_identification.cli.main import main\n'

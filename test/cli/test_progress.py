@@ -68,5 +68,5 @@ def test_a_pipe_gets_nothing(capfd):
 
 
 def test_a_program_that_reads_json_gets_nothing_else_even_on_a_terminal():
-    drawn, _ = on_a_terminal('identify', SAMPLE, *LONG[:-1], '40', '--json')
+    drawn, _ = on_a_terminal('identify', SAMPLE, *LONG[:-1], '1', '--json')
     assert drawn == ''

@@ -31,7 +31,7 @@ ENERGY = Settings(criteria=('energy',), model='viscous', optimizer='lsq')
 WEAK = Settings(criteria=('weak',), model='viscous', optimizer='lsq', hold='zero')
 TRAJECTORY = Settings(criteria=('trajectory',), model='viscous', hold='zero')
 #: The paper's own.
-THE_PAPERS = Settings(criteria=('energy',), model='viscous', optimizer='mde', mde={'spread': None})
+THE_PAPERS = Settings(criteria=('energy',), model='viscous', optimizer='mde', spread=0.0)
 
 
 def recorded(group, role):
@@ -119,12 +119,12 @@ def test_the_papers_settings_reach_the_exact_minimum_in_every_run():
 
 
 def test_of_mde_what_is_chosen_counts_and_the_rest_is_what_suits_each_criterion():
-    how = Settings(optimizer='mde', mde={'population': 60})
+    how = Settings(optimizer='mde', population=60)
     assert [how.search(name, 'viscous')[0].generations for name in how.criteria] == [4000, 4000, 120]
     assert {how.search(name, 'viscous')[0].population for name in how.criteria} == {60}
-    assert Settings(mde={'generations': 200}).search('trajectory', 'rotor')[0].population == 40
+    assert Settings(generations=200).search('trajectory', 'rotor')[0].population == 40
     assert [Settings().search('energy', model)[0].per_component for model in ('viscous', 'rotor')] == [True, False]
-    everything = Settings(('weak',), 'viscous', 'mde', hold='zero', mde={'generations': 900, 'spread': None}, runs=1)
+    everything = Settings(('weak',), 'viscous', 'mde', hold='zero', generations=900, spread=0.0, runs=1)
     assert identify([recording(300)], [], everything).best.runs.generations.tolist() == [900]
 
 
@@ -145,14 +145,14 @@ def test_energy_needs_no_motion_as_long_as_the_weak_criterions_bump():
 
 
 def test_too_few_generations_are_noticed():
-    few = replace(THE_PAPERS, mde={'generations': 20})
+    few = replace(THE_PAPERS, generations=20)
     assert any('of 10 runs reached the exact minimum' in w for w in identify([recording(300)], [], few).warnings)
 
 
 @pytest.mark.parametrize('criterion', ['energy', 'weak'])
 def test_the_same_seed_gives_the_same_result(criterion):
     motion = recording(300)
-    how = Settings((criterion,), 'viscous', 'mde', hold='zero', mde={'generations': 20}, runs=2, seed=3)
+    how = Settings((criterion,), 'viscous', 'mde', hold='zero', generations=20, runs=2, seed=3)
     first, again, other = (identify([motion], [], changed).best for changed in (how, how, replace(how, seed=4)))
     for name in ('theta', 'covariance', 'std_error', 'J', 'J_runs'):
         np.testing.assert_array_equal(getattr(first, name), getattr(again, name))
@@ -246,7 +246,7 @@ def test_a_start_that_is_wrong_by_three_arrives_or_is_said_to_have_not(seed):
 
 
 def test_mde_finds_the_trajectory_criterions_basin_from_nowhere():
-    how = replace(TRAJECTORY, optimizer='mde', mde={'population': 20, 'generations': 50}, seed=2)
+    how = replace(TRAJECTORY, optimizer='mde', population=20, generations=50, seed=2)
     result = identify([recording(300, seed=2)], [], how)
     assert result.best.runs.x.shape == (1, 7)
     assert 'MDE from anywhere' in result.best.steps[0]
@@ -481,19 +481,19 @@ def test_however_short_a_recording_it_is_answered_or_refused_with_a_sentence(sam
 @pytest.mark.parametrize(
     ('changes', 'sentence'),
     [
-        ({'criteria': ('energy', 'magic')}, "no criterion 'magic'; choose one of energy"),
+        ({'criteria': ('energy', 'magic')}, 'criterion is magic; one of energy'),
         ({'criteria': ()}, 'one or more of energy'),
         ({'criteria': ('weak', 'weak')}, 'one or more of energy'),
-        ({'optimizer': 'luck'}, "no optimizer 'luck'"),
-        ({'model': 'air'}, "no model 'air'"),
-        ({'hold': 'breath'}, "no hold 'breath'"),
-        ({'sliding': -1.0}, 'sliding window is -1 s'),
-        ({'smoothing': float('nan')}, 'smoothing window is nan s'),
-        ({'delays': (0.1, -0.1)}, 'the smaller one first'),
-        ({'delays': (0.0, float('inf'))}, 'two times within half a second'),
-        ({'link_length': 0.0}, 'length of link 1 is 0 m'),
+        ({'optimizer': 'luck'}, 'optimizer is luck; one of auto, mde, lsq is expected'),
+        ({'model': 'air'}, 'model is air; one of auto, viscous'),
+        ({'hold': 'breath'}, 'hold is breath; one of auto, zero'),
+        ({'sliding': -1.0}, 'sliding is -1.0; a number'),
+        ({'smoothing': float('nan')}, 'smoothing is nan; a number'),
+        ({'delays': (0.1, -0.1)}, 'the smaller one is expected first'),
+        ({'delays': (0.0, float('inf'))}, 'delay is inf; .* from -0.5 to 0.5 s is expected'),
+        ({'link_length': 0.0}, 'link_length is 0.0; a number'),
         ({'model': 'geared', 'bounds': default_bounds().of(7)}, 'bounds of 7 parameters were given'),
-        ({'runs': 0}, '0 runs were asked for'),
+        ({'runs': 0}, 'runs is 0; a whole number from 1'),
         ({'seed': -1}, 'seed is -1'),
     ],
 )

@@ -295,13 +295,13 @@ def test_parameters_of_level_error_move_no_balancer(ros, listener, tmp_path, bag
 
 
 NONSENSE = (
-    ('criterion', 'energy,magic', "no criterion 'magic'; choose one of energy, weak, trajectory"),
+    ('criterion', 'energy,magic', 'criterion is magic; one of energy, weak, trajectory'),
     ('model', 'magic', 'one of auto, viscous'),
     ('hold', 'magic', 'one of auto, zero, linear'),
     ('delay_min', 0.2, 'the delay is searched from 0.2 to 0.1 s'),
     ('start', '/nowhere.yaml', '/nowhere.yaml cannot be read'),
     ('link_length', -1.0, '-1.0'),
-    ('population', 4, 'the population NP is 4'),
+    ('population', 4, 'population is 4; a whole number from 5'),
     ('runs', -1, '-1'),
     ('smoothing', -1.0, '-1.0'),
     ('upper_bounds', [0.0] * 14, 'bounds of P1 are inverted or empty'),

@@ -1,0 +1,118 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""What a user can choose of an identification: names, defaults, ranges and help, for the command line and ROS alike.
+
+Nothing heavy is imported here: ``--help`` needs no numpy.
+"""
+
+from __future__ import annotations
+
+from pendubot_identification.model import MODELS
+from pendubot_identification.setting import Setting
+
+CRITERIA = ('energy', 'weak', 'trajectory')
+#: The effort's delay is searched within these [s].
+DELAYS = (-0.1, 0.1)
+#: A run of MDE stops when its population has come together this closely: then its best J has long been the minimum's
+#: to a relative 1e-6, and what is left of 4000 generations changes nothing that can be seen.
+SPREAD = 1e-9
+
+CRITERION = Setting(
+    'criterion',
+    '',
+    f'what is minimised, of {", ".join(CRITERIA)}, with commas between them; by default all',
+    choices=CRITERIA,
+    optional=True,
+)
+DELAY = Setting(
+    'delay',
+    DELAYS,
+    'how much later than stamped the torque acts (of weak and trajectory), estimated between two values, or fixed '
+    'where they are equal',
+    's',
+    -0.5,
+    0.5,
+)
+START = Setting(
+    'start', '', 'result file from whose parameters trajectory starts; by default the answer of weak', optional=True
+)
+PER_VECTOR = Setting('per_vector', False, "draw MDE's operator once per vector; beyond energy and viscous it always is")
+WHAT = (
+    CRITERION,
+    Setting(
+        'model',
+        'auto',
+        'which parameters there are; auto: the smallest model that predicts training data left out about as well as '
+        'any',
+        choices=('auto', *MODELS),
+    ),
+)
+DATA = (
+    Setting(
+        'hold',
+        'auto',
+        'the torque between its samples: zero, it is held, as the bridge records it; linear, it was measured; auto, '
+        'what explains the motion better. energy always takes it as held',
+        choices=('auto', 'zero', 'linear'),
+    ),
+    DELAY,
+    Setting(
+        'smoothing',
+        0.0,
+        "the differentiator's window; by default 0.02 for energy, chosen from the data for the others",
+        's',
+        0.0,
+        10.0,
+        optional=True,
+    ),
+    Setting(
+        'sliding', 0.0, 'sliding window of the energy balance; by default cumulative', 's', 1e-3, 3600.0, optional=True
+    ),
+    Setting(
+        'link_length',
+        0.0,
+        'length of link 1 by a ruler, against which the data are held; by default not known',
+        'm',
+        1e-3,
+        100.0,
+        optional=True,
+    ),
+)
+MDE = (
+    Setting('runs', 0, 'independent runs of MDE; by default 10, 1 for trajectory', '', 1, 100_000, optional=True),
+    Setting('population', 0, 'vectors of a run, NP; by default 30, 40 for trajectory', '', 5, 100_000, optional=True),
+    Setting(
+        'generations',
+        0,
+        'generations of a run, at most; by default 4000, 120 for trajectory',
+        '',
+        1,
+        10_000_000,
+        optional=True,
+    ),
+    Setting(
+        'spread',
+        SPREAD,
+        'stop a run when the worst J of its population exceeds the best by no more than this fraction; by default '
+        '1e-9, which loses nothing, 1e-6 for trajectory; 0 takes every generation, as in the paper',
+        '',
+        0.0,
+        1.0,
+        optional=True,
+    ),
+    PER_VECTOR,
+)
+HOW = (
+    Setting(
+        'optimizer',
+        'auto',
+        "mde: modified differential evolution, the paper's; lsq: the exact least-squares answer for energy and weak, "
+        'Levenberg-Marquardt for trajectory; auto: lsq for trajectory, mde held against lsq for the others',
+        choices=('auto', 'mde', 'lsq'),
+    ),
+    START,
+    Setting('seed', 1, 'same seed, same result', '', 0),
+    *MDE,
+)
+OPTIONS = (*WHAT, *DATA, *HOW)

@@ -1,0 +1,81 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""One thing that a user can set, in a node or on the command line: declared once, with its range and its help."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+from .errors import ParameterError
+
+
+@dataclass(frozen=True)
+class Setting:
+    """Name, default (which gives the type), meaning, unit and range of one setting.
+
+    Attributes:
+        dynamic: whether a node's parameter can be set after the start.
+        optional: whether it may be left open, which is None; ROS, which has no None, says the default instead.
+    """
+
+    name: str
+    default: Any
+    description: str
+    unit: str = ''
+    minimum: float = -math.inf
+    maximum: float = math.inf
+    choices: tuple[str, ...] = ()
+    dynamic: bool = False
+    optional: bool = False
+
+    def of_ros(self, value: Any) -> Any:
+        """Return the value of a ROS parameter: arrays as lists, and None where it is left open."""
+        if isinstance(value, Iterable) and not isinstance(value, str):
+            value = list(value)
+        return None if self.optional and value == self.default else value
+
+    def check(self, value: Any) -> None:
+        """Refuse, with a reason, a value outside the range or the choices; of several, each is looked at.
+
+        Raises:
+            ParameterError: the value makes no sense.
+        """
+        if value is None and self.optional:
+            return
+        for entry in value if isinstance(value, (list, tuple)) else [value]:
+            allowed = not self.choices or entry in self.choices
+            if isinstance(entry, (int, float)):
+                allowed = allowed and math.isfinite(entry) and self.minimum <= entry <= self.maximum
+            if not allowed:
+                raise self.refusal(entry)
+
+    def refusal(self, value: object) -> ParameterError:
+        """Return the error that says what was given and what is expected."""
+        return ParameterError(f'{self.name} is {"empty" if value == "" else value}; {self.expected()} is expected')
+
+    def expected(self) -> str:
+        """Say in words what values there are."""
+        if self.choices:
+            return f'one of {", ".join(self.choices)}'
+        several = isinstance(self.default, (list, tuple))
+        one, many = {
+            bool: ('true or false', 'a list of true or false'),
+            int: ('a whole number', 'a list of whole numbers'),
+            float: ('a number with a decimal point', 'a list of numbers with decimal points'),
+            str: ('a text', 'a list of texts'),
+        }[type(self.default[0] if several else self.default)]
+        words = many if several else one
+        low, high = math.isfinite(self.minimum), math.isfinite(self.maximum)
+        if low and high:
+            words += f' from {self.minimum:.10g} to {self.maximum:.10g}'
+        elif low or high:
+            words += f' of at least {self.minimum:.10g}' if low else f' of at most {self.maximum:.10g}'
+        return words + (f' {self.unit}' if self.unit else '')
+
+    def help(self) -> str:
+        """Return the meaning with its unit."""
+        return self.description + (f' [{self.unit}]' if self.unit else '')
