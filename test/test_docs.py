@@ -156,7 +156,7 @@ def test_links_lead_somewhere(page):
 @every_page
 def test_modules_that_are_named_are_there(page):
     """Where a page names a module by its folder, as ``link/host.py``."""
-    for path in re.findall(r'`([a-z]+/\w+\.(?:py|c))`', page.read_text()):
+    for path in re.findall(r'`([a-z]+(?:/\w+)+\.(?:py|c))`', page.read_text()):
         assert (ROOT / PACKAGE / path).exists(), f'{page.name} names {path}'
 
 
