@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Installs by colcon (ament_python) and by pip; exact versions stand in .ci/constraints.txt."""
 
 from glob import glob

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The identifier: parameters from bags, latched on /pendubot/params.
 
 ros2 launch pendubot_identification identification.launch.py bags:=swing output:=result.yaml

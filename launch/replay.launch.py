@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """A bag played again, and shown: what a rig did, without the rig. It ends with the bag.
 
 ros2 launch pendubot_identification replay.launch.py bag:=swing rviz:=true

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Bridge, recorder and exciter for a rig, or with virtual:=true for a virtual board in its place.
 
 ros2 launch pendubot_identification rig.launch.py bridge:=bridge.yaml

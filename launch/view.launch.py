@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The rig as a picture that moves: robot_state_publisher, and RViz and PlotJuggler where wanted.
 
 Closing one of them ends nothing else: neither a recording nor the motion of a rig depends on who watches.

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The virtual rig: what rig.launch.py starts, with a simulated pendubot behind a pseudo-terminal. Nothing moves.
 
 ros2 launch pendubot_identification virtual.launch.py rviz:=true

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Identification of a pendubot: from the board's bytes to a latched parameter vector."""
 
 from os import environ

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """What a user can do wrong. Each message says what was found, what was expected and what to do."""
 
 from __future__ import annotations

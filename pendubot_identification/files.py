@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Writing files whole or not at all, alone or in a folder of their own, and never over others unasked."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """What the launch files share: all is checked before anything starts, and what is started ends together.
 
 Launch starts programs while it goes through a description. What raises later, such as a missing package, ends launch

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """How bad it is: what results, the link and the recorder say of themselves."""
 
 from dataclasses import dataclass

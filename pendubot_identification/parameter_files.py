@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """ROS parameter files: for which nodes they hold parameters."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """What is installed as programs: the nodes, where there is ROS to start them with, and the command line."""
 
 from __future__ import annotations
@@ -8,7 +11,7 @@ import sys
 from collections.abc import Callable
 from functools import partial
 
-from pendubot_identification.nodes.ending import at_signal
+from pendubot_identification.nodes.shutdown import at_signal
 
 
 def _start(name: str) -> int:

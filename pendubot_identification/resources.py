@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Where the package's config and bags lie, in every kind of install (colcon, colcon --symlink-install, pip, pip -e)."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """What every test shares: a private ROS domain, temporary logs, and where the real recordings lie, if they do."""
 
 import os

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Real results of a few seconds of the sample bag, for tests of what is made of them."""
 
 import functools

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """A virtual rig, its bridge and a balancer in processes of their own, and a node in the identifier's place."""
 
 import math
@@ -5,7 +8,7 @@ import time
 
 import numpy as np
 
-from pendubot_identification.control.rehearsal import HELD, deviation
+from pendubot_identification.control.closed_loop import HELD, deviation
 from pendubot_identification.model.parameters import BALANCE, NAMES
 from pendubot_identification.model.simulation import HANGING
 from test.processes import Program, call, parameters, spin_until

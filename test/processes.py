@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Real programs in real processes, and waiting for what they say or publish instead of sleeping."""
 
 import os

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """A rig that is not there, live: a virtual board and a bridge in processes of their own, and a node that listens."""
 
 import time

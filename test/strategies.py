@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Random but physical pendubots and states, for property tests."""
 
 import numpy as np

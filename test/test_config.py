@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The parameter files in config/: every parameter of its node, with the node's own default, and nothing else."""
 
 import pytest

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """What the documentation tells a user to type, typed; what only ROS itself could run, held against what is declared."""
 
 import ast
@@ -107,7 +110,7 @@ def unknown_in(words):
         served = f"'~/{service}'" in sources[node] or ("f'~/{" in sources[node] and f"'{service}'" in sources[node])
         return None if rest[0] == 'call' and served else rest[1]
     if kind == 'topic':
-        everything = '\n'.join(sources.values()) + (ROOT / PACKAGE / 'recordings' / 'joint_states.py').read_text()
+        everything = '\n'.join(sources.values())
         return None if f"'{rest[-1].removeprefix('/lab1').lstrip('/')}'" in everything else rest[-1]
     return None if kind in ('bag', 'pkg', 'node', 'param', 'security') else kind
 

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The launch files by the rules of the launch library: by that itself where it is, as in a ROS workspace.
 
 No registry of Python packages has it; elsewhere stand-ins go by the same rules: one entity is visited after the other,

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The programs as they are started, on a computer without ROS and with a reader that leaves."""
 
 import os

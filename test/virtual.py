@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Recordings of virtual rigs, to be identified again."""
 
 from dataclasses import replace
@@ -6,7 +9,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from pendubot_identification.excitation.excitation import PulseTrain
-from pendubot_identification.model.parameters import MODELS, PAPER
+from pendubot_identification.model.parameters import MODELS, PAPER, Parameters
 from pendubot_identification.model.rollout import roll
 from pendubot_identification.model.simulation import quantised, simulate
 from pendubot_identification.trajectories.motion import Motion
@@ -16,10 +19,17 @@ from pendubot_identification.trajectories.trajectory import Trajectory
 GEARED = np.array([0.06, 0.05, 0.032, 0.23, 0.16, 0.01, 0.005, 0.25, 0.19, 0.0026, 0.1, 0.05, 0.15, 0.2])
 
 
-def recording(samples=900, interval=0.01, *, seed=1, counts=4000, rig=PAPER, delay=0.0, strength=1.0, name=None):
+#: The published parameters of a real rig with geared motors, and pulses that keep its motion chaotic.
+C1 = Parameters(0.0596, 0.0505, 0.0320, 0.2298, 0.1600, 0.001, 0.001, 0.251, 0.188, 0.0026)
+CHAOTIC = {'rig': C1, 'strength': 3.0, 'width': 0.5, 'hold': 0.2}
+
+
+def recording(
+    samples=900, interval=0.01, *, seed=1, counts=4000, rig=PAPER, delay=0.0, strength=1.0, name=None, **pulses
+):
     """Return what is recorded of a rig that pulses move; ``delay`` [s], in whole ms, late on its recorded effort."""
     t = np.arange(samples) * interval
-    train = PulseTrain(seed=seed, amplitude_min=-strength, amplitude_max=strength)
+    train = PulseTrain(seed=seed, amplitude_min=-strength, amplitude_max=strength, **pulses)
     tau = np.column_stack([[train.torque(x) for x in t], np.zeros(samples)])
     if delay:
         every, early = round(interval * 1000), round(1000 * abs(delay))

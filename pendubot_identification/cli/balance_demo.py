@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """``pendubot demo --balance``: the chain to its end, a virtual rig that is swung up by what was identified of it."""
 
 from __future__ import annotations
@@ -127,7 +130,7 @@ class _Watcher:
     def _on_sample(self, m: Any) -> None:
         import numpy as np
 
-        from pendubot_identification.control.rehearsal import HELD, deviation
+        from pendubot_identification.control.closed_loop import HELD, deviation
 
         stamp = m.header.stamp.sec + m.header.stamp.nanosec * 1e-9
         if not self.samples or deviation(np.array([m.position]))[0] > HELD:
@@ -143,7 +146,7 @@ class _Watcher:
 def _show(folder: Path, watcher: _Watcher) -> int:
     import numpy as np
 
-    from pendubot_identification.control.rehearsal import deviation, held_since
+    from pendubot_identification.control.closed_loop import deviation, held_since
     from pendubot_identification.model.parameters import BALANCE
     from pendubot_identification.report.balance_figure import draw_balance
     from pendubot_identification.results.result_file import read_parameters

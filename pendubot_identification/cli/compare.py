@@ -1,4 +1,7 @@
-"""``pendubot compare``: results side by side, and what each foresees."""
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""``pendubot compare``: results side by side, and what each predicts."""
 
 from __future__ import annotations
 
@@ -23,7 +26,7 @@ in standard errors of both together. Differences of up to about 2 are chance; fa
 changed, or that the standard errors are too small for what the model cannot describe.
 
 With --on BAG the motion of a bag is simulated by each of them, again and again from a measured state on: parameters
-that differ may foresee alike, and then the difference does not matter to a controller.
+that differ may predict alike, and then the difference does not matter to a controller.
 """
 EPILOG = """\
 examples:
@@ -42,7 +45,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument('results', nargs='+', type=Path, metavar='RESULT.yaml', help='two or more results')
-    parser.add_argument('--on', metavar='BAG[@START:END]', help='a bag whose motion each of them foresees')
+    parser.add_argument('--on', metavar='BAG[@START:END]', help='a bag whose motion each of them predicts')
     parser.add_argument('--topic', default='/joint_states', help='topic with the joint states (default %(default)s)')
     parser.add_argument(
         '--joints', default='shoulder,elbow', metavar='SHOULDER,ELBOW', help='their joint names (default %(default)s)'
@@ -68,8 +71,8 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError('the same result is named twice; name two or more that differ')
     plain = {'results': list(results), 'parameters': _parameters(results), 'notes': [*doubts, *_shared(results)]}
     if args.on is not None:
-        foreseen = _foreseen(results, args)
-        plain |= foreseen | {'notes': [*plain['notes'], *foreseen['notes']]}
+        predicted = _predictions(results, args)
+        plain |= predicted | {'notes': [*plain['notes'], *predicted['notes']]}
     print(json.dumps(plain, indent=2) if args.json else side_by_side(plain))
     return 0
 
@@ -119,7 +122,7 @@ def _training(result: Result | Given) -> set[str]:
     return {bag.sha256 for bag in result.bags if bag.role == 'training'}
 
 
-def _foreseen(results: Results, args: argparse.Namespace) -> dict[str, Any]:
+def _predictions(results: Results, args: argparse.Namespace) -> dict[str, Any]:
     """Return how far each result's simulation of a bag's motion is off, by horizon."""
     from pendubot_identification.identify.prediction import HORIZONS, predict, state_scale
     from pendubot_identification.recordings.bag_reader import BagWindow, read_recording

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """``pendubot demo``: the whole chain, live, on the virtual rig; the one subcommand that needs ROS."""
 
 from __future__ import annotations
@@ -88,7 +91,7 @@ def _show(folder: Path, theta: list[float], label: str) -> int:
     from pendubot_identification.results.result_file import read_whole_result
 
     result = read_whole_result(folder / 'result.yaml')
-    if theta != [entry.value for entry in result.parameters.values()]:
+    if theta != result.theta.vector(result.model).tolist():
         raise PendubotError(f'/pendubot/params said {theta}, the result file something else; please report this')
     print(f'a subscriber that joined afterwards received /pendubot/params ({label}): {result.criterion}\n')
     parts = comparison_table(result, asdict(PAPER)), quality_table(result), criterion_table(result), steps(result)

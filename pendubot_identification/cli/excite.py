@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """``pendubot excite``: the pulse train that tells a rig's parameters best, and what a given one would tell."""
 
 from __future__ import annotations
@@ -11,7 +14,7 @@ from typing import Any
 from pendubot_identification.errors import UsageError, wrong_usage
 
 DESCRIPTION = """\
-Design an excitation, or foresee what a given one does. A design is the pulse train whose motion tells most of the
+Design an excitation, or predict what a given one does. A design is the pulse train whose motion tells most of the
 parameters (D-optimal: the smallest ellipsoid of confidence), simulated from hanging at rest with the parameters as they
 are known now, within a torque, a speed and angles that you set. It is written as a parameter file of the exciter.
 """
@@ -39,7 +42,7 @@ def add_parser(subparsers: Any) -> None:
     )
     what = parser.add_mutually_exclusive_group(required=True)
     what.add_argument('--design', action='store_true', help='search the pulse train that tells most')
-    what.add_argument('--check', type=Path, metavar='EXCITER.yaml', help='foresee what this one does and tells')
+    what.add_argument('--check', type=Path, metavar='EXCITER.yaml', help='predict what this one does and tells')
     parser.add_argument(
         '--from',
         dest='estimate',
@@ -74,7 +77,7 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Design or check, show, write."""
-    from pendubot_identification.excitation.design import Experiment, Limits, design, foresee, paper_pulses
+    from pendubot_identification.excitation.design import Experiment, Limits, design, paper_pulses, predict
     from pendubot_identification.excitation.exciter_file import read_exciter, write_exciter
     from pendubot_identification.files import refuse_input, refuse_unwritable
     from pendubot_identification.model.parameters import PAPER
@@ -115,9 +118,9 @@ def run(args: argparse.Namespace) -> int:
     else:
         train, duration = read_exciter(args.check)
         experiment = replace(experiment, duration=duration or args.duration)
-        (found,) = foresee(parameters, [train], experiment)
+        (found,) = predict(parameters, [train], experiment)
     torque = max(abs(found.train.amplitude_min), abs(found.train.amplitude_max))
-    (paper,) = foresee(parameters, [paper_pulses(args.torque if args.design else torque)], experiment)
+    (paper,) = predict(parameters, [paper_pulses(args.torque if args.design else torque)], experiment)
     moved = motion_lines(found, experiment)
     print(*moved, '', excitation_table(parameters, errors, paper, found), sep='\n')
     if args.check is not None:

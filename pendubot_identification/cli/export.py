@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """``pendubot export``: a result for MATLAB, firmware, a node or another program."""
 
 from __future__ import annotations

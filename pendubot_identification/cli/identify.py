@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """``pendubot identify``: parameters from bags."""
 
 from __future__ import annotations
@@ -35,12 +38,12 @@ Estimate the parameters of a rig from recorded bags and write them to a result f
 BAG is the folder of a bag or its .mcap file, also of one that was never closed; @START:END takes a window of it, in
 seconds from its first sample. Of one bag without a window the first half estimates and the second validates, as in the
 paper; with a window, the rest of the bag validates, but for parts shorter than a second; several bags without windows
-all estimate, and each is foreseen from the others.
+all estimate, and each is predicted from the others.
 
 What lasts longer than ten minutes, or has more than 200 000 samples, is read piece by piece: energy and weak take all
 of it, everything else twelve stretches of 8 s in which the rig is driven. An hour at 1 kHz takes less than 300 MB.
 
-Three criteria can be minimised. Each is held against data that it has not seen, by simulation; the one that foresees
+Three criteria can be minimised. Each is held against data that it has not seen, by simulation; the one that predicts
 them best is published, and the others stand beside it:
   energy      the paper's: the work done equals the energy gained. Quadratic
   weak        the equations of motion times smooth bumps, integrated: no acceleration is needed. Quadratic
@@ -87,7 +90,7 @@ def add_parser(subparsers: Any) -> None:
         '--model',
         default='auto',
         choices=MODELS,
-        help='auto (default): the smallest that foresees training data left out about as well as any',
+        help='auto (default): the smallest that predicts training data left out about as well as any',
     )
     what.add_argument(
         '--bounds',

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """``pendubot import-csv``: a motion from a CSV file into a bag."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """``pendubot info``: what is in a bag."""
 
 from __future__ import annotations
@@ -70,7 +73,7 @@ def summarise(bag: BagReader, topics: dict[str, TopicTimes], damages: dict[str, 
         ],
         'start_ns': bag.first_ns if bag.count else None,
         'duration': bag.duration,
-        'messages': sum(topic.count for topic in topics.values()),
+        'messages': sum(len(topic.logged) for topic in topics.values()),
         'topics': [_of_topic(name, type_name, topics[name]) for name, (type_name, _) in bag.topics.items()],
     }
 
@@ -80,17 +83,18 @@ def _of_topic(name: str, type_name: str, times: TopicTimes) -> dict[str, Any]:
 
     from pendubot_identification.recordings.regularity import regularity
 
-    at = times.times()
+    stamped = len(times.stamps) > 0
+    at = times.stamps if stamped else times.logged
     found = regularity(at)
-    span = (max(times.logged) - min(times.logged)) / 1e9 if times.logged else 0.0
-    latency = times.latency()
+    span = float(np.ptp(times.logged)) / 1e9 if len(at) else 0.0
+    latency = (times.logged[: len(times.stamps)] - times.stamps) / 1e9
     return {
         'name': name,
         'type': type_name,
-        'messages': times.count,
+        'messages': len(at),
         'lost': times.lost,
         'rate': (len(at) - 1) / span if span else 0.0,
-        'stamped': times.stamped,
+        'stamped': stamped,
         # JSON has no NaN.
         **{key: None if value != value else value for key, value in asdict(found).items()},
         'latency': float(np.median(latency)) if len(latency) else None,

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """``pendubot``: identification without ROS, one small function a subcommand."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Programs of this package, run by a demonstration in processes of their own."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """A bar on a terminal, and nowhere else, that shows how far long work has come."""
 
 from __future__ import annotations

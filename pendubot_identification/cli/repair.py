@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """``pendubot repair``: a closed copy of a bag that was killed, cut or damaged."""
 
 from __future__ import annotations

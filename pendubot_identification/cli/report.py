@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """``pendubot report``: a result as a page to look at; ``pendubot identify --report`` makes the same."""
 
 from __future__ import annotations
@@ -207,7 +210,7 @@ def _sections(
             return figures.draw_simulation(shown, validation=bool(judges))
 
         def excited() -> Picture:
-            return figures.draw_excitation(list(result.parameters), excitation(training, best))
+            return figures.draw_excitation(list(result.parameters), excitation(training, best, result.parameters))
 
         def left(answer: Answer) -> Picture:
             return figures.draw_residuals(residuals(training, answer, settings(result), result.smoothing, scale))

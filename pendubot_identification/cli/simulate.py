@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """``pendubot simulate``: a bag from the virtual rig, faster than real time."""
 
 from __future__ import annotations

@@ -1,6 +1,9 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """What a balancer decides, without ROS: from parameters and samples to a rig that is held upright, and to its end.
 
-It prepares itself by a design and a rehearsal, moves only between :meth:`Balancing.armed` and the first doubt, and
+It prepares itself by a design and a closed-loop simulation, moves only between :meth:`Balancing.armed` and the first doubt, and
 never begins again on its own.
 """
 
@@ -17,9 +20,9 @@ from pendubot_identification.level import Level
 from pendubot_identification.model.dynamics import Pair
 from pendubot_identification.model.parameters import Parameters
 
-from .briefing import Briefing
+from .closed_loop import deviation, sufficient_limit, swing_up_time
 from .control import Controller, Design, Limits, Loop, Mode
-from .rehearsal import deviation, sufficient_limit, swing_up_time
+from .readiness import Readiness
 
 #: Margins below these are too little for a real rig: factor of the gain, and delay [s], of which a computer that does
 #: other things, too, takes as much now and then.
@@ -40,13 +43,13 @@ class Phase(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """What was prepared for: a design, and how its rehearsal went.
+    """What was prepared for: a design, and how its closed-loop simulation went.
 
     Attributes:
         design: from the parameters.
         loop: for which it was made.
         swing_up: after how long the rig is upright, in simulation [s]; infinite where it never is, NaN where that was
-            not rehearsed.
+            not simulated.
         sufficient: a torque limit [N m] with which it would be.
     """
 
@@ -56,8 +59,8 @@ class Plan:
     sufficient: float = math.nan
 
     @classmethod
-    def make(cls, parameters: Parameters, loop: Loop, rehearse: bool = True) -> Plan:
-        """Design, and rehearse if wanted, which takes a second or some.
+    def make(cls, parameters: Parameters, loop: Loop, simulate_closed_loop: bool = True) -> Plan:
+        """Design, and simulate the closed loop if wanted, which takes a second or some.
 
         Raises:
             ControlError: there is no such controller, or it would have no room for error.
@@ -71,14 +74,14 @@ class Plan:
                 f'{1e3 * DELAY:g} ms are needed; sample faster, shorten the delay of {1e3 * loop.delay:.3g} ms, or '
                 'build a longer link 1'
             )
-        if not rehearse:
+        if not simulate_closed_loop:
             return cls(design, loop)
         swing_up = swing_up_time(design, loop)
         sufficient = math.nan if math.isfinite(swing_up) else sufficient_limit(design, loop)
         return cls(design, loop, swing_up, sufficient)
 
     @property
-    def rehearsed(self) -> bool:
+    def simulated(self) -> bool:
         """Whether the swing-up was tried in simulation, well or not."""
         return not math.isnan(self.swing_up)
 
@@ -92,7 +95,7 @@ class Plan:
         )
         if math.isfinite(self.swing_up):
             return f'{text}; in simulation it is upright {self.swing_up:.1f} s after hanging'
-        return f'{text}; {self.obstacle()}' if self.rehearsed else text
+        return f'{text}; {self.obstacle()}' if self.simulated else text
 
     def obstacle(self) -> str:
         """Say why there is no swing-up."""
@@ -105,19 +108,19 @@ class Balancing:
 
     Args:
         limit: largest torque that the user allows [N m].
-        motor_delay: see :class:`.briefing.Briefing`.
+        motor_delay: see :class:`.readiness.Readiness`.
         bounds: where to give up.
 
     Attributes:
-        briefing: what came in.
+        readiness: what came in.
         phase: how far it is.
-        plan: what it is prepared for; None before. While it is idle, always one that was rehearsed.
+        plan: what it is prepared for; None before. While it is idle, always one that was simulated.
         obstacle: why it cannot begin; empty where it can.
         stopped: why it stopped last; empty where it did not or was told to.
     """
 
     def __init__(self, limit: float, motor_delay: float | None = None, bounds: Limits | None = None) -> None:
-        self.briefing = Briefing(limit, motor_delay)
+        self.readiness = Readiness(limit, motor_delay)
         self.phase = Phase.IDLE
         self.plan: Plan | None = None
         self.obstacle = ''
@@ -136,7 +139,7 @@ class Balancing:
     def to_prepare(self, accept_warn: bool) -> tuple[Parameters, Loop] | None:
         """Return for what it has to be prepared, where it is not yet."""
         try:
-            wanted = self.briefing.ready(accept_warn)
+            wanted = self.readiness.ready(accept_warn)
         except ControlError as error:
             self.obstacle = str(error)
             if self.phase is Phase.IDLE:
@@ -153,12 +156,12 @@ class Balancing:
     def prepared(self, plan: Plan) -> None:
         """Take a plan; a controller that runs goes on with it from its next sample.
 
-        Where it is idle, one that was not rehearsed is of no use: it was made for a motion that has ended meanwhile.
+        Where it is idle, one that was not simulated is of no use: it was made for a motion that has ended meanwhile.
         """
         self._refused, self.obstacle = None, ''
         if self.phase is not Phase.IDLE:
             self._coming = plan
-        elif plan.rehearsed:
+        elif plan.simulated:
             self.plan = plan
 
     def not_prepared(self, wanted: tuple[Parameters, Loop], reason: str) -> None:
@@ -198,7 +201,7 @@ class Balancing:
         self.phase, self.stopped, self._controller = Phase.IDLE, reason, None
         # What came while it moved is looked at anew, as anything before a start.
         self._coming = self._refused = None
-        if self.plan is not None and not self.plan.rehearsed:
+        if self.plan is not None and not self.plan.simulated:
             self.plan = None
 
     def sample(self, t: float, now: float, q: Pair, effort: float, max_age: float) -> float | None:
@@ -215,7 +218,7 @@ class Balancing:
             ControlError: it has stopped; command zero torque and disarm.
         """
         self.silence(now, max_age)
-        self.briefing.sample(t)
+        self.readiness.sample(t)
         self._q, self._heard = q, now
         if self.phase is Phase.IDLE:
             return None
@@ -262,7 +265,7 @@ class Balancing:
             ControlError: it is none that a rig can have. Whatever moved has stopped.
         """
         try:
-            self.briefing.offer(theta)
+            self.readiness.offer(theta)
         except PendubotError as error:
             self.stop(str(error))
             raise ControlError(str(error)) from error

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The controller: a sample in, a torque out. It swings up, balances, and stops where it must not go on.
 
 Sans-IO: time comes with the samples, randomness there is none. What stops it is an exception, so that nothing goes on
@@ -15,11 +18,11 @@ from pendubot_identification.model.dynamics import Pair
 from pendubot_identification.model.parameters import Parameters
 from pendubot_identification.model.rollout import advance
 
-from .echo import Echo
+from .command_monitor import CommandMonitor
 from .estimator import Estimator, State
 from .linear_control import Margins, Regulator, Weights, design, equilibrium, margins
+from .sign_check import SignCheck
 from .swing_up import SwingUp
-from .wiring import Wiring
 
 UPRIGHT = math.pi / 2
 #: Farther than this from upright [rad] nothing is caught, and what balanced has fallen.
@@ -124,8 +127,8 @@ class Controller:
         self._loop = loop
         self._bounds = bounds or Limits()
         self._estimator = self._estimate()
-        self._echo = Echo(loop.transport, loop.period)
-        self._wiring: Wiring | None = Wiring(design.parameters, loop.period, loop.lag)
+        self._echo = CommandMonitor(loop.transport, loop.period)
+        self._sign_check: SignCheck | None = SignCheck(design.parameters, loop.period, loop.lag)
         self._theta = tuple(map(float, design.parameters.vector()))
         self._last: float | None = None
         self._swinging_since = 0.0
@@ -187,8 +190,8 @@ class Controller:
             self._upright = UPRIGHT + 2 * math.pi * round((q[0] - UPRIGHT) / (2 * math.pi) + 1e-9)
         self._last = t
         samples = max(1, round(elapsed / self._loop.period))
-        if samples > 1 and self._wiring is not None:
-            self._wiring.interrupt()
+        if samples > 1 and self._sign_check is not None:
+            self._sign_check.interrupt()
         return self._estimator.update(q, effort, samples)
 
     def _watch(self, q: Pair, effort: float, state: State) -> None:
@@ -203,8 +206,8 @@ class Controller:
         if not self._echo.obeyed(effort):
             raise ControlError(f'the motor does not obey: {effort:g} N m are applied, {self._torque:g} were asked for')
         self._estimator.transport = self._echo.transport
-        if self._wiring is not None and self._wiring.update(q, effort):
-            self._wiring = None
+        if self._sign_check is not None and self._sign_check.update(q, effort):
+            self._sign_check = None
 
     def _decide(self, t: float, state: State) -> None:
         error = self._error(state)

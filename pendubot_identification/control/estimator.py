@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The rig's state from encoder positions and applied torques, now and when the next torque will act.
 
 A Kalman filter with constant gain whose model is the nonlinear one: so it needs no velocities from differences, which
@@ -16,7 +19,7 @@ from pendubot_identification.model.dynamics import Pair
 from pendubot_identification.model.parameters import Parameters
 from pendubot_identification.model.simulation import Plant
 
-from .echo import LONGEST
+from .command_monitor import LONGEST
 
 Array = NDArray[np.float64]
 State = tuple[float, float, float, float]

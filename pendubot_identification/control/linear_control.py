@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Linear control of a balanced pendubot: linearisation, sampling, discrete LQR and Kalman gains, and their margins.
 
 Near a balanced configuration x = (q - q*, q') [rad, rad/s] moves as x' = A x + B (tau - tau*). The loop is sampled with

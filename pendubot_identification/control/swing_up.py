@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Swing-up: link 1 is drawn upright by partial feedback linearisation, and moved so that it pumps link 2.
 
 Collocated linearisation (M. W. Spong, *The swing up control problem for the Acrobot*, IEEE Control Systems 15(1), 1995;

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The paper's energy criterion, its equations (3) to (6): work done on the rig against the energy it gained."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Bounded Levenberg-Marquardt for the trajectory criterion, with the segments' initial states condensed out."""
 
 from __future__ import annotations
@@ -70,6 +73,7 @@ def levenberg_marquardt(
     fixed: bool = False,
     iterations: int = 50,
     tolerance: float = 1e-6,
+    least: float = 0.0,
     progress: Callable[[float], None] | None = None,
 ) -> Fit:
     """Minimise the sum of squared residuals over theta, delay and every segment's initial state.
@@ -87,6 +91,7 @@ def levenberg_marquardt(
         fixed: whether theta and delay stay as they are and the initial states alone are estimated.
         iterations: at most.
         tolerance: stop when a step gains no more than this fraction of the cost.
+        least: a cost below which there is nothing to gain: the fraction is of this, then.
         progress: called with the cost after every iteration.
     """
     box = _Box(bounds, delay_bounds)
@@ -109,7 +114,7 @@ def levenberg_marquardt(
             damping *= EASIER if gained > 0 else HARDER
         if gained > 0:
             z, x, states, residuals = new_z, new_x, new_states, new_residuals
-        settled = gained <= tolerance
+        settled = gained * cost <= tolerance * max(cost, least)
         converged = settled and normal.complete
         damping = max(damping, LEAST_DAMPING)
         if settled and robust and bends:

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """A least-squares criterion reduced once by QR: its value and its exact minimum, whatever the number of samples."""
 
 from __future__ import annotations
@@ -175,8 +178,8 @@ class Quadratic:
         phi = self.phi @ directions
         norms = np.linalg.norm(phi, axis=0)
         scale = np.where(norms > 0, norms, 1.0)
-        upper = np.maximum(upper, lower + 1e-12 * np.abs(lower) + 1e-300)  # what rounding turned round
-        solution = lsq_linear(phi / scale, self.y, (lower * scale, upper * scale), method='bvls', tol=1e-15)
+        above = np.maximum(upper, lower + 1e-12 * np.abs(lower) + 1e-300)  # closed, or turned round by rounding
+        solution = lsq_linear(phi / scale, self.y, (lower * scale, above * scale), method='bvls', tol=1e-15)
         return np.asarray(directions @ np.clip(solution.x / scale, lower, upper))
 
     def free_minimum(self) -> Array:
@@ -189,9 +192,9 @@ class Quadratic:
         norms = np.linalg.norm(self.phi, axis=0)
         return np.asarray(np.where(norms > 0, norms, 1.0))
 
-    def condition_number(self) -> float:
-        """Return the condition number of the regressor with columns scaled to one; infinite if one is zero."""
-        singular = np.linalg.svd(self.phi / self.column_scale(), compute_uv=False)
+    def condition_number(self, which: NDArray[np.bool_] | slice = slice(None)) -> float:
+        """Return the condition number of some columns of the regressor, scaled to one; infinite if one is zero."""
+        singular = np.linalg.svd((self.phi / self.column_scale())[:, which], compute_uv=False)
         return float(singular[0] / singular[-1]) if singular[-1] > 0 else float('inf')
 
     def undetermined(self, tolerance: float) -> NDArray[np.bool_]:

@@ -1,6 +1,9 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The trajectory criterion: recordings cut into segments, each simulated from an initial state of its own.
 
-What a parameter vector must foresee is a motion, so what is minimised is the simulation error, by multiple shooting
+What a parameter vector must predict is a motion, so what is minimised is the simulation error, by multiple shooting
 (Bock 1983): J(theta, delay, x_1 .. x_S) = sum over segments s of |residuals of s|^2, where x_s, a segment's initial
 state, is known only roughly and estimated along. Two kinds of residuals:
 
@@ -208,11 +211,15 @@ class AgainstPositions:
         noise: standard deviation of the recorded positions [rad], shape (2,).
         margin: what of a segment is left out at both ends [s], so that a delay does not lead out of it.
         delay: about which the delay will lie [s].
+        initial: a guess of the initial states, shape (4, L); by default the smoothed ones.
     """
 
-    def __init__(self, segments: Segments, noise: Array, margin: float = 0.0, delay: float = 0.0) -> None:
+    def __init__(
+        self, segments: Segments, noise: Array, margin: float = 0.0, delay: float = 0.0, initial: Array | None = None
+    ) -> None:
         self.segments = segments
         self._noise = noise
+        self._initial = initial
         duration = segments.steps * segments.step
         within = []
         for group, start in zip(segments.group, segments.start, strict=True):
@@ -233,8 +240,8 @@ class AgainstPositions:
         return self._q.size
 
     def initial(self, delay: float) -> Array:
-        """Return the smoothed states."""
-        return self.segments.measured(np.array([delay]))[:, 0]
+        """Return the guess that was given, or the smoothed states."""
+        return self.segments.measured(np.array([delay]))[:, 0] if self._initial is None else self._initial
 
     def residuals(self, states: Array, delay: float) -> Array:
         """Return 2 residuals of every compared sample."""

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Minimising the trajectory criterion: from rough parameters to the sharpest that the recordings support."""
 
 from __future__ import annotations
@@ -7,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 
 from pendubot_identification.model.parameters import MODELS, Bounds, coupling_excess, repaired
 from pendubot_identification.model.rollout import roll
@@ -23,28 +27,35 @@ Array = NDArray[np.float64]
 #: Segments against smoothed states: length and stride [s]. Short ones find the way from a bad start, where long ones
 #: are chaotic; 0.5 s is what the errors of real rigs' models allow.
 STATES_LADDER = ((0.1, 0.2), (0.25, 0.2), (0.5, 0.1))
-#: Segments against recorded positions: lengths [s] as long as the model's errors stay below the encoder's.
-POSITIONS_LADDER = (0.2, 0.5, 2.0, np.inf)
+#: Segments against recorded positions: lengths [s] as long as the model's errors stay below the encoder's. Each rung
+#: starts at the states that the one before it found, so that a chaotic motion is followed for seconds.
+POSITIONS_LADDER = (0.2, 0.5, 1.0, 2.0, 4.0, 8.0, np.inf)
 #: P3 at the start: at most this fraction of sqrt(P1 P2). Near the limit M(q) is nearly singular, and nothing moves on.
 START_COUPLING = 0.5
 #: A rung is supported while the residuals' variance exceeds the first one's by no more than this factor ...
 GROWTH = 1.3
-#: ... and the first one's exceeds that of the encoder's rounding by no more than this.
+#: ... and the encoder's rounding's by no more than this.
 NOISIEST = 9.0
 #: Errors of positions below this [rad] are the simulation's own.
 FINEST = 1e-6
+#: What a simulation errs over a segment of a fast motion [rad]. Positions that are rounded no coarser than that, or not
+#: at all, do not tell their noise.
+NEGLIGIBLE = 5e-5
 #: Simulation steps [s] against positions are no longer than the sampling interval, in which the torque changes, nor,
-#: with dry friction, than this: the first rung apart, what a longer step errs would bend parameters by many of the
-#: standard errors that residuals as small as an encoder's rounding promise.
-DRY_STEP = 0.001
-#: Iterations after which the first rung tells whether the model is exact.
-FIRST_ITERATIONS = 50
-#: How far a rung may move the delay [s].
-NEAR = 0.003
+#: with dry friction or positions whose noise is not known, than this: the first rung apart, what a longer step errs
+#: would bend parameters by many of the standard errors that residuals as small as an encoder's rounding promise.
+SHORT_STEP = 0.0005
+#: How far a rung may move the delay [s] before segments are cut anew, and how often they are.
+NEAR, ANEW = 0.003, 10
 #: Below this length [s] of segments that are supported, positions say less than states.
 SHORTEST_EXACT = 0.5
-#: The same where positions are not rounded, so that their noise is not known.
+#: The same where the noise is not known and more than :data:`NEGLIGIBLE` is left: a model's errors may pass for it.
 SHORTEST_UNKNOWN = 2.0
+#: Residuals are white where their correlation from one sample to the next is below the first, and where what the
+#: simulation errs, as half the step shows it, is below the second times their size.
+WHITE, SIMULATED = 0.15, 0.02
+#: Where they are not, so many segments or more show how large the errors of the parameters are.
+FEWEST_SEGMENTS = 4
 #: What MDE simulates: so many segments of this length [s], compared at so many times.
 SEARCH_SEGMENTS, SEARCH_LENGTH, SEARCH_TIMES = 60, 0.15, 12
 
@@ -59,8 +70,10 @@ class TrajectoryFit:
         length: of the segments [s].
         group: the number of each segment's recording, shape (L,).
         start: the time at which each begins [s], shape (L,).
-        variance: reduced chi-square of the positions, in encoder steps where there are any; NaN for ``states``.
-        white: whether the residuals are no larger than the positions' noise: then the model is exact.
+        variance: reduced chi-square of the positions, in variances of their rounding, or of :data:`FINEST`; NaN for
+            ``states``.
+        white: whether the residuals are white.
+        rounded: whether the noise of the positions is known: an encoder's rounding.
     """
 
     fit: Fit
@@ -69,7 +82,13 @@ class TrajectoryFit:
     group: NDArray[np.intp]
     start: Array
     variance: float
-    white: bool
+    white: bool = False
+    rounded: bool = True
+
+    @property
+    def exact(self) -> bool:
+        """Whether the model leaves nothing but the noise of the positions: else they are not fitted."""
+        return self.kind == 'positions'
 
 
 def fit_states(
@@ -121,7 +140,7 @@ def fit_states(
             progress=progress,
         )
         theta, delay = fit.theta, fit.delay
-    return TrajectoryFit(fit, 'states', segments.steps * segments.step, segments.group, segments.start, np.nan, False)
+    return TrajectoryFit(fit, 'states', segments.steps * segments.step, segments.group, segments.start, np.nan)
 
 
 def longest_segment(motions: Sequence[Motion], margin: float) -> float:
@@ -195,50 +214,90 @@ def fit_positions(
         progress: called with the criterion after every iteration.
 
     Returns:
-        The fit with the longest segments that are supported; None where the model's errors exceed the noise of the
-        positions within half a second already, as on most real rigs.
+        The fit with the longest segments that are supported and leave white residuals or, where none does, with the
+        longest of which there are four; None where the model's errors exceed the noise of the positions within half a
+        second already, as on most real rigs.
     """
-    steps = np.array([encoder_step(m.recorded.q) for m in motions]).max(axis=0)
-    rounded = bool((steps > 0).all())
-    noise = np.maximum(np.where(steps > 0, steps, 1e-3) / np.sqrt(12), FINEST)
+    rounding = np.array([encoder_step(m.recorded.q) for m in motions]).max(axis=0) / np.sqrt(12)
+    rounded = bool((rounding > NEGLIGIBLE).all())
+    noise = rounding if rounded else np.full(2, FINEST)
     margin = abs(delay) + 1e-9
     # Segments begin on samples, the next one behind the margin.
     whole = min(m.end - m.start - m.interval for m in motions) - 2 * margin
     step = min(LONGEST_STEP, *(m.interval for m in motions))
-    if len(theta) > MODELS['viscous']:
-        step = min(step, DRY_STEP)
+    if len(theta) > MODELS['viscous'] or not rounded:
+        step = min(step, SHORT_STEP)
     first, best = np.nan, None
+    before: tuple[Segments, Fit] | None = None
     for length in ladder:
         length = min(length, whole)
-        segments = Segments.cut(motions, length, length, margin, LONGEST_STEP if np.isnan(first) else step)
-        comparison = AgainstPositions(segments, noise, delay=delay)
+        segments = Segments.cut(motions, length, length, margin, LONGEST_STEP if np.isnan(first) and rounded else step)
+        initial = None if before is None else _continued(*before, segments)
+        comparison = AgainstPositions(segments, noise, delay=delay, initial=initial)
         unknowns = 4 * len(segments) + len(theta) + 1
         if comparison.count < 2 * unknowns:
             continue
-        around = max(delay - NEAR, delay_bounds[0]), min(delay + NEAR, delay_bounds[1])
-        fit = levenberg_marquardt(
-            comparison,
-            theta,
-            delay,
-            bounds,
-            around,
-            iterations=FIRST_ITERATIONS if np.isnan(first) else 50,
-            tolerance=1e-3 if np.isnan(first) else 1e-6,
-            progress=progress,
-        )
+        for _ in range(ANEW):
+            around = max(delay - NEAR, delay_bounds[0]), min(delay + NEAR, delay_bounds[1])
+            fit = levenberg_marquardt(
+                comparison,
+                theta,
+                delay,
+                bounds,
+                around,
+                tolerance=1e-3 if np.isnan(first) else 1e-6,
+                least=comparison.count,
+                progress=progress,
+            )
+            moved = abs(fit.delay - delay)
+            theta, delay = fit.theta, fit.delay
+            if moved < 0.999 * NEAR:
+                break
+            comparison = AgainstPositions(segments, noise, delay=delay, initial=fit.initial)
+        before = segments, fit
         variance = fit.cost / (comparison.count - unknowns)
         if np.isnan(first):
-            first = max(variance, 1.0 if rounded else (FINEST / noise.max()) ** 2)
-        if not variance <= GROWTH * first or (rounded and variance > NOISIEST):
+            first = max(variance, 1.0)
+        negligible = not rounded and np.sqrt(variance) * FINEST <= NEGLIGIBLE
+        if not (variance <= GROWTH * first or negligible) or (rounded and variance > NOISIEST):
             break
-        theta, delay = fit.theta, fit.delay
-        if fit.converged:
-            best = TrajectoryFit(fit, 'positions', length, segments.group, segments.start, variance, True)
+        shortest = SHORTEST_EXACT if rounded or negligible else SHORTEST_UNKNOWN
+        if length >= min(shortest, whole):
+            white = _is_white(comparison, fit)
+            if best is not None and best.white and not white:
+                break
+            if best is None or (fit.converged and (white or len(segments) >= FEWEST_SEGMENTS)):
+                group, start = segments.group, segments.start
+                best = TrajectoryFit(fit, 'positions', length, group, start, variance, white, rounded)
         if length == whole:
             break
-    # Where the noise is not known but taken from the first rung, a model's errors in it pass for noise for a while.
-    shortest = min(SHORTEST_EXACT if rounded else SHORTEST_UNKNOWN, whole)
-    return best if best is not None and best.length >= shortest else None
+    return best
+
+
+def _is_white(comparison: AgainstPositions, fit: Fit) -> bool:
+    """Tell whether residuals are those of independent readings, and not of a simulation or of a model that errs."""
+    segments = comparison.segments
+    residuals, finer = (
+        comparison.residuals(states, fit.delay).reshape(len(segments), -1, 2)
+        for states in (
+            roll(fit.theta, fit.initial, segments.tau, segments.step),
+            roll(fit.theta, fit.initial, segments.tau.repeat(2, axis=1), segments.step / 2)[::2],
+        )
+    )
+    size = (residuals**2).mean()
+    correlation = (residuals[:, 1:] * residuals[:, :-1]).mean() / size
+    return bool(abs(correlation) < WHITE and ((finer - residuals) ** 2).mean() < SIMULATED**2 * size)
+
+
+def _continued(segments: Segments, fit: Fit, others: Segments) -> Array:
+    """Return the states that fitted segments have where others start, shape (4, L)."""
+    states = roll(fit.theta, fit.initial, segments.tau, segments.step)
+    times = segments.step * np.arange(segments.steps + 1)
+    result = np.empty((4, len(others)))
+    for lane, (group, start) in enumerate(zip(others.group, others.start, strict=True)):
+        own = np.flatnonzero((segments.group == group) & (segments.start <= start + 1e-9))[-1]
+        result[:, lane] = CubicSpline(times, states[:, :, own])(start - segments.start[own])
+    return result
 
 
 def search(

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The weak criterion: the balances of both joints' momentum and of energy, weighted in time by smooth bumps.
 
 Each balance says that a function of the state, p, changes by what is done to it. Multiplied with a bump w(t) that is

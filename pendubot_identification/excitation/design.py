@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Design of an excitation: the pulse train that tells a rig's parameters best, within what the rig may do.
 
 What a motion tells is its Fisher information: the sum of the squared sensitivities of the positions, over the variance
@@ -110,7 +113,7 @@ class Limits:
 
 
 @dataclass(frozen=True, slots=True)
-class Foreseen:
+class Predicted:
     """What an excitation would do with a rig, and tell of it.
 
     Attributes:
@@ -134,9 +137,9 @@ def paper_pulses(torque: float) -> PulseTrain:
     return PulseTrain(amplitude_min=-torque, amplitude_max=torque)
 
 
-def foresee(
+def predict(
     parameters: Parameters, trains: Sequence[PulseTrain], experiment: Experiment, limits: Limits | None = None
-) -> list[Foreseen]:
+) -> list[Predicted]:
     """Return what each of several excitations would do with a rig, from hanging at rest, and tell of it.
 
     Args:
@@ -167,7 +170,7 @@ def foresee(
         if np.isfinite(size[k]):
             errors[k, : len(information)] = np.sqrt(np.diag(np.linalg.inv(information)))
     errors *= _units(theta)
-    return [Foreseen(train, errors[k], float(size[k]), speed[:, k], angle[:, k]) for k, train in enumerate(trains)]
+    return [Predicted(train, errors[k], float(size[k]), speed[:, k], angle[:, k]) for k, train in enumerate(trains)]
 
 
 def design(
@@ -179,7 +182,7 @@ def design(
     generations: int = GENERATIONS,
     seed: int = 1,
     progress: Callable[[int, int, float], None] | None = None,
-) -> Foreseen:
+) -> Predicted:
     """Return the pulse train of the greatest information, as far as MDE finds it.
 
     Args:
@@ -196,10 +199,10 @@ def design(
         ExcitationError: no pulse train was found that keeps the limits.
     """
     space = _Space(limits, experiment)
-    found: list[Foreseen] = []
+    found: list[Predicted] = []
 
     def costs(points: Array) -> Array:
-        candidates = foresee(parameters, [space.train(u) for u in points[0]], experiment, limits)
+        candidates = predict(parameters, [space.train(u) for u in points[0]], experiment, limits)
         told = [candidate for candidate in candidates if np.isfinite(candidate.log_information)]
         found[:] = sorted(found + told, key=lambda each: -each.log_information)[:FINALISTS]
         return np.array([[_cost(candidate, limits) for candidate in candidates]])
@@ -219,7 +222,7 @@ def design(
     return found[_first_within(parameters, found, limits, experiment, uncertainty)]
 
 
-def _cost(candidate: Foreseen, limits: Limits) -> float:
+def _cost(candidate: Predicted, limits: Limits) -> float:
     """Return what MDE minimises: within the limits the information's logarithm, beyond them by how much."""
     if np.isfinite(candidate.log_information):
         return -candidate.log_information
@@ -229,7 +232,7 @@ def _cost(candidate: Foreseen, limits: Limits) -> float:
 
 def _first_within(
     parameters: Parameters,
-    finalists: Sequence[Foreseen],
+    finalists: Sequence[Predicted],
     limits: Limits,
     experiment: Experiment,
     uncertainty: Array | None,

@@ -1,4 +1,7 @@
-"""The exciter's parameter file: written from a design, read to be foreseen."""
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The exciter's parameter file: written from a design, read to be predicted."""
 
 from __future__ import annotations
 

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Which parameters a motion excites poorly, and what motion would tell them."""
 
 from __future__ import annotations

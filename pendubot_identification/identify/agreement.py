@@ -1,4 +1,7 @@
-"""Whether recordings that are pooled are of one rig: each is foreseen from the others as well as from itself."""
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Whether recordings that are pooled are of one rig: each is predicted from the others as well as from itself."""
 
 from __future__ import annotations
 
@@ -14,12 +17,12 @@ from .recipes import Data
 
 Array = NDArray[np.float64]
 
-#: A recording that the others foresee with more than so many times the error that is left where it alone is fitted
+#: A recording that the others predict with more than so many times the error that is left where it alone is fitted
 #: contradicts them, if that error is also more than this fraction of the states' standard deviations. The real rigs'
 #: recordings, of one rig and three or more of them, reach 1.7 times.
 CONTRADICTING, CONTRADICTION = 3.0, 0.1
 #: Recordings that one set of parameters explains with no more than so many times the error that their own leave, agree,
-#: however badly some foresee others: then those say too little. The real rigs' reach 1.4.
+#: however badly some predict others: then those say too little. The real rigs' reach 1.4.
 AGREEING = 2.0
 #: Of a recording that no parameters explain, so many times the median error counts as its own.
 EXPLAINED = 2.0
@@ -56,13 +59,13 @@ def contradictions(data: Data, model: str, together: TrajectoryFit, without: Seq
         if not odd.all():
             return []
         return [
-            f'{names[0]} and {names[1]} contradict each other: each is foreseen from the other with '
+            f'{names[0]} and {names[1]} contradict each other: each is predicted from the other with '
             f'{(apart / own).min():.0f} times or more the error that its own parameters leave; are they of one rig, '
             'with the same signs and zeros?'
         ]
     if not odd.any():
         return []
-    # All are foreseen badly by a crowd with one stranger in it. The stranger is whom the others agree without.
+    # All are predicted badly by a crowd with one stranger in it. The stranger is whom the others agree without.
     others = [[j for j in range(count) if j != k] for k in range(count)]
     pairs = zip(others, without, strict=True)
     strife = np.array([np.mean([np.log(error(j, fit) / own[j]) for j in rest]) for rest, fit in pairs])
@@ -70,6 +73,6 @@ def contradictions(data: Data, model: str, together: TrajectoryFit, without: Seq
     if not odd[stranger]:
         return []
     return [
-        f'{names[stranger]} contradicts the other recordings: they foresee it with {(apart / own)[stranger]:.1f} times '
+        f'{names[stranger]} contradicts the other recordings: they predict it with {(apart / own)[stranger]:.1f} times '
         'the error that its own parameters leave; is it of the same rig, with the same signs and zeros?'
     ]

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """What is wrong with the conventions of a recording: signs, order, zeros and stamps, told from the motion itself.
 
 A recording that breaks a convention is poorly explained by any physical parameters, and well explained once it is put

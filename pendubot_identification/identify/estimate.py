@@ -1,4 +1,7 @@
-"""What one criterion says of a rig: parameters, how certain, and how well they foresee."""
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""What one criterion says of a rig: parameters, how certain, and how well they predict."""
 
 from __future__ import annotations
 
@@ -70,7 +73,8 @@ class Estimate:
         free: which parameters lie on no bound, shape (D,).
         covariance: shape (D, D); NaN in the rows and columns of parameters on a bound. Scaled so that an interval of
             1.96 standard errors to both sides holds the truth in 95 % of cases, however few the recordings.
-        std_error: shape (D,); of a parameter on its bound, how far the data would let it off.
+        std_error: shape (D,); of a parameter on its bound, how far the data would let it off; NaN of one that is not in
+            the model.
         uncertainty: in words, how the covariance was found.
         effort: how the effort was taken.
         J: the criterion on the training data, in ``unit``.
@@ -87,6 +91,7 @@ class Estimate:
         prediction: of validation data; None without.
         zeros: of the recordings' positions; None where the criterion does not tell them.
         exact: whether the residuals are those of the encoders alone.
+        absent: the parameters that are not in the model of this rig; theta has them as 0.
         level: how far to trust it.
         warnings: why, in sentences for the user.
         consequences: what follows from a grave fault of the recordings that the warnings name.
@@ -115,6 +120,7 @@ class Estimate:
     prediction: Prediction | None = None
     zeros: Zeros | None = None
     exact: bool = False
+    absent: tuple[str, ...] = ()
     level: Level = Level.OK
     warnings: tuple[str, ...] = ()
     consequences: tuple[str, ...] = ()
@@ -124,6 +130,11 @@ class Estimate:
     def parameters(self) -> Parameters:
         """The estimate by name."""
         return Parameters.from_vector(self.theta)
+
+    @property
+    def present(self) -> NDArray[np.bool_]:
+        """Which of theta are in the model of this rig, shape (D,)."""
+        return ~np.isin(NAMES[: len(self.theta)], self.absent)
 
     @property
     def intervals(self) -> Array:
@@ -143,6 +154,8 @@ class Estimate:
         found = {}
         for k, (value, error) in enumerate(zip(self.theta, self.std_error, strict=True)):
             reach = NORMAL_95 * error
+            if not self.present[k]:
+                continue
             if not self.free[k]:
                 found[NAMES[k]] = 'on its bound'
             elif not np.isfinite(error):

@@ -1,8 +1,11 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """What can be shown of an answer: simulated motion, residuals, and what each parameter does, as arrays."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +14,7 @@ from numpy.typing import NDArray
 from pendubot_identification.criteria.shooting import Segments
 from pendubot_identification.criteria.trajectory_fit import segment_errors
 from pendubot_identification.criteria.weak import WIDTH, weak_regression
-from pendubot_identification.model.parameters import MODELS
+from pendubot_identification.model.parameters import MODELS, NAMES
 from pendubot_identification.model.rollout import roll
 from pendubot_identification.trajectories.motion import Motion
 
@@ -114,7 +117,7 @@ class Excitation:
 
 
 def simulate_beside(motions: Sequence[Motion], answer: Answer, scale: Array) -> Simulation:
-    """Simulate recordings from measured states on, and return the part of one of them that is foreseen worst.
+    """Simulate recordings from measured states on, and return the part of one of them that is predicted worst.
 
     Args:
         motions: the recordings.
@@ -224,28 +227,31 @@ def autocorrelation(parts: Sequence[Array], lags: int) -> Array:
     return np.asarray(sums / np.maximum(sums[0], np.finfo(float).tiny))
 
 
-def excitation(motions: Sequence[Motion], answer: Answer) -> Excitation:
+def excitation(motions: Sequence[Motion], answer: Answer, names: Collection[str] = NAMES) -> Excitation:
     """Return what each parameter does, and what none of the others could do in its place.
 
     Args:
         motions: the training data.
         answer: any criterion's; the balances are always those of ``weak``, where each joint has its own.
+        names: of the D parameters that the model has of this rig.
 
     Raises:
         TrajectoryError: the recordings are shorter than a bump.
     """
     parts = [weak_regression(m, answer.model, answer.delay, stride=WIDTH / 10) for m in motions]
-    phi, y = np.concatenate([p.phi for p in parts]), np.concatenate([p.y for p in parts])
-    left = y - phi @ answer.theta
+    shown = np.isin(NAMES[: len(answer.theta)], list(names))
+    phi, y = np.concatenate([p.phi[:, shown] for p in parts]), np.concatenate([p.y for p in parts])
+    theta = answer.theta[shown]
+    left = y - phi @ theta
     # So that the balances count alike, whatever their size.
-    weight = np.tile(1 / np.maximum(_rms(y, phi * answer.theta), np.finfo(float).tiny), len(y) // 3)
+    weight = np.tile(1 / np.maximum(_rms(y, phi * theta), np.finfo(float).tiny), len(y) // 3)
     weighted = phi * weight[:, None]
-    own = np.zeros((len(answer.theta), 3))
-    for k, value in enumerate(answer.theta):
+    own = np.zeros((len(theta), 3))
+    for k, value in enumerate(theta):
         others = np.delete(weighted, k, axis=1)
         imitated = others @ np.linalg.lstsq(others, weighted[:, k], rcond=None)[0]
         own[k] = _by_balance(value * (weighted[:, k] - imitated) / weight)
-    term = np.array([_by_balance(value * phi[:, k]) for k, value in enumerate(answer.theta)])
+    term = np.array([_by_balance(value * phi[:, k]) for k, value in enumerate(theta)])
     # What others would bring into an equation in which the parameter itself has no part is none of its own.
     return Excitation(term, np.minimum(own, term), _by_balance(left))
 

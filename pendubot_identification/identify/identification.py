@@ -1,4 +1,7 @@
-"""From motions to parameters: prepare, choose the model, minimise every criterion, foresee, judge."""
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""From motions to parameters: prepare, choose the model, minimise every criterion, predict, judge."""
 
 from __future__ import annotations
 
@@ -27,7 +30,7 @@ from .settings import Settings
 
 Array = NDArray[np.float64]
 
-#: In the order of trust, where two criteria foresee equally well; and how much better, in the logarithm of the error,
+#: In the order of trust, where two criteria predict equally well; and how much better, in the logarithm of the error,
 #: is better at all.
 TRUST, BETTER = ('trajectory', 'weak', 'energy'), 0.02
 
@@ -39,7 +42,7 @@ class Identification:
     Attributes:
         settings: what was asked for.
         estimates: one a criterion, in the order of the settings.
-        published: the number of the one that foresees the validation data best.
+        published: the number of the one that predicts the validation data best.
         faults: of the recordings.
         models: what the choice of the model compared; empty where the model was given.
         comparison: in words, by which criterion and how.
@@ -97,7 +100,7 @@ def identify(
     Args:
         training: the motions that estimate; they are pooled.
         validation: motions that only judge. Without any, each recording of several (or block of time of one or two)
-            is foreseen from the others in turn; the estimates themselves use all of them.
+            is predicted from the others in turn; the estimates themselves use all of them.
         settings: see :class:`Settings`.
         progress: called with what is being done, how much of it is done, of how much (0: not known), and the best J.
         notes: warnings that come with the data, such as a bag that was never closed.
@@ -116,6 +119,7 @@ def identify(
             f'stretches of {STRETCH:g} s; choose a shorter one, or none'
         )
     require_excitation(held, settings)
+    settings = settings.of_rig(held)
     notes = [*notes, *suspicions([*training, *validation])]
     progress('preparing', 0, 0, np.nan)
     data = Data.prepare(training, settings)
@@ -128,7 +132,7 @@ def identify(
     for criterion in settings.criteria:
         answer = estimate(criterion, data, (judges, whole_judges), model, progress)
         parts = [predict([j], answer.theta, answer.effort.delay, data.scale) for j in judges]
-        parts = parts or comparison.foreseen(criterion, model)
+        parts = parts or comparison.predicted(criterion, model)
         estimates.append(replace(answer, prediction=Prediction.pool(parts)))
     published = _best(estimates)
     best = estimates[published]
@@ -160,46 +164,46 @@ def identify(
 
 
 class _Comparison:
-    """What is foreseen of training data from the rest of it."""
+    """What is predicted of training data from the rest of it."""
 
     def __init__(self, data: Data, progress: Progress) -> None:
         self._data, self._progress = data, progress
         self._folds = folds(data.motions)
         self._whole: dict[str, TrajectoryFit] = {}
         self._fits: dict[str, list[TrajectoryFit]] = {}
-        self._foreseen: dict[tuple[str, str], list[Prediction]] = {}
+        self._predictions: dict[tuple[str, str], list[Prediction]] = {}
         self._made: dict[tuple[str, str], Linear] = {}
         self.deciding = next(c for c in TRUST if c in data.settings.criteria)
 
     @property
     def method(self) -> str:
-        """In words, what foresees what."""
+        """In words, what predicts what."""
         if len(self._folds) == len(self._data.motions):
             what = 'stretch' if self._data.long else 'recording'
-            return f'each {what} foreseen from the others'
-        return f'each of {len(self._folds)} blocks of time foreseen from the others'
+            return f'each {what} predicted from the others'
+        return f'each of {len(self._folds)} blocks of time predicted from the others'
 
     def choose(self) -> tuple[str, list[ModelScore]]:
-        """Return the model that the most trusted of the criteria foresees with, and what was compared.
+        """Return the model that the most trusted of the criteria predicts with, and what was compared.
 
         A model that leaves nothing but the encoders' rounding needs no comparison: the smallest of them is the rig's.
         """
         compared: dict[str, list[Prediction]] = {}
         for model in MODELS:
-            compared[model] = self.foreseen(self.deciding, model)
+            compared[model] = self.predicted(self.deciding, model)
             if self.deciding == 'trajectory' and self._data.exact(model, self.fit(model)) is not None:
                 return compare_models(compared, exact=model)
         return compare_models(compared)
 
-    def foreseen(self, criterion: str, model: str) -> list[Prediction]:
+    def predicted(self, criterion: str, model: str) -> list[Prediction]:
         """Return the prediction of every fold."""
-        if (criterion, model) not in self._foreseen:
+        if (criterion, model) not in self._predictions:
             predictions = []
             for k, fold in enumerate(self._folds):
                 self._progress(f'{criterion}, {model} model: cross-validation', k, len(self._folds), np.nan)
                 predictions.append(self._predicted(criterion, model, fold))
-            self._foreseen[criterion, model] = predictions
-        return self._foreseen[criterion, model]
+            self._predictions[criterion, model] = predictions
+        return self._predictions[criterion, model]
 
     def without(self, model: str) -> list[TrajectoryFit]:
         """Return the fits that leave out each recording, where these were the folds."""
@@ -241,7 +245,7 @@ class _Comparison:
 def _best(estimates: Sequence[Estimate]) -> int:
     """Return the number of the estimate to publish.
 
-    One that leaves nothing but the encoders' rounding foresees as well as can be measured: what then tells predictions
+    One that leaves nothing but the encoders' rounding predicts as well as can be measured: what then tells predictions
     apart is how well the states are known in which they start.
     """
     if exact := [k for k, e in enumerate(estimates) if e.exact]:

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """What data and results are worth: what is refused, what is an error, what a warning."""
 
 from __future__ import annotations
@@ -186,7 +189,7 @@ def _doubts(estimate: Estimate, settings: Settings) -> list[str]:
     if estimate.criterion != 'trajectory' and estimate.J_validation > UNFORESEEN * estimate.J:
         doubts.append(
             f'J on validation is {estimate.J_validation / estimate.J:.0f} times J on training: these parameters do not '
-            'foresee data that they have not seen'
+            'predict data that they have not seen'
         )
     low, high = settings.delays
     delay = estimate.effort.delay

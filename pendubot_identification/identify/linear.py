@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The criteria that are quadratic in theta, energy and weak: exact minimum, MDE beside it, uncertainty."""
 
 from __future__ import annotations
@@ -105,8 +108,8 @@ def estimate_linear(
         ]
     free = ~bounds.at_bound(theta, tolerance=1e-7)
     covariance = bootstrap_covariance(made.blocks, theta, free, seed=settings.seed)
-    everything = np.ones(len(theta), dtype=bool)
-    off = covariance if free.all() else bootstrap_covariance(made.blocks, theta, everything, seed=settings.seed)
+    present = bounds.present
+    off = covariance if free.all() else bootstrap_covariance(made.blocks, theta, present, seed=settings.seed)
     judge = None if validation is None else validation.criterion
     return Estimate(
         criterion=name,
@@ -120,7 +123,7 @@ def estimate_linear(
         J=float(criterion(theta)),
         unit=UNITS[name],
         residuals=criterion.count,
-        condition_number=criterion.condition_number(),
+        condition_number=criterion.condition_number(present),
         converged=True,
         steps=tuple(steps),
         unexplained=float(criterion(theta)) / max(float(criterion(np.zeros_like(theta))), np.finfo(float).tiny),
@@ -128,4 +131,5 @@ def estimate_linear(
         runs=runs,
         J_validation=np.nan if judge is None else float(judge(theta)),
         J_validation_runs=np.empty(0) if judge is None or runs is None else judge(repaired(runs.x)),
+        absent=bounds.absent,
     )

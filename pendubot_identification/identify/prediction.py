@@ -1,4 +1,7 @@
-"""How well parameters foresee a motion: simulated from a measured state on, and held against what then happened."""
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""How well parameters predict a motion: simulated from a measured state on, and held against what then happened."""
 
 from __future__ import annotations
 
@@ -85,7 +88,7 @@ def predict(motions: Sequence[Motion], theta: Array, delay: float, scale: Array)
     """Simulate every motion from its smoothed state on, with its torque, every 50 ms.
 
     Args:
-        motions: what is to be foreseen.
+        motions: what is to be predicted.
         theta: shape (D,).
         delay: of the effort [s].
         scale: the states' standard deviations, shape (4,).

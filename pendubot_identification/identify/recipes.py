@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """How each criterion is minimised: quickly, for comparisons, and in full, for a result."""
 
 from __future__ import annotations
@@ -10,6 +13,7 @@ from numpy.typing import NDArray
 
 from pendubot_identification.criteria.shooting import LONGEST_STEP
 from pendubot_identification.criteria.trajectory_fit import (
+    FINEST,
     TrajectoryFit,
     fit_positions,
     fit_states,
@@ -22,10 +26,10 @@ from pendubot_identification.trajectories.long import STRETCH, Long, Recording, 
 from pendubot_identification.trajectories.motion import AnyMotion, LongMotion, Motion
 from pendubot_identification.trajectories.signals import choose_smoothing
 
+from .covariance import estimated_zeros, scaled_condition_number, trajectory_covariance
 from .estimate import Effort, Estimate, Progress, Zeros
 from .linear import Linear, estimate_linear, linear
 from .prediction import state_scale
-from .sandwich import estimated_zeros, scaled_condition_number, trajectory_covariance
 from .settings import Settings
 
 Array = NDArray[np.float64]
@@ -41,7 +45,7 @@ LEAST_SHARE = 0.05
 #: A held torque that leaves less than so many times the variance of the encoders' rounding needs no rival.
 FULLY = 1.1
 #: Lengths of segments [s] over which a model shows whether it is exact, and a torque whether it was held or measured.
-EXACT_LADDER = (0.2, 0.5, 2.0)
+EXACT_LADDER = (0.2, 0.5, 1.0, 2.0)
 #: A torque is taken as measured, linear between its samples, where that leaves less than this fraction of the errors
 #: that a held one leaves. Where samples are no further apart than a simulation step, the difference is a delay of half
 #: an interval.
@@ -103,7 +107,7 @@ class Data:
     def _misfit(self) -> tuple[bool, float]:
         """Return whether more than the encoders' rounding is left unexplained, and how much is."""
         found = self.fit('rotor')
-        exact = self.exact('rotor', found)
+        exact = self.exact('rotor', found) or self.exact('geared', self.fit('geared', near=found))
         return (True, found.fit.cost) if exact is None else (False, exact.variance)
 
     def exact(self, model: str, near: TrajectoryFit) -> TrajectoryFit | None:
@@ -245,12 +249,12 @@ def _estimate_trajectory(data: Data, judges: Sequence[Motion], model: str, progr
     else:
         found = sharper
         J, residuals = segment_cost(motions, found.fit.theta, found.fit.delay, bounds, scale)
-        steps.append(
-            f'Levenberg-Marquardt on recorded positions over {found.length:.3g} s: {found.variance:.3f} times the '
-            'variance of their noise'
-        )
+        left = f'{found.variance:.3f} times the variance of their rounding'
+        if not found.rounded:
+            left = f'{np.sqrt(found.variance) * FINEST:.2g} rad are left'
+        steps.append(f'Levenberg-Marquardt on recorded positions over {found.length:.3g} s: {left}')
         converged = found.fit.converged
-    if settings.start is not None and settings.optimizer != 'mde' and not found.white:
+    if settings.start is not None and settings.optimizer != 'mde' and not found.exact:
         # A valley of its own may hold what began far away; that another point is lower shows it.
         elsewhere, _ = segment_cost(motions, *data.weak_start(model), bounds, scale)
         if ELSEWHERE * elsewhere < J:
@@ -264,7 +268,7 @@ def _estimate_trajectory(data: Data, judges: Sequence[Motion], model: str, progr
         theta=found.fit.theta,
         free=found.fit.free[:size],
         covariance=covariance[:size, :size],
-        std_error=std_error[:size],
+        std_error=np.where(bounds.present, std_error[:size], np.nan),
         uncertainty=uncertainty,
         effort=Effort(data.hold, found.fit.delay, float(std_error[size]) if found.fit.free[size] else np.nan),
         J=J,
@@ -276,5 +280,6 @@ def _estimate_trajectory(data: Data, judges: Sequence[Motion], model: str, progr
         runs=runs,
         J_validation=segment_cost(judges, found.fit.theta, found.fit.delay, bounds, scale)[0] if judges else np.nan,
         zeros=zeros,
-        exact=found.white,
+        exact=found.exact,
+        absent=bounds.absent,
     )

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """What an identification leaves behind: every answer, how far to trust it, and what it was made of.
 
 One class for each part of a result file, its fields in the file's order and by the file's names. :func:`plain` makes of
@@ -106,12 +109,12 @@ class _Method:
 
 @dataclass(frozen=True, kw_only=True)
 class PublishedPrediction(Predicted, _Method):
-    """The same of what is published, and what was foreseen from what."""
+    """The same of what is published, and what was predicted from what."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ComparedModel:
-    """How far behind the best a model foresees, as a logarithm of the error."""
+    """How far behind the best a model predicts, as a logarithm of the error."""
 
     model: str
     parameters: int
@@ -237,6 +240,7 @@ class Result(_Vector):
     Attributes:
         not_covered: by name, parameters of which the level says nothing, and why; None in results of earlier versions.
         consequences: what follows from a grave fault.
+        not_in_model: the parameters that the rig cannot have, and why.
     """
 
     schema: int = SCHEMA
@@ -249,6 +253,7 @@ class Result(_Vector):
     advice: list[str] = field(default_factory=list)
     criterion: str
     model: str
+    not_in_model: list[str] = field(default_factory=list)
     effort: EffortTaken
     zeros: list[ZeroFound]
     smoothing: float

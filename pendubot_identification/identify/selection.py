@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Which model: cross-validation over recordings, or blocks of time, of the training data alone."""
 
 from __future__ import annotations
@@ -22,7 +25,7 @@ BLOCKS = 5
 
 @dataclass(frozen=True, slots=True)
 class Fold:
-    """What is left out, and what foresees it.
+    """What is left out, and what predicts it.
 
     Attributes:
         name: of what is left out.
@@ -37,7 +40,7 @@ class Fold:
 
 @dataclass(frozen=True, slots=True)
 class ModelScore:
-    """How a model foresees what it has not seen.
+    """How a model predicts what it has not seen.
 
     Attributes:
         model: the name of one of :data:`.parameters.MODELS`.

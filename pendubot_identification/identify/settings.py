@@ -1,17 +1,21 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """What an identification is asked for."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from pendubot_identification.errors import ParameterError
-from pendubot_identification.model.parameters import MODELS, Bounds, Parameters, default_bounds
+from pendubot_identification.model.parameters import MODELS, UNDER_LOAD, Bounds, Parameters, default_bounds
 from pendubot_identification.optimizers.mde import MDESettings
 from pendubot_identification.optimizers.optimizer import require_runs
+from pendubot_identification.trajectories.trajectory import Trajectory
 
 CRITERIA = ('energy', 'weak', 'trajectory')
 OPTIMIZERS = ('auto', 'mde', 'lsq')
@@ -37,9 +41,9 @@ class Settings:
     """What is minimised, and how.
 
     Attributes:
-        criteria: some of ``energy`` (the paper's), ``weak`` and ``trajectory``. Of several, the one that foresees the
+        criteria: some of ``energy`` (the paper's), ``weak`` and ``trajectory``. Of several, the one that predicts the
             validation data best is published.
-        model: one of :data:`.parameters.MODELS`, or ``auto``: the smallest that foresees as well as any.
+        model: one of :data:`.parameters.MODELS`, or ``auto``: the smallest that predicts as well as any.
         optimizer: ``mde``, or ``lsq``: for the quadratic criteria their exact bounded least-squares answer, for
             ``trajectory`` Levenberg-Marquardt from the answer of ``weak``. ``auto`` takes MDE for the quadratic
             criteria, where it costs a second and is held against the exact answer, and ``lsq`` for ``trajectory``.
@@ -103,6 +107,12 @@ class Settings:
         for criterion in self.criteria:
             mde, runs = self.search(criterion, self.model)
             require_runs(runs, mde.population, self.seed)
+
+    def of_rig(self, motions: Sequence[Trajectory]) -> Settings:
+        """Return the settings for the rig that moved so: a joint without any effort has no friction under load."""
+        driven = np.any([motion.tau.any(axis=0) for motion in motions], axis=0)
+        absent = [name for name, motor in zip(UNDER_LOAD, driven, strict=True) if not motor]
+        return replace(self, bounds=self.bounds.without(absent))
 
     def search(self, criterion: str, model: str) -> tuple[MDESettings, int]:
         """Return how MDE minimises a criterion of a model, and in how many runs."""

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """How far an estimate may be off: standard errors that allow for residuals which hang together in time."""
 
 from __future__ import annotations

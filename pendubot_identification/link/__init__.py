@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The wire between board and host, both ends: bytes and the time in; samples, reports and bytes out.
 
 The host's end is ``host``, which a program feeds from a ``serial_port``; the board's is ``virtual_board``, which

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The board's clock mapped to the host's by the smallest delays seen.
 
 A sample's delay (arrival on the host's clock minus sampling on the board's) is a constant offset, plus the drift

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """What the host of a board tells its program: samples, reports, how arming ended; and what it counts."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """What ``/diagnostics`` says of the link to the board, from the host's reports and counters."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The host's side of the protocol as a state machine: bytes and time in, samples, reports and bytes out.
 
 Nothing here reads a clock or a port. Every method that something can follow from takes the present time ``now`` [ns, of

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Encoder counts to joint positions and velocities; samples that no motor can reach are refused."""
 
 from __future__ import annotations

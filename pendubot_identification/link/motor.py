@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The motor as the host sees it: arming on request, commanding while armed, and disarming at any fault."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The bytes between board and host, version 1: frames in, frozen messages out.
 
 A frame is ``COBS(body + crc) + 0x00``: little-endian, crc the CRC-32 (IEEE) of the body. Nothing here reads or

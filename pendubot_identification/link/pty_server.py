@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Serves a virtual board on a pseudo-terminal, in real time; a host opens it like a serial port."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Sequence numbers (u16, wrapping): checked in the frames that the host hears, given to those that it sends."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The serial port on the host's side: a thread reads it, and opens it again whenever it was lost."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The board's side of the protocol around a simulated pendubot, with faults on request.
 
 Bytes and one sample period at a time come in, bytes go out; all randomness comes from the seed.

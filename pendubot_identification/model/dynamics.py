@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Rigid-body dynamics of two links in a vertical plane: the paper's equations (1), (2) and (4), and friction.
 
     M(q) q'' + V(q, q') q' + G(q) = tau - friction(q', tau)

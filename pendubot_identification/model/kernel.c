@@ -1,3 +1,5 @@
+/* Copyright 2026 The pendubot_identification authors
+ * SPDX-License-Identifier: Apache-2.0 */
 /* What numpy cannot do well: many simulations of the pendubot side by side.
  *
  * Plain C without Python.h, called by kernel.py through ctypes. Nothing here is a model of its own: motions are those

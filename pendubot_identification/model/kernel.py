@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The optional compiled kernel, kernel.c and mde.c, called through ctypes.
 
 :func:`library` is None where no compiler was there at installation, or ``PENDUBOT_KERNEL=off`` is set: then numpy does

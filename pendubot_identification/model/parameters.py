@@ -1,9 +1,12 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The parameter vector theta: names, units, meaning, bounds and physical checks; the paper's Section 2 and friction."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import asdict, astuple, dataclass
 from typing import NamedTuple
 
@@ -48,6 +51,8 @@ UNITS = tuple(s.unit for s in SPECIFICATIONS)
 #: How many of the parameters, from the first on, each model has.
 MODELS = {'viscous': 7, 'coulomb': 9, 'rotor': 10, 'geared': 14}
 FRICTION = ('b1', 'b2', 'Fc1', 'Fc2', 'Fs1', 'Fs2', 'k1', 'k2')
+#: Friction under load of shoulder and elbow: a joint without a motor has none.
+UNDER_LOAD = ('k1', 'k2')
 #: |P3| is kept to at most this times sqrt(P1 P2), where M(q) becomes singular.
 LARGEST_COUPLING = 0.99
 
@@ -132,6 +137,8 @@ PRESETS = {'paper': PAPER, 'balance': BALANCE}
 class Bounds:
     """A box of parameter vectors: ``lower`` and ``upper``, each of shape (D,).
 
+    Both are 0 for what is not in the model: friction under load of a joint that has no motor.
+
     Raises:
         ParameterError: lengths differ, a bound is not finite, or a lower bound is not below its upper one.
     """
@@ -150,7 +157,7 @@ class Bounds:
         for name, low, high in zip(self.names, lower, upper, strict=True):
             if not (np.isfinite(low) and np.isfinite(high)):
                 raise ParameterError(f'the bounds of {name}, {low:g} to {high:g}, must be finite numbers')
-            if low >= high:
+            if low >= high and not (low == high == 0 and name in UNDER_LOAD):
                 raise ParameterError(
                     f'the bounds of {name} are inverted or empty: {low:g} to {high:g}; give the smaller one first'
                 )
@@ -167,6 +174,21 @@ class Bounds:
         lower, upper = self.lower.copy(), self.upper.copy()
         lower[index], upper[index] = low, high
         return Bounds(lower, upper, self.names)
+
+    def without(self, names: Collection[str]) -> Bounds:
+        """Return the bounds of a model that lacks some of :data:`UNDER_LOAD`."""
+        kept = [name not in names for name in self.names]
+        return Bounds(np.where(kept, self.lower, 0.0), np.where(kept, self.upper, 0.0), self.names)
+
+    @property
+    def present(self) -> NDArray[np.bool_]:
+        """Which parameters are in the model, shape (D,)."""
+        return np.asarray(self.lower < self.upper)
+
+    @property
+    def absent(self) -> tuple[str, ...]:
+        """The names of the others."""
+        return tuple(name for name, present in zip(self.names, self.present, strict=True) if not present)
 
     def of(self, size: int) -> Bounds:
         """Return the bounds of the first ``size`` parameters."""

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """A simulated pendubot: its state carried on under torques that are held, and whole simulated trajectories."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """``balancer``: swings the rig up and holds it upright, knowing it only through pendubot/params."""
 
 from __future__ import annotations
@@ -27,10 +30,10 @@ from pendubot_identification.model.parameters import Parameters
 from pendubot_identification.recordings.joint_states import JOINT_NAMES
 
 from .diagnostics import diagnostics_message, stamp_now, status_name
-from .ending import Ending
 from .messages import LATCHED, joint_sample
 from .presence import bridge_of, rival
 from .runtime import Setting, SettingsNode, run
+from .shutdown import Shutdown
 
 
 class Balancer(SettingsNode):
@@ -58,7 +61,7 @@ class Balancer(SettingsNode):
         Setting('max_age', 0.1, 'a sample older than this, or missing for so long, stops', 's', 0.001, 10.0),
     )
 
-    def __init__(self, ended: Ending) -> None:
+    def __init__(self, ended: Shutdown) -> None:
         super().__init__(ended)
         s = self.settings()
         self._names, self._max_age = s['joint_names'], s['max_age']
@@ -110,13 +113,13 @@ class Balancer(SettingsNode):
     def _on_identification(self, array: DiagnosticArray) -> None:
         for status in array.status:
             values = {pair.key: pair.value for pair in status.values}
-            self._balancing.briefing.judge(Level(min(2, status.level[0])), status.message, values)
+            self._balancing.readiness.judge(Level(min(2, status.level[0])), status.message, values)
 
     def _on_diagnostics(self, array: DiagnosticArray) -> None:
         for status in array.status:
             limit = {pair.key: pair.value for pair in status.values}.get('torque limit [N m]')
             if status.name == status_name(self._bridge) and limit is not None:
-                self._balancing.briefing.board_limit(float(limit))
+                self._balancing.readiness.board_limit(float(limit))
 
     async def _on_start(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         if other := rival(self, self._effort):
@@ -159,7 +162,7 @@ class Balancer(SettingsNode):
 
     def _prepare(self, parameters: Parameters, loop: Loop) -> None:
         try:
-            plan = Plan.make(parameters, loop, rehearse=self._balancing.phase is Phase.IDLE)
+            plan = Plan.make(parameters, loop, simulate_closed_loop=self._balancing.phase is Phase.IDLE)
         except Exception as error:
             self._balancing.not_prepared((parameters, loop), _sentence(error))
             self.get_logger().error(f'these parameters cannot be used: {_sentence(error)}')

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """``bridge``: from the board's bytes to ``joint_states``, and from effort commands to the board."""
 
 from __future__ import annotations
@@ -26,9 +29,9 @@ from pendubot_identification.link.serial_port import SerialPort
 
 from .diagnostics import diagnostics_message, stamp_now, status_name
 from .effort_commands import EffortCommands
-from .ending import Ending
 from .joint_state_bytes import JointStateBytes
 from .runtime import Setting, SettingsNode, run
+from .shutdown import Shutdown
 from .steady_time import SteadyTime
 
 
@@ -56,7 +59,7 @@ class Bridge(SettingsNode):
         Setting('max_speed', 100.0, 'a sample that would need a higher speed is not published', 'rad/s', 0.1, 1e6),
     )
 
-    def __init__(self, ended: Ending) -> None:
+    def __init__(self, ended: Shutdown) -> None:
         super().__init__(ended)
         s = self.settings()
         frozen: dict[str, Any] = {name: tuple(v) if isinstance(v, list) else v for name, v in s.items()}

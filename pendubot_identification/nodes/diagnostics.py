@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """A status as diagnostic_msgs has it."""
 
 from __future__ import annotations

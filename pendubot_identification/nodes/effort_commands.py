@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Effort commands, each with its publisher: of several publishers one at a time is obeyed."""
 
 from __future__ import annotations

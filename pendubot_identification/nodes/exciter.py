@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """``exciter``: makes the rig move by the paper's pulse train, one torque for every sample that the bridge publishes."""
 
 from __future__ import annotations
@@ -15,9 +18,9 @@ from std_srvs.srv import Trigger
 from pendubot_identification.excitation.excitation import PulseTrain
 
 from .diagnostics import status_name
-from .ending import Ending
 from .presence import bridge_of, rival
 from .runtime import Setting, SettingsNode, run
+from .shutdown import Shutdown
 
 #: Without joint states for this long [s] the excitation ends: nobody is watching the rig.
 SILENCE = 2.0
@@ -49,7 +52,7 @@ class Exciter(SettingsNode):
         Setting('recorded', False, 'whether it moves the rig only while a recorder records its joint states'),
     )
 
-    def __init__(self, ended: Ending) -> None:
+    def __init__(self, ended: Shutdown) -> None:
         super().__init__(ended)
         values = self.settings()
         self._pulses = _pulses(values)

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Messages as bytes, fetched from the middleware many at once instead of waited for one by one."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """``identifier``: parameters from windows of recorded bags, latched on pendubot/params."""
 
 from __future__ import annotations
@@ -24,11 +27,11 @@ from pendubot_identification.report.tables import headline, whole
 from pendubot_identification.results.result_file import read_parameters, result_of, result_text
 
 from .diagnostics import diagnostics_message, stamp_now
-from .ending import Ending
 from .matching import check_names
 from .messages import LATCHED, identification_values, parameters_message
 from .progress import NodeProgress
 from .runtime import Setting, SettingsNode, run
+from .shutdown import Shutdown
 
 #: What the user sets to have an existing result file overwritten.
 FORCE = 'force:=true'
@@ -79,7 +82,7 @@ class Identifier(SettingsNode):
         Setting('force', False, 'whether an existing result file is overwritten', dynamic=True),
     )
 
-    def __init__(self, ended: Ending) -> None:
+    def __init__(self, ended: Shutdown) -> None:
         super().__init__(ended)
         self._params = self.create_publisher(Float64MultiArray, 'pendubot/params', LATCHED)
         self._identification = self.create_publisher(DiagnosticArray, 'pendubot/identification', LATCHED)

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """A serialised JointState of two joints in which only the numbers change.
 
 A message object is turned into bytes anew at every publishing, which costs more than all the rest of a sample's way.

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Topics by name: what a subscription has to ask for to hear every publisher, and of which class messages are."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """An identification as the messages that a controller and a person read."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """``player``: publishes what is in a bag again, at its own pace, where there is no ``ros2 bag play``."""
 
 from __future__ import annotations
@@ -15,10 +18,10 @@ from pendubot_identification.recordings.bag_metadata import offered_profiles
 from pendubot_identification.recordings.bag_reader import BagReader, BagWindow
 from pendubot_identification.recordings.mcap_file import McapFile
 
-from .ending import Ending
 from .matching import check_names, message_class
 from .presence import CommandGuard
 from .runtime import Setting, SettingsNode, run
+from .shutdown import Shutdown
 
 SECOND = 1_000_000_000
 DEPTH = 1000  #: Messages kept for subscribers that are slow, or that have to be sent again.
@@ -42,7 +45,7 @@ class Player(SettingsNode):
         Setting('wait', 0.0, 'wait at most so long until somebody subscribes to every topic', 's', 0.0, 3600.0),
     )
 
-    def __init__(self, ended: Ending) -> None:
+    def __init__(self, ended: Shutdown) -> None:
         super().__init__(ended)
         s = self.settings()
         window, self._rate, self._wait = BagWindow.parse(s['bag']), s['rate'], s['wait']

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Who else is there: what obeys effort commands, and what gives them."""
 
 from __future__ import annotations
@@ -12,7 +15,7 @@ from std_msgs.msg import Float64
 
 from pendubot_identification.errors import PendubotError
 
-from .ending import Ending
+from .shutdown import Shutdown
 
 #: The nodes that make a rig move.
 DRIVERS = ('exciter', 'balancer')
@@ -37,7 +40,7 @@ class CommandGuard:
         # Of each: how many listened when it was last looked at, and until when that is believed.
         self._seen = {publisher: (0, 0.0) for publisher in publishers if publisher.msg_type is Float64}
 
-    def look_around(self, ended: Ending) -> None:
+    def look_around(self, ended: Shutdown) -> None:
         """Look who listens, once they had time to be discovered.
 
         Raises:

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """How far long work in a node has come: log lines at a decent rate, and a status on /diagnostics once a second."""
 
 from __future__ import annotations

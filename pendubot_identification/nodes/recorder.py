@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """``recorder``: writes topics of any type, byte for byte, into a bag."""
 
 from __future__ import annotations
@@ -5,6 +8,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from datetime import datetime, timezone
 from functools import partial
 from pathlib import Path
@@ -17,19 +21,30 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 from pendubot_identification.errors import BagError, ParameterError
 from pendubot_identification.level import Diagnosis, Level
 from pendubot_identification.recordings.bag_metadata import Qos
-from pendubot_identification.recordings.recording import Arrival, Recording
+from pendubot_identification.recordings.bag_writer import BagWriter
+from pendubot_identification.recordings.flow import Flow, diagnose
 
 from .diagnostics import diagnostics_message, stamp_now, status_name
-from .ending import Ending
 from .fetching import DEPTH, Fetcher
 from .matching import check_names, heard, matched, message_class
 from .runtime import Setting, SettingsNode, run
+from .shutdown import Shutdown
 
 DISCOVERY_PERIOD = 0.1  #: How often publishers that are new are looked for [s].
 FETCH_PERIOD = 0.01  #: How often what has come is fetched from the middleware [s].
 FLUSH_PERIOD = 0.05  #: How often what was recorded is handed to the system, which keeps it through a SIGKILL [s].
 SYNC_PERIOD = 1.0  #: How often it is put on the disk, which keeps it through a power cut, and is counted [s].
 PATIENCE = 5.0  #: After this time topics that nobody publishes are named in a warning [s].
+
+
+@dataclass
+class Topic:
+    """A topic that is recorded: its channel in the bag, how messages come, how many publish, the latest log time."""
+
+    channel: int
+    flow: Flow
+    publishers: int = 1
+    latest_ns: int = 0
 
 
 class Recorder(SettingsNode):
@@ -52,7 +67,7 @@ class Recorder(SettingsNode):
         Setting('max_messages', 0, 'end after so many messages of the first topic; 0: when stopped', minimum=0),
     )
 
-    def __init__(self, ended: Ending) -> None:
+    def __init__(self, ended: Shutdown) -> None:
         super().__init__(ended)
         s = self.settings()
         self._names = self._resolved(s['topics'])
@@ -62,14 +77,16 @@ class Recorder(SettingsNode):
         self._ending, self._sync_due = threading.Event(), threading.Event()
         self._failure: BagError | None = None
         path = Path(s['output'] or f'pendubot_{datetime.now(timezone.utc):%Y%m%dT%H%M%SZ}')
-        self._recording = Recording(path, self._names, s['reserve'])
+        self._reserve: int = s['reserve']
+        self._topics: dict[str, Topic] = {}
+        self._bag = BagWriter(path, reserve=self._reserve)
         self.get_logger().info(f'recording to {path}')
-        self._missing_since = time.monotonic()
+        self._missing_since = self._diagnosed = time.monotonic()
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
         self.create_timer(DISCOVERY_PERIOD, partial(self._guarded, self._discover))
         self.create_timer(FETCH_PERIOD, self._fetcher.fetch)
-        self.create_timer(FLUSH_PERIOD, partial(self._guarded, self._recording.flush))
-        self.create_timer(1.0, lambda: self._tell(self._recording.diagnose([*filter(None, self._troubles.values())])))
+        self.create_timer(FLUSH_PERIOD, partial(self._guarded, self._bag.flush))
+        self.create_timer(1.0, self._diagnose)
         threading.Thread(target=self._keep_synced, name='sync', daemon=True).start()
 
     def check(self, values: dict[str, Any]) -> None:
@@ -89,26 +106,28 @@ class Recorder(SettingsNode):
         self._fetcher.fetch_all()
         self._ending.set()
         try:
-            self._recording.close()
+            self._bag.close()
         except BagError as error:
             self._failure = self._failure or error
         for name in self._names:
-            self.get_logger().info(f'{name}: {self._recording.count(name)} messages')
+            self.get_logger().info(f'{name}: {self._count(name)} messages')
         if self._failure is not None:
             self._tell(Diagnosis(Level.ERROR, str(self._failure), {}))
             # Else the program is gone before anybody has it.
             self._diagnostics.wait_for_all_acked(Duration(seconds=1))
             raise self._failure
 
-    def _guarded(self, action: Callable[[], object]) -> None:
+    def _guarded(self, action: Callable[[], object]) -> bool:
         """Do something with the bag; what the system refuses ends the program, with the bag as far as it is whole."""
         try:
             if not self._ending.is_set():
                 action()
+                return True
         except BagError as error:
             if not self._ending.is_set():
                 self._failure = self._failure or error
                 self.end(1)
+        return False
 
     def _resolved(self, topics: list[str]) -> list[str]:
         if not any(topics):
@@ -126,7 +145,7 @@ class Recorder(SettingsNode):
             elif types:
                 trouble = f'{name} is published as {" and as ".join(types)}; stop the publisher of the wrong type'
                 # What is recorded is of one type; a stranger must not end a recording that runs.
-                if not self._recording.count(name):
+                if not self._count(name):
                     raise BagError(trouble)
             if trouble and trouble != self._troubles.get(name):
                 self.get_logger().error(trouble)
@@ -142,28 +161,47 @@ class Recorder(SettingsNode):
         if qos is None or not heard(publishers, qos):
             qos = matched(publishers, DEPTH)
             message_type = message_class(name, type_name)
-            self._recording.begin(name, type_name, Qos(qos.reliability.name.lower(), qos.durability.name.lower()))
+            if name not in self._topics:
+                offered = Qos(qos.reliability.name.lower(), qos.durability.name.lower())
+                self._topics[name] = Topic(self._bag.add_topic(name, type_name, offered), Flow())
             self._fetcher.subscribe(name, message_type, qos)
             self._sync_due.set()  # metadata.yaml names the topic
             self.get_logger().info(f'recording {name} [{type_name}]')
-        self._recording.publishers(name, len(publishers))
+        # Else what is lost is taken for another publisher's first message.
+        self._topics[name].publishers = len(publishers)
         deaf = len(publishers) - heard(publishers, qos)
         return f'{name}: {deaf} of {len(publishers)} publishers offer less and are not heard' if deaf else ''
 
     def _take(self, name: str, data: bytes, info: dict[str, Any]) -> None:
+        topic = self._topics[name]
         received_ns = info['received_timestamp'] or time.time_ns()
         published_ns = info['source_timestamp'] or received_ns
-        arrival = Arrival(data, received_ns, published_ns, info['publication_sequence_number'])
-        self._guarded(lambda: self._recording.take(name, arrival))
-        if 0 < self._max_messages <= self._recording.count(self._names[0]):
+        # What had to be sent again was received later than what it precedes; players go by log time.
+        topic.latest_ns = max(received_ns, topic.latest_ns)
+        number = topic.flow.count + 1
+        if self._guarded(lambda: self._bag.write(topic.channel, data, topic.latest_ns, published_ns, number)):
+            lag_ns = time.time_ns() - published_ns
+            topic.flow.heard(info['publication_sequence_number'], lag_ns, topic.publishers)
+        if 0 < self._max_messages <= self._count(self._names[0]):
             self._ending.set()
             self.end(self.exit_status)
+
+    def _count(self, name: str) -> int:
+        return self._topics[name].flow.count if name in self._topics else 0
 
     def _keep_synced(self) -> None:
         while not self._ending.is_set():
             self._sync_due.wait(SYNC_PERIOD)
             self._sync_due.clear()
-            self._guarded(self._recording.sync)
+            self._guarded(self._bag.sync)
+
+    def _diagnose(self) -> None:
+        now = time.monotonic()
+        elapsed, self._diagnosed = max(now - self._diagnosed, 1e-3), now
+        flows = {name: self._topics[name].flow if name in self._topics else Flow() for name in self._names}
+        troubles = tuple(filter(None, self._troubles.values()))
+        found = diagnose(flows, elapsed, troubles=troubles, free=self._bag.free, reserve=self._reserve)
+        self._tell(Diagnosis(found.level, found.message, {'bag': str(self._bag.path)} | found.values))
 
     def _tell(self, d: Diagnosis) -> None:
         name = status_name(self.get_fully_qualified_name())

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """What every node shares: parameters with descriptors, ``--help``, signals, one-line errors, exit status."""
 
 from __future__ import annotations
@@ -30,7 +33,7 @@ from pendubot_identification.errors import ParameterError, PendubotError
 from pendubot_identification.parameter_files import unheard
 from pendubot_identification.resources import resource
 
-from .ending import Ending, ended
+from .shutdown import Shutdown, ended
 
 
 @dataclass(frozen=True)
@@ -117,7 +120,7 @@ class SettingsNode(Node):
     SUMMARY: str
     SETTINGS: tuple[Setting, ...]
 
-    def __init__(self, ended: Ending) -> None:
+    def __init__(self, ended: Shutdown) -> None:
         super().__init__(self.PROGRAM)
         self.exit_status = 0
         self.ended = ended
@@ -255,7 +258,7 @@ def run(node_class: type[SettingsNode], args: Sequence[str] | None = None) -> in
 
 
 def _run_until_ended(node_class: type[SettingsNode], argv: Sequence[str]) -> int:
-    ending = Ending()
+    ending = Shutdown()
     ending.set_at_signal()
     # In two steps, so that a node that refuses its parameters takes leave: else others go on seeing its services.
     node = node_class.__new__(node_class)

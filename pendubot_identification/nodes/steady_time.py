@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """ROS time that nobody sets: the system's as it was at the start, carried on by the monotonic clock."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """``virtual_board``: a pendubot rig that is not there, on a pseudo-terminal. Needs no ROS."""
 
 from __future__ import annotations
@@ -19,7 +22,7 @@ from pendubot_identification.link.virtual_board import BoardSettings, Faults, Vi
 from pendubot_identification.model.parameters import PRESETS
 from pendubot_identification.model.simulation import HANGING, LatePlant
 
-from .ending import Ending, ended
+from .shutdown import Shutdown, ended
 
 EPILOG = f"""\
 faults: {', '.join(each.name for each in fields(Faults))}
@@ -160,7 +163,7 @@ def main(args: Sequence[str] | None = None) -> int:
     if options.seed is None:
         # A real board has another boot_id each time it starts; the same one would claim that it never stopped.
         options.seed = secrets.randbits(32)
-    stop = Ending()
+    stop = Shutdown()
     stop.set_at_signal()
     try:
         with PtyServer(make_board(options), options.link, options.trace, _tell, options.patient) as server:

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Modified differential evolution, the paper's Table 1.
 
 :func:`trials` is Table 1 in numpy. On a quadratic criterion mde.c does the same, ten times as fast, where there was a

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """What every optimiser here shares: independent runs side by side, when they stop, and what they have found."""
 
 from __future__ import annotations

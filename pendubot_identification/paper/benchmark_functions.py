@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The paper's Table 2: functions with many minima but one, on boxes around it, with their gradients."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """What the paper holds MDE against, its Table 3: DE, HDE and PSO, with all independent runs advanced as one array."""
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""How far identified parameters explain a recording: its energy balance, and its motion foreseen piece by piece."""
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""How far identified parameters explain a recording: its energy balance, and its motion predicted piece by piece."""
 
 from __future__ import annotations
 
@@ -41,7 +44,7 @@ def energy_balance(trajectory: Trajectory, theta: Array) -> Balance:
     )
 
 
-def foreseen(trajectory: Trajectory, parameters: Parameters, length: float) -> list[Trajectory]:
+def predicted(trajectory: Trajectory, parameters: Parameters, length: float) -> list[Trajectory]:
     """Simulate a recording piece by piece, each from its measured state and with its torque.
 
     Args:

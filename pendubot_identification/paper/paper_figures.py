@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The paper's figures from what was found here, and those that it leaves out."""
 
 from __future__ import annotations

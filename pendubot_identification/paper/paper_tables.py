@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The paper's tables beside what was found here, and those that it leaves out, as Markdown and as CSV."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """What the paper prints in its Tables 4 and 7. Its Table 8 is :data:`.model.parameters.PAPER`."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """``pendubot reproduce``: the paper's tables and figures, beside what this package finds."""
 
 from __future__ import annotations
@@ -172,7 +175,7 @@ class _Reproduction:
         from pendubot_identification.identify.settings import Settings
         from pendubot_identification.model.parameters import Parameters
         from pendubot_identification.paper import paper_figures, paper_tables
-        from pendubot_identification.paper.explained import energy_balance, foreseen
+        from pendubot_identification.paper.explained import energy_balance, predicted
         from pendubot_identification.trajectories.long import held_parts
 
         data = _sample()
@@ -201,7 +204,7 @@ class _Reproduction:
                 f'motion simulated with the identified parameters, {PIECE:g} s at a time'
             )
             balances = [energy_balance(motion, theta.vector()) for motion in (training, validation)]
-            pieces = foreseen(validation, theta, PIECE)
+            pieces = predicted(validation, theta, PIECE)
             self._add_figure('fit', caption, paper_figures.fit, training, validation, balances, pieces)
 
     def _sweep(self) -> None:

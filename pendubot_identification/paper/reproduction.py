@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """``index.md`` of a reproduction of the paper: what was run, every table, every figure, and where the rest is."""
 
 from __future__ import annotations

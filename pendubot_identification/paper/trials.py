@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """What the reproduction of the paper runs, experiment by experiment, what came of it, and how runs are compared."""
 
 from __future__ import annotations

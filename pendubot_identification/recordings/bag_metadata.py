@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """metadata.yaml of a bag, as rosbag2 writes it (version 9)."""
 
 from __future__ import annotations

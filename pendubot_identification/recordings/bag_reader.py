@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Reading a bag: what is in it, and the motion of its joints in a window of time."""
 
 from __future__ import annotations
@@ -10,15 +13,14 @@ from array import array
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path, PurePath
+from pathlib import Path
 from typing import TYPE_CHECKING, Generic, TypeVar
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 
 from pendubot_identification.errors import BagError, TrajectoryError
-from pendubot_identification.trajectories.trajectory import MINIMUM_SAMPLES, Trajectory
+from pendubot_identification.trajectories.trajectory import Trajectory
 
 from .joint_states import JOINT_NAMES, JOINT_STATE, JOINT_STATES_TOPIC, JointDecoder, decode_joint_state
 from .mcap_file import FOREVER_NS, McapFile
@@ -31,8 +33,6 @@ if TYPE_CHECKING:
 #: How far a message's stamp is looked for from where its log time would place it, before the whole bag is read [ns].
 LATENCY_NS = 1_000_000_000
 
-#: Samples of a long recording that are looked at together.
-AT_ONCE = 4096
 Taken = TypeVar('Taken', bound='Recording', covariant=True)
 
 
@@ -103,7 +103,7 @@ class RecordedTrajectory(Generic[Taken]):
 
 
 class BagReader:
-    """A bag folder or a single .mcap file, closed or not; what metadata.yaml counts is never relied upon.
+    """A bag folder or a single .mcap file, closed or not; what metadata.yaml says is not relied upon.
 
     Attributes:
         path: the bag's folder or file.
@@ -119,7 +119,7 @@ class BagReader:
 
     def __init__(self, path: Path) -> None:
         self.path = Path(path)
-        self.files, unread = _open_all(_mcap_files(self.path))
+        self.files, unread = _opened(self.path)
         topics: dict[str, tuple[str, int]] = {}
         for file in self.files:
             for name, (type_name, count) in file.topics.items():
@@ -140,13 +140,6 @@ class BagReader:
         """The number of messages on all topics."""
         return sum(count for _, count in self.topics.values())
 
-    def is_long(self, topic: str, duration: float) -> bool:
-        """Tell whether about so many seconds of a topic are too many samples to be held."""
-        from pendubot_identification.trajectories.long import is_long
-
-        _, count = self.topics.get(topic, ('', 0))
-        return self.duration > 0 and is_long(count * duration / self.duration, duration)
-
     @cached_property
     def content_hash(self) -> str:
         """The SHA-256 of the bag's .mcap files, one after the other, in hexadecimal."""
@@ -166,42 +159,25 @@ class BagReader:
         for file in self.files:
             yield from file.messages(topics, start_ns, end_ns)
 
-    def joint_samples(
-        self, topic: str, joint_names: Sequence[str], start: float | None = None, end: float | None = None
-    ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """Return the samples of two joints with START <= t < END.
-
-        Returns:
-            t [ns] from the bag's first sample on the topic by ``header.stamp``, shape (N,); and position [rad],
-            effort [N m] and velocity [rad/s], NaN where there is none, shape (N, 3, 2).
-
-        Raises:
-            BagError: the topic or a joint is not there or without position or effort, or a part that is needed is
-                damaged.
-        """
-        stream = Stream(self, topic, joint_names, start, end)
-        while True:
-            # Arrays of the standard library grow in place, and are not copied to become numpy's.
-            times, values = array('q'), array('d')
-            for elapsed_ns, block in stream:
-                times.frombytes(elapsed_ns.data.cast('B'))
-                values.frombytes(block.data.cast('B'))
-            if not stream.missed():
-                return np.frombuffer(times, dtype=np.int64), np.frombuffer(values).reshape(-1, 3, 2)
-
 
 class Stream:
     """The samples of two joints with START <= t < END, read anew at every iteration.
 
-    Iterating gives blocks, each of t [ns] from the bag's first sample, shape (N,), and values, shape (N, 3, 2), as
-    :meth:`BagReader.joint_samples` returns them.
+    Iterating gives blocks, each of t [ns] from the bag's first sample on the topic by ``header.stamp``, shape (N,), and
+    of position [rad], effort [N m] and velocity [rad/s], NaN where there is none, shape (N, 3, 2).
 
     Raises:
-        BagError: the topic is not there, or not of JointStates.
+        BagError: the topic is not there, or not of JointStates; when read, a joint is not there or without position or
+            effort, or a part that is needed is damaged.
     """
 
     def __init__(
-        self, reader: BagReader, topic: str, joint_names: Sequence[str], start: float | None, end: float | None
+        self,
+        reader: BagReader,
+        topic: str,
+        joint_names: Sequence[str],
+        start: float | None = None,
+        end: float | None = None,
     ) -> None:
         _require(reader, topic)
         self._reader, self._topic, self._joint_names = reader, topic, joint_names
@@ -239,23 +215,21 @@ class Stream:
             self._margin = FOREVER_NS
         return missed
 
+    def samples(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """Return all of them as one block."""
+        while True:
+            # Arrays of the standard library grow in place, and are not copied to become numpy's.
+            times, values = array('q'), array('d')
+            for elapsed_ns, block in self:
+                times.frombytes(elapsed_ns.data.cast('B'))
+                values.frombytes(block.data.cast('B'))
+            if not self.missed():
+                return np.frombuffer(times, dtype=np.int64), np.frombuffer(values).reshape(-1, 3, 2)
+
     def trajectories(self, name: str) -> Iterator[Trajectory]:
         """Return the same as motions without velocities, of a few thousand samples each."""
-        waiting: list[tuple[NDArray[np.int64], NDArray[np.float64]]] = []
-        count = 0
-
-        def together() -> Trajectory:
-            times, values = (np.concatenate(parts) for parts in zip(*waiting, strict=True))
-            return Trajectory(times / 1e9, values[:, 0], values[:, 1], name=name)
-
-        for block in self:
-            waiting.append(block)
-            count += len(block[0])
-            if count >= AT_ONCE:
-                yield together()
-                waiting, count = [], 0
-        if count:
-            yield together()
+        for elapsed_ns, values in self:
+            yield Trajectory(elapsed_ns / 1e9, values[:, 0], values[:, 1], name=name)
 
 
 def read_recording(
@@ -269,61 +243,47 @@ def read_recording(
 
     Args:
         window: the bag, and which part of it.
-        topic: as in :func:`read_trajectory`.
-        joint_names: as in :func:`read_trajectory`.
+        topic: of type ``sensor_msgs/msg/JointState``.
+        joint_names: the shoulder's and the elbow's; messages may hold them in any order, among others.
         reader: of the bag, where there is one already.
 
     Raises:
-        BagError: as :func:`read_trajectory`.
-        TrajectoryError: as :func:`read_trajectory`; a long recording with gaps.
+        BagError: the bag, the topic or a joint is not there, or without effort or position.
+        TrajectoryError: the window holds no or too few samples; values that are not finite; stamps that repeat or
+            run backwards; a long recording with gaps.
     """
-    from pendubot_identification.trajectories.long import Long
+    from pendubot_identification.trajectories.long import Long, is_long
 
     reader = reader or BagReader(window.path)
-    duration = min(window.end or math.inf, reader.duration) - (window.start or 0.0)
-    long = None
     stream = Stream(reader, topic, joint_names, window.start, window.end)
-    while reader.is_long(topic, duration):
+    duration = min(window.end or math.inf, reader.duration) - (window.start or 0.0)
+    samples = reader.topics[topic][1] * duration / reader.duration if reader.duration else 0.0
+    while is_long(samples, duration):
         long = Long.survey(
             str(window),
             lambda: stream.trajectories(str(window)),
             duration,
             lambda begin, end: str(BagWindow(window.path, begin, end)),
         )
-        if not stream.missed():
-            break
-    if long is None:
-        # Other topics may have lasted longer.
-        return read_trajectory(window, topic=topic, joint_names=joint_names, reader=reader)
-    return RecordedTrajectory(long, window, reader.content_hash, reader.closed, reader.note)
+        if stream.missed():
+            continue
+        if long is None:
+            break  # other topics lasted longer
+        return RecordedTrajectory(long, window, reader.content_hash, reader.closed, reader.note)
+    return _held(reader, window, stream)
 
 
 def read_trajectory(
-    window: BagWindow | Path,
-    *,
-    topic: str = JOINT_STATES_TOPIC,
-    joint_names: Sequence[str] = JOINT_NAMES,
-    minimum: int = MINIMUM_SAMPLES,
-    reader: BagReader | None = None,
+    window: BagWindow | Path, *, topic: str = JOINT_STATES_TOPIC, joint_names: Sequence[str] = JOINT_NAMES
 ) -> RecordedTrajectory[Trajectory]:
-    """Read the motion of two joints from a window of a bag.
+    """Read the same, and hold it however long it is."""
+    window = BagWindow(window) if isinstance(window, Path) else window
+    reader = BagReader(window.path)
+    return _held(reader, window, Stream(reader, topic, joint_names, window.start, window.end))
 
-    Args:
-        window: the bag, and which part of it.
-        topic: of type ``sensor_msgs/msg/JointState``.
-        joint_names: the shoulder's and the elbow's; messages may hold them in any order, among others.
-        minimum: fewer samples than this are refused.
-        reader: of the bag, where there is one already.
 
-    Raises:
-        BagError: the bag, the topic or a joint is not there, or without effort or position.
-        TrajectoryError: the window holds no or too few samples; values that are not finite; stamps that repeat or
-            run backwards.
-    """
-    if isinstance(window, Path):
-        window = BagWindow(window)
-    reader = reader or BagReader(window.path)
-    elapsed_ns, values = reader.joint_samples(topic, joint_names, window.start, window.end)
+def _held(reader: BagReader, window: BagWindow, stream: Stream) -> RecordedTrajectory[Trajectory]:
+    elapsed_ns, values = stream.samples()
     if not len(values):
         raise TrajectoryError(
             f'{window}: the window holds no sample; the bag lasts {reader.duration:.3f} s: choose a time within it'
@@ -332,14 +292,8 @@ def read_trajectory(
     known = bool(np.isfinite(values[:, 2]).all())
     t = elapsed_ns / 1e9
     del elapsed_ns  # of an hour at 1 kHz all of this is 0.2 GB
-    trajectory = Trajectory(
-        t=t,
-        q=values[:, 0],
-        tau=values[:, 1],
-        qd=values[:, 2] if known else None,
-        name=str(window),
-    ).require_samples(minimum)
-    return RecordedTrajectory(trajectory, window, reader.content_hash, reader.closed, reader.note)
+    trajectory = Trajectory(t, values[:, 0], values[:, 1], values[:, 2] if known else None, str(window))
+    return RecordedTrajectory(trajectory.require_samples(), window, reader.content_hash, reader.closed, reader.note)
 
 
 def _require(reader: BagReader, topic: str) -> None:
@@ -356,60 +310,38 @@ def _require(reader: BagReader, topic: str) -> None:
         raise BagError(f'{reader.path}: {topic} is of type {there[topic]}; name a topic of type {JOINT_STATE}')
 
 
-def _mcap_files(path: Path) -> list[Path]:
-    """Return the .mcap files of a bag, in order.
+def _opened(path: Path) -> tuple[list[McapFile], list[str]]:
+    """Return the files of a bag in order, and of those that cannot be read, why not.
 
     Raises:
-        BagError: there is no such bag, it is none, or it may not be read.
+        BagError: there is no such bag, it is none, or nothing of it can be read.
     """
     # Path's own methods raise where a name is too long or a folder above is closed.
     if os.path.isfile(path):
-        return [path]
+        return [McapFile(path)], []
     try:
-        # Of one that rosbag2 was compressing, the one that it has not removed yet.
         names = sorted((name for name in os.listdir(path) if name.endswith(('.mcap', '.mcap.zstd'))), reverse=True)
-        found = {name.removesuffix('.zstd'): path / name for name in names}
     except PermissionError as error:
         raise BagError(
             f'{path} cannot be read: {error.strerror}; check the permissions of this folder and of those above'
         ) from error
     except OSError:
         raise BagError(f'there is no bag {path}; give a bag folder or a .mcap file') from None
-    listed = _listed_files(path)
-    # Splits are numbered, NAME_0.mcap to NAME_10.mcap; metadata.yaml may be missing or stale.
-    names = listed if listed and found.keys() >= set(listed) else sorted(found, key=lambda name: (len(name), name))
-    if not names:
+    # Of one that was being compressed, the one that is not removed yet.
+    found = {name.removesuffix('.zstd'): path / name for name in names}
+    if not found:
         raise BagError(
             f'{path} is no bag that can be read here: it holds no .mcap file; give a bag recorded with storage mcap '
             '(ros2 bag convert makes one of any other)'
         )
-    return [found[name] for name in names]
-
-
-def _open_all(paths: list[Path]) -> tuple[list[McapFile], list[str]]:
-    """Return the files of a bag that can be read, and of the others why not.
-
-    Raises:
-        BagError: none can.
-    """
-    files, unread = [], []
-    for path in paths:
+    files, unread = list[McapFile](), list[str]()
+    # They are numbered, NAME_0.mcap to NAME_10.mcap.
+    for name in sorted(found, key=lambda name: (len(name), name)):
         try:
-            files.append(McapFile(path))
+            files.append(McapFile(found[name]))
         except BagError as error:
-            # A power cut may leave the last of several files empty.
-            if path == paths[-1] and not files:
-                raise
             unread.append(str(error))
+    # A power cut may leave one empty, but not all.
+    if not files:
+        raise BagError(unread[0])
     return files, unread
-
-
-def _listed_files(path: Path) -> list[str]:
-    try:
-        metadata = yaml.safe_load((path / 'metadata.yaml').read_text(encoding='utf-8'))
-        return [
-            PurePath(name).name.removesuffix('.zstd')
-            for name in metadata['rosbag2_bagfile_information']['relative_file_paths']
-        ]
-    except (OSError, ValueError, TypeError, KeyError, yaml.YAMLError):
-        return []

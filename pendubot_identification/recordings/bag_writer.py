@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Writing a bag: a folder with an .mcap file and metadata.yaml, as rosbag2 writes it, that survives SIGKILL."""
 
 from __future__ import annotations
@@ -10,7 +13,6 @@ from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from types import TracebackType
 
 from mcap.data_stream import RecordBuilder
 from mcap.records import Channel, Schema
@@ -56,12 +58,14 @@ class BagWriter:
 
     Raises:
         BagError: the name is taken.
-        RefusedError: the reserve is not there, or the system refuses to write.
+        RefusedError: the reserve is not there, or the system refuses to write. Every method raises it then, and the bag
+            is closed as far as it is whole.
     """
 
     def __init__(self, path: Path, *, reserve: int = 0, folder: Path | None = None) -> None:
         self.path = Path(path)
         self._folder, self._reserve = folder or self.path, reserve
+        self.file = self._folder / f'{self.path.absolute().name}_0.mcap'
         self._lock, self._describing = threading.RLock(), threading.Lock()
         self._closed: BagError | None = None
         self._topics: dict[int, Topic] = {}
@@ -70,11 +74,8 @@ class BagWriter:
         self._described = (-1, -1)
         self._first_ns = self._last_ns = self._latest_ns = self._flushed_ns = 0
         self._whole_size = self._chunks = self._pending = 0
-        self.file = self._folder / f'{self.path.absolute().name}_0.mcap'
         if os.path.lexists(self._folder):
-            raise BagError(
-                f'{self._folder} exists already; give another name, or replace it with --force where that is offered'
-            )
+            raise BagError(f'{self._folder} exists already; give another name')
         with self._explained():
             above = next(folder for folder in self._folder.absolute().parents if folder.exists())
             if reason := _shortage(above, FILE_COST, reserve):
@@ -86,7 +87,7 @@ class BagWriter:
             self._mcap.start(profile='ros2')
             self._hand_over()
             self._describe()
-            sync_folder(self._folder.absolute().parent)
+            sync_folder(above)
 
     @property
     def free(self) -> int:
@@ -133,9 +134,6 @@ class BagWriter:
             log_time_ns: when it was received [ns since the epoch].
             publish_time_ns: when it was published; the same, where that is not known.
             sequence: its number, of those on this channel.
-
-        Raises:
-            BagError: there is no room, or the system refuses to write; the bag is closed then, as far as it is whole.
         """
         published_ns = log_time_ns if publish_time_ns is None else publish_time_ns
         size = len(data) + MESSAGE_COST
@@ -145,8 +143,8 @@ class BagWriter:
             self._mcap.add_message(channel, log_time_ns, data, published_ns, sequence & 0xFFFFFFFF)
             if not self._counts:
                 self._first_ns = self._last_ns = self._flushed_ns = log_time_ns
-            self._latest_ns = log_time_ns
             self._first_ns, self._last_ns = min(self._first_ns, log_time_ns), max(self._last_ns, log_time_ns)
+            self._latest_ns = log_time_ns
             self._counts[self._topics[channel].name] += 1
             self._pending += size
             # A clock that was set back must not stop the flushing.
@@ -154,24 +152,14 @@ class BagWriter:
                 self._flush()
 
     def flush(self) -> None:
-        """Hand everything written so far to the system.
-
-        Raises:
-            BagError: there is no room, or the system refuses to write; the bag is closed then, as far as it is whole.
-        """
+        """Hand everything written so far to the system."""
         with self._lock:
             if self._closed is None:
                 with self._explained():
                     self._flush()
 
     def sync(self) -> None:
-        """Put everything written so far on the disk, and in metadata.yaml what that is; about once a second.
-
-        Others may write meanwhile.
-
-        Raises:
-            BagError: as :meth:`flush`.
-        """
+        """Put what is there on the disk, and into metadata.yaml what that is; others may write meanwhile."""
         with self._lock:
             self.flush()
             if self._closed is not None:
@@ -187,11 +175,7 @@ class BagWriter:
             os.close(descriptor)
 
     def close(self) -> None:
-        """Write the index and metadata.yaml, and close the bag; a second time does nothing.
-
-        Raises:
-            BagError: the system refuses to write.
-        """
+        """Write the index and metadata.yaml, and close the bag; a second time does nothing."""
         with self._lock:
             if self._closed is None:
                 with self._explained():
@@ -200,9 +184,7 @@ class BagWriter:
     def __enter__(self) -> BagWriter:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def _flush(self, coming: int = 0) -> None:
@@ -221,8 +203,7 @@ class BagWriter:
         self._chunks += self._pending > 0
         self._mcap.flush()
         self._file.flush()
-        self._whole_size, self._flushed_ns = self._file.tell(), self._latest_ns
-        self._pending = 0
+        self._whole_size, self._flushed_ns, self._pending = self._file.tell(), self._latest_ns, 0
 
     def _close(self) -> None:
         self._hand_over()
@@ -259,12 +240,11 @@ class BagWriter:
                 reason = error.strerror or str(error)
                 sentence = f'{self.path} cannot be written ({reason}); free some space or choose another place'
                 self._closed = RefusedError(sentence, reason)
-                # Half a chunk at the end helps nobody.
                 with suppress(OSError, AttributeError):
                     self._file.close()
                 with suppress(OSError):
+                    # Half a chunk at the end helps nobody.
                     os.truncate(self.file, self._whole_size)
-                with suppress(OSError):
                     self._describe()
                 raise self._closed from error
 

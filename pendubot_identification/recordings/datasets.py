@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Which part of which bag estimates and which validates: the rules that command line and identifier share."""
 
 from __future__ import annotations

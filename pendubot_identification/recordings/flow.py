@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """How messages come in on a topic: how many, how late, and which never came."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """``sensor_msgs/msg/JointState`` as bytes, one by one or many at once, and a motion as a bag of them."""
 
 from __future__ import annotations
@@ -14,7 +17,7 @@ from pendubot_identification.errors import BagError
 from pendubot_identification.trajectories.trajectory import Trajectory
 
 from .bag_writer import whole_bag
-from .mcap_records import Messages
+from .mcap_records import FIELDS, Messages
 from .message_types import typestore
 
 JOINT_STATE = 'sensor_msgs/msg/JointState'
@@ -157,7 +160,7 @@ class _Layout(NamedTuple):
         self, messages: Messages, which: NDArray[np.intp], stamps: NDArray[np.int64], values: NDArray[np.float64]
     ) -> NDArray[np.bool_]:
         """Read some messages into their places, as far as they are laid out like this; return which of them are."""
-        found = messages.lengths[which] == len(self.own)
+        found = messages.heads['length'][which] == FIELDS + len(self.own)
         records = messages.part(which[found]).contents(self.numbers)
         rows = records.view(np.uint8).reshape(-1, len(self.own))
         found[found] = alike = ~((rows ^ self.own) & self.shared).any(axis=1)

@@ -1,12 +1,16 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """One .mcap file: its topics and its messages; of one that was never closed, or is damaged, all that is whole.
 
 A closed file ends with an index of its chunks. Where there is none, one is made of every chunk whose checksum is right,
-wherever it stands; messages may also stand outside of chunks, one by one.
+wherever it stands. Messages may also stand outside of chunks, one by one.
 """
 
 from __future__ import annotations
 
 import os
+import re
 import struct
 import tempfile
 import weakref
@@ -14,37 +18,31 @@ import zlib
 from array import array
 from collections import Counter
 from collections.abc import Collection, Iterator
-from contextlib import contextmanager, suppress
-from io import BytesIO
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import zstandard
-from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.records import Channel, Schema, Statistics
 from numpy.typing import NDArray
 
 from pendubot_identification.errors import BagError
 
-from .mcap_records import HEAD, IN_CHUNKS, Messages, definition, records, understood, unpacked
+from .mcap_records import DEFINITIONS, HEAD, IN_CHUNKS, Messages, parsed, records, understood, unpacked
 
 MAGIC = b'\x89MCAP0\r\n'
 #: The last record, the footer: opcode, length, where the summary and where its offsets begin, its CRC (0: none).
 FOOTER = struct.Struct('<BQQQL')
 #: How the index of a chunk begins: first and last log time, where its record stands, how long that is.
 INDEX = struct.Struct('<qqqq')
-#: A chunk's record up to the name of its compression, whose length comes last. The length of its records follows.
-CHUNK, LONGEST_NAME = struct.Struct('<BQ28xL'), 4
 #: The kinds of records that there are; beyond those opcodes are anybody's.
 KINDS, FREE = frozenset(map(int, Opcode)), 0x80
-#: A file is not so many times as long as rosbag2 compressed it to.
+#: No bag becomes so many times as long when it is decompressed.
 RATIO = 1000
 #: Bytes of records that are looked at together: enough for numpy, and still in a processor's cache.
 TOGETHER = 250_000
-#: Bytes that are searched at once for the next whole chunk.
-BLOCK = 1 << 20
 FOREVER_NS = 2**63 - 1
 
 
@@ -56,10 +54,7 @@ class Damage(NamedTuple):
 
 
 class Part(NamedTuple):
-    """A whole chunk, or records outside of chunks: where it begins, how long it is [bytes], and what is in it.
-
-    Only for chunks a checksum vouches.
-    """
+    """A whole chunk, for which a checksum vouches, or records outside of chunks: where, how long [bytes], and what."""
 
     offset: int
     size: int
@@ -69,7 +64,7 @@ class Part(NamedTuple):
 
 
 class McapFile:
-    """One .mcap file, closed or not; or one of rosbag2's compression mode ``file``, .mcap.zstd.
+    """One .mcap file, closed or not, or .mcap.zstd, as rosbag2 compresses it.
 
     Attributes:
         path: of the file.
@@ -91,7 +86,7 @@ class McapFile:
         self.first_ns: int | None = None
         self.last_ns: int | None = None
         self._counts: Counter[int] = Counter()
-        with self._explained():
+        try:
             self._descriptor = _opened(path)
             weakref.finalize(self, os.close, self._descriptor)
             self._size = os.fstat(self._descriptor).st_size
@@ -105,6 +100,9 @@ class McapFile:
                 self.closed = False
             if self.first_ns is None:
                 self._index = self._scan()
+        except OSError as error:
+            reason = error.strerror or str(error)
+            raise BagError(f'{path} cannot be read: {reason}; check its name, permissions and disk') from error
         self.topics: dict[str, tuple[str, int]] = {}
         for number, channel in self.channels.items():
             schema = self.schemas.get(channel.schema_id)
@@ -114,7 +112,7 @@ class McapFile:
     def messages(self, topics: Collection[str], start_ns: int = 0, end_ns: int = FOREVER_NS) -> Iterator[Messages]:
         """Return the messages of some topics with START <= log time < END [ns], many at once, in the order of writing.
 
-        Only what holds messages of these times is read.
+        Only what holds messages of these times is read; what is whole before a damage is given first.
 
         Raises:
             BagError: a part of a closed file is damaged, or the file is not any more what it was.
@@ -124,12 +122,12 @@ class McapFile:
         wanted = np.flatnonzero((last >= start_ns) & (first < end_ns))
         groups = np.cumsum(sizes[wanted]) // TOGETHER
         for rows in np.split(self._index[wanted], np.flatnonzero(np.diff(groups)) + 1):
-            parts, damaged = list[bytes](), None
+            parts, damage = list[bytes](), None
             for first_ns, _, offset, size in rows.tolist():
                 try:
                     parts.append(unpacked(self._read(offset, size)))
                 except Exception:
-                    damaged = offset, first_ns
+                    damage = self._damaged(offset, first_ns)
                     break
             try:
                 _, found = understood(b''.join(parts))
@@ -137,9 +135,8 @@ class McapFile:
                 raise self._damaged(int(rows[0, 2]), int(rows[0, 0])) from error
             logged = found.heads['logged']
             yield found.part(np.isin(found.heads['channel'], channels) & (start_ns <= logged) & (logged < end_ns))
-            # What is whole before it is given first.
-            if damaged is not None:
-                raise self._damaged(*damaged)
+            if damage is not None:
+                raise damage
 
     def whole_parts(self, damages: list[Damage]) -> Iterator[Part]:
         """Return what is whole from the beginning of the file to its end, whatever an index says.
@@ -148,25 +145,23 @@ class McapFile:
             damages: to which what is not whole is added, as it is passed.
 
         Raises:
-            BagError: the system refuses to read.
+            OSError: the system refuses to read.
         """
-        with self._explained():
-            end = self._size - len(MAGIC)
-            if self._size < 2 * len(MAGIC) or self._read(end, len(MAGIC)) != MAGIC:
-                end = self._size
-            at = passed = len(MAGIC)
-            while at < end:
-                size, part = self._part(at, end)
-                if part is not None:
-                    passed = at + size
-                    yield part
-                elif not size:
-                    # A wrong length leads past what is whole: so that is searched for from the last whole part on.
-                    found = self._next_chunk(passed + 1, end)
-                    at = passed if found < at else at
-                    damages.append(Damage(at, found - at))
-                    size = found - at
-                at += size
+        end = self._size - len(MAGIC) if self._size >= 2 * len(MAGIC) else self._size
+        end += 0 if self._read(end, self._size - end) == MAGIC else self._size - end
+        at = passed = len(MAGIC)
+        while at < end:
+            size, part = self._part(at, end)
+            if part is not None:
+                passed = at + size
+                yield part
+            elif not size:
+                # A wrong length leads past what is whole: so that is searched for from the last whole part on.
+                found = self._next_chunk(passed + 1, end)
+                at = passed if found < at else at
+                size = found - at
+                damages.append(Damage(at, size))
+            at += size
 
     def _part(self, at: int, end: int) -> tuple[int, Part | None]:
         """Return the size of the record at an offset, and what it is, if it may hold messages; 0 if it is broken."""
@@ -180,31 +175,25 @@ class McapFile:
                 size = _end_of_run(self._read(at, max(size, min(TOGETHER, end - at))))
             elif opcode != Opcode.CHUNK:
                 return size, None
-            definitions, messages = understood(unpacked(self._read(at, size)))
-            known = {*self.channels, *(each.id for each in definitions if isinstance(each, Channel))}
-            # Else it may well be a chunk whose first byte is damaged.
-            part = Part(at, size, definitions, messages, opcode == Opcode.CHUNK)
-            return (size, part) if part.vouched or known.issuperset(messages.heads['channel'].tolist()) else (0, None)
+            part = Part(at, size, *understood(unpacked(self._read(at, size))), vouched=opcode == Opcode.CHUNK)
+            # Of a channel that was never heard of: it may well be a chunk whose first byte is damaged.
+            known = {*self.channels, *(each.id for each in part.definitions if isinstance(each, Channel))}
+            if part.vouched or known.issuperset(part.messages.heads['channel'].tolist()):
+                return size, part
         except OSError:
             raise
-        except Exception:
-            return 0, None
+        except Exception:  # whatever is raised here means that it is broken
+            pass
+        return 0, None
 
     def _next_chunk(self, start: int, end: int) -> int:
         """Return where the next whole chunk begins; the end where there is none."""
-        longest = CHUNK.size + LONGEST_NAME + 8
         while start < end:
-            block = self._read(start, min(BLOCK, end - start))
-            at = block.find(Opcode.CHUNK)
-            while 0 <= at <= len(block) - longest:
-                _, length, name = CHUNK.unpack_from(block, at)
-                head = CHUNK.size + name + 8
-                # Few bytes of this value begin a chunk: only there the lengths belong together.
-                inside = int.from_bytes(block[at + head - 8 : at + head], 'little')
-                if name <= LONGEST_NAME and head + inside == HEAD.size + length and self._part(start + at, end)[0]:
-                    return start + at
-                at = block.find(Opcode.CHUNK, at + 1)
-            start += max(len(block) - longest, 1)
+            block = self._read(start, min(TOGETHER, end - start))
+            for found in re.finditer(bytes([Opcode.CHUNK]), block):
+                if (part := self._part(start + found.start(), end)[1]) is not None and part.vouched:
+                    return part.offset
+            start += len(block)
         return end
 
     def _read_summary(self) -> NDArray[np.int64]:
@@ -222,14 +211,14 @@ class McapFile:
         if crc and zlib.crc32(summary[:-4]) != crc:
             raise ValueError('the summary is damaged')
         numbers, statistics = array('q'), None
-        for opcode, begin, end in records(summary):
+        for opcode, begin, content_end in records(summary):
             # The library would take longer for these than for all else that a window needs.
             if opcode == Opcode.CHUNK_INDEX:
                 numbers.extend(INDEX.unpack_from(summary, begin))
             elif opcode == Opcode.STATISTICS:
-                statistics = Statistics.read(ReadDataStream(BytesIO(summary[begin:end])))
-            elif opcode in IN_CHUNKS:
-                self._learn(definition(opcode, summary[begin:end]))
+                statistics = parsed(Statistics, summary[begin:content_end])
+            elif opcode in DEFINITIONS:
+                self._learn(parsed(DEFINITIONS[opcode], summary[begin:content_end]))
         index = np.array(numbers, np.int64).reshape(-1, 4)
         if statistics is not None and statistics.message_count and statistics.chunk_count == len(index) > 0:
             self.first_ns, self.last_ns = statistics.message_start_time, statistics.message_end_time
@@ -239,24 +228,21 @@ class McapFile:
     def _scan(self) -> NDArray[np.int64]:
         """Learn by reading everything what no index says; return the index."""
         damages: list[Damage] = []
-        numbers, channels = array('q'), array('H')
+        numbers = array('q')
         for offset, size, definitions, messages, vouched in self.whole_parts(damages):
             for each in definitions:
                 self._learn(each, vouched)
             if len(messages):
                 logged = messages.heads['logged']
                 numbers.extend((int(logged.min()), int(logged.max()), offset, size))
-                channels.frombytes(messages.heads['channel'].tobytes())
+                self._counts.update(messages.heads['channel'].tolist())
         index = np.array(numbers, np.int64).reshape(-1, 4)
-        self._counts.update(channels)
         if len(index):
             self.first_ns, self.last_ns = int(index[:, 0].min()), int(index[:, 1].max())
         self.closed = self.closed and not damages
         if not self.closed:
-            count, seconds = (
-                sum(self._counts[k] for k in self.channels),
-                ((self.last_ns or 0) - (self.first_ns or 0)) / 1e9,
-            )
+            count = sum(self._counts[number] for number in self.channels)
+            seconds = ((self.last_ns or 0) - (self.first_ns or 0)) / 1e9
             self.note = (
                 f'{self.path.name} was never closed, or is cut or damaged: its {count} messages that are whole, within '
                 f'{seconds:.3f} s, are used'
@@ -289,23 +275,9 @@ class McapFile:
             raise ValueError('the file has no such part')
         return data
 
-    @contextmanager
-    def _explained(self) -> Iterator[None]:
-        """Turn what the system refuses into a sentence."""
-        try:
-            yield
-        except OSError as error:
-            reason = error.strerror or str(error)
-            raise BagError(f'{self.path} cannot be read: {reason}; check its name, permissions and disk') from error
-
 
 def _opened(path: Path) -> int:
-    """Return a descriptor to read an .mcap file by; where rosbag2 compressed it, one of a copy without a name.
-
-    Raises:
-        OSError: the system refuses.
-        BagError: it is damaged from the start, or would be far too long.
-    """
+    """Return a descriptor to read an .mcap file by; where rosbag2 compressed it, one of a copy without a name."""
     if path.suffix != '.zstd':
         return os.open(path, os.O_RDONLY)
     with path.open('rb') as packed, tempfile.TemporaryFile() as plain:

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The records of MCAP as bytes: decompressed within bounds, and their messages many at once.
 
 Records as in https://mcap.dev/spec: an opcode, a length, and so many bytes. A chunk holds schemas, channels and
@@ -31,8 +34,11 @@ MESSAGE = np.dtype(
         *(('sequence', '<u4'), ('logged', '<i8'), ('published', '<i8')),
     ]
 )
+#: What a message's length counts beside its data.
+FIELDS = MESSAGE.itemsize - HEAD.size
 #: What may stand in a chunk.
-IN_CHUNKS = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)
+DEFINITIONS: dict[int, Any] = {Opcode.SCHEMA: Schema, Opcode.CHANNEL: Channel}
+IN_CHUNKS = (*DEFINITIONS, Opcode.MESSAGE)
 #: With what a message begins that rosbag2 compressed by itself; no CDR does.
 ZSTD = b'\x28\xb5\x2f\xfd'
 #: Nothing that is decompressed at once is longer than this [bytes].
@@ -62,11 +68,6 @@ class Messages:
             data = self.data[start + MESSAGE.itemsize : start + HEAD.size + length]
             yield Message(channel, logged, data, published, sequence)
 
-    @property
-    def lengths(self) -> NDArray[np.uint64]:
-        """How long the data of each is [bytes], shape (N,)."""
-        return np.asarray(self.heads['length'] - (MESSAGE.itemsize - HEAD.size))
-
     def part(self, which: NDArray[Any]) -> Messages:
         """Return some of them."""
         return Messages(self.data, self.starts[which], self.heads[which])
@@ -74,36 +75,6 @@ class Messages:
     def contents(self, kind: DTypeLike, offset: int = 0) -> NDArray[Any]:
         """Return what stands at an offset in each message's data, read as one type, shape (N,)."""
         return _gathered(self.data, self.starts + (MESSAGE.itemsize + offset), np.dtype(kind))
-
-
-def understood(data: bytes) -> tuple[list[Schema | Channel], Messages]:
-    """Return the definitions and the messages in the bytes of records that may stand in a chunk.
-
-    Raises:
-        Exception: they are no such records.
-    """
-    definitions: list[Schema | Channel] = []
-    size = HEAD.size + int.from_bytes(data[1 : HEAD.size], 'little')
-    # Mostly they are messages of one topic, of one length.
-    if data[:1] == bytes([Opcode.MESSAGE]) and not len(data) % size and _alike(data, size):
-        starts = np.arange(0, len(data), size)
-    else:
-        places = array('q')
-        for opcode, begin, end in records(data):
-            if opcode == Opcode.MESSAGE:
-                places.append(begin - HEAD.size)
-            elif opcode in IN_CHUNKS:
-                definitions.append(definition(opcode, data[begin:end]))
-            else:
-                raise ValueError('no chunk holds a record of this kind')
-        starts = np.array(places, np.int64)
-    heads = _gathered(data, starts, MESSAGE)
-    if (heads['length'] < MESSAGE.itemsize - HEAD.size).any():
-        raise ValueError('a message is too short')
-    messages = Messages(data, starts, heads)
-    if len(starts) and data.startswith(ZSTD, int(starts[0]) + MESSAGE.itemsize):
-        messages = understood(_each_decompressed(messages))[1]
-    return definitions, messages
 
 
 def records(data: bytes) -> Iterator[tuple[int, int, int]]:
@@ -122,10 +93,13 @@ def records(data: bytes) -> Iterator[tuple[int, int, int]]:
         yield opcode, begin, end
 
 
-def definition(opcode: int, content: bytes) -> Schema | Channel:
-    """Return the schema or channel of a record."""
+def parsed(kind: Any, content: bytes) -> Any:
+    """Return what the library reads in a record's content; all of it, or it is damaged."""
     stream = ReadDataStream(BytesIO(content))
-    return Schema.read(stream) if opcode == Opcode.SCHEMA else Channel.read(stream)
+    record = kind.read(stream)
+    if stream.count != len(content):
+        raise ValueError('the lengths in a record do not belong together')
+    return record
 
 
 def unpacked(record: bytes) -> bytes:
@@ -136,24 +110,48 @@ def unpacked(record: bytes) -> bytes:
     """
     if record[0] != Opcode.CHUNK:
         return record
-    stream = ReadDataStream(BytesIO(record[HEAD.size :]))
-    chunk = Chunk.read(stream)
+    chunk = parsed(Chunk, record[HEAD.size :])
     data = _decompressed(chunk.compression, chunk.data, chunk.uncompressed_size) if chunk.compression else chunk.data
-    if stream.count != len(record) - HEAD.size or len(data) != chunk.uncompressed_size:
-        raise ValueError('the lengths in a chunk do not belong together')
-    if chunk.uncompressed_crc and zlib.crc32(data) != chunk.uncompressed_crc:
-        raise ValueError('the checksum of a chunk is wrong')
-    return data
+    if len(data) != chunk.uncompressed_size or chunk.uncompressed_crc not in (0, zlib.crc32(data)):
+        raise ValueError('a chunk is damaged')
+    return bytes(data)
 
 
-def _decompressed(compression: str, data: bytes, limit: int) -> bytes:
-    if limit > LARGEST:
-        raise ValueError('far too long')
-    if compression == 'lz4':
-        return bytes(lz4.frame.LZ4FrameDecompressor().decompress(data, limit + 1))
-    if compression != 'zstd' or zstandard.frame_content_size(data) > limit:
-        raise ValueError('compressed in a way that is not known, or too long')
-    return zstandard.ZstdDecompressor().decompress(data, max_output_size=limit)
+def understood(data: bytes) -> tuple[list[Schema | Channel], Messages]:
+    """Return the definitions and the messages in the bytes of records that may stand in a chunk.
+
+    Raises:
+        Exception: they are no such records.
+    """
+    definitions: list[Schema | Channel] = []
+    size = HEAD.size + int.from_bytes(data[1 : HEAD.size], 'little')
+    if _alike(data, size):
+        starts = np.arange(0, len(data), size)
+    else:
+        places = array('q')
+        for opcode, begin, end in records(data):
+            if opcode == Opcode.MESSAGE:
+                places.append(begin - HEAD.size)
+            elif opcode in DEFINITIONS:
+                definitions.append(parsed(DEFINITIONS[opcode], data[begin:end]))
+            else:
+                raise ValueError('no chunk holds a record of this kind')
+        starts = np.array(places, np.int64)
+    heads = _gathered(data, starts, MESSAGE)
+    if (heads['length'] < FIELDS).any():
+        raise ValueError('a message is too short')
+    messages = Messages(data, starts, heads)
+    if len(starts) and data.startswith(ZSTD, int(starts[0]) + MESSAGE.itemsize):
+        messages = understood(_each_decompressed(messages))[1]
+    return definitions, messages
+
+
+def _alike(data: bytes, size: int) -> bool:
+    """Tell whether all are messages of one size, as mostly they are."""
+    if data[:1] != bytes([Opcode.MESSAGE]) or len(data) % size:
+        return False
+    rows = np.frombuffer(data, np.uint8).reshape(-1, size)[:, : HEAD.size]
+    return bool((rows == rows[0]).all())
 
 
 def _each_decompressed(messages: Messages) -> bytes:
@@ -164,15 +162,19 @@ def _each_decompressed(messages: Messages) -> bytes:
         if data.startswith(ZSTD):
             data = _decompressed('zstd', data, room)
             room -= len(data)
-            head['length'] = MESSAGE.itemsize - HEAD.size + len(data)
+            head['length'] = FIELDS + len(data)
         parts += [head.tobytes(), data]
     return b''.join(parts)
 
 
-def _alike(data: bytes, size: int) -> bool:
-    """Tell whether records of one size begin alike."""
-    rows = np.frombuffer(data, np.uint8).reshape(-1, size)[:, : HEAD.size]
-    return bool((rows == rows[0]).all())
+def _decompressed(compression: str, data: bytes, limit: int) -> bytes:
+    if limit > LARGEST:
+        raise ValueError('far too long')
+    if compression == 'lz4':
+        return bytes(lz4.frame.LZ4FrameDecompressor().decompress(data, limit + 1))
+    if compression != 'zstd' or zstandard.frame_content_size(data) > limit:
+        raise ValueError('compressed in a way that is not known, or too long')
+    return zstandard.ZstdDecompressor().decompress(data, max_output_size=limit)
 
 
 def _gathered(data: bytes, places: NDArray[np.int64], kind: np.dtype[Any]) -> NDArray[Any]:

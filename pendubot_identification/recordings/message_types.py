@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Message types by name: their definition and hash for a bag's schema, and their bytes."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """How regularly something came: rate, jitter, gaps, and stamps that repeat or run back."""
 
 from __future__ import annotations

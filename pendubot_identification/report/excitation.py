@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """What an excitation would do and tell, as text for a terminal."""
 
 from __future__ import annotations
@@ -5,14 +8,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pendubot_identification.excitation.design import Experiment, Foreseen
+from pendubot_identification.excitation.design import Experiment, Predicted
 from pendubot_identification.model.parameters import NAMES, Parameters
 
 from .tables import table
 
 
-def motion_lines(found: Foreseen, experiment: Experiment) -> list[str]:
-    """Return, in words, the pulses and the motion that they are foreseen to make."""
+def motion_lines(found: Predicted, experiment: Experiment) -> list[str]:
+    """Return, in words, the pulses and the motion that they are predicted to make."""
     train = found.train
     speed, turns = found.speed, found.angle / (2 * np.pi)
     return [
@@ -24,7 +27,7 @@ def motion_lines(found: Foreseen, experiment: Experiment) -> list[str]:
 
 
 def excitation_table(
-    parameters: Parameters, std_error: NDArray[np.float64] | None, paper: Foreseen, found: Foreseen
+    parameters: Parameters, std_error: NDArray[np.float64] | None, paper: Predicted, found: Predicted
 ) -> str:
     """Return a row a parameter: its standard error in % now, after the paper's pulses, and after those found.
 

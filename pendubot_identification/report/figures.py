@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The figures of a report: arrays in, SVG and PNG out. The same arrays give the same SVG, byte for byte."""
 
 from __future__ import annotations
@@ -123,12 +126,12 @@ def draw_simulation(simulation: Simulation, *, validation: bool) -> Picture:
         lines = [axes[0].lines[0], axes[0].lines[1]]
         _legend(axes[0], lines, ['measured', 'simulated'])
 
-    part = '' if simulation.whole else f'This is the part that is foreseen worst, of {simulation.name}. '
+    part = '' if simulation.whole else f'This is the part that is predicted worst, of {simulation.name}. '
     unseen = 'data that no parameter was estimated from' if validation else 'the very data that were fitted'
     warning = (
         ''
         if validation
-        else 'There are no validation data: this figure shows that the model can follow, not that it foresees. '
+        else 'There are no validation data: this figure shows that the model can follow, not that it predicts. '
     )
     return _picture(
         'simulation',
@@ -312,7 +315,7 @@ def draw_correlation(result: Result) -> Picture | None:
         'Which parameters are told apart',
         'Correlations of the errors of the published estimate. Empty rows are parameters on a bound.',
         'Good is pale off the diagonal; a deep colour near plus or minus one says that the motion tells only a '
-        'combination of the two parameters, so that both may be wrong together and foresee well nevertheless.',
+        'combination of the two parameters, so that both may be wrong together and predict well nevertheless.',
         4.6,
         draw,
     )

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """A result as one HTML page that needs nothing beside it: no network, no script, no other file.
 
 Every number of the result stands in a ``<data>`` element that says which entry of the result file it is and holds that
@@ -97,7 +100,7 @@ def result_page(
         _parameters(result, show, reference, reference_name),
         *(f'<p>{escape(sentence)}.</p>' for sentence in result.advice),
         _section('Recorded and simulated motion', motion),
-        '<h2>How well they foresee</h2>',
+        '<h2>How well they predict</h2>',
         _quality(result, show),
         *(_section(title, pictures) for title, pictures in sections.items()),
         '<h2>How they were found</h2>',
@@ -212,7 +215,8 @@ def _parameters(result: Result, show: _Shown, reference: Result | Given | None, 
                 low, high = (other.fixed(f'{at}.interval.{k}', digits) for k in (0, 1))
                 row[-1] += f'<small>{low} to {high}</small>'
         rows.append(row)
-    return _table(head, rows)
+    absent = (f'<p>Not in the model: {escape(which)}.</p>' for which in result.not_in_model)
+    return _table(head, rows) + ''.join(absent)
 
 
 def _quality(result: Result, show: _Shown) -> str:
@@ -298,7 +302,7 @@ def _how(result: Result, show: _Shown) -> str:
         parts += [
             '<h3>The choice of the model</h3>',
             _table(['model', 'parameters', f'errors after {ahead} s'], rows),
-            f'<p>By {escape(result.models.by or "")}. The smallest model that foresees about as well as any is taken.'
+            f'<p>By {escape(result.models.by or "")}. The smallest model that predicts about as well as any is taken.'
             '</p>',
         ]
     return '\n'.join(parts)

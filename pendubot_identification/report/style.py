@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """What all figures share: sizes, lines that differ in grey too, and files that come out the same every time.
 
 matplotlib takes half a second to import: nothing but what draws should import this module.

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Results as text for a terminal."""
 
 from __future__ import annotations
@@ -45,7 +48,8 @@ def parameter_table(result: Result, truth: Mapping[str, float] | None = None) ->
         if truth is not None:
             row += [fixed(truth[name], digits), _error(entry.value, truth[name])]
         rows.append([*row, doubt(entry)])
-    return table([*head, ''], rows)
+    absent = (_wrapped(f'not in the model: {which}') for which in result.not_in_model)
+    return '\n'.join([table([*head, ''], rows), *absent])
 
 
 def comparison_table(result: Result, truth: Mapping[str, float] | None = None) -> str:
@@ -93,7 +97,7 @@ def zero_table(result: Result) -> str:
 
 
 def model_table(result: Result) -> str:
-    """Return how the models foresee, which one was chosen, and why; empty where it was given."""
+    """Return how the models predict, which one was chosen, and why; empty where it was given."""
     compared = result.models.compared
     if not compared:
         return ''
@@ -104,7 +108,7 @@ def model_table(result: Result) -> str:
         errors = ' '.join(fixed(error, 4) for error in score.error)
         rows.append([score.model, str(score.parameters), errors, f'{100 * behind:+.1f} %{beside}'])
     ahead = ', '.join(f'{h:g}' for h in result.prediction.horizons[: len(compared[0].error)])
-    why = 'the smallest model that foresees the training data within one standard error of the best'
+    why = 'the smallest model that predicts the training data within one standard error of the best'
     if compared[-1].exact:
         why = "the smallest model that leaves nothing but the encoders' rounding; larger ones were not tried"
     return '\n'.join(

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """A result in the formats of who uses it: ROS parameters, JSON, MATLAB, C. Numbers keep every digit."""
 
 from __future__ import annotations

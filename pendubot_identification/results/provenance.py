@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """What a result file says of its own making, read back: the recordings, the settings and the answers."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The result of an identification as a YAML file."""
 
 from __future__ import annotations
@@ -17,7 +20,7 @@ from pendubot_identification import __version__
 from pendubot_identification.errors import ResultError
 from pendubot_identification.files import write_whole
 from pendubot_identification.identify.result import SCHEMA, Given, Result, Source, plain, structured
-from pendubot_identification.model.parameters import MODELS, NAMES, UNITS, Parameters
+from pendubot_identification.model.parameters import MODELS, NAMES, UNDER_LOAD, UNITS, Parameters
 
 if TYPE_CHECKING:
     # Not for who only reads parameters: this takes a hundred times as long to import.
@@ -57,6 +60,7 @@ def result_of(result: Identification, sources: Sequence[Source]) -> Result:
             'advice': best.advice,
             'criterion': best.criterion,
             'model': best.model,
+            'not_in_model': _absent(best),
             'effort': _effort(best, result.interval),
             'zeros': _zeros(best),
             'smoothing': result.smoothing,
@@ -67,7 +71,7 @@ def result_of(result: Identification, sources: Sequence[Source]) -> Result:
                 'compared': [
                     {
                         'model': score.model,
-                        'parameters': MODELS[score.model],
+                        'parameters': int(settings.bounds.of(MODELS[score.model]).present.sum()),
                         'error': score.error,
                         'behind': score.behind[0],
                         'behind_std_error': score.behind[1],
@@ -96,11 +100,11 @@ def result_of(result: Identification, sources: Sequence[Source]) -> Result:
                     'mde': _mde(e, settings),
                     'convergence': _convergence(e),
                     'uncertainty': e.uncertainty,
-                    'correlation': e.correlation,
+                    'correlation': e.correlation[np.ix_(e.present, e.present)],
                 }
                 for e in result.estimates
             },
-            'covariance': best.covariance,
+            'covariance': best.covariance[np.ix_(best.present, best.present)],
             'made_by': {
                 'version': __version__,
                 'criteria': settings.criteria,
@@ -132,8 +136,14 @@ def _parameters(e: Estimate) -> dict[str, dict[str, Any]]:
             'on_bound': not e.free[k],
             'determined': e.determined[k],
         }
-        for k in range(len(e.theta))
+        for k in np.flatnonzero(e.present)
     }
+
+
+def _absent(e: Estimate) -> list[str]:
+    """Return which parameters the rig cannot have, and why."""
+    joints = dict(zip(UNDER_LOAD, ('shoulder', 'elbow'), strict=True))
+    return [f'{name}, for the effort of the {joints[name]} is zero throughout' for name in e.absent]
 
 
 def _effort(e: Estimate, interval: float) -> dict[str, Any]:
@@ -279,12 +289,14 @@ def read_parameters(path: Path) -> Parameters:
 def read_estimate(path: Path) -> tuple[Parameters, Array | None]:
     """Return the parameters of a result file, and their standard errors, shape (D,), where it has them all.
 
+    What the file leaves out is 0, and certain.
+
     Raises:
         ResultError: as :func:`read_result`.
     """
     given = read_result(path)
     names = NAMES[: len(given.theta.vector())]
-    errors = [given.parameters[name].std_error if name in given.parameters else None for name in names]
+    errors = [given.parameters[name].std_error if name in given.parameters else 0.0 for name in names]
     return given.theta, None if None in errors else np.array(errors, dtype=float)
 
 

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The description of a pendubot that robot_state_publisher and RViz need: a URDF with the links' lengths."""
 
 from __future__ import annotations

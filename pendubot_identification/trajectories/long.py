@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """A recording too long to be held: all of it piece by piece, and stretches of it that stand for the rest."""
 
 from __future__ import annotations

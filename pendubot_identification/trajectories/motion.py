@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """A recording made ready for simulation: states as smooth functions of time, torques as impulses."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Uniform sampling and zero-phase differentiation: nothing later depends on logged velocities."""
 
 from __future__ import annotations

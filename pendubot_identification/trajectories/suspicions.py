@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """What looks wrong with the samples of a recording before anything is estimated from them."""
 
 from __future__ import annotations

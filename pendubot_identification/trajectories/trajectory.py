@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """A recorded or simulated motion: time, positions, torques, and velocities where they are known."""
 
 from __future__ import annotations

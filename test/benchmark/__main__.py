@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Measures all that docs/architecture.md shows: ``make benchmark``, or ``python -m test.benchmark NAME ...`` for parts.
 
 Everything is interleaved with its peers in the same run, and shown as medians of at least five and as ratios: they are

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """A long bag: a window of it, and all of it, beside rosbags; each in a process of its own, whose memory is measured."""
 
 import json
@@ -40,12 +43,12 @@ OURS = (
     MEMORY
     + """
 from pathlib import Path
-from pendubot_identification.recordings.bag_reader import BagReader, BagWindow, read_trajectory
+from pendubot_identification.recordings.bag_reader import BagReader, Stream
 clock = time.process_time if sys.argv.pop() == 'cpu' else time.perf_counter
 begin = clock()
 window = [float(x) for x in sys.argv[2:]]
 reader = BagReader(Path(sys.argv[1]))
-t, values = reader.joint_samples('/joint_states', ('shoulder', 'elbow'), *window)
+t, values = Stream(reader, '/joint_states', ('shoulder', 'elbow'), *window).samples()
 end = clock()
 print(json.dumps([end - begin, memory(), len(t)]))
 """

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """How well the virtual rig is swung up and held, by parameters of which origin, and where the margins end.
 
     python -m test.benchmark.balance [--live] [--seeds 20] [--rates 200 500] [--from truth weak ...]
@@ -24,9 +27,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pendubot_identification.control.closed_loop import HELD, deviation, simulate_closed_loop
 from pendubot_identification.control.control import UPRIGHT, Controller, Design, Limits, Loop
 from pendubot_identification.control.linear_control import Weights, design, equilibrium
-from pendubot_identification.control.rehearsal import HELD, deviation, rehearse
 from pendubot_identification.errors import ControlError
 from pendubot_identification.excitation.excitation import PulseTrain
 from pendubot_identification.identify.identification import identify
@@ -75,7 +78,7 @@ def simulated(known, rate, start, seed):
     q1, q2 = (q + rng.uniform(-spread, spread) for q in place)
     loop = Loop(1 / rate, 1, known.lag, LIMIT)
     controller = Controller(Design.make(known.parameters, loop), loop)
-    run = rehearse(controller, LatePlant(BALANCE, LAG, (q1, q2)), loop, begin + TIME + 2, enough=TIME + 2)
+    run = simulate_closed_loop(controller, LatePlant(BALANCE, LAG, (q1, q2)), loop, begin + TIME + 2, enough=TIME + 2)
     return judged(run.motion.t, run.motion.q, run.motion.tau[:, 0], begin)
 
 
@@ -166,7 +169,7 @@ def falls(plan, loop, lag, gain):
     """Tell whether a rig that is almost upright is lost, in 10 s."""
     bounds = Limits(swing_up=0.0)
     rig = LatePlant(plan.parameters, lag, (UPRIGHT + 0.01, 0.0))
-    run = rehearse(Controller(plan, loop, bounds), rig, loop, TIME, motor=gain)
+    run = simulate_closed_loop(Controller(plan, loop, bounds), rig, loop, TIME, motor=gain)
     return bool(run.stopped) or bool(deviation(run.motion.q).max() > HELD)
 
 
@@ -208,7 +211,7 @@ def paper(rates, seeds):
             for seed in range(seeds):
                 q1, q2 = np.random.default_rng(seed).uniform(-0.02, 0.02, 2)
                 rig = LatePlant(PAPER, lag, (UPRIGHT + q1, q2))
-                run = rehearse(Controller(plan, loop, Limits(swing_up=0.0)), rig, loop, 1 + TIME + 0.1)
+                run = simulate_closed_loop(Controller(plan, loop, Limits(swing_up=0.0)), rig, loop, 1 + TIME + 0.1)
                 held += math.isfinite(judged(run.motion.t, run.motion.q, run.motion.tau[:, 0], 1.0).held)
             print(
                 f'| {rate} Hz | {1e3 * lag:g} ms | {plan.regulator.K.round(1)} | {1e3 * m.delay:.2f} ms '

@@ -1,4 +1,7 @@
-"""How far each criterion's answers lie from the truth, how honest their intervals are, and how they foresee real rigs.
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""How far each criterion's answers lie from the truth, how honest their intervals are, and how they predict real rigs.
 
     python -m test.benchmark.criteria [--seeds 50] [--processes 2] [--rig virtual|recordings|all] [--test]
 
@@ -6,7 +9,7 @@ Prints Markdown tables. Virtual rigs: median size of the errors in %, and of the
 converged (energy and weak: all runs of MDE at the exact minimum), left the encoders' rounding alone (exact), have P1
 to P5 within 1 %, are flagged (WARN or ERROR), and are neither; the share of the 95 % intervals that hold the truth,
 in %. Real rigs, where there are any: parameters, and errors of simulation in standard deviations of the states, of
-train with each recording foreseen by the others. Those set apart as test are looked at with --test alone, and seldom.
+train with each recording predicted by the others. Those set apart as test are looked at with --test alone, and seldom.
 """
 
 import os
@@ -182,7 +185,7 @@ def real(job):
         settings = Settings(criteria=(found.criterion,), model=found.model)
         return estimate(found.criterion, Data.prepare(trajectories, settings), ([], []), found.model, lambda *_: None)
 
-    def foreseen(role, found, which=slice(None)):
+    def predicted(role, found, which=slice(None)):
         of = motions[role][which]
         # A torque that is held acts half an interval later than one that changes linearly.
         delay = found.effort.delay + (of[0].interval / 2 if found.effort.hold == 'zero' else 0.0)
@@ -198,16 +201,16 @@ def real(job):
         if name in estimates:
             continue
         without = [again([*train[:k], *train[k + 1 :]], found) for k in range(len(train))]
-        apart = Prediction.pool([foreseen('train', f, slice(k, k + 1)) for k, f in enumerate(without)])
+        apart = Prediction.pool([predicted('train', f, slice(k, k + 1)) for k, f in enumerate(without)])
         estimates[name], errors[name] = found, [*apart.error]
         if found.zeros is not None:
             told.append(f'{name}: zeros are off by [degrees] {"; ".join(zeros(found))}')
         if 'test' in roles:
-            errors[name] += [*foreseen('test', found).error]
+            errors[name] += [*predicted('test', found).error]
             other = again(recorded['test'], found)
             off = np.abs(found.theta - other.theta) > 1.96 * np.hypot(found.std_error, other.std_error)
             told.append(f'{name}: train and test agree but for {[NAMES[k] for k in np.flatnonzero(off)]} of {off.size}')
-    published = [foreseen(role, replace(found, theta=PUBLISHED[group])) for role in roles]
+    published = [predicted(role, replace(found, theta=PUBLISHED[group])) for role in roles]
     errors['published'] = [error for prediction in published for error in prediction.error]
     errors['standing still'] = [error for prediction in published for error in prediction.standing_still]
     return group, estimates, errors, told

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """How the cost grows with the work, as a figure: samples, population, runs, dimension."""
 
 import matplotlib as mpl

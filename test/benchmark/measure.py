@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Times taken side by side: what one machine, loaded or not, tells another is the ratio."""
 
 import os

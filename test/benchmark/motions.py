@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The trajectory criterion's simulations: 900 samples for 30 parameter vectors at once."""
 
 import math

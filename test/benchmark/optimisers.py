@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """MDE beside differential evolutions from PyPI, all with the same number of function values."""
 
 import numpy as np

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """pendubot compare from outside."""
 
 import json
@@ -52,7 +55,7 @@ def test_they_stand_side_by_side(results, capsys):
     assert 'estimated from the same recording' in ' '.join(out.split())
 
 
-def test_what_each_foresees_of_a_bag(results, capsys):
+def test_what_each_predicts_of_a_bag(results, capsys):
     named = (results / 'a.yaml', results / 'b.yaml', '--on', f'{SAMPLE}@9:18')
     status, out, _ = compare(capsys, *named, '--json')
     assert status == 0

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The demonstration is alone, ends what it started, and says at once what went wrong."""
 
 import os

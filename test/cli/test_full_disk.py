@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Bags written by the command line to a file system that is full: whole or not at all, and one sentence."""
 
 import os

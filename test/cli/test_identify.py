@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """pendubot identify from outside: results, files, and one sentence for each thing that a user can do wrong."""
 
 import json
@@ -214,7 +217,7 @@ def test_the_real_recordings_of_each_rig_pooled(capsys, tmp_path, rig):
     result = yaml.safe_load(output.read_text())
     assert result['J']['runs_at_least_squares'] == 10
     assert result['J']['validation'] > 0
-    assert result['level'] in ('WARN', 'ERROR'), 'this criterion does not foresee this rig, and says so'
+    assert result['level'] in ('WARN', 'ERROR'), 'this criterion does not predict this rig, and says so'
     assert result['warnings']
 
 
@@ -263,7 +266,7 @@ def test_trajectory_by_mde_takes_what_suits_it_unless_told(capsys, bag):
     assert told['criteria']['trajectory']['mde'] == how | {'runs': 2, 'population': 10, 'generations': 3}
 
 
-def test_several_bags_are_foreseen_from_each_other(capsys, bag, tmp_path):
+def test_several_bags_are_predicted_from_each_other(capsys, bag, tmp_path):
     """Without bags to validate, each of several is left out in turn; the estimates use all of them."""
     others = [tmp_path / name for name in 'ab']
     for seed, other in enumerate(others, start=2):
@@ -272,7 +275,7 @@ def test_several_bags_are_foreseen_from_each_other(capsys, bag, tmp_path):
     result = one(capsys, *others, bag, '--criterion', 'weak,energy', '--hold', 'zero')
     assert list(result['criteria']) == ['weak', 'energy']
     assert [b['role'] for b in result['bags']] == ['training'] * 3
-    assert result['prediction']['method'] == 'each recording foreseen from the others'
+    assert result['prediction']['method'] == 'each recording predicted from the others'
     assert result['J']['validation'] is None
     assert all(error > 0 for entry in result['criteria'].values() for error in entry['prediction']['error'])
 

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Every fault that the diagnosis knows, made on purpose: through result file, report, comparison and node."""
 
 import re

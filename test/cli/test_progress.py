@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The bar: on a terminal what is done, how long it still takes and the best J; in a pipe or a file nothing."""
 
 import fcntl

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """pendubot report and identify --report from outside: what lies in the folder, and what is said of bad input."""
 
 import re

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """What a balancer believes, when it may begin, and that it never goes on by itself."""
 
 import math
@@ -6,8 +9,8 @@ from dataclasses import replace
 import pytest
 
 from pendubot_identification.control.balancing import Balancing, Phase, Plan
-from pendubot_identification.control.briefing import Briefing
 from pendubot_identification.control.control import UPRIGHT, Limits, Loop
+from pendubot_identification.control.readiness import Readiness
 from pendubot_identification.errors import ControlError, ParameterError
 from pendubot_identification.level import Level
 from pendubot_identification.model.parameters import BALANCE, NAMES, PAPER
@@ -21,35 +24,35 @@ def values(theta=THETA, delay='0.004'):
 
 
 def informed(limit=2.0, level=Level.OK, motor_delay=None):
-    briefing = Briefing(limit, motor_delay)
+    readiness = Readiness(limit, motor_delay)
     for k in range(150):
-        briefing.sample(k * PERIOD)
-    briefing.offer(THETA)
-    briefing.judge(level, 'said so', values())
-    return briefing
+        readiness.sample(k * PERIOD)
+    readiness.offer(THETA)
+    readiness.judge(level, 'said so', values())
+    return readiness
 
 
 def test_everything_known_is_the_parameters_and_the_loop():
     assert informed().ready(False) == (BALANCE, Loop(PERIOD, 1, 0.004, 2.0))
     assert informed(motor_delay=0.01).ready(False)[1].lag == 0.01
-    briefing = informed()
-    briefing.board_limit(0.5)
-    assert briefing.ready(False)[1].limit == 0.5
+    readiness = informed()
+    readiness.board_limit(0.5)
+    assert readiness.ready(False)[1].limit == 0.5
 
 
 @pytest.mark.parametrize('delay', ['None', 'nan', '', '-0.002'])
 def test_a_delay_that_nobody_found_is_none(delay):
-    briefing = informed()
-    briefing.judge(Level.OK, '', values(delay=delay))
-    assert briefing.ready(False)[1].lag == 0.0
+    readiness = informed()
+    readiness.judge(Level.OK, '', values(delay=delay))
+    assert readiness.ready(False)[1].lag == 0.0
 
 
 def test_skipped_samples_do_not_hide_the_rate():
-    briefing = informed()
+    readiness = informed()
     for k in range(0, 600, 2):
-        briefing.sample(1 + k * PERIOD)
-    assert briefing.ready(False)[1].period == pytest.approx(2 * PERIOD), 'it has truly changed'
-    mixed = Briefing(2.0)
+        readiness.sample(1 + k * PERIOD)
+    assert readiness.ready(False)[1].period == pytest.approx(2 * PERIOD), 'it has truly changed'
+    mixed = Readiness(2.0)
     t = 0.0
     for k in range(150):
         t += PERIOD * (1 if k % 3 == 0 else 3)
@@ -60,13 +63,13 @@ def test_skipped_samples_do_not_hide_the_rate():
 
 def test_what_is_missing_or_not_good_enough_is_said():
     with pytest.raises(ControlError, match='no parameters have come'):
-        Briefing(2.0).ready(True)
-    briefing = Briefing(2.0)
-    briefing.offer(THETA)
+        Readiness(2.0).ready(True)
+    readiness = Readiness(2.0)
+    readiness.offer(THETA)
     with pytest.raises(ControlError, match='says how good the parameters'):
-        briefing.ready(False)
+        readiness.ready(False)
     with pytest.raises(ControlError, match='too few samples'):
-        briefing.ready(True)
+        readiness.ready(True)
     with pytest.raises(ControlError, match=r'level WARN \(said so\); set the parameter accept_warn'):
         informed(level=Level.WARN).ready(False)
     assert informed(level=Level.WARN).ready(True)
@@ -75,29 +78,29 @@ def test_what_is_missing_or_not_good_enough_is_said():
 
 
 def test_a_judgement_of_other_parameters_counts_for_nothing():
-    briefing = informed()
-    briefing.offer([1.01 * value for value in THETA])
+    readiness = informed()
+    readiness.offer([1.01 * value for value in THETA])
     with pytest.raises(ControlError, match='says how good'):
-        briefing.ready(False)
+        readiness.ready(False)
 
 
 @pytest.mark.parametrize('theta', [[], [1.0] * 8])
 def test_what_is_no_vector_is_refused(theta):
     with pytest.raises(ParameterError, match='7, 9, 10, 14 are expected'):
-        Briefing(2.0).offer(theta)
+        Readiness(2.0).offer(theta)
 
 
 def test_parameters_that_no_rig_has_are_refused():
     for wrong in ({'P3': 0.02}, {'b1': -1.0}, {'P1': math.nan}):
         with pytest.raises(ControlError, match='no rig has the parameters that came'):
-            Briefing(2.0).offer([float(value) for value in replace(BALANCE, **wrong).vector()])
+            Readiness(2.0).offer([float(value) for value in replace(BALANCE, **wrong).vector()])
 
 
 def prepared(bounds=None, limit=2.0, swing_up=1.9):
     balancing = Balancing(limit, bounds=bounds)
-    balancing.briefing = informed(limit)
+    balancing.readiness = informed(limit)
     wanted = balancing.to_prepare(False)
-    plan = Plan.make(*wanted, rehearse=False)
+    plan = Plan.make(*wanted, simulate_closed_loop=False)
     balancing.prepared(replace(plan, swing_up=swing_up))
     assert balancing.to_prepare(False) is None
     return balancing
@@ -161,11 +164,11 @@ def test_a_bridge_that_does_not_answer_is_not_waited_for_for_ever():
 def test_better_parameters_come_in_while_it_moves_and_worse_ones_do_not():
     balancing = running()
     theta = [1.02 * value for value in THETA]
-    balancing.briefing.offer(theta)
+    balancing.readiness.offer(theta)
     assert balancing.to_prepare(False) is None, 'nobody vouches for them'
     assert balancing.phase is Phase.RUNNING
-    balancing.briefing.judge(Level.OK, '', values(theta))
-    balancing.prepared(Plan.make(*balancing.to_prepare(False), rehearse=False))
+    balancing.readiness.judge(Level.OK, '', values(theta))
+    balancing.prepared(Plan.make(*balancing.to_prepare(False), simulate_closed_loop=False))
     upright(balancing, 1.015)
     assert balancing.plan.design.parameters.vector().tolist() == theta
     assert balancing.to_prepare(False) is None
@@ -184,22 +187,22 @@ def test_better_parameters_come_in_while_it_moves_and_worse_ones_do_not():
 def test_what_came_while_it_moved_is_looked_at_anew_before_the_next_start(end):
     balancing = running()
     theta = [1.02 * value for value in THETA]
-    balancing.briefing.offer(theta)
-    balancing.briefing.judge(Level.OK, '', values(theta))
+    balancing.readiness.offer(theta)
+    balancing.readiness.judge(Level.OK, '', values(theta))
     wanted = balancing.to_prepare(False)
-    end(balancing, Plan.make(*wanted, rehearse=False))
+    end(balancing, Plan.make(*wanted, simulate_closed_loop=False))
     assert balancing.to_prepare(False) == wanted
-    assert balancing.plan is None or balancing.plan.swing_up == 1.9, 'what it may start by was rehearsed'
-    balancing.prepared(replace(Plan.make(*wanted, rehearse=False), swing_up=math.inf))
+    assert balancing.plan is None or balancing.plan.swing_up == 1.9, 'what it may start by was simulated'
+    balancing.prepared(replace(Plan.make(*wanted, simulate_closed_loop=False), swing_up=math.inf))
     balancing.sample(1.02, 1.02, (-UPRIGHT, 0.0), 0.0, 0.1)
     with pytest.raises(ControlError, match='do not swing this rig up'):
         balancing.begin()
 
 
-def test_no_start_by_what_was_not_rehearsed():
+def test_no_start_by_what_was_not_simulated():
     balancing = running()
     wanted = balancing.plan.design.parameters, balancing.plan.loop
-    balancing.prepared(Plan.make(*wanted, rehearse=False))
+    balancing.prepared(Plan.make(*wanted, simulate_closed_loop=False))
     upright(balancing, 1.015)
     balancing.stop()
     with pytest.raises(ControlError, match='preparing itself'):
@@ -207,14 +210,14 @@ def test_no_start_by_what_was_not_rehearsed():
     assert balancing.diagnosis()[:2] == (Level.WARN, 'waiting: it is preparing itself')
 
 
-def test_it_starts_by_what_was_rehearsed_though_more_came_while_it_was_arming():
+def test_it_starts_by_what_was_simulated_though_more_came_while_it_was_arming():
     balancing = prepared()
-    rehearsed = balancing.plan
+    simulated = balancing.plan
     upright(balancing, 1.0)
     balancing.begin()
-    balancing.prepared(Plan.make(rehearsed.design.parameters, rehearsed.loop, rehearse=False))
+    balancing.prepared(Plan.make(simulated.design.parameters, simulated.loop, simulate_closed_loop=False))
     balancing.armed()
-    assert balancing.plan is rehearsed
+    assert balancing.plan is simulated
 
 
 def test_a_rig_that_leaves_no_room_for_error_is_refused_by_computation():
@@ -245,10 +248,10 @@ def test_what_cannot_be_swung_up_may_be_held_all_the_same():
 
 def test_a_plan_that_failed_is_not_tried_again_until_something_changes():
     balancing = Balancing(2.0)
-    balancing.briefing = informed()
+    balancing.readiness = informed()
     wanted = balancing.to_prepare(False)
     balancing.not_prepared(wanted, 'too slow')
     assert balancing.to_prepare(False) is None
     assert balancing.diagnosis()[:2] == (Level.WARN, 'waiting: too slow')
-    balancing.briefing.board_limit(1.0)
+    balancing.readiness.board_limit(1.0)
     assert balancing.to_prepare(False) is not None

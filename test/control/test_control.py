@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The controller on simulated rigs: it swings up, balances, changes its parameters, and stops."""
 
 import functools
@@ -9,8 +12,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from pendubot_identification.control.closed_loop import simulate_closed_loop, sufficient_limit, swing_up_time
 from pendubot_identification.control.control import UPRIGHT, Controller, Design, Limits, Loop, Mode
-from pendubot_identification.control.rehearsal import rehearse, sufficient_limit, swing_up_time
 from pendubot_identification.control.swing_up import SwingUp
 from pendubot_identification.errors import ControlError
 from pendubot_identification.model.dynamics import accelerations
@@ -39,25 +42,25 @@ def run(start, seed, rate=200, known=None, seconds=12.0, loop=None, **how):
     loop = loop or LOOPS[rate]
     controller = Controller(made(known or BALANCE, loop), loop)
     rig = LatePlant(how.pop('rig', BALANCE), LAG, place(start, seed))
-    return rehearse(controller, rig, loop, seconds, enough=2.0, **how)
+    return simulate_closed_loop(controller, rig, loop, seconds, enough=2.0, **how)
 
 
 @pytest.mark.parametrize('rate', LOOPS)
 def test_from_near_upright_all_are_held(rate):
     for seed in range(4):
-        rehearsal = run('upright', seed, rate)
-        assert not rehearsal.stopped
-        assert rehearsal.held_since() < 1.0, seed
-        assert rehearsal.balancing[1:].all()
+        closed_loop = run('upright', seed, rate)
+        assert not closed_loop.stopped
+        assert closed_loop.held_since() < 1.0, seed
+        assert closed_loop.balancing[1:].all()
 
 
 @pytest.mark.parametrize('rate', LOOPS)
 def test_from_hanging_all_are_swung_up_within_the_torque_limit(rate):
     for seed in range(3):
-        rehearsal = run('hanging', seed, rate)
-        assert not rehearsal.stopped
-        assert rehearsal.held_since() < 10.0, seed
-        assert np.abs(rehearsal.motion.tau).max() <= 2.0
+        closed_loop = run('hanging', seed, rate)
+        assert not closed_loop.stopped
+        assert closed_loop.held_since() < 10.0, seed
+        assert np.abs(closed_loop.motion.tau).max() <= 2.0
 
 
 def test_parameters_that_are_off_still_do():
@@ -70,13 +73,13 @@ def test_a_push_that_fells_it_is_followed_by_another_swing_up():
     loop = LOOPS[200]
     controller = Controller(DESIGNS[200], loop)
     rig = LatePlant(BALANCE, LAG, (UPRIGHT, 0.0))
-    assert rehearse(controller, rig, loop, 2.0).balancing[-1]
+    assert simulate_closed_loop(controller, rig, loop, 2.0).balancing[-1]
     rig.place(rig.q, (0.0, 12.0))
-    # Its own time goes on; the rehearsal's begins anew.
+    # Its own time goes on; the closed-loop simulation's begins anew.
     controller._last = None
-    rehearsal = rehearse(controller, rig, loop, 12.0, enough=2.0)
-    assert not rehearsal.balancing.all()
-    assert rehearsal.held_since() < 10.0
+    closed_loop = simulate_closed_loop(controller, rig, loop, 12.0, enough=2.0)
+    assert not closed_loop.balancing.all()
+    assert closed_loop.held_since() < 10.0
 
 
 MIRROR = {
@@ -94,9 +97,9 @@ MIRROR = {
 def test_wrong_signs_and_exchanged_joints_are_named_within_a_fifth_of_a_second(rate, start, known, wrong):
     sensed, motor, words = MIRROR[wrong]
     for seed in range(2):
-        rehearsal = run(start, seed, rate, known, 0.3, sensed=sensed, motor=motor)
-        assert words in rehearsal.stopped
-        assert rehearsal.motion.t[-1] < 0.2
+        closed_loop = run(start, seed, rate, known, 0.3, sensed=sensed, motor=motor)
+        assert words in closed_loop.stopped
+        assert closed_loop.motion.t[-1] < 0.2
 
 
 @pytest.mark.parametrize('rate', LOOPS)
@@ -154,11 +157,11 @@ def test_new_parameters_come_in_without_a_jump():
     ],
 )
 def test_it_stops_at_its_bounds(bounds, start, words):
-    rehearsal = rehearse(
+    closed_loop = simulate_closed_loop(
         Controller(DESIGNS[200], LOOPS[200], bounds), LatePlant(BALANCE, LAG, place(start, 1)), LOOPS[200], 5.0
     )
     with pytest.raises(ControlError, match=words):
-        raise ControlError(rehearsal.stopped)
+        raise ControlError(closed_loop.stopped)
 
 
 @pytest.mark.parametrize(

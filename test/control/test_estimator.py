@@ -1,11 +1,14 @@
-"""The estimator follows a simulated rig, and foresees it over the dead time."""
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The estimator follows a simulated rig, and predicts it over the dead time."""
 
 import math
 
 import numpy as np
 import pytest
 
-from pendubot_identification.control.echo import Echo
+from pendubot_identification.control.command_monitor import CommandMonitor
 from pendubot_identification.control.estimator import Estimator
 from pendubot_identification.control.linear_control import Weights, design, equilibrium
 from pendubot_identification.model.parameters import BALANCE
@@ -42,15 +45,15 @@ def follow(period, transport, lag, counts=True, lost=()):
 @pytest.mark.parametrize('lag', [0.0, 0.002, 0.004, 0.0065])
 def test_the_state_is_known_before_it_comes(period, transport, lag):
     """The prediction is the true state at the moment when the torque acts, whatever the delays are made of."""
-    true, foreseen = follow(period, transport, lag, counts=False)
+    true, predicted = follow(period, transport, lag, counts=False)
     settled = slice(len(true) // 4, None)
-    assert np.abs(foreseen - true)[settled, :2].max() < 1e-4
-    assert np.abs(foreseen - true)[settled, 2:].max() < 1e-2
+    assert np.abs(predicted - true)[settled, :2].max() < 1e-4
+    assert np.abs(predicted - true)[settled, 2:].max() < 1e-2
 
 
 def test_encoder_counts_and_lost_samples_cost_little():
-    true, foreseen = follow(0.005, 1, 0.004, lost={150, 200, 201, 202, 260})
-    error = np.sqrt(((foreseen - true)[100:] ** 2).mean(axis=0))
+    true, predicted = follow(0.005, 1, 0.004, lost={150, 200, 201, 202, 260})
+    error = np.sqrt(((predicted - true)[100:] ** 2).mean(axis=0))
     assert error[:2].max() < 2 * COUNT
     assert error[2:].max() < 0.5
 
@@ -64,7 +67,7 @@ def test_after_a_gap_no_speed_is_believed_that_the_gap_does_not_explain():
 
 
 def echoed(transport, samples=200, period=0.005, obeyed=lambda k: True):
-    echo, rng, torques = Echo(1, period), np.random.default_rng(2), [0.0] * transport
+    echo, rng, torques = CommandMonitor(1, period), np.random.default_rng(2), [0.0] * transport
     for k in range(samples):
         if not echo.obeyed(torques[k] if obeyed(k) else 0.0):
             return k, echo

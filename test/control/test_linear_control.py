@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Linearisation against the equations of motion, gains against their optimality, margins against the closed loop."""
 
 import math
@@ -8,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
+from pendubot_identification.control.closed_loop import HELD, deviation, simulate_closed_loop
 from pendubot_identification.control.control import Controller, Design, Limits, Loop
 from pendubot_identification.control.linear_control import (
     Weights,
@@ -18,7 +22,6 @@ from pendubot_identification.control.linear_control import (
     margins,
     sampled,
 )
-from pendubot_identification.control.rehearsal import HELD, deviation, rehearse
 from pendubot_identification.errors import ControlError
 from pendubot_identification.model.dynamics import forward_dynamics
 from pendubot_identification.model.parameters import BALANCE, PAPER
@@ -103,7 +106,7 @@ def test_the_simulated_rig_falls_at_the_computed_margins(rate):
 
     def falls(more=0.0, gain=1.0):
         rig = LatePlant(BALANCE, LAG + more, (math.pi / 2 + 0.01, 0.0))
-        run = rehearse(Controller(plan, loop, Limits(swing_up=0.0)), rig, loop, 3.0, motor=gain)
+        run = simulate_closed_loop(Controller(plan, loop, Limits(swing_up=0.0)), rig, loop, 3.0, motor=gain)
         return bool(run.stopped) or bool(deviation(run.motion.q).max() > HELD)
 
     m = plan.margins

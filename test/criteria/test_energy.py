@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The energy criterion against the motion that it describes, and against a plain reading of the paper's equations."""
 
 import numpy as np

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Levenberg-Marquardt with its segments condensed out, against the truth and an optimiser that knows nothing."""
 
 import warnings

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """How recordings are cut into segments, and what simulated ones are compared with."""
 
 from dataclasses import replace

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The trajectory criterion's minimum on the virtual rig: from bad starts, from none, and with the wrong model."""
 
 from dataclasses import replace
@@ -6,12 +9,12 @@ import numpy as np
 import pytest
 
 from pendubot_identification.criteria.trajectory_fit import fit_positions, fit_states, search, segment_cost
+from pendubot_identification.identify.covariance import estimated_zeros, trajectory_covariance
 from pendubot_identification.identify.prediction import state_scale
-from pendubot_identification.identify.sandwich import estimated_zeros, trajectory_covariance
-from pendubot_identification.model.parameters import MODELS, PAPER, default_bounds
+from pendubot_identification.model.parameters import BALANCE, MODELS, PAPER, default_bounds
 from pendubot_identification.optimizers.mde import MDESettings
 from pendubot_identification.trajectories.motion import Motion
-from test.virtual import recording
+from test.virtual import C1, CHAOTIC, recording
 
 TRUTH = PAPER.vector()
 DELAYS = (-0.1, 0.1)
@@ -39,7 +42,7 @@ def test_finds_the_virtual_rig_from_parameters_wrong_by_a_factor_of_three(seed):
     rough = fit_states(motions, start, 0.0, box(), DELAYS, scale, progress=costs.append)
     assert costs
     assert rough.fit.converged
-    assert (rough.kind, rough.length, rough.white) == ('states', pytest.approx(0.5, abs=0.005), False)
+    assert (rough.kind, rough.length, rough.exact) == ('states', pytest.approx(0.5, abs=0.005), False)
     assert wrong(rough) < 0.1
     sharp = fit_positions(motions, rough.fit.theta, rough.fit.delay, box(), DELAYS)
     assert sharp.white
@@ -80,9 +83,31 @@ def test_positions_that_no_encoder_has_read_will_do(noise):
     motions, scale = prepared(motion)
     rough = fit_states(motions, TRUTH * 1.2, 0.0, box(), DELAYS, scale)
     sharp = fit_positions(motions, rough.fit.theta, rough.fit.delay, box(), DELAYS)
-    assert sharp.white
-    assert sharp.length > 3.9
+    assert sharp.exact
+    assert sharp.white == bool(noise), 'without noise the simulation errs alone, at each sample as at the one before'
+    assert sharp.length > (3.9 if noise else 0.4)
     assert wrong(sharp) < (0.005 if noise else 1e-5)
+
+
+@pytest.mark.parametrize(('counts', 'seed'), [(0, 1), (0, 2), (4000, 1), (1 << 20, 1)])
+def test_a_chaotic_motion_is_followed_for_seconds(counts, seed):
+    """From smoothed states as they are at 100 Hz it could not be, for two seconds."""
+    motions, scale = prepared(recording(seed=seed, counts=counts, **CHAOTIC))
+    start = np.append(C1.vector('rotor') * 1.1, 0.0)
+    rough = fit_states(motions, start[:-1], 0.0, box('rotor'), DELAYS, scale)
+    sharp = fit_positions(motions, rough.fit.theta, rough.fit.delay, box('rotor'), DELAYS)
+    assert sharp.fit.converged
+    assert sharp.length >= 1
+    off = sharp.fit.theta / C1.vector('rotor') - 1
+    assert np.abs(off).max() < (0.05 if counts == 4000 else 0.005)
+    assert np.abs((sharp.fit.theta - C1.vector('rotor')) / trajectory_covariance(sharp)[1][:-1]).max() < 4
+
+
+def test_a_delay_that_states_at_a_low_rate_tell_badly_is_found_from_positions():
+    motions, _ = prepared(recording(300, 0.03, seed=1, strength=0.8, width=0.5, hold=0.1, rig=BALANCE))
+    sharp = fit_positions(motions, BALANCE.vector(), 0.008, box(), DELAYS)
+    assert sharp.exact
+    assert sharp.fit.delay == pytest.approx(0, abs=1e-4)
 
 
 def test_a_model_without_the_rigs_dry_friction_is_not_taken_for_exact():

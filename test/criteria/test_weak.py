@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The weak criterion against simulated motions, inverse dynamics integrated on their own, and real rigs."""
 
 import numpy as np

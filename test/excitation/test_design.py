@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The design of an excitation, against derivatives taken by simulating, and against the limits that it was given."""
 
 import math
@@ -6,7 +9,7 @@ import numpy as np
 import pytest
 
 from pendubot_identification.errors import ExcitationError, ParameterError
-from pendubot_identification.excitation.design import Experiment, Limits, design, foresee, paper_pulses
+from pendubot_identification.excitation.design import Experiment, Limits, design, paper_pulses, predict
 from pendubot_identification.excitation.excitation import PulseTrain
 from pendubot_identification.model.parameters import PAPER, Parameters
 from pendubot_identification.model.simulation import HANGING, simulate
@@ -37,27 +40,27 @@ def expected_errors(parameters, train, experiment):
 
 
 @pytest.mark.parametrize('interval', [0.01, 0.001])
-def test_foresees_the_standard_errors_that_simulated_differences_give(interval):
+def test_predicts_the_standard_errors_that_simulated_differences_give(interval):
     experiment = Experiment(duration=2.0, interval=interval)
     train = PulseTrain(period=0.5, width=0.2, amplitude_min=-0.6, amplitude_max=0.6, hold=0.05, seed=3)
-    (found,) = foresee(PAPER, [train], experiment)
+    (found,) = predict(PAPER, [train], experiment)
     np.testing.assert_allclose(found.std_error, expected_errors(PAPER, train, experiment), rtol=0.03)
 
 
-def test_foresees_the_motion_of_the_virtual_rig():
+def test_predicts_the_motion_of_the_virtual_rig():
     train = PulseTrain(seed=4)
     t = np.arange(200) * 0.01
     moved = simulate(PAPER, t, np.column_stack([train.torques(t), np.zeros(200)]))
-    (found,) = foresee(PAPER, [train], SHORT)
+    (found,) = predict(PAPER, [train], SHORT)
     np.testing.assert_allclose(found.speed, np.abs(moved.qd).max(axis=0), rtol=0.03)
     np.testing.assert_allclose(found.angle, np.abs(moved.q - HANGING).max(axis=0), rtol=0.01)
 
 
 def test_twice_the_counts_halve_the_errors_and_what_does_not_move_tells_nothing():
     train = paper_pulses(1.0)
-    coarse, fine = (foresee(PAPER, [train], Experiment(2.0, 0.01, n))[0] for n in (4000, 8000))
+    coarse, fine = (predict(PAPER, [train], Experiment(2.0, 0.01, n))[0] for n in (4000, 8000))
     np.testing.assert_allclose(coarse.std_error, 2 * fine.std_error, rtol=1e-6)
-    (still,) = foresee(PAPER, [PulseTrain(amplitude_min=-1e-9, amplitude_max=1e-9)], SHORT)
+    (still,) = predict(PAPER, [PulseTrain(amplitude_min=-1e-9, amplitude_max=1e-9)], SHORT)
     assert not (still.std_error < 1000 * coarse.std_error).any()
 
 
@@ -65,7 +68,7 @@ def test_a_design_tells_more_than_the_papers_pulses_and_keeps_the_limits():
     limits = Limits(torque=0.8, speed=18.0, angle=(2.0, 5.0))
     seen = []
     found = design(PAPER, limits, SHORT, generations=3, progress=lambda *a: seen.append(a))
-    (paper,) = foresee(PAPER, [paper_pulses(0.8)], SHORT)
+    (paper,) = predict(PAPER, [paper_pulses(0.8)], SHORT)
     assert found.log_information > paper.log_information
     assert max(-found.train.amplitude_min, found.train.amplitude_max) <= 0.8
     t = np.arange(200) * 0.01
@@ -100,7 +103,7 @@ def test_refuses_what_makes_no_sense():
     with pytest.raises(ExcitationError, match='allow a greater speed or angle'):
         design(PAPER, Limits(torque=1.0, speed=1e-3), SHORT, generations=2)
     with pytest.raises(ParameterError, match='no rig moves like this'):
-        foresee(Parameters(1e-3, 1e-3, 1e-3, 0, 0, 0, 0), [paper_pulses(1.0)], SHORT)
+        predict(Parameters(1e-3, 1e-3, 1e-3, 0, 0, 0, 0), [paper_pulses(1.0)], SHORT)
 
 
 @pytest.mark.filterwarnings('error')

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Fault trials: ``python -m test.faults [--short] [NAME ...]`` prints what was wanted and what was measured.
 
 The long trials take about half an hour on a quiet machine with two cores; ``--short`` runs those of the tests.

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The bridge's fault trials: each row of the table that concerns it, as a function that measures."""
 
 import contextlib

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """What befalls a recorder and its bags: killed at any moment, cut and changed anywhere, the disk full."""
 
 import os

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """What a fault trial says: each figure that was wanted, what was measured, and whether that is good enough."""
 
 from collections.abc import Callable

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Every fault of the table for seconds; ``python -m test.faults`` does it for minutes, and judges times too."""
 
 import pytest

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """A failure counts where the machine ran; where it stood still, the measured pause is said."""
 
 import multiprocessing

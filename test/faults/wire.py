@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """A serial port of one's own to misbehave on, an independent receiver, and damage from a seed."""
 
 import binascii

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Tells a machine that stood still, as a virtual one does at times, from a program that was late."""
 
 import multiprocessing

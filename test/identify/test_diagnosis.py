@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Faults of convention are named, and nothing is named where there are none."""
 
 import functools

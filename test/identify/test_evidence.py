@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """What a report shows of an answer, against what the criteria and independent formulas say."""
 
 import warnings

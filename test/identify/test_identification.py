@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The whole identification on motions of virtual rigs, and what it says of poor ones."""
 
 import csv
@@ -15,12 +18,12 @@ from pendubot_identification.identify.judgement import judge
 from pendubot_identification.identify.prediction import HORIZONS, Prediction, predict, state_scale
 from pendubot_identification.identify.settings import Settings
 from pendubot_identification.level import Level
-from pendubot_identification.model.parameters import PAPER, Parameters, default_bounds
+from pendubot_identification.model.parameters import NAMES, PAPER, Parameters, default_bounds
 from pendubot_identification.model.simulation import HANGING, simulate
 from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.trajectory import Trajectory
 from test.conftest import RECORDINGS
-from test.virtual import recording
+from test.virtual import GEARED, exact_motion, recording
 
 TRUTH = PAPER.vector()
 #: Criteria that cost little.
@@ -68,7 +71,7 @@ def test_by_default_it_publishes_the_truth(default):
     assert abs(result.best.effort.delay) < 1e-4
     assert result.parameters == Parameters.from_vector(result.best.theta)
     assert result.interval == pytest.approx(0.01)
-    assert result.validation == 'each of 5 blocks of time foreseen from the others'
+    assert result.validation == 'each of 5 blocks of time predicted from the others'
     assert [s.model for s in result.models if s.exact] == ['viscous']
 
 
@@ -183,6 +186,25 @@ def test_what_the_rig_has_is_chosen_and_no_more():
     assert result.models[0].behind[0] > 3 * result.models[0].behind[1], 'without dry friction'
 
 
+@pytest.mark.parametrize('criteria', [('energy',), ('weak',), ('trajectory',)])
+@pytest.mark.parametrize(('driven', 'absent'), [((1, 0), 'k2'), ((0, 1), 'k1'), ((1, 1), None)])
+def test_a_joint_without_a_motor_has_no_friction_under_load(criteria, driven, absent):
+    motion = exact_motion(GEARED, 500, 0.01, seed=3, strength=np.array(driven)).recorded
+    result = identify([motion], settings=Settings(criteria, 'geared', hold='zero'))
+    names, best = np.array(NAMES), result.best
+    assert best.absent == ((absent,) if absent else ())
+    assert list(names[~best.present]) == list(best.absent)
+    assert (best.theta[~best.present] == 0).all()
+    assert np.isnan(best.std_error[~best.present]).all()
+    assert np.isnan(best.intervals[~best.present]).all()
+    assert np.isfinite(best.std_error[best.present]).all()
+    assert np.isfinite(best.condition_number)
+    said = ' '.join([*result.warnings, *best.advice])
+    assert 'told: k' not in said
+    if absent:
+        assert absent not in said
+
+
 @pytest.mark.parametrize('delay', [0.023, -0.018])
 def test_a_delay_of_the_effort_of_either_sign_is_found(delay):
     result = identify([recording(250, delay=delay, seed=2)], [], TRAJECTORY)
@@ -233,13 +255,13 @@ def test_mde_finds_the_trajectory_criterions_basin_from_nowhere():
 
 
 @pytest.mark.parametrize('count', [1, 2, 3])
-def test_without_validation_each_recording_or_block_is_foreseen_from_the_others(count):
+def test_without_validation_each_recording_or_block_is_predicted_from_the_others(count):
     motions = [recording(200, seed=s) for s in range(count)]
     result = identify(motions, [], ENERGY)
     if count < 3:
-        assert result.validation == f'each of {(5, 6)[count - 1]} blocks of time foreseen from the others'
+        assert result.validation == f'each of {(5, 6)[count - 1]} blocks of time predicted from the others'
         return
-    assert result.validation == 'each recording foreseen from the others'
+    assert result.validation == 'each recording predicted from the others'
     prepared = [Motion.prepare(m, result.smoothing) for m in motions]
     parts = []
     for k, left in enumerate(prepared):
@@ -472,7 +494,7 @@ PUBLISHED = np.array([0.0596, 0.0505, 0.0320, 0.2298, 0.1600, 0.001, 0.001, 0.25
 
 
 @pytest.mark.recordings
-def test_a_real_rig_is_foreseen_better_than_by_standing_still_and_by_what_is_published():
+def test_a_real_rig_is_predicted_better_than_by_standing_still_and_by_what_is_published():
     motions = [motion.window(0, 4) for motion in recorded('dfki_C1_sysid', 'train')[:2]]
     result = identify(motions, motions[:1], Settings(('trajectory',), 'rotor', hold='zero'))
     prepared = [Motion.prepare(m, result.smoothing, result.best.effort.hold) for m in motions]
@@ -491,5 +513,5 @@ def test_mde_reaches_the_exact_minimum_on_pooled_real_recordings():
     motions = [motion.window(0, 4) for motion in recorded('dfki_A0_sysid', 'train')]
     result = identify(motions, motions[:1], THE_PAPERS)
     assert result.best.runs_at_minimum == 10
-    assert result.level >= Level.WARN, 'the energy criterion does not foresee this rig, and must say so'
+    assert result.level >= Level.WARN, 'the energy criterion does not predict this rig, and must say so'
     assert result.warnings

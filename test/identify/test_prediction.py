@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """How simulated motions are held against what happened, by an independent count of the errors."""
 
 import warnings
@@ -20,7 +23,7 @@ COUNT = len(HORIZONS)
 
 
 @pytest.mark.parametrize(('model', 'delay'), [('viscous', 0), ('coulomb', 3), ('rotor', 0), ('geared', -5)])
-def test_the_truth_foresees_exactly_and_nothing_else_does(model, delay):
+def test_the_truth_predicts_exactly_and_nothing_else_does(model, delay):
     motions = [exact_motion(vector(model), 450, seed=seed, start=seed, delay=delay) for seed in (1, 2)]
     scale = state_scale(motions)
     prediction = predict(motions, vector(model), 0.004 * delay, scale)
@@ -93,7 +96,7 @@ def test_horizons_longer_than_the_motion_are_not_known(duration):
 
 
 @pytest.mark.parametrize('delay', [0.0, 0.0041, -0.0041, 0.05])
-def test_nothing_before_the_first_and_behind_the_last_sample_is_foreseen(delay):
+def test_nothing_before_the_first_and_behind_the_last_sample_is_predictions(delay):
     """There the smoothed states are not known; outside they are here made such that they would be noticed."""
     motion = exact_motion(vector('viscous'), 300, 0.01, strength=0.2)
     inside = Spy(motion)

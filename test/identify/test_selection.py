@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """What is left out in turn, and which model the predictions of that speak for."""
 
 import numpy as np
@@ -56,7 +59,7 @@ def test_what_is_left_out_is_named(motions):
         assert found[0].name == f'{first.name}, 0.00 to {first.end - first.start:.2f} s'
 
 
-def foreseen(loss=0.0):
+def predicted(loss=0.0):
     """A prediction of a given loss."""
     errors = np.full((len(HORIZONS), 4), np.exp(loss))
     return Prediction(errors, errors, np.full(len(HORIZONS), 10))
@@ -72,7 +75,7 @@ losses = st.integers(2, 8).flatmap(
 @given(losses)
 def test_the_smallest_model_within_one_standard_error_of_the_best_is_chosen(rows):
     chosen, scores = compare_models(
-        {model: [foreseen(loss) for loss in row] for model, row in zip(MODELS, rows, strict=True)}
+        {model: [predicted(loss) for loss in row] for model, row in zip(MODELS, rows, strict=True)}
     )
     assert [s.model for s in scores] == list(MODELS)
     values = np.array(rows)
@@ -94,14 +97,14 @@ def test_what_all_models_find_hard_says_nothing_of_which_is_better():
     hard = np.array([-4.0, -1.0, -2.5, 0.0])
     noise = np.array([0.01, -0.01, 0.0, 0.005])
     rows = {'viscous': hard + 0.3, 'coulomb': hard + 0.2 + noise, 'rotor': hard, 'geared': hard + noise / 10}
-    chosen, _ = compare_models({model: [foreseen(loss) for loss in row] for model, row in rows.items()})
+    chosen, _ = compare_models({model: [predicted(loss) for loss in row] for model, row in rows.items()})
     assert chosen == 'rotor'
 
 
 def test_a_larger_model_that_is_better_on_one_recording_only_is_not_chosen():
     even = np.array([-2.0, -2.1, -1.9, -2.0])
     rows = {'viscous': even, 'coulomb': even - [0.5, 0, -0.05, 0], 'rotor': even + 1, 'geared': even + 1}
-    chosen, scores = compare_models({model: [foreseen(loss) for loss in row] for model, row in rows.items()})
+    chosen, scores = compare_models({model: [predicted(loss) for loss in row] for model, row in rows.items()})
     assert scores[1].loss < scores[0].loss
     assert chosen == 'viscous'
 
@@ -110,7 +113,7 @@ def test_folds_that_tell_nothing_do_not_count():
     """Recordings too short for any prediction, beside one that is not; and no other at all."""
     nothing = Prediction.none()
     rows = {'viscous': -1.0, 'coulomb': -3.0, 'rotor': -3.0, 'geared': -2.0}
-    chosen, scores = compare_models({model: [nothing, foreseen(loss), nothing] for model, loss in rows.items()})
+    chosen, scores = compare_models({model: [nothing, predicted(loss), nothing] for model, loss in rows.items()})
     assert chosen == 'coulomb'
     assert scores[0].behind == (2.0, pytest.approx(np.nan, nan_ok=True)), 'of one fold there is no spread'
     assert compare_models({model: [nothing] for model in rows})[0] == 'viscous'
@@ -118,7 +121,7 @@ def test_folds_that_tell_nothing_do_not_count():
 
 def test_a_model_that_is_exact_is_chosen_whatever_the_folds_say():
     rows = {'viscous': -1.0, 'coulomb': -2.0, 'rotor': -3.0}
-    chosen, scores = compare_models({model: [foreseen(loss)] * 3 for model, loss in rows.items()}, exact='coulomb')
+    chosen, scores = compare_models({model: [predicted(loss)] * 3 for model, loss in rows.items()}, exact='coulomb')
     assert chosen == 'coulomb'
     assert [s.exact for s in scores] == [False, True, False]
-    assert not any(s.exact for s in compare_models({model: [foreseen(loss)] for model, loss in rows.items()})[1])
+    assert not any(s.exact for s in compare_models({model: [predicted(loss)] for model, loss in rows.items()})[1])

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Standard errors by the block bootstrap against textbooks, where these hold, and against the spread of estimates."""
 
 import numpy as np

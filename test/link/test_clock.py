@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The board's clock on the host's time line: delays only add, skew is followed, stamps never go back."""
 
 import numpy as np

@@ -1,6 +1,10 @@
-"""The host's rules, without a port or a clock. What they are worth on a real wire, test/faults shows.
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
 
-There, too: damaged frames and exact counts of them, joining in mid-frame, glitches of encoders, boards that reset.
+"""The host's rules, without a port or a clock.
+
+Damaged frames and their exact counts, joining in mid-frame, glitches of encoders and boards that reset under random
+losses are in test/faults.
 """
 
 import math

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The bytes: what is encoded is decoded, in any pieces; what is damaged is dropped, and told.
 
 That a thousand damaged frames yield no wrong sample, and are counted exactly, test/faults shows.

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The board's rules, heard and said in frames; its faults come from the seed."""
 
 import math

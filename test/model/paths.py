@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Both ways in which motions are simulated: the compiled kernel and numpy."""
 
 import contextlib

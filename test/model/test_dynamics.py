@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The equations of motion, in Python and in C, against those that sympy derives from kinetic and potential energy."""
 
 import math

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Many simulations at once, by the kernel and by numpy; that each is right, test_dynamics shows."""
 
 import warnings

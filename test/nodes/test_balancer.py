@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The balancer with a real bridge and the virtual board, each in its own process; the trace of the board tells."""
 
 import signal
@@ -13,7 +16,7 @@ from test.processes import Program, parameters, run_program, spin_until
 pytestmark = pytest.mark.ros
 
 #: Timeouts that outlast what else a busy machine does, where they are not what is tested ...
-PATIENT = {'watchdog_ms': 2000, 'command_timeout': 1.0, 'link_timeout': 2.0}
+PATIENT = {'watchdog_ms': 500, 'command_timeout': 1.0, 'link_timeout': 2.0}
 PATIENCE = 2.0
 #: ... and the longest pause [ms] of a machine on which none of the usual ones, of 0.1 s, passes unasked.
 STEADY = 50

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The bridge as it is used: its own process, a virtual board in another on a real pty, and ROS in between."""
 
 import signal
@@ -6,7 +9,7 @@ from contextlib import suppress
 
 import pytest
 
-from pendubot_identification.nodes.ending import Ending
+from pendubot_identification.nodes.shutdown import Shutdown
 from test.processes import Program, run_program, spin_until
 from test.rig import ARMED, WATCHDOG
 
@@ -140,7 +143,7 @@ def test_who_arms_is_told_no_outcome_of_what_others_asked_before(ros, monkeypatc
         with suppress(StopIteration):
             asked.send(None)
 
-    bridge = Bridge(Ending())
+    bridge = Bridge(Shutdown())
     try:
         monkeypatch.setattr(bridge._host, 'arm', lambda _: [])
         response = Trigger.Response()
@@ -241,7 +244,7 @@ def test_a_computers_clock_that_is_set_meanwhile_is_reported_once_and_stands_in_
 
     from pendubot_identification.nodes.bridge import Bridge
 
-    bridge, node = Bridge(Ending()), rclpy.create_node('clock_listener')
+    bridge, node = Bridge(Shutdown()), rclpy.create_node('clock_listener')
     told = []
     node.create_subscription(DiagnosticArray, '/diagnostics', lambda array: told.append(array.status[0].message), 10)
     try:

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Two who command one rig: the bridge obeys one of them, refuses the other, and says who they are."""
 
 import math

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The exciter with a real bridge and the virtual board: what the board applied is what was drawn."""
 
 import csv
@@ -19,7 +22,7 @@ def rig(tmp_path):
     trace = tmp_path / 'trace.csv'
     with Program('virtual_board', '--link', tmp_path / 'board', '--trace', trace) as board:
         board.wait_for('virtual board on')
-        with Program('bridge', *parameters(port=tmp_path / 'board', watchdog_ms=2000, link_timeout=2.0)) as bridge:
+        with Program('bridge', *parameters(port=tmp_path / 'board', watchdog_ms=500, link_timeout=2.0)) as bridge:
             yield lambda: list(csv.DictReader(trace.open())), bridge
 
 

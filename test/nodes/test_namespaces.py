@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Two rigs on one network, each in its namespace: nobody hears, moves or records the other's."""
 
 import csv

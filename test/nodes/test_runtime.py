@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """What every node shares, in real processes: parameters that there are not, and signals at every moment."""
 
 import signal

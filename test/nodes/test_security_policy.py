@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The policy for SROS2 against the real nodes: it allows what each of them uses, and nothing that none of them does."""
 
 from contextlib import ExitStack

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """What the virtual board's options make of it; test_bridge.py has the program itself."""
 
 import signal

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """MDE against the paper's Table 1 written as plain loops, in numpy and in C: the same distribution, the same minima."""
 
 import random

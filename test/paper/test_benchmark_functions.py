@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The four functions against their formulas written out, and their gradients against differences."""
 
 import math

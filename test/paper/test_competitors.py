@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """DE and PSO against SwarmOps, the package from which the paper took their settings and form; HDE's gradient step."""
 
 from unittest import mock

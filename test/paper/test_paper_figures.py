@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Figures as files: the same every time, whole, and readable without colour."""
 
 import itertools
@@ -10,7 +13,7 @@ from matplotlib.colors import to_rgb
 
 from pendubot_identification.model.parameters import PAPER
 from pendubot_identification.paper import paper_figures, trials
-from pendubot_identification.paper.explained import energy_balance, foreseen
+from pendubot_identification.paper.explained import energy_balance, predicted
 from pendubot_identification.report import style
 from test.virtual import recording
 
@@ -34,7 +37,7 @@ def drawn():
     training, validation = recording(300), recording(300, seed=2)
     validation = type(validation)(validation.t + 3, validation.q, validation.tau)
     balances = [energy_balance(half, PAPER.vector()) for half in (training, validation)]
-    pieces = foreseen(validation, PAPER, 1.0)
+    pieces = predicted(validation, PAPER, 1.0)
     with style.style():
         result = {
             'figure1': paper_figures.convergence(competition),

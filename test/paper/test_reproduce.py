@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """pendubot reproduce from outside: files, the same bytes every time, and one sentence for each mistake."""
 
 import csv

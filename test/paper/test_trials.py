@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The paper's Table 3, equal budgets, what must come of them, and how runs are compared."""
 
 import numpy as np

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Bags cut anywhere and with bytes changed anywhere: what then comes of every message. Trials from seeds."""
 
 import random

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Bags that rosbags compressed as rosbag2 does it, and files that claim to be far larger than they are."""
 
 import json

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """JointStates read many at once, against rosbags, which reads them one by one."""
 
 import numpy as np
@@ -15,7 +18,7 @@ from pendubot_identification.recordings.joint_states import (
     decode_joint_state,
     encode_joint_state,
 )
-from pendubot_identification.recordings.mcap_records import HEAD, MESSAGE, understood
+from pendubot_identification.recordings.mcap_records import FIELDS, MESSAGE, understood
 
 JOINTS = ('shoulder', 'elbow')
 numbers = st.floats(allow_nan=True, allow_infinity=True, width=64)
@@ -23,7 +26,7 @@ stamps = st.integers(-(2**31) * 10**9, 2**31 * 10**9 - 1)
 
 
 def record(data, channel=1):
-    head = np.array((5, MESSAGE.itemsize - HEAD.size + len(data), channel, 1, 7, 7), MESSAGE)
+    head = np.array((5, FIELDS + len(data), channel, 1, 7, 7), MESSAGE)
     return head.tobytes() + data
 
 

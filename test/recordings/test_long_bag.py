@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Bags that are too long to be held: read piece by piece, taken in stretches, and the same answers in the end."""
 
 import shutil
@@ -14,7 +17,7 @@ from pendubot_identification.model.parameters import PAPER
 from pendubot_identification.model.rollout import roll
 from pendubot_identification.model.simulation import quantised
 from pendubot_identification.recordings.bag_metadata import Qos
-from pendubot_identification.recordings.bag_reader import BagReader, BagWindow, read_recording, read_trajectory
+from pendubot_identification.recordings.bag_reader import BagWindow, read_recording, read_trajectory
 from pendubot_identification.recordings.bag_writer import BagWriter
 from pendubot_identification.recordings.datasets import load_datasets
 from pendubot_identification.recordings.joint_states import (
@@ -153,4 +156,3 @@ def test_a_sliding_window_longer_than_a_stretch_is_one_sentence(bag, soon, capsy
 
 def test_a_short_recording_is_held(bag):
     assert isinstance(read_recording(BagWindow(bag)).trajectory, Trajectory)
-    assert not BagReader(bag).is_long('/joint_states', 240.0)

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Bags without an end: all that is whole is read, as the MCAP library reads it, and of a window no more than that."""
 
 from itertools import chain
@@ -13,7 +16,7 @@ from mcap.writer import CompressionType, Writer
 
 from pendubot_identification.errors import BagError
 from pendubot_identification.recordings import mcap_file
-from pendubot_identification.recordings.bag_reader import BagReader
+from pendubot_identification.recordings.bag_reader import BagReader, Stream
 from pendubot_identification.recordings.bag_writer import BagWriter
 from pendubot_identification.recordings.joint_states import JOINT_NAMES, JOINT_STATE, encode_joint_state
 from pendubot_identification.recordings.message_types import message_definition
@@ -101,7 +104,9 @@ def check(reader, messages):
 
 def same_samples(reader, other, *window):
     for one, two in zip(
-        reader.joint_samples(TOPIC, JOINT_NAMES, *window), other.joint_samples(TOPIC, JOINT_NAMES, *window), strict=True
+        Stream(reader, TOPIC, JOINT_NAMES, *window).samples(),
+        Stream(other, TOPIC, JOINT_NAMES, *window).samples(),
+        strict=True,
     ):
         np.testing.assert_array_equal(one, two)
 
@@ -120,7 +125,7 @@ def test_what_is_whole_is_read_whatever_is_cut_and_damaged(closed, tmp_path_fact
     check(reader, messages)
     if not any(name == TOPIC for name, *_ in messages):
         return
-    t, values = reader.joint_samples(TOPIC, JOINT_NAMES)
+    t, values = Stream(reader, TOPIC, JOINT_NAMES).samples()
     expected = [at - 1000 for name, at, _ in messages if name == TOPIC]
     np.testing.assert_array_equal(t, np.array(expected) - expected[0])
     np.testing.assert_array_equal(values[:, 1, 0], (np.array(expected) - START) / STEP)
@@ -142,7 +147,7 @@ def test_a_window_reads_the_chunks_of_the_window(closed, tmp_path, monkeypatch):
     of_each = []
     for each in (reader, other):
         read.clear()
-        t, _ = each.joint_samples(TOPIC, JOINT_NAMES, 3.8, None)
+        t, _ = Stream(each, TOPIC, JOINT_NAMES, 3.8, None).samples()
         assert len(t) == 20
         of_each.append(len(read))
     assert of_each[0] == of_each[1] < len(closed.parts) / 2
@@ -186,7 +191,7 @@ def foreign(path, numbers, **options):
 @pytest.mark.parametrize('compression', [CompressionType.ZSTD, CompressionType.LZ4])
 def test_compressed_chunks_are_read(tmp_path, compression):
     reader = BagReader(unclosed(tmp_path / 'bag', foreign(tmp_path / 'file', range(300), compression=compression)))
-    t, values = reader.joint_samples(TOPIC, JOINT_NAMES, 1, 2)
+    t, values = Stream(reader, TOPIC, JOINT_NAMES, 1, 2).samples()
     np.testing.assert_array_equal(t, np.arange(100, 200) * STEP)
     np.testing.assert_array_equal(values[:, 1, 0], np.arange(100, 200))
 
@@ -210,5 +215,5 @@ def test_messages_outside_of_chunks_are_read_too(tmp_path, chunked):
     reader = BagReader(unclosed(tmp_path / 'bag', outside))
     check(reader, [(TOPIC, START + k * STEP, sample(k)) for k in range(100 + chunked)])
     for window, expected in (((), range(100 + chunked)), ((0.9, 1.2), range(90, min(120, 100 + chunked)))):
-        t, _ = reader.joint_samples(TOPIC, JOINT_NAMES, *window)
+        t, _ = Stream(reader, TOPIC, JOINT_NAMES, *window).samples()
         np.testing.assert_array_equal(t, np.array(expected) * STEP)

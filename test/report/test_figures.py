@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Figures: the same arrays, the same bytes; long recordings, small files; nothing is lost that can be seen."""
 
 import re

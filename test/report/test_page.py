@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The page: every number is the result file's, nothing comes from elsewhere, nothing a user typed is markup."""
 
 import html

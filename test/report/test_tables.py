@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """What a terminal shows of a result: everything that matters, within its width, from the plain data alone."""
 
 import json

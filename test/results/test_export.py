@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Exports, read back by whoever would use them: a C compiler, MATLAB's syntax, JSON, ROS parameter files."""
 
 import json

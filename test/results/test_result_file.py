@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Result files: what is in them, for whom it is in which order, and what can be read back."""
 
 import importlib.util
@@ -22,6 +25,7 @@ from pendubot_identification.identify.result import plain as plain_of
 from pendubot_identification.identify.settings import CRITERIA
 from pendubot_identification.model.parameters import MODELS, NAMES, PAPER, Parameters
 from pendubot_identification.results.result_file import (
+    read_estimate,
     read_parameters,
     read_result,
     read_whole_result,
@@ -134,10 +138,23 @@ def test_what_no_file_can_hold_is_no_part_of_a_result(value):
 @pytest.mark.parametrize('model', MODELS)
 def test_the_published_parameters_come_first_and_no_others_stand_anywhere(model):
     data = plain(('energy',), model)
-    names = NAMES[: MODELS[model]]
+    names = tuple(name for name in NAMES[: MODELS[model]] if name != 'k2')
     assert tuple(data['parameters']) == names
     assert keys(data) & set(NAMES) == set(names)
     assert first_numbers(data) == {name: entry['value'] for name, entry in data['parameters'].items()}
+
+
+def test_what_a_rig_without_an_elbow_motor_cannot_have_is_named_and_nothing_else(tmp_path):
+    result = made(model='geared')
+    assert result.not_in_model == ['k2, for the effort of the elbow is zero throughout']
+    assert 'k2' not in result.not_covered
+    assert np.shape(result.covariance) == np.shape(result.criteria['weak'].correlation) == (13, 13)
+    write_result(tmp_path / 'result.yaml', result)
+    parameters, std_error = read_estimate(tmp_path / 'result.yaml')
+    assert parameters.k2 == 0
+    assert parameters.vector('geared').tolist() == identified(model='geared').best.theta.tolist()
+    assert std_error.tolist() == [*(entry.std_error for entry in result.parameters.values()), 0.0]
+    assert made(model='rotor').not_in_model == []
 
 
 def test_the_published_ones_come_first_among_several_criteria():
@@ -192,7 +209,7 @@ def test_what_is_not_a_number_is_null_and_what_lies_on_a_bound_is_marked():
     assert data['covariance'][held.index(True)] == [None] * 7
     assert data['J']['validation'] is None
     assert data['effort']['delay_std_error'] is None
-    assert data['prediction']['method'] == 'each of 5 blocks of time foreseen from the others'
+    assert data['prediction']['method'] == 'each of 5 blocks of time predicted from the others'
 
 
 def test_the_delay_for_who_interpolates_the_torque_linearly():

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The URDF, read by ROS's own parser for Python, and its kinematics against the convention of q1 and q2."""
 
 import math

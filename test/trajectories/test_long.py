@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Long recordings: taken piece by piece they are what they are in one."""
 
 from dataclasses import replace

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """A prepared recording against the simulation it was made of; its torques against their own integral."""
 
 import math

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """What looks wrong with the samples themselves, and what is made of poor recordings."""
 
 from dataclasses import replace

@@ -1,7 +1,10 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Whether encoders and motor are wired as the parameters take it: told from the first tenths of a second of motion.
 
 The motion of short windows is simulated as it would be if the wiring were right, an encoder's sign wrong, the motor's
-sign wrong, or the encoders exchanged. What foresees the motion far better than the others is the truth; parameters that
+sign wrong, or the encoders exchanged. What predicts the motion far better than the others is the truth; parameters that
 are off blur all of them alike.
 """
 
@@ -26,7 +29,7 @@ WINDOW, STEPS, STRIDE = 0.08, 8, 2
 FLOOR, CLEARLY = 0.0015, 5.0
 
 
-class _Wiring(NamedTuple):
+class _Fault(NamedTuple):
     name: str
     place: Callable[[Pair], Pair]
     motor: float
@@ -36,12 +39,12 @@ def _mirrored(q1: float) -> float:
     return 2 * HANGING[0] - q1
 
 
-_WIRINGS = (
-    _Wiring('', lambda q: q, 1.0),
-    _Wiring("the shoulder's encoder counts the wrong way (sign)", lambda q: (_mirrored(q[0]), q[1]), 1.0),
-    _Wiring("the elbow's encoder counts the wrong way (sign)", lambda q: (q[0], -q[1]), 1.0),
-    _Wiring('the motor turns the wrong way, or both encoders do', lambda q: q, -1.0),
-    _Wiring('shoulder and elbow are exchanged', lambda q: (q[1] + HANGING[0], q[0] - HANGING[0]), 1.0),
+_FAULTS = (
+    _Fault('', lambda q: q, 1.0),
+    _Fault("the shoulder's encoder counts the wrong way (sign)", lambda q: (_mirrored(q[0]), q[1]), 1.0),
+    _Fault("the elbow's encoder counts the wrong way (sign)", lambda q: (q[0], -q[1]), 1.0),
+    _Fault('the motor turns the wrong way, or both encoders do', lambda q: q, -1.0),
+    _Fault('shoulder and elbow are exchanged', lambda q: (q[1] + HANGING[0], q[0] - HANGING[0]), 1.0),
 )
 
 
@@ -50,7 +53,7 @@ _LINE = np.column_stack([np.ones(STEPS + 1), np.arange(STEPS + 1)])
 _WITHOUT_LINE = np.eye(STEPS + 1) - _LINE @ np.linalg.pinv(_LINE)
 
 
-class Wiring:
+class SignCheck:
     """Watches the beginning of a motion.
 
     Args:
@@ -67,7 +70,7 @@ class Wiring:
         self._size = STEPS * self._every + 1
         self._positions: deque[Pair] = deque(maxlen=self._size)
         self._efforts: deque[float] = deque(maxlen=self._size + self._late)
-        self._errors = [0.0] * len(_WIRINGS)
+        self._errors = [0.0] * len(_FAULTS)
         self.interrupt()
 
     def interrupt(self) -> None:
@@ -89,15 +92,15 @@ class Wiring:
             return False
         self._countdown = STRIDE * self._every
         torques = self._torques()
-        for k, wiring in enumerate(_WIRINGS):
+        for k, wiring in enumerate(_FAULTS):
             seen = [wiring.place(q) for q in list(self._positions)[:: self._every]]
             self._errors[k] += self._error(seen, [wiring.motor * torque for torque in torques])
-        best = min(range(len(_WIRINGS)), key=self._errors.__getitem__)
+        best = min(range(len(_FAULTS)), key=self._errors.__getitem__)
         second = min(error for k, error in enumerate(self._errors) if k != best)
         if second < CLEARLY * self._errors[best] + FLOOR**2:
             return False
         if best:
-            raise ControlError(f'{_WIRINGS[best].name}: the rig moves as it would then; mend that, see docs/rig.md')
+            raise ControlError(f'{_FAULTS[best].name}: the rig moves as it would then; mend that, see docs/rig.md')
         return True
 
     def _torques(self) -> list[float]:

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The signals that end a program, from its start to its very end. Needs no ROS."""
 
 from __future__ import annotations
@@ -12,7 +15,7 @@ from contextlib import suppress
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
-class Ending:
+class Shutdown:
     """That a program is to end: said by any thread and by any signal's handler, for good, and waited for by any thread.
 
     Not threading.Event: that takes a lock, for which a handler would wait forever where it interrupts its own thread

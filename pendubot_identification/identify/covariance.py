@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Covariance of a trajectory estimate: what the information matrix says where residuals are noise, else a jackknife."""
 
 from __future__ import annotations
@@ -29,13 +32,13 @@ ZERO_PRIOR = math.radians(20.0)
 def trajectory_covariance(found: TrajectoryFit, groups: str = 'recordings') -> tuple[Array, Array, str]:
     """Return covariance and standard errors of theta and delay, and in words how they were found.
 
-    White residuals: the inverse of the condensed Gauss-Newton matrix times the residuals' variance. Otherwise the
-    model errs more than the encoders, its errors hang together, and what counts is how the estimate moves from one
-    recording to the next: the cluster-robust sandwich in its jackknife form (CR3; Bell and McCaffrey 2002), with
-    recordings as clusters or, where there are fewer than three, blocks of 4 s. Few clusters make Student's
-    quantile; it is part of the errors here, so that 1.96 of them hold the truth in 95 % of cases. Blocks of time have
-    the zeros of their recording in common; so there the step that theta would take were the zeros unknown is one more
-    standard error.
+    White residuals: the inverse of the condensed Gauss-Newton matrix times the residuals' variance. Otherwise they
+    hang together, and what counts is how the estimate moves from one part of the data to the next: the cluster-robust
+    sandwich in its jackknife form (CR3; Bell and McCaffrey 2002). Its clusters are segments where the model is exact,
+    else recordings or, where there are fewer than three, blocks of 4 s. Few clusters make Student's quantile; it is
+    part of the errors here, so that 1.96 of them hold the truth in 95 % of cases. Blocks of time have the zeros of
+    their recording in common; so there the step that theta would take were the zeros unknown is one more standard
+    error.
 
     Args:
         found: the fit of D parameters and the delay, G = D + 1.
@@ -53,13 +56,19 @@ def trajectory_covariance(found: TrajectoryFit, groups: str = 'recordings') -> t
         words = f"Gauss-Newton; the residuals are white, with {variance:.2f} times the variance of the positions' noise"
     else:
         several = len(np.unique(found.group)) >= FEWEST_RECORDINGS
-        clusters, what = (found.group, groups) if several else _blocks(found, BLOCK)
+        if found.exact:
+            clusters, what = np.arange(len(found.group)), f'segments of {found.length:.2g} s'
+        else:
+            clusters, what = (found.group, groups) if several else _blocks(found, BLOCK)
         members = [clusters == k for k in np.unique(clusters)]
         rest = [information - fit.informations[m].sum(axis=0)[:-2, :-2] for m in members]
         moves = [_solve(r, slopes[m].sum(axis=0), free) for r, m in zip(rest, members, strict=True)]
         covariance, quantile = _jackknife(np.array(moves))
         words = f'cluster jackknife over {len(members)} {what}; Student quantile {quantile * NORMAL_95:.2f} included'
-        if not several:
+        if found.exact:
+            # What the simulation itself errs, where it errs alike in all segments.
+            covariance += _inverse(information, free)
+        elif not several:
             # Blocks of a recording have its zeros in common, so that they do not show what these do.
             moved, _ = _freed(found)
             covariance += np.outer(moved, moved)

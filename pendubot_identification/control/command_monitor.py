@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """What becomes of commanded torques: how late they are applied, and whether they are at all."""
 
 from __future__ import annotations
@@ -14,7 +17,7 @@ EVIDENCE, AGREEMENT = 40, 0.8
 DISOBEDIENCE = 0.1
 
 
-class Echo:
+class CommandMonitor:
     """Compares the efforts that come with samples with the torques that were commanded.
 
     Args:

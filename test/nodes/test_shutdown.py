@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Signals at every step of what waits for them and of what another of them has begun: none hangs, none is lost."""
 
 import subprocess
@@ -16,7 +19,7 @@ from pendubot_identification.link.pty_server import PtyServer
 from pendubot_identification.link.virtual_board import VirtualBoard
 from pendubot_identification.model.parameters import PAPER
 from pendubot_identification.model.simulation import Plant
-from pendubot_identification.nodes.ending import Ending
+from pendubot_identification.nodes.shutdown import Shutdown
 
 def at_every_step(prepare, number):
     step, left = 0, 0
@@ -40,12 +43,12 @@ def at_every_step(prepare, number):
     print(step, 'steps')
 
 def waits():
-    ending = Ending()
+    ending = Shutdown()
     ending.set_at_signal()
     return lambda: ending.wait(0.0), lambda: ending.is_set() and ending.wait()
 
 def ends():
-    ending = Ending()
+    ending = Shutdown()
     ending.set_at_signal()
     return ending.set, lambda: ending.is_set() and ending.wait()
 
@@ -74,7 +77,7 @@ TO_ANOTHER_THREAD = """
 import signal
 import threading
 from pathlib import Path
-from pendubot_identification.nodes.ending import Ending
+from pendubot_identification.nodes.shutdown import Shutdown
 
 def signal_to_this_thread(main):
     while Path(f'/proc/self/task/{main}/stat').read_text().rsplit(')')[-1].split()[0] != 'S':
@@ -82,7 +85,7 @@ def signal_to_this_thread(main):
     signal.pthread_kill(threading.get_ident(), signal.SIGINT)
 
 for _ in range(5):
-    ending = Ending()
+    ending = Shutdown()
     ending.set_at_signal()
     threading.Thread(target=signal_to_this_thread, args=(threading.get_native_id(),), daemon=True).start()
     assert ending.wait()

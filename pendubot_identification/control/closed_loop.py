@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """The controller on a simulated rig, before it is let loose on a real one."""
 
 from __future__ import annotations
@@ -19,7 +22,7 @@ from .control import UPRIGHT, Controller, Design, Loop, Mode
 
 Array = NDArray[np.float64]
 
-#: A swing-up is rehearsed for so long, and has succeeded when it then balances for so long [s].
+#: A swing-up is simulated for so long, and has succeeded when it then balances for so long [s].
 LONGEST, ENOUGH = 10.0, 1.0
 #: More torque is tried in such steps, up to so many times the limit.
 MORE, MOST = 1.3, 20.0
@@ -28,7 +31,7 @@ HELD = 0.2
 
 
 @dataclass(frozen=True, slots=True)
-class Rehearsal:
+class ClosedLoopRun:
     """What happened.
 
     Attributes:
@@ -59,7 +62,7 @@ def held_since(motion: Trajectory) -> float:
     return float(motion.t[first]) if first < len(motion) else math.inf
 
 
-def rehearse(
+def simulate_closed_loop(
     controller: Controller,
     rig: LatePlant,
     loop: Loop,
@@ -68,7 +71,7 @@ def rehearse(
     sensed: Callable[[Pair], Pair] = lambda q: q,
     motor: float = 1.0,
     enough: float = math.inf,
-) -> Rehearsal:
+) -> ClosedLoopRun:
     """Let a controller move a simulated rig.
 
     Args:
@@ -100,14 +103,14 @@ def rehearse(
         rig.advance((motor * effort, 0.0), loop.period)
     t, q1, q2, tau, v1, v2 = np.array(rows).T
     motion = Trajectory(t, np.column_stack([q1, q2]), np.column_stack([tau, 0 * tau]), np.column_stack([v1, v2]))
-    return Rehearsal(motion, np.array(balancing), stopped)
+    return ClosedLoopRun(motion, np.array(balancing), stopped)
 
 
 def swing_up_time(design: Design, loop: Loop) -> float:
     """Return after how long [s] the rig, as identified, is held upright, from hanging; infinite where it is not."""
     rig = LatePlant(design.parameters, loop.lag)
-    rehearsal = rehearse(Controller(design, loop), rig, loop, LONGEST, enough=ENOUGH)
-    return math.inf if rehearsal.stopped else rehearsal.held_since()
+    closed_loop = simulate_closed_loop(Controller(design, loop), rig, loop, LONGEST, enough=ENOUGH)
+    return math.inf if closed_loop.stopped else closed_loop.held_since()
 
 
 def sufficient_limit(design: Design, loop: Loop) -> float:

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """Standard errors against the spread of what they belong to: the virtual rig's estimates, and those of lines."""
 
 import warnings
@@ -8,12 +11,12 @@ from scipy.stats import t as student
 
 from pendubot_identification.criteria.levenberg_marquardt import Fit
 from pendubot_identification.criteria.trajectory_fit import TrajectoryFit, fit_positions, fit_states
-from pendubot_identification.identify.prediction import state_scale
-from pendubot_identification.identify.sandwich import (
+from pendubot_identification.identify.covariance import (
     estimated_zeros,
     scaled_condition_number,
     trajectory_covariance,
 )
+from pendubot_identification.identify.prediction import state_scale
 from pendubot_identification.model.parameters import PAPER, default_bounds
 from pendubot_identification.trajectories.motion import Motion
 from test.virtual import recording

@@ -1,3 +1,6 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
 """What a balancer has to know before it may begin: parameters that somebody vouches for, and the loop that it is in."""
 
 from __future__ import annotations
@@ -17,7 +20,7 @@ from .control import Loop
 SAMPLES, SHORTEST, TOLERANCE = 100, 0.1, 0.05
 
 
-class Briefing:
+class Readiness:
     """Collects what comes in, in any order.
 
     Args:
