@@ -158,9 +158,20 @@ def test_links_lead_somewhere(page):
 
 @every_page
 def test_modules_that_are_named_are_there(page):
-    """Where a page names a module by its folder, as ``link/host.py``."""
-    for path in re.findall(r'`([a-z]+(?:/\w+)+\.(?:py|c))`', page.read_text()):
-        assert (ROOT / PACKAGE / path).exists(), f'{page.name} names {path}'
+    for path in re.findall(r'`((?:[a-z]+/)*\w+\.(?:py|c))`', page.read_text()):
+        assert list((ROOT / PACKAGE).rglob(path)), f'{page.name} names {path}'
+
+
+def test_the_walks_through_the_code_name_functions_that_there_are():
+    page = (ROOT / 'docs' / 'architecture.md').read_text()
+    (walks,) = re.findall(r'^## Three walks\n(.*?)^## ', page, re.MULTILINE | re.DOTALL)
+    code = [path.read_text() for path in (ROOT / PACKAGE).rglob('*.py')]
+    named = re.findall(r'`(?:(\w+)\.)?([a-zA-Z_]\w*)`', walks)
+    assert len(named) > 20
+    for owner, name in named:
+        defined = re.compile(rf'^\s*(?:(?:async )?def|class) {name}\b|^    {name}: ', re.MULTILINE)
+        owned = [text for text in code if not owner or re.search(rf'^class {owner}\b', text, re.MULTILINE)]
+        assert any(map(defined.search, owned)), f'there is no {owner}.{name}'
 
 
 def test_files_name_only_pages_that_there_are():
