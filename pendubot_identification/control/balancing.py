@@ -3,8 +3,8 @@
 
 """What a balancer decides, without ROS: from parameters and samples to a rig that is held upright, and to its end.
 
-It prepares itself by a design and a closed-loop simulation, moves only between :meth:`Balancing.armed` and the first doubt, and
-never begins again on its own.
+It prepares itself by a design and a closed-loop simulation, moves only between :meth:`Balancing.armed` and the first
+doubt, and never begins again on its own.
 """
 
 from __future__ import annotations

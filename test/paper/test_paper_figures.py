@@ -13,27 +13,31 @@ from matplotlib.colors import to_rgb
 
 from pendubot_identification.model.parameters import PAPER
 from pendubot_identification.paper import paper_figures, trials
+from pendubot_identification.paper.benchmark_functions import FUNCTIONS
 from pendubot_identification.paper.explained import energy_balance, predicted
 from pendubot_identification.report import style
 from test.virtual import recording
 
 
-def made(some):
-    """Return the records of trials."""
-    return [trial.data(trial.run()) for trial in some]
-
-
 @pytest.fixture(scope='module')
 def drawn():
     """Every figure, drawn and laid out."""
-    competition = made(trials.competition(seed=1, runs=1))
-    sweep = [
-        {**record, 'threshold': threshold}
-        for record in [*competition, *({**r, 'function': trials.IDENTIFICATION} for r in competition[:4])]
-        for threshold in (0.0, 0.3, 1.0)
-    ]
-    sweep = [{**r, 'algorithm': a} for r in sweep if r['algorithm'] == 'DE' for a in ('MDE', 'MDE per vector')]
-    dimensions = [{**r, 'n': n} for r in competition for n in (2, 10, 30)]
+    outcomes = {
+        (f.name, algorithm): trials.compete(algorithm, f, 2, runs=3, evaluations=3000)
+        for f in FUNCTIONS
+        for algorithm in trials.SETTINGS
+    }
+
+    def made(algorithms, ns=(2,), thresholds=(None,)):
+        for (name, algorithm), result in outcomes.items():
+            for n, threshold in itertools.product(ns, thresholds):
+                if algorithm in algorithms:
+                    trial = trials.Trial(name, n, algorithm, threshold, 1, lambda: None)
+                    yield trials.Outcome(trial, result, 1.0)
+
+    competition, dimensions = list(made(trials.ALGORITHMS)), list(made(trials.SETTINGS, ns=(2, 10, 30)))
+    outcomes |= {(trials.IDENTIFICATION, name): outcomes['Sphere', name] for name in ('MDE', trials.PER_VECTOR)}
+    sweep = list(made(('MDE', trials.PER_VECTOR), thresholds=(0.0, 0.3, 1.0)))
     training, validation = recording(300), recording(300, seed=2)
     validation = type(validation)(validation.t + 3, validation.q, validation.tau)
     balances = [energy_balance(half, PAPER.vector()) for half in (training, validation)]

@@ -10,7 +10,7 @@ import re
 import signal
 import subprocess
 import sys
-import time
+from dataclasses import replace
 
 import pytest
 
@@ -19,20 +19,11 @@ from pendubot_identification.paper import trials
 from pendubot_identification.paper.reproduce import PARTS
 from test.conftest import ROOT
 
-COMMAND = [sys.executable, '-m', 'pendubot_identification.cli.main']
 FIGURES = ('figure1', 'figure1_evaluations', 'dataset', 'fit', 'threshold', 'dimensions')
 TABLES = ('table4', 'table4_order', 'table4_pace', 'table7', 'table8', 'threshold', 'operator')
 TABLES += ('dimensions', 'dimensions_errors')
 #: What is measured, and so differs.
 TIMES = {'times.md', 'times.csv'}
-
-
-@pytest.fixture
-def smaller(monkeypatch):
-    """Every part, in a few seconds."""
-    monkeypatch.setattr(trials, 'THRESHOLDS', (0.3, 1.0))
-    monkeypatch.setattr(trials, 'DIMENSIONS', (2, 3))
-    monkeypatch.setattr(trials, 'SWEEP_GENERATIONS', 100)
 
 
 def reproduce(*arguments):
@@ -43,19 +34,33 @@ def files(folder):
     return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob('*') if path.is_file()}
 
 
-def test_everything_lands_in_one_folder(smaller, tmp_path, capsys):
-    folder = tmp_path / 'new' / 'paper'
-    assert reproduce('--runs', 1, '--seed', 3, '--output', folder) == 0
-    captured = capsys.readouterr()
-    assert captured.err == '', 'no progress where nobody watches'
-    assert str(folder / 'index.md') in captured.out
+def fewer(monkeypatch):
+    """Every part in a few seconds: fewer runs, generations, thresholds and dimensions."""
+    short = {name: how if name == 'PSO' else replace(how, generations=60) for name, how in trials.SETTINGS.items()}
+    for name, value in {'MANY': 2, 'SETTINGS': short, 'SWEEP': 2, 'SWEEP_GENERATIONS': 100}.items():
+        monkeypatch.setattr(trials, name, value)
+    monkeypatch.setattr(trials, 'THRESHOLDS', (0.3, 1.0))
+    monkeypatch.setattr(trials, 'DIMENSIONS', (2, 3))
+
+
+@pytest.fixture(scope='module')
+def everything(tmp_path_factory):
+    folder = tmp_path_factory.mktemp('reproduced') / 'new' / 'paper'
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        fewer(monkeypatch)
+        assert reproduce('--runs', 2, '--seed', 3, '--output', folder) == 0
+    return folder
+
+
+def test_everything_lands_in_one_folder(everything):
+    folder = everything
     expected = {'index.md', *TIMES}
     expected |= {f'figures/{name}.{ending}' for name in FIGURES for ending in ('png', 'svg')}
     expected |= {f'tables/{name}.{ending}' for name in TABLES for ending in ('md', 'csv')}
     expected |= {f'runs/{name}.json' for name in ('competition', 'identification', 'sweep', 'dimensions')}
     assert set(files(folder)) == expected
     index = (folder / 'index.md').read_text()
-    assert 'pendubot reproduce --runs 1 --seed 3' in index
+    assert 'pendubot reproduce --runs 2 --seed 3' in index
     assert 'Not finished' not in index
     for name in TABLES:
         assert (folder / 'tables' / f'{name}.md').read_text() in index
@@ -63,48 +68,47 @@ def test_everything_lands_in_one_folder(smaller, tmp_path, capsys):
         assert (folder / target).exists(), target
 
 
-def test_raw_runs_have_seeds_and_counts_and_the_tables_follow_from_them(tmp_path):
-    assert reproduce('--only', 'table4', '--runs', 2, '--output', tmp_path / 'out') == 0
-    raw = json.loads((tmp_path / 'out' / 'runs' / 'competition.json').read_text())
-    assert (raw['seed'], raw['runs'], raw['complete']) == (1, 2, True)
-    rows = list(csv.DictReader((tmp_path / 'out' / 'tables' / 'table4.csv').open()))
-    assert len(rows) == len(raw['trials']) == 16
-    assert len({trial['seed'] for trial in raw['trials']}) == 16
+def test_the_same_seed_gives_the_same_bytes(everything, tmp_path, monkeypatch):
+    fewer(monkeypatch)
+    assert reproduce('--only', 'table4,threshold', '--runs', 2, '--seed', 3, '--output', tmp_path / 'again') == 0
+    first, again = files(everything), files(tmp_path / 'again')
+    assert {'runs/competition.json', 'runs/sweep.json', 'figures/threshold.svg'} <= set(again)
+    assert {name for name in again if first[name] != again[name]} <= TIMES | {'index.md'}
+
+
+def test_raw_runs_have_seeds_and_counts_and_the_tables_follow_from_them(everything):
+    raw = json.loads((everything / 'runs' / 'competition.json').read_text())
+    assert (raw['seed'], raw['runs'], raw['complete']) == (3, 2, True)
+    rows = list(csv.DictReader((everything / 'tables' / 'table4.csv').open()))
+    assert len(rows) == len({trial['seed'] for trial in raw['trials']}) == 16
     for row, trial in zip(rows, raw['trials'], strict=True):
         values = [run['value'] for run in trial['runs']]
         assert (row['function'], row['algorithm']) == (trial['function'], trial['algorithm'])
-        assert len(values) == 20
+        assert len(values) == 4
         assert float(row['best']) == min(values[:2])
         assert float(row['average']) == pytest.approx(sum(values[:2]) / 2)
-        assert int(row['reached, of 20']) == sum(value <= 1e-5 for value in values)
+        assert int(row['reached, of 4']) == sum(value <= 1e-5 for value in values)
 
 
-def test_the_same_seed_gives_the_same_bytes_in_another_process(tmp_path):
-    options = ['--only', 'table4,figure1,table8,fit', '--runs', '1']
-    assert reproduce(*options, '--output', tmp_path / 'one') == 0
-    env = os.environ | {'PYTHONHASHSEED': '7'}
+def test_a_part_is_the_same_alone_and_in_another_process_and_another_with_another_seed(tmp_path):
+    folders = [tmp_path / name for name in ('one', 'two', 'three')]
+    assert reproduce('--only', 'table7,table8', '--runs', 1, '--output', folders[0]) == 0
+    command = [sys.executable, '-m', 'pendubot_identification.cli.main', 'reproduce', '--only', 'table8', '--runs', '1']
     again = subprocess.run(
-        [*COMMAND, 'reproduce', *options, '--output', str(tmp_path / 'two')],
+        [*command, '--output', str(folders[1])],
         cwd=ROOT,
-        env=env,
+        env=os.environ | {'PYTHONHASHSEED': '7'},
         timeout=200,
-        check=False,
+        capture_output=True,
+        text=True,
     )
-    assert again.returncode == 0
-    first, second = files(tmp_path / 'one'), files(tmp_path / 'two')
-    assert set(first) == set(second)
-    assert {name for name in first if first[name] != second[name]} <= TIMES
-    assert reproduce('--only', 'table8', '--runs', 1, '--seed', 2, '--output', tmp_path / 'other') == 0
-    other = files(tmp_path / 'other')
-    assert other['runs/identification.json'] != first['runs/identification.json']
-
-
-def test_a_part_is_the_same_alone_as_among_others(tmp_path):
-    assert reproduce('--only', 'table8', '--runs', 1, '--output', tmp_path / 'one') == 0
-    assert reproduce('--only', 'table7,table8', '--runs', 1, '--output', tmp_path / 'two') == 0
-    one, two = files(tmp_path / 'one'), files(tmp_path / 'two')
-    assert set(one) == {'index.md', 'runs/identification.json', 'tables/table8.md', 'tables/table8.csv'}
-    assert all(one[name] == two[name] for name in one if name != 'index.md')
+    assert (again.returncode, again.stderr) == (0, ''), 'no progress where nobody watches'
+    assert str(folders[1] / 'index.md') in again.stdout
+    assert reproduce('--only', 'table8', '--runs', 1, '--seed', 2, '--output', folders[2]) == 0
+    among, alone, other = map(files, folders)
+    assert set(alone) == {'index.md', 'runs/identification.json', 'tables/table8.md', 'tables/table8.csv'}
+    assert all(alone[name] == among[name] for name in alone if name != 'index.md')
+    assert other['runs/identification.json'] != alone['runs/identification.json']
 
 
 def test_json_is_the_tables_and_nothing_else(tmp_path, capsys):
@@ -132,7 +136,6 @@ def test_a_folder_that_exists_is_left_alone_unless_force_is_said(tmp_path, capsy
     ('arguments', 'status', 'sentence'),
     [
         (['--runs', 0], 2, '0 runs were asked for; a number from 1 to 67 is expected'),
-        (['--runs', -3], 2, '-3 runs were asked for'),
         (['--runs', 68], 2, 'a number from 1 to 67'),
         (['--seed', -1], 2, 'the seed is -1'),
         (['--output', '{}/file/out'], 1, 'cannot be written'),
@@ -162,24 +165,28 @@ def test_an_unknown_table_or_figure_is_wrong_usage(tmp_path, capsys, name):
     assert not (tmp_path / 'out').exists()
 
 
-def test_an_interrupt_keeps_what_is_done(tmp_path):
+def test_an_interrupt_keeps_what_is_done(tmp_path, monkeypatch, capsys):
+    """Ctrl-C in the third trial of the sweep."""
+    fewer(monkeypatch)
+    minimise, calls = trials.mde, []
+
+    def interrupted(*arguments, **options):
+        calls.append(arguments)
+        if len(calls) == 3:
+            signal.raise_signal(signal.SIGINT)
+        return minimise(*arguments, **options)
+
+    monkeypatch.setattr(trials, 'mde', interrupted)
     folder = tmp_path / 'out'
-    options = ['--only', 'dataset,threshold', '--runs', '67', '--output', str(folder)]
-    process = subprocess.Popen([*COMMAND, 'reproduce', *options], cwd=ROOT, stderr=subprocess.PIPE, text=True)
-    end = time.monotonic() + 120
-    while not (folder / 'figures' / 'dataset.svg').exists() and process.poll() is None and time.monotonic() < end:
-        time.sleep(0.01)
-    process.send_signal(signal.SIGINT)
-    _, err = process.communicate(timeout=120)
-    assert process.returncode == 1
-    assert 'interrupted; what is done is kept in' in err
-    assert 'Traceback' not in err
+    assert reproduce('--only', 'dataset,threshold', '--runs', 1, '--output', folder) == 1
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert f'interrupted; what is done is kept in {folder}: dataset. For the rest' in line
     index = (folder / 'index.md').read_text()
     assert 'Not finished:** threshold' in index
     assert 'figures/dataset.png' in index
     assert (folder / 'figures' / 'dataset.png').exists()
-    if (folder / 'runs' / 'sweep.json').exists():
-        assert json.loads((folder / 'runs' / 'sweep.json').read_text())['complete'] is False
+    sweep = json.loads((folder / 'runs' / 'sweep.json').read_text())
+    assert (sweep['complete'], len(sweep['trials'])) == (False, 2)
 
 
 def test_neither_help_nor_info_waits_for_matplotlib_or_scipy():
