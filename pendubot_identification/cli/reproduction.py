@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
+import numpy as np
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
@@ -64,10 +65,10 @@ class Reproduction:
 
     def competition(self, wanted: Sequence[str]) -> None:
         """Run four algorithms on four functions."""
-        outcomes = self._run('competition', trials.competition(self._seed, self._runs))
+        outcomes, seconds = self._run('competition', trials.competition(self._seed, self._runs))
         if 'table4' in wanted:
             self._add_tables(*paper_tables.table_4(outcomes, self._runs))
-            times = paper_tables.times(outcomes)
+            times = paper_tables.times(outcomes, seconds)
             self._folder.write('times.md', times.markdown())
             self._folder.write('times.csv', times.csv())
         if 'figure1' in wanted:
@@ -105,7 +106,7 @@ class Reproduction:
         """Run MDE with every threshold, per component and per vector."""
         regression = energy_regression(held_parts(_sample().training)[0])
         criterion, bounds = Quadratic.reduce(regression.phi, regression.y), default_bounds().of(MODELS['viscous'])
-        outcomes = self._run('sweep', trials.sweep(self._seed, self._runs, criterion, bounds))
+        outcomes, _ = self._run('sweep', trials.sweep(self._seed, self._runs, criterion, bounds))
         if 'threshold' in wanted:
             self._add_tables(paper_tables.threshold_table(outcomes))
             caption = 'The threshold: how fast MDE arrives, and how often'
@@ -115,7 +116,7 @@ class Reproduction:
 
     def dimensions(self, wanted: Sequence[str]) -> None:
         """Run all algorithms with equal budgets in 2, 10 and 30 dimensions."""
-        outcomes = self._run('dimensions', trials.dimensions(self._seed, self._runs))
+        outcomes, _ = self._run('dimensions', trials.dimensions(self._seed, self._runs))
         counts, errors = paper_tables.dimensions_tables(outcomes)
         caption = (
             'Beyond the paper: final errors with equal budgets; median and range of all runs; the line is the target'
@@ -156,21 +157,21 @@ class Reproduction:
             'raw': self._raw,
         }
 
-    def _run(self, experiment: str, some: Iterable[trials.Trial]) -> list[trials.Outcome]:
-        """Return what came of the trials; what was done is written also after an interrupt."""
-        outcomes: list[trials.Outcome] = []
-        waiting = list(some)
+    def _run(self, experiment: str, outcomes: Iterable[trials.Outcome]) -> tuple[list[trials.Outcome], list[float]]:
+        """Return what came of an experiment, and what each part took [s]; an interrupt writes what is done, too."""
+        done: list[trials.Outcome] = []
+        ends, complete = [time.perf_counter()], False
         try:
-            with self._progress(experiment, len(waiting)) as bar:
-                for trial in waiting:
-                    begin = time.perf_counter()
-                    result = trial.minimise()
-                    outcomes.append(trials.Outcome(trial, result, time.perf_counter() - begin))
+            with self._progress(experiment) as bar:
+                for outcome in outcomes:
+                    ends.append(time.perf_counter())
+                    done.append(outcome)
+                    bar.set_postfix_str(f'{outcome.algorithm} on {outcome.function}', refresh=False)
                     bar.update()
+            complete = True
         finally:
-            complete = len(outcomes) == len(waiting)
-            self._write_raw(experiment, {'complete': complete, 'trials': [outcome.data() for outcome in outcomes]})
-        return outcomes
+            self._write_raw(experiment, {'complete': complete, 'trials': [outcome.data() for outcome in done]})
+        return done, np.diff(ends).tolist()
 
     def _identify(self, data: Datasets, training: Trajectory, validation: Trajectory) -> dict[str, Any]:
         """Return the identification in the paper's settings as plain data."""
@@ -202,9 +203,9 @@ class Reproduction:
             'warnings': list(best.warnings),
         }
 
-    def _progress(self, experiment: str, total: int | None = None) -> Any:
+    def _progress(self, experiment: str) -> Any:
         """Return a bar that shows on a terminal, and nowhere else, what is being done."""
-        return tqdm(desc=experiment, total=total, disable=True if self._quiet else None, leave=False)
+        return tqdm(desc=experiment, disable=True if self._quiet else None, leave=False)
 
     def _write_raw(self, experiment: str, data: dict[str, Any]) -> None:
         name = f'runs/{experiment}.json'

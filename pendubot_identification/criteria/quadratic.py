@@ -15,7 +15,6 @@ from scipy.optimize import lsq_linear, minimize_scalar
 
 from pendubot_identification.errors import ParameterError
 from pendubot_identification.model.parameters import LARGEST_COUPLING, Bounds, coupling_excess
-from pendubot_identification.optimizers.mde import QuadraticForm
 
 Array = NDArray[np.float64]
 
@@ -113,9 +112,14 @@ class Quadratic:
         return start, factors, columns
 
     @property
-    def quadratic(self) -> QuadraticForm:
-        """The criterion as mde.c takes it."""
-        return QuadraticForm(self.triangle / math.sqrt(self.count), 0.0)
+    def root(self) -> Array:
+        """The triangle over the root of N: J is |root [theta, -1]|^2."""
+        return self.triangle / math.sqrt(self.count)
+
+    @property
+    def worth(self) -> float:
+        """What :attr:`Penalised.worth` is there: an indefinite mass matrix costs nothing."""
+        return 0.0
 
     def minimum(self, bounds: Bounds) -> Array:
         """Return the exact minimiser, shape (D,), within the bounds and where M(q) is positive definite for every q.
@@ -238,9 +242,9 @@ class Penalised:
         return value
 
     @property
-    def quadratic(self) -> QuadraticForm:
-        """The same as mde.c takes it."""
-        return self.criterion.quadratic._replace(worth=self.worth)
+    def root(self) -> Array:
+        """The criterion's."""
+        return self.criterion.root
 
 
 def _coupled(theta: Array) -> bool:

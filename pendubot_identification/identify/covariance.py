@@ -85,6 +85,16 @@ def trajectory_covariance(found: TrajectoryFit, groups: str = 'recordings') -> t
     return covariance, std_error, words
 
 
+def correlations(information: Array, free: NDArray[np.bool_]) -> Array:
+    """Return the correlations of errors by an information matrix, shape (G, G).
+
+    They are NaN in the rows and columns of what is not free, and of what has a part in a direction that nothing tells.
+    """
+    covariance = _inverse(information, free)
+    deviation = np.sqrt(np.where(free & ~_untold(information, free), np.diag(covariance), np.nan))
+    return np.asarray(covariance / deviation / deviation[:, None])
+
+
 def scaled_condition_number(found: TrajectoryFit) -> float:
     """Return the condition number of the residuals' derivative, columns scaled to one, of what no bound holds."""
     free = found.fit.free

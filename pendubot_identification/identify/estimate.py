@@ -30,6 +30,8 @@ NORMAL_95 = 1.96
 POOR = 0.5
 #: An interval that reaches farther to either side, as a fraction of the value, says too little to be relied on.
 WIDE = 0.5
+#: Below this an eigenvalue of a correlation matrix is 0, but for rounding.
+INDEPENDENT = 1e-10
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,6 +75,9 @@ class Estimate:
         free: which parameters lie on no bound, shape (D,).
         covariance: shape (D, D); NaN in the rows and columns of parameters on a bound. Scaled so that an interval of
             1.96 standard errors to both sides holds the truth in 95 % of cases, however few the recordings.
+        correlation: of the errors by the information matrix at theta, shape (D, D): which parameters the motion tells
+            apart. That of few recordings' differences would have as many directions as there are differences. NaN in
+            the rows and columns of parameters on a bound, and of those that nothing tells.
         std_error: shape (D,); of a parameter on its bound, how far the data would let it off; NaN of one that is not in
             the model.
         uncertainty: in words, how the covariance was found.
@@ -103,6 +108,7 @@ class Estimate:
     theta: Array
     free: NDArray[np.bool_]
     covariance: Array
+    correlation: Array
     std_error: Array
     uncertainty: str
     effort: Effort
@@ -167,11 +173,13 @@ class Estimate:
         return found
 
     @property
-    def correlation(self) -> Array:
-        """Correlation matrix, shape (D, D); NaN where the covariance is, or tells nothing: where it is infinite."""
-        deviation = np.sqrt(np.diag(self.covariance))
-        deviation = np.where((deviation > 0) & np.isfinite(deviation), deviation, np.nan)
-        return np.asarray(self.covariance / deviation / deviation[:, None])
+    def covariance_rank(self) -> int:
+        """The rank of the covariance of what lies on no bound: of few recordings or blocks, less than its size."""
+        variance = np.diag(self.covariance)
+        known = np.isfinite(variance) & (variance > 0)
+        deviation = np.sqrt(variance[known])
+        scaled = self.covariance[np.ix_(known, known)] / deviation / deviation[:, None]
+        return int(np.linalg.matrix_rank(scaled, tol=INDEPENDENT, hermitian=True)) if known.any() else 0
 
     @property
     def J_runs(self) -> Array:

@@ -19,6 +19,7 @@ from pendubot_identification.optimizers.mde import mde
 from pendubot_identification.trajectories.motion import AnyMotion, Motion
 from pendubot_identification.trajectories.signals import SMOOTHING
 
+from .covariance import correlations
 from .estimate import REACHED, Effort, Estimate, Progress
 from .settings import Settings
 from .uncertainty import BLOCK, Blocks, bootstrap_covariance
@@ -117,6 +118,7 @@ def estimate_linear(
         theta=theta,
         free=free,
         covariance=covariance,
+        correlation=correlations(criterion.phi.T @ criterion.phi, free),
         std_error=np.sqrt(np.where(free, np.diag(covariance), np.diag(off))),
         uncertainty=f'block bootstrap over blocks of {made.blocks.length:.3g} s',
         effort=Effort(hold if name == 'weak' else 'zero', made.delay),

@@ -26,7 +26,7 @@ from pendubot_identification.trajectories.long import STRETCH, Long, Recording, 
 from pendubot_identification.trajectories.motion import AnyMotion, LongMotion, Motion
 from pendubot_identification.trajectories.signals import choose_smoothing
 
-from .covariance import estimated_zeros, scaled_condition_number, trajectory_covariance
+from .covariance import correlations, estimated_zeros, scaled_condition_number, trajectory_covariance
 from .estimate import Effort, Estimate, Progress, Zeros
 from .linear import Linear, estimate_linear, linear
 from .prediction import state_scale
@@ -268,6 +268,7 @@ def _estimate_trajectory(data: Data, judges: Sequence[Motion], model: str, progr
         theta=found.fit.theta,
         free=found.fit.free[:size],
         covariance=covariance[:size, :size],
+        correlation=correlations(found.fit.informations.sum(axis=0)[:-2, :-2], found.fit.free)[:size, :size],
         std_error=np.where(bounds.present, std_error[:size], np.nan),
         uncertainty=uncertainty,
         effort=Effort(data.hold, found.fit.delay, float(std_error[size]) if found.fit.free[size] else np.nan),

@@ -241,6 +241,7 @@ class Result(_Vector):
         not_covered: by name, parameters of which the level says nothing, and why; None in results of earlier versions.
         consequences: what follows from a grave fault.
         not_in_model: the parameters that the rig cannot have, and why.
+        covariance_rank: below the number of parameters where it comes from few recordings; None in earlier results.
     """
 
     schema: int = SCHEMA
@@ -264,6 +265,7 @@ class Result(_Vector):
     condition_number: Number
     criteria: dict[str, CriterionAnswer]
     covariance: list[list[Number]]
+    covariance_rank: int | None = None
     made_by: MadeBy
     bags: list[Source]
 

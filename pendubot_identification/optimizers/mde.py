@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import ctypes
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -115,7 +115,7 @@ def mde(
     x = random_points(rng, bounds, runs, settings.population)
     values = evaluate(objective, x)
     if isinstance(objective, QuadraticObjective) and (library := compiled.library()) is not None:
-        return _compiled(library, objective.quadratic, bounds, settings, seed, x, values, progress)
+        return _compiled(library, objective, bounds, settings, seed, x, values, progress)
 
     def step(x: Array, values: Array) -> State:
         return generation(rng, objective, bounds, settings, x, values)
@@ -200,25 +200,17 @@ def drawn_back(v: Array, x: Array, bounds: Bounds) -> Array:
     return np.where(v == inside, v, (x + inside) / 2)
 
 
-class QuadraticForm(NamedTuple):
-    """The function that mde.c knows: |root [x, -1]|^2 + worth * :func:`.parameters.coupling_excess` of x.
-
-    Attributes:
-        root: upper triangular, shape (D + 1, D + 1).
-        worth: price of an indefinite mass matrix; 0 for none, and then x need not begin with P1, P2, P3.
-    """
-
-    root: Array
-    worth: float
-
-
 @runtime_checkable
 class QuadraticObjective(Protocol):
-    """An objective that mde.c knows, too."""
+    """An objective that mde.c knows, too: |root [x, -1]|^2 + worth * :func:`.parameters.coupling_excess` of x."""
 
     @property
-    def quadratic(self) -> QuadraticForm:
-        """The same function."""
+    def root(self) -> Array:
+        """Upper triangular, shape (D + 1, D + 1)."""
+
+    @property
+    def worth(self) -> float:
+        """Price of an indefinite mass matrix; 0 for none, and then x need not begin with P1, P2, P3."""
 
 
 class _Settings(ctypes.Structure):
@@ -233,7 +225,7 @@ class _Settings(ctypes.Structure):
 
 def _compiled(
     library: ctypes.CDLL,
-    objective: QuadraticForm,
+    objective: QuadraticObjective,
     bounds: Bounds,
     settings: MDESettings,
     seed: int,

@@ -33,15 +33,15 @@ def convergence(outcomes: Sequence[Outcome], over: str = 'generations') -> Figur
     Medians over the runs, shaded between percentiles; a run that has stopped keeps its last error.
     """
     figure, axes = panels(2, 2, 6.2, sharex=True)
-    panel = dict(zip(dict.fromkeys(o.trial.function for o in outcomes), axes.flat, strict=True))
+    panel = dict(zip(dict.fromkeys(o.function for o in outcomes), axes.flat, strict=True))
     for o in outcomes:
-        ax, result, style = panel[o.trial.function], o.result, STYLE_OF[o.trial.algorithm]
+        ax, result, style = panel[o.function], o.result, STYLE_OF[o.algorithm]
         at = np.unique(np.round(np.geomspace(1, len(result.history), 200)).astype(int)) - 1
         errors = np.percentile(result.history[at], [SPREAD[0], 50, SPREAD[1]], axis=1)
         low, median, high = np.maximum(errors, LEAST)
         x = at + 1 if over == 'generations' else result.at_start + at * result.per_generation
         ax.fill_between(x, low, high, color=style['color'], alpha=0.13, linewidth=0)
-        ax.plot(x, median, label=o.trial.algorithm, **{**style, 'marker': ''})
+        ax.plot(x, median, label=o.algorithm, **{**style, 'marker': ''})
         ax.plot(x[-1:], median[-1:], **style)
     for function, ax in panel.items():
         ax.axhline(TARGET, color=GREY, linewidth=0.8)
@@ -61,12 +61,12 @@ def convergence(outcomes: Sequence[Outcome], over: str = 'generations') -> Figur
 def threshold(outcomes: Sequence[Outcome]) -> Figure:
     """Return generations and arrivals of MDE over the threshold, per component and per vector."""
     figure, axes = panels(2, 2, 6.0, sharex=True, sharey='row')
-    problems = list(dict.fromkeys(o.trial.function for o in outcomes))
+    problems = list(dict.fromkeys(o.function for o in outcomes))
     titles = {'MDE': 'operator per component', PER_VECTOR: 'operator per vector'}
     for (taken, share), (algorithm, title) in zip(axes.T, titles.items(), strict=True):
         for problem, style in zip(problems, STYLES, strict=True):
-            mine = [o for o in outcomes if (o.trial.function, o.trial.algorithm) == (problem, algorithm)]
-            at = [o.trial.threshold for o in mine]
+            mine = [o for o in outcomes if (o.function, o.algorithm) == (problem, algorithm)]
+            at = [o.threshold for o in mine]
             arrived = [o.result.generations[o.arrived] for o in mine]
             taken.plot(at, [np.median(runs) if len(runs) else np.nan for runs in arrived], label=problem, **style)
             share.plot(at, [100 * o.arrived.mean() for o in mine], **style)
@@ -85,11 +85,11 @@ def dimensions(outcomes: Sequence[Outcome]) -> Figure:
     """Return the final errors in 2, 10 and 30 dimensions: median, and the range of all runs."""
     figure, axes = panels(2, 2, 6.2, sharex=True)
     functions, sizes, algorithms = (
-        list(dict.fromkeys(getattr(o.trial, name) for o in outcomes)) for name in ('function', 'n', 'algorithm')
+        list(dict.fromkeys(getattr(o, name) for o in outcomes)) for name in ('function', 'n', 'algorithm')
     )
     for ax, function in zip(axes.flat, functions, strict=True):
         for k, algorithm in enumerate(algorithms):
-            mine = [o for o in outcomes if (o.trial.function, o.trial.algorithm) == (function, algorithm)]
+            mine = [o for o in outcomes if (o.function, o.algorithm) == (function, algorithm)]
             errors = [np.maximum(o.result.value, LEAST) for o in mine]
             median, low, high = (np.array([f(e) for e in errors]) for f in (np.median, np.min, np.max))
             x = np.arange(len(sizes)) + 0.15 * (k - (len(algorithms) - 1) / 2)

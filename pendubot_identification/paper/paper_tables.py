@@ -104,13 +104,13 @@ def table_4(outcomes: Sequence[Outcome], runs: int) -> list[Table]:
     head += [f'reached, of {runs}', f'reached, of {many}', 'average of all', 'function values', 'generations']
     rows: list[list[Cell]] = []
     for o in outcomes:
-        values, paper = o.result.value, TABLE_4[o.trial.function, o.trial.algorithm]
-        row: list[Cell] = [o.trial.function, o.trial.algorithm]
+        values, paper = o.result.value, TABLE_4[o.function, o.algorithm]
+        row: list[Cell] = [o.function, o.algorithm]
         row += chain.from_iterable(zip(_statistics(values[:runs]), paper[:4], strict=True))
         row += [_reached(values[:runs]), _reached(values), float(values.mean())]
         rows.append([*row, float(o.result.evaluations.mean()), float(o.result.generations.mean())])
     notes = [
-        f'Errors at the end of {runs} runs each, n = {outcomes[0].trial.n}; a run that reaches {_TARGET} stops there. '
+        f'Errors at the end of {runs} runs each, n = {outcomes[0].n}; a run that reaches {_TARGET} stops there. '
         f'The last four columns are of {many} runs, the first {runs} among them: averages, in which a run that never '
         f'reaches {_TARGET} counts with all that it took. Not among the function values is the gradient that HDE takes '
         'in every generation.',
@@ -121,7 +121,7 @@ def table_4(outcomes: Sequence[Outcome], runs: int) -> list[Table]:
 
 def _claims(outcomes: Sequence[Outcome], runs: int) -> Table:
     """Return where the paper's averages have MDE ahead, and whether ours do."""
-    found = {(o.trial.function, o.trial.algorithm): o for o in outcomes}
+    found = {(o.function, o.algorithm): o for o in outcomes}
     many = len(outcomes[0].result.value)
     rows: list[list[Cell]] = []
     for f in FUNCTIONS:
@@ -152,11 +152,11 @@ def _agreement(paper: float, mde: float, other: float) -> str:
 
 def _pace(outcomes: Sequence[Outcome]) -> Table:
     """Return the generations that MDE takes on each function against the paper's times."""
-    mde = [o for o in outcomes if o.trial.algorithm == 'MDE']
-    times = [TABLE_4[o.trial.function, 'MDE'].time for o in mde]
+    mde = [o for o in outcomes if o.algorithm == 'MDE']
+    times = [TABLE_4[o.function, 'MDE'].time for o in mde]
     taken = [_of_arrived(o, np.mean) for o in mde]
     rows: list[list[Cell]] = [
-        [o.trial.function, generations, generations / taken[0], time, time / times[0]]
+        [o.function, generations, generations / taken[0], time, time / times[0]]
         for o, generations, time in zip(mde, taken, times, strict=True)
     ]
     head = ['function', 'generations', "over Sphere's", 'time, paper [s]', "time over Sphere's"]
@@ -164,12 +164,12 @@ def _pace(outcomes: Sequence[Outcome]) -> Table:
     return Table('table4_pace', "MDE's pace against the paper's times", head, rows, [note])
 
 
-def times(outcomes: Sequence[Outcome]) -> Table:
-    """Return the time of a run; all runs of a trial are advanced together, so it is their time over their number."""
+def times(outcomes: Sequence[Outcome], seconds: Sequence[float]) -> Table:
+    """Return the time of a run; all runs of an algorithm are advanced together: it is their time over their number."""
     many = len(outcomes[0].result.value)
     rows: list[list[Cell]] = [
-        [o.trial.function, o.trial.algorithm, o.seconds / many, TABLE_4[o.trial.function, o.trial.algorithm].time]
-        for o in outcomes
+        [o.function, o.algorithm, spent / many, TABLE_4[o.function, o.algorithm].time]
+        for o, spent in zip(outcomes, seconds, strict=True)
     ]
     note = (
         f'{many} runs are advanced as one array; the time of one is theirs over their number. These numbers are '
@@ -213,8 +213,8 @@ def table_8(found: Mapping[str, Any]) -> Table:
 
 def threshold_table(outcomes: Sequence[Outcome]) -> Table:
     """Return generations and arrivals of MDE for every threshold."""
-    problems = list(dict.fromkeys(o.trial.function for o in outcomes))
-    found = {(o.trial.function, o.trial.algorithm, o.trial.threshold or 0.0): o for o in outcomes}
+    problems = list(dict.fromkeys(o.function for o in outcomes))
+    found = {(o.function, o.algorithm, o.threshold or 0.0): o for o in outcomes}
     thresholds = sorted({threshold for _, _, threshold in found})
     rows: list[list[Cell]] = []
     for algorithm, per in (('MDE', 'component'), (PER_VECTOR, 'vector')):
@@ -245,15 +245,13 @@ def threshold_table(outcomes: Sequence[Outcome]) -> Table:
 
 def operator_table(outcomes: Sequence[Outcome]) -> Table:
     """Return MDE with its operator drawn per component, as in the pseudocode, against per vector, as in the text."""
-    found = {(o.trial.function, o.trial.algorithm): o for o in outcomes if o.trial.threshold == CHOSEN}
+    found = {(o.function, o.algorithm): o for o in outcomes if o.threshold == CHOSEN}
     rows: list[list[Cell]] = []
-    for problem in dict.fromkeys(o.trial.function for o in outcomes):
+    for problem in dict.fromkeys(o.function for o in outcomes):
         both = found[problem, 'MDE'], found[problem, PER_VECTOR]
         component, vector = (_of_arrived(o, np.median) for o in both)
         p, _ = rank_sum(*(np.where(o.arrived, o.result.generations, np.inf) for o in both))
-        rows.append(
-            [problem, both[0].trial.n, component, _share(both[0]), vector, _share(both[1]), component / vector, p]
-        )
+        rows.append([problem, both[0].n, component, _share(both[0]), vector, _share(both[1]), component / vector, p])
     head = ['problem', 'n', 'per component: generations', 'reached', 'per vector: generations', 'reached, per vector']
     head += ['component over vector', 'p']
     note = (
@@ -268,9 +266,9 @@ def dimensions_tables(outcomes: Sequence[Outcome]) -> list[Table]:
     """Return who is first in 2, 10 and 30 dimensions with equal budgets, and the errors behind it."""
     rows: list[list[Cell]] = []
     verdicts: dict[tuple[int, str], list[Cell]] = {}
-    mde = {(o.trial.n, o.trial.function): o for o in outcomes if o.trial.algorithm == 'MDE'}
+    mde = {(o.n, o.function): o for o in outcomes if o.algorithm == 'MDE'}
     for o in outcomes:
-        n, function, algorithm, values = o.trial.n, o.trial.function, o.trial.algorithm, o.result.value
+        n, function, algorithm, values = o.n, o.function, o.algorithm, o.result.value
         against: list[Cell] = [None, None, None]
         if algorithm != 'MDE':
             against = _against(mde[n, function], o)
@@ -298,7 +296,7 @@ def dimensions_tables(outcomes: Sequence[Outcome]) -> list[Table]:
 def _against(mde: Outcome, other: Outcome) -> list[Cell]:
     """Return how often MDE is first in a pair of runs, p, and what that says: the cells below :data:`AGAINST`."""
     p, ahead = rank_sum(*ranks([mde.result, other.result]))
-    verdict = 'no difference' if not p < ALPHA else 'MDE' if ahead > 0.5 else other.trial.algorithm
+    verdict = 'no difference' if not p < ALPHA else 'MDE' if ahead > 0.5 else other.algorithm
     return [ahead, p, verdict]
 
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -84,16 +83,16 @@ def compete(
 
 
 @dataclass(frozen=True, slots=True)
-class Trial:
-    """Runs of one algorithm on one function.
+class Outcome:
+    """What runs of one algorithm on one function came to.
 
     Attributes:
         function: its name.
         n: dimension.
         algorithm: its name.
         threshold: of MDE, where it is not the paper's.
-        seed: the trial's own.
-        minimise: does it.
+        seed: of these runs alone.
+        result: what they found.
         detailed: whether points and histories are worth keeping.
     """
 
@@ -102,17 +101,8 @@ class Trial:
     algorithm: str
     threshold: float | None
     seed: int
-    minimise: Callable[[], OptimizationResult]
-    detailed: bool = False
-
-
-@dataclass(frozen=True, slots=True)
-class Outcome:
-    """What a trial came to, and how long it took [s]."""
-
-    trial: Trial
     result: OptimizationResult
-    seconds: float
+    detailed: bool = False
 
     @property
     def arrived(self) -> NDArray[np.bool_]:
@@ -120,11 +110,11 @@ class Outcome:
         return np.array([reason == 'target' for reason in self.result.stopped_by])
 
     def data(self) -> dict[str, Any]:
-        """Return the runs as plain numbers, strings, lists and dictionaries, without the time.
+        """Return the runs as plain numbers, strings, lists and dictionaries.
 
         A history is a list of [generation, value], one for each generation that found something better.
         """
-        trial, result, runs = self.trial, self.result, []
+        result, runs = self.result, []
         for k in range(len(result.value)):
             run: dict[str, Any] = {
                 'value': float(result.value[k]),
@@ -132,44 +122,44 @@ class Outcome:
                 'evaluations': int(result.evaluations[k]),
                 'stopped_by': result.stopped_by[k],
             }
-            if trial.detailed:
+            if self.detailed:
                 best = result.history[:, k]
                 better = np.flatnonzero(np.diff(best, prepend=np.inf) < 0)
                 run |= {'x': result.x[k].tolist(), 'history': [[int(g), float(best[g])] for g in better]}
             runs.append(run)
         return {
-            'function': trial.function,
-            'n': trial.n,
-            'algorithm': trial.algorithm,
-            'threshold': trial.threshold,
-            'seed': trial.seed,
+            'function': self.function,
+            'n': self.n,
+            'algorithm': self.algorithm,
+            'threshold': self.threshold,
+            'seed': self.seed,
             'evaluations_at_start': result.at_start,
             'evaluations_per_generation': result.per_generation,
             'runs': runs,
         }
 
 
-def competition(seed: int, runs: int) -> Iterator[Trial]:
-    """Yield Table 4's and Figure 1's: four algorithms, four functions, the paper's settings."""
+def competition(seed: int, runs: int) -> Iterator[Outcome]:
+    """Run what Table 4 and Figure 1 show: four algorithms, four functions, the paper's settings."""
     for f in FUNCTIONS:
         for algorithm in ALGORITHMS:
             own = seed_of(seed, 'competition', f.name, algorithm)
-            run = partial(compete, algorithm, f, DIMENSION, runs=MANY * runs, seed=own)
-            yield Trial(f.name, DIMENSION, algorithm, None, own, run, detailed=True)
+            result = compete(algorithm, f, DIMENSION, runs=MANY * runs, seed=own)
+            yield Outcome(f.name, DIMENSION, algorithm, None, own, result, detailed=True)
 
 
-def dimensions(seed: int, runs: int) -> Iterator[Trial]:
-    """Yield the same in more dimensions, everyone with as many function values."""
+def dimensions(seed: int, runs: int) -> Iterator[Outcome]:
+    """Run the same in more dimensions, everyone with as many function values."""
     for n in DIMENSIONS:
         for f in FUNCTIONS:
-            for algorithm in (*ALGORITHMS, PER_VECTOR):
+            for algorithm in SETTINGS:
                 own = seed_of(seed, 'dimensions', n, f.name, algorithm)
-                run = partial(compete, algorithm, f, n, runs=runs, seed=own, evaluations=BUDGET * n)
-                yield Trial(f.name, n, algorithm, None, own, run)
+                result = compete(algorithm, f, n, runs=runs, seed=own, evaluations=BUDGET * n)
+                yield Outcome(f.name, n, algorithm, None, own, result)
 
 
-def sweep(seed: int, runs: int, identification: Quadratic, bounds: Bounds) -> Iterator[Trial]:
-    """Yield MDE with every threshold, its operator drawn per component and per vector, on each function and on J.
+def sweep(seed: int, runs: int, identification: Quadratic, bounds: Bounds) -> Iterator[Outcome]:
+    """Run MDE with every threshold, its operator drawn per component and per vector, on each function and on J.
 
     Args:
         seed: of everything.
@@ -187,9 +177,9 @@ def sweep(seed: int, runs: int, identification: Quadratic, bounds: Bounds) -> It
         for algorithm in ('MDE', PER_VECTOR):
             for threshold in THRESHOLDS:
                 own = seed_of(seed, 'sweep', name, algorithm, threshold)
-                chosen = replace(settings, threshold=threshold, per_component=algorithm == 'MDE')
-                run = partial(mde, objective, box, chosen, runs=count, seed=own)
-                yield Trial(name, len(box.lower), algorithm, threshold, own, run)
+                how = replace(settings, threshold=threshold, per_component=algorithm == 'MDE')
+                result = mde(objective, box, how, runs=count, seed=own)
+                yield Outcome(name, len(box.lower), algorithm, threshold, own, result)
 
 
 def seed_of(seed: int, *what: object) -> int:

@@ -117,26 +117,29 @@ class McapFile:
         Raises:
             BagError: a part of a closed file is damaged, or the file is not any more what it was.
         """
-        channels = [number for number, channel in self.channels.items() if channel.topic in topics]
-        first, last, _, sizes = self._index.T
-        wanted = np.flatnonzero((last >= start_ns) & (first < end_ns))
-        groups = np.cumsum(sizes[wanted]) // TOGETHER
-        for rows in np.split(self._index[wanted], np.flatnonzero(np.diff(groups)) + 1):
-            parts, damage = list[bytes](), None
-            for first_ns, _, offset, size in rows.tolist():
-                try:
-                    parts.append(unpacked(self._read(offset, size)))
-                except Exception:
-                    damage = self._damaged(offset, first_ns)
-                    break
+        channels = np.array([number for number, channel in self.channels.items() if channel.topic in topics], np.uint16)
+        within = (self._index[:, 1] >= start_ns) & (self._index[:, 0] < end_ns)
+        for found in self._indexed(self._index[within]):
+            logged, wanted = found.heads['logged'], np.isin(found.heads['channel'], channels, kind='table')
+            yield found.part(wanted & (start_ns <= logged) & (logged < end_ns))
+
+    def _indexed(self, rows: NDArray[np.int64]) -> Iterator[Messages]:
+        """Return the messages of parts of the index; what is short is looked at together with what follows."""
+        waiting, size = list[bytes](), 0
+        for k, row in enumerate(rows):
+            first_ns, _, offset, length = row.tolist()
             try:
-                _, found = understood(b''.join(parts))
+                waiting.append(unpacked(self._read(offset, length)))
+                size += len(waiting[-1])
+                found = understood(b''.join(waiting))[1] if size >= TOGETHER or k + 1 == len(rows) else None
             except Exception as error:
-                raise self._damaged(int(rows[0, 2]), int(rows[0, 0])) from error
-            logged = found.heads['logged']
-            yield found.part(np.isin(found.heads['channel'], channels) & (start_ns <= logged) & (logged < end_ns))
-            if damage is not None:
-                raise damage
+                # What is whole before it comes first.
+                with suppress(Exception):
+                    yield understood(b''.join(waiting))[1]
+                raise self._damaged(offset, first_ns) from error
+            if found is not None:
+                yield found
+                waiting, size = [], 0
 
     def whole_parts(self, damages: list[Damage]) -> Iterator[Part]:
         """Return what is whole from the beginning of the file to its end, whatever an index says.
@@ -147,8 +150,8 @@ class McapFile:
         Raises:
             OSError: the system refuses to read.
         """
-        end = self._size - len(MAGIC) if self._size >= 2 * len(MAGIC) else self._size
-        end += 0 if self._read(end, self._size - end) == MAGIC else self._size - end
+        tail = os.pread(self._descriptor, len(MAGIC), max(self._size - len(MAGIC), len(MAGIC)))
+        end = self._size - len(MAGIC) * (tail == MAGIC)
         at = passed = len(MAGIC)
         while at < end:
             size, part = self._part(at, end)

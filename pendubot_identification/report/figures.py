@@ -313,7 +313,8 @@ def draw_correlation(result: Result) -> Picture | None:
     return _picture(
         'correlation',
         'Which parameters are told apart',
-        'Correlations of the errors of the published estimate. Empty rows are parameters on a bound.',
+        'Correlations of the errors of the published estimate, by the information in the motion. Empty rows are '
+        'parameters on a bound.',
         'Good is pale off the diagonal; a deep colour near plus or minus one says that the motion tells only a '
         'combination of the two parameters, so that both may be wrong together and predict well nevertheless.',
         4.6,

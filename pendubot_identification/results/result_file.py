@@ -105,6 +105,7 @@ def result_of(result: Identification, sources: Sequence[Source]) -> Result:
                 for e in result.estimates
             },
             'covariance': best.covariance[np.ix_(best.present, best.present)],
+            'covariance_rank': best.covariance_rank,
             'made_by': {
                 'version': __version__,
                 'criteria': settings.criteria,

@@ -38,11 +38,10 @@ def test_names_the_worst_first_and_what_helps(estimate):
 
 
 def test_names_what_can_hardly_be_told_apart(estimate):
-    covariance = np.diag((0.01 * estimate.theta) ** 2)
-    covariance[1, 1], covariance[4, 4] = estimate.theta[1] ** 2 / 4, estimate.theta[4] ** 2 / 4
-    covariance[1, 4] = covariance[4, 1] = 0.99 * np.sqrt(covariance[1, 1] * covariance[4, 4])
-    poor = replace(estimate, covariance=covariance, std_error=np.sqrt(np.diag(covariance)))
-    sentences = advise(poor)
+    correlation = np.eye(7)
+    correlation[1, 4] = correlation[4, 1] = 0.99
+    poor = with_errors(estimate, **dict.fromkeys(NAMES[:7], 0.01) | {'P2': 0.5, 'P5': 0.5})
+    sentences = advise(replace(poor, correlation=correlation))
     assert len(sentences) == 2
     assert 'P2' in sentences[0]
     assert 'hardly apart from P5 (correlation 0.99)' in sentences[0]

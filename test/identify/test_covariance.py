@@ -12,6 +12,7 @@ from scipy.stats import t as student
 from pendubot_identification.criteria.levenberg_marquardt import Fit
 from pendubot_identification.criteria.trajectory_fit import TrajectoryFit, fit_positions, fit_states
 from pendubot_identification.identify.covariance import (
+    correlations,
     estimated_zeros,
     scaled_condition_number,
     trajectory_covariance,
@@ -206,6 +207,19 @@ def test_a_bound_that_holds_one_of_two_that_look_alike_leaves_the_other_told(whi
     phi[:, :, 1] = 0.3 * phi[:, :, 0]
     held = line(phi, y, group, start, white=white, free=np.array([True, False, True]))[0]
     assert np.isfinite(trajectory_covariance(held)[1]).all()
+
+
+def test_correlations_are_those_of_the_information_of_what_is_free_and_told():
+    phi, _, _, _ = clustered(np.random.default_rng(9), 3)
+    columns = phi.reshape(-1, 3) * [1, 1e-3, 1e4]
+    everything = np.concatenate([columns, columns[:, :1] + columns[:, 1:2], np.zeros((len(columns), 1))], axis=1)
+    free = np.array([True, True, True, False, True])
+    found = correlations(everything.T @ everything, free)
+    covariance = np.linalg.inv(columns.T @ columns)
+    deviation = np.sqrt(np.diag(covariance))
+    np.testing.assert_allclose(found[:3, :3], covariance / np.outer(deviation, deviation), atol=1e-8)
+    assert np.isnan(found[3:]).all()
+    assert np.isnan(found[:, 3:]).all()
 
 
 def test_the_condition_number_is_that_of_the_columns_scaled_to_one():

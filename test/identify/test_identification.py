@@ -270,6 +270,19 @@ def test_without_validation_each_recording_or_block_is_predicted_from_the_others
     np.testing.assert_allclose(result.best.prediction.errors, Prediction.pool(parts).errors, rtol=1e-6)
 
 
+def test_three_recordings_have_no_say_in_which_parameters_are_told_apart():
+    """How three answers differ has two directions, in which any two parameters go together."""
+    motions = [exact_motion(GEARED, 400, 0.01, seed=seed, strength=1.5).recorded for seed in (1, 2, 3)]
+    best = identify(motions, settings=Settings(('trajectory',), 'coulomb', hold='zero')).best
+    assert not best.exact
+    assert '3 recordings' in best.uncertainty
+    assert best.covariance_rank == 2
+    apart = best.correlation[np.ix_(best.free, best.free)] - np.eye(best.free.sum())
+    assert best.free.sum() > 6
+    assert np.abs(apart).max() < 0.99
+    assert not any('hardly apart' in sentence for sentence in best.advice)
+
+
 def test_validation_only_judges():
     motions = [recording(250, seed=s) for s in range(3)]
     alone, judged, other = (identify(motions[:1], v, WEAK).best for v in ([], motions[1:], motions[2:]))

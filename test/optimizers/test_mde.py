@@ -87,7 +87,7 @@ def table_1(f, bounds, how, seed, line_14=True):
 @cache
 def found_by_table_1(how, line_14=True):
     """Return what 200 runs of the plain loops find on quadratic(3)."""
-    root = quadratic(3).quadratic.root.tolist()
+    root = quadratic(3).root.tolist()
 
     def f(v):
         return sum((sum(map(float.__mul__, row, v)) - row[-1]) ** 2 for row in root)

@@ -32,8 +32,7 @@ def drawn():
         for (name, algorithm), result in outcomes.items():
             for n, threshold in itertools.product(ns, thresholds):
                 if algorithm in algorithms:
-                    trial = trials.Trial(name, n, algorithm, threshold, 1, lambda: None)
-                    yield trials.Outcome(trial, result, 1.0)
+                    yield trials.Outcome(name, n, algorithm, threshold, 1, result)
 
     competition, dimensions = list(made(trials.ALGORITHMS)), list(made(trials.SETTINGS, ns=(2, 10, 30)))
     outcomes |= {(trials.IDENTIFICATION, name): outcomes['Sphere', name] for name in ('MDE', trials.PER_VECTOR)}

@@ -10,7 +10,6 @@ import pytest
 
 from pendubot_identification.errors import BagError
 from pendubot_identification.recordings.bag_metadata import Qos
-from pendubot_identification.recordings.bag_reader import BagReader
 from pendubot_identification.recordings.bag_repair import repair
 from pendubot_identification.recordings.bag_writer import BagWriter
 
@@ -44,20 +43,22 @@ def test_a_cut_bag_is_read_and_saved_up_to_the_cut(tmp_path, closed):
 
 
 @pytest.mark.parametrize('closed', [True, False])
-def test_a_changed_byte_costs_no_more_than_its_chunk_and_never_silently(tmp_path, closed):
-    for outcome, _ in damage.damaged_bags(tmp_path, 25, damage.change, closed=closed):
+@pytest.mark.parametrize('count', [1, 5])
+def test_changed_bytes_cost_no_more_than_their_chunks_and_never_silently(tmp_path, closed, count):
+    for outcome, _ in damage.damaged_bags(tmp_path, 15, lambda *of: damage.change(*of, count), closed=closed):
         assert outcome.silent == 0
-        assert outcome.saved >= damage.COUNT - CHUNK
-        assert outcome.refused or outcome.read >= damage.COUNT - CHUNK
+        assert outcome.saved >= damage.COUNT - count * CHUNK
+        assert outcome.refused or outcome.read >= damage.COUNT - count * CHUNK
 
 
-def test_many_changed_bytes_cost_no_more_than_their_chunks(tmp_path):
-    for outcome, _ in damage.damaged_bags(tmp_path, 10, lambda data, rng: damage.change(data, rng, 5)):
-        assert outcome.silent == 0
-        assert outcome.saved >= damage.COUNT - 5 * CHUNK
+def change(file, at, flip=1):
+    """Change a byte of a file."""
+    data = bytearray(file.read_bytes())
+    data[at] ^= flip
+    file.write_bytes(data)
 
 
-@pytest.mark.parametrize('at', range(9))
+@pytest.mark.parametrize('at', [0, 1, 2, 5, 8])
 def test_a_damaged_length_leads_past_no_chunk(tmp_path, at):
     sent = damage.write(tmp_path / 'bag', closed=False)
     file = tmp_path / 'bag' / 'bag_0.mcap'
@@ -69,9 +70,8 @@ def test_a_damaged_length_leads_past_no_chunk(tmp_path, at):
     assert whole[index] == 7
     for k, place in enumerate((chunk, index)):
         for m, flip in enumerate((1, 0x80, 0xFF)):
-            data = bytearray(whole)
-            data[place + at] ^= flip
-            file.write_bytes(data)
+            file.write_bytes(whole)
+            change(file, place + at, flip)
             outcome = damage.examine(tmp_path / 'bag', tmp_path / f'copy{k}{m}', sent)
             assert outcome.silent == 0
             assert outcome.saved >= damage.COUNT - CHUNK
@@ -80,13 +80,10 @@ def test_a_damaged_length_leads_past_no_chunk(tmp_path, at):
 def test_the_first_chunk_may_be_lost_without_the_others(tmp_path):
     sent = damage.write(tmp_path / 'bag', closed=False)
     file = tmp_path / 'bag' / 'bag_0.mcap'
-    data = bytearray(file.read_bytes())
-    data[data.index(sent[3][2]) + 20] ^= 1
-    file.write_bytes(data)
-    assert BagReader(tmp_path / 'bag').count >= damage.COUNT - CHUNK
+    change(file, file.read_bytes().index(sent[3][2]) + 20)
     outcome = damage.examine(tmp_path / 'bag', tmp_path / 'copy', sent)
     assert (outcome.silent, outcome.refused) == (0, False)
-    assert outcome.saved >= damage.COUNT - CHUNK
+    assert min(outcome.read, outcome.saved) >= damage.COUNT - CHUNK
 
 
 def test_the_original_is_as_it_was_and_the_copy_says_all_that_it_said(tmp_path):
@@ -108,10 +105,8 @@ def test_the_original_is_as_it_was_and_the_copy_says_all_that_it_said(tmp_path):
 def test_what_is_lost_is_counted(tmp_path):
     sent = damage.write(tmp_path / 'bag', closed=False)
     file = tmp_path / 'bag' / 'bag_0.mcap'
-    data = bytearray(file.read_bytes())
-    hit = data.index(sent[200][2]) + 20
-    data[hit] ^= 1
-    file.write_bytes(data)
+    hit = file.read_bytes().index(sent[200][2]) + 20
+    change(file, hit)
     (saved,) = repair(tmp_path / 'bag', tmp_path / 'copy')
     assert not saved.whole
     assert sum(saved.counts.values()) + sum(saved.missing.values()) == damage.COUNT

@@ -24,7 +24,6 @@ from pendubot_identification.recordings.bag_reader import BagReader, read_trajec
 from pendubot_identification.recordings.bag_writer import BagWriter, whole_bag
 from pendubot_identification.recordings.joint_states import (
     JOINT_STATE,
-    decode_joint_state,
     encode_joint_state,
     write_trajectory,
 )
@@ -135,18 +134,6 @@ def test_metadata_has_every_key_of_version_9(tmp_path):
     assert yaml.safe_load(copy.metadata['serialized_metadata']) == information
 
 
-def test_two_topics_of_one_type_share_its_schema(tmp_path):
-    with BagWriter(tmp_path / 'bag') as bag:
-        channels = [bag.add_topic(name, 'std_msgs/msg/Float64') for name in ('/a', '/b')]
-        for channel in channels:
-            bag.write(channel, bytes([0, 1, 0, 0]) + bytes(8), START)
-    with (tmp_path / 'bag' / 'bag_0.mcap').open('rb') as file:
-        summary = make_reader(file).get_summary()
-    assert len(summary.schemas) == 1
-    assert '&' not in (tmp_path / 'bag' / 'metadata.yaml').read_text()
-    assert BagReader(tmp_path / 'bag').topics == {'/a': ('std_msgs/msg/Float64', 1), '/b': ('std_msgs/msg/Float64', 1)}
-
-
 @pytest.mark.parametrize('overwrite', [False, True])
 @pytest.mark.parametrize('content', ['file', 'folder', 'empty folder', 'bag and more'])
 def test_nothing_but_a_bag_is_ever_overwritten(tmp_path, content, overwrite):
@@ -232,19 +219,6 @@ def test_sigkill_loses_no_more_than_the_last_tenth_of_a_second(tmp_path):
     assert 'never closed' in info.note
     assert 990 <= info.count <= 1000
     assert len(read_trajectory(tmp_path / 'bag').trajectory) == info.count
-
-
-def test_sync_leaves_nothing_behind(tmp_path):
-    in_another_process(
-        """
-        for k in range(5):
-            bag.write(channel, message(k)[1], message(k)[0])
-        bag.sync()
-        os.kill(os.getpid(), signal.SIGKILL)
-        """,
-        tmp_path,
-    )
-    assert BagReader(tmp_path / 'bag').count == 5
 
 
 def test_sync_puts_the_file_on_the_disk_and_so_does_the_end(tmp_path, monkeypatch):
@@ -412,14 +386,6 @@ def test_the_same_trajectory_gives_the_same_bytes(tmp_path):
 def test_stamps_increase_however_close_the_samples(tmp_path):
     write_trajectory(tmp_path / 'bag', motion(step=1e-10))
     assert (np.diff(read_trajectory(tmp_path / 'bag').trajectory.t) > 0).all()
-
-
-def test_joint_states_survive_their_bytes():
-    state = decode_joint_state(encode_joint_state(START + 7, ('a', 'b'), [1, 2], [], [3, 4]))
-    assert (state.stamp_ns, state.names) == (START + 7, ('a', 'b'))
-    assert (list(state.position), list(state.velocity), list(state.effort)) == ([1, 2], [], [3, 4])
-    with pytest.raises(BagError, match='is no sensor_msgs'):
-        decode_joint_state(b'\x00\x01\x00\x00 nonsense')
 
 
 def test_a_type_of_a_workspace_is_found_with_what_it_uses(tmp_path, monkeypatch):

@@ -12,6 +12,7 @@ import sys
 import numpy as np
 import pytest
 import zstandard
+from mcap import writer as mcap
 from mcap.data_stream import RecordBuilder
 from mcap.records import Chunk
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
@@ -126,17 +127,21 @@ BOMBS = {
 }
 
 
-def info(path):
-    """Run ``pendubot info`` with little memory and time; return the ended process."""
+def limited(*command):
+    """Run Python with little memory and time; return the ended process."""
     ended = subprocess.run(
-        [sys.executable, '-m', MODULES['pendubot'], 'info', str(path), '--json'],
+        [sys.executable, *map(str, command)],
         capture_output=True,
         text=True,
         timeout=TIME,
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY)),
     )
-    assert 'Traceback' not in ended.stderr
+    assert 'Traceback' not in ended.stderr, ended.stderr
     return ended
+
+
+def info(path):
+    return limited('-m', MODULES['pendubot'], 'info', path, '--json')
 
 
 @pytest.mark.parametrize('name', BOMBS)
@@ -158,3 +163,19 @@ def test_a_compressed_file_of_nothing_but_zeros_is_one_sentence(tmp_path):
     assert ended.returncode == 1
     assert 'is no bag: it would be over 1000 times as long when it is decompressed' in ended.stderr
     assert len(ended.stderr.splitlines()) == 1
+
+
+def test_of_much_that_was_compressed_well_little_is_held_at_once(tmp_path):
+    with (tmp_path / 'bag.mcap').open('wb') as file:
+        writer = mcap.Writer(file, compression=mcap.CompressionType.ZSTD)
+        writer.start(profile='ros2')
+        schema = writer.register_schema(JOINT_STATE, 'ros2msg', b'std_msgs/Header header')
+        states, other = (writer.register_channel(name, 'cdr', schema) for name in ('/joint_states', '/other'))
+        for k in range(100):
+            writer.add_message(states, START + k * STEP, sample(k), START)
+            if k % 5 == 0:
+                writer.add_message(other, START + k * STEP, bytes(60_000_000), START)
+        writer.finish()
+    imports = 'import sys; from pendubot_identification.recordings.bag_reader import Path, read_trajectory'
+    program = f'{imports}; print(len(read_trajectory(Path(sys.argv[1])).trajectory))'
+    assert limited('-c', program, tmp_path / 'bag.mcap').stdout == '100\n'

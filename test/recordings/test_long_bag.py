@@ -8,6 +8,7 @@ import shutil
 import numpy as np
 import pytest
 
+from pendubot_identification.cli import report
 from pendubot_identification.cli.main import main
 from pendubot_identification.errors import TrajectoryError
 from pendubot_identification.excitation.excitation import PulseTrain
@@ -30,10 +31,12 @@ from pendubot_identification.recordings.joint_states import (
 from pendubot_identification.results.provenance import recordings
 from pendubot_identification.results.result_file import result_of
 from pendubot_identification.trajectories import long
-from pendubot_identification.trajectories.long import STRETCH, STRETCHES, Long
+from pendubot_identification.trajectories.long import STRETCH, Long
 from pendubot_identification.trajectories.trajectory import Trajectory
 
-INTERVAL, SAMPLES = 0.01, 24_000
+INTERVAL, SAMPLES = 0.01, 8000
+#: What is too long here [s], and how many stretches stand for it.
+LONG, STRETCHES = 25.0, 4
 SETTINGS = Settings(('energy', 'weak'), 'viscous', 'lsq', delays=(0.0, 0.0))
 
 
@@ -53,8 +56,9 @@ def bag(tmp_path_factory):
 
 @pytest.fixture
 def soon(monkeypatch):
-    """A recording of a minute and a half is already too long."""
-    monkeypatch.setattr(long, 'LONG_SECONDS', 90.0)
+    """Half a minute is already too long."""
+    for name, value in (('LONG_SECONDS', LONG), ('STRETCHES', STRETCHES)):
+        monkeypatch.setattr(long, name, value)
 
 
 @pytest.fixture(params=['closed', 'cut'])
@@ -63,13 +67,13 @@ def either(request, bag, tmp_path):
     if request.param == 'closed':
         return bag
     path = shutil.copytree(bag, tmp_path / 'cut')
-    (path / 'long_0.mcap').write_bytes((path / 'long_0.mcap').read_bytes()[:-40_000])
+    (path / 'long_0.mcap').write_bytes((path / 'long_0.mcap').read_bytes()[:-30_000])
     return path
 
 
 def test_a_long_recording_is_read_in_parts_and_in_stretches(either, soon):
-    whole = read_trajectory(BagWindow(either, 20, 210)).trajectory
-    recorded = read_recording(BagWindow(either, 20, 210)).trajectory
+    whole = read_trajectory(BagWindow(either, 10, 70)).trajectory
+    recorded = read_recording(BagWindow(either, 10, 70)).trajectory
     assert isinstance(recorded, Long)
     assert (len(recorded), recorded.start, recorded.last) == (len(whole), whole.t[0], whole.t[-1])
     for _ in range(2):
@@ -85,20 +89,20 @@ def test_a_long_recording_is_read_in_parts_and_in_stretches(either, soon):
         np.testing.assert_array_equal(alone.q, stretch.q)
 
 
-def test_what_is_quadratic_is_that_of_all_of_it(bag, monkeypatch):
+def test_what_is_quadratic_is_that_of_all_of_it(bag, request):
     held = load_datasets([str(bag)])
-    monkeypatch.setattr(long, 'LONG_SECONDS', 90.0)
+    request.getfixturevalue('soon')
     data = load_datasets([str(bag)])
     assert [source.role for source in data.sources] == ['training', 'validation']
     assert sum(source.samples for source in data.sources) == SAMPLES
     assert all(len(source.stretches) == STRETCHES for source in data.sources)
     first, again = (identify(d.training, d.validation, SETTINGS) for d in (held, data))
     for one, other in zip(first.estimates, again.estimates, strict=True):
-        # Half of it is 120 s to the sample; what is chosen from stretches is the smoothing and the weights.
+        # Half of it is 40 s to the sample; what is chosen from stretches is the smoothing and the weights.
         tolerance = 1e-6 if one.criterion == 'energy' else 0.01
         np.testing.assert_allclose(other.theta, one.theta, rtol=tolerance)
         np.testing.assert_allclose(other.std_error, one.std_error, rtol=0.1)
-        np.testing.assert_allclose(other.J_validation, one.J_validation, rtol=0.1)
+        np.testing.assert_allclose(other.J_validation, one.J_validation, rtol=0.25)
         assert other.residuals == pytest.approx(one.residuals, abs=3)
         assert 'from all of' in other.steps[0]
     motions = recordings(result_of(again, data.sources))
@@ -108,20 +112,22 @@ def test_what_is_quadratic_is_that_of_all_of_it(bag, monkeypatch):
 
 
 def test_several_long_recordings_share_the_stretches(bag, soon):
-    data = load_datasets([f'{bag}@0:100', f'{bag}@140:240'], [f'{bag}@0:95'])
-    assert [len(recorded.stretches) for recorded in (*data.training, *data.validation)] == [6, 6, 11]
+    data = load_datasets([f'{bag}@0:30', f'{bag}@45:75'], [f'{bag}@0:28'])
+    assert [len(recorded.stretches) for recorded in (*data.training, *data.validation)] == [2, 2, 3]
     found = identify(data.training, data.validation, SETTINGS)
     motions = recordings(result_of(found, data.sources))
-    assert [len(part) for part in motions] == [12, 11]
+    assert [len(part) for part in motions] == [4, 3]
 
 
-def test_trajectory_takes_the_stretches_and_says_so(bag, soon, tmp_path, capsys):
+def test_trajectory_takes_the_stretches_and_says_so(bag, soon, tmp_path, capsys, monkeypatch):
+    # Its figures are of no interest here.
+    monkeypatch.setattr(report, '_sections', lambda *_: ({report.MOTION: []}, []))
     arguments = ('--criterion', 'trajectory', '--model', 'viscous', '--report', str(tmp_path / 'look'))
     assert main(['identify', str(bag), *arguments]) == 0
     said = ' '.join(capsys.readouterr().out.split())
-    assert f'from {STRETCHES} stretches of 8 s, spread over {bag}@:119.995, 120 s' in said
+    assert f'from {STRETCHES} stretches of 8 s, spread over {bag}@:39.995, 40 s' in said
     page = (tmp_path / 'look' / 'report.html').read_text()
-    assert f'what lies between {STRETCHES} stretches of {bag}@:119.995, 120 s' in page
+    assert f'what lies between {STRETCHES} stretches of {bag}@:39.995, 40 s' in page
 
 
 def test_a_topic_that_ended_long_before_the_bag_is_taken_as_long_as_it_is(tmp_path, soon):
@@ -132,21 +138,21 @@ def test_a_topic_that_ended_long_before_the_bag_is_taken_as_long_as_it_is(tmp_pa
     for k in range(SAMPLES):
         stamp = EPOCH_NS + k * 10_000_000
         message = encode_joint_state(stamp, JOINT_NAMES, motion.q[k], [0, 0], motion.tau[k])
-        if k < 500 or k == 23_000:
+        if k < 500 or k == 7900:
             writer.write(joints if k < 500 else other, message, stamp, stamp)
     writer.close()
     data = load_datasets([str(tmp_path / 'bag')])
     assert [len(d) for d in (*data.training, *data.validation)] == [250, 250]
     with pytest.raises(TrajectoryError, match='the window holds no sample'):
-        load_datasets([f'{tmp_path / "bag"}@100:'])
+        load_datasets([f'{tmp_path / "bag"}@50:'])
 
 
 def test_gaps_and_stamps_that_run_back_are_named(tmp_path, soon):
     motion = recording()
-    write_trajectory(tmp_path / 'hole', motion[(motion.t < 150) | (motion.t > 151)])
-    with pytest.raises(TrajectoryError, match=r'1\.020 s without a sample begin at 149\.990 s, where 0\.01 s is'):
+    write_trajectory(tmp_path / 'hole', motion[(motion.t < 50) | (motion.t > 51)])
+    with pytest.raises(TrajectoryError, match=r'1\.020 s without a sample begin at 49\.990 s, where 0\.01 s is'):
         read_recording(BagWindow(tmp_path / 'hole'))
-    assert read_recording(BagWindow(tmp_path / 'hole', 0, 150)).trajectory.lost == 0
+    assert read_recording(BagWindow(tmp_path / 'hole', 0, 50)).trajectory.lost == 0
 
 
 def test_a_sliding_window_longer_than_a_stretch_is_one_sentence(bag, soon, capsys):

@@ -188,6 +188,7 @@ def test_every_number_says_how_far_to_trust_it():
         assert entry['determined'] == best.determined[k]
         assert not entry['on_bound']
     assert np.shape(data['covariance']) == (7, 7)
+    assert data['covariance_rank'] == 7
     for estimate, entry in zip(result.estimates, data['criteria'].values(), strict=True):
         assert entry['level'] == estimate.level.name
         assert entry['J']['training'] == estimate.J
