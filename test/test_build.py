@@ -47,6 +47,8 @@ def test_colcon_builds_and_every_program_runs_from_there(tmp_path, options):
             timeout=120,
         )
 
+    found = {path.name for path in programs.iterdir() if os.access(path, os.X_OK)}
+    assert found == set(PROGRAMS), 'what ros2 run finds'
     for program in PROGRAMS:
         answer = sourced(f'"{programs / program}" --help')
         assert answer.returncode == 0, answer.stderr

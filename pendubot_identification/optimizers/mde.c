@@ -33,8 +33,7 @@ typedef struct {
     uint32_t a[LANES], b[LANES], c[LANES], d[LANES];
 } Random;
 
-/* What a generation needs; all are rows but words, which is two, and trials. Random words stand for numbers from 0 to
- * 1; of those that are compared 31 bits count. */
+/* What a generation needs: rows, but for four of random words and all trials. */
 typedef struct {
     uint32_t *words, *CR;
     int32_t *jrand, *base, *plus, *minus;
@@ -53,19 +52,21 @@ INLINE void draw(Random *restrict s, uint32_t *restrict words, int32_t count)
         }
 }
 
-/* Choose operator and partners of every target t: a trial is x[base] + F (x[plus] - x[minus]). */
-INLINE void choose(Random *random, const Room *m, int32_t n, int32_t rows, int32_t best, uint32_t threshold)
+/* A random word as a whole number from 0 to n - 1; as a fraction of 2^31, for comparisons; as a number from 0 to 1. */
+INLINE int32_t below(uint32_t word, int32_t n) { return (uint64_t)word * (uint32_t)n >> 32; }
+INLINE uint32_t fraction(uint32_t word) { return word >> 1; }
+INLINE double unit(uint32_t word) { return (int32_t)fraction(word) * 0x1p-31; }
+
+/* Choose operator and partners of every target t: its trial is x[base] + F (x[plus] - x[minus]). */
+INLINE void choose(const Settings *s, Random *random, const Room *m, int32_t rows, int32_t best)
 {
-    const uint32_t *partners = m->words, *operators = m->words + rows;
-    draw(random, m->words, 2 * rows);
+    int32_t n = s->population;
+    uint32_t threshold = s->threshold * 0x1p31;
+    const uint32_t *u1 = m->words, *u2 = u1 + rows, *u3 = u2 + rows, *u4 = u3 + rows;
+    draw(random, m->words, 4 * rows);
     EACH(t, rows) {
-        /* Three others, counted from the target on, are the digits of one random word. */
-        uint64_t u = (uint64_t)partners[t] * (uint32_t)(n - 1);
-        int32_t r1 = u >> 32;
-        u = (u & UINT32_MAX) * (uint32_t)(n - 2);
-        int32_t r2 = u >> 32;
-        u = (u & UINT32_MAX) * (uint32_t)(n - 3);
-        int32_t r3 = u >> 32;
+        /* Three others, counted from the target on. */
+        int32_t r1 = below(u1[t], n - 1), r2 = below(u2[t], n - 2), r3 = below(u3[t], n - 3);
         r2 += r2 >= r1;
         int32_t low = r1 < r2 ? r1 : r2, high = r1 < r2 ? r2 : r1;
         r3 += r3 >= low;
@@ -73,7 +74,7 @@ INLINE void choose(Random *random, const Room *m, int32_t n, int32_t rows, int32
         r1 += t + 1, r2 += t + 1, r3 += t + 1;
         r1 -= r1 < n ? 0 : n, r2 -= r2 < n ? 0 : n, r3 -= r3 < n ? 0 : n;
         /* Line 14, as in mde.py. */
-        int32_t best_1 = operators[t] >> 1 < threshold;
+        int32_t best_1 = fraction(u4[t]) < threshold;
         m->base[t] = best_1 ? best : r1;
         m->plus[t] = !best_1 ? r2 : r1 == best ? r3 : r1;
         m->minus[t] = !best_1 | (r2 == best) ? r3 : r2;
@@ -83,26 +84,25 @@ INLINE void choose(Random *random, const Room *m, int32_t n, int32_t rows, int32
 INLINE void make_trials(const Settings *s, Random *random, const Room *m, int32_t rows, const double *lower,
     const double *upper, const double *x, int32_t best)
 {
-    int32_t n = s->population, d = s->dimension;
-    double one = 0x1p31, F_width = (s->F_high - s->F_low) / one, CR_width = (s->CR_high - s->CR_low) / one;
-    draw(random, m->words, 2 * rows);
+    int32_t d = s->dimension;
+    const uint32_t *u1 = m->words, *u2 = u1 + rows, *u3 = u2 + rows;
+    draw(random, m->words, 3 * rows);
     EACH(t, rows) {
-        m->F[t] = s->F_low + F_width * (int32_t)(m->words[t] >> 1);
-        m->CR[t] = one * (s->CR_low + CR_width * (int32_t)(m->words[rows + t] >> 1));
+        m->F[t] = s->F_low + (s->F_high - s->F_low) * unit(u1[t]);
+        m->CR[t] = (s->CR_low + (s->CR_high - s->CR_low) * unit(u2[t])) * 0x1p31;
+        m->jrand[t] = below(u3[t], d);
     }
-    draw(random, m->words, rows);
-    EACH(t, rows) m->jrand[t] = (uint64_t)m->words[t] * (uint32_t)d >> 32;
     for (int32_t j = 0; j < d; j++) {
         const double *own = x + j * rows;
         double *restrict trial = m->trials + j * rows, low = lower[j], high = upper[j];
         if (s->per_component || j == 0)
-            choose(random, m, n, rows, best, one * s->threshold);
+            choose(s, random, m, rows, best);
         draw(random, m->words, rows);
         EACH(t, rows) {
             double v = own[m->base[t]] + m->F[t] * (own[m->plus[t]] - own[m->minus[t]]);
             double bound = v < low ? low : high;
             v = (v < low) | (v > high) ? (own[t] + bound) / 2.0 : v;
-            trial[t] = (m->words[t] >> 1 < m->CR[t]) | (m->jrand[t] == j) ? v : own[t];
+            trial[t] = (fraction(m->words[t]) < m->CR[t]) | (m->jrand[t] == j) ? v : own[t];
         }
     }
 }
@@ -140,9 +140,9 @@ EXPORT int64_t pendubot_mde(const Settings *s, int64_t generations, const double
 {
     int32_t n = s->population, d = s->dimension, rows = (n + LANES - 1) / LANES * LANES;
     double *doubles = calloc((size_t)(3 + d) * rows, sizeof(double));
-    uint32_t *integers = calloc((size_t)7 * rows, sizeof(uint32_t));
-    int32_t *rest = (int32_t *)integers + 3 * rows;
-    Room m = {integers, integers + 2 * rows, rest, rest + rows, rest + 2 * rows, rest + 3 * rows,
+    uint32_t *integers = calloc((size_t)9 * rows, sizeof(uint32_t));
+    int32_t *rest = (int32_t *)integers + 5 * rows;
+    Room m = {integers, integers + 4 * rows, rest, rest + rows, rest + 2 * rows, rest + 3 * rows,
         doubles, doubles + rows, doubles + 2 * rows, doubles + 3 * rows};
     int64_t made = doubles && integers ? 0 : -1;
     for (; made >= 0; made++) {

@@ -245,24 +245,24 @@ def _compiled(
     root, rows = np.ascontiguousarray(objective.root), NP + -NP % LANES
     populations, costs = np.zeros((runs, D, rows)), np.zeros((runs, rows))
     populations[..., :NP], costs[:, :NP] = x.transpose(1, 0, 2), values
-    history = np.empty((runs, settings.generations + 1))
-    history[:, 0] = values.min(axis=1)
-    points, taken, stopped_by = np.empty((runs, D)), np.zeros(runs, dtype=np.int64), []
+    points, taken, stopped_by, curves = np.empty((runs, D)), np.zeros(runs, dtype=np.int64), [], []
     for run in range(runs):
-        random = np.random.SeedSequence([seed, run]).generate_state(4 * LANES)
-        asked = made = done = 0
+        random, best = np.random.SeedSequence([seed, run]).generate_state(4 * LANES), np.empty(CHUNK)
+        arrays = root, bounds.lower, bounds.upper, random, populations[run], costs[run], best
+        curve, asked, made, done = [values[run].min()], 0, 0, 0
         while made == asked and done < settings.generations:
             asked = min(CHUNK, settings.generations - done)
-            arrays = root, bounds.lower, bounds.upper, random, populations[run], costs[run], history[run, done + 1 :]
             made = library.pendubot_mde(ctypes.byref(how), asked, *(array.ctypes.data for array in arrays))
             if made < 0:
                 raise MemoryError('for the trials of a generation')
             done += made
+            curve += best[:made].tolist()
             if progress is not None:
                 progress((run * settings.generations + done) // runs, float(costs[:, :NP].min()))
         cost = costs[run, :NP]
         points[run], taken[run] = populations[run, :, cost.argmin()], done
         stopped_by += reasons_to_stop(cost[None], done, settings.generations, settings.target, settings.spread).tolist()
-        history[run, done + 1 :] = history[run, done]
+        curves.append(curve)
     last = taken.max()
-    return OptimizationResult(points, history[:, -1].copy(), taken, history[:, : last + 1].T, tuple(stopped_by), NP, NP)
+    history = np.array([np.pad(curve, (0, last + 1 - len(curve)), mode='edge') for curve in curves]).T
+    return OptimizationResult(points, history[-1].copy(), taken, history, tuple(stopped_by), NP, NP)

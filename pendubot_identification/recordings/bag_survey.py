@@ -67,8 +67,7 @@ def begins_with_header(schema: Schema | None) -> bool:
 
 
 def _times(logged: array[int], stamps: array[int], numbers: array[int]) -> TopicTimes:
+    known = np.sort(np.array(numbers, np.int64))
     # Recorders that do not number leave zeros.
-    known = np.unique(np.array(numbers, np.int64))
-    known = known[known > 0]
-    lost = int(known[-1] - known[0]) + 1 - len(known) if len(known) else 0
+    lost = int(np.clip(np.diff(known[known > 0]) - 1, 0, None).sum())
     return TopicTimes(np.array(logged), np.array(stamps if len(stamps) == len(logged) else (), np.int64), lost)
