@@ -16,7 +16,7 @@ test: $(VENV)/.test
 lint: $(VENV)/.test
 	$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/mypy && $(BIN)/lint-imports
 
-# Half an hour, and 1 GB in the temporary folder; what docs/performance.md shows.
+# Half an hour, and 1 GB in the temporary folder; what docs/architecture.md shows.
 benchmark: $(VENV)/.benchmark
 	$(BIN)/python -m test.benchmark
 

@@ -141,12 +141,48 @@ def test_a_wrong_ros2_command_would_be_found(line):
     assert unknown_in(shlex.split(line)) is not None
 
 
+def anchors(page):
+    """Where a link into a page can lead, made of its headings as GitHub does."""
+    headings = re.findall(r'^#+ (.*)', re.sub(r'```.*?```', '', page.read_text(), flags=re.DOTALL), re.MULTILINE)
+    return {re.sub(r'[^\w -]', '', heading.lower()).replace(' ', '-') for heading in headings}
+
+
 @every_page
 def test_links_lead_somewhere(page):
     prose = re.sub(r'```.*?```', '', page.read_text(), flags=re.DOTALL)
-    for target in re.findall(r'\]\(([^)#]+)', prose):
+    for target in re.findall(r'\]\(([^)]+)\)', prose):
         if not target.startswith('http'):
-            assert (page.parent / target).exists(), f'{page.name} links to {target}'
+            path, _, anchor = target.partition('#')
+            found = page.parent / path if path else page
+            assert found.exists(), f'{page.name} links to {target}'
+            assert not anchor or anchor in anchors(found), f'{page.name} links to {target}'
+
+
+@every_page
+def test_modules_that_are_named_are_there(page):
+    for path in re.findall(r'`((?:[a-z]+/)*\w+\.(?:py|c))`', page.read_text()):
+        assert list((ROOT / PACKAGE).rglob(path)), f'{page.name} names {path}'
+
+
+def test_the_walks_through_the_code_name_functions_that_there_are():
+    page = (ROOT / 'docs' / 'architecture.md').read_text()
+    (walks,) = re.findall(r'^## Three walks\n(.*?)^## ', page, re.MULTILINE | re.DOTALL)
+    code = [path.read_text() for path in (ROOT / PACKAGE).rglob('*.py')]
+    named = re.findall(r'`(?:(\w+)\.)?([a-zA-Z_]\w*)`', walks)
+    assert len(named) > 20
+    for owner, name in named:
+        defined = re.compile(rf'^\s*(?:(?:async )?def|class) {name}\b|^    {name}: ', re.MULTILINE)
+        owned = [text for text in code if not owner or re.search(rf'^class {owner}\b', text, re.MULTILINE)]
+        assert any(map(defined.search, owned)), f'there is no {owner}.{name}'
+
+
+def test_files_name_only_pages_that_there_are():
+    """In code, configuration and what is printed."""
+    files = [*(ROOT / PACKAGE).rglob('*.py'), *(ROOT / 'config').iterdir(), *(ROOT / 'launch').glob('*.py')]
+    files += [*(ROOT / 'test').rglob('*.py'), ROOT / 'Makefile', ROOT / 'CHANGELOG.rst', *PAGES]
+    named = {name for path in files for name in re.findall(r'\bdocs/[\w-]+\.(?:md|svg|png)\b', path.read_text())}
+    assert named
+    assert not [name for name in named if not (ROOT / name).exists()]
 
 
 def messages(path):
