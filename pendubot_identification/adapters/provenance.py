@@ -13,6 +13,7 @@ from pendubot_identification.core.estimation.evidence import Answer
 from pendubot_identification.core.estimation.settings import Settings
 from pendubot_identification.core.model.parameters import NAMES, Bounds, Parameters
 from pendubot_identification.core.trajectories.long import Long
+from pendubot_identification.core.trajectories.signals import evenly_stamped
 from pendubot_identification.core.trajectories.trajectory import Trajectory
 
 from .bag_reader import BagWindow, read_recording
@@ -29,7 +30,8 @@ def recordings(
         folder: where the bags lie now, by their own names; None: where they lay.
 
     Returns:
-        Motions that estimate, motions that validate; of long ones the stretches that stand for them.
+        Motions that estimate, motions that validate, as they were taken; of long ones the stretches that stand for
+        them.
 
     Raises:
         BagError: a bag is gone, or is another one than it was.
@@ -63,7 +65,7 @@ def recordings(
             found[source['role']] += [s for s in motion.stretches if round(float(s.t[0]), 3) in taken]
             continue
         part = slice(samples) if source['role'] == 'training' else slice(len(motion) - samples, None)
-        found[source['role']].append(motion[part])
+        found[source['role']].append(evenly_stamped(motion[part]))
     return tuple(found['training']), tuple(found['validation'])
 
 

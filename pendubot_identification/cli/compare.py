@@ -122,14 +122,14 @@ def _foreseen(results: Results, args: argparse.Namespace) -> dict[str, Any]:
     from pendubot_identification.core.estimation.prediction import HORIZONS, predict, state_scale
     from pendubot_identification.core.trajectories.long import held_parts
     from pendubot_identification.core.trajectories.motion import Motion
-    from pendubot_identification.core.trajectories.signals import choose_smoothing
+    from pendubot_identification.core.trajectories.signals import choose_smoothing, evenly_stamped
 
     from .identify import joints
 
     with wrong_usage():
         window, names = BagWindow.parse(args.on), joints(args.joints)
     recorded = read_recording(window, topic=args.topic, joint_names=names)
-    parts = held_parts([recorded.trajectory])
+    parts = [evenly_stamped(part) for part in held_parts([recorded.trajectory])]
     # States as all results are held against them; the torque as each result takes it.
     smoothing = choose_smoothing(parts)
     errors, notes = [], []
