@@ -5,13 +5,14 @@ from __future__ import annotations
 import argparse
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from .usage import UsageError, wrong_usage
 
 Results = Mapping[str, Mapping[str, Any]]
+Part = tuple[str, float, float]
 
 DESCRIPTION = """\
 Set results side by side: every parameter with its standard error, and how far it is from that of the first result,
@@ -100,24 +101,37 @@ def _apart(first: float | None, second: float | None, error: float | None, other
 
 
 def _shared(results: Results) -> list[str]:
-    """Return what the reader should know of results that were estimated from the same recordings."""
+    """Return what the reader should know of results that were estimated from the same motion."""
     used = {name: _training(result) for name, result in results.items()}
     return [
-        f'{name} and {other} were estimated from the same recording: their errors have a part in common, so that '
+        f'{name} and {other} were estimated from the same motion: their errors have a part in common, so that '
         'differences count for more than they show'
         for k, name in enumerate(used)
         for other in list(used)[k + 1 :]
-        if used[name] & used[other]
+        if _common(used[name], used[other])
     ]
 
 
-def _training(result: Mapping[str, Any]) -> set[str]:
-    return {bag['sha256'] for bag in result.get('bags') or [] if bag['role'] == 'training'}
+def _training(result: Mapping[str, Any]) -> list[Part]:
+    """Return of what parts of which bags, by their hash, a result was estimated: first and last sample [s]."""
+    from pendubot_identification.adapters.bag_reader import BagWindow
+
+    parts = []
+    for bag in result.get('bags') or []:
+        if bag['role'] == 'training':
+            start = BagWindow.parse(bag['bag']).start or 0.0
+            parts.append((bag['sha256'], start, start + bag['duration']))
+    return parts
+
+
+def _common(parts: Sequence[Part], others: Sequence[Part]) -> bool:
+    return any(a[0] == b[0] and max(a[1], b[1]) <= min(a[2], b[2]) for a in parts for b in others)
 
 
 def _foreseen(results: Results, args: argparse.Namespace) -> dict[str, Any]:
     """Return how far each result's simulation of a bag's motion is off, by horizon."""
     from pendubot_identification.adapters.bag_reader import BagWindow, read_recording
+    from pendubot_identification.adapters.datasets import span
     from pendubot_identification.adapters.result_file import parameters_of
     from pendubot_identification.core.estimation.prediction import HORIZONS, predict, state_scale
     from pendubot_identification.core.trajectories.long import held_parts
@@ -140,10 +154,8 @@ def _foreseen(results: Results, args: argparse.Namespace) -> dict[str, Any]:
         prediction = predict(motions, theta, effort.get('delay', 0.0), state_scale(motions))
         errors.append(_numbers(prediction.error))
         still = _numbers(prediction.standing_still)
-        if recorded.sha256 in _training(result):
-            notes.append(
-                f'{name} was estimated from a part of {recorded.window.path}: of that it knows more than it should'
-            )
+        if _common([(recorded.sha256, *span(recorded.trajectory))], _training(result)):
+            notes.append(f'{name} was estimated from a part of {recorded.window}: of that it knows more than it should')
     return {
         'on': str(recorded.window),
         'horizons': list(HORIZONS),

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pendubot_identification.core.experiment.design import Experiment, Foreseen
-from pendubot_identification.core.model.parameters import NAMES, Parameters
+from pendubot_identification.core.model.parameters import NAMES, UNITS, Parameters
 
 from .tables import table
 
@@ -26,7 +26,9 @@ def motion_lines(found: Foreseen, experiment: Experiment) -> list[str]:
 def excitation_table(
     parameters: Parameters, std_error: NDArray[np.float64] | None, paper: Foreseen, found: Foreseen
 ) -> str:
-    """Return a row a parameter: its standard error in % now, after the paper's pulses, and after those found.
+    """Return a row a parameter: its standard error now, after the paper's pulses, and after those found.
+
+    In % of its value or, where that is 0, in its unit. What is 0 and cannot be told is left out.
 
     Args:
         parameters: of the rig.
@@ -35,15 +37,22 @@ def excitation_table(
         found: what the others tell.
     """
     theta = parameters.vector()
-    unit = np.where(theta == 0, 1.0, np.abs(theta)) / 100
-    columns = {"paper's pulses": paper.std_error / unit, 'these': found.std_error / unit}
+    nothing = theta == 0
+    scale = np.where(nothing, 1.0, np.abs(theta) / 100)
+    columns = {"paper's pulses": paper.std_error / scale, 'these': found.std_error / scale}
     if std_error is not None:
-        columns = {'now': std_error / unit, **columns}
+        columns = {'now': std_error / scale, **columns}
+    units = [f' {"N m/N m" if unit == "1" else unit}' for unit in UNITS]
     rows = [
-        [name, *(_number(errors[k]) for errors in columns.values()), _ratio(paper.std_error[k], found.std_error[k])]
+        [
+            name,
+            *(_number(errors[k]) + (units[k] if nothing[k] else '') for errors in columns.values()),
+            _ratio(paper.std_error[k], found.std_error[k]),
+        ]
         for k, name in enumerate(NAMES[: len(theta)])
+        if not nothing[k] or np.isfinite(found.std_error[k])
     ]
-    worst = [float(np.max(errors[np.isfinite(errors)], initial=0.0)) for errors in columns.values()]
+    worst = [float(np.max(errors[np.isfinite(errors) & ~nothing], initial=0.0)) for errors in columns.values()]
     rows.append(['the worst', *map(_number, worst), _ratio(*worst[-2:])])
     return '\n'.join(
         [
