@@ -8,7 +8,7 @@ from __future__ import annotations
 import argparse
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
     Results = Mapping[str, Result | Given]
 
+Part = tuple[str, float, float]
 
 DESCRIPTION = """\
 Set results side by side: every parameter with its standard error, and how far it is from that of the first result,
@@ -107,35 +108,48 @@ def _apart(first: float | None, second: float | None, error: float | None, other
 
 
 def _shared(results: Results) -> list[str]:
-    """Return what the reader should know of results that were estimated from the same recordings."""
+    """Return what the reader should know of results that were estimated from the same motion."""
     used = {name: _training(result) for name, result in results.items()}
     return [
-        f'{name} and {other} were estimated from the same recording: their errors have a part in common, so that '
+        f'{name} and {other} were estimated from the same motion: their errors have a part in common, so that '
         'differences count for more than they show'
         for k, name in enumerate(used)
         for other in list(used)[k + 1 :]
-        if used[name] & used[other]
+        if _common(used[name], used[other])
     ]
 
 
-def _training(result: Result | Given) -> set[str]:
-    return {bag.sha256 for bag in result.bags if bag.role == 'training'}
+def _training(result: Result | Given) -> list[Part]:
+    """Return of what parts of which bags, by their hash, a result was estimated: first and last sample [s]."""
+    from pendubot_identification.recordings.bag_reader import BagWindow
+
+    parts = []
+    for bag in result.bags:
+        if bag.role == 'training':
+            start = BagWindow.parse(bag.bag).start or 0.0
+            parts.append((bag.sha256, start, start + bag.duration))
+    return parts
+
+
+def _common(parts: Sequence[Part], others: Sequence[Part]) -> bool:
+    return any(a[0] == b[0] and max(a[1], b[1]) <= min(a[2], b[2]) for a in parts for b in others)
 
 
 def _predictions(results: Results, args: argparse.Namespace) -> dict[str, Any]:
     """Return how far each result's simulation of a bag's motion is off, by horizon."""
     from pendubot_identification.identify.prediction import HORIZONS, predict, state_scale
     from pendubot_identification.recordings.bag_reader import BagWindow, read_recording
+    from pendubot_identification.recordings.datasets import span
     from pendubot_identification.trajectories.long import held_parts
     from pendubot_identification.trajectories.motion import Motion
-    from pendubot_identification.trajectories.signals import choose_smoothing
+    from pendubot_identification.trajectories.signals import choose_smoothing, evenly_stamped
 
     from .identify import joints
 
     with wrong_usage():
         window, names = BagWindow.parse(args.on), joints(args.joints)
     recorded = read_recording(window, topic=args.topic, joint_names=names)
-    parts = held_parts([recorded.trajectory])
+    parts = [evenly_stamped(part) for part in held_parts([recorded.trajectory])]
     # States as all results are held against them; the torque as each result takes it.
     smoothing = choose_smoothing(parts)
     errors, notes = [], []
@@ -144,10 +158,8 @@ def _predictions(results: Results, args: argparse.Namespace) -> dict[str, Any]:
         prediction = predict(motions, result.theta.vector(), result.effort.delay, state_scale(motions))
         errors.append(_numbers(prediction.error))
         still = _numbers(prediction.standing_still)
-        if recorded.sha256 in _training(result):
-            notes.append(
-                f'{name} was estimated from a part of {recorded.window.path}: of that it knows more than it should'
-            )
+        if _common([(recorded.sha256, *span(recorded.trajectory))], _training(result)):
+            notes.append(f'{name} was estimated from a part of {recorded.window}: of that it knows more than it should')
     return {
         'on': str(recorded.window),
         'horizons': list(HORIZONS),

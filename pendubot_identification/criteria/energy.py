@@ -160,7 +160,7 @@ def require_plausible_speed(name: str, elapsed: Array, qd: Array) -> None:
         raise TrajectoryError(
             f'{name}: the {("shoulder", "elbow")[joint]} turns at {fastest[joint]:.4g} rad/s, '
             f'{elapsed[np.abs(qd[:, joint]).argmax()]:.3f} s after its start, and at most {TOP_SPEED:g} '
-            'is plausible; are its angles in radians, unwrapped, and without jumps?'
+            'is plausible; are its angles in radians, unwrapped and without jumps, and its stamps true?'
         )
 
 

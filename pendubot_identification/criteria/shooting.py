@@ -19,7 +19,7 @@ T is compared with what was measured at T + delay.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -113,6 +113,13 @@ class Segments:
     def steps(self) -> int:
         """Simulation steps of a segment."""
         return int(self.tau.shape[1])
+
+    def halved(self) -> Segments:
+        """Return the same with steps half as long."""
+        starts = [self.start[self.group == number] for number in range(len(self.motions))]
+        pairs = [(m, t) for m, t in zip(self.motions, starts, strict=True) if len(t)]
+        tau = np.concatenate([m.torques(t, self.step / 2, 2 * self.steps) for m, t in pairs], axis=2)
+        return replace(self, step=self.step / 2, tau=tau)
 
     def measured(self, offset: Array, what: str = 'states') -> Array:
         """Return smoothed states, or their rates, at times ``offset`` [s], shape (M,), after each segment's start.

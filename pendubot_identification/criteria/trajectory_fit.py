@@ -42,9 +42,12 @@ FINEST = 1e-6
 #: at all, do not tell their noise.
 NEGLIGIBLE = 5e-5
 #: Simulation steps [s] against positions are no longer than the sampling interval, in which the torque changes, nor,
-#: with dry friction or positions whose noise is not known, than this: the first rung apart, what a longer step errs
-#: would bend parameters by many of the standard errors that residuals as small as an encoder's rounding promise.
+#: with dry friction, positions whose noise is not known or torques that change within an interval, than this: the first
+#: rung apart, what a longer step errs would bend parameters by many of the standard errors that residuals as small as
+#: an encoder's rounding promise.
 SHORT_STEP = 0.0005
+#: Stamps that stray by more [s] from a grid make torques that change within an interval.
+STRAYING = 1e-4
 #: How far a rung may move the delay [s] before segments are cut anew, and how often they are.
 NEAR, ANEW = 0.003, 10
 #: Below this length [s] of segments that are supported, positions say less than states.
@@ -225,13 +228,13 @@ def fit_positions(
     # Segments begin on samples, the next one behind the margin.
     whole = min(m.end - m.start - m.interval for m in motions) - 2 * margin
     step = min(LONGEST_STEP, *(m.interval for m in motions))
-    if len(theta) > MODELS['viscous'] or not rounded:
+    if len(theta) > MODELS['viscous'] or not rounded or any(_strays(m) for m in motions):
         step = min(step, SHORT_STEP)
     first, best = np.nan, None
     before: tuple[Segments, Fit] | None = None
     for length in ladder:
         length = min(length, whole)
-        segments = Segments.cut(motions, length, length, margin, LONGEST_STEP if np.isnan(first) and rounded else step)
+        segments = Segments.cut(motions, length, length, margin, LONGEST_STEP if np.isnan(first) else step)
         initial = None if before is None else _continued(*before, segments)
         comparison = AgainstPositions(segments, noise, delay=delay, initial=initial)
         unknowns = 4 * len(segments) + len(theta) + 1
@@ -274,14 +277,20 @@ def fit_positions(
     return best
 
 
+def _strays(motion: Motion) -> bool:
+    """Tell whether stamps lie between the places of the grid on which segments begin and steps end."""
+    places = (motion.recorded.t - motion.start) / motion.interval
+    return bool(np.abs(places - np.rint(places)).max() * motion.interval > STRAYING)
+
+
 def _is_white(comparison: AgainstPositions, fit: Fit) -> bool:
     """Tell whether residuals are those of independent readings, and not of a simulation or of a model that errs."""
-    segments = comparison.segments
+    segments, halved = comparison.segments, comparison.segments.halved()
     residuals, finer = (
         comparison.residuals(states, fit.delay).reshape(len(segments), -1, 2)
         for states in (
             roll(fit.theta, fit.initial, segments.tau, segments.step),
-            roll(fit.theta, fit.initial, segments.tau.repeat(2, axis=1), segments.step / 2)[::2],
+            roll(fit.theta, fit.initial, halved.tau, halved.step)[::2],
         )
     )
     size = (residuals**2).mean()

@@ -16,6 +16,7 @@ from pendubot_identification.errors import TrajectoryError
 from pendubot_identification.level import Level
 from pendubot_identification.model.parameters import MODELS, Parameters
 from pendubot_identification.trajectories.long import STRETCH, Long, Recording, held_parts
+from pendubot_identification.trajectories.signals import evenly_stamped
 from pendubot_identification.trajectories.suspicions import suspicions
 
 from .agreement import contradictions
@@ -110,6 +111,10 @@ def identify(
         ExcitationError: a motion from which some parameters cannot be told.
     """
     settings, progress = settings or Settings(), progress or _silent
+    given = [*training, *validation]
+    training, validation = (
+        [r if isinstance(r, Long) else evenly_stamped(r) for r in part] for part in (training, validation)
+    )
     held, held_judges = held_parts(training), held_parts(validation)
     for motion in (*held, *held_judges):
         motion.require_samples()
@@ -120,7 +125,7 @@ def identify(
         )
     require_excitation(held, settings)
     settings = settings.of_rig(held)
-    notes = [*notes, *suspicions([*training, *validation])]
+    notes = [*notes, *suspicions(given)]
     progress('preparing', 0, 0, np.nan)
     data = Data.prepare(training, settings)
     groups, whole_judges = prepared(validation, data.smoothing, data.hold)
@@ -149,9 +154,17 @@ def identify(
     if faults:
         # Zeros of single recordings would make up for what is wrong with all of them.
         estimates = [replace(e, zeros=None) for e in estimates]
+    lost = [
+        f'{e.criterion} did not converge, so that it does not confirm what others say: start it elsewhere, or choose '
+        'another part of the recording'
+        for e in estimates
+        if not e.converged
+    ]
     return Identification(
         settings=settings,
-        estimates=tuple(judge(e, settings, length, faults, notes) for e in estimates),
+        estimates=tuple(
+            judge(e, settings, length, faults, [*notes, *lost] if e.converged else notes) for e in estimates
+        ),
         published=published,
         faults=faults,
         models=tuple(scores),

@@ -69,7 +69,7 @@ def load_datasets(
     notes = [r.note for _, r, _ in pairs if r.note]
     for k, (role, first, motion) in enumerate(pairs):
         for _, second, other in pairs[k + 1 :]:
-            starts, ends = zip(_span(motion), _span(other), strict=True)
+            starts, ends = zip(span(motion), span(other), strict=True)
             common = first.sha256 == second.sha256 and max(starts) <= min(ends)
             if common and role == 'training':
                 notes.append(
@@ -125,7 +125,7 @@ class _Reader:
         return recording if len(found) >= MINIMUM_SAMPLES and found.duration >= SHORTEST else None
 
 
-def _span(recording: Recording) -> tuple[float, float]:
+def span(recording: Recording) -> tuple[float, float]:
     """Return the first and the last stamp [s]."""
     if isinstance(recording, Long):
         return recording.start, recording.last

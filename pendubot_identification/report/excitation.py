@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pendubot_identification.excitation.design import Experiment, Predicted
-from pendubot_identification.model.parameters import NAMES, Parameters
+from pendubot_identification.model.parameters import NAMES, UNITS, Parameters
 
 from .table import Cell, Number, Table
 
@@ -29,7 +29,9 @@ def motion_lines(found: Predicted, experiment: Experiment) -> list[str]:
 def excitation_table(
     parameters: Parameters, std_error: NDArray[np.float64] | None, paper: Predicted, found: Predicted
 ) -> Table:
-    """Return a row a parameter: its standard error in % now, after the paper's pulses, and after those found.
+    """Return a row a parameter: its standard error now, after the paper's pulses, and after those found.
+
+    In % of its value or, where that is 0, in its unit. What is 0 and is not identifiable is left out.
 
     Args:
         parameters: of the rig.
@@ -38,23 +40,32 @@ def excitation_table(
         found: the same of the others.
     """
     theta = parameters.vector()
-    columns = {"paper's pulses": paper.std_error, 'these': found.std_error}
+    nothing = theta == 0
+    scale = np.where(nothing, 1.0, np.abs(theta) / 100)
+    columns = {"paper's pulses": paper.std_error / scale, 'these': found.std_error / scale}
     if std_error is not None:
-        columns = {'now': std_error, **columns}
-    errors = 100 * np.array(list(columns.values())) / np.where(theta == 0, 1.0, np.abs(theta))
-    errors[~np.isfinite(errors)] = np.nan
-    errors = np.column_stack([errors, np.nanmax(errors, axis=1, initial=0.0)])
-    with np.errstate(divide='ignore', invalid='ignore'):
-        ratios = errors[-2] / errors[-1]
+        columns = {'now': std_error / scale, **columns}
+    units = [f' {"N m/N m" if unit == "1" else unit}' for unit in UNITS]
     rows: list[list[Cell]] = [
-        [name, *(_finite(value, '.2g') for value in values), _finite(ratio, '.1f')]
-        for name, values, ratio in zip([*NAMES[: len(theta)], 'the worst'], errors.T, ratios, strict=True)
+        [
+            name,
+            *((_finite(errors[k], '.2g'), units[k] if nothing[k] else '') for errors in columns.values()),
+            _ratio(paper.std_error[k], found.std_error[k]),
+        ]
+        for k, name in enumerate(NAMES[: len(theta)])
+        if not nothing[k] or np.isfinite(found.std_error[k])
     ]
+    worst = [float(np.max(errors[np.isfinite(errors) & ~nothing], initial=0.0)) for errors in columns.values()]
+    rows.append(['the worst', *(_finite(value, '.2g') for value in worst), _ratio(*worst[-2:])])
     notes = [
         'from this motion alone, followed for 2 s at a time, as far as the rounding of the encoders sets them:',
         'where the model itself errs they are larger, and the ratio is what counts',
     ]
     return Table(['standard error, %', *columns, 'ratio'], rows, notes)
+
+
+def _ratio(before: float, after: float) -> Number:
+    return _finite(before / after if after > 0 else np.nan, '.1f')
 
 
 def _finite(value: float, format: str) -> Number:

@@ -16,6 +16,7 @@ from pendubot_identification.identify.settings import Settings
 from pendubot_identification.model.parameters import NAMES, Bounds, Parameters
 from pendubot_identification.recordings.bag_reader import BagWindow, read_recording
 from pendubot_identification.trajectories.long import Long, Recording
+from pendubot_identification.trajectories.signals import evenly_stamped
 from pendubot_identification.trajectories.trajectory import Trajectory
 
 
@@ -27,7 +28,8 @@ def recordings(result: Result, folder: Path | None = None) -> tuple[list[Traject
         folder: where the bags lie now, by their own names; None: where they lay.
 
     Returns:
-        Motions that estimate, motions that validate; of long ones the stretches that stand for them.
+        Motions that estimate, motions that validate, as they were taken; of long ones the stretches that stand for
+        them.
 
     Raises:
         BagError: a bag is gone, or is another one than it was.
@@ -59,7 +61,7 @@ def _part(motion: Recording, source: Source) -> list[Trajectory]:
         return [stretch for stretch in motion.stretches if round(float(stretch.t[0]), 3) in source.stretches]
     # A bag without a window was halved: the first samples estimate, the last ones validate.
     samples = source.samples
-    return [motion[:samples] if source.role == 'training' else motion[len(motion) - samples :]]
+    return [evenly_stamped(motion[:samples] if source.role == 'training' else motion[len(motion) - samples :])]
 
 
 def settings(result: Result) -> Settings:

@@ -307,7 +307,8 @@ class _Stamps:
         """About how many samples are missing, as :attr:`.Trajectory.lost`."""
         values, counts = self._counted()
         steps = values / self.interval
-        return int(((np.rint(steps) - 1) * counts)[steps > 1.9].sum())
+        longer = max(np.rint((steps * counts).sum()) - counts.sum(), 0)
+        return int(min(((np.rint(steps) - 1) * counts)[steps > 1.9].sum(), longer))
 
     def grid(self, name: str) -> tuple[float, int, bool]:
         """Return interval [s] and size of a uniform grid, and whether the stamps lie on it but for their jitter."""

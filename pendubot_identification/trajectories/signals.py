@@ -29,6 +29,9 @@ SMOOTHING = 0.02
 WINDOWS = (0.02, 0.03, 0.04, 0.05, 0.06, 0.08, 0.1)
 #: Polynomial degree of the Savitzky-Golay filter.
 DEGREE = 3
+#: Stamps are false where a motion through them is rougher than one through even ones by more than this factor, over
+#: stretches of so many samples, of which there are so many or more.
+ROUGHER, STRETCH, FEWEST = 1.1, 7, 50
 
 
 def resample(trajectory: Trajectory, interval: float | None = None) -> Trajectory:
@@ -53,6 +56,45 @@ def resample(trajectory: Trajectory, interval: float | None = None) -> Trajector
     if interval is None and not strays(np.abs(even - t).max(), step):
         return replace(trajectory, t=even)
     return on_grid(trajectory, t[0] + step * np.arange(int((t[-1] - t[0]) / step + 1e-6) + 1))
+
+
+def evenly_stamped(trajectory: Trajectory) -> Trajectory:
+    """Return the trajectory with even stamps where its own jitter and its samples did not; otherwise as it is.
+
+    A board samples by its timer, and a stamp may be given later, when the sample arrives. What is smoother, the motion
+    through the stamps or through even ones, tells which of them are true. Where stamps also wander, as they do where
+    samples are missing, even ones cannot be known, and they stay.
+    """
+    t, number = trajectory.t, np.arange(len(trajectory), dtype=float)
+    if len(t) < FEWEST * STRETCH or not falsely_stamped(trajectory):
+        return trajectory
+    slope, start = np.polyfit(number, t, 1)
+    even = start + slope * number
+    late = np.convolve(t - even, np.full(100, 0.01), mode='valid')
+    wanders = np.abs(late).max() > np.std(t - even) / 2
+    return trajectory if wanders else replace(trajectory, t=even)
+
+
+def falsely_stamped(trajectory: Trajectory) -> bool:
+    """Tell whether the motion is clearly smoother through even stamps than through its own."""
+    if len(trajectory) < FEWEST * STRETCH:
+        return False
+    own, lasts = _roughness(trajectory.t, trajectory.q)
+    even, _ = _roughness(np.arange(len(trajectory), dtype=float), trajectory.q)
+    # Neither where nothing moves nor where samples are missing.
+    telling = (own > 0) & (even > 0) & (lasts < 1.5 * np.median(lasts))
+    own, even = own[telling], even[telling]
+    return bool(own.sum() > ROUGHER * even.sum() and np.median(own / even) > 1)
+
+
+def _roughness(t: Array, q: Array) -> tuple[Array, Array]:
+    """Return what cubic polynomials of time leave of stretches, as sums of squares [rad^2], and how long they last."""
+    count = len(t) // STRETCH
+    times = t[: count * STRETCH].reshape(count, STRETCH)
+    lasts = np.ptp(times, axis=1)
+    basis, _ = np.linalg.qr(((times - times[:, :1]) / lasts[:, None] - 0.5)[:, :, None] ** np.arange(DEGREE + 1))
+    parts = q[: count * STRETCH].reshape(count, STRETCH, 2)
+    return ((parts - basis @ (basis.transpose(0, 2, 1) @ parts)) ** 2).sum(axis=(1, 2)), lasts
 
 
 def strays(distance: float, interval: float) -> bool:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .long import Recording, held_parts
-from .signals import encoder_step
+from .signals import encoder_step, evenly_stamped, falsely_stamped
 from .trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -26,15 +26,16 @@ STANDS, TIMES, ABRUPT = 3, 3, 4.0
 
 
 def suspicions(recordings: Sequence[Recording]) -> list[str]:
-    """Return a sentence for every recording with samples missing, an effort at a limit, or angles that are cut off.
+    """Say where samples are missing, stamps are false, an effort stands at a limit, or angles are cut off.
 
-    Of long recordings the latter two are looked for in their stretches.
+    Of long recordings all but the first are looked for in their stretches.
     """
     return [
         text
         for recording in recordings
         for text in (
             *_missing(recording),
+            *_false_stamps(recording),
             *(said for motion in held_parts([recording]) for said in (*_saturated(motion), *_clipped(motion))),
         )
     ]
@@ -48,6 +49,21 @@ def _missing(motion: Recording) -> list[str]:
     return [
         f'{motion.name}: about {lost} of {len(motion) + lost} samples are missing; the torque meanwhile is not known '
         'and is taken to have stayed the same'
+    ]
+
+
+def _false_stamps(motion: Recording) -> list[str]:
+    """Say where stamps jitter and samples do not."""
+    parts = held_parts([motion])
+    if not any(falsely_stamped(part) for part in parts):
+        return []
+    even = isinstance(motion, Trajectory) and evenly_stamped(motion) is not motion
+    steps = np.concatenate([np.diff(part.t) for part in parts])
+    done = 'even ones are taken in their place' if even else 'what they bend is not put right'
+    return [
+        f'{motion.name}: its stamps jitter, from {1e3 * steps.min():.3g} to {1e3 * steps.max():.3g} ms apart, and its '
+        f'samples did not: the motion is smooth only where they are taken as even; {done}. Stamp samples by the clock '
+        'of the board that takes them'
     ]
 
 

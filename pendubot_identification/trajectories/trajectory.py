@@ -82,9 +82,9 @@ class Trajectory:
 
     @property
     def lost(self) -> int:
-        """About how many samples are missing; a jittering stamp alone makes no interval of two."""
+        """About how many samples are missing; a jittering stamp alone makes no interval of two, and no time longer."""
         steps = np.diff(self.t) / self.interval
-        return int(np.rint(steps[steps > 1.9] - 1).sum())
+        return int(min(np.rint(steps[steps > 1.9] - 1).sum(), max(np.rint(steps.sum()) - len(steps), 0)))
 
     def window(self, start: float | None = None, end: float | None = None) -> Trajectory:
         """Return the samples with start <= t - t[0] < end, in seconds from the first sample; None leaves a side open.

@@ -52,7 +52,7 @@ def test_they_stand_side_by_side(results, capsys):
     assert lines[0] == f'A  {results / "a.yaml"}'
     assert 'B - A' in out
     assert sum(line.startswith(('P', 'b')) and '±' in line for line in lines) >= 6
-    assert 'estimated from the same recording' in ' '.join(out.split())
+    assert 'estimated from the same motion' in ' '.join(out.split())
 
 
 def test_what_each_predicts_of_a_bag(results, capsys):
@@ -77,6 +77,19 @@ def test_a_bag_that_one_was_estimated_from_is_named(results, tmp_path, capsys):
     assert status == 0
     (note,) = json.loads(out)['notes']
     assert f'{tmp_path / "c.yaml"} was estimated from a part of {SAMPLE}' in note
+    for window, named in (('3.9:', 1), ('4:', 0)):
+        _, out, _ = compare(capsys, results / 'a.yaml', tmp_path / 'c.yaml', '--on', f'{SAMPLE}@{window}', '--json')
+        assert len(json.loads(out)['notes']) == named, 'it was estimated from the first four seconds'
+
+
+def test_two_parts_of_one_recording_have_nothing_in_common(tmp_path, capsys):
+    data = plain(('weak',))
+    for name, window in (('a', '0:4'), ('b', '3:7'), ('c', '4:8')):
+        data['bags'][0]['bag'] = f'swing@{window}'
+        write_result(tmp_path / f'{name}.yaml', data)
+    for other, shared in (('b', True), ('c', False)):
+        _, out, _ = compare(capsys, tmp_path / 'a.yaml', tmp_path / f'{other}.yaml')
+        assert ('estimated from the same motion' in ' '.join(out.split())) is shared
 
 
 def test_models_of_different_size_and_parameters_by_hand(results, tmp_path, capsys):

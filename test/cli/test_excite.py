@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 import re
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ import yaml
 from pendubot_identification.cli.main import main
 from pendubot_identification.excitation.excitation import PulseTrain
 from pendubot_identification.excitation.exciter_file import read_exciter
+from pendubot_identification.model.parameters import NAMES, PAPER
 from pendubot_identification.recordings.bag_reader import read_trajectory
 from test.conftest import ROOT
 from test.identified import plain
@@ -40,6 +42,19 @@ def test_a_design_is_shown_and_written_as_the_exciters_file(tmp_path, capsys):
     assert duration == 2.0
     recorded = read_trajectory(tmp_path / 'bag').trajectory
     np.testing.assert_array_equal(recorded.tau[:, 0], train.torques(np.arange(200) / 100))
+
+
+def test_the_error_of_what_is_0_is_no_percentage_and_what_no_pendubot_tells_has_no_row(tmp_path, capsys):
+    entries = {name: {'value': value} for name, value in asdict(replace(PAPER, b2=0.0, Fs2=1e-4)).items() if value}
+    (tmp_path / 'hand.yaml').write_text(yaml.safe_dump({'schema': 1, 'parameters': entries | {'b2': {'value': 0.0}}}))
+    assert main(['excite', '--design', *QUICK, '--from', str(tmp_path / 'hand.yaml')]) == 0
+    rows = {line.split()[0]: line.split()[1:] for line in capsys.readouterr().out.splitlines() if line}
+    assert rows['b2'][1:4] == ['N', 'm', 's/rad']
+    assert len(rows['P1']) == 3
+    assert 'k1' in rows
+    assert 'k2' not in rows
+    told = [float(cells[1]) for name, cells in rows.items() if len(cells) == 3 and name in NAMES]
+    assert float(rows['the'][2]) == max(told)
 
 
 @pytest.mark.ros

@@ -23,7 +23,7 @@ from pendubot_identification.model.simulation import HANGING, simulate
 from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.trajectory import Trajectory
 from test.conftest import RECORDINGS
-from test.virtual import GEARED, exact_motion, recording
+from test.virtual import C1, CHAOTIC, GEARED, exact_motion, recording
 
 TRUTH = PAPER.vector()
 #: Criteria that cost little.
@@ -243,6 +243,28 @@ def test_a_start_that_is_wrong_by_three_arrives_or_is_said_to_have_not(seed):
     assert (wrong(result.best) < 0.01) == (seed == 0)
     assert (result.level is Level.OK) == (seed == 0)
     assert ('lower, without any search' in result.best.steps[-1]) == (seed == 23)
+
+
+def test_that_trajectory_did_not_converge_is_said_whatever_is_published():
+    far = Parameters.from_vector(TRUTH * [10, 0.1, 0.3, 0.1, 10, 10, 0.1])
+    settings = replace(TRAJECTORY, criteria=('weak', 'trajectory'), optimizer='lsq', start=far)
+    result = identify([recording(400, seed=2)], settings=settings)
+    assert [e.converged for e in result.estimates] == [True, False]
+    assert result.best.criterion == 'weak'
+    assert result.level is Level.WARN
+    assert any('trajectory did not converge' in warning for warning in result.warnings)
+
+
+@pytest.mark.parametrize('counts', [0, 4000])
+def test_exact_data_in_chaotic_motion_are_known_exactly(counts):
+    motion = recording(1800, seed=1, counts=counts, **CHAOTIC)
+    settings = Settings(('weak', 'trajectory'), optimizer='lsq')
+    result = identify([motion[:900]], [motion[900:]], settings)
+    best, truth = result.best, C1.vector('rotor')
+    assert result.level is Level.OK
+    assert (best.criterion, best.model, best.exact) == ('trajectory', 'rotor', True)
+    assert (np.abs(best.theta - truth) < 3 * best.std_error).all()
+    assert np.abs(best.theta / truth - 1).max() < (0.05 if counts else 1e-3)
 
 
 def test_mde_finds_the_trajectory_criterions_basin_from_nowhere():

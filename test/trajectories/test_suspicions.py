@@ -14,6 +14,7 @@ from pendubot_identification.identify.settings import Settings
 from pendubot_identification.level import Level
 from pendubot_identification.model.parameters import PAPER
 from pendubot_identification.model.simulation import quantised, simulate
+from pendubot_identification.trajectories.signals import evenly_stamped
 from pendubot_identification.trajectories.suspicions import suspicions
 from test.virtual import recording
 
@@ -50,6 +51,38 @@ def test_samples_that_are_missing_are_counted():
     (sentence,) = suspicions([few])
     assert 'samples are missing' in sentence
     assert abs(int(sentence.split('about ')[1].split()[0]) - (900 - len(few))) <= 2, 'but for those at the ends'
+
+
+def jittering(rate, size, *, true):
+    """A recording whose stamps jitter by up to so much [s] either way, and its samples, too, or not."""
+    motion = recording(int(6 * rate), 1 / rate, seed=3)
+    t = motion.t + np.random.default_rng(1).uniform(-size, size, len(motion))
+    t = np.maximum.accumulate(t - 1e-9 * np.arange(len(t))) + 1e-9 * np.arange(len(t))
+    return replace(quantised(simulate(PAPER, t, motion.tau), 4000) if true else motion, t=t)
+
+
+@pytest.mark.parametrize(('rate', 'size'), [(100, 8e-4), (500, 8e-4), (1000, 8e-4), (1000, 3e-4)])
+def test_stamps_that_jitter_are_taken_where_they_are_true_and_else_even_ones(rate, size):
+    truth = jittering(rate, size, true=True)
+    assert suspicions([truth]) == []
+    assert evenly_stamped(truth) is truth
+    false = jittering(rate, size, true=False)
+    (sentence,) = suspicions([false])
+    assert 'its stamps jitter' in sentence
+    assert 'even ones are taken' in sentence
+    for motion, warnings in ((truth, ()), (false, (sentence,))):
+        result = identify([motion], [], FAST)
+        assert result.warnings == warnings
+        assert np.abs(result.best.theta / PAPER.vector() - 1).max() < 0.005
+
+
+def test_where_samples_are_missing_too_false_stamps_are_named_and_stay():
+    motion = jittering(500, 8e-4, true=False)
+    some = np.ones(len(motion), dtype=bool)
+    some[1000:1045], some[2000:2045] = False, False
+    missing, jitter = suspicions([motion[some]])
+    assert 'missing' in missing
+    assert 'not put right' in jitter
 
 
 def test_wrapped_angles_are_refused():
