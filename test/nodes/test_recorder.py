@@ -10,7 +10,6 @@ import signal
 import struct
 import subprocess
 import sys
-import threading
 import time
 
 import pytest
@@ -22,7 +21,6 @@ from rosbags.typesys import Stores, get_typestore
 from pendubot_identification.recordings.bag_reader import BagReader
 from test.recordings.independent import by_mcap, by_rosbags
 
-from ..conftest import ROOT
 from ..faults.recorder import disk_of_its_own, joint_state, kills, recorded, recorder, wait, wait_for_subscriptions
 from ..processes import MODULES, Program, run_program, spin_until
 
@@ -356,30 +354,6 @@ def test_a_folder_that_may_not_be_written_to_is_one_sentence(tmp_path):
     assert not list(folder.iterdir())
 
 
-def test_the_disk_is_told_about_once_a_second(tmp_path):
-    # The power cannot be cut here: what can be seen is that the file is given to the disk, again and again.
-    program = """
-import os, sys
-from pendubot_identification.nodes import recorder
-fsync = os.fsync
-def told(descriptor):
-    fsync(descriptor)
-    print('on the disk', os.readlink(f'/proc/self/fd/{descriptor}'), flush=True)
-os.fsync = told
-sys.exit(recorder.main())
-"""
-    command = [sys.executable, '-c', program, '--ros-args', '-p', f'output:={tmp_path}/bag']
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
-        wanted = f'on the disk {tmp_path}/bag/bag_0.mcap\n'
-        given_up = threading.Timer(30.0, process.kill)
-        given_up.start()
-        seen = (line for line in process.stdout if line == wanted)
-        for _ in range(3):
-            assert next(seen, None) == wanted
-        given_up.cancel()
-        process.send_signal(signal.SIGINT)
-
-
 def test_a_topic_of_two_types_is_one_sentence(tmp_path, node, ros):
     from std_msgs.msg import Float64, String
 
@@ -424,10 +398,3 @@ def test_settings_that_make_no_sense_are_one_sentence(tmp_path, parameters, sent
     assert sentence in ended.stderr
     assert len(ended.stderr.splitlines()) == 1
     assert not (tmp_path / 'bag').exists()
-
-
-def test_the_config_file_holds_every_parameter():
-    from pendubot_identification.nodes.recorder import Recorder
-
-    config = yaml.safe_load((ROOT / 'config' / 'recorder.yaml').read_text())
-    assert config['/**/recorder']['ros__parameters'] == {setting.name: setting.default for setting in Recorder.SETTINGS}
