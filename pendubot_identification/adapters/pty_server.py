@@ -37,7 +37,7 @@ class PtyServer:
         trace: where to write a CSV file of every sample as the board took it (t_us, counts, micro-N m, status).
         tell: called with ``cable out`` as it goes, and ``cable in`` once it is back.
         patient: the board's time stands still while this process is kept waiting and, as long as the board is armed,
-            while the host says nothing: on a computer that pauses no rig runs on without its controller.
+            while the host is there and says nothing: on a computer that pauses no rig runs on without its controller.
 
     Attributes:
         path: where a host opens it.
@@ -99,7 +99,7 @@ class PtyServer:
             wait = max(0, due - time.monotonic_ns()) * 1e-9
             self._receive(wait)
             now = time.monotonic_ns()
-            if self._patient and (now - due > PAUSE or (self._board.armed and now - self._heard > PAUSE)):
+            if self._patient and (now - due > PAUSE or self._waits_for_host(now)):
                 due = now + period
             elif now >= due:
                 data = self._board.sample()
@@ -146,6 +146,9 @@ class PtyServer:
 
     def _host_is_there(self) -> bool:
         return self._master is not None and not any(events & select.POLLHUP for _, events in self._hangup.poll(0))
+
+    def _waits_for_host(self, now: int) -> bool:
+        return self._board.armed and now - self._heard > PAUSE and self._host_is_there()
 
     def _receive(self, wait: float) -> None:
         """Wait for so long [s], or until the host says something."""

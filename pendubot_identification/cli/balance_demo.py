@@ -57,14 +57,17 @@ def _swung_up(rclpy: Any, folder: Path) -> _Watcher:
     Raises:
         PendubotError: the balancer stopped, or did not hold it in time.
     """
-    watcher = _Watcher(rclpy)
     with Programs(folder) as programs:
+        watcher = _Watcher(rclpy)
+        programs.callback(watcher.node.destroy_node)
         programs.start_rig(RATE, *RIG)
         balancer = programs.start('balancer', *parameters(torque_limit=LIMIT, max_age=LAG))
         programs.wait(balancer, watcher.sees_it_ready, 'was not ready', 60.0, watcher.spin)
         watcher.start()
         print('the balancer knows the rig through /pendubot/params alone; it swings it up', flush=True)
         programs.wait(balancer, watcher.has_seen_enough, 'did not hold it', HOLD + PATIENCE, watcher.spin)
+        if watcher.message.startswith('stopped'):
+            raise PendubotError(f'the balancer {watcher.message}{programs.pause}')
     return watcher
 
 
@@ -73,7 +76,7 @@ class _Watcher:
 
     Attributes:
         samples: since the start, each t [s], q1, q2 [rad], torque [N m].
-        values: what the balancer said last of itself, by name.
+        message, values: what the balancer said last of itself.
     """
 
     def __init__(self, rclpy: Any) -> None:
@@ -84,30 +87,25 @@ class _Watcher:
         self._rclpy, self._request = rclpy, Trigger.Request()
         self.samples: list[tuple[float, ...]] = []
         self.values = dict[str, str]()
-        self._message = ''
+        self.message = ''
         self._fallen = 0.0
-        self._node = rclpy.create_node('demo_watcher')
-        self._node.create_subscription(JointState, '/joint_states', self._on_sample, 1000)
-        self._node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
-        self._client = self._node.create_client(Trigger, '/balancer/start')
+        self.node = rclpy.create_node('demo_watcher')
+        self.node.create_subscription(JointState, '/joint_states', self._on_sample, 1000)
+        self.node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
+        self._client = self.node.create_client(Trigger, '/balancer/start')
 
     def spin(self) -> None:
         """Listen until there is something new, or for a moment."""
-        self._rclpy.spin_once(self._node, timeout_sec=LOOK)
+        self._rclpy.spin_once(self.node, timeout_sec=LOOK)
 
     def sees_it_ready(self) -> bool:
         """Whether the balancer may be started."""
-        return self._message == 'ready'
+        return self.message == 'ready'
 
     def has_seen_enough(self) -> bool:
-        """Whether the rig has been held for as long as is wanted.
-
-        Raises:
-            PendubotError: the balancer has stopped.
-        """
-        if self._message.startswith('stopped'):
-            raise PendubotError(f'the balancer {self._message}')
-        return bool(self.samples) and self.samples[-1][0] - self._fallen > HOLD
+        """Whether the rig has been held for as long as is wanted, or the balancer has stopped."""
+        held = self.samples[-1][0] - self._fallen if self.samples else 0.0
+        return held > HOLD or self.message.startswith('stopped')
 
     def start(self) -> None:
         """Start the balancer.
@@ -137,7 +135,7 @@ class _Watcher:
     def _on_diagnostics(self, array: Any) -> None:
         for status in array.status:
             if status.name == 'balancer':
-                self._message, self.values = status.message, {pair.key: pair.value for pair in status.values}
+                self.message, self.values = status.message, {pair.key: pair.value for pair in status.values}
 
 
 def _show(folder: Path, watcher: _Watcher) -> int:

@@ -198,7 +198,7 @@ class Programs(ExitStack):
     @property
     def pause(self) -> str:
         """For how long, in words, this computer paused while programs were waited for; empty where it did not."""
-        return f' on a computer that paused for {self._paused:.3f} s' if self._paused > PAUSED else ''
+        return f' (this computer paused for {self._paused:.3f} s)' if self._paused > PAUSED else ''
 
     def start_rig(self, rate: int, *options: object) -> None:
         """Start a virtual board and a bridge that outlast a pause of this computer."""
