@@ -133,8 +133,8 @@ def test_when_the_board_is_gone_it_stops_and_does_not_arm_the_next_one(rig):
 
 
 def test_parameters_that_no_rig_has_stop_it_while_it_balances(rig):
-    r = rig(200)
-    balancer = balancing(r)
+    r = rig(200, bridge=PATIENT)
+    balancer = balancing(r, max_age=PATIENCE)
     r.publish([*BALANCE.vector()[:2], 0.02, *BALANCE.vector()[3:]])
     balancer.wait_for('stopped: no rig has the parameters that came')
     r.until(lambda: not r.trace()[3][-1] & ARMED)
