@@ -65,19 +65,6 @@ def on(compiled, work):
     return run
 
 
-def one_thread(work):
-    """Return the work on one thread of the compiled kernel."""
-
-    def run():
-        before, kernel.threads = kernel.threads, 1
-        try:
-            return on(True, work)()
-        finally:
-            kernel.threads = before
-
-    return run
-
-
 def machine():
     """Say where this was measured."""
     lines = subprocess.run(['lscpu'], capture_output=True, text=True).stdout.splitlines()
