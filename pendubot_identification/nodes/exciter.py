@@ -125,7 +125,7 @@ class Exciter(SettingsNode):
             if status.name == status_name(self._balancer) and values.get('phase') == 'running':
                 # It began before either had found the other. Disarmed now, what it holds upright would fall.
                 self._gives_way(leaving=True)
-            # As a recorder says it; paused, or before it hears the topic, it is 0.
+            # As a recorder says it; before it hears the topic it is 0.
             if float(values.get(f'{self._joint_states.topic_name} rate [Hz]', 0.0)) > 0.0:
                 self._recorded = max(self._recorded, time.monotonic() + UNRECORDED)
             armed = values.get('armed')
