@@ -44,6 +44,12 @@ def test_a_parameter_is_shown_with_its_interval_beside_the_truth():
         assert float(error.rstrip(' %')) == pytest.approx(100 * (float(value) / float(true) - 1), abs=0.2)
 
 
+def test_what_is_not_in_the_model_has_no_row_and_is_named():
+    shown = parameter_table(plain(('weak',), 'geared'))
+    assert 'not in the model: k2, for the effort of the elbow is zero throughout' in shown
+    assert [line.split()[0] for line in shown.splitlines()[1:-1]] == list(NAMES[:13])
+
+
 def test_doubts_are_marked():
     result = plain(('energy',))
     rows = columns(parameter_table(result))
