@@ -32,9 +32,9 @@ STATES_LADDER = ((0.1, 0.2), (0.25, 0.2), (0.5, 0.1))
 POSITIONS_LADDER = (0.2, 0.5, 1.0, 2.0, 4.0, 8.0, np.inf)
 #: P3 at the start: at most this fraction of sqrt(P1 P2). Near the limit M(q) is nearly singular, and nothing moves on.
 START_COUPLING = 0.5
-#: A rung is supported while the residuals' variance exceeds the first one's by no more than this factor ...
+#: A rung is supported while the residuals' variance exceeds the first rung's by no more than this factor ...
 GROWTH = 1.3
-#: ... and the encoder's rounding's by no more than this.
+#: ... and that of the encoder's rounding by no more than this.
 NOISIEST = 9.0
 #: Errors of positions below this [rad] are the simulation's own.
 FINEST = 1e-6
@@ -283,6 +283,7 @@ def _strays(motion: Motion) -> bool:
     return bool(np.abs(places - np.rint(places)).max() * motion.interval > STRAYING)
 
 
+@np.errstate(all='ignore')
 def _is_white(comparison: AgainstPositions, fit: Fit) -> bool:
     """Tell whether residuals are those of independent readings, and not of a simulation or of a model that errs."""
     segments, halved = comparison.segments, comparison.segments.halved()

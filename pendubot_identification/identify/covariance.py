@@ -66,8 +66,8 @@ def trajectory_covariance(found: TrajectoryFit, groups: str = 'recordings') -> t
         covariance, quantile = _jackknife(np.array(moves))
         words = f'cluster jackknife over {len(members)} {what}; Student quantile {quantile * NORMAL_95:.2f} included'
         if found.exact:
-            # What the simulation itself errs, where it errs alike in all segments.
-            covariance += _inverse(information, free)
+            # What readings err, and where the simulation errs alike in all segments.
+            covariance += max(found.variance, 1.0) * _inverse(information, free)
         elif not several:
             # Blocks of a recording have its zeros in common, so that they do not show what these do.
             moved, _ = _freed(found)

@@ -96,7 +96,7 @@ def identify(
 
     Of a long recording the quadratic criteria, energy and weak, take all, piece by piece. What is not quadratic (the
     choice of smoothing, delay, weights and model, the trajectory criterion, predictions, and what looks for faults)
-    takes the stretches that stand for it.
+    takes the stretches that stand for it. Where stamps of another are evidently false, even ones take their place.
 
     Args:
         training: the motions that estimate; they are pooled.

@@ -79,8 +79,9 @@ def falsely_stamped(trajectory: Trajectory) -> bool:
     """Tell whether the motion is clearly smoother through even stamps than through its own."""
     if len(trajectory) < FEWEST * STRETCH:
         return False
-    own, lasts = _roughness(trajectory.t, trajectory.q)
-    even, _ = _roughness(np.arange(len(trajectory), dtype=float), trajectory.q)
+    with np.errstate(over='ignore'):
+        own, lasts = _roughness(trajectory.t, trajectory.q)
+        even, _ = _roughness(np.arange(len(trajectory), dtype=float), trajectory.q)
     # Neither where nothing moves nor where samples are missing.
     telling = (own > 0) & (even > 0) & (lasts < 1.5 * np.median(lasts))
     own, even = own[telling], even[telling]

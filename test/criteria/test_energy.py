@@ -111,7 +111,10 @@ def test_degrees_wrapped_angles_and_jumps_are_refused(rate):
     energy_regression(Trajectory(t, q, tau))
     wrapped = q + np.where(t > 1, -2 * np.pi, 0)[:, None] * [1, 0]
     for wrong, joint in ((np.rad2deg(q), 'elbow'), (wrapped, 'shoulder')):
-        with pytest.raises(TrajectoryError, match=rf'the {joint} turns at .* in radians, unwrapped and without jumps, and its stamps true'):
+        with pytest.raises(
+            TrajectoryError,
+            match=rf'the {joint} turns at .* in radians, unwrapped and without jumps, and its stamps true',
+        ):
             energy_regression(Trajectory(t, wrong, tau))
 
 

@@ -20,7 +20,7 @@ from pendubot_identification.identify.covariance import (
 from pendubot_identification.identify.prediction import state_scale
 from pendubot_identification.model.parameters import PAPER, default_bounds
 from pendubot_identification.trajectories.motion import Motion
-from test.virtual import recording
+from test.virtual import C1, CHAOTIC, recording
 
 TRUTH = np.append(PAPER.vector(), 0.0)
 BOX = default_bounds().of(7)
@@ -253,6 +253,21 @@ def test_of_the_virtual_rig_they_are_the_spread_over_recordings_and_hold_the_tru
     spread = np.median(np.abs(errors), axis=0) / 0.6745
     assert (spread / np.median(typical, axis=0) < 2).all()
     assert (spread / np.median(typical, axis=0) > 0.5).all()
+
+
+@pytest.mark.parametrize('counts', [0, 4000])
+def test_of_exact_data_in_chaotic_motion_they_hold_the_truth(counts):
+    """What is left of positions that are not rounded is the simulation's own error, and anything but white."""
+    z, truth = [], C1.vector('rotor')
+    for seed in range(1, 6):
+        motion = Motion.prepare(recording(seed=seed, counts=counts, **CHAOTIC), 0.02)
+        found = fit_positions([motion], truth, 0.0, default_bounds().of(len(truth)), (-0.1, 0.1))
+        assert found.white == bool(counts)
+        _, std_error, words = trajectory_covariance(found)
+        assert ('segments of' in words) != bool(counts)
+        z.append((found.fit.theta - truth) / std_error[:-1])
+    assert (np.abs(z) < 1.96).mean() > 0.85
+    assert np.abs(z).max() < 4
 
 
 def test_of_a_model_that_is_not_exact_they_are_found_from_blocks():
