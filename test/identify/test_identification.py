@@ -373,6 +373,7 @@ def test_nothing_that_could_hurt_is_judged_ok(factors, errors):
         theta=theta,
         free=np.ones(7, dtype=bool),
         covariance=np.diag((1e-3 * TRUTH) ** 2),
+        correlation=np.eye(7),
         std_error=1e-3 * TRUTH,
         uncertainty='',
         effort=Effort('zero'),

@@ -108,8 +108,8 @@ def test_zeros_that_are_off_and_advice_are_shown():
 
 
 def test_what_is_not_in_the_model_is_named():
-    text = result_page(plain(('weak',), 'geared'), [], {})
-    assert 'Not in the model: k2, for the effort of the elbow is zero throughout.' in text
+    text = result_page(typed(plain(('weak',), 'geared')), [])
+    assert 'not in the model: k2, for the effort of the elbow is zero throughout' in text
 
 
 def test_all_that_the_file_says_of_its_making_is_at_the_foot():
