@@ -114,7 +114,12 @@ def test_bags_and_optimisers_work_with_the_numpy_of_jazzy(tmp_path):
     env = {**os.environ, 'PYTHONPATH': f'{tmp_path}:{os.environ.get("PYTHONPATH", "")}'}
     version = [sys.executable, '-c', 'import numpy; print(numpy.__version__)']
     assert subprocess.run(version, env=env, capture_output=True, text=True, check=True).stdout == '1.26.4\n'
-    parts = ('recordings/test_bulk.py', 'recordings/test_bag_reader.py', 'recordings/test_long_bag.py', 'optimizers')
+    parts = (
+        'recordings/test_joint_states.py',
+        'recordings/test_bag_reader.py',
+        'recordings/test_long_bag.py',
+        'optimizers',
+    )
     tests = [sys.executable, '-m', 'pytest', '-q', '-p', 'no:cacheprovider', *(f'test/{part}' for part in parts)]
     done = subprocess.run(tests, cwd=ROOT, env=env, capture_output=True, text=True, timeout=600)
     assert done.returncode == 0, done.stdout

@@ -57,7 +57,7 @@ def identification_values(result: Result) -> dict[str, Any]:
         values[name] = entry['value']
         values |= _flat(name, {key: value for key, value in entry.items() if key != 'value'})
     for key, entry in data.items():
-        if key not in ('parameters', 'criteria', 'covariance', 'models'):
+        if key not in ('parameters', 'criteria', 'covariance', 'covariance_rank', 'models'):
             values |= _flat(key, entry)
     for name, answer in data['criteria'].items():
         J = {which: answer['J'][which] for which in ('training', 'validation', 'unit')}

@@ -8,7 +8,6 @@ import shutil
 import numpy as np
 import pytest
 
-from pendubot_identification.cli import report
 from pendubot_identification.cli.main import main
 from pendubot_identification.errors import TrajectoryError
 from pendubot_identification.excitation.excitation import PulseTrain
@@ -28,6 +27,7 @@ from pendubot_identification.recordings.joint_states import (
     encode_joint_state,
     write_trajectory,
 )
+from pendubot_identification.report import folder
 from pendubot_identification.results.provenance import recordings
 from pendubot_identification.results.result_file import result_of
 from pendubot_identification.trajectories import long
@@ -121,7 +121,7 @@ def test_several_long_recordings_share_the_stretches(bag, soon):
 
 def test_trajectory_takes_the_stretches_and_says_so(bag, soon, tmp_path, capsys, monkeypatch):
     # Its figures are of no interest here.
-    monkeypatch.setattr(report, '_sections', lambda *_: ({report.MOTION: []}, []))
+    monkeypatch.setattr(folder, '_wanted', lambda *_: ())
     arguments = ('--criterion', 'trajectory', '--model', 'viscous', '--report', str(tmp_path / 'look'))
     assert main(['identify', str(bag), *arguments]) == 0
     said = ' '.join(capsys.readouterr().out.split())
