@@ -46,7 +46,7 @@ def test_the_policy_allows_what_the_nodes_use_and_no_more(ros, tmp_path):
     values = {
         'bridge': {'port': tmp_path / 'board'},
         'recorder': {'output': tmp_path / 'bag'},
-        'player': {'bag': ROOT / 'bags/paper_experiment', 'topics': '[joint_states]', 'paused': 'true', 'clock': 1.0},
+        'player': {'bag': ROOT / 'bags/paper_experiment', 'topics': '[joint_states]', 'rate': 0.01, 'clock': 1.0},
     }
 
     def differences(programs):
