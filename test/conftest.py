@@ -41,8 +41,10 @@ def pytest_collection_modifyitems(items):
 def ros():
     """An initialised rclpy, for tests with a node of their own."""
     import rclpy
+    from rclpy.signals import SignalHandlerOptions
 
-    rclpy.init()
+    # A signal that a test raises here is not to shut it down for those that follow.
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     yield rclpy
     rclpy.try_shutdown()
 
