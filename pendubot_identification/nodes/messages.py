@@ -14,16 +14,20 @@ from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 
 from pendubot_identification.errors import ControlError
 from pendubot_identification.identify.result import Result, plain
+from pendubot_identification.model.parameters import NAMES
 
 #: A subscriber that joins later still receives the last message.
 LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 def parameters_message(result: Result) -> Float64MultiArray:
-    """Return theta of the published model; ``layout.dim[0].label`` names its 7, 9, 10 or 14 entries, ``P1,P2,...``."""
-    theta = [entry.value for entry in result.parameters.values()]
-    message = Float64MultiArray(data=theta)
-    names = ','.join(result.parameters)
+    """Return theta of the published model; ``layout.dim[0].label`` names its 7, 9, 10 or 14 entries, ``P1,P2,...``.
+
+    A parameter that the rig cannot have keeps its place, with 0.
+    """
+    theta = result.theta.vector(result.model)
+    names = ','.join(NAMES[: len(theta)])
+    message = Float64MultiArray(data=theta.tolist())
     message.layout.dim = [MultiArrayDimension(label=names, size=len(theta), stride=len(theta))]
     return message
 

@@ -107,6 +107,18 @@ def test_a_subscriber_that_joins_late_receives_the_result(ros, bag, tmp_path):
     assert not [key for key in values if 'covariance' in key or 'runs' in key.split('_')]
 
 
+def test_what_a_rig_cannot_have_keeps_its_place_with_a_zero_and_is_named(bag, listener):
+    with Program('identifier', *parameters(bags=f"['{bag}@0:9']", criterion='weak', model='geared', hold='zero')):
+        assert listener.hears(lambda heard: heard.params and heard.status)
+    (params,), (status,) = listener.params, listener.status[0].status
+    assert params.layout.dim[0].label == ','.join(NAMES)
+    assert len(params.data) == len(NAMES)
+    assert params.data[NAMES.index('k2')] == 0
+    values = {v.key: v.value for v in status.values}
+    assert values['not_in_model.0'] == 'k2, for the effort of the elbow is zero throughout'
+    assert not [key for key in values if key.startswith('k2')]
+
+
 def test_how_far_it_is_comes_as_log_lines_and_on_diagnostics(ros, bag):
     """Lines at a decent rate, one for each step and then few; a status once a second, to the end."""
     from diagnostic_msgs.msg import DiagnosticArray
