@@ -93,7 +93,7 @@ class Estimate:
         runs: what the runs of MDE found; None without.
         J_validation: the criterion on validation data, NaN without.
         J_validation_runs: the same for each run of MDE, shape (runs,); empty without.
-        prediction: of validation data; None without.
+        prediction: of validation data.
         zeros: of the recordings' positions; None where the criterion does not tell them.
         exact: whether the residuals are those of the encoders alone.
         absent: the parameters that are not in the model of this rig; theta has them as 0.
@@ -123,7 +123,7 @@ class Estimate:
     runs: OptimizationResult | None = None
     J_validation: float = np.nan
     J_validation_runs: Array = field(default_factory=lambda: np.empty(0))
-    prediction: Prediction | None = None
+    prediction: Prediction = field(default_factory=Prediction.none)
     zeros: Zeros | None = None
     exact: bool = False
     absent: tuple[str, ...] = ()
