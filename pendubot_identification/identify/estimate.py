@@ -19,7 +19,7 @@ from .prediction import Prediction
 
 Array = NDArray[np.float64]
 
-#: Called now and then: what is being done, how much of it, of how much, and the best J so far.
+#: Called now and then: what is being done, how much of it, of how much (0: not known), and the best J so far.
 Progress = Callable[[str, int, int, float], None]
 
 #: A run has found the minimum when its J exceeds the exact one by no more than this fraction.
@@ -32,6 +32,8 @@ POOR = 0.5
 WIDE = 0.5
 #: Below this an eigenvalue of a correlation matrix is 0, but for rounding.
 INDEPENDENT = 1e-10
+#: Of J.
+UNITS_OF_J = {'energy': 'J^2', 'weak': '(N m)^2', 'trajectory': 'variance'}
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,14 +78,13 @@ class Estimate:
         covariance: shape (D, D); NaN in the rows and columns of parameters on a bound. Scaled so that an interval of
             1.96 standard errors to both sides holds the truth in 95 % of cases, however few the recordings.
         correlation: of the errors by the information matrix at theta, shape (D, D): which parameters the motion tells
-            apart. That of few recordings' differences would have as many directions as there are differences. NaN in
+            apart. (That of few recordings' differences has only as many directions as there are differences.) NaN in
             the rows and columns of parameters on a bound, and of those that nothing tells.
         std_error: shape (D,); of a parameter on its bound, how far the data would let it off; NaN of one that is not in
             the model.
         uncertainty: in words, how the covariance was found.
         effort: how the effort was taken.
-        J: the criterion on the training data, in ``unit``.
-        unit: of J.
+        J: the criterion on the training data, in :attr:`unit`.
         residuals: how many residuals J averages.
         condition_number: of the scaled information.
         converged: whether the optimiser found a minimum.
@@ -113,7 +114,6 @@ class Estimate:
     uncertainty: str
     effort: Effort
     J: float
-    unit: str
     residuals: int
     condition_number: float
     converged: bool
@@ -138,6 +138,11 @@ class Estimate:
         return Parameters.from_vector(self.theta)
 
     @property
+    def unit(self) -> str:
+        """Of J."""
+        return UNITS_OF_J[self.criterion]
+
+    @property
     def present(self) -> NDArray[np.bool_]:
         """Which of theta are in the model of this rig, shape (D,)."""
         return ~np.isin(NAMES[: len(self.theta)], self.absent)
@@ -158,18 +163,16 @@ class Estimate:
     def not_covered(self) -> dict[str, str]:
         """By name, the parameters of which too little is known for the level to say anything of them, and why."""
         found = {}
-        for k, (value, error) in enumerate(zip(self.theta, self.std_error, strict=True)):
-            reach = NORMAL_95 * error
-            if not self.present[k]:
-                continue
+        for k in np.flatnonzero(self.present):
+            value, reach = abs(self.theta[k]), NORMAL_95 * self.std_error[k]
             if not self.free[k]:
                 found[NAMES[k]] = 'on its bound'
-            elif not np.isfinite(error):
+            elif not np.isfinite(reach):
                 found[NAMES[k]] = 'not told by this motion'
-            elif reach >= abs(value):
+            elif reach >= value:
                 found[NAMES[k]] = 'its 95 % interval reaches 0'
-            elif reach > WIDE * abs(value):
-                found[NAMES[k]] = f'its 95 % interval is +-{100 * reach / abs(value):.0f} %'
+            elif reach > WIDE * value:
+                found[NAMES[k]] = f'its 95 % interval is +-{100 * reach / value:.0f} %'
         return found
 
     @property
