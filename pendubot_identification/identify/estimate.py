@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pendubot_identification.level import Level
-from pendubot_identification.model.parameters import NAMES, Parameters
+from pendubot_identification.model.parameters import NAMES
 from pendubot_identification.optimizers.optimizer import OptimizationResult
 
 from .prediction import Prediction
@@ -131,11 +131,6 @@ class Estimate:
     warnings: tuple[str, ...] = ()
     consequences: tuple[str, ...] = ()
     advice: tuple[str, ...] = ()
-
-    @property
-    def parameters(self) -> Parameters:
-        """The estimate by name."""
-        return Parameters.from_vector(self.theta)
 
     @property
     def unit(self) -> str:

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from pendubot_identification.errors import TrajectoryError
 from pendubot_identification.level import Level
-from pendubot_identification.model.parameters import Parameters
 from pendubot_identification.trajectories.long import STRETCH, Long, Recording, held_parts
 from pendubot_identification.trajectories.signals import evenly_stamped
 from pendubot_identification.trajectories.suspicions import suspicions
@@ -65,11 +64,6 @@ class Identification:
     def best(self) -> Estimate:
         """The estimate that is published."""
         return self.estimates[self.published]
-
-    @property
-    def parameters(self) -> Parameters:
-        """The published parameters."""
-        return self.best.parameters
 
     @property
     def level(self) -> Level:

@@ -216,6 +216,11 @@ class Source:
     stretches: list[float] = field(default_factory=list)
 
 
+def theta_of(parameters: Mapping[str, Parameter]) -> Parameters:
+    """Return the parameter vector; what is absent is 0."""
+    return Parameters(**{name: entry.value for name, entry in parameters.items()})
+
+
 class _Vector:
     """What can be asked of parameters by name."""
 
@@ -224,7 +229,7 @@ class _Vector:
     @property
     def theta(self) -> Parameters:
         """The parameter vector; what is absent is 0."""
-        return Parameters(**{name: entry.value for name, entry in self.parameters.items()})
+        return theta_of(self.parameters)
 
     def unphysical(self) -> list[str]:
         """Return why no rig can have these parameters, in the words of an identification's warnings."""

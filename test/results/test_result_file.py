@@ -9,13 +9,11 @@ import math
 import subprocess
 import sys
 from dataclasses import asdict, dataclass, replace
-from enum import Enum, IntEnum
+from enum import Enum
 
 import numpy as np
 import pytest
 import yaml
-from hypothesis import given
-from hypothesis import strategies as st
 
 from pendubot_identification.errors import ResultError
 from pendubot_identification.identify.estimate import Zeros
@@ -23,7 +21,8 @@ from pendubot_identification.identify.prediction import HORIZONS
 from pendubot_identification.identify.result import SCHEMA, Given, Parameter
 from pendubot_identification.identify.result import plain as plain_of
 from pendubot_identification.identify.settings import CRITERIA
-from pendubot_identification.model.parameters import MODELS, NAMES, PAPER, Parameters
+from pendubot_identification.level import Level
+from pendubot_identification.model.parameters import MODELS, NAMES, PAPER
 from pendubot_identification.results.result_file import (
     read_estimate,
     read_parameters,
@@ -37,7 +36,6 @@ from test.conftest import RECORDINGS
 from test.identified import SOURCE, identified, made, plain
 
 SCORER = RECORDINGS.parent / 'tools' / 'score_recordings.py'
-THETA = np.arange(1.0, 15.0) / 100
 
 
 def keys(node):
@@ -78,61 +76,40 @@ class Colour(Enum):
     RED = 1
 
 
-class Number(IntEnum):
-    ONE = 1
-
-
 @dataclass(frozen=True)
 class Pair:
     left: object
     right: object
 
 
-#: What numpy and enumerations make of values, and what is to be read of them.
-LEAVES = st.sampled_from(
+@pytest.mark.parametrize(
+    ('value', 'expected'),
     [
         (None, None),
         (np.bool_(True), True),
         (np.int64(7), 7),
         (np.float32(0.5), 0.5),
-        (np.float64(-1.5), -1.5),
         (np.nan, None),
         (np.float64('inf'), None),
         (np.array(2.0), 2.0),
         (np.array([[1.0, np.nan]]), [[1.0, None]]),
-        (Word('no: [word'), 'no: [word'),
+        ({Word('no'): Word('no: [word')}, {'no': 'no: [word'}),
         (np.str_('yes'), 'yes'),
         ('bag\udcff', 'bag\udcff'),
         (Colour.RED, 'RED'),
-        (Number.ONE, 'ONE'),
-    ]
+        (Level.OK, 'OK'),
+        (Pair((1, np.nan), {'a': Colour.RED}), {'left': [1, None], 'right': {'a': 'RED'}}),
+    ],
 )
-
-
-def held(pairs):
-    """Containers of what pairs hold at the left, and of what they hold at the right."""
-    return st.one_of(
-        st.lists(pairs, max_size=4).map(lambda many: ([a for a, _ in many], [b for _, b in many])),
-        st.lists(pairs, max_size=4).map(lambda many: (tuple(a for a, _ in many), [b for _, b in many])),
-        st.dictionaries(st.text('abc', min_size=1), pairs, max_size=4).map(
-            lambda many: ({Word(k): a for k, (a, _) in many.items()}, {k: b for k, (_, b) in many.items()})
-        ),
-        st.tuples(pairs, pairs).map(lambda two: (Pair(two[0][0], two[1][0]), {'left': two[0][1], 'right': two[1][1]})),
-    )
-
-
-@given(st.recursive(LEAVES, held))
-def test_whatever_a_result_holds_can_be_written_and_read(pair):
-    value, expected = pair
+def test_whatever_a_result_holds_can_be_written_and_read(value, expected):
     assert plain_of(value) == expected
     assert yaml.safe_load(yaml.safe_dump(plain_of(value))) == expected
     assert json.loads(json.dumps(plain_of(value), allow_nan=False)) == expected
 
 
-@pytest.mark.parametrize('value', [object(), {1, 2}, b'bytes', 1j, [lambda: None], int])
-def test_what_no_file_can_hold_is_no_part_of_a_result(value):
+def test_what_no_file_can_hold_is_no_part_of_a_result():
     with pytest.raises(TypeError, match='a result cannot hold'):
-        plain_of(value)
+        plain_of([{1, 2}])
 
 
 @pytest.mark.parametrize('model', MODELS)
@@ -256,12 +233,6 @@ def written(path, entries):
     return path
 
 
-@pytest.mark.parametrize('size', MODELS.values())
-def test_parameters_of_every_model_are_read(tmp_path, size):
-    entries = {name: {'value': float(value)} for name, value in zip(NAMES[:size], THETA[:size], strict=True)}
-    assert read_parameters(written(tmp_path / 'r.yaml', entries)) == Parameters.from_vector(THETA[:size])
-
-
 def test_parameters_that_are_0_may_be_absent(tmp_path):
     braked = replace(PAPER, Fc2=0.1)
     entries = {name: {'value': value} for name, value in asdict(braked).items() if value}
@@ -317,29 +288,22 @@ def test_what_stands_for_a_number_and_is_none_is_one_sentence(tmp_path, entry, s
         read_result(written(tmp_path / 'r.yaml', entries))
 
 
-def lost(path):
-    """A whole result, but for what an entry holds."""
-    data = plain()
-    *way, last = path
-    at = data
-    for key in way:
-        at = at[key]
-    del at[last]
-    return data
-
-
 @pytest.mark.parametrize(
     ('path', 'sentence'),
     [
         (('parameters', 'P4', 'value'), 'r.yaml: parameters.P4 does not say value; name a file'),
         (('parameters', 'P4'), 'look at P4; a number each'),
         (('level',), 'r.yaml does not say level; name a file that pendubot identify wrote, as it wrote it'),
-        (('criteria', 'weak', 'J', 'unit'), 'r.yaml: criteria.weak.J does not say unit; name a file'),
         (('bags', 0, 'sha256'), 'r.yaml: bags.0 does not say sha256; name a file'),
     ],
 )
 def test_a_result_that_lost_something_is_none(tmp_path, path, sentence):
-    (tmp_path / 'r.yaml').write_text(yaml.safe_dump(lost(path)))
+    at = data = plain()
+    *way, last = path
+    for key in way:
+        at = at[key]
+    del at[last]
+    (tmp_path / 'r.yaml').write_text(yaml.safe_dump(data))
     with pytest.raises(ResultError, match=sentence):
         read_whole_result(tmp_path / 'r.yaml')
 
@@ -361,7 +325,7 @@ def test_a_result_of_an_earlier_version_is_read(tmp_path):
     assert result.bags[0].topic == '/joint_states'
 
 
-@pytest.mark.parametrize('entries', [None, [], 'P1', {}])
+@pytest.mark.parametrize('entries', [None, [], {}])
 def test_no_parameters_at_all(tmp_path, entries):
     with pytest.raises(ResultError, match='look at P1, P2, P3, P4, P5, b1, b2; a number each'):
         read_parameters(written(tmp_path / 'r.yaml', entries))
