@@ -363,7 +363,7 @@ def structured(kind: Any, data: Any, file: object, *at: str) -> Any:
         return [structured(inner[0], value, file, *at, str(k)) for k, value in enumerate(data)]
     if origin is tuple and isinstance(data, list) and len(data) == len(inner):
         return tuple(structured(inner[k], value, file, *at, str(k)) for k, value in enumerate(data))
-    if kind is Level and data in Level.__members__:
+    if kind is Level and isinstance(data, str) and data in Level.__members__:
         return Level[data]
     if kind is float and type(data) in (int, float, str):
         with suppress(ValueError, OverflowError):

@@ -10,14 +10,13 @@ import pytest
 from scipy.stats import t as student
 
 from pendubot_identification.criteria.levenberg_marquardt import Fit
-from pendubot_identification.criteria.trajectory_fit import TrajectoryFit, fit_positions, fit_states
+from pendubot_identification.criteria.trajectory_fit import TrajectoryFit, fit_positions
 from pendubot_identification.identify.covariance import (
     correlations,
     estimated_zeros,
     scaled_condition_number,
     trajectory_covariance,
 )
-from pendubot_identification.identify.prediction import state_scale
 from pendubot_identification.model.parameters import PAPER, default_bounds
 from pendubot_identification.trajectories.motion import Motion
 from test.virtual import C1, CHAOTIC, recording
@@ -152,12 +151,6 @@ def test_intervals_of_a_recording_know_of_its_zeros():
     assert np.mean(np.array(z) < 1.96) > 0.95
 
 
-def test_a_short_recording_makes_six_blocks():
-    phi, y, _, _ = clustered(np.random.default_rng(5), 3)
-    _, _, words = trajectory_covariance(line(phi, y, np.zeros(24, dtype=int), 0.25 * np.arange(24))[0])
-    assert 'over 6 blocks of 1 s' in words or 'over 7 blocks of 1 s' in words
-
-
 @pytest.mark.parametrize('white', [True, False])
 def test_what_a_bound_holds_has_no_covariance_but_a_standard_error(white):
     phi, y, group, start = clustered(np.random.default_rng(6), 8)
@@ -252,14 +245,3 @@ def test_of_exact_data_in_chaotic_motion_they_hold_the_truth(counts):
         z.append((found.fit.theta - truth) / std_error[:-1])
     assert (np.abs(z) < 1.96).mean() > 0.85
     assert np.abs(z).max() < 4
-
-
-def test_of_a_model_that_is_not_exact_they_are_found_from_blocks():
-    motion = Motion.prepare(recording(500), 0.02)
-    found = fit_states([motion], PAPER.vector(), 0.0, BOX, (-0.1, 0.1), state_scale([motion]))
-    covariance, std_error, words = trajectory_covariance(found)
-    assert words.startswith('cluster jackknife over')
-    assert (std_error > 0).all()
-    assert np.isfinite(covariance).all()
-    sharp = fit_positions([motion], found.fit.theta, found.fit.delay, BOX, (-0.1, 0.1))
-    assert (trajectory_covariance(sharp)[1] < std_error).all(), 'positions say more than smoothed states'

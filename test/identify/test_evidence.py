@@ -19,7 +19,6 @@ from pendubot_identification.identify.evidence import (
     simulate_beside,
 )
 from pendubot_identification.identify.prediction import state_scale
-from pendubot_identification.identify.settings import Settings
 from pendubot_identification.model.parameters import PAPER
 from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.trajectory import Trajectory
@@ -129,15 +128,3 @@ def test_a_parameter_whose_joint_rests_has_nothing_of_its_own():
     for shown in (moving, still):
         assert (shown.own <= shown.term).all()
         assert shown.term[0, 1] == shown.own[0, 1] == 0.0, "P1 has no part in the elbow's equation"
-
-
-def test_residuals_share_data_over_the_window_of_their_balance():
-    motion = Motion.prepare(recording(600), 0.02)
-    scale = state_scale([motion])
-    shared = {
-        sliding: residuals(
-            [motion], answer(criterion='energy'), Settings(('energy',), 'viscous', sliding=sliding), 0.02, scale
-        ).shared
-        for sliding in (None, 0.3)
-    }
-    assert shared == {None: np.inf, 0.3: 0.3}

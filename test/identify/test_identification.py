@@ -20,8 +20,8 @@ from pendubot_identification.identify.settings import Settings
 from pendubot_identification.level import Level
 from pendubot_identification.model.parameters import NAMES, PAPER, Parameters, default_bounds
 from pendubot_identification.model.simulation import HANGING
+from pendubot_identification.recordings.csv_import import import_csv
 from pendubot_identification.trajectories.motion import Motion
-from pendubot_identification.trajectories.trajectory import Trajectory
 from test.conftest import RECORDINGS
 from test.virtual import C1, CHAOTIC, GEARED, exact_motion, recording
 
@@ -35,14 +35,10 @@ THE_PAPERS = Settings(criteria=('energy',), model='viscous', optimizer='mde', sp
 
 
 def recorded(group, role):
-    """The motions of a rig's real recordings, straight from their CSV files."""
-    motions = []
-    for row in csv.DictReader((RECORDINGS / 'manifest.csv').open()):
-        if row['group'] == group and row['role'] == role:
-            a = np.genfromtxt(RECORDINGS / row['file'], delimiter=',', names=True)
-            q, tau = (np.column_stack([a[f'{name}1'], a[f'{name}2']]) for name in ('q', 'tau'))
-            motions.append(Trajectory(a['t'], q, tau, name=row['file']))
-    return motions
+    """The motions of a rig's real recordings."""
+    rows = csv.DictReader((RECORDINGS / 'manifest.csv').open())
+    files = [row['file'] for row in rows if (row['group'], row['role']) == (group, role)]
+    return [import_csv(RECORDINGS / file) for file in files]
 
 
 def wrong(estimate, truth=TRUTH):
@@ -449,19 +445,12 @@ def test_energy_needs_no_motion_as_long_as_the_weak_criterions_bump():
     ('changes', 'sentence'),
     [
         ({'criteria': ('energy', 'magic')}, 'criterion is magic; one of energy'),
-        ({'criteria': ()}, 'one or more of energy'),
-        ({'criteria': ('weak', 'weak')}, 'one or more of energy'),
         ({'optimizer': 'luck'}, 'optimizer is luck; one of auto, mde, lsq is expected'),
-        ({'model': 'air'}, 'model is air; one of auto, viscous'),
-        ({'hold': 'breath'}, 'hold is breath; one of auto, zero'),
-        ({'sliding': -1.0}, 'sliding is -1.0; a number'),
         ({'smoothing': float('nan')}, 'smoothing is nan; a number'),
         ({'delays': (0.1, -0.1)}, 'the smaller one is expected first'),
         ({'delays': (0.0, float('inf'))}, 'delay is inf; .* from -0.5 to 0.5 s is expected'),
-        ({'link_length': 0.0}, 'link_length is 0.0; a number'),
         ({'model': 'geared', 'bounds': default_bounds().of(7)}, 'bounds of 7 parameters were given'),
         ({'runs': 0}, 'runs is 0; a whole number from 1'),
-        ({'seed': -1}, 'seed is -1'),
     ],
 )
 def test_settings_without_sense_are_refused(changes, sentence):

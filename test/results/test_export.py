@@ -125,14 +125,11 @@ def test_a_file_by_hand_with_nothing_but_values_is_enough(name):
     assert 'not known' in text
 
 
-@pytest.mark.parametrize(
-    ('last', 'size', 'left_out'), [('Fc1', 9, {'Fc2'}), ('J2', 10, {'Fc1', 'Fc2'}), ('k1', 14, {'Fs2', 'k2'})]
-)
-def test_what_a_hand_left_out_is_0_in_its_own_place(last, size, left_out):
+def test_what_a_hand_left_out_is_0_in_its_own_place():
     """Whatever the order in which the hand wrote."""
+    size, left_out = 14, {'Fs2', 'k2'}
     theta = {name: 0.5 + k for k, name in enumerate(NAMES[:size])} | dict.fromkeys(left_out, 0.0)
     given = {name: Parameter(value=value) for name, value in reversed(theta.items()) if name not in left_out}
-    assert last in given
     result = Given(parameters=given)
     struct = evaluated(FORMATS['matlab'](result))
     assert (struct['theta'], struct['names']) == (list(theta.values()), list(theta))
