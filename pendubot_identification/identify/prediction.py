@@ -77,7 +77,7 @@ class Prediction:
 
         def mean(each: Sequence[Array]) -> Array:
             pooled = np.sqrt(np.einsum('ph,phs->hs', share, np.nan_to_num(each) ** 2))
-            return np.where(starts.any(axis=0)[:, None], pooled, np.nan)
+            return np.where(starts.sum(axis=0)[:, None] > 0, pooled, np.nan)
 
         return cls(mean([p.errors for p in parts]), mean([p.still for p in parts]), starts.sum(axis=0))
 

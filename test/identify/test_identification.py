@@ -390,9 +390,9 @@ def test_notes_on_the_data_and_missing_samples_become_warnings():
     lost = np.ones(400, dtype=bool)
     lost[100:400:12] = False
     result = identify([motion[lost]], [], WEAK, notes=['the bag was never closed'])
-    assert result.warnings[0] == 'the bag was never closed'
+    assert 'the bag was never closed' in result.warnings
     assert any('about 25 of 400 samples are missing' in w for w in result.warnings)
-    assert result.level is Level.WARN
+    assert result.level > Level.OK
 
 
 def test_a_link_of_another_length_than_was_measured_is_named():
