@@ -123,9 +123,37 @@ def test_a_box_of_the_models_own_parameters_is_enough():
     np.testing.assert_array_equal(found.best.theta, same.best.theta)
 
 
-def test_too_few_generations_are_noticed():
-    few = replace(THE_PAPERS, generations=20)
-    assert any('of 10 runs reached the exact minimum' in w for w in identify([recording(300)], [], few).warnings)
+def without_some(motion):
+    kept = np.ones(len(motion), dtype=bool)
+    kept[100::12] = False
+    return motion[kept]
+
+
+ANOTHER = Parameters(P1=0.004, P2=0.0008, P3=0.0002, P4=0.04, P5=0.006, b1=0.0066, b2=0.0001)
+
+
+@pytest.mark.parametrize(
+    ('motions', 'settings', 'sentence'),
+    [
+        ([recording(300)], replace(THE_PAPERS, generations=20), 'of 10 runs reached the exact minimum'),
+        ([without_some(recording(400))], WEAK, 'about 25 of 400 samples are missing'),
+        (
+            [recording(400)],
+            replace(WEAK, link_length=2 * PAPER.P3 / PAPER.P5),
+            'moves as on a link 1 of 0.03',
+        ),
+        (
+            [recording(400, name='one'), recording(400, seed=2, rig=ANOTHER, name='two')],
+            WEAK,
+            'one and two contradict each other',
+        ),
+    ],
+)
+def test_what_is_odd_is_named(motions, settings, sentence):
+    result = identify(motions, [], settings, notes=['the bag was never closed'])
+    assert result.level > Level.OK
+    assert any(sentence in warning for warning in result.warnings)
+    assert 'the bag was never closed' in result.warnings
 
 
 def test_the_same_seed_gives_the_same_result():
@@ -285,13 +313,6 @@ def test_validation_only_judges():
     assert (judged.prediction.errors != other.prediction.errors).all()
 
 
-def test_two_rigs_in_one_estimate_are_named():
-    other = Parameters(P1=0.004, P2=0.0008, P3=0.0002, P4=0.04, P5=0.006, b1=0.0066, b2=0.0001)
-    result = identify([recording(400, name='one'), recording(400, seed=2, rig=other, name='two')], [], WEAK)
-    assert result.level > Level.OK
-    assert any('one and two contradict each other' in w for w in result.warnings)
-
-
 def test_the_one_recording_whose_elbow_is_turned_round_is_named():
     motions = [recording(400, seed=s, name=f'recording {s}') for s in range(3)]
     assert identify([m[:200] for m in motions[:2]], [], WEAK).level is Level.OK
@@ -383,21 +404,6 @@ def test_the_recording_whose_zero_is_off_is_named(turned):
     (said,) = [w for w in result.warnings if 'zero is off by' in w]
     assert said.startswith("take 1: q2's zero is off by ")
     assert 'zeros too' in result.best.uncertainty
-
-
-def test_notes_on_the_data_and_missing_samples_become_warnings():
-    motion = recording(400)
-    lost = np.ones(400, dtype=bool)
-    lost[100:400:12] = False
-    result = identify([motion[lost]], [], WEAK, notes=['the bag was never closed'])
-    assert 'the bag was never closed' in result.warnings
-    assert any('about 25 of 400 samples are missing' in w for w in result.warnings)
-    assert result.level > Level.OK
-
-
-def test_a_link_of_another_length_than_was_measured_is_named():
-    result = identify([recording(400)], [], replace(WEAK, link_length=2 * PAPER.P3 / PAPER.P5))
-    assert any('the elbow moves as on a link 1 of 0.03' in w for w in result.warnings)
 
 
 MOTION = recording(300)
