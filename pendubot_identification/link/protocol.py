@@ -21,9 +21,6 @@ VERSION = 1
 #: The longest frame is HELLO's: 48 bytes of body, 4 of CRC, and one that COBS adds; the delimiter not counted.
 MAX_FRAME = 53
 
-_HEADER = struct.Struct('<BBHI')
-_CRC = struct.Struct('<I')
-
 
 class Status(IntFlag):
     """The status bits of a STATE."""
@@ -42,14 +39,8 @@ class Status(IntFlag):
 
 
 #: The bits that keep the motor off while they are set.
-FAULTS = (
-    Status.EMERGENCY_STOP
-    | Status.ENCODER_1
-    | Status.ENCODER_2
-    | Status.OVER_CURRENT
-    | Status.OVER_TEMPERATURE
-    | Status.UNDERVOLTAGE
-)
+FAULTS = Status.EMERGENCY_STOP | Status.ENCODER_1 | Status.ENCODER_2
+FAULTS |= Status.OVER_CURRENT | Status.OVER_TEMPERATURE | Status.UNDERVOLTAGE
 
 
 class Mode(IntEnum):
@@ -129,17 +120,19 @@ class Damaged:
 Message = State | Command | Hello | HelloRequest
 Event = Message | Damaged
 
-_STATE = struct.Struct('<iiihHHH')
-_COMMAND = struct.Struct('<BBHi')
-_HELLO = struct.Struct('<IBBHIIiI16s')
-
+_HEADER = struct.Struct('<BBHI')
+_CRC = struct.Struct('<I')
 _TYPES: dict[type, int] = {State: 0x01, Command: 0x02, Hello: 0x03, HelloRequest: 0x04}
+#: What follows the header, by type.
+_PAYLOADS = {0x01: struct.Struct('<iiihHHH'), 0x02: struct.Struct('<BBHi'), 0x03: struct.Struct('<IBBHIIiI16s')}
 _STATE_TYPE = _TYPES[State]
 #: A STATE's whole body, type and version skipped: unpacked at once, because it comes a thousand times a second.
 _STATE_BODY = struct.Struct('<xxHIiiihHHH')
 #: The CRC-32 of any bytes followed by their own CRC-32.
 _CRC_RESIDUE = 0x2144DF1C
-_SIZES = {0x01: _STATE.size, 0x02: _COMMAND.size, 0x03: _HELLO.size, 0x04: 0}
+_SIZES = {
+    kind: _HEADER.size + (_PAYLOADS[kind].size if kind in _PAYLOADS else 0) + _CRC.size for kind in _TYPES.values()
+}
 
 
 def encode(message: Message) -> bytes:
@@ -148,27 +141,18 @@ def encode(message: Message) -> bytes:
     Raises:
         struct.error: a field does not fit into its place on the wire.
     """
-    m = message
+    m, kind = message, _TYPES[type(message)]
+    fields: tuple[int | bytes, ...] = ()
     if isinstance(m, State):
-        payload = _STATE.pack(m.enc1, m.enc2, m.torque, m.current, m.vbus, m.cmd_seq, m.status)
+        fields = m[2:]
     elif isinstance(m, Command):
-        payload = _COMMAND.pack(m.mode, m.flags, m.watchdog_ms, m.torque)
+        fields = m.mode, m.flags, m.watchdog_ms, m.torque
     elif isinstance(m, Hello):
         name = m.firmware.encode('ascii', 'replace')
-        payload = _HELLO.pack(
-            m.boot_id,
-            m.reset_cause,
-            0,
-            m.watchdog_max_ms,
-            m.cpr1,
-            m.cpr2,
-            m.torque_limit,
-            m.sample_period_us,
-            name,
-        )
-    else:
-        payload = b''
-    return frame(_HEADER.pack(_TYPES[type(m)], VERSION, m.seq, m.t_us) + payload)
+        numbers = m.cpr1, m.cpr2, m.torque_limit, m.sample_period_us
+        fields = m.boot_id, m.reset_cause, 0, m.watchdog_max_ms, *numbers, name
+    payload = _PAYLOADS[kind].pack(*fields) if fields else b''
+    return frame(_HEADER.pack(kind, VERSION, m.seq, m.t_us) + payload)
 
 
 def frame(body: bytes) -> bytes:
@@ -208,21 +192,20 @@ def _parse(data: bytes, accepted: frozenset[int]) -> Event:
         return Damaged('version')
     if kind not in accepted:
         return Damaged('type')
-    if len(content) != _HEADER.size + _SIZES[kind] + _CRC.size:
+    if len(content) != _SIZES[kind]:
         return Damaged('length')
     if kind == _STATE_TYPE:
         return State._make(_STATE_BODY.unpack_from(content))
     _, _, seq, t_us = _HEADER.unpack_from(content)
+    if kind == _TYPES[HelloRequest]:
+        return HelloRequest(seq, t_us)
+    fields = _PAYLOADS[kind].unpack_from(content, _HEADER.size)
     if kind == _TYPES[Command]:
-        mode, flags, watchdog_ms, torque = _COMMAND.unpack_from(content, _HEADER.size)
+        mode, flags, watchdog_ms, torque = fields
         return Command(seq, t_us, mode, watchdog_ms, torque, flags)
-    if kind == _TYPES[Hello]:
-        boot_id, cause, _, watchdog_max_ms, cpr1, cpr2, limit, period_us, name = _HELLO.unpack_from(
-            content, _HEADER.size
-        )
-        firmware = name.rstrip(b'\0').decode('ascii', 'backslashreplace')
-        return Hello(seq, t_us, boot_id, cause, watchdog_max_ms, cpr1, cpr2, limit, period_us, firmware)
-    return HelloRequest(seq, t_us)
+    boot_id, cause, _, watchdog_max_ms, cpr1, cpr2, limit, period_us, name = fields
+    firmware = name.rstrip(b'\0').decode('ascii', 'backslashreplace')
+    return Hello(seq, t_us, boot_id, cause, watchdog_max_ms, cpr1, cpr2, limit, period_us, firmware)
 
 
 class Decoder:
