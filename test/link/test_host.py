@@ -20,16 +20,7 @@ from pendubot_identification.link.clock import MS, WRAP
 from pendubot_identification.link.events import Armed, ArmingFailed, Report, Sample
 from pendubot_identification.link.health import Health
 from pendubot_identification.link.host import Host, HostConfig
-from pendubot_identification.link.protocol import (
-    Command,
-    Decoder,
-    Hello,
-    HelloRequest,
-    Mode,
-    State,
-    Status,
-    encode,
-)
+from pendubot_identification.link.protocol import Command, Decoder, Hello, HelloRequest, Mode, State, Status, encode
 from pendubot_identification.link.virtual_board import BoardSettings, Faults, VirtualBoard
 from pendubot_identification.model.parameters import PAPER
 from pendubot_identification.model.simulation import Plant
@@ -50,7 +41,6 @@ class Rig:
         self.now = 10**12
         self.events = self.host.opened(self.now)
         self.commands = []
-        self.states = []
         self.heard = Decoder(accept=(Command, HelloRequest))
         self.connected = True
 
@@ -60,7 +50,6 @@ class Rig:
         for _ in range(samples):
             self.deliver()
             data = self.board.advance()
-            self.states.append(self.board.last)
             for _ in range(5):
                 self.now += 2 * MS
                 self.events += self.host.poll(self.now)
@@ -162,16 +151,12 @@ def test_a_hello_that_makes_no_sense_is_reported_once_asked_for_again_and_change
         wire.wait(0)
     assert len(wire.sent()) == 1
     wire.hear(good := replace(HELLO, seq=24))
-    (report,) = wire.hear(replace(HELLO, seq=25, cpr2=0))
+    assert wire.hear(replace(HELLO, seq=25)) == [], 'it introduces itself once'
+    (report,) = wire.hear(replace(HELLO, seq=26, cpr2=0))
     assert 'counts per turn' in report.text
-    assert wire.host.hello == good
-    assert len(only(wire.state(26, 260_000), Sample)) == 1
-
-
-def test_a_board_that_says_something_else_of_itself_introduces_itself_again():
-    wire = Wire()
-    assert wire.hear(replace(HELLO, seq=1)) == []
-    (report,) = wire.hear(replace(HELLO, seq=2, cpr1=8000))
+    assert replace(wire.host.hello, seq=24) == good
+    assert len(only(wire.state(27, 270_000), Sample)) == 1
+    (report,) = wire.hear(replace(HELLO, seq=28, cpr1=8000))
     assert '8000' in report.text
 
 
@@ -296,14 +281,6 @@ def test_at_least_two_commands_for_each_watchdog_period_the_boards_or_the_config
     assert rig.host.armed
 
 
-def test_a_torque_is_sent_at_once_and_reaches_the_motor():
-    rig = Rig().armed()
-    rig.effort(0.1234567)
-    rig.step(2)
-    assert rig.board.last.torque == 123457
-    assert only(rig.events, Sample)[-1].effort == pytest.approx(0.123457)
-
-
 @pytest.mark.parametrize(('configured', 'limit'), [(0.3, 300_000), (5.0, 1_200_000)])
 def test_torque_is_clamped_to_the_smaller_limit_and_that_is_reported_once_while_it_goes_on(configured, limit):
     rig, health = Rig(HostConfig(torque_limit=configured), BoardSettings(torque_limit=1.2)).armed(), Health()
@@ -343,11 +320,12 @@ def test_a_torque_that_is_not_finite_is_never_sent_disarms_and_is_reported_once(
     assert rig.board.last.torque == 0
 
 
-def test_when_effort_commands_stop_the_torque_is_0_still_armed_and_reported():
+def test_a_torque_is_sent_at_once_and_when_commands_stop_it_is_0_still_armed_and_reported():
     rig = Rig().armed()
-    rig.effort(0.5)
+    rig.effort(0.1234567)
     rig.step(9)
-    assert rig.board.last.torque == 500_000
+    assert rig.board.last.torque == 123_457
+    assert only(rig.events, Sample)[-1].effort == pytest.approx(0.123457)
     rig.step(5)
     assert rig.board.last.torque == 0
     assert rig.host.armed
@@ -389,29 +367,74 @@ def test_one_who_polls_only_when_told_takes_the_torque_back_at_its_moment(timeou
 # What disarms
 
 
-def test_a_silent_link_is_lost_after_100_ms_disarms_and_stays_so():
-    rig, health = Rig().armed(), Health()
-    health.diagnose(rig.host, rig.now)
-    rig.connected = False
-    rig.step(9)
-    assert rig.host.armed
-    rig.step(3)
+def unheard(samples):
+    """Let the board go on without the host, for so many samples."""
+
+    def happens(rig):
+        rig.connected = False
+        rig.step(samples)
+        rig.connected = True
+
+    return happens
+
+
+def trips(rig):
+    """The board, which the host does not hear: it is back before the link is lost."""
+    unheard(9)(rig)
+    for _ in range(2):
+        rig.board.advance()
+
+
+def resets(rig, hello_arrives=True):
+    while rig.board.last.t_us < 490_000:
+        rig.step()
+    data = rig.board.advance()
+    rig.now += 10 * MS
+    rig.events += rig.host.receive(data if hello_arrives else data.split(b'\0')[1] + b'\0', rig.now)
     assert not rig.host.armed
-    assert rig.host.link == 'silent'
-    rig.step(50)
-    rig.connected = True
-    published = len(only(rig.events, Sample))
-    rig.step(30)
-    assert len(only(rig.events, Sample)) == published + 30
+    assert only(Decoder((Command, HelloRequest)).feed(rig.host.data_to_send()), HelloRequest)
+
+
+@pytest.mark.parametrize(
+    ('faults', 'happens', 'told', 'counted'),
+    [
+        ({}, unheard(12), 'link lost', {'link_losses': 1, 'lost': 12}),
+        ({}, unheard(62), 'link lost', {'link_losses': 1, 'lost': 62}),
+        ({}, trips, "the board's watchdog tripped", {'trips': 1}),
+        ({'over_current_at': 0.2}, lambda rig: rig.step(50), 'the board reports a fault: over current', {}),
+        ({'reset_at': 0.5}, resets, 'the board restarted', {'restarts': 1, 'lost': 0, 'out_of_order': 0}),
+        ({'reset_at': 0.5}, lambda rig: resets(rig, False), 'the board restarted', {'restarts': 1, 'lost': 0}),
+    ],
+)
+def test_it_disarms_reports_once_and_stays_disarmed_until_told_again(faults, happens, told, counted):
+    rig = Rig(faults=Faults(**faults)).armed()
+    happens(rig)
+    rig.step(60)
     assert not rig.host.armed
     assert not rig.board.armed
-    assert (rig.host.counters.link_losses, rig.host.counters.lost) == (1, 62)
-    for event in only(rig.events, Report):
-        health.note(event)
-    diagnosis = health.diagnose(rig.host, rig.now)
-    assert diagnosis.level == Level.ERROR
-    assert 'lost: 62 more' in diagnosis.message
-    assert 'heard again' not in diagnosis.message
+    assert len([text for text in rig.reports() if text.startswith(told)]) == 1
+    assert {name: getattr(rig.host.counters, name) for name in counted} == counted
+    stamps = [sample.stamp_ns for sample in only(rig.events, Sample)]
+    assert all(a < b for a, b in pairwise(stamps))
+    assert rig.now - stamps[-1] <= 20 * MS
+    rig.armed()
+
+
+@pytest.mark.parametrize(
+    ('config', 'hello', 'longest_ms'),
+    [
+        (HostConfig(), HELLO, 100),
+        (HostConfig(), replace(HELLO, sample_period_us=100_000), 500),
+        (HostConfig(link_timeout=1.0), HELLO, 1000),
+    ],
+)
+def test_a_link_may_be_silent_for_100_ms_five_periods_or_as_configured(config, hello, longest_ms):
+    wire = Wire(config, hello)
+    for _ in range(longest_ms // 10):
+        wire.wait(10)
+    assert wire.host.link == 'up'
+    wire.wait(10)
+    assert wire.host.link == 'silent'
 
 
 def test_a_board_that_answers_but_does_not_sample_is_lost_once():
@@ -440,25 +463,6 @@ def test_a_frame_that_comes_again_after_a_silence_is_not_published_twice():
     assert len(only(wire.state(40_000, 2_400_000_000, step=2_400_000 * MS), Sample)) == 1
     c = wire.host.counters
     assert (c.published, c.duplicates, c.lost) == (2, 1, 39_998)
-
-
-def test_a_slow_board_may_be_silent_for_five_periods():
-    wire = Wire(hello=replace(HELLO, sample_period_us=100_000))
-    for _ in range(49):
-        wire.wait(10)
-    assert wire.host.link == 'up'
-    for _ in range(3):
-        wire.wait(10)
-    assert wire.host.link == 'silent'
-
-
-def test_a_virtual_rig_may_be_silent_for_as_long_as_its_host_is_told():
-    rig = Rig(HostConfig(watchdog_ms=2000, link_timeout=1.0)).armed()
-    rig.connected = False
-    rig.step(99)
-    assert rig.host.armed
-    rig.step(3)
-    assert not rig.host.armed
 
 
 def test_a_program_that_was_held_up_reads_first_before_it_calls_the_link_lost():
@@ -528,33 +532,6 @@ def test_a_port_that_fails_again_and_again_is_said_once():
     assert only(wire.host.closed('it was lost', wire.now), Report)
 
 
-def test_a_watchdog_trip_disarms_until_told_again():
-    rig = Rig().armed()
-    rig.connected = False
-    rig.step(9)
-    rig.board.advance()
-    rig.board.advance()
-    rig.connected = True
-    rig.step(51)
-    assert not rig.host.armed
-    assert not rig.board.armed
-    assert rig.host.counters.trips == 1
-    wire = Wire()
-    for k in range(1, 4):
-        wire.state(k, 10_000 * k, status=Status.WATCHDOG)
-    assert wire.host.counters.trips == 1
-    assert any('watchdog' in text for text in rig.reports())
-    rig.armed()
-
-
-def test_a_fault_disarms_until_told_again():
-    rig = Rig(faults=Faults(over_current_at=0.2)).armed()
-    rig.step(50)
-    assert not rig.host.armed
-    assert any('over current' in text for text in rig.reports(Level.ERROR))
-    rig.armed()
-
-
 def test_a_fault_that_comes_and_goes_is_reported_once():
     wire = Wire()
     reports = []
@@ -566,29 +543,6 @@ def test_a_fault_that_comes_and_goes_is_reported_once():
         reports += only(wire.state(k, 10_000 * k), Report)
     reports += only(wire.state(510, 5_100_000, status=int(Status.UNDERVOLTAGE)), Report)
     assert len(reports) == 3
-
-
-@pytest.mark.parametrize('hello_arrives', [True, False])
-def test_a_restart_disarms_asks_for_hello_and_begins_anew(hello_arrives):
-    rig = Rig(faults=Faults(reset_at=0.5)).armed()
-    while rig.board.last.t_us < 490_000:
-        rig.step()
-    data = rig.board.advance()
-    frames = [part + b'\0' for part in data.split(b'\0')[:-1]]
-    assert len(frames) == 2
-    rig.now += 10 * MS
-    rig.events += rig.host.receive(data if hello_arrives else frames[1], rig.now)
-    assert not rig.host.armed
-    assert only(Decoder((Command, HelloRequest)).feed(rig.host.data_to_send()), HelloRequest)
-    rig.step(30)
-    c = rig.host.counters
-    assert (c.restarts, c.lost, c.duplicates, c.out_of_order) == (1, 0, 0, 0)
-    assert len([text for text in rig.reports() if text.startswith('the board restarted')]) == 1
-    stamps = [sample.stamp_ns for sample in only(rig.events, Sample)]
-    assert all(a < b for a, b in pairwise(stamps))
-    assert rig.now - stamps[-1] <= 20 * MS
-    assert not rig.board.armed
-    rig.armed()
 
 
 @pytest.mark.parametrize('before_us', [50_000, 9_000_000, WRAP - 2_400_000_000])

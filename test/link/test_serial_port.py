@@ -32,13 +32,10 @@ from pendubot_identification.model.simulation import Plant
 class Ear:
     """Keeps what a link says, and waits for it."""
 
-    def __init__(self, port, baud=115200):
-        self.data = b''
-        self.arrivals = []
-        self.closed = []
-        self.opened = 0
+    def __init__(self, port):
+        self.data, self.arrivals, self.closed, self.opened = b'', [], [], 0
         self._changed = threading.Condition()
-        self.link = SerialPort(str(port), baud, self._on_bytes, self._on_opened, self._on_closed)
+        self.link = SerialPort(str(port), 115200, self._on_bytes, self._on_opened, self._on_closed)
 
     def __enter__(self):
         self.link.start()
@@ -63,9 +60,12 @@ class Ear:
             self.closed.append(reason)
             self._changed.notify_all()
 
-    def wait(self, condition, timeout=10.0):
+    def wait(self, condition):
         with self._changed:
-            assert self._changed.wait_for(lambda: condition(self), timeout), vars(self)
+            assert self._changed.wait_for(lambda: condition(self), 10.0), vars(self)
+
+    def states(self):
+        return [e for e in Decoder().feed(self.data) if isinstance(e, State)]
 
 
 class Pty:
@@ -108,8 +108,9 @@ def attempts(monkeypatch):
     return wait
 
 
-def test_bytes_arrive_with_their_time_and_go_out(port):
+def test_bytes_arrive_with_their_time_and_go_out_and_older_ones_are_not_heard(port):
     device = Pty(port)
+    os.write(device.master, b'stale' * 1000)
     with Ear(port) as ear:
         ear.wait(lambda e: e.opened)
         before = time.monotonic_ns()
@@ -138,16 +139,6 @@ def test_bytes_that_came_while_they_were_read_do_not_seem_to_have_come_before_th
         os.write(device.master, b'first')
         ear.wait(lambda e: e.data == b'firstsecond')
         assert ear.arrivals[-1] >= sent[0]
-
-
-def test_what_came_before_the_port_was_opened_is_not_heard(port):
-    device = Pty(port)
-    os.write(device.master, b'stale' * 1000)
-    with Ear(port) as ear:
-        ear.wait(lambda e: e.opened)
-        os.write(device.master, b'new')
-        ear.wait(lambda e: e.data)
-        assert b'stale' not in ear.data
 
 
 def test_a_port_that_comes_and_goes_is_followed_every_time_and_missing_is_said_once(port, attempts):
@@ -183,27 +174,19 @@ def test_a_path_that_leads_to_another_device_is_followed_though_the_former_never
     os.close(former.master)
 
 
-@pytest.mark.parametrize('url', ['hwgrep://[', 'loop://x?foo=1', 'nope://'])
-def test_a_url_of_which_pyserial_makes_nothing_is_told_once_and_tried_again(port, monkeypatch, attempts, url):
-    """It raises re.error and KeyError, too."""
+@pytest.mark.parametrize('wrong', ['/dev/null', __file__, 'nonsense://x', 'hwgrep://[', 'loop://x?foo=1'])
+def test_what_is_no_serial_port_is_told_once_in_a_sentence_and_tried_again(port, monkeypatch, attempts, wrong):
+    """pyserial raises re.error and KeyError, too."""
     device = Pty(port)
     true_open = serial.serial_for_url
-    with Ear(url) as ear:
+    with Ear(wrong) as ear:
         ear.wait(lambda e: e.closed)
         attempts(3)
-        assert re.fullmatch(rf'the port {re.escape(url)} cannot be opened \(.+\); set port to .*', ear.closed[0])
+        assert re.fullmatch(rf'the port {re.escape(wrong)} cannot be opened \(.+\); set port to .*', ear.closed[0])
         monkeypatch.setattr(serial, 'serial_for_url', lambda _, *args, **given: true_open(str(port), *args, **given))
         ear.wait(lambda e: e.opened)
         assert len(ear.closed) == 1
         device.unplug()
-
-
-@pytest.mark.parametrize('port', ['/dev/null', 'nonsense://somewhere', __file__])
-def test_what_is_no_serial_port_is_refused_in_a_sentence(port):
-    with Ear(port) as ear:
-        ear.wait(lambda e: e.closed)
-    assert port in ear.closed[0]
-    assert 'set port to a serial port' in ear.closed[0]
 
 
 def test_a_host_that_does_not_read_does_not_hold_up_a_writer(port):
@@ -244,11 +227,11 @@ def test_a_frame_that_was_cut_short_does_not_take_the_next_along(port):
 
 @pytest.fixture
 def serve(tmp_path):
-    """Start a server of a virtual board at 1 kHz; returns it; all are stopped at the end."""
+    """Start a server of a virtual board at 1 kHz; all are stopped at the end."""
     stop = threading.Event()
     threads = []
 
-    def start(link=None, trace=None):
+    def start(link, trace):
         server = PtyServer(VirtualBoard(Plant(PAPER), BoardSettings(sample_period_us=1000)), link, trace)
 
         def run():
@@ -257,7 +240,6 @@ def serve(tmp_path):
 
         threads.append(threading.Thread(target=run))
         threads[-1].start()
-        return server
 
     yield start
     stop.set()
@@ -265,19 +247,23 @@ def serve(tmp_path):
         thread.join(5)
 
 
-def test_the_virtual_board_is_served_in_real_time_and_survives_its_hosts(serve, port):
-    serve(port)
+def test_the_virtual_board_is_served_in_real_time_survives_its_hosts_and_traces_every_sample(serve, port, tmp_path):
+    trace = tmp_path / 'trace.csv'
+    serve(port, trace)
     for _ in range(3):
         with Ear(port) as ear:
             ear.wait(lambda e: e.opened)
             ear.link.write(encode(HelloRequest(1, 0)))
             ear.wait(lambda e: len(e.data) > 34 * 200)
-        events = Decoder().feed(ear.data)
-        states = [e for e in events if isinstance(e, State)]
+        states = ear.states()
         assert [b.t_us - a.t_us for a, b in pairwise(states)] == [1000] * (len(states) - 1)
-        assert any(isinstance(e, Hello) for e in events)
+        assert any(isinstance(e, Hello) for e in Decoder().feed(ear.data))
         elapsed_ms = (ear.arrivals[-1] - ear.arrivals[0]) / 1e6
         assert elapsed_ms == pytest.approx(len(states), abs=50)
+        rows = [tuple(map(int, line.split(','))) for line in trace.read_text().splitlines()[1:]]
+        heard = [(s.t_us, s.enc1, s.enc2, s.torque, s.status) for s in states]
+        first = rows.index(heard[0])
+        assert rows[first : first + len(heard)] == heard
 
 
 def test_a_host_that_does_not_read_is_told_of_the_overrun(serve, port, tmp_path):
@@ -312,18 +298,6 @@ def test_a_host_that_does_not_read_is_told_of_the_overrun(serve, port, tmp_path)
         os.close(device)
     assert first.status & Status.OVERRUN
     assert states[-1] == first or not states[-1].status & Status.OVERRUN
-
-
-def test_the_trace_holds_every_sample(serve, port, tmp_path):
-    trace = tmp_path / 'trace.csv'
-    serve(port, trace)
-    with Ear(port) as ear:
-        ear.wait(lambda e: len(e.data) > 34 * 100)
-    states = [e for e in Decoder().feed(ear.data) if isinstance(e, State)]
-    rows = [tuple(map(int, line.split(','))) for line in trace.read_text().splitlines()[1:]]
-    heard = [(s.t_us, s.enc1, s.enc2, s.torque, s.status) for s in states]
-    first = rows.index(heard[0])
-    assert rows[first : first + len(heard)] == heard
 
 
 def test_a_stale_link_is_replaced_and_anything_else_is_not(tmp_path):
