@@ -14,8 +14,8 @@ from rclpy.node import Node
 from rclpy.waitable import NumberOfEntities, Waitable
 from std_msgs.msg import Float64
 
-from .fetching import Fetched
-from .presence import UNKNOWN, full_name
+from .driving import UNKNOWN, full_name
+from .topics import Fetched
 
 #: How often it is looked, while a publisher is refused, whether the one that drives is still there [ns].
 LOOK_PERIOD = 50_000_000

@@ -1,0 +1,130 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Topics of any type: names, message classes, what to ask publishers for; messages fetched as bytes, many at once."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Sequence
+from importlib import import_module
+from typing import Any
+
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.exceptions import InvalidTopicNameException
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSCompatibility, QoSProfile, ReliabilityPolicy, qos_check_compatible
+from rclpy.subscription import Subscription
+from rclpy.topic_endpoint_info import TopicEndpointInfo
+from rclpy.validate_topic_name import validate_topic_name
+
+from pendubot_identification.errors import BagError, ParameterError
+
+BATCH = 500  #: Messages of one topic that are fetched before the others, and all else, have a turn.
+DEPTH = 10_000  #: Messages of a topic that may wait: ten seconds' worth at 1 kHz.
+
+
+def check_names(topics: Sequence[str], setting: str = 'topics') -> None:
+    """Refuse, by ParameterError, what is no topic's name; ``setting`` says where it was given."""
+    try:
+        for topic in topics:
+            validate_topic_name(topic)
+    except InvalidTopicNameException as error:
+        reason = ' '.join(str(error).split())
+        raise ParameterError(f'{setting}: {reason}; a name such as joint_states is expected') from error
+
+
+def message_class(topic: str, type_name: str) -> Any:
+    """Return the class of a topic's messages from their type, such as ``std_msgs/msg/Float64``.
+
+    Raises:
+        BagError: the package is not installed.
+    """
+    package, _, name = type_name.partition('/msg/')
+    try:
+        return getattr(import_module(f'{package}.msg'), name)
+    except (ImportError, AttributeError, ValueError) as error:
+        raise BagError(f'{topic} is of type {type_name}, which is not installed; source its workspace') from error
+
+
+def quality(depth: int, reliable: bool, latched: bool) -> QoSProfile:
+    """Return a quality of service."""
+    return QoSProfile(
+        depth=depth,
+        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+    )
+
+
+def matched(publishers: Sequence[TopicEndpointInfo], depth: int) -> QoSProfile:
+    """Return what to ask for: a publisher is heard that offers as much or more, so what every one of them offers."""
+    reliable = all(p.qos_profile.reliability == ReliabilityPolicy.RELIABLE for p in publishers)
+    latched = all(p.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for p in publishers)
+    return quality(depth, reliable, latched)
+
+
+def heard(publishers: Sequence[TopicEndpointInfo], qos: QoSProfile) -> int:
+    """Return how many of the publishers a subscription that asks for this hears."""
+    return sum(qos_check_compatible(p.qos_profile, qos)[0] != QoSCompatibility.ERROR for p in publishers)
+
+
+class Fetched(ReentrantCallbackGroup):
+    """What no executor waits for."""
+
+    def can_execute(self, _: Any) -> bool:
+        """Say no."""
+        return False
+
+
+class Fetcher:
+    """Subscriptions that no executor waits for: whoever made them fetches what has come, now and then.
+
+    To wake up for one message costs an executor five times as much as to fetch it, a thousand times a second; and
+    every message brings the time of its coming along. May be used from any thread.
+
+    Args:
+        node: to subscribe with.
+        take: called with each message: its topic, its bytes, and what the middleware says of it.
+    """
+
+    def __init__(self, node: Node, take: Callable[[str, bytes, dict[str, Any]], None]) -> None:
+        self._node = node
+        self._take = take
+        self._group = Fetched()
+        self._lock = threading.RLock()
+        self._subscriptions: dict[str, Subscription] = {}
+
+    def qos(self, name: str) -> QoSProfile | None:
+        """Return how a topic is subscribed to; None where it is not."""
+        known = self._subscriptions.get(name)
+        return known.qos_profile if known else None
+
+    def subscribe(self, name: str, message_type: type, qos: QoSProfile) -> None:
+        """Subscribe to a topic; a second time in place of the first, of which nothing that came is lost."""
+        with self._lock:
+            if name in self._subscriptions:
+                self.fetch_all()
+                self._node.destroy_subscription(self._subscriptions.pop(name))
+            self._subscriptions[name] = self._node.create_subscription(
+                message_type, name, lambda _: None, qos, callback_group=self._group, raw=True
+            )
+
+    def fetch(self) -> bool:
+        """Take what has come, up to a batch of each topic; return whether there may be more."""
+        with self._lock:
+            counts = [self._fetch_some(name, source) for name, source in self._subscriptions.items()]
+            return BATCH in counts
+
+    def fetch_all(self) -> None:
+        """Take all that waits; what is published even faster than that is not waited for."""
+        for _ in range(DEPTH // BATCH):
+            if not self.fetch():
+                return
+
+    def _fetch_some(self, name: str, source: Subscription) -> int:
+        with source.handle:
+            for k in range(BATCH):
+                if (message := source.handle.take_message(source.msg_type, True)) is None:
+                    return k
+                self._take(name, *message)
+        return BATCH
