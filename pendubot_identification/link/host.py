@@ -230,7 +230,7 @@ class Host:
         board_us = self.clock.observe(state.t_us, now)
         self._state_taken = self.clock.host_time(board_us)
         counts_per_turn = self._counts_per_turn(self.hello)
-        if not all(counts_per_turn):
+        if 0 in counts_per_turn:
             self.counters.unscaled += 1
             return
         moved = self._joints.update(board_us, (state.enc1, state.enc2), counts_per_turn, now)
@@ -260,7 +260,7 @@ class Host:
 
     def _why_unusable(self, hello: Hello) -> str:
         """Return what in a HELLO makes no sense, and what to do; empty where all does."""
-        if not all(self._counts_per_turn(hello)):
+        if 0 in self._counts_per_turn(hello):
             return 'the board says 0 counts per turn; set counts_per_turn, or mend its firmware'
         if hello.torque_limit < 0:
             return f'the board says a torque limit of {hello.torque_limit / 1e6:g} N m; mend its firmware'

@@ -12,9 +12,9 @@ from __future__ import annotations
 import struct
 import zlib
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from enum import IntEnum, IntFlag
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 VERSION = 1
 
@@ -122,17 +122,19 @@ Event = Message | Damaged
 
 _HEADER = struct.Struct('<BBHI')
 _CRC = struct.Struct('<I')
-_TYPES: dict[type, int] = {State: 0x01, Command: 0x02, Hello: 0x03, HelloRequest: 0x04}
-#: What follows the header, by type.
-_PAYLOADS = {0x01: struct.Struct('<iiihHHH'), 0x02: struct.Struct('<BBHi'), 0x03: struct.Struct('<IBBHIIiI16s')}
-_STATE_TYPE = _TYPES[State]
+_TYPES: dict[int, type] = {0x01: State, 0x02: Command, 0x03: Hello, 0x04: HelloRequest}
+_NUMBERS = {kind: number for number, kind in _TYPES.items()}
+#: What follows the header, and which fields it has.
+_PAYLOADS: dict[type, tuple[struct.Struct, tuple[str, ...]]] = {
+    State: (struct.Struct('<iiihHHH'), State._fields[2:]),
+    Command: (struct.Struct('<BBHi'), ('mode', 'flags', 'watchdog_ms', 'torque')),
+    Hello: (struct.Struct('<IBxHIIiI16s'), tuple(field.name for field in fields(Hello)[2:])),
+    HelloRequest: (struct.Struct(''), ()),
+}
 #: A STATE's whole body, type and version skipped: unpacked at once, because it comes a thousand times a second.
 _STATE_BODY = struct.Struct('<xxHIiiihHHH')
 #: The CRC-32 of any bytes followed by their own CRC-32.
 _CRC_RESIDUE = 0x2144DF1C
-_SIZES = {
-    kind: _HEADER.size + (_PAYLOADS[kind].size if kind in _PAYLOADS else 0) + _CRC.size for kind in _TYPES.values()
-}
 
 
 def encode(message: Message) -> bytes:
@@ -141,18 +143,11 @@ def encode(message: Message) -> bytes:
     Raises:
         struct.error: a field does not fit into its place on the wire.
     """
-    m, kind = message, _TYPES[type(message)]
-    fields: tuple[int | bytes, ...] = ()
-    if isinstance(m, State):
-        fields = m[2:]
-    elif isinstance(m, Command):
-        fields = m.mode, m.flags, m.watchdog_ms, m.torque
-    elif isinstance(m, Hello):
-        name = m.firmware.encode('ascii', 'replace')
-        numbers = m.cpr1, m.cpr2, m.torque_limit, m.sample_period_us
-        fields = m.boot_id, m.reset_cause, 0, m.watchdog_max_ms, *numbers, name
-    payload = _PAYLOADS[kind].pack(*fields) if fields else b''
-    return frame(_HEADER.pack(kind, VERSION, m.seq, m.t_us) + payload)
+    layout, names = _PAYLOADS[type(message)]
+    values = [getattr(message, name) for name in names]
+    if isinstance(message, Hello):
+        values[-1] = message.firmware.encode('ascii', 'replace')
+    return frame(_HEADER.pack(_NUMBERS[type(message)], VERSION, message.seq, message.t_us) + layout.pack(*values))
 
 
 def frame(body: bytes) -> bytes:
@@ -179,7 +174,7 @@ def _uncobs(data: bytes) -> bytearray | None:
     return out
 
 
-def _parse(data: bytes, accepted: frozenset[int]) -> Event:
+def _parse(data: bytes, accepted: frozenset[type]) -> Event:
     content = _uncobs(data)
     if content is None:
         return Damaged('cobs')
@@ -187,25 +182,22 @@ def _parse(data: bytes, accepted: frozenset[int]) -> Event:
         return Damaged('length')
     if zlib.crc32(content) != _CRC_RESIDUE:
         return Damaged('crc')
-    kind = content[0]
     if content[1] != VERSION:
         return Damaged('version')
+    kind: Any = _TYPES.get(content[0])
     if kind not in accepted:
         return Damaged('type')
-    if len(content) != _SIZES[kind]:
+    layout, names = _PAYLOADS[kind]
+    if len(content) != _HEADER.size + layout.size + _CRC.size:
         return Damaged('length')
-    if kind == _STATE_TYPE:
+    if kind is State:
         return State._make(_STATE_BODY.unpack_from(content))
     _, _, seq, t_us = _HEADER.unpack_from(content)
-    if kind == _TYPES[HelloRequest]:
-        return HelloRequest(seq, t_us)
-    fields = _PAYLOADS[kind].unpack_from(content, _HEADER.size)
-    if kind == _TYPES[Command]:
-        mode, flags, watchdog_ms, torque = fields
-        return Command(seq, t_us, mode, watchdog_ms, torque, flags)
-    boot_id, cause, _, watchdog_max_ms, cpr1, cpr2, limit, period_us, name = fields
-    firmware = name.rstrip(b'\0').decode('ascii', 'backslashreplace')
-    return Hello(seq, t_us, boot_id, cause, watchdog_max_ms, cpr1, cpr2, limit, period_us, firmware)
+    values = dict(zip(names, layout.unpack_from(content, _HEADER.size), strict=True))
+    if kind is Hello:
+        values['firmware'] = values['firmware'].rstrip(b'\0').decode('ascii', 'backslashreplace')
+    message: Message = kind(seq, t_us, **values)
+    return message
 
 
 class Decoder:
@@ -218,7 +210,7 @@ class Decoder:
     """
 
     def __init__(self, accept: Iterable[type] = (State, Hello)) -> None:
-        self._accepted = frozenset(_TYPES[kind] for kind in accept)
+        self._accepted = frozenset(accept)
         self._pending = b''
         self._overlong = False
 

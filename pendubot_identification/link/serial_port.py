@@ -34,13 +34,9 @@ _TROUBLES |= dict.fromkeys((errno.EBUSY, errno.EAGAIN), _BUSY) | dict.fromkeys((
 class SerialPort:
     """A port, read by a thread of its own from :meth:`start` until :meth:`close`.
 
-    Args:
-        port: path of a serial port or pty, or any URL that pyserial understands.
-        baud: bits per second.
-        on_bytes: called by the thread with what arrived and when [ns, time.monotonic_ns].
-        on_opened: called by the thread after the port was opened.
-        on_closed: called by the thread with a sentence when the port was lost, or could not be opened for another
-            reason than the last time.
+    The thread calls ``on_bytes`` with what arrived and when [ns, time.monotonic_ns], ``on_opened`` after the port was
+    opened, and ``on_closed`` with a sentence when it was lost, or could not be opened for another reason than the last
+    time. ``port`` is a path, or any URL that pyserial understands.
     """
 
     def __init__(
