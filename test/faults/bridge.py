@@ -208,7 +208,7 @@ def recorded_stamps(bag):
 
 
 def quiet(folder, long):
-    error, latency, share = yield from stream(folder, 600 if long else 6, '0 lost, 0 doubled, 0 altered')
+    error, latency, share = yield from stream(folder, 600 if long else 3, '0 lost, 0 doubled, 0 altered')
     p99, (median, late) = np.percentile(error, 99), np.percentile(latency, [50, 99])
     yield 'stamp error p99 <= 50 us', f'{p99:.0f} us, at most {error.max():.0f}', p99 <= 50, True
     yield 'median latency <= 0.3 ms', f'{median:.2f} ms', median <= 0.3, True
@@ -221,7 +221,7 @@ def busy(folder, long):
     for burner in burners:
         burner.start()
     try:
-        _, latency, _ = yield from stream(folder, 600 if long else 6, '0 lost')
+        _, latency, _ = yield from stream(folder, 600 if long else 3, '0 lost')
     finally:
         for burner in burners:
             burner.kill()
@@ -317,7 +317,7 @@ def joining(_, long):
 
 
 def cable(folder, long):
-    times = 40 if long else 4
+    times = 40 if long else 3
     rng = np.random.default_rng(5)
     heard = folder / 'heard.npy'
     with live_rig(folder) as rig, Program('listener', heard) as listener:
@@ -528,7 +528,7 @@ def watchdog(folder, long):
     """
     late = {'commander stops': [], 'SIGSTOP': [], 'SIGKILL': []}
     still_armed = reported = tripped = stayed = excused = 0
-    times, stops = (10, 10) if long else (2, 1)
+    times, stops = (10, 10) if long else (1, 1)
     with live_rig(folder) as rig, Witness() as witness:
         rig.start_board()
         rig.until(lambda: len(rig.trace()) > 100)
