@@ -76,7 +76,7 @@ class Bridge(SettingsNode):
         self._message = JointStateBytes(s['joint_names'])
         self._joint_states = self.create_publisher(JointState, 'joint_states', QoSProfile(depth=1000))
         self._tell = StatusPublisher(self, hardware_id=s['port'])
-        self._commands = EffortCommands(self, 'pendubot/effort_command', s['command_timeout'], self._on_effort)
+        self._commands = EffortCommands(self, s['command_timeout'], self._on_effort)
         self._refused = 0
         self._refusing = False
         # Arming takes a while: a group of its own, so that effort commands are discarded meanwhile, not kept for later.

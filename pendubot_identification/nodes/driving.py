@@ -78,9 +78,7 @@ def full_name(endpoint: TopicEndpointInfo) -> str:
 class CommandGuard:
     """Keeps recorded commands from a bridge that would obey them, whether it is there or comes later.
 
-    Args:
-        node: that publishes.
-        publishers: whose messages may be commands; those of other types than commands have are left alone.
+    Of the ``publishers`` those of other types than commands have are left alone.
     """
 
     def __init__(self, node: Node, publishers: Iterable[Publisher]) -> None:
@@ -89,11 +87,7 @@ class CommandGuard:
         self._seen = {publisher: (0, 0.0) for publisher in publishers if publisher.msg_type is Float64}
 
     def look_around(self, ended: Shutdown) -> None:
-        """Look who listens, once they had time to be discovered.
-
-        Raises:
-            PendubotError: a bridge does.
-        """
+        """Look who listens, as :meth:`check` does, once they had time to be discovered."""
         if self._seen:
             ended.wait(DISCOVERY)
         for publisher in self._seen:

@@ -71,8 +71,7 @@ class Exciter(SettingsNode):
         self._left = False
         self._driver = Driver(self)
         # On /diagnostics every rig is heard: only the statuses of these two are of this one.
-        self._bridge = self._driver.bridge
-        self._balancer = f'{self.get_namespace()}/balancer'
+        self._bridge, self._balancer = self._driver.bridge, f'{self.get_namespace()}/balancer'
         self._joint_states = self.create_subscription(
             JointState, 'joint_states', self._on_joint_state, QoSProfile(depth=100)
         )
@@ -84,11 +83,10 @@ class Exciter(SettingsNode):
         _pulses(values)
 
     def close(self) -> None:
-        """Command zero torque and disarm; wait, for a second at most, until the bridge has answered."""
-        if self._left or (self._asked is None and self._start is None):
-            return  # what moves is another's
+        """Command zero torque and disarm, unless what moves is another's."""
         self._running = False
-        self._driver.let_go_and_wait()
+        if not self._left and (self._asked is not None or self._start is not None):
+            self._driver.let_go_and_wait()
 
     def _on_joint_state(self, message: JointState) -> None:
         self._heard = time.monotonic()
@@ -127,8 +125,7 @@ class Exciter(SettingsNode):
             # One that was under way when the motor was armed may still say the contrary.
             self._disarmed = 0 if armed == 'True' else self._disarmed + 1
             if self._running and self._disarmed > 1:
-                self.get_logger().error(f'stopped, for the bridge is no longer armed: {status.message}')
-                self._finish(1)
+                self._give_up(f'stopped, for the bridge is no longer armed: {status.message}')
             elif self._armed:
                 self._begin()
 
@@ -136,20 +133,17 @@ class Exciter(SettingsNode):
         """Arm, if that is wanted, once joint states come in; give up when they no longer do."""
         if self.ended.is_set():
             return
-        now = time.monotonic()
+        now, name = time.monotonic(), self._joint_states.topic_name
         silent = float('inf') if self._heard is None else now - self._heard
         if self._running:
             silent = min(silent, now - self._since)
             if silent > (DISCOVERY if self._heard is None else SILENCE):
-                self.get_logger().error(f'stopped: no joint states for {silent:.1f} s; look at the bridge')
-                self._finish(1)
+                self._give_up(f'stopped: no joint states for {silent:.1f} s; look at the bridge')
             elif now > self._recorded:
-                self.get_logger().error(f'stopped: nothing was recorded for {UNRECORDED:g} s; look at the recorder')
-                self._finish(1)
+                self._give_up(f'stopped: nothing was recorded for {UNRECORDED:g} s; look at the recorder')
         elif self._is_new() and self._gives_way():
             return
         elif silent > SILENCE:
-            name = self._joint_states.topic_name
             self.get_logger().info(f'waiting for {name}: start the bridge', throttle_duration_sec=5.0)
         elif not self._is_new() and not self._driver.arm.service_is_ready():
             self.get_logger().info(
@@ -158,7 +152,6 @@ class Exciter(SettingsNode):
                 throttle_duration_sec=5.0,
             )
         elif now > self._recorded:
-            name = self._joint_states.topic_name
             self.get_logger().info(f'waiting for a recorder of {name}: start it', throttle_duration_sec=5.0)
         elif not self._arms:
             self.get_logger().info(f'waiting to be armed: call {self._bridge}/arm', throttle_duration_sec=5.0)
@@ -178,8 +171,7 @@ class Exciter(SettingsNode):
         """Refuse, and return True, where another drives the rig or is about to; ``leaving``: do not disarm then."""
         if other := self._driver.rival():
             self._left = leaving
-            self.get_logger().error(f'{other} drives this rig, too; end it, or let it end, then start the exciter')
-            self._finish(1)
+            self._give_up(f'{other} drives this rig, too; end it, or let it end, then start the exciter')
         return bool(other)
 
     def _begin(self) -> None:
@@ -195,8 +187,11 @@ class Exciter(SettingsNode):
         if response.success:
             self._begin()
         else:
-            self.get_logger().error(f'the bridge did not arm: {response.message}')
-            self._finish(1)
+            self._give_up(f'the bridge did not arm: {response.message}')
+
+    def _give_up(self, sentence: str) -> None:
+        self.get_logger().error(sentence)
+        self._finish(1)
 
     def _finish(self, status: int) -> None:
         self._running = False

@@ -163,13 +163,13 @@ commented parameter file: {resource(f'config/{name}.yaml')}
 exit status: 0 success or ended by a signal, 1 a failure explained in one line, 2 wrong usage"""
 
 
-def run(node_class: type[SettingsNode], args: Sequence[str] | None = None) -> int:
+def run(node_class: type[SettingsNode]) -> int:
     """Run a node until a signal or :meth:`SettingsNode.end`; return the exit status.
 
     The executor spins in a thread of its own, so that a signal reaches the main thread at once and
     :meth:`SettingsNode.close` can still use services and publishers.
     """
-    argv = list(sys.argv if args is None else [node_class.PROGRAM, *args])
+    argv = sys.argv
     if '--help' in argv or '-h' in argv:
         print(help_text(node_class))
         return 0

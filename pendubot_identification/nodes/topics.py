@@ -80,11 +80,8 @@ class Fetcher:
     """Subscriptions that no executor waits for: whoever made them fetches what has come, now and then.
 
     To wake up for one message costs an executor five times as much as to fetch it, a thousand times a second; and
-    every message brings the time of its coming along. May be used from any thread.
-
-    Args:
-        node: to subscribe with.
-        take: called with each message: its topic, its bytes, and what the middleware says of it.
+    every message brings the time of its coming along. May be used from any thread. ``take`` is called with each
+    message: its topic, its bytes, and what the middleware says of it.
     """
 
     def __init__(self, node: Node, take: Callable[[str, bytes, dict[str, Any]], None]) -> None:

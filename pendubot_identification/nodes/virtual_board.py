@@ -12,7 +12,6 @@ import secrets
 import signal
 import sys
 import time
-from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
 
@@ -117,9 +116,9 @@ def _tell(what: str) -> None:
     print(f'{what} at {time.time_ns()} ns', flush=True)
 
 
-def main(args: Sequence[str] | None = None) -> int:
+def main() -> int:
     """Serve a virtual board until a signal comes; return the exit status."""
-    argv = list(sys.argv[1:] if args is None else args)
+    argv = sys.argv[1:]
     # A launch file adds these to every program; this one has no use for them.
     options = parser().parse_args(argv[: argv.index('--ros-args')] if '--ros-args' in argv else argv)
     if options.seed is None:
