@@ -44,13 +44,10 @@ class Motion:
 
     @classmethod
     def prepare(cls, trajectory: Trajectory, smoothing: float, hold: str = 'zero') -> Motion:
-        """Smooth the positions and integrate the torques.
+        """Smooth the positions by a window of so many seconds and integrate the torques; velocities are not used.
 
-        Args:
-            trajectory: the recording; its own velocities are not used.
-            smoothing: the differentiator's window [s].
-            hold: ``zero``: a torque is applied from its sample until the next one, as this package's bridge records
-                it. ``linear``: it was measured at its sample and changes linearly until the next one.
+        ``hold``: ``zero``: a torque is applied from its sample until the next one, as this package's bridge records it.
+        ``linear``: it was measured at its sample and changes linearly until the next one.
         """
         even = resample(trajectory)
         return cls.of(trajectory, even, even.interval, smoothing, hold)
@@ -60,8 +57,7 @@ class Motion:
         """Do so with the recording on a uniform grid, of a given interval [s]."""
         q, qd = differentiate(even.q, interval, smoothing)
         if q is even.q:
-            # Samples too far apart to be smoothed: a spline through them knows their speed ten times better than
-            # differences do.
+            # Samples too far apart to be smoothed: a spline knows their speed ten times better than differences.
             qd = CubicSpline(even.t, q)(even.t, 1)
         t, tau = trajectory.t, trajectory.tau
         pieces = [tau[:-1]] if hold == 'zero' else [np.diff(tau, axis=0) / np.diff(t)[:, None], tau[:-1]]

@@ -21,11 +21,6 @@ def test_windows_are_in_seconds_from_the_first_sample_and_leave_out_the_end():
     assert len(motion().window(None, 0.5)) == 50
 
 
-def test_halves_make_the_whole():
-    whole = motion(n=101)
-    assert len(whole.window(0, 0.5)) + len(whole.window(0.5)) == 101
-
-
 @pytest.mark.parametrize(
     ('window', 'sentence'),
     [
