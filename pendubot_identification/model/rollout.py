@@ -27,6 +27,8 @@ Array = NDArray[np.float64]
 FEW = 20
 #: Lanes times steps that numpy linearises together: enough to be fast, few enough to stay in the processor's cache.
 CHUNK = 2048
+#: What the kernel takes for a step of one lane, about, and for what depends on it [ns].
+ROLLING, DERIVING = 40.0, 125.0
 
 
 def roll(theta: Array, state: Array, tau: Array, step: float) -> Array:
@@ -47,8 +49,9 @@ def roll(theta: Array, state: Array, tau: Array, step: float) -> Array:
     if (kernel := compiled.library()) is not None:
         vectors = 1 if theta.ndim == 1 else theta.shape[1]
         arrays = [np.ascontiguousarray(a, dtype=float) for a in (theta, state, tau)]
+        threads = compiled.threads_for(ROLLING * states[1:, 0].size)
         pointers = [a.ctypes.data for a in (*arrays, states)]
-        kernel.pendubot_roll(compiled.threads, len(theta), vectors, state.shape[1], tau.shape[1], step, *pointers)
+        kernel.pendubot_roll(threads, len(theta), vectors, state.shape[1], tau.shape[1], step, *pointers)
         return states
     states[0] = state if theta.ndim == 1 else state[:, None]
     if theta.ndim == 1 and lanes[0] < FEW:
@@ -114,8 +117,9 @@ def sensitivities(theta: Array, states: Array, tau: Array, step: float) -> Array
     result = np.empty((steps, 4, size, lanes))
     if (kernel := compiled.library()) is not None:
         arrays = [np.ascontiguousarray(a, dtype=float) for a in (theta, states, tau)]
+        threads = compiled.threads_for(DERIVING * steps * lanes)
         pointers = [a.ctypes.data for a in (*arrays, result)]
-        kernel.pendubot_sensitivities(compiled.threads, len(theta), lanes, steps, step, *pointers)
+        kernel.pendubot_sensitivities(threads, len(theta), lanes, steps, step, *pointers)
         return result
     together = max(1, CHUNK // max(lanes, 1))
     with np.errstate(all='ignore'):

@@ -136,14 +136,3 @@ def test_dry_friction_terms_are_what_multiplies_its_parameters(rig, v, tau):
     for joint in range(2):
         columns = derivatives[:, [7 + joint, 10 + joint, 12 + joint]]
         assert_near((-mass_matrix(P, q) @ columns)[joint], terms[joint], 1e-9)
-
-
-def test_many_states_and_rigs_at_once_agree_with_one_at_a_time():
-    rng = np.random.default_rng(1)
-    q, v, tau = rng.normal(size=(3, 4, 2))
-    P = np.array([0.06, 0.05, 0.032, 0.23, 0.16, 0.01, 0.005, 0.25, 0.19, 0.0026, 0.1, 0.05, 0.15, 0.2])
-    many = np.array([P, 2 * P])[:, None]
-    expected = [[forward_dynamics(each, *x) for x in zip(q, v, tau, strict=True)] for each in many[:, 0]]
-    np.testing.assert_array_equal(forward_dynamics(many, q, v, tau), expected)
-    expected = [[energy(each, *x) for x in zip(q, v, strict=True)] for each in many[:, 0]]
-    np.testing.assert_array_equal(energy(many, q, v), expected)
