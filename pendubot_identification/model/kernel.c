@@ -6,20 +6,25 @@
  * of rollout.py and dynamics.py, whose names are used. Compiled without contraction, so that every processor gives the
  * same numbers.
  */
+#define _GNU_SOURCE
 #include <pthread.h>
+#include <sched.h>
 #include <stdint.h>
 #include <string.h>
+#include <unistd.h>
 
-#define VERSION 4 /* of the calls below and in mde.c; kernel.py asks for it */
+#define VERSION 3 /* of the calls below and in mde.c; kernel.py asks for it */
 
 #define EXPORT __attribute__((visibility("default")))
 #define INLINE static inline __attribute__((always_inline))
 
 /* The loops are compiled for several processors, and the right ones are taken when they are loaded. */
-#if defined(__x86_64__) && defined(__GLIBC__) && defined(__GNUC__) && !defined(__clang__)
-#define LOOP static __attribute__((target_clones("arch=x86-64-v4", "arch=x86-64-v3", "default")))
-#else
+#if !defined(__x86_64__) || !defined(__GLIBC__) || !defined(__GNUC__) || defined(__clang__)
 #define LOOP static
+#elif __GNUC__ < 12
+#define LOOP static __attribute__((target_clones("avx2", "default")))
+#else
+#define LOOP static __attribute__((target_clones("arch=x86-64-v4", "avx2", "default")))
 #endif
 
 /* Vectors of four: one register or two, as the processor has them. (Of eight they are three times slower on processors
@@ -60,17 +65,12 @@ INLINE vec exp_minus_1(vec x)
 {
     vec shifted = x * 1.44269504088896338700e+00 + WHOLE, k = shifted - WHOLE;
     vec r = (x - k * 6.93147180369123816490e-01) - k * 1.90821492927058770002e-10;
-    vec p = 1.0 / 6227020800.0 * r + 1.0 / 479001600.0;
-    p = p * r + 1.0 / 39916800.0;
-    p = p * r + 1.0 / 3628800.0;
-    p = p * r + 1.0 / 362880.0;
-    p = p * r + 1.0 / 40320.0;
-    p = p * r + 1.0 / 5040.0;
-    p = p * r + 1.0 / 720.0;
-    p = p * r + 1.0 / 120.0;
-    p = p * r + 1.0 / 24.0;
-    p = p * r + 1.0 / 6.0;
-    p = p * r + 0.5;
+    double factorial = 6227020800.0; /* of 13 */
+    vec p = all(1.0 / factorial);
+    for (int n = 13; n > 2; n--) {
+        factorial /= n;
+        p = p * r + 1.0 / factorial;
+    }
     p = r + r * r * p;
     vec scale = (vec)(((ints)shifted + 1023) << 52);
     return scale * p + (scale - 1.0);
@@ -96,7 +96,6 @@ INLINE vec tangent_hyperbolic(vec x)
 #define STRIBECK_SPEED 0.5
 #define LARGEST_MODEL 14
 #define COLUMNS (4 + LARGEST_MODEL) /* what a motion depends on: its initial state and theta */
-#define MOST_THREADS 64
 #define TOGETHER 16 /* blocks of lanes that go through a step one after the other, so that they are written nearby */
 
 typedef struct {
@@ -179,6 +178,12 @@ typedef struct {
 
 /* ---- Several cores ---- */
 
+#define MOST_THREADS 64
+/* Nanoseconds of work that are worth a thread, and what a block takes for a step, about. */
+#define WORTH_A_THREAD 100000.0
+#define ROLLING 150.0
+#define DERIVING 500.0
+
 /* A loop over blocks of LANES motions, from the first to the one before the end. */
 typedef void Loop(const Motions *motions, int64_t first, int64_t end);
 
@@ -195,11 +200,25 @@ static void *do_part(void *argument)
     return NULL;
 }
 
-/* Do all blocks on so many threads, of which this is one. What a block gives does not depend on who does it. */
-static void share(Loop *loop, const Motions *motions, int64_t count, int64_t threads)
+/* The cores that this process may use. */
+static int64_t cores(void)
+{
+#ifdef CPU_COUNT
+    cpu_set_t set;
+    if (!sched_getaffinity(0, sizeof(set), &set))
+        return CPU_COUNT(&set);
+#endif
+    return sysconf(_SC_NPROCESSORS_ONLN);
+}
+
+/* Do all blocks, each of so many nanoseconds, on up to so many threads, of which this is one; 0 is one on every core.
+ * What a block gives does not depend on who does it. */
+static void share(Loop *loop, const Motions *motions, int64_t count, double nanoseconds, int64_t threads)
 {
     int64_t blocks = (count + LANES - 1) / LANES, started = 0;
-    threads = threads < blocks ? threads : blocks;
+    int64_t worth = nanoseconds * blocks / WORTH_A_THREAD, most = blocks < worth ? blocks : worth;
+    threads = threads || most < 2 ? threads : cores();
+    threads = threads < most ? threads : most;
     threads = threads < 1 ? 1 : threads < MOST_THREADS ? threads : MOST_THREADS;
     Part parts[MOST_THREADS];
     pthread_t others[MOST_THREADS];
@@ -268,7 +287,7 @@ EXPORT void pendubot_roll(int64_t threads, int64_t size, int64_t vectors, int64_
     const double *theta, const double *state, const double *tau, double *states)
 {
     Motions what = {size, vectors, lanes, steps, h, theta, state, tau, states};
-    share(roll, &what, vectors * lanes, threads);
+    share(roll, &what, vectors * lanes, ROLLING * steps, threads);
 }
 
 /* The accelerations, and their derivatives by the first state and theta (columns), from those of the state: as in
@@ -384,7 +403,7 @@ EXPORT void pendubot_sensitivities(int64_t threads, int64_t size, int64_t lanes,
     const double *theta, const double *states, const double *tau, double *result)
 {
     Motions what = {size, 1, lanes, steps, h, theta, states, tau, result};
-    share(sensitivities, &what, lanes, threads);
+    share(sensitivities, &what, lanes, DERIVING * steps, threads);
 }
 
 EXPORT int64_t pendubot_version(void)

@@ -9,7 +9,6 @@ the same, slower.
 
 from __future__ import annotations
 
-import os
 from functools import cache
 from typing import TYPE_CHECKING
 
@@ -17,9 +16,7 @@ if TYPE_CHECKING:
     from ctypes import CDLL
 
 #: Of the kernel's functions; a library of another version is not used.
-VERSION = 4
-#: Nanoseconds of work that are worth a thread.
-WORTH_A_THREAD = 100_000
+VERSION = 3
 
 #: Set by the package from the environment: whether to use the kernel, and on how many threads at most (0: one on each
 #: core that this process may use). Results do not depend on the threads.
@@ -30,12 +27,6 @@ threads = 0
 def library() -> CDLL | None:
     """Return the kernel, whose pointers are addresses of C-ordered arrays; None where it is not there or not wanted."""
     return _library() if wanted else None
-
-
-def threads_for(nanoseconds: float) -> int:
-    """Return on how many threads to do so much work."""
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, 'sched_getaffinity') else os.cpu_count() or 1
-    return max(1, min(threads or cores, int(nanoseconds / WORTH_A_THREAD)))
 
 
 def description() -> str:

@@ -27,18 +27,13 @@ Array = NDArray[np.float64]
 FEW = 20
 #: Lanes times steps that numpy linearises together: enough to be fast, few enough to stay in the processor's cache.
 CHUNK = 2048
-#: What the kernel takes for a step of one lane, about, and for what depends on it [ns].
-ROLLING, DERIVING = 40.0, 125.0
 
 
 def roll(theta: Array, state: Array, tau: Array, step: float) -> Array:
-    """Simulate motions side by side by classic Runge-Kutta steps.
+    """Simulate L motions side by side by K classic Runge-Kutta steps of ``step`` [s].
 
-    Args:
-        theta: shape (D,), or (D, V, 1) for V parameter vectors at once.
-        state: q1, q2, q1', q2' [rad, rad/s] at the start, shape (4, L).
-        tau: torques [N m] of every step, shape (2, K, L).
-        step: the steps' length [s].
+    ``theta`` has shape (D,), or (D, V, 1) for V parameter vectors at once; ``state`` q1, q2, q1', q2' [rad, rad/s] at
+    the start, shape (4, L); ``tau`` the torques [N m] of every step, shape (2, K, L).
 
     Returns:
         States, shape (K + 1, 4, L) or (K + 1, 4, V, L). Where a simulation diverges they become NaN or infinite,
@@ -49,9 +44,8 @@ def roll(theta: Array, state: Array, tau: Array, step: float) -> Array:
     if (kernel := compiled.library()) is not None:
         vectors = 1 if theta.ndim == 1 else theta.shape[1]
         arrays = [np.ascontiguousarray(a, dtype=float) for a in (theta, state, tau)]
-        threads = compiled.threads_for(ROLLING * states[1:, 0].size)
         pointers = [a.ctypes.data for a in (*arrays, states)]
-        kernel.pendubot_roll(threads, len(theta), vectors, state.shape[1], tau.shape[1], step, *pointers)
+        kernel.pendubot_roll(compiled.threads, len(theta), vectors, state.shape[1], tau.shape[1], step, *pointers)
         return states
     states[0] = state if theta.ndim == 1 else state[:, None]
     if theta.ndim == 1 and lanes[0] < FEW:
@@ -101,13 +95,7 @@ def advance(theta: Sequence[Any], x: Sequence[Any], tau: Any, h: float, lib: Mod
 
 
 def sensitivities(theta: Array, states: Array, tau: Array, step: float) -> Array:
-    """Return how simulated motions depend on their initial states and on the parameters.
-
-    Args:
-        theta: shape (D,).
-        states: what :func:`roll` returned, shape (K + 1, 4, L).
-        tau: shape (2, K, L).
-        step: [s].
+    """Return how motions depend on initial states and theta, with arguments and ``states`` as those of :func:`roll`.
 
     Returns:
         Derivative of the state after each step by the initial state and theta, shape (K, 4, 4 + D, L).
@@ -117,9 +105,8 @@ def sensitivities(theta: Array, states: Array, tau: Array, step: float) -> Array
     result = np.empty((steps, 4, size, lanes))
     if (kernel := compiled.library()) is not None:
         arrays = [np.ascontiguousarray(a, dtype=float) for a in (theta, states, tau)]
-        threads = compiled.threads_for(DERIVING * steps * lanes)
         pointers = [a.ctypes.data for a in (*arrays, result)]
-        kernel.pendubot_sensitivities(threads, len(theta), lanes, steps, step, *pointers)
+        kernel.pendubot_sensitivities(compiled.threads, len(theta), lanes, steps, step, *pointers)
         return result
     together = max(1, CHUNK // max(lanes, 1))
     with np.errstate(all='ignore'):
