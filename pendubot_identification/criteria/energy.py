@@ -30,7 +30,7 @@ class Regression:
 
     Attributes:
         phi: regressor, shape (N, D).
-        y: right-hand side, shape (N,): the torques' work [J] or, in the weak criterion, what corresponds to it [N m].
+        y: right-hand side, shape (N,): the torques' work [J], or impulses and work under a bump [N m, W].
         t: the time [s] to which each residual belongs, shape (N,), not decreasing.
     """
 
@@ -63,12 +63,10 @@ def energy_regression(
 
         eps = integral of (tau1 - friction1) q1' + (tau2 - friction2) q2' dt - (E(t2) - E(t1))
 
-    Args:
-        trajectory: the motion; its own velocities, if any, are not used.
-        window: t2 - t1 [s]; None takes t1 = the first sample for every t2 (cumulative), which is what the size of
-            the paper's J fits. A pendubot's tau2 is zero; a rig with an elbow motor brings its torque.
-        smoothing: the differentiator's window [s], see :func:`.signals.differentiate`.
-        model: the name of one of :data:`.parameters.MODELS`; the paper's is ``viscous``, friction b1 q1' and b2 q2'.
+    ``window`` is t2 - t1 [s]; None takes t1 = the first sample for every t2 (cumulative), which is what the size of the
+    paper's J fits. ``smoothing`` [s] is that of :func:`.signals.differentiate`: recorded velocities are not used.
+    ``model`` is one of :data:`.parameters.MODELS`; the paper's is ``viscous``. A pendubot's tau2 is zero; a rig with an
+    elbow motor brings its torque.
 
     Raises:
         TrajectoryError: the motion is shorter than the window, has a gap, or is faster than a rig can be.

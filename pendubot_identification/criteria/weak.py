@@ -162,8 +162,7 @@ class _Bumps:
         origin: the motion's start [s].
         start: where the first cell of the motion begins [s].
         step: a cell's length [s].
-        first: the number of the first cell under these bumps.
-        cells: how many there are.
+        first, cells: the number of the first cell under these bumps, and how many there are.
         weights: of the cells under one bump [1/s], with integral 1.
         stride: cells from one bump to the next.
     """

@@ -42,14 +42,10 @@ def is_long(samples: float, duration: float) -> bool:
 
 
 class Piece(NamedTuple):
-    """A part of a recording, and what it shares with its neighbours.
+    """A part of a recording, and what it shares with its neighbours: as recorded, and on the recording's uniform grid.
 
-    Attributes:
-        recorded: its samples.
-        at: the number of the first of them in the recording.
-        even: the same on the uniform grid of the whole recording.
-        first: the number of its first place on that grid.
-        begin, end: from which to which place, that one not included, the grid is the piece's own.
+    ``at`` is the number of its first sample in the recording, ``first`` that of its first place on the grid. The places
+    from ``begin`` on and before ``end`` are its own.
     """
 
     recorded: Trajectory

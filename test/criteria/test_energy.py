@@ -81,16 +81,8 @@ def test_jitter_of_the_stamps_does_not_move_a_pulse(jitter):
         assert np.sqrt(np.mean(residual**2)) < 0.2 * np.sqrt(np.mean(regression.y**2))
 
 
-def test_a_recording_shorter_than_the_sliding_window_is_refused():
-    with pytest.raises(TrajectoryError, match='shorter than the sliding window of 5 s'):
-        energy_regression(swing(n=500), 5.0)
-    with pytest.raises(TrajectoryError, match='window of 1e-09 s is shorter than the sampling interval'):
-        energy_regression(swing(n=500), 1e-9)
-
-
-@pytest.mark.parametrize('rate', [50, 100, 1000])
-def test_degrees_wrapped_angles_and_jumps_are_refused(rate):
-    t = np.arange(2 * rate) / rate
+def test_degrees_wrapped_angles_and_jumps_are_refused():
+    t = np.arange(200) / 100
     q, tau = np.column_stack([t, np.sin(3 * t)]), np.ones((len(t), 2))
     energy_regression(Trajectory(t, q, tau))
     wrapped = q + np.where(t > 1, -2 * np.pi, 0)[:, None] * [1, 0]
@@ -113,3 +105,15 @@ def test_pulses_are_reproducible_bounded_and_as_wide_as_told():
     assert tau.max() <= 1.0
     assert pulses.torque(-0.1) == 0.0
     assert pulses.torque(0.0) != pulses.torque(1.0), 'every pulse is drawn anew'
+
+
+@pytest.mark.parametrize(
+    ('window', 'sentence'),
+    [
+        (5.0, 'shorter than the sliding window of 5 s'),
+        (1e-9, '1e-09 s is shorter than the sampling interval'),
+    ],
+)
+def test_a_sliding_window_that_does_not_fit_is_refused(window, sentence):
+    with pytest.raises(TrajectoryError, match=sentence):
+        energy_regression(swing(n=500), window)

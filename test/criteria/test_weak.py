@@ -106,7 +106,7 @@ def test_balances_have_residuals_of_one_size_once_weighted():
     np.testing.assert_allclose(sizes, sizes[0], rtol=0.05)
 
 
-@pytest.mark.parametrize(('rate', 'delay'), [(100, 0.002), (200, 0.001), (200, -0.002), (500, 0.001), (500, 0.002)])
+@pytest.mark.parametrize(('rate', 'delay'), [(100, 0.02), (200, -0.002), (500, 0.001)])
 def test_a_delay_of_a_millisecond_is_found_and_does_not_bend_the_answer(rate, delay):
     motion = Motion.prepare(recording(9 * rate, 1 / rate, delay=delay), 0.02)
     found = estimate_delay([motion], 'viscous', default_bounds())

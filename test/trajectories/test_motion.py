@@ -49,17 +49,6 @@ def test_states_and_rates_are_near_the_truth(rig, rate):
     assert np.median(error) < 0.01 * np.abs(qdd).max()
 
 
-def test_stamps_that_jitter_do_not_shake_the_states():
-    rng = np.random.default_rng(1)
-    t = 10.0 + np.arange(1000) * 0.001 + rng.uniform(-4e-4, 4e-4, 1000)
-    motion = recording(t, drive(t))
-    prepared = Motion.prepare(motion, smoothing=0.012)
-    inside = slice(30, -30)
-    states = prepared.states(t[inside])
-    np.testing.assert_allclose(states[:2], motion.q[inside].T, atol=1e-4)
-    np.testing.assert_allclose(states[2:], motion.qd[inside].T, atol=0.05)
-
-
 @st.composite
 def stamped_torques(draw):
     """Stamps that are even or jitter, and torques at random."""
