@@ -26,17 +26,11 @@ TOP_SPEED = 100.0
 
 @dataclass(frozen=True, slots=True)
 class Regression:
-    """Residuals linear in theta: eps = y - phi theta.
+    """Residuals linear in theta: eps = y - phi theta."""
 
-    Attributes:
-        phi: regressor, shape (N, D).
-        y: right-hand side, shape (N,): the torques' work [J], or impulses and work under a bump [N m, W].
-        t: the time [s] to which each residual belongs, shape (N,), not decreasing.
-    """
-
-    phi: Array
-    y: Array
-    t: Array
+    phi: Array  #: regressor, shape (N, D).
+    y: Array  #: right-hand side, shape (N,): the torques' work [J], or impulses and work under a bump [N m, W].
+    t: Array  #: the time [s] to which each residual belongs, shape (N,), not decreasing.
 
 
 @dataclass(frozen=True, slots=True)

@@ -30,30 +30,20 @@ LEAST_INERTIA = 1e-7
 
 @dataclass(frozen=True, slots=True)
 class Fit:
-    """Where Levenberg-Marquardt came to rest, for L segments and G = D + 1 global unknowns: theta and the delay.
+    """Where Levenberg-Marquardt came to rest, for L segments and G = D + 1 global unknowns: theta and the delay."""
 
-    Attributes:
-        theta: shape (D,).
-        delay: [s].
-        initial: the segments' initial states, shape (4, L).
-        costs: each segment's sum of squared residuals, shape (L,).
-        free: which of theta and delay lie on no bound, shape (G,).
-        informations: each segment's part of the Gauss-Newton matrix, its initial state condensed out, of theta, delay
-            and both zeros of its recording, which are held at 0, shape (L, G + 2, G + 2).
-        slopes: each segment's part of the gradient, likewise, shape (L, G + 2); they add up to 0 for what is free.
-        iterations: how many it took.
-        converged: whether it stopped because nothing was left to gain, with no motion lost.
-    """
-
-    theta: Array
-    delay: float
-    initial: Array
-    costs: Array
-    free: Flags
+    theta: Array  #: shape (D,).
+    delay: float  #: [s].
+    initial: Array  #: the segments' initial states, shape (4, L).
+    costs: Array  #: each segment's sum of squared residuals, shape (L,).
+    free: Flags  #: which of theta and delay lie on no bound, shape (G,).
+    #: Each segment's part of the Gauss-Newton matrix, its initial state condensed out, of theta, delay and both zeros
+    #: of its recording, which are held at 0, shape (L, G + 2, G + 2).
     informations: Array
+    #: Each segment's part of the gradient, likewise, shape (L, G + 2); they add up to 0 for what is free.
     slopes: Array
-    iterations: int
-    converged: bool
+    iterations: int  #: how many it took.
+    converged: bool  #: whether it stopped because nothing was left to gain, with no motion lost.
 
     @property
     def cost(self) -> float:

@@ -25,15 +25,10 @@ BLOCK = 256
 
 @dataclass(frozen=True, slots=True)
 class Quadratic:
-    """J(theta) = |phi theta - y|^2 / N, held as the triangle of the QR factorisation of [phi, y].
+    """J(theta) = |phi theta - y|^2 / N, held as the triangle of the QR factorisation of [phi, y]."""
 
-    Attributes:
-        triangle: shape (D+1, D+1), upper triangular.
-        count: N, the number of residuals it stands for.
-    """
-
-    triangle: Array
-    count: int
+    triangle: Array  #: shape (D+1, D+1), upper triangular.
+    count: int  #: N, the number of residuals it stands for.
     #: What an indefinite mass matrix costs, see :class:`Penalised`.
     worth: ClassVar[float] = 0.0
 
@@ -175,15 +170,10 @@ class Quadratic:
 
 @dataclass(frozen=True, slots=True)
 class Penalised:
-    """What an optimiser that knows boxes alone minimises: a criterion, and the price of an indefinite mass matrix.
+    """What an optimiser that knows boxes alone minimises: a criterion, and the price of an indefinite mass matrix."""
 
-    Attributes:
-        criterion: of parameter vectors that begin with P1, P2, P3.
-        worth: of an excess of 1, see :func:`.parameters.coupling_excess`.
-    """
-
-    criterion: Quadratic
-    worth: float
+    criterion: Quadratic  #: of parameter vectors that begin with P1, P2, P3.
+    worth: float  #: of an excess of 1, see :func:`.parameters.coupling_excess`.
 
     @classmethod
     def of(cls, criterion: Quadratic) -> Penalised:

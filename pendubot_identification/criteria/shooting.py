@@ -45,21 +45,13 @@ LOST_STATE, LOST_ANGLE = 1e5, 10.0
 
 @dataclass(frozen=True, slots=True)
 class Segments:
-    """Pieces of recordings that are simulated side by side.
+    """Pieces of recordings that are simulated side by side."""
 
-    Attributes:
-        motions: the recordings.
-        group: the number of each segment's recording, shape (L,), not decreasing.
-        start: the torque time [s] at which each begins, shape (L,).
-        step: length of a simulation step [s].
-        tau: torques of every step [N m], shape (2, K, L).
-    """
-
-    motions: tuple[Motion, ...]
-    group: Indices
-    start: Array
-    step: float
-    tau: Array
+    motions: tuple[Motion, ...]  #: the recordings.
+    group: Indices  #: the number of each segment's recording, shape (L,), not decreasing.
+    start: Array  #: the torque time [s] at which each begins, shape (L,).
+    step: float  #: length of a simulation step [s].
+    tau: Array  #: torques of every step [N m], shape (2, K, L).
 
     @classmethod
     def cut(

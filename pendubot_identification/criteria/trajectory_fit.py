@@ -65,28 +65,17 @@ SEARCH_SEGMENTS, SEARCH_LENGTH, SEARCH_TIMES = 60, 0.15, 12
 
 @dataclass(frozen=True, slots=True)
 class TrajectoryFit:
-    """The minimum of the trajectory criterion.
+    """The minimum of the trajectory criterion."""
 
-    Attributes:
-        fit: where Levenberg-Marquardt came to rest.
-        kind: ``states`` or ``positions``: what the simulated segments were compared with.
-        length: of the segments [s].
-        group: the number of each segment's recording, shape (L,).
-        start: the time at which each begins [s], shape (L,).
-        variance: reduced chi-square of the positions, in variances of their rounding, or of :data:`FINEST`; NaN for
-            ``states``.
-        white: whether the residuals are white.
-        rounded: whether the noise of the positions is known: an encoder's rounding.
-    """
-
-    fit: Fit
-    kind: str
-    length: float
-    group: NDArray[np.intp]
-    start: Array
+    fit: Fit  #: where Levenberg-Marquardt came to rest.
+    kind: str  #: ``states`` or ``positions``: what the simulated segments were compared with.
+    length: float  #: of the segments [s].
+    group: NDArray[np.intp]  #: the number of each segment's recording, shape (L,).
+    start: Array  #: the time at which each begins [s], shape (L,).
+    #: Reduced chi-square of the positions, in variances of their rounding, or of :data:`FINEST`; NaN for ``states``.
     variance: float
-    white: bool = False
-    rounded: bool = True
+    white: bool = False  #: whether the residuals are white.
+    rounded: bool = True  #: whether the noise of the positions is known: an encoder's rounding.
 
     @property
     def exact(self) -> bool:

@@ -156,24 +156,15 @@ def estimate_delay(
 
 @dataclass(frozen=True, slots=True)
 class _Bumps:
-    """Bumps that cover a motion or a part of it, and the cells of time over which they are summed.
+    """Bumps that cover a motion or a part of it, and the cells of time over which they are summed."""
 
-    Attributes:
-        origin: the motion's start [s].
-        start: where the first cell of the motion begins [s].
-        step: a cell's length [s].
-        first, cells: the number of the first cell under these bumps, and how many there are.
-        weights: of the cells under one bump [1/s], with integral 1.
-        stride: cells from one bump to the next.
-    """
-
-    origin: float
-    start: float
-    step: float
-    first: int
-    cells: int
-    weights: Array
-    stride: int
+    origin: float  #: the motion's start [s].
+    start: float  #: where the first cell of the motion begins [s].
+    step: float  #: a cell's length [s].
+    first: int  #: the number of the first cell under these bumps.
+    cells: int  #: how many there are.
+    weights: Array  #: of the cells under one bump [1/s], with integral 1.
+    stride: int  #: cells from one bump to the next.
 
     @classmethod
     def cover(cls, motion: AnyMotion, stride: float, lowest: float, highest: float) -> _Bumps:

@@ -46,28 +46,20 @@ LANES, CHUNK = 16, 500
 class MDESettings:
     """The paper's Table 6 and its defaults.
 
-    Attributes:
-        population: NP, the vectors of one run.
-        generations: the most that a run may take.
-        threshold: a mutation is rand/1 where rand > threshold, best/1 otherwise.
-        weight: the interval from which F is drawn.
-        crossover: the interval from which CR is drawn.
-        per_component: whether operator and indices are drawn anew for every component (the pseudocode) or once for a
-            target vector (the paper's text; converges faster here).
-        target: stop a run at a value not above this.
-        spread: stop a run once (worst - best) of its population is not above this fraction of its best value.
-
     Raises:
         ParameterError: a setting that makes no sense.
     """
 
-    population: int = 30
-    generations: int = 4000
-    threshold: float = 0.3
-    weight: tuple[float, float] = (0.4, 1.0)
-    crossover: tuple[float, float] = (0.7, 1.0)
+    population: int = 30  #: NP, the vectors of one run.
+    generations: int = 4000  #: the most that a run may take.
+    threshold: float = 0.3  #: a mutation is rand/1 where rand > threshold, best/1 otherwise.
+    weight: tuple[float, float] = (0.4, 1.0)  #: the interval from which F is drawn.
+    crossover: tuple[float, float] = (0.7, 1.0)  #: the interval from which CR is drawn.
+    #: Whether operator and indices are drawn anew for every component (the pseudocode) or once for a target vector (the
+    #: paper's text; converges faster here).
     per_component: bool = True
-    target: float | None = None
+    target: float | None = None  #: stop a run at a value not above this.
+    #: Stop a run once (worst - best) of its population is not above this fraction of its best value.
     spread: float | None = None
 
     def __post_init__(self) -> None:

@@ -29,25 +29,16 @@ MOST_VECTORS = 100_000
 
 @dataclass(frozen=True, slots=True)
 class OptimizationResult:
-    """What the runs found; every array has one entry (or row, or column) per run.
+    """What the runs found; every array has one entry (or row, or column) per run."""
 
-    Attributes:
-        x: each run's best point, shape (runs, D).
-        value: its value, shape (runs,).
-        generations: how many generations each run took, shape (runs,).
-        history: the best value after each generation, shape (generations + 1, runs); a run that stopped keeps its last.
-        stopped_by: per run ``generations``, ``target`` or ``spread``.
-        at_start: function values that a run asks for before its first generation.
-        per_generation: function values that it asks for in each.
-    """
-
-    x: Array
-    value: Array
-    generations: NDArray[np.int64]
+    x: Array  #: each run's best point, shape (runs, D).
+    value: Array  #: its value, shape (runs,).
+    generations: NDArray[np.int64]  #: how many generations each run took, shape (runs,).
+    #: The best value after each generation, shape (generations + 1, runs); a run that stopped keeps its last.
     history: Array
-    stopped_by: tuple[str, ...]
-    at_start: int
-    per_generation: int
+    stopped_by: tuple[str, ...]  #: per run ``generations``, ``target`` or ``spread``.
+    at_start: int  #: function values that a run asks for before its first generation.
+    per_generation: int  #: function values that it asks for in each.
 
     @property
     def best(self) -> int:

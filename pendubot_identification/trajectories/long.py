@@ -71,30 +71,18 @@ class Grid(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Long:
-    """A recording that is read again and again, and never held; with what :class:`Grid` has.
+    """A recording that is read again and again, and never held; with what :class:`Grid` has."""
 
-    Attributes:
-        name: of the recording.
-        read: gives its samples from the first on, some thousands at a time.
-        samples: how many there are.
-        start, last: the first stamp and the last [s].
-        interval: of the uniform grid on which it is taken [s].
-        size: places of that grid.
-        near: whether the stamps lie on it but for their jitter; else positions are interpolated.
-        lost: about how many samples are missing.
-        stretches: in which most work was done, spread as far as it was.
-    """
-
-    name: str
-    read: Read
-    samples: int
-    start: float
-    last: float
-    interval: float
-    size: int
-    near: bool
-    lost: int
-    stretches: tuple[Trajectory, ...]
+    name: str  #: of the recording.
+    read: Read  #: gives its samples from the first on, some thousands at a time.
+    samples: int  #: how many there are.
+    start: float  #: the first stamp [s].
+    last: float  #: the last one [s].
+    interval: float  #: of the uniform grid on which it is taken [s].
+    size: int  #: places of that grid.
+    near: bool  #: whether the stamps lie on it but for their jitter; else positions are interpolated.
+    lost: int  #: about how many samples are missing.
+    stretches: tuple[Trajectory, ...]  #: in which most work was done, spread as far as it was.
 
     def __len__(self) -> int:
         return self.samples

@@ -22,25 +22,15 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """States and torques of one recording at any time.
+    """States and torques of one recording at any time."""
 
-    Attributes:
-        name: of the recording.
-        start: time of its first sample [s].
-        end: time of its last one [s].
-        interval: its sampling interval [s].
-        smoothed: q1, q2, q1', q2' [rad, rad/s] as a spline of time.
-        impulse: integral of both torques [N m s] since the start, as a piecewise polynomial of time.
-        recorded: what all this was made of.
-    """
-
-    name: str
-    start: float
-    end: float
-    interval: float
-    smoothed: CubicSpline
-    impulse: PPoly
-    recorded: Trajectory
+    name: str  #: of the recording.
+    start: float  #: time of its first sample [s].
+    end: float  #: time of its last one [s].
+    interval: float  #: its sampling interval [s].
+    smoothed: CubicSpline  #: q1, q2, q1', q2' [rad, rad/s] as a spline of time.
+    impulse: PPoly  #: integral of both torques [N m s] since the start, as a piecewise polynomial of time.
+    recorded: Trajectory  #: what all this was made of.
 
     @classmethod
     def prepare(cls, trajectory: Trajectory, smoothing: float, hold: str = 'zero') -> Motion:
@@ -97,17 +87,11 @@ class Motion:
 
 @dataclass(frozen=True, slots=True)
 class LongMotion:
-    """A long recording, made ready piece by piece.
+    """A long recording, made ready piece by piece."""
 
-    Attributes:
-        recorded: the recording.
-        smoothing: the differentiator's window [s].
-        hold: how the torque behaves between its samples, see :meth:`Motion.prepare`.
-    """
-
-    recorded: Long
-    smoothing: float
-    hold: str
+    recorded: Long  #: the recording.
+    smoothing: float  #: the differentiator's window [s].
+    hold: str  #: how the torque behaves between its samples, see :meth:`Motion.prepare`.
 
     @property
     def name(self) -> str:

@@ -22,23 +22,16 @@ MINIMUM_SAMPLES = 50
 class Trajectory:
     """Samples of one motion, in the order of time.
 
-    Attributes:
-        t: time [s], shape (N,), strictly increasing.
-        q: joint positions [rad], shape (N, 2): q1 from the horizontal, q2 relative to link 1.
-        tau: joint torques [N m], shape (N, 2); tau[k] is applied from sample k until sample k+1.
-        qd: joint velocities [rad/s], shape (N, 2), or None where none were recorded.
-        name: where it came from, for messages.
-
     Raises:
         TrajectoryError: shapes that do not belong together, values that are not finite, stamps that repeat or
             run backwards.
     """
 
-    t: Array
-    q: Array
-    tau: Array
-    qd: Array | None = None
-    name: str = 'trajectory'
+    t: Array  #: time [s], shape (N,), strictly increasing.
+    q: Array  #: joint positions [rad], shape (N, 2): q1 from the horizontal, q2 relative to link 1.
+    tau: Array  #: joint torques [N m], shape (N, 2); tau[k] is applied from sample k until sample k+1.
+    qd: Array | None = None  #: joint velocities [rad/s], shape (N, 2), or None where none were recorded.
+    name: str = 'trajectory'  #: where it came from, for messages.
 
     def __post_init__(self) -> None:
         n = len(self.t)

@@ -53,16 +53,6 @@ def test_finds_the_virtual_rig_from_parameters_wrong_by_a_factor_of_three():
     assert sharp.fit.converged
 
 
-def test_an_effort_that_is_late_does_not_spoil_it():
-    delay = 0.023
-    motions, scale = prepared(recording(500, delay=delay, seed=2))
-    rough = fit_states(motions, TRUTH * 1.3, 0.0, box(), DELAYS, scale)
-    assert rough.fit.delay == pytest.approx(delay, abs=1e-3)
-    sharp = fit_positions(motions, rough.fit.theta, rough.fit.delay, box(), DELAYS)
-    assert sharp.fit.delay == pytest.approx(delay, abs=1e-4)
-    assert wrong(sharp) < 0.005
-
-
 @pytest.mark.parametrize('noise', [0.0, 3e-4])
 def test_positions_that_no_encoder_has_read_will_do(noise):
     motion = recording(400, counts=0, seed=2)

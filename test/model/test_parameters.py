@@ -21,7 +21,6 @@ from pendubot_identification.model.parameters import (
     default_bounds,
     repaired,
 )
-from test.strategies import physical_parameters
 
 
 @pytest.mark.parametrize(
@@ -41,11 +40,6 @@ def test_parameters_know_the_smallest_model_that_has_them_and_no_vector_drops_on
         theta = parameters.vector(wanted)
         assert len(theta) == max(size, MODELS[model])
         assert Parameters.from_vector(theta) == parameters
-
-
-@given(physical_parameters())
-def test_a_rig_that_can_be_built_is_physical(parameters):
-    assert parameters.unphysical() == ()
 
 
 @pytest.mark.parametrize(

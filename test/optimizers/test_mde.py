@@ -5,7 +5,6 @@
 
 import random
 from functools import cache
-from itertools import permutations
 
 import numpy as np
 import pytest
@@ -13,14 +12,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import mannwhitneyu
 
-from pendubot_identification.criteria.energy import energy_regression
 from pendubot_identification.criteria.quadratic import Penalised, Quadratic
 from pendubot_identification.errors import ParameterError
 from pendubot_identification.model import kernel
 from pendubot_identification.model.parameters import Bounds, default_bounds
 from pendubot_identification.optimizers import mde as mde_module
 from pendubot_identification.optimizers.mde import MDESettings, mde
-from test.virtual import recording
 
 
 @pytest.fixture(params=['kernel', 'numpy'])
@@ -102,41 +99,6 @@ def test_the_best_values_are_distributed_as_those_of_table_1(path, threshold, pe
     if threshold == 1.0 and per_component:
         other = found_by_table_1(how, line_14=False)
         assert mannwhitneyu(ours, other).pvalue < 1e-6, 'this test sees whether the best vector may be a partner'
-
-
-@pytest.mark.parametrize('per_component', [True, False])
-def test_line_14_the_best_vector_is_no_partner_of_itself(path, per_component):
-    """One generation of best/1 with F = 0.5 from known vectors: what is found tells what it was made of."""
-    asked = []
-    how = MDESettings(5, 1, 1.0, (0.5, 0.5), (1.0, 1.0), per_component)
-    criterion, bounds = quadratic(3), box(3, -100, 100)
-    mde(lambda x: asked.append(x.copy()) or criterion(x), bounds, how, runs=300)
-    start, found, told = asked[0], mde(criterion, bounds, how, runs=300).x, 0
-    for x, point, best in zip(start, found, criterion(start).argmin(axis=1), strict=True):
-        a, b = np.transpose(list(permutations(set(range(5)) - {best}, 2)))
-        made = x[best] + 0.5 * (x[a] - x[b])
-        inside = (np.abs(made) < 100).all(axis=0) & (point != x[best])
-        told += inside.sum()
-        assert np.isclose(made, point, rtol=1e-12).any(axis=0)[inside].all()
-    assert told > 50
-
-
-@pytest.mark.skipif(kernel.library() is None, reason=kernel.description())
-@pytest.mark.parametrize('per_component', [True, False])
-def test_numpy_and_c_arrive_as_soon_and_at_the_same_minimum(monkeypatch, per_component):
-    """Of the paper's criterion, in the paper's settings."""
-    regression = energy_regression(recording(900))
-    criterion, bounds = Quadratic.reduce(regression.phi, regression.y), default_bounds().of(7)
-    least = float(criterion(criterion.minimum(bounds)))
-    how = MDESettings(target=least * (1 + 1e-6), per_component=per_component)
-    taken = []
-    for wanted in (True, False):
-        monkeypatch.setattr(kernel, 'wanted', wanted)
-        result = mde(Penalised.of(criterion), bounds, how, runs=30)
-        assert set(result.stopped_by) == {'target'}
-        np.testing.assert_allclose(criterion(result.x), result.value, rtol=1e-10)
-        taken.append(result.generations)
-    assert mannwhitneyu(*taken).pvalue > 0.01
 
 
 @settings(max_examples=30, deadline=None)

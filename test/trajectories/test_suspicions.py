@@ -82,9 +82,3 @@ def test_where_samples_are_missing_too_false_stamps_are_named_and_stay():
     missing, jitter = suspicions([motion[some]])
     assert 'missing' in missing
     assert 'not put right' in jitter
-
-
-def test_25_hz_are_enough():
-    result = identify([recording(225, 0.04)], [], FAST)
-    assert result.level is Level.OK
-    np.testing.assert_allclose(result.best.theta, PAPER.vector(), rtol=0.01)
