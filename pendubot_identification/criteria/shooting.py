@@ -129,11 +129,8 @@ class Segments:
 class AgainstStates:
     """All four states against the smoothed ones, in standard deviations, averaged over a segment.
 
-    Residuals are 4 of the initial state and 4 of each of the ``times`` that are compared.
-
-    Args:
-        segments: the segments.
-        scale: the states' standard deviations, shape (4,).
+    Residuals are 4 of the initial state and 4 of each of the ``times`` that are compared. ``scale`` are the states'
+    standard deviations, shape (4,).
     """
 
     def __init__(self, segments: Segments, scale: Array) -> None:
@@ -176,13 +173,9 @@ class AgainstStates:
 class AgainstPositions:
     """Positions as recorded, in units of their noise, at every sample within a segment of the slowest recording.
 
-    What it offers is what :class:`AgainstStates` does; residuals are 2 of every compared sample.
-
-    Args:
-        segments: the segments.
-        noise: standard deviation of the recorded positions [rad], shape (2,).
-        delay: about which the delay will lie [s].
-        initial: a guess of the initial states, shape (4, L); by default the smoothed ones.
+    What it offers is what :class:`AgainstStates` does; residuals are 2 of every compared sample. ``noise`` is the
+    standard deviation of the recorded positions [rad], shape (2,); the delay will lie about ``delay`` [s]; ``initial``
+    is a guess of the initial states, shape (4, L), by default the smoothed ones.
     """
 
     #: Of both ends of a step: which end, and the first of the two states there that a Hermite polynomial weighs.

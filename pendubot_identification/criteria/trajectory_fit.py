@@ -98,17 +98,9 @@ def fit_states(
 ) -> TrajectoryFit:
     """Fit segments to the smoothed states, from theta, shape (D,), and a delay [s] on.
 
-    Args:
-        motions: the recordings.
-        theta: where to start.
-        delay: where to start.
-        bounds: of theta.
-        delay_bounds: of the delay [s].
-        scale: the states' standard deviations, shape (4,).
-        ladder: (length, stride) [s] of the segments, one after the other.
-        iterations: at most, on each rung.
-        tolerance: the last rung ends when a step gains no more than this fraction of the cost.
-        progress: called with the criterion after every iteration.
+    The segments' (length, stride) [s] are those of the ladder, one after the other. ``scale`` are the states' standard
+    deviations, shape (4,). Each rung takes so many iterations at most, and the last one ends when a step gains no more
+    than the fraction ``tolerance`` of the cost. ``progress`` is called with the criterion after every iteration.
 
     Raises:
         TrajectoryError: the recordings are too short to be cut into segments.

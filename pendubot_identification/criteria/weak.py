@@ -58,12 +58,8 @@ def weak_regression(
 ) -> Regression:
     """Return the three balances of a motion under each of K bumps, one every ``stride`` [s].
 
-    Args:
-        motion: states and torques.
-        model: the name of one of :data:`.parameters.MODELS`.
-        delay: of the effort [s]: what acts at t is the torque recorded at t - delay.
-        weights: factors of the three balances, see :func:`balance_weights`.
-        stride: from one bump to the next [s].
+    ``model`` is one of :data:`.parameters.MODELS`; ``delay`` that of the effort [s]: what acts at t is the torque
+    recorded at t - delay; ``weights`` are factors of the three balances, see :func:`balance_weights`.
 
     Returns:
         3 K residuals [N m; of energy W times its weight] in the order of time, of each bump those of shoulder, elbow,

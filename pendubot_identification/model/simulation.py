@@ -61,7 +61,7 @@ class Plant:
         self._state = (*q, *qd)
 
     def advance(self, tau: Pair, duration: float) -> None:
-        """Move on by ``duration`` [s] under constant torques [N m], by classic Runge-Kutta steps."""
+        """Move on by ``duration`` [s] under constant torques [N m]."""
         friction = self._friction_rate + self._load_rate[0] * abs(tau[0]) + self._load_rate[1] * abs(tau[1])
         steps = max(1, math.ceil(duration * max(self._swing_rate, friction) - 1e-9))
         h = duration / steps
@@ -127,19 +127,19 @@ def simulate(
     times, torques = np.asarray(t, dtype=float), np.asarray(tau, dtype=float)
     plant = Plant(parameters, q, qd)
     states = np.empty((len(times), 4))
-    for k in range(len(times)):
-        states[k] = (*plant.q, *plant.qd)
-        if k + 1 < len(times):
-            try:
-                plant.advance((float(torques[k, 0]), float(torques[k, 1])), float(times[k + 1] - times[k]))
-            except (ValueError, OverflowError, ZeroDivisionError):
-                plant.place((math.nan, math.nan), (math.nan, math.nan))
-            if not all(map(math.isfinite, (*plant.q, *plant.qd))):
-                raise TrajectoryError(
-                    f'the simulated motion is too fast to be followed {times[k + 1] - times[0]:.3g} s after it began: '
-                    f'torques of up to {np.abs(torques).max():g} N m are too large for these parameters; give smaller '
-                    'ones'
-                )
+    states[:1] = (*q, *qd)
+    for k, step in enumerate(np.diff(times)):
+        try:
+            plant.advance((float(torques[k, 0]), float(torques[k, 1])), float(step))
+            followed = all(map(math.isfinite, (*plant.q, *plant.qd)))
+        except (ValueError, OverflowError, ZeroDivisionError):
+            followed = False
+        if not followed:
+            raise TrajectoryError(
+                f'the simulated motion is too fast to be followed {times[k + 1] - times[0]:.3g} s after it began: '
+                f'torques of up to {np.abs(torques).max():g} N m are too large for these parameters; give smaller ones'
+            )
+        states[k + 1] = (*plant.q, *plant.qd)
     return Trajectory(times, states[:, :2], torques, states[:, 2:], name='simulation')
 
 
