@@ -182,7 +182,13 @@ class Penalised:
 
     def __call__(self, theta: Array) -> Array:
         """Return values for parameter vectors of shape (..., D), shape (...)."""
-        return self.criterion(theta) + self.worth * coupling_excess(theta)
+        value, theta = self.criterion(theta), np.asarray(theta, dtype=float)
+        P1, P2, P3 = theta[..., 0], theta[..., 1], theta[..., 2]
+        # Roots and quotients are slow, and most vectors are clear of it.
+        coupled = (P3 * P3 >= 0.9 * P1 * P2) | (P1 <= 0)
+        if coupled.any():
+            value[coupled] += self.worth * coupling_excess(theta[coupled])
+        return value
 
     @property
     def root(self) -> Array:
