@@ -128,7 +128,7 @@ class _Watcher:
     def _on_sample(self, m: Any) -> None:
         import numpy as np
 
-        from pendubot_identification.control.closed_loop import HELD, deviation
+        from pendubot_identification.control.plan import HELD, deviation
 
         stamp = m.header.stamp.sec + m.header.stamp.nanosec * 1e-9
         if not self.samples or deviation(np.array([m.position]))[0] > HELD:
@@ -144,7 +144,7 @@ class _Watcher:
 def _show(folder: Path, watcher: _Watcher) -> int:
     import numpy as np
 
-    from pendubot_identification.control.closed_loop import deviation, held_since
+    from pendubot_identification.control.plan import deviation, held_since
     from pendubot_identification.model.parameters import BALANCE
     from pendubot_identification.report.balance_figure import draw_balance
     from pendubot_identification.results.result_file import read_parameters

@@ -27,9 +27,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pendubot_identification.control.closed_loop import HELD, deviation, simulate_closed_loop
 from pendubot_identification.control.controller import UPRIGHT, Controller, Design, Loop, SafetyLimits
-from pendubot_identification.control.linear_control import Weights, design, equilibrium
+from pendubot_identification.control.linear_control import design
+from pendubot_identification.control.plan import HELD, deviation, simulate_closed_loop
 from pendubot_identification.errors import ControlError
 from pendubot_identification.excitation.excitation import PulseTrain
 from pendubot_identification.identify.identification import identify
@@ -76,7 +76,7 @@ def simulated(known, rate, start, seed):
     place, spread, begin = STARTS[start]
     rng = np.random.default_rng(seed)
     q1, q2 = (q + rng.uniform(-spread, spread) for q in place)
-    loop = Loop(1 / rate, 1, known.lag, LIMIT)
+    loop = Loop(1 / rate, known.lag, LIMIT)
     controller = Controller(Design.make(known.parameters, loop), loop)
     run = simulate_closed_loop(controller, LatePlant(BALANCE, LAG, (q1, q2)), loop, begin + TIME + 2, enough=TIME + 2)
     return judged(run.motion.t, run.motion.q, run.motion.tau[:, 0], begin)
@@ -183,7 +183,7 @@ def edge(good, bad, lost):
 def meet_margins(rates):
     print('\n| rate | margin | computed | met in simulation |\n|---|---|---|---|')
     for rate in rates:
-        loop = Loop(1 / rate, 1, LAG, LIMIT)
+        loop = Loop(1 / rate, LAG, LIMIT)
         plan = Design.make(BALANCE, loop)
         m = plan.margins
         met = edge(0.0, 3 * m.delay, lambda more: falls(plan, loop, LAG + more, 1.0))  # noqa: B023
@@ -200,11 +200,11 @@ def paper(rates, seeds):
     print('|---|---|---|---|---|---|')
     for rate in rates:
         for lag in (0.0, LAG):
-            loop = Loop(1 / rate, 1, lag, LIMIT)
+            loop = Loop(1 / rate, lag, LIMIT)
             try:
                 plan = Design.make(PAPER, loop)
             except ControlError as error:
-                K = design(PAPER, equilibrium(PAPER), loop.period, loop.delay, Weights()).K
+                K = design(PAPER, loop.period, loop.delay).K
                 print(f'| {rate} Hz | {1e3 * lag:g} ms | {K.round(1)} | {error} | | |')
                 continue
             m, held = plan.margins, 0

@@ -34,7 +34,7 @@ def informed(limit=2.0, level=Level.OK, motor_delay=None):
 
 
 def test_everything_known_is_the_parameters_and_the_loop():
-    assert informed().ready(False) == (BALANCE, Loop(PERIOD, 1, 0.004, 2.0))
+    assert informed().ready(False) == (BALANCE, Loop(PERIOD, 0.004, 2.0))
     assert informed(motor_delay=0.01).ready(False)[1].lag == 0.01
     readiness = informed()
     readiness.board_limit(0.5)
@@ -204,7 +204,7 @@ def test_it_starts_by_what_was_simulated_though_more_came_while_it_was_arming():
 def test_a_rig_that_leaves_no_room_for_error_is_refused_by_computation():
     """The paper's own values: link 1 would be 3 cm long."""
     with pytest.raises(ControlError, match=r'can hardly be balanced: the gain may be 0\.7. to 1\.1. times'):
-        Plan.make(PAPER, Loop(0.01, 1, 0.004, 2.0))
+        Plan.make(PAPER, Loop(0.01, 0.004, 2.0))
 
 
 def test_it_does_not_begin_unprepared_nor_twice():
