@@ -67,7 +67,6 @@ class Regulator:
         period: between samples [s].
         delay: from a sample to the moment when the torque computed from it acts [s].
         K: shape (4,); tau = -K x, x predicted ``delay`` ahead.
-        S: shape (4, 4); x^T S x is the cost to go.
         L: shape (4, 2); Kalman gain of the positions' innovation.
     """
 
@@ -76,7 +75,6 @@ class Regulator:
     period: float
     delay: float
     K: Array
-    S: Array
     L: Array
 
     def torque(self, x: tuple[float, ...]) -> float:
@@ -109,7 +107,7 @@ def design(parameters: Parameters, period: float, delay: float) -> Regulator:
         ) from error
     K = np.linalg.solve(Gamma.T @ S @ Gamma + R, Gamma.T @ S @ Phi)
     L = covariance @ _MEASURED.T @ np.linalg.inv(_MEASURED @ covariance @ _MEASURED.T + noise)
-    return Regulator(A, B, period, delay, K[0], S, L)
+    return Regulator(A, B, period, delay, K[0], L)
 
 
 def closed_loop(r: Regulator, delay: float | None = None) -> tuple[Array, Array]:

@@ -87,7 +87,7 @@ class Readiness:
         return parameters, Loop(self._period, lag, min(self._limit, self._board_limit))
 
     def _judged(self, accept_warn: bool) -> float:
-        """Return the delay [s], 0 if none is known, from the judgement of exactly these parameters if it is good enough."""
+        """Return the delay [s], 0 if unknown, from the judgement of exactly these parameters if it is good enough."""
         how = 'set the parameter accept_warn to true to use them all the same'
         for level, message, values in reversed(self._judgements):
             if tuple(_number(values.get(name)) for name in NAMES[: len(self._theta)]) != self._theta:

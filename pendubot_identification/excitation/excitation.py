@@ -23,11 +23,10 @@ class PulseTrain:
     The paper's numbers for period and torque range were lost; the defaults move the virtual rig well.
 
     Attributes:
-        period: seconds from one pulse to the next.
+        period: from one pulse to the next [s].
         width: the pulse's length as a fraction of the period (the paper's 5 %).
-        amplitude_min: least torque within a pulse [N m].
-        amplitude_max: greatest torque within a pulse [N m].
-        hold: seconds for which each random torque is held.
+        amplitude_min, amplitude_max: least and greatest torque within a pulse [N m].
+        hold: how long each random torque is held [s].
         seed: same seed, same torque.
 
     Raises:
