@@ -104,17 +104,7 @@ class Design:
 
 
 class Controller:
-    """Estimates the state from the first sample on, and computes torques.
-
-    Args:
-        design: from the rig's parameters, for this loop.
-        loop: period, dead time and torque limit.
-        bounds: where to stop.
-
-    Attributes:
-        mode: what it is doing.
-        design: the present one.
-    """
+    """Estimates the state from the first sample on, and computes torques by a design that was made for the loop."""
 
     def __init__(self, design: Design, loop: Loop, bounds: SafetyLimits | None = None) -> None:
         self.mode = ControlMode.SWING_UP
@@ -145,12 +135,9 @@ class Controller:
             self._offset += before - self._law(self._ahead())
 
     def step(self, t: float, q: Pair, effort: float) -> float:
-        """Take a sample and return the torque [N m] to be applied, within the limit.
+        """Take a sample of time t [s] and positions q [rad]; return the torque [N m] to be applied, within the limit.
 
-        Args:
-            t: when it was taken [s].
-            q: joint positions [rad].
-            effort: the torque that is applied from it on [N m], as the board says.
+        ``effort`` is the torque that is applied from it on [N m], as the board says.
 
         Raises:
             ControlError: it stops; the torque has to be 0 now, and the motor disarmed.

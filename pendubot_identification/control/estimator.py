@@ -35,14 +35,10 @@ DISOBEDIENCE = 0.1
 
 
 class Estimator:
-    """Estimates the state, sample by sample.
+    """Estimates the state, sample by sample; period and lag [s] are those of the loop.
 
-    Args:
-        parameters: of the rig.
-        period: between samples [s].
-        lag: the motor obeys so much later than the board says [s].
-        L: Kalman gain of the positions' innovation, shape (4, 2).
-        before: an estimator with other parameters, from whose state and torques it goes on.
+    ``L`` is the Kalman gain of the positions' innovation, shape (4, 2). It goes on from the state and torques of
+    ``before``, an estimator with other parameters.
     """
 
     def __init__(

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -123,19 +124,12 @@ def held_since(motion: Trajectory) -> float:
     return float(motion.t[first]) if first < len(motion) else math.inf
 
 
-@dataclass(frozen=True, slots=True)
-class ClosedLoopRun:
-    """The outcome of a simulation.
-
-    Attributes:
-        motion: the rig's true motion, sample by sample.
-        balancing: at which samples the controller was balancing, shape (N,).
-        stopped: why the controller stopped; empty if it did not.
-    """
+class ClosedLoopRun(NamedTuple):
+    """The rig's true motion, at which samples the controller balanced, shape (N,), and why it stopped, if it did."""
 
     motion: Trajectory
     balancing: NDArray[np.bool_]
-    stopped: str = ''
+    stopped: str
 
 
 def simulate_closed_loop(

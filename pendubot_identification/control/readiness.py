@@ -21,11 +21,9 @@ SAMPLES, QUANTILE, TOLERANCE = 100, 0.1, 0.05
 
 
 class Readiness:
-    """Collects what comes in, in any order.
+    """Collects what comes in, in any order, within the largest torque that the user allows, ``limit`` [N m].
 
-    Args:
-        limit: largest torque that the user allows [N m].
-        motor_delay: the motor obeys so much later than the board says [s]; None: as the identification found.
+    The motor obeys ``motor_delay`` [s] later than the board says; None: as the identification found.
     """
 
     def __init__(self, limit: float, motor_delay: float | None = None) -> None:

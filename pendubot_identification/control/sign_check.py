@@ -41,13 +41,7 @@ _WITHOUT_LINE = np.eye(STEPS + 1) - _LINE @ np.linalg.pinv(_LINE)
 
 
 class SignCheck:
-    """Watches the beginning of a motion until one hypothesis is clear.
-
-    Args:
-        theta: parameters of the rig.
-        period: between samples [s].
-        lag: the motor obeys so much later than the board says [s].
-    """
+    """Watches the beginning of a motion until one hypothesis is clear; period and lag [s] are those of the loop."""
 
     def __init__(self, theta: tuple[float, ...], period: float, lag: float) -> None:
         self._theta = theta

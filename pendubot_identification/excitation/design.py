@@ -144,8 +144,7 @@ def predict(
         raise ParameterError(f'no rig moves like this: {problems[0]}; design with the parameters of a real one')
     theta = parameters.vector()
     tau, step = _torques(parameters, trains, experiment)
-    states = _simulated(theta, tau, step)
-    speed, angle = _extremes(states)
+    states, speed, angle = _simulated(theta, tau, step)
     wanted = np.isfinite(speed + angle).all(axis=0)
     if limits is not None:
         wanted &= limits.used(speed, angle) <= USED
@@ -207,7 +206,15 @@ def design(
             f'rad/s and turn the joints by no more than {limits.angle[0]:g} and {limits.angle[1]:g} rad; allow a '
             'greater speed or angle, or a greater or smaller torque'
         )
-    return found[_first_within(parameters, found, limits, experiment, uncertainty)]
+    # The first that keeps the limits on all, or on most, of the rigs drawn about the estimate.
+    theta = parameters.vector()
+    spread = np.maximum(np.zeros(1) if uncertainty is None else uncertainty[: len(theta)], SPREAD * np.abs(theta))
+    drawn = theta + spread * np.random.default_rng(1).standard_normal((DRAWS, len(theta)))
+    drawn = np.maximum(drawn, 0.2 * theta)
+    drawn[:, 2] = np.clip(drawn[:, 2], -0.9 * (root := np.sqrt(drawn[:, 0] * drawn[:, 1])), 0.9 * root)
+    tau, step = _torques(parameters, [each.train for each in found], experiment)
+    _, speed, angle = _simulated(drawn.T[:, :, None], tau, step)
+    return found[int(np.argmin((~(limits.used(speed, angle) <= 1)).sum(axis=0)))]
 
 
 def _cost(candidate: Predicted, limits: Limits) -> float:
@@ -216,24 +223,6 @@ def _cost(candidate: Predicted, limits: Limits) -> float:
         return -candidate.log_information
     used = float(limits.used(candidate.speed, candidate.angle))
     return BEYOND * (1 + used) if np.isfinite(used) else BEYOND**2
-
-
-def _first_within(
-    parameters: Parameters,
-    finalists: Sequence[Predicted],
-    limits: Limits,
-    experiment: Experiment,
-    uncertainty: Array | None,
-) -> int:
-    """Return the number of the first design that keeps the limits on all, or most, rigs drawn about the estimate."""
-    theta = parameters.vector()
-    spread = np.maximum(np.zeros(1) if uncertainty is None else uncertainty[: len(theta)], SPREAD * np.abs(theta))
-    drawn = theta + spread * np.random.default_rng(1).standard_normal((DRAWS, len(theta)))
-    drawn = np.maximum(drawn, 0.2 * theta)
-    drawn[:, 2] = np.clip(drawn[:, 2], -0.9 * (root := np.sqrt(drawn[:, 0] * drawn[:, 1])), 0.9 * root)
-    tau, step = _torques(parameters, [each.train for each in finalists], experiment)
-    speed, angle = _extremes(_simulated(drawn.T[:, :, None], tau, step))
-    return int(np.argmin((~(limits.used(speed, angle) <= 1)).sum(axis=0)))
 
 
 def _train(u: Array, limits: Limits, interval: float) -> PulseTrain:
@@ -261,18 +250,17 @@ def _torques(parameters: Parameters, trains: Sequence[PulseTrain], experiment: E
     return np.stack([torques, np.zeros_like(torques)]), interval * together / parts
 
 
-def _simulated(theta: Array, tau: Array, step: float) -> Array:
-    """Return the states from hanging at rest on, shape (K + 1, 4, C), or (K + 1, 4, V, C)."""
+def _simulated(theta: Array, tau: Array, step: float) -> tuple[Array, Array, Array]:
+    """Return the states from hanging at rest on, shape (K + 1, 4, C), or (K + 1, 4, V, C) of several theta.
+
+    And the greatest speeds [rad/s] and angles from hanging [rad], shape (2, ...); infinite for lost motions.
+    """
     start = np.zeros((4, tau.shape[2]))
     start[:2] = np.reshape(HANGING, (2, 1))
-    return roll(theta, start, tau, step)
-
-
-def _extremes(states: Array) -> tuple[Array, Array]:
-    """Return the greatest speeds [rad/s] and angles from hanging [rad], shape (2, ...); infinite for lost motions."""
+    states = roll(theta, start, tau, step)
     away = states[:, :2] - np.reshape(HANGING, (2,) + (1,) * (states.ndim - 2))
-    both = np.abs(states[:, 2:]).max(axis=0), np.abs(away).max(axis=0)
-    return tuple(np.where(np.isfinite(each), each, np.inf) for each in both)  # type: ignore[return-value]
+    speed, angle = (np.abs(each).max(axis=0) for each in (states[:, 2:], away))
+    return states, np.where(np.isfinite(speed), speed, np.inf), np.where(np.isfinite(angle), angle, np.inf)
 
 
 def _information(theta: Array, states: Array, tau: Array, step: float, experiment: Experiment) -> Array:

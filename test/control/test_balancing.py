@@ -18,6 +18,7 @@ from pendubot_identification.level import Level
 from pendubot_identification.model.parameters import BALANCE, NAMES, PAPER
 
 THETA = [float(value) for value in BALANCE.vector()]
+BETTER = [1.02 * value for value in THETA]
 PERIOD = 0.005
 
 
@@ -61,23 +62,20 @@ def test_skipped_samples_do_not_hide_the_rate():
 
 
 def test_what_is_missing_or_not_good_enough_is_said():
-    with pytest.raises(ControlError, match='no parameters have come'):
-        Readiness(2.0).ready(True)
-    readiness = Readiness(2.0)
-    readiness.offer(THETA)
-    with pytest.raises(ControlError, match='says how good the parameters'):
-        readiness.ready(False)
-    with pytest.raises(ControlError, match='too few samples'):
-        readiness.ready(True)
-    with pytest.raises(ControlError, match=r'level WARN \(said so\); set the parameter accept_warn'):
-        informed(level=Level.WARN).ready(False)
+    unsampled, other = Readiness(2.0), informed()
+    unsampled.offer(THETA)
+    other.offer([1.01 * value for value in THETA])
+    for readiness, accept_warn, words in (
+        (Readiness(2.0), True, 'no parameters have come'),
+        (unsampled, False, 'says how good the parameters'),
+        (unsampled, True, 'too few samples'),
+        (informed(level=Level.WARN), False, r'level WARN \(said so\); set the parameter accept_warn'),
+        (informed(level=Level.ERROR), True, r'level ERROR \(said so\)'),
+        (other, False, 'says how good'),
+    ):
+        with pytest.raises(ControlError, match=words):
+            readiness.ready(accept_warn)
     assert informed(level=Level.WARN).ready(True)
-    with pytest.raises(ControlError, match=r'level ERROR \(said so\)'):
-        informed(level=Level.ERROR).ready(True)
-    readiness = informed()
-    readiness.offer([1.01 * value for value in THETA])
-    with pytest.raises(ControlError, match='says how good'):
-        readiness.ready(False)  # the judgement is of other parameters
 
 
 @functools.cache
@@ -151,14 +149,13 @@ def test_a_bridge_that_does_not_answer_is_not_waited_for_for_ever():
 
 def test_better_parameters_come_in_while_it_moves_and_worse_ones_do_not():
     balancing = running()
-    theta = [1.02 * value for value in THETA]
-    balancing.readiness.offer(theta)
+    balancing.readiness.offer(BETTER)
     assert balancing.to_prepare(False) is None, 'they are not judged yet'
     assert balancing.phase is Phase.RUNNING
-    balancing.readiness.judge(Level.OK, '', values(theta))
+    balancing.readiness.judge(Level.OK, '', values(BETTER))
     balancing.prepared(planned(*balancing.to_prepare(False)))
     upright(balancing, 1.015)
-    assert balancing.plan.design.parameters.vector().tolist() == theta
+    assert balancing.plan.design.parameters.vector().tolist() == BETTER
     assert balancing.to_prepare(False) is None
 
 
@@ -174,9 +171,8 @@ def test_better_parameters_come_in_while_it_moves_and_worse_ones_do_not():
 )
 def test_what_came_while_it_moved_is_looked_at_anew_before_the_next_start(end):
     balancing = running()
-    theta = [1.02 * value for value in THETA]
-    balancing.readiness.offer(theta)
-    balancing.readiness.judge(Level.OK, '', values(theta))
+    balancing.readiness.offer(BETTER)
+    balancing.readiness.judge(Level.OK, '', values(BETTER))
     wanted = balancing.to_prepare(False)
     end(balancing, planned(*wanted))
     assert balancing.to_prepare(False) == wanted

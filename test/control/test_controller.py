@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from pendubot_identification.control.controller import UPRIGHT, Controller, ControlMode, Design, Loop, SafetyLimits
-from pendubot_identification.control.plan import held_since, simulate_closed_loop, sufficient_limit, swing_up_time
+from pendubot_identification.control.plan import Plan, held_since, simulate_closed_loop
 from pendubot_identification.errors import ControlError
 from pendubot_identification.model.parameters import BALANCE
 from pendubot_identification.model.simulation import HANGING, LatePlant
@@ -96,22 +96,22 @@ def test_lost_samples_are_not_taken_for_wrong_signs(rate):
         assert controller.mode is ControlMode.BALANCE
 
 
+def torques_with(change, new):
+    """Return 400 torques that balance the rig; at sample 60, if at all, the design changes."""
+    controller, rig = Controller(designed(), LOOPS[200]), LatePlant(BALANCE, LAG, (UPRIGHT + 0.05, 0.02))
+    torques = [0.0]
+    for k in range(400):
+        if change and k == 60:
+            controller.adopt(new)
+        torques.append(controller.step(k * 0.005, rig.q, torques[-1]))
+        rig.advance((torques[-2], 0.0), 0.005)
+    assert controller.mode is ControlMode.BALANCE
+    return np.array(torques[1:])
+
+
 def test_new_parameters_come_in_without_a_jump():
-    loop = LOOPS[200]
-    new = Design.make(replace(BALANCE, P1=0.9 * BALANCE.P1, P4=1.1 * BALANCE.P4, P5=1.1 * BALANCE.P5), loop)
-    taus = {}
-    for changed in (False, True):
-        controller, rig, torque, taus[changed] = Controller(designed(), loop), LatePlant(BALANCE, LAG), 0.0, []
-        rig.place((UPRIGHT + 0.05, 0.02), (0.0, 0.0))
-        for k in range(400):
-            if changed and k == 60:
-                controller.adopt(new)
-                assert controller.design is new
-            effort, torque = torque, controller.step(k * loop.period, rig.q, torque)
-            rig.advance((effort, 0.0), loop.period)
-            taus[changed].append(torque)
-        assert controller.mode is ControlMode.BALANCE
-    before, after = np.array(taus[False]), np.array(taus[True])
+    new = replace(BALANCE, P1=0.9 * BALANCE.P1, P4=1.1 * BALANCE.P4, P5=1.1 * BALANCE.P5)
+    before, after = (torques_with(change, Design.make(new, LOOPS[200])) for change in (False, True))
     np.testing.assert_array_equal(before[:60], after[:60])
     # At the change the torque stays almost the same; then it changes gradually.
     largest = np.abs(np.diff(before[40:80])).max()
@@ -154,10 +154,9 @@ def test_it_stops_at_samples_that_make_no_sense(t, q, effort, words):
 
 
 def test_too_small_a_motor_is_known_beforehand():
-    weak = replace(LOOPS[200], limit=0.3)
-    assert swing_up_time(Design.make(BALANCE, weak), weak) == math.inf
-    enough = sufficient_limit(Design.make(BALANCE, weak), weak)
-    assert 0.3 < enough < 2.0
+    plan = Plan.make(BALANCE, replace(LOOPS[200], limit=0.3))
+    assert plan.swing_up == math.inf
+    assert 0.3 < plan.sufficient < 2.0
 
 
 def test_a_rig_whose_second_link_does_not_swing_out_is_refused():
