@@ -75,11 +75,11 @@ class Balancing:
                 self.plan = None
             return None
         plan = self._coming or self.plan
-        if wanted == self._refused or (plan is not None and wanted == (plan.design.parameters, plan.loop)):
+        if wanted == self._refused or (plan is not None and wanted == (plan.design.parameters, plan.design.loop)):
             return None
         if self.phase is not Phase.IDLE and plan is not None:
             # While it moves, the loop stays as it is.
-            return None if wanted[0] == plan.design.parameters else (wanted[0], plan.loop)
+            return None if wanted[0] == plan.design.parameters else (wanted[0], plan.design.loop)
         return wanted
 
     def prepared(self, plan: Plan) -> None:
@@ -121,7 +121,7 @@ class Balancing:
     def armed(self) -> None:
         """Move from the next sample on: the bridge is armed."""
         assert self.plan is not None, 'begin() comes first'
-        self._controller = Controller(self.plan.design, self.plan.loop, self._bounds)
+        self._controller = Controller(self.plan.design, self._bounds)
         self._coming, self._upright_since = None, None
         self.phase = Phase.RUNNING
 
@@ -200,7 +200,7 @@ class Balancing:
             values['balancing for [s]'] = f'{self._heard - (self._upright_since or self._heard):.1f}'
             values['transport [samples]'] = str(self._controller.transport)
         if self.plan is not None:
-            m, loop = self.plan.design.margins, self.plan.loop
+            m, loop = self.plan.design.margins, self.plan.design.loop
             values |= {
                 'period [s]': f'{loop.period:g}',
                 'dead time [s]': f'{loop.delay:.4f}',

@@ -84,6 +84,7 @@ class Design:
 
     parameters: Parameters
     theta: tuple[float, ...]
+    loop: Loop
     regulator: Regulator
     margins: Margins
 
@@ -100,16 +101,16 @@ class Design:
                 f'{parameters.P5:.3g}); this controller needs one that swings out: both above 0'
             )
         regulator = design(parameters, loop.period, loop.delay)
-        return cls(parameters, tuple(map(float, parameters.vector())), regulator, margins(regulator))
+        return cls(parameters, tuple(map(float, parameters.vector())), loop, regulator, margins(regulator))
 
 
 class Controller:
-    """Estimates the state from the first sample on, and computes torques by a design that was made for the loop."""
+    """Estimates the state from the first sample on, and computes torques."""
 
-    def __init__(self, design: Design, loop: Loop, bounds: SafetyLimits | None = None) -> None:
+    def __init__(self, design: Design, bounds: SafetyLimits | None = None) -> None:
         self.mode = ControlMode.SWING_UP
         self.design = design
-        self._loop = loop
+        self._loop = loop = design.loop
         self._bounds = bounds or SafetyLimits()
         self._estimator = Estimator(design.parameters, loop.period, loop.lag, design.regulator.L)
         self._monitor = CommandMonitor(loop.period)

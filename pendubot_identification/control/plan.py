@@ -39,13 +39,11 @@ class Plan:
 
     Attributes:
         design: from the parameters.
-        loop: for which it was made.
         swing_up: when the rig is upright in simulation [s]; infinite if never, NaN if not simulated.
         sufficient: a torque limit [N m] that swings it up where the loop's does not; infinite if none does.
     """
 
     design: Design
-    loop: Loop
     swing_up: float = math.nan
     sufficient: float = math.nan
 
@@ -66,10 +64,9 @@ class Plan:
                 'build a longer link 1'
             )
         if not simulate_closed_loop:
-            return cls(design, loop)
-        swing_up = swing_up_time(design, loop)
-        sufficient = math.nan if math.isfinite(swing_up) else sufficient_limit(design, loop)
-        return cls(design, loop, swing_up, sufficient)
+            return cls(design)
+        swing_up = swing_up_time(design)
+        return cls(design, swing_up, math.nan if math.isfinite(swing_up) else sufficient_limit(design))
 
     @property
     def simulated(self) -> bool:
@@ -82,7 +79,7 @@ class Plan:
         text = (
             f'gain may be {m.gain_down:.2f} to {m.gain_up:.2f} times what is thought, the phase margin is '
             f'{math.degrees(m.phase):.0f} degrees, the delay margin {1e3 * m.delay:.0f} ms beside '
-            f'{1e3 * self.loop.delay:.0f} ms of dead time'
+            f'{1e3 * self.design.loop.delay:.0f} ms of dead time'
         )
         if math.isfinite(self.swing_up):
             return f'{text}; in simulation it is upright {self.swing_up:.1f} s after hanging'
@@ -91,21 +88,21 @@ class Plan:
     def obstacle(self) -> str:
         """Say that the torque limit is too small, and which would do."""
         enough = f'{self.sufficient:.2g} N m would do' if math.isfinite(self.sufficient) else 'neither would more'
-        return f'{self.loop.limit:g} N m do not swing this rig up, as a simulation shows; {enough}'
+        return f'{self.design.loop.limit:g} N m do not swing this rig up, as a simulation shows; {enough}'
 
 
-def swing_up_time(design: Design, loop: Loop) -> float:
+def swing_up_time(design: Design) -> float:
     """Return when [s] the rig with the design's own parameters is held upright, from hanging; infinite if never."""
-    rig = LatePlant(design.parameters, loop.lag)
-    run = simulate_closed_loop(Controller(design, loop), rig, loop, LONGEST, enough=ENOUGH)
+    rig = LatePlant(design.parameters, design.loop.lag)
+    run = simulate_closed_loop(Controller(design), rig, LONGEST, enough=ENOUGH)
     return math.inf if run.stopped else held_since(run.motion)
 
 
-def sufficient_limit(design: Design, loop: Loop) -> float:
+def sufficient_limit(design: Design) -> float:
     """Return a torque limit [N m] that swings the rig up, at most 30 % above the least; infinite if none does."""
-    limit = loop.limit * MORE
-    while limit <= MOST * loop.limit:
-        if math.isfinite(swing_up_time(design, replace(loop, limit=limit))):
+    limit = design.loop.limit * MORE
+    while limit <= MOST * design.loop.limit:
+        if math.isfinite(swing_up_time(replace(design, loop=replace(design.loop, limit=limit)))):
             return limit
         limit *= MORE
     return math.inf
@@ -135,7 +132,6 @@ class ClosedLoopRun(NamedTuple):
 def simulate_closed_loop(
     controller: Controller,
     rig: LatePlant,
-    loop: Loop,
     seconds: float,
     sensed: Callable[[Pair], Pair] = lambda q: q,
     motor: float = 1.0,
@@ -146,28 +142,27 @@ def simulate_closed_loop(
     Args:
         controller: before its first sample.
         rig: at its initial state, with its own motor delay.
-        loop: the true period and limit.
         seconds: duration [s].
         sensed: turns true positions into those that the controller is told, for instance with a wrong sign.
         motor: factor of the torque, negative if the motor turns the wrong way.
         enough: end once it has balanced for so long without a break [s].
     """
-    count = 2 * math.pi / 4000
+    period, count = controller.design.loop.period, 2 * math.pi / 4000
     torque, stopped, balanced = 0.0, '', 0
     rows, balancing = [], []
-    for k in range(round(seconds / loop.period)):
+    for k in range(round(seconds / period)):
         q1, q2 = (round((q - zero) / count) * count + zero for q, zero in zip(rig.q, HANGING, strict=True))
         effort = torque
-        rows.append((k * loop.period, *rig.q, effort, *rig.qd))
+        rows.append((k * period, *rig.q, effort, *rig.qd))
         balancing.append(controller.mode is ControlMode.BALANCE)
         balanced = balanced + 1 if balancing[-1] else 0
-        if stopped or balanced * loop.period > enough:
+        if stopped or balanced * period > enough:
             break
         try:
-            torque = controller.step(k * loop.period, sensed((q1, q2)), effort)
+            torque = controller.step(k * period, sensed((q1, q2)), effort)
         except ControlError as error:
             torque, stopped = 0.0, str(error)
-        rig.advance((motor * effort, 0.0), loop.period)
+        rig.advance((motor * effort, 0.0), period)
     t, q1, q2, tau, v1, v2 = np.array(rows).T
     motion = Trajectory(t, np.column_stack([q1, q2]), np.column_stack([tau, 0 * tau]), np.column_stack([v1, v2]))
     return ClosedLoopRun(motion, np.array(balancing), stopped)

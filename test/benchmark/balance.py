@@ -77,8 +77,8 @@ def simulated(known, rate, start, seed):
     rng = np.random.default_rng(seed)
     q1, q2 = (q + rng.uniform(-spread, spread) for q in place)
     loop = Loop(1 / rate, known.lag, LIMIT)
-    controller = Controller(Design.make(known.parameters, loop), loop)
-    run = simulate_closed_loop(controller, LatePlant(BALANCE, LAG, (q1, q2)), loop, begin + TIME + 2, enough=TIME + 2)
+    controller = Controller(Design.make(known.parameters, loop))
+    run = simulate_closed_loop(controller, LatePlant(BALANCE, LAG, (q1, q2)), begin + TIME + 2, enough=TIME + 2)
     return judged(run.motion.t, run.motion.q, run.motion.tau[:, 0], begin)
 
 
@@ -165,11 +165,11 @@ def compare(options):
                 print(f'| {source} | {rate} Hz | {start} | {len(good)} of {len(trials)} {figures} {peak:.3f} N m |')
 
 
-def falls(plan, loop, lag, gain):
+def falls(plan, lag, gain):
     """Tell whether a rig that is almost upright is lost, in 10 s."""
     bounds = SafetyLimits(swing_up=0.0)
     rig = LatePlant(plan.parameters, lag, (UPRIGHT + 0.01, 0.0))
-    run = simulate_closed_loop(Controller(plan, loop, bounds), rig, loop, TIME, motor=gain)
+    run = simulate_closed_loop(Controller(plan, bounds), rig, TIME, motor=gain)
     return bool(run.stopped) or bool(deviation(run.motion.q).max() > HELD)
 
 
@@ -183,14 +183,13 @@ def edge(good, bad, lost):
 def meet_margins(rates):
     print('\n| rate | margin | computed | met in simulation |\n|---|---|---|---|')
     for rate in rates:
-        loop = Loop(1 / rate, LAG, LIMIT)
-        plan = Design.make(BALANCE, loop)
+        plan = Design.make(BALANCE, Loop(1 / rate, LAG, LIMIT))
         m = plan.margins
-        met = edge(0.0, 3 * m.delay, lambda more: falls(plan, loop, LAG + more, 1.0))  # noqa: B023
+        met = edge(0.0, 3 * m.delay, lambda more: falls(plan, LAG + more, 1.0))  # noqa: B023
         print(f'| {rate} Hz | delay | {1e3 * m.delay:.1f} ms | {1e3 * met:.1f} ms |')
-        met = edge(1.0, 0.0, lambda gain: falls(plan, loop, LAG, gain))  # noqa: B023
+        met = edge(1.0, 0.0, lambda gain: falls(plan, LAG, gain))  # noqa: B023
         print(f'| {rate} Hz | gain, down | {m.gain_down:.2f} | {met:.2f} |')
-        met = edge(1.0, 3 * m.gain_up, lambda gain: falls(plan, loop, LAG, gain))  # noqa: B023
+        met = edge(1.0, 3 * m.gain_up, lambda gain: falls(plan, LAG, gain))  # noqa: B023
         print(f'| {rate} Hz | gain, up | {m.gain_up:.2f} | {met:.2f} |')
         print(f'| {rate} Hz | phase | {math.degrees(m.phase):.0f} degrees | |', flush=True)
 
@@ -211,8 +210,8 @@ def paper(rates, seeds):
             for seed in range(seeds):
                 q1, q2 = np.random.default_rng(seed).uniform(-0.02, 0.02, 2)
                 rig = LatePlant(PAPER, lag, (UPRIGHT + q1, q2))
-                controller = Controller(plan, loop, SafetyLimits(swing_up=0.0))
-                run = simulate_closed_loop(controller, rig, loop, 1 + TIME + 0.1)
+                controller = Controller(plan, SafetyLimits(swing_up=0.0))
+                run = simulate_closed_loop(controller, rig, 1 + TIME + 0.1)
                 held += math.isfinite(judged(run.motion.t, run.motion.q, run.motion.tau[:, 0], 1.0).held)
             print(
                 f'| {rate} Hz | {1e3 * lag:g} ms | {plan.regulator.K.round(1)} | {1e3 * m.delay:.2f} ms '

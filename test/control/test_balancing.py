@@ -165,7 +165,7 @@ def test_better_parameters_come_in_while_it_moves_and_worse_ones_do_not():
         lambda b, plan: (b.prepared(plan), upright(b, 1.015), b.stop()),
         lambda b, plan: (b.prepared(plan), b.stop()),
         lambda b, plan: (b.stop(), b.prepared(plan)),
-        lambda b, plan: (b.not_prepared((plan.design.parameters, plan.loop), 'too slow'), b.stop()),
+        lambda b, plan: (b.not_prepared((plan.design.parameters, plan.design.loop), 'too slow'), b.stop()),
     ],
     ids=['taken over', 'about to be', 'too late', 'refused'],
 )
@@ -191,7 +191,7 @@ def test_it_starts_by_what_was_simulated_though_more_came_while_it_was_arming():
     simulated = balancing.plan
     upright(balancing, 1.0)
     balancing.begin()
-    balancing.prepared(planned(simulated.design.parameters, simulated.loop))
+    balancing.prepared(planned(simulated.design.parameters, simulated.design.loop))
     balancing.armed()
     assert balancing.plan is simulated
 

@@ -34,10 +34,8 @@ def place(start, seed):
 
 
 def run(start, seed, rate, known, seconds=12.0, **how):
-    loop = LOOPS[rate]
-    controller = Controller(designed(known, rate), loop)
     rig = LatePlant(BALANCE, LAG, place(start, seed))
-    return simulate_closed_loop(controller, rig, loop, seconds, enough=2.0, **how)
+    return simulate_closed_loop(Controller(designed(known, rate)), rig, seconds, enough=2.0, **how)
 
 
 @pytest.mark.parametrize('rate', LOOPS)
@@ -52,13 +50,12 @@ def test_the_rig_is_swung_up_and_held_within_the_torque_limit(rate, known, start
 
 
 def test_a_push_that_fells_it_is_followed_by_another_swing_up():
-    loop = LOOPS[200]
-    controller = Controller(designed(), loop)
+    controller = Controller(designed())
     rig = LatePlant(BALANCE, LAG, (UPRIGHT, 0.0))
-    assert simulate_closed_loop(controller, rig, loop, 2.0).balancing[-1]
+    assert simulate_closed_loop(controller, rig, 2.0).balancing[-1]
     rig.place(rig.q, (0.0, 12.0))
     controller._last = None  # the second simulation's time begins at 0 again
-    closed_loop = simulate_closed_loop(controller, rig, loop, 12.0, enough=2.0)
+    closed_loop = simulate_closed_loop(controller, rig, 12.0, enough=2.0)
     assert not closed_loop.balancing.all()
     assert held_since(closed_loop.motion) < 10.0
 
@@ -85,7 +82,7 @@ def test_lost_samples_are_not_taken_for_wrong_signs(rate):
     """The controller receives two of three samples, and now and then none for 50 ms."""
     loop, rng = LOOPS[rate], np.random.default_rng(1)
     for start in ('upright', 'hanging'):
-        controller, rig = Controller(designed(rate=rate), loop), LatePlant(BALANCE, LAG, place(start, 2))
+        controller, rig = Controller(designed(rate=rate)), LatePlant(BALANCE, LAG, place(start, 2))
         torque, silent = 0.0, 0
         for k in range(round(6 / loop.period)):
             effort = torque
@@ -98,7 +95,7 @@ def test_lost_samples_are_not_taken_for_wrong_signs(rate):
 
 def torques_with(change, new):
     """Return 400 torques that balance the rig; at sample 60, if at all, the design changes."""
-    controller, rig = Controller(designed(), LOOPS[200]), LatePlant(BALANCE, LAG, (UPRIGHT + 0.05, 0.02))
+    controller, rig = Controller(designed()), LatePlant(BALANCE, LAG, (UPRIGHT + 0.05, 0.02))
     torques = [0.0]
     for k in range(400):
         if change and k == 60:
@@ -131,9 +128,9 @@ def test_new_parameters_come_in_without_a_jump():
     ],
 )
 def test_it_stops_at_its_bounds(bounds, words):
-    controller = Controller(designed(), LOOPS[200], SafetyLimits(**bounds))
+    controller = Controller(designed(), SafetyLimits(**bounds))
     rig = LatePlant(BALANCE, LAG, place('hanging', 1))
-    assert words in simulate_closed_loop(controller, rig, LOOPS[200], 5.0).stopped
+    assert words in simulate_closed_loop(controller, rig, 5.0).stopped
 
 
 @pytest.mark.parametrize(
@@ -146,7 +143,7 @@ def test_it_stops_at_its_bounds(bounds, words):
     ],
 )
 def test_it_stops_at_samples_that_make_no_sense(t, q, effort, words):
-    controller = Controller(designed(), LOOPS[200])
+    controller = Controller(designed())
     controller.step(0.0, HANGING, 0.0)
     controller.step(0.005, HANGING, 0.0)
     with pytest.raises(ControlError, match=words):

@@ -49,12 +49,12 @@ def test_margins_are_where_the_closed_loop_ceases_to_be_stable(rate, lag):
 
 def test_the_simulated_rig_falls_at_the_computed_margins():
     """Within 20 %, with encoder counts, the torque's limit and all that is not linear."""
-    lag, loop = 0.004, Loop(1 / 200, 0.004, 2.0)
-    plan = Design.make(BALANCE, loop)
+    lag = 0.004
+    plan = Design.make(BALANCE, Loop(1 / 200, lag, 2.0))
 
     def falls(more=0.0, gain=1.0):
         rig = LatePlant(BALANCE, lag + more, (math.pi / 2 + 0.01, 0.0))
-        run = simulate_closed_loop(Controller(plan, loop, SafetyLimits(swing_up=0.0)), rig, loop, 3.0, motor=gain)
+        run = simulate_closed_loop(Controller(plan, SafetyLimits(swing_up=0.0)), rig, 3.0, motor=gain)
         return bool(run.stopped) or bool(deviation(run.motion.q).max() > HELD)
 
     m = plan.margins
