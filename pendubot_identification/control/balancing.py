@@ -198,7 +198,7 @@ class Balancing:
         if self._controller is not None:
             values['mode'] = self._controller.mode.value
             values['balancing for [s]'] = f'{self._heard - (self._upright_since or self._heard):.1f}'
-            values['transport [samples]'] = str(self._controller.transport)
+            values['transport [samples]'] = str(self._controller.monitor.transport)
         if self.plan is not None:
             m, loop = self.plan.design.margins, self.plan.design.loop
             values |= {

@@ -113,18 +113,13 @@ class Controller:
         self._loop = loop = design.loop
         self._bounds = bounds or SafetyLimits()
         self._estimator = Estimator(design.parameters, loop.period, loop.lag, design.regulator.L)
-        self._monitor = CommandMonitor(loop.period)
+        self.monitor = CommandMonitor(loop.period)
         self._sign_check: SignCheck | None = SignCheck(design.theta, loop.period, loop.lag)
         self._last: float | None = None
         self._swinging_since = 0.0
         self._upright = UPRIGHT
         self._torque = 0.0
         self._offset = 0.0
-
-    @property
-    def transport(self) -> int:
-        """So many samples after its own a torque is applied, as measured."""
-        return self._monitor.transport
 
     def adopt(self, design: Design) -> None:
         """Go on with other parameters, without a jump of the torque."""
@@ -152,12 +147,12 @@ class Controller:
         if not math.isfinite(torque):
             raise ControlError(f'the torque came out as {torque}; look at the parameters')
         self._torque = max(-self._loop.limit, min(self._loop.limit, torque))
-        self._monitor.command(self._torque)
+        self.monitor.command(self._torque)
         return self._torque
 
     def _ahead(self) -> RigState:
         """Return the state when a torque computed now begins to act."""
-        return self._estimator.predict(self._monitor.pending())
+        return self._estimator.predict(self.monitor.pending())
 
     def _follow(self, t: float, q: Pair, effort: float) -> None:
         if not all(map(math.isfinite, (t, *q, effort))):
@@ -183,7 +178,7 @@ class Controller:
             raise ControlError(f'the elbow has turned by {abs(q[1]):.1f} rad; at most {b.elbow:g} rad are allowed')
         if speed > b.speed:
             raise ControlError(f'a joint moves at {speed:.1f} rad/s; at most {b.speed:g} rad/s are allowed')
-        if not self._monitor.obeyed(effort):
+        if not self.monitor.obeyed(effort):
             raise ControlError(f'the motor does not obey: {effort:g} N m are applied, {self._torque:g} were asked for')
         if self._sign_check is not None and self._sign_check.update(q, effort):
             self._sign_check = None

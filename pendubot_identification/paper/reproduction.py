@@ -47,12 +47,7 @@ package."""
 class Reproduction:
     """The experiments, a method each, which write the parts that are wanted: what is done is on the disk.
 
-    Args:
-        folder: for the files.
-        wanted: parts.
-        seed: of all random numbers.
-        runs: of a table.
-        quiet: show no progress, not even on a terminal.
+    A table has so many ``runs``; ``quiet``: show no progress, not even on a terminal.
     """
 
     def __init__(self, folder: OutputFolder, wanted: Collection[str], seed: int, runs: int, *, quiet: bool) -> None:
@@ -64,7 +59,7 @@ class Reproduction:
     def competition(self) -> None:
         """Run four algorithms on four functions."""
         outcomes, seconds = self._run('competition', trials.competition(self._seed, self._runs))
-        self._add_tables('table4', paper_tables.table_4(outcomes, self._runs))
+        self._add_tables(*paper_tables.table_4(outcomes, self._runs))
         if 'table4' in self._wanted:
             times = paper_tables.times(outcomes, seconds)
             self._folder.write('times.md', times.markdown())
@@ -74,8 +69,8 @@ class Reproduction:
             'ends'
         )
         over = f'Figure 1 over function values, which cost alike whoever asks for them: {what}'
-        self._add_figure('figure1', 'figure1', f'Figure 1: {what}', paper_figures.convergence, outcomes)
-        self._add_figure('figure1', 'figure1_evaluations', over, paper_figures.convergence, outcomes, 'function values')
+        self._add_figure('figure1', f'Figure 1: {what}', paper_figures.convergence, outcomes)
+        self._add_figure('figure1_evaluations', over, paper_figures.convergence, outcomes, 'function values')
 
     def identification(self) -> None:
         """Identify the sample bag by the paper's criterion and MDE."""
@@ -83,25 +78,24 @@ class Reproduction:
         halves = held_parts([*data.training, *data.validation])
         found = self._identify(data, *halves)
         self._write_raw('identification', found)
-        self._add_tables('table7', [paper_tables.table_7(found)])
-        self._add_tables('table8', [paper_tables.table_8(found)])
+        self._add_tables(paper_tables.table_7(found), paper_tables.table_8(found))
         caption = 'The sample bag: the experiment of Section 4.4 on the virtual rig'
-        self._add_figure('dataset', 'dataset', caption, paper_figures.data_set, *halves)
+        self._add_figure('dataset', caption, paper_figures.data_set, *halves)
         caption = (
             'The fit: both sides of the energy balance, cumulative from the start of each half; its residual; the '
             f'motion simulated with the identified parameters, {paper_figures.PIECE:g} s at a time'
         )
-        self._add_figure('fit', 'fit', caption, paper_figures.fit, *halves, Parameters.from_vector(found['theta']))
+        self._add_figure('fit', caption, paper_figures.fit, *halves, Parameters.from_vector(found['theta']))
 
     def sweep(self) -> None:
         """Run MDE with every threshold, per component and per vector."""
         regression = energy_regression(held_parts(_sample().training)[0])
         criterion, bounds = Quadratic.reduce(regression.phi, regression.y), default_bounds().of(MODELS['viscous'])
         outcomes, _ = self._run('sweep', trials.sweep(self._seed, self._runs, criterion, bounds))
-        self._add_tables('threshold', [paper_tables.threshold_table(outcomes)])
+        self._add_tables(paper_tables.threshold_table(outcomes))
         caption = 'The threshold: how fast MDE arrives, and how often'
-        self._add_figure('threshold', 'threshold', caption, paper_figures.threshold, outcomes)
-        self._add_tables('operator', [paper_tables.operator_table(outcomes)])
+        self._add_figure('threshold', caption, paper_figures.threshold, outcomes)
+        self._add_tables(paper_tables.operator_table(outcomes))
 
     def dimensions(self) -> None:
         """Run all algorithms with equal budgets in 2, 10 and 30 dimensions."""
@@ -110,9 +104,9 @@ class Reproduction:
         caption = (
             'Beyond the paper: final errors with equal budgets; median and range of all runs; the line is the target'
         )
-        self._add_tables('dimensions', [counts])
-        self._add_figure('dimensions', 'dimensions', caption, paper_figures.dimensions, outcomes)
-        self._add_tables('dimensions', [errors])
+        self._add_tables(counts)
+        self._add_figure('dimensions', caption, paper_figures.dimensions, outcomes)
+        self._add_tables(errors)
 
     def write_index(self, only: str, missing: Collection[str]) -> None:
         """Write index.md: how all was made, ``only`` being the option as given, all parts, and which are missing."""
@@ -196,14 +190,19 @@ class Reproduction:
         self._folder.write(name, json.dumps({'seed': self._seed, 'runs': self._runs, **data}, indent=1) + '\n')
         self._raw.append(name)
 
-    def _add_tables(self, part: str, tables: Iterable[Table]) -> None:
-        for table in tables if part in self._wanted else ():
-            self._folder.write(f'tables/{table.name}.md', table.markdown())
-            self._folder.write(f'tables/{table.name}.csv', table.csv())
-            self._contents.append(table)
+    def _wants(self, name: str) -> bool:
+        """Whether a table or figure belongs to the parts that are wanted: figure1_evaluations belongs to figure1."""
+        return name.partition('_')[0] in self._wanted
 
-    def _add_figure(self, part: str, name: str, caption: str, draw: Callable[..., Figure], *arguments: Any) -> None:
-        if part in self._wanted:
+    def _add_tables(self, *tables: Table) -> None:
+        for table in tables:
+            if self._wants(table.name):
+                self._folder.write(f'tables/{table.name}.md', table.markdown())
+                self._folder.write(f'tables/{table.name}.csv', table.csv())
+                self._contents.append(table)
+
+    def _add_figure(self, name: str, caption: str, draw: Callable[..., Figure], *arguments: Any) -> None:
+        if self._wants(name):
             with style():
                 files = rendered(draw(*arguments))
             for ending, content in files.items():
