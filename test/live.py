@@ -8,7 +8,7 @@ import time
 
 import numpy as np
 
-from pendubot_identification.control.closed_loop import HELD, deviation
+from pendubot_identification.control.plan import HELD, deviation
 from pendubot_identification.model.parameters import BALANCE, NAMES
 from pendubot_identification.model.simulation import HANGING
 from test.processes import Program, call, parameters, spin_until
