@@ -36,7 +36,9 @@ class LinkProbe:
         watchdog_max_ms=500,
         firmware='virtual',
     ):
-        self._call('B', '=IIIiIHBx16s', boot_id, *cpr, limit, period_us, watchdog_max_ms, reset_cause, firmware.encode())
+        self._call(
+            'B', '=IIIiIHBx16s', boot_id, *cpr, limit, period_us, watchdog_max_ms, reset_cause, firmware.encode()
+        )
 
     def receive(self, data, now=0, faults=0):
         self._call('R', '=III', now, faults, len(data))

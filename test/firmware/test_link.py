@@ -99,9 +99,7 @@ def pairs_of_frames(probe, steps, settings=None, faults=None):
     board = VirtualBoard(Plant(PAPER), s, faults)
     first = board.sample()
     hello = Decoder().feed(first)[0]
-    probe.boot(
-        hello.boot_id, 1, (s.counts,) * 2, hello.torque_limit, s.sample_period_us, s.watchdog_max_ms, 'virtual'
-    )
+    probe.boot(hello.boot_id, 1, (s.counts,) * 2, hello.torque_limit, s.sample_period_us, s.watchdog_max_ms, 'virtual')
     yield first, probe.sample(board.last.t_us)[1]
     for heard in steps:
         board.move()
