@@ -2,9 +2,9 @@
  * SPDX-License-Identifier: Apache-2.0 */
 /* The board's side of the serial protocol, version 1, as docs/protocol.md has it.
  *
- * Bytes and the board's time come in, bytes and a torque go out. Nothing here reads a clock, a port or a pin, allocates,
- * or has a variable of its own: all that lasts is in the struct that the caller keeps. None of the functions may
- * interrupt another one with the same struct. All torques are in micro-N m, all times in microseconds.
+ * Bytes and the board's time come in, bytes and a torque go out. Nothing here reads a clock, a port or a pin,
+ * allocates, or has a variable of its own: all that lasts is in the struct that the caller keeps. None of the functions
+ * may interrupt another one with the same struct. All torques are in micro-N m, all times in microseconds.
  *
  * A board does this, and every sample period calls pendubot_receive and then pendubot_sample:
  *

@@ -2,8 +2,8 @@
  * SPDX-License-Identifier: Apache-2.0 */
 /* A board that is a Linux program: the firmware on a pseudo-terminal, with a simulated pendubot behind it.
  *
- * It takes the same options as the package's virtual_board, as far as the usage below names them, writes the same trace,
- * and SIGUSR1 and SIGUSR2 pull the cable and put it back.
+ * It takes the same options as the package's virtual_board, as far as the usage below names them, writes the same
+ * trace, and SIGUSR1 and SIGUSR2 pull the cable and put it back.
  */
 #define _GNU_SOURCE
 #include <errno.h>
@@ -32,8 +32,8 @@
 static const char usage[] =
     "usage: pendubot_board [--link PATH] [--rate HZ] [--counts N] [--torque-limit NM] [--preset paper|balance]\n"
     "                      [--trace FILE] [--duration S] [--seed N] [--fault NAME=VALUE ...]\n"
-    "faults: bit_flip, drop_byte, double_byte, lose_frame, duplicate_frame (probability of each sample's bytes), glitch\n"
-    "(of each sample), reset_at, emergency_stop_at, over_current_at (seconds after the start)\n";
+    "faults: bit_flip, drop_byte, double_byte, lose_frame, duplicate_frame (probability, of each sample's bytes),\n"
+    "glitch (of each sample), reset_at, emergency_stop_at, over_current_at (seconds after the start)\n";
 
 /* In the order of `fault_names`. */
 static const char *const fault_names[] = { "bit_flip", "drop_byte", "double_byte", "lose_frame", "duplicate_frame",
