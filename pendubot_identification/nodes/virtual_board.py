@@ -22,6 +22,7 @@ from pendubot_identification.link.virtual_board import BoardSettings, Faults, Vi
 from pendubot_identification.model.parameters import PRESETS
 from pendubot_identification.model.simulation import HANGING, LatePlant
 
+from .emulated_board import emulate
 from .shutdown import Shutdown, ended
 
 EPILOG = f"""\
@@ -106,6 +107,11 @@ def parser() -> argparse.ArgumentParser:
         metavar='NAME=VALUE',
         help='something that goes wrong, see below; repeatable',
     )
+    p.add_argument(
+        '--qemu',
+        action='store_true',
+        help="the firmware of a real board, run by QEMU: 100 Hz, the paper's pendubot; only --link counts besides",
+    )
     p.add_argument('--duration', type=float, default=float('inf'), metavar='S', help='end after so many seconds')
     return p
 
@@ -166,6 +172,9 @@ def main(args: Sequence[str] | None = None) -> int:
     stop = Shutdown()
     stop.set_at_signal()
     try:
+        if options.qemu:
+            emulate(options.link, stop)
+            return 0
         with PtyServer(make_board(options), options.link, options.trace, _tell, options.patient) as server:
             signal.signal(signal.SIGUSR1, lambda *_: server.pull())
             signal.signal(signal.SIGUSR2, lambda *_: server.plug())

@@ -43,8 +43,9 @@ class Emulator:
         self._process = subprocess.Popen(
             list(map(str, words)), stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
         )
-        said = self._process.stdout.readline()
-        self.port = re.search(r'/dev/pts/\d+', said)[0]
+        self.port = re.search(r'/dev/pts/\d+', self._process.stdout.readline())[0]
+        while not self._socket.exists():
+            time.sleep(0.01)
 
     def __enter__(self):
         return self
@@ -71,15 +72,24 @@ class Emulator:
             line.settimeout(10)
             line.connect(str(self._socket))
 
-            def ask(command, answered=True):
+            def ask(command):
                 line.sendall(f'${command}#{sum(command.encode()) % 256:02x}'.encode())
-                said = b''
-                while answered and not re.search(rb'\$([^#]*)#..', said):
-                    said += line.recv(4096)
-                line.sendall(b'+')
-                return re.search(rb'\$([^#]*)#..', said)[1].decode() if answered else ''
+                # That it stands still now is told once more, unasked, when one connects.
+                unasked = () if command in ('s', 'c') else ('T',)
+                while (answer := packet()).startswith(unasked):
+                    pass
+                return answer
 
-            ask('?')
+            def packet():
+                nonlocal said
+                while (match := re.search(rb'\$([^#]*)#..', said)) is None:
+                    said += line.recv(4096)
+                said = said[match.end() :]
+                line.sendall(b'+')
+                return match[1].decode()
+
+            said = b''
+            ask('qXfer:features:read:target.xml:0,fff')  # who has not asked may not touch single registers
             yield ask
             ask('D')
 
