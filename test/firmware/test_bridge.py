@@ -87,10 +87,6 @@ class Listener:
         answer = call(self.node, client, Trigger.Request())
         assert answer.success, answer.message
 
-    def spin(self, seconds, each=lambda: None):
-        end = time.monotonic() + seconds
-        spin_until(self.node, lambda: each() or time.monotonic() > end, seconds + 1)
-
 
 @pytest.fixture
 def listener(ros):
@@ -112,16 +108,18 @@ def test_1_khz_reaches_the_bridge_whole_and_its_watchdog_outlasts_the_bridge(boa
 
         def drive():
             while not ended.wait(0.05):
-                listener.command(rng.uniform(-0.4, 0.4))
+                # Gently: from one that turns over, a difference in the last digit grows to turns within a minute.
+                listener.command(rng.uniform(-0.1, 0.1))
 
         thread = threading.Thread(target=drive)
         thread.start()
-        listener.spin(SECONDS)
+        # The board's seconds: QEMU's may be longer.
+        assert spin_until(listener.node, lambda: len(listener.samples) >= 1000 * SECONDS, 3 * SECONDS)
         bridge.kill()
         killed = time.monotonic()
         ended.set()
         thread.join()
-        listener.spin(0.3)
+        spin_until(listener.node, lambda: False, 0.3)
         values = listener.values
     line = Line(board)
     events = [e for e in line.events(1.0) if isinstance(e, State)]
@@ -129,7 +127,6 @@ def test_1_khz_reaches_the_bridge_whole_and_its_watchdog_outlasts_the_bridge(boa
     line.close()
 
     q, torque = np.array(listener.samples)[:, :2], np.array(listener.samples)[:, 2]
-    assert len(q) > 900 * SECONDS
     assert np.count_nonzero(np.diff(torque)) > 15 * SECONDS
     print(f'{len(q)} samples, lost {values["lost"]}, damaged {values["damaged"]}')
     assert (values['lost'], values['damaged'], values['duplicates'], values['flagged']) == ('0', '0', '0', '0')
