@@ -24,7 +24,7 @@ from .emulator import Emulator, Line
 pytestmark = pytest.mark.ros
 
 #: How long the bridge runs at 1 kHz [s]; a minute by hand: FIRMWARE_SECONDS=60.
-SECONDS = float(os.environ.get('FIRMWARE_SECONDS', '4'))
+SECONDS = float(os.environ.get('FIRMWARE_SECONDS', '3'))
 #: Of the tests of the bridge on the Python board, those that run in CI on the C board; all by hand: FIRMWARE_ALL=1.
 FEW = {'test_it_is_armed_only_after_arm_and_obeys_until_disarm', 'test_diagnostics_name_every_counter'}
 COUNT = 2 * np.pi / 4000

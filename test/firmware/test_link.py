@@ -28,7 +28,7 @@ from pendubot_identification.model.parameters import PAPER
 from pendubot_identification.model.simulation import Plant
 from test.conftest import ROOT
 
-from .building import FIRMWARE, compiled
+from .building import FIRMWARE, compiled, made, need
 from .link_probe import LinkProbe, anonymous
 
 #: Damaged inputs that are tried; a million by hand: FIRMWARE_INPUTS=1000000.
@@ -336,3 +336,8 @@ def test_every_status_bit_of_the_header_is_that_of_the_page(probe):
     header = (FIRMWARE / 'pendubot_link.h').read_text()
     bits = {name: 1 << int(bit) for name, bit in re.findall(r'PENDUBOT_(\w+) = 1 << (\d+)', header)}
     assert bits == {bit.name: int(bit) for bit in Status}
+
+
+def test_the_compilers_own_search_for_errors_finds_none():
+    need('cc', 'gcc')
+    made('analyze')

@@ -3,9 +3,11 @@
 
 """``virtual_board --qemu``: the firmware at 100 Hz, where launch files and the demo look for a virtual board."""
 
+import pytest
+
+from pendubot_identification.errors import LinkError
 from pendubot_identification.link.protocol import Hello, HelloRequest, encode
 from pendubot_identification.nodes import emulated_board
-from pendubot_identification.nodes.virtual_board import main
 from test.processes import Program
 
 from .building import made, need
@@ -31,12 +33,12 @@ def test_it_stands_behind_its_link_until_a_signal_ends_it(tmp_path):
     assert boots[0].boot_id != boots[1].boot_id
 
 
-def test_what_is_missing_is_named(tmp_path, monkeypatch, capsys):
+def test_what_is_missing_is_named(tmp_path, monkeypatch):
     monkeypatch.setattr(emulated_board, 'resource', lambda _: tmp_path)
-    assert main(['--qemu']) == 1
-    assert 'emulated-100.elf is missing; build it by: make -C firmware' in capsys.readouterr().err
+    with pytest.raises(LinkError, match=r'emulated-100.elf is missing; build it by: make -C firmware'):
+        emulated_board.firmware()
     (tmp_path / 'build').mkdir()
     (tmp_path / 'build/emulated-100.elf').touch()
     monkeypatch.setenv('PATH', '')
-    assert main(['--qemu']) == 1
-    assert 'qemu-system-arm is not installed' in capsys.readouterr().err
+    with pytest.raises(LinkError, match='qemu-system-arm is not installed'):
+        emulated_board.firmware()
