@@ -151,11 +151,13 @@ def test_1_khz_reaches_the_bridge_whole_and_its_watchdog_outlasts_the_bridge(boa
 @both
 def test_the_boards_own_clock_decides_when_it_trips(board):
     line = Line(board)
+    line.events(10, lambda e: isinstance(e, State))  # it has started, and hears
     line.write(encode(HelloRequest(1, 0)))
-    (hello,) = (e for e in line.events(10, lambda e: isinstance(e, Hello)) if isinstance(e, Hello))
+    hello = line.events(10, lambda e: isinstance(e, Hello))[-1]
     assert (hello.cpr1, hello.sample_period_us) == (4000, 1000)
     line.write(encode(Command(2, 0, 0, 100, 0)) + encode(Command(3, 0, 1, 100, 300_000)))
-    states = line.events(10, lambda e: isinstance(e, State) and e.status & Status.WATCHDOG)
+    events = line.events(10, lambda e: isinstance(e, State) and e.status & Status.WATCHDOG)
+    states = [e for e in events if isinstance(e, State)]
     line.close()
     armed = [s.t_us for s in states if s.torque]
     assert [s.torque for s in states if s.status & Status.ARMED] == [300_000] * len(armed)

@@ -9,7 +9,7 @@ import re
 import struct
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pendubot_identification.link.protocol import (
@@ -136,7 +136,6 @@ heard = st.one_of(
 )
 
 
-@settings(max_examples=60)
 @given(
     steps=st.lists(st.lists(heard, max_size=4), min_size=1, max_size=25),
     clock=st.sampled_from([0, 2**32 - 55_000]),
