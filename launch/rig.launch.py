@@ -14,6 +14,7 @@ from launch.substitutions import LaunchConfiguration
 
 from pendubot_identification.errors import ParameterError
 from pendubot_identification.launching import described, include, program
+from pendubot_identification.nodes.emulated_board import firmware
 from pendubot_identification.resources import resource
 
 ARGUMENTS = {
@@ -50,6 +51,8 @@ def start(given):
     boards = {'python': [], 'qemu': ['--qemu']}
     if given['board'] not in boards:
         raise ParameterError(f'board is {given["board"]}; one of {", ".join(boards)} is expected')
+    if given['virtual'] and given['board'] == 'qemu':
+        firmware()  # or a sentence about what is missing
     train = {
         'duration': given['duration'],
         'amplitude_min': -abs(given['amplitude']),

@@ -5,13 +5,17 @@
 
 import pytest
 
-from pendubot_identification.errors import LinkError
+from pendubot_identification.errors import LinkError, ParameterError
 from pendubot_identification.link.protocol import Hello, HelloRequest, encode
 from pendubot_identification.nodes import emulated_board
+from test import test_launch
 from test.processes import Program
 
 from .building import made, need
 from .emulator import Line
+
+#: Fixtures.
+launch, packages = test_launch.launch, test_launch.packages
 
 
 def test_it_stands_behind_its_link_until_a_signal_ends_it(tmp_path):
@@ -42,3 +46,13 @@ def test_what_is_missing_is_named(tmp_path, monkeypatch):
     monkeypatch.setenv('PATH', '')
     with pytest.raises(LinkError, match='qemu-system-arm is not installed'):
         emulated_board.firmware()
+
+
+def test_a_launch_file_starts_it_or_says_what_is_missing(launch, tmp_path, monkeypatch):
+    monkeypatch.setattr(emulated_board, 'resource', lambda _: tmp_path)
+    with pytest.raises(ParameterError, match='nothing was started: board is z80; one of python, qemu is expected'):
+        launch('virtual', board='z80')
+    with pytest.raises(ParameterError, match=r'nothing was started: .*emulated-100.elf is missing'):
+        launch('virtual', board='qemu')
+    monkeypatch.setattr(emulated_board, 'firmware', lambda: None)
+    assert launch('virtual', board='qemu')['virtual_board'].arguments == ['--link', '/tmp/pendubot', '--qemu']
