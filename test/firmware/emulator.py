@@ -45,6 +45,7 @@ class Emulator:
         )
         self.port = re.search(r'/dev/pts/\d+', self._process.stdout.readline())[0]
         while not self._socket.exists():
+            assert self._process.poll() is None
             time.sleep(0.01)
 
     def __enter__(self):
