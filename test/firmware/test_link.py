@@ -315,6 +315,12 @@ def test_without_room_a_sample_is_lost_counted_and_said_once(probe):
     assert (bench.step().status, bench.step().status) == (Status.OVERRUN, 0)
 
 
+def test_a_hello_waits_for_room_beside_the_sample(probe):
+    bench = Bench(probe)
+    assert [type(event) for event in bench.events(room=87)] == [State]
+    assert [type(event) for event in bench.events(room=88)] == [Hello, State]
+
+
 def test_a_flood_neither_holds_samples_up_nor_keeps_the_motor_on(probe):
     """What a line carries in a period, ten times: noise, requests, then commands that nobody may obey."""
     bench = Bench(probe).armed()
