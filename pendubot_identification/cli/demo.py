@@ -25,6 +25,8 @@ whatever ROS_DOMAIN_ID and the like say, and reaches no real rig.
 BAG = 'paper_experiment'
 SAMPLES = 1800
 RATE = 100
+#: Options of virtual_board.
+BOARDS = {'python': [], 'qemu': ['--qemu']}
 
 
 def add_parser(subparsers: Any) -> None:
@@ -37,6 +39,12 @@ def add_parser(subparsers: Any) -> None:
     )
     parser.add_argument(
         '--output', type=Path, metavar='DIR', help='new folder for bag and result (default: a temporary one)'
+    )
+    parser.add_argument(
+        '--board',
+        choices=BOARDS,
+        default='python',
+        help='the virtual board, or the firmware of a real one, run by QEMU (default %(default)s)',
     )
     parser.add_argument('--seed', type=seed, default=1, help='of the torque, 0 or more (default %(default)s)')
     parser.add_argument(
@@ -67,15 +75,15 @@ def run(args: argparse.Namespace) -> int:
     folder = new_folder(args.output)
     with interruptible(folder / BAG), own_ros() as (rclpy, domain):
         print(f'virtual rig in ROS domain {domain}, files in {folder}', flush=True)
-        theta, label = _identified(rclpy, folder, args.seed)
+        theta, label = _identified(rclpy, folder, args.seed, args.board)
     return _show(folder, theta, label)
 
 
-def _identified(rclpy: Any, folder: Path, seed: int) -> tuple[list[float], str]:
+def _identified(rclpy: Any, folder: Path, seed: int, board: str) -> tuple[list[float], str]:
     """Run the chain in the folder; return what the late subscriber received."""
     bag, result = folder / BAG, folder / 'result.yaml'
-    print(f'virtual board: {RATE} Hz, 4000 counts per turn, the parameters of the paper')
-    once_more(lambda: record_excitation(rclpy, bag, SAMPLES, RATE, seed=seed))
+    print(f'virtual board ({board}): {RATE} Hz, 4000 counts per turn, the parameters of the paper')
+    once_more(lambda: record_excitation(rclpy, bag, SAMPLES, RATE, BOARDS[board], seed=seed))
     with Programs(folder) as programs:
         # The bridge's torques are held; to find that out from the data would take some seconds more.
         identifier = programs.start('identifier', *parameters(bags=f"['{bag}']", output=result, hold='zero'))

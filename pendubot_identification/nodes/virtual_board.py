@@ -21,6 +21,7 @@ from pendubot_identification.link.virtual_board import BoardSettings, Faults, Vi
 from pendubot_identification.model.parameters import PRESETS
 from pendubot_identification.model.simulation import HANGING, LatePlant
 
+from .emulated_board import emulate
 from .shutdown import Shutdown, ended
 
 EPILOG = f"""\
@@ -71,6 +72,8 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument('--trace', type=Path, metavar='FILE', help='write every sample as the board took it, as CSV')
     fault = 'something that goes wrong, see below; repeatable'
     p.add_argument('--fault', action='append', default=[], metavar='NAME=VALUE', help=fault)
+    qemu = "the firmware of a real board, run by QEMU: 100 Hz, the paper's pendubot; only --link counts besides"
+    p.add_argument('--qemu', action='store_true', help=qemu)
     number('--duration', math.inf, 'S', 'end after so many seconds')
     return p
 
@@ -127,6 +130,9 @@ def main() -> int:
     stop = Shutdown()
     stop.set_at_signal()
     try:
+        if options.qemu:
+            emulate(options.link, stop)
+            return 0
         with PtyServer(make_board(options), options.link, options.trace, _tell, options.patient) as server:
             signal.signal(signal.SIGUSR1, lambda *_: server.pull())
             signal.signal(signal.SIGUSR2, lambda *_: server.plug())
