@@ -23,8 +23,7 @@ from pendubot_identification.errors import BagError, TrajectoryError
 from pendubot_identification.trajectories.trajectory import Trajectory
 
 from .joint_states import JOINT_NAMES, JOINT_STATE, JOINT_STATES_TOPIC, JointDecoder, decode_joint_state
-from .mcap_file import FOREVER_NS, McapFile
-from .mcap_records import Messages
+from .mcap_file import FOREVER_NS, McapFile, Messages
 
 if TYPE_CHECKING:
     # Not for who only looks at a bag: scipy takes longer to import than the index of most to read.
@@ -182,8 +181,10 @@ class Stream:
         _require(reader, topic)
         self._reader, self._topic, self._joint_names = reader, topic, joint_names
         self._from_start = start is None
-        self._low = 0 if start is None else round(min(start * 1e9, FOREVER_NS))
-        self._high = FOREVER_NS if end is None else round(min(end * 1e9, FOREVER_NS))
+        self._low, self._high = (
+            otherwise if bound is None else round(min(bound * 1e9, FOREVER_NS))
+            for bound, otherwise in ((start, 0), (end, FOREVER_NS))
+        )
         # The index is of log times. Stamps are a latency older, so a little more is read; and where it turns out that
         # they are of quite another clock, everything.
         self._margin = LATENCY_NS
@@ -191,14 +192,12 @@ class Stream:
 
     def __iter__(self) -> Iterator[tuple[NDArray[np.int64], NDArray[np.float64]]]:
         low, high, topics = self._low, self._high, [self._topic]
-        first = next(iter(next(some for some in self._reader.messages(topics) if len(some))))
-        first_ns, logged_ns = decode_joint_state(first.data).stamp_ns, first.log_time
+        first = next(iter(next(self._reader.messages(topics))))
+        first_ns = decode_joint_state(first.data).stamp_ns
         decode = JointDecoder(self._joint_names, f'{self._reader.path}: {self._topic}')
-        from_ns, until_ns = logged_ns + low - self._margin, logged_ns + high + self._margin
+        from_ns, until_ns = first.log_time + low - self._margin, first.log_time + high + self._margin
         earliest, latest = FOREVER_NS, -FOREVER_NS
         for messages in self._reader.messages(topics, max(from_ns, 0), min(until_ns, FOREVER_NS)):
-            if not len(messages):
-                continue
             stamps, values = decode(messages)
             elapsed_ns = stamps - first_ns
             earliest, latest = min(earliest, int(elapsed_ns.min())), max(latest, int(elapsed_ns.max()))
@@ -320,7 +319,7 @@ def _opened(path: Path) -> tuple[list[McapFile], list[str]]:
     if os.path.isfile(path):
         return [McapFile(path)], []
     try:
-        names = sorted((name for name in os.listdir(path) if name.endswith(('.mcap', '.mcap.zstd'))), reverse=True)
+        names = os.listdir(path)
     except PermissionError as error:
         raise BagError(
             f'{path} cannot be read: {error.strerror}; check the permissions of this folder and of those above'
@@ -328,7 +327,7 @@ def _opened(path: Path) -> tuple[list[McapFile], list[str]]:
     except OSError:
         raise BagError(f'there is no bag {path}; give a bag folder or a .mcap file') from None
     # Of one that was being compressed, the one that is not removed yet.
-    found = {name.removesuffix('.zstd'): path / name for name in names}
+    found = {name.removesuffix('.zstd') for name in names if name.endswith(('.mcap', '.mcap.zstd'))}
     if not found:
         raise BagError(
             f'{path} is no bag that can be read here: it holds no .mcap file; give a bag recorded with storage mcap '
@@ -338,7 +337,7 @@ def _opened(path: Path) -> tuple[list[McapFile], list[str]]:
     # They are numbered, NAME_0.mcap to NAME_10.mcap.
     for name in sorted(found, key=lambda name: (len(name), name)):
         try:
-            files.append(McapFile(found[name]))
+            files.append(McapFile(path / (name if name in names else f'{name}.zstd')))
         except BagError as error:
             unread.append(str(error))
     # A power cut may leave one empty, but not all.

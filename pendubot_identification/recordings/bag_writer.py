@@ -12,6 +12,7 @@ import threading
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from pathlib import Path
 
 from mcap.data_stream import RecordBuilder
@@ -20,7 +21,7 @@ from mcap.writer import CompressionType, Writer
 
 from pendubot_identification.errors import BagError
 
-from .bag_metadata import METADATA, Qos, Topic, as_yaml, information, sync_folder, write_metadata
+from .bag_metadata import METADATA, Qos, as_yaml, information, sync_folder, write_metadata
 from .message_types import message_definition
 
 #: At the latest after so much time between messages' log times, what was written is handed to the system [ns].
@@ -68,9 +69,8 @@ class BagWriter:
         self.file = self._folder / f'{self.path.absolute().name}_0.mcap'
         self._lock, self._describing = threading.RLock(), threading.Lock()
         self._closed: BagError | None = None
-        self._topics: dict[int, Topic] = {}
-        self._schemas: dict[str, int] = {}
-        self._counts: Counter[str] = Counter()
+        self._topics: dict[int, tuple[Schema, Channel]] = {}
+        self._counts: Counter[int] = Counter()
         self._described = (-1, -1)
         self._first_ns = self._last_ns = self._latest_ns = self._flushed_ns = 0
         self._whole_size = self._chunks = self._pending = 0
@@ -101,27 +101,32 @@ class BagWriter:
             BagError: the type's definition is not installed.
         """
         definition = message_definition(type_name)
-        profiles = as_yaml([qos.profile()])
-        return self.add_channel(Topic(topic, type_name, definition.text.encode(), definition.type_hash, profiles))
+        metadata = {'offered_qos_profiles': as_yaml([qos.profile()]), 'topic_type_hash': definition.type_hash}
+        return self.add_channel(
+            Schema(0, definition.text.encode(), 'ros2msg', type_name), Channel(0, topic, 'cdr', metadata, 0)
+        )
 
-    def add_channel(self, topic: Topic) -> int:
-        """Announce a topic by its full description; return the channel to write to."""
+    def add_channel(self, schema: Schema, channel: Channel) -> int:
+        """Announce a topic as another bag describes it; return the channel to write to, one for what is the same."""
+        metadata = {'offered_qos_profiles': '', 'topic_type_hash': ''} | channel.metadata
         with self._explained():
-            schema = Schema(0, topic.definition, topic.definition_encoding, topic.type_name)
-            if topic.type_name not in self._schemas:
-                self._schemas[topic.type_name] = self._mcap.register_schema(schema.name, schema.encoding, schema.data)
-            schema.id = self._schemas[topic.type_name]
-            number: int = self._mcap.register_channel(topic.name, topic.encoding, schema.id, topic.channel_metadata())
+            same = [known for known, _ in self._topics.values() if replace(known, id=schema.id) == schema]
+            schema_id = same[0].id if same else self._mcap.register_schema(schema.name, schema.encoding, schema.data)
+            schema, channel = replace(schema, id=schema_id), replace(channel, metadata=metadata, schema_id=schema_id)
+            for number, (_, known) in self._topics.items():
+                if replace(known, id=channel.id) == channel:
+                    return number
+            channel.id = self._mcap.register_channel(channel.topic, channel.message_encoding, schema_id, metadata)
             # The library writes both into the next chunk. Were that one damaged in a file without an end, nobody could
             # read the others: so here once more.
             self._hand_over()
             records = RecordBuilder()
             schema.write(records)
-            Channel(number, topic.name, topic.encoding, topic.channel_metadata(), schema.id).write(records)
+            channel.write(records)
             self._file.write(records.end())
             self._hand_over()
-            self._topics[number] = topic
-        return number
+            self._topics[channel.id] = schema, channel
+        return channel.id
 
     def write(
         self, channel: int, data: bytes, log_time_ns: int, publish_time_ns: int | None = None, sequence: int = 0
@@ -145,7 +150,7 @@ class BagWriter:
                 self._first_ns = self._last_ns = self._flushed_ns = log_time_ns
             self._first_ns, self._last_ns = min(self._first_ns, log_time_ns), max(self._last_ns, log_time_ns)
             self._latest_ns = log_time_ns
-            self._counts[self._topics[channel].name] += 1
+            self._counts[channel] += 1
             self._pending += size
             # A clock that was set back must not stop the flushing.
             if abs(log_time_ns - self._flushed_ns) >= FLUSH_INTERVAL_NS:
@@ -189,7 +194,10 @@ class BagWriter:
 
     def _flush(self, coming: int = 0) -> None:
         """Hand over what is pending; where the room is needed to close the bag, close it without what is coming."""
-        described = sum(len(t.definition) + 2 * len(t.profiles) + 1024 for t in self._topics.values())
+        described = sum(
+            len(schema.data) + 2 * len(channel.metadata['offered_qos_profiles']) + 1024
+            for schema, channel in self._topics.values()
+        )
         chunks = (self._chunks + 1) * (CHUNK_COST + INDEX_COST * len(self._topics))
         needed = self._pending + coming + described + chunks + FILE_COST
         if reason := _shortage(self._folder, needed, self._reserve, self._whole_size):
@@ -216,7 +224,7 @@ class BagWriter:
         self._describe()
 
     def _information(self) -> dict[str, object]:
-        return information(self.file.name, self._topics.values(), self._counts, self._first_ns, self._last_ns)
+        return information(self.file.name, self._topics, self._counts, self._first_ns, self._last_ns)
 
     def _describe(self) -> None:
         """Write metadata.yaml, unless it says as much or more already."""

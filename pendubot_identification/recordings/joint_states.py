@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,7 +17,7 @@ from pendubot_identification.errors import BagError
 from pendubot_identification.trajectories.trajectory import Trajectory
 
 from .bag_writer import whole_bag
-from .mcap_records import FIELDS, Messages
+from .mcap_file import FIELDS, Messages
 from .message_types import typestore
 
 JOINT_STATE = 'sensor_msgs/msg/JointState'
@@ -52,15 +52,10 @@ def encode_joint_state(
 ) -> bytes:
     """Return a JointState as CDR, with its encapsulation header; units and shapes as in :class:`JointState`."""
     types = typestore().types
-    sec, nanosec = divmod(int(stamp_ns), 1_000_000_000)
-    stamp = types['builtin_interfaces/msg/Time'](sec=sec, nanosec=nanosec)
-    message = types[JOINT_STATE](
-        header=types['std_msgs/msg/Header'](stamp=stamp, frame_id=frame),
-        name=list(names),
-        position=np.asarray(position, dtype=np.float64),
-        velocity=np.asarray(velocity, dtype=np.float64),
-        effort=np.asarray(effort, dtype=np.float64),
-    )
+    stamp = types['builtin_interfaces/msg/Time'](*divmod(int(stamp_ns), 1_000_000_000))
+    header = types['std_msgs/msg/Header'](stamp, frame)
+    numbers = (np.asarray(values, dtype=np.float64) for values in (position, velocity, effort))
+    message = types[JOINT_STATE](header, list(names), *numbers)
     return bytes(typestore().serialize_cdr(message, JOINT_STATE, little_endian=True))
 
 
@@ -71,18 +66,12 @@ def decode_joint_state(data: bytes) -> JointState:
         BagError: the bytes are no JointState.
     """
     try:
-        message: object = typestore().deserialize_cdr(data, JOINT_STATE)
+        message: Any = typestore().deserialize_cdr(data, JOINT_STATE)
     except SerdeError as error:
         raise BagError(f'a message is no {JOINT_STATE} ({error}); record it again') from error
-    stamp = message.header.stamp  # type: ignore[attr-defined]
-    return JointState(
-        stamp_ns=stamp.sec * 1_000_000_000 + stamp.nanosec,
-        names=tuple(message.name),  # type: ignore[attr-defined]
-        position=message.position,  # type: ignore[attr-defined]
-        velocity=message.velocity,  # type: ignore[attr-defined]
-        effort=message.effort,  # type: ignore[attr-defined]
-        frame=message.header.frame_id,  # type: ignore[attr-defined]
-    )
+    stamp_ns = message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
+    numbers = message.position, message.velocity, message.effort
+    return JointState(stamp_ns, tuple(message.name), *numbers, message.header.frame_id)
 
 
 class JointDecoder:

@@ -118,9 +118,9 @@ def test_a_window_counts_from_the_bags_first_sample(bag, start, end, first, last
 
 def test_a_window_reads_no_more_than_itself_and_a_latency(bag, monkeypatch):
     read = []
-    unpacked = mcap_file.unpacked
+    unpacked = mcap_file._unpacked
     monkeypatch.setattr(mcap_file, 'TOGETHER', 1)
-    monkeypatch.setattr(mcap_file, 'unpacked', lambda record: read.append(record) or unpacked(record))
+    monkeypatch.setattr(mcap_file, '_unpacked', lambda record: read.append(record) or unpacked(record))
     read_trajectory(BagWindow(bag, 5, 5.5))
     assert len(read) < 35
     read.clear()

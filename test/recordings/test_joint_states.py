@@ -18,7 +18,7 @@ from pendubot_identification.recordings.joint_states import (
     decode_joint_state,
     encode_joint_state,
 )
-from pendubot_identification.recordings.mcap_records import FIELDS, MESSAGE, understood
+from pendubot_identification.recordings.mcap_file import FIELDS, MESSAGE, understood
 
 JOINTS = ('shoulder', 'elbow')
 numbers = st.floats(allow_nan=True, allow_infinity=True, width=64)

@@ -141,8 +141,8 @@ def test_a_window_holds_what_it_holds_in_the_closed_bag(closed, tmp_path_factory
 def test_a_window_reads_the_chunks_of_the_window(closed, tmp_path, monkeypatch):
     reader, other = BagReader(unclosed(tmp_path / 'bag', closed.data[:-100])), BagReader(closed.path)
     read = []
-    unpacked = mcap_file.unpacked
-    monkeypatch.setattr(mcap_file, 'unpacked', lambda record: read.append(record) or unpacked(record))
+    unpacked = mcap_file._unpacked
+    monkeypatch.setattr(mcap_file, '_unpacked', lambda record: read.append(record) or unpacked(record))
     monkeypatch.setattr(mcap_file, 'TOGETHER', 1)
     of_each = []
     for each in (reader, other):
