@@ -45,7 +45,7 @@ class BagWindow:
 
     def __post_init__(self) -> None:
         for bound in (self.start, self.end):
-            if bound is not None and not (math.isfinite(bound) and bound >= 0):
+            if bound is not None and not 0 <= bound < math.inf:
                 raise BagError(
                     f'{self}: {bound:g} is no time in a bag; START and END are seconds from its first sample'
                 )
@@ -83,15 +83,9 @@ class BagWindow:
 
 @dataclass(frozen=True)
 class RecordedTrajectory(Generic[Taken]):
-    """A motion from a bag, and what a result must say of that bag.
+    """A motion from a bag, t [s] from the bag's first sample on the topic, and what a result must say of that bag.
 
-    Attributes:
-        trajectory: t [s] from the bag's first sample on the topic, by ``header.stamp``; or what stands for a motion
-            that is too long to be held.
-        window: which part of which bag it is.
-        sha256: of the bag's .mcap files, one after the other.
-        closed: whether the bag's recording came to an end.
-        note: what could be read, in a sentence, where it did not; else empty.
+    ``sha256`` is of its .mcap files, one after the other; ``closed`` and ``note`` are as of :class:`BagReader`.
     """
 
     trajectory: Taken
@@ -105,9 +99,8 @@ class BagReader:
     """A bag folder or a single .mcap file, closed or not; what metadata.yaml says is not relied upon.
 
     Attributes:
-        path: the bag's folder or file.
         files: its .mcap files in order.
-        topics: by name, type and number of messages of each.
+        topics: type and number of messages of each, by name.
         first_ns, last_ns: earliest and latest log time [ns since the epoch], 0 in an empty bag.
         closed: whether its recording came to an end.
         note: what could be read, in a sentence, where it did not; else empty.
@@ -240,11 +233,7 @@ def read_recording(
 ) -> RecordedTrajectory[Recording]:
     """Read the motion of two joints from a window of a bag; what is too long to be held is read through once.
 
-    Args:
-        window: the bag, and which part of it.
-        topic: of type ``sensor_msgs/msg/JointState``.
-        joint_names: the shoulder's and the elbow's; messages may hold them in any order, among others.
-        reader: of the bag, where there is one already.
+    Messages may hold the joints in any order, among others. ``reader`` is of the bag, where there is one already.
 
     Raises:
         BagError: the bag, the topic or a joint is not there, or without effort or position.

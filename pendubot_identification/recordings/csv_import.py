@@ -36,10 +36,10 @@ def import_csv(
     zero: Zero = 'horizontal',
     elbow: Elbow = 'relative',
 ) -> Trajectory:
-    """Read a motion from a CSV file with a line of column names.
+    """Read a motion from a CSV file with a line of column names; separated by commas, semicolons or tabs.
 
     Args:
-        path: the file; separated by commas, semicolons or tabs.
+        path: the file.
         columns: the file's name for any of t [s], q1, q2, dq1, dq2, tau1, tau2 [N m] that it calls otherwise. Where
             tau2 is absent the elbow is not driven; where dq1 or dq2 is absent there are no velocities.
         degrees: angles and velocities are in degrees, not radians.

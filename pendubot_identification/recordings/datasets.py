@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from pathlib import Path
 
 from pendubot_identification.errors import TrajectoryError
@@ -67,15 +68,13 @@ def load_datasets(
     pairs = [('training', r, t) for r, t in zip(recordings, training, strict=True)]
     pairs += [('validation', r, t) for r, t in zip(judges, validation, strict=True)]
     notes = [r.note for _, r, _ in pairs if r.note]
-    for k, (role, first, motion) in enumerate(pairs):
-        for _, second, other in pairs[k + 1 :]:
-            starts, ends = zip(span(motion), span(other), strict=True)
-            common = first.sha256 == second.sha256 and max(starts) <= min(ends)
-            if common and role == 'training':
-                notes.append(
-                    f'{first.window} and {second.window} share samples: they count twice, and standard errors and J on '
-                    'validation look better than they are'
-                )
+    for (role, first, motion), (_, second, other) in combinations(pairs, 2):
+        starts, ends = zip(span(motion), span(other), strict=True)
+        if role == 'training' and first.sha256 == second.sha256 and max(starts) <= min(ends):
+            notes.append(
+                f'{first.window} and {second.window} share samples: they count twice, and standard errors and J on '
+                'validation look better than they are'
+            )
     sources = (
         Source(
             str(r.window),
@@ -90,12 +89,7 @@ def load_datasets(
         )
         for role, r, t in pairs
     )
-    return Datasets(
-        training=tuple(training),
-        validation=tuple(validation),
-        sources=tuple(sources),
-        notes=tuple(dict.fromkeys(notes)),
-    )
+    return Datasets(tuple(training), tuple(validation), tuple(sources), tuple(dict.fromkeys(notes)))
 
 
 class _Reader:

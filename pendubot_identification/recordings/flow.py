@@ -73,13 +73,15 @@ def diagnose(
         reserve: at which the recording ends [bytes].
     """
     worries: list[str] = []
-    values: dict[str, object] = {}
+    values: dict[str, str] = {}
     for topic, flow in flows.items():
         rate, lag = flow.report(elapsed)
-        values[f'{topic} messages'] = flow.count
-        values[f'{topic} rate [Hz]'] = f'{rate:.1f}'
-        values[f'{topic} lag [s]'] = f'{lag:.4f}'
-        values[f'{topic} lost'] = flow.lost
+        values |= {
+            f'{topic} messages': str(flow.count),
+            f'{topic} rate [Hz]': f'{rate:.1f}',
+            f'{topic} lag [s]': f'{lag:.4f}',
+            f'{topic} lost': str(flow.lost),
+        }
         if flow.lost:
             worries.append(f'{topic}: {flow.lost} messages lost')
         if lag > LATE:
@@ -89,7 +91,5 @@ def diagnose(
     if free < SCARCE * reserve:
         worries.append(f'{free / 1e6:.0f} MB left on the disk; the bag is closed at {reserve / 1e6:.0f}')
     worries += troubles
-    values['free [MB]'] = f'{free / 1e6:.1f}'
-    values['reserve [MB]'] = f'{reserve / 1e6:.1f}'
-    level = Level.WARN if worries else Level.OK
-    return Diagnosis(level, '; '.join(worries) or 'recording', {name: str(value) for name, value in values.items()})
+    values |= {'free [MB]': f'{free / 1e6:.1f}', 'reserve [MB]': f'{reserve / 1e6:.1f}'}
+    return Diagnosis(Level.WARN if worries else Level.OK, '; '.join(worries) or 'recording', values)

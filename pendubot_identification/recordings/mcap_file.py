@@ -108,10 +108,11 @@ class Messages:
 
 
 class Part(NamedTuple):
-    """A chunk, or records outside of chunks: where, how long [bytes], and what is in it."""
+    """A chunk, for which a checksum vouches, or records outside of chunks: where, how long [bytes], and what."""
 
     offset: int
     size: int
+    vouched: bool
     definitions: list[Schema | Channel]
     messages: Messages
 
@@ -237,10 +238,10 @@ class McapFile:
                 size = _end_of_run(self._read(at, max(size, min(TOGETHER, end - at))))
             elif opcode != Opcode.CHUNK:
                 return size, None
-            part = Part(at, size, *understood(_unpacked(self._read(at, size))))
+            part = Part(at, size, opcode == Opcode.CHUNK, *understood(_unpacked(self._read(at, size))))
             # Of a channel that was never heard of: it may well be a chunk whose first byte is damaged.
             known = {*self.channels, *(each.id for each in part.definitions if isinstance(each, Channel))}
-            if opcode == Opcode.CHUNK or known.issuperset(part.messages.heads['channel'].tolist()):
+            if part.vouched or known.issuperset(part.messages.heads['channel'].tolist()):
                 return size, part
         except OSError:
             raise
@@ -294,7 +295,8 @@ class McapFile:
         damages: list[Damage] = []
         numbers = array('q')
         for part in self.whole_parts(damages):
-            self._learn(*part.definitions)
+            for each in part.definitions:
+                self._learn(each, part.vouched)
             if part.messages:
                 logged = part.messages.heads['logged']
                 numbers.extend((int(logged.min()), int(logged.max()), part.offset, part.size))
@@ -315,9 +317,9 @@ class McapFile:
                 self.note += f'; {lost} bytes among them are not, first at byte {inside[0].offset}'
         return index
 
-    def _learn(self, *definitions: Schema | Channel) -> None:
-        for each in definitions:
-            known: dict[int, Any] = self.schemas if isinstance(each, Schema) else self.channels
+    def _learn(self, each: Schema | Channel, vouched: bool = True) -> None:
+        known: dict[int, Any] = self.schemas if isinstance(each, Schema) else self.channels
+        if vouched or each.id not in known:
             known[each.id] = each
 
     def _read(self, at: int, size: int) -> bytes:
