@@ -159,7 +159,7 @@ class Stream:
     of position [rad], effort [N m] and velocity [rad/s], NaN where there is none, shape (N, 3, 2).
 
     Raises:
-        BagError: the topic is not there, or not of JointStates; when read, a joint is not there or without position or
+        BagError: the topic is not there or not of JointStates; when read, a joint is missing or has no position or
             effort, or a part that is needed is damaged.
     """
 
@@ -174,10 +174,8 @@ class Stream:
         _require(reader, topic)
         self._reader, self._topic, self._joint_names = reader, topic, joint_names
         self._from_start = start is None
-        self._low, self._high = (
-            otherwise if bound is None else round(min(bound * 1e9, FOREVER_NS))
-            for bound, otherwise in ((start, 0), (end, FOREVER_NS))
-        )
+        self._low = round(min((start or 0.0) * 1e9, FOREVER_NS))
+        self._high = FOREVER_NS if end is None else round(min(end * 1e9, FOREVER_NS))
         # The index is of log times. Stamps are a latency older, so a little more is read; and where it turns out that
         # they are of quite another clock, everything.
         self._margin = LATENCY_NS

@@ -24,15 +24,10 @@ from pendubot_identification.errors import BagError
 from .bag_metadata import METADATA, Qos, as_yaml, information, sync_folder, write_metadata
 from .message_types import message_definition
 
-#: At the latest after so much time between messages' log times, what was written is handed to the system [ns].
-FLUSH_INTERVAL_NS = 100_000_000
-
-#: A chunk is closed and handed to the system before it grows beyond this [bytes].
-CHUNK_SIZE = 64 * 1024
-
+#: A chunk is handed to the system after so much time between messages' log times, or before it is longer than this.
+FLUSH_INTERVAL_NS, CHUNK_SIZE = 100_000_000, 64 * 1024
 #: What a message, a chunk, a channel of a chunk and a whole file need beside the data, at most [bytes].
 MESSAGE_COST, CHUNK_COST, INDEX_COST, FILE_COST = 64, 256, 64, 16384
-
 #: What a publisher offers that asks for nothing special.
 OFFERED = Qos()
 
@@ -131,14 +126,9 @@ class BagWriter:
     def write(
         self, channel: int, data: bytes, log_time_ns: int, publish_time_ns: int | None = None, sequence: int = 0
     ) -> None:
-        """Write one message.
+        """Write one message, as CDR with its encapsulation header.
 
-        Args:
-            channel: from :meth:`add_topic`.
-            data: the message as CDR, with its encapsulation header.
-            log_time_ns: when it was received [ns since the epoch].
-            publish_time_ns: when it was published; the same, where that is not known.
-            sequence: its number, of those on this channel.
+        Times are when it was received and published [ns since the epoch]; ``sequence`` is its number on this channel.
         """
         published_ns = log_time_ns if publish_time_ns is None else publish_time_ns
         size = len(data) + MESSAGE_COST
@@ -194,12 +184,10 @@ class BagWriter:
 
     def _flush(self, coming: int = 0) -> None:
         """Hand over what is pending; where the room is needed to close the bag, close it without what is coming."""
-        described = sum(
-            len(schema.data) + 2 * len(channel.metadata['offered_qos_profiles']) + 1024
-            for schema, channel in self._topics.values()
-        )
         chunks = (self._chunks + 1) * (CHUNK_COST + INDEX_COST * len(self._topics))
-        needed = self._pending + coming + described + chunks + FILE_COST
+        needed = self._pending + coming + chunks + FILE_COST
+        for schema, channel in self._topics.values():
+            needed += len(schema.data) + 2 * len(channel.metadata['offered_qos_profiles']) + 1024
         if reason := _shortage(self._folder, needed, self._reserve, self._whole_size):
             self._close()
             sentence = f'{self.path} is closed with all that was received before: {reason}; free some space'
@@ -261,9 +249,7 @@ class BagWriter:
 def whole_bag(path: Path, *, overwrite: bool = False) -> Iterator[BagWriter]:
     """Write a bag whole or not at all: meanwhile it is beside its place, as ``NAME.NUMBER.partial``.
 
-    Args:
-        path: the bag's folder.
-        overwrite: replace a bag of this name, once the new one is whole. What is no bag is never touched.
+    With ``overwrite`` it replaces a bag of this name, once it is whole. What is no bag is never touched.
 
     Raises:
         BagError: the name is taken, or the system refuses to write.

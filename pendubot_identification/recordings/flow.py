@@ -19,14 +19,10 @@ SCARCE = 2
 
 @dataclass
 class Flow:
-    """One topic's messages.
+    """One topic's messages: how many came, and how many were published in between and never came.
 
     A publisher numbers its messages from 1 on. Whose number it is nobody says, so that with several publishers each
     number is counted for the one whose last number is just below.
-
-    Attributes:
-        count: messages that came.
-        lost: messages that were published in between and never came.
     """
 
     count: int = 0
@@ -63,14 +59,9 @@ class Flow:
 def diagnose(
     flows: Mapping[str, Flow], elapsed: float, *, troubles: tuple[str, ...], free: int, reserve: int
 ) -> Diagnosis:
-    """Return how a recording is doing.
+    """Return how a recording is doing, ``elapsed`` seconds after the last time; ``troubles`` are worth a warning, too.
 
-    Args:
-        flows: by topic.
-        elapsed: since the last time [s].
-        troubles: what else is worth a warning.
-        free: room left on the disk [bytes].
-        reserve: at which the recording ends [bytes].
+    ``free`` is the room left on the disk, ``reserve`` that at which the recording ends [bytes].
     """
     worries: list[str] = []
     values: dict[str, str] = {}

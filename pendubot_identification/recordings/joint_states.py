@@ -75,14 +75,10 @@ def decode_joint_state(data: bytes) -> JointState:
 
 
 class JointDecoder:
-    """Reads two joints from many JointStates at once.
+    """Reads two joints from many JointStates at once; ``source`` is named in errors.
 
     A JointState whose joints and frame keep their names differs from the others in its stamp and numbers alone. So one
     that rosbags has read says where the others hold theirs, until one comes that is laid out in another way.
-
-    Args:
-        joint_names: the shoulder's and the elbow's.
-        source: from where the messages are, to be said of one that cannot be used.
     """
 
     def __init__(self, joint_names: Sequence[str], source: str) -> None:
@@ -191,12 +187,7 @@ def write_trajectory(
 ) -> None:
     """Write a motion as a bag with the topic ``/joint_states``, whole or not at all.
 
-    Args:
-        path: the bag's folder.
-        trajectory: the motion; where it has no velocities, the messages have none.
-        joint_names: of the two joints, shoulder first.
-        start_ns: the stamp that stands for t = 0 [ns since the epoch].
-        overwrite: replace a bag of this name.
+    Where it has no velocities, the messages have none. ``start_ns`` is the stamp of t = 0 [ns since the epoch].
 
     Raises:
         BagError: the name is taken, or the system refuses to write.

@@ -18,9 +18,9 @@ from pendubot_identification.recordings.bag_writer import BagWriter
 from pendubot_identification.recordings.joint_states import JOINT_STATE, encode_joint_state
 from pendubot_identification.recordings.message_types import message_definition
 
+from .test_bag_writer import START, STEP, message
+
 SECOND = 1_000_000_000
-START = 1_700_000_000 * SECOND
-STEP = SECOND // 100
 JOINTS = ('shoulder', 'elbow')
 
 
@@ -117,7 +117,7 @@ def test_stamps_of_quite_another_clock_are_found_all_the_same(tmp_path):
     np.testing.assert_array_equal(trajectory.tau[[0, -1], 0], [200, 599])
 
 
-def test_joints_are_taken_by_name(tmp_path):
+def test_any_two_joints_of_any_topic_may_be_named(tmp_path):
     path = write(
         tmp_path / 'bag',
         samples(
@@ -129,12 +129,9 @@ def test_joints_are_taken_by_name(tmp_path):
         ),
         topic='/rig/joints',
     )
-    trajectory = read_trajectory(path, topic='/rig/joints').trajectory
-    np.testing.assert_array_equal(trajectory.q[0], [1, 2])
-    np.testing.assert_array_equal(trajectory.qd[0], [3, 4])
-    np.testing.assert_array_equal(trajectory.tau[0], [5, 6])
-    trajectory = read_trajectory(path, topic='/rig/joints', joint_names=('gripper', 'elbow')).trajectory
-    np.testing.assert_array_equal(trajectory.q[0], [9, 2])
+    for names, q in ((JOINTS, [1, 2]), (('gripper', 'elbow'), [9, 2])):
+        trajectory = read_trajectory(path, topic='/rig/joints', joint_names=names).trajectory
+        np.testing.assert_array_equal(trajectory.q[0], q)
 
 
 def test_splits_are_read_in_order(tmp_path):
@@ -147,22 +144,42 @@ def test_splits_are_read_in_order(tmp_path):
     assert len(read_trajectory(path).trajectory) == 1200
 
 
-@pytest.mark.parametrize('chunked', [True, False])
-@pytest.mark.parametrize('indexed', [True, False])
-def test_files_of_other_writers_are_read(tmp_path, chunked, indexed):
-    definition = message_definition(JOINT_STATE)
-    options = {} if indexed else {'use_statistics': False, 'repeat_channels': False, 'use_summary_offsets': False}
-    with (tmp_path / 'other.mcap').open('wb') as file:
-        writer = Writer(file, compression=CompressionType.ZSTD, use_chunking=chunked, **options)
+def foreign(path, numbers=range(300), **options):
+    """Write some samples as others do; return the file's bytes without its end."""
+    with path.open('wb') as file:
+        writer = Writer(file, chunk_size=4000, **options)
         writer.start(profile='ros2')
-        schema = writer.register_schema(JOINT_STATE, 'ros2msg', definition.text.encode())
-        channel = writer.register_channel('/joint_states', 'cdr', schema)
-        for stamp, *content in samples(200):
-            writer.add_message(channel, stamp, encode_joint_state(stamp, *content), stamp)
+        text = message_definition(JOINT_STATE).text.encode()
+        channel = writer.register_channel('/joint_states', 'cdr', writer.register_schema(JOINT_STATE, 'ros2msg', text))
+        for stamp, data in map(message, numbers):
+            writer.add_message(channel, stamp, data, stamp)
+        writer.flush()
+        end = file.tell()
         writer.finish()
-    recorded = read_trajectory(BagWindow(tmp_path / 'other.mcap', 0.5, None))
-    assert recorded.closed
-    assert len(recorded.trajectory) == 150
+    return path.read_bytes()[:end]
+
+
+@pytest.mark.parametrize('closed', [True, False])
+@pytest.mark.parametrize(
+    'options',
+    [
+        {'compression': CompressionType.ZSTD},
+        {'compression': CompressionType.LZ4},
+        {'compression': CompressionType.NONE, 'enable_crcs': False},
+        {'use_chunking': False},
+        {'use_statistics': False, 'repeat_channels': False, 'use_summary_offsets': False},
+    ],
+    ids=['zstd', 'lz4', 'no checksums', 'no chunks', 'no index'],
+)
+def test_files_of_other_writers_are_read(tmp_path, options, closed):
+    file = tmp_path / 'other.mcap'
+    unfinished = foreign(file, **options)
+    if not closed:
+        file.write_bytes(unfinished)
+    recorded = read_trajectory(BagWindow(file, 0.5, 2))
+    assert recorded.closed == closed
+    np.testing.assert_array_equal(recorded.trajectory.t, np.arange(50, 200) * STEP / 1e9)
+    np.testing.assert_array_equal(recorded.trajectory.tau[:, 0], np.arange(50, 200))
 
 
 def test_a_damaged_index_hides_no_message(bag, tmp_path):

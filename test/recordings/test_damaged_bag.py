@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from mcap.writer import CompressionType, Writer
+from mcap.writer import CompressionType
 
 from pendubot_identification.errors import BagError
 from pendubot_identification.recordings import mcap_file
@@ -19,11 +19,11 @@ from pendubot_identification.recordings.bag_metadata import Qos
 from pendubot_identification.recordings.bag_reader import BagReader, Stream
 from pendubot_identification.recordings.bag_repair import repair
 from pendubot_identification.recordings.bag_writer import BagWriter
-from pendubot_identification.recordings.joint_states import JOINT_NAMES, JOINT_STATE
-from pendubot_identification.recordings.message_types import message_definition
+from pendubot_identification.recordings.joint_states import JOINT_NAMES
 
 from . import damage
 from .independent import by_mcap, by_rosbags, chunks
+from .test_bag_reader import foreign
 from .test_bag_writer import FLOAT, START, STEP, message
 
 #: A chunk holds so many messages here.
@@ -61,20 +61,6 @@ def test_a_damaged_chunk_costs_its_own_messages(tmp_path, place, at, flip):
     outcome = damage.examine(tmp_path / 'bag', tmp_path / 'copy', sent)
     assert (outcome.silent, outcome.refused) == (0, False)
     assert min(outcome.read, outcome.saved) >= damage.COUNT - CHUNK
-
-
-def test_what_is_lost_is_counted_and_where_it_is(tmp_path):
-    sent = damage.write(tmp_path / 'bag', closed=False)
-    file = tmp_path / 'bag' / 'bag_0.mcap'
-    hit = file.read_bytes().index(sent[200][2]) + 20
-    damage.flip(file, hit)
-    (saved,) = repair(tmp_path / 'bag', tmp_path / 'copy')
-    assert not saved.whole
-    assert sum(saved.saved.values()) + sum(saved.missing.values()) == damage.COUNT
-    assert sum(saved.missing.values()) > 0
-    (place,) = saved.damaged
-    assert place.offset < hit < place.offset + place.size
-    assert f'{place.size} bytes among them are not, first at byte {place.offset}' in BagReader(tmp_path / 'bag').note
 
 
 def test_a_repaired_bag_says_all_that_the_original_said(tmp_path):
@@ -192,32 +178,8 @@ def test_a_file_that_became_another_one_is_one_sentence(closed, tmp_path):
             of_topic(reader, TOPIC)
 
 
-def foreign(path, numbers, **options):
-    """Write some samples as others do; return the file's bytes without its end."""
-    with path.open('wb') as file:
-        writer = Writer(file, chunk_size=4000, **options)
-        writer.start(profile='ros2')
-        text = message_definition(JOINT_STATE).text.encode()
-        channel = writer.register_channel(TOPIC, 'cdr', writer.register_schema(JOINT_STATE, 'ros2msg', text))
-        for k in numbers:
-            stamp, data = message(k)
-            writer.add_message(channel, stamp, data, stamp)
-        writer.flush()
-        end = file.tell()
-        writer.finish()
-    return path.read_bytes()[:end]
-
-
-@pytest.mark.parametrize('compression', [CompressionType.ZSTD, CompressionType.LZ4])
-def test_compressed_chunks_are_read(tmp_path, compression):
-    reader = BagReader(unclosed(tmp_path / 'bag', foreign(tmp_path / 'file', range(300), compression=compression)))
-    times, efforts = times_of(reader, 1, 2)
-    np.testing.assert_array_equal(times, np.arange(100, 200) * STEP)
-    np.testing.assert_array_equal(efforts, np.arange(100, 200))
-
-
 def test_without_checksums_a_chunk_is_whole_as_far_as_its_records_make_sense(tmp_path):
-    data = bytearray(foreign(tmp_path / 'file', range(300), compression=CompressionType.NONE, enable_crcs=False))
+    data = bytearray(foreign(tmp_path / 'file', compression=CompressionType.NONE, enable_crcs=False))
     found = chunks(tmp_path / 'file')
     hit = found.pop(len(found) // 2)
     data[hit.end - len(message(0)[1]) - 30] ^= 0x40  # the length of its last message
