@@ -297,11 +297,7 @@ def _require(reader: BagReader, topic: str) -> None:
 
 
 def _opened(path: Path) -> tuple[list[McapFile], list[str]]:
-    """Return the files of a bag in order, and of those that cannot be read, why not.
-
-    Raises:
-        BagError: there is no such bag, it is none, or nothing of it can be read.
-    """
+    """Return the files of a bag in order, and of those that cannot be read, why not; BagError if that is all."""
     # Path's own methods raise where a name is too long or a folder above is closed.
     if os.path.isfile(path):
         return [McapFile(path)], []

@@ -291,11 +291,7 @@ def _shortage(folder: Path, needed: int, reserve: int, size: int = 0) -> str:
 
 
 def _bag_files(path: Path) -> list[Path]:
-    """Return the files of a bag that may be replaced, none where there is nothing.
-
-    Raises:
-        BagError: something else is there.
-    """
+    """Return the files of a bag that may be replaced, none where there is nothing; BagError if it is something else."""
     if not os.path.lexists(path):
         return []
     content = sorted(path.iterdir()) if path.is_dir() else []

@@ -116,12 +116,12 @@ class _Layout(NamedTuple):
     Attributes:
         own: one of them, shape (bytes,).
         shared: 255 where all of them are the same, else 0, shape (bytes,).
-        numbers: their stamp as ``sec`` and ``nanosec``, their numbers by place in what the decoder returns, 0 to 5.
+        places: where the numbers begin that the decoder returns: positions, efforts and, where there are, velocities.
     """
 
     own: NDArray[np.uint8]
     shared: NDArray[np.uint8]
-    numbers: np.dtype[np.void]
+    places: list[int]
 
     @classmethod
     def of(cls, data: bytes, state: JointState, joints: list[int]) -> _Layout | None:
@@ -133,26 +133,24 @@ class _Layout(NamedTuple):
             return None
         # Where this one differs from what is encoded here there is padding, in which anything may stand.
         shared = np.where((clear == full) & (clear == own), 255, 0).astype(np.uint8)
-        shared[4:12] = 0
-        n, places = len(state.names), np.flatnonzero(clear != full)[::8]
-        velocities = places[n:-n][joints] if len(state.velocity) == n else ()
-        offsets = [*places[:n][joints], *places[-n:][joints], *velocities]
-        fields = {'sec': ('<i4', 4), 'nanosec': ('<u4', 8), **{str(k): ('<f8', at) for k, at in enumerate(offsets)}}
-        formats, at = zip(*fields.values(), strict=True)
-        return cls(own, shared, np.dtype({'names': [*fields], 'formats': formats, 'offsets': at, 'itemsize': len(own)}))
+        shared[4:12] = 0  # the stamp
+        n, numbers = len(state.names), np.flatnonzero(clear != full)[::8]
+        velocities = numbers[n:-n][joints] if len(state.velocity) == n else ()
+        return cls(own, shared, [*numbers[:n][joints], *numbers[-n:][joints], *velocities])
 
     def read(
         self, messages: Messages, which: NDArray[np.intp], stamps: NDArray[np.int64], values: NDArray[np.float64]
     ) -> NDArray[np.bool_]:
         """Read some messages into their places, as far as they are laid out like this; return which of them are."""
-        found = messages.heads['length'][which] == FIELDS + len(self.own)
-        records = messages.part(which[found]).contents(self.numbers)
-        rows = records.view(np.uint8).reshape(-1, len(self.own))
+        size = len(self.own)
+        found = messages.heads['length'][which] == FIELDS + size
+        rows = messages.part(which[found]).contents(f'V{size}').view(np.uint8).reshape(-1, size)
         found[found] = alike = ~((rows ^ self.own) & self.shared).any(axis=1)
-        records, which = records[alike], which[found]
-        stamps[which] = records['sec'].astype(np.int64) * 1_000_000_000 + records['nanosec']
-        for k in range(len(self.numbers.fields or ()) - 2):
-            values.reshape(-1, 6)[which, k] = records[str(k)]
+        rows, which = rows[alike], which[found]
+        sec, nanosec = rows[:, 4:8].view('<i4')[:, 0], rows[:, 8:12].view('<u4')[:, 0]
+        stamps[which] = sec.astype(np.int64) * 1_000_000_000 + nanosec
+        for k, at in enumerate(self.places):
+            values.reshape(-1, 6)[which, k] = rows[:, at : at + 8].view('<f8')[:, 0]
         return found
 
 

@@ -39,12 +39,8 @@ MAGIC = b'\x89MCAP0\r\n'
 #: Opcode and length of a record.
 HEAD = struct.Struct('<BQ')
 #: A message's record up to its data.
-MESSAGE = np.dtype(
-    [
-        *(('opcode', 'u1'), ('length', '<u8'), ('channel', '<u2')),
-        *(('sequence', '<u4'), ('logged', '<i8'), ('published', '<i8')),
-    ]
-)
+MESSAGE = np.dtype('u1, <u8, <u2, <u4, <i8, <i8')
+MESSAGE.names = ('opcode', 'length', 'channel', 'sequence', 'logged', 'published')
 #: What a message's length counts beside its data.
 FIELDS = MESSAGE.itemsize - HEAD.size
 #: The record before the last magic.
@@ -204,8 +200,7 @@ class McapFile:
     def whole_parts(self, damages: list[Damage]) -> Iterator[Part]:
         """Return what is whole from the beginning of the file to its end, whatever an index says.
 
-        Args:
-            damages: to which what is not whole is added, as it is passed.
+        What is not whole is added to ``damages`` as it is passed.
 
         Raises:
             OSError: the system refuses to read.
@@ -260,11 +255,7 @@ class McapFile:
         return end
 
     def _read_summary(self) -> NDArray[np.int64]:
-        """Take what the end of the file says of the rest; return its index of chunks.
-
-        Raises:
-            Exception: it says nothing, or what makes no sense.
-        """
+        """Take what the end of the file says of the rest; return its index of chunks, or raise anything."""
         at = self._size - len(MAGIC) - FOOTER_SIZE
         record = self._read(at, FOOTER_SIZE + len(MAGIC))
         footer = _parsed(Footer, record[HEAD.size : FOOTER_SIZE])
@@ -330,11 +321,7 @@ class McapFile:
 
 
 def understood(data: bytes) -> tuple[list[Schema | Channel], Messages]:
-    """Return the definitions and the messages in the bytes of records that may stand in a chunk.
-
-    Raises:
-        Exception: they are no such records.
-    """
+    """Return the definitions and the messages in the bytes of records that may stand in a chunk, or raise anything."""
     definitions: list[Schema | Channel] = []
     size = HEAD.size + int.from_bytes(data[1 : HEAD.size], 'little')
     if _alike(data, size):
@@ -365,11 +352,7 @@ def _alike(data: bytes, size: int) -> bool:
 
 
 def _records(data: bytes) -> Iterator[tuple[int, int, int]]:
-    """Return opcode, begin and end of each record's content.
-
-    Raises:
-        ValueError, struct.error: the bytes are no records.
-    """
+    """Return opcode, begin and end of each record's content; ValueError or struct.error where there is none."""
     end = 0
     while end < len(data):
         opcode, length = HEAD.unpack_from(data, end)
@@ -407,11 +390,7 @@ def _gathered(data: bytes, places: NDArray[np.int64], kind: np.dtype[Any]) -> ND
 
 
 def _unpacked(record: bytes) -> bytes:
-    """Return the records in a chunk, decompressed and checked; what is no chunk, as it is.
-
-    Raises:
-        Exception: it is damaged, or claims to be far too long.
-    """
+    """Return the records in a chunk, decompressed and checked, or raise anything; what is no chunk, as it is."""
     if record[0] != Opcode.CHUNK:
         return record
     chunk = _parsed(Chunk, record[HEAD.size :])
