@@ -20,20 +20,15 @@ from .mcap_file import Damage, McapFile
 class SavedFile:
     """What became of one file of a bag.
 
-    Attributes:
-        file: the original's path.
-        closed: whether it had an end and an index.
-        saved: messages, by topic.
-        missing: messages that are known to be lost, by topic: of those that the index counts, or else of the recorder's
-            numbers between the first and the last that were saved. What came after the last is not known.
-        damaged: what could not be used.
+    Messages that are known to be missing are those that the index counts, or else those of the recorder's numbers
+    between the first and the last that were saved. What came after the last is not known.
     """
 
-    file: str
-    closed: bool
-    saved: dict[str, int]
-    missing: dict[str, int]
-    damaged: list[Damage]
+    file: str  #: the original's path
+    closed: bool  #: whether it had an end and an index
+    saved: dict[str, int]  #: messages, by topic
+    missing: dict[str, int]  #: messages, by topic
+    damaged: list[Damage]  #: what could not be used
 
     @property
     def whole(self) -> bool:
