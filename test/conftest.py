@@ -33,7 +33,7 @@ def pytest_collection_modifyitems(items):
     """A test that needs the real recordings is skipped, and says so, where they are not."""
     if not (RECORDINGS / 'manifest.csv').exists():
         for item in items:
-            if 'recordings' in item.keywords:
+            if item.get_closest_marker('recordings'):
                 item.add_marker(pytest.mark.skip(reason=f'no real recordings in {RECORDINGS}'))
 
 
