@@ -15,6 +15,9 @@ import pytest
 os.environ.setdefault('ROS_DOMAIN_ID', str(1 + os.getpid() % 100))
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
 os.environ.setdefault('ROS_LOG_DIR', tempfile.mkdtemp(prefix='pendubot-test-log-'))
+# By its name of Jazzy, and the one since.
+for name in ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE'):
+    os.environ.setdefault(name, str(Path(__file__).with_name('discovery.xml')))
 
 # Where the tests themselves were started by nohup, the programs that they start are not.
 signal.signal(signal.SIGHUP, lambda *_: None)
