@@ -72,17 +72,14 @@ class LiveRig(Rig):
         rows = self.trace()
         return rows[:, 0] * 1e-6, rows[:, 1:3] * (2 * math.pi / COUNTS) + HANGING, rows[:, 3] * 1e-6, rows[:, 4]
 
-    def held(self, since=0.0):
-        """Return since when, in s after arming, the rig is held without a break, and for how long; 0 where it is not.
-
-        What happened before ``since`` [s after arming] does not count.
-        """
+    def held(self):
+        """Return since when [s after arming] the rig is held without a break, and for how long; 0 where it is not."""
         t, q, _, status = self.motion()
         armed = np.flatnonzero(status & ARMED)
         if not armed.size:
             return math.inf, 0.0
         t, q = t[armed[0] :] - t[armed[0]], q[armed[0] :]
-        out = np.flatnonzero((deviation(q) > HELD) | (t < since))
+        out = np.flatnonzero(deviation(q) > HELD)
         first = out[-1] + 1 if out.size else 0
         return (float(t[first]), float(t[-1] - t[first])) if first < len(t) else (math.inf, 0.0)
 

@@ -6,7 +6,13 @@
 import signal
 
 import pytest
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import JointState
 
+from pendubot_identification.nodes.bridge import Bridge
+from pendubot_identification.nodes.joint_state_bytes import JointStateBytes
 from pendubot_identification.nodes.shutdown import Shutdown
 from test.processes import Program, spin_until
 from test.rig import ARMED, WATCHDOG
@@ -113,11 +119,6 @@ def test_a_missing_port_is_waited_for_and_found_again_when_lost_and_diagnostics_
 
 
 def test_a_computers_clock_that_is_set_meanwhile_is_reported_once_and_stands_in_the_diagnosis(ros, capfd):
-    import rclpy
-    from diagnostic_msgs.msg import DiagnosticArray
-
-    from pendubot_identification.nodes.bridge import Bridge
-
     bridge, node = Bridge(Shutdown()), rclpy.create_node('clock_listener')
     told = []
     node.create_subscription(DiagnosticArray, '/diagnostics', lambda array: told.append(array.status[0].message), 10)
@@ -133,11 +134,6 @@ def test_a_computers_clock_that_is_set_meanwhile_is_reported_once_and_stands_in_
 
 
 def test_the_bytes_that_are_published_are_the_message():
-    from rclpy.serialization import deserialize_message
-    from sensor_msgs.msg import JointState
-
-    from pendubot_identification.nodes.joint_state_bytes import JointStateBytes
-
     for names in (['shoulder', 'elbow'], ['a', 'joint with a long name']):
         message = JointStateBytes(names)
         message.fill(1, (9.0, 9.0), (9.0, 9.0), 9.0)

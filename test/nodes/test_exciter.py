@@ -7,6 +7,10 @@ import signal
 
 import numpy as np
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64
+from std_srvs.srv import Trigger
 
 from pendubot_identification.excitation.excitation import PulseTrain
 from pendubot_identification.recordings.bag_reader import read_trajectory
@@ -90,8 +94,6 @@ def test_moves_nothing_that_is_not_recorded(rig, tmp_path):
 
 
 def test_refuses_where_another_drives_the_rig_and_ends_disarmed_at_a_signal(rig, ros):
-    from std_msgs.msg import Float64
-
     with exciter(arm='true', **PULSES) as first:
         first.wait_for('exciting')
         with exciter(arm='true', duration=0.0, amplitude_max=0.9) as second:
@@ -113,9 +115,6 @@ def test_refuses_where_another_drives_the_rig_and_ends_disarmed_at_a_signal(rig,
 
 
 def test_leaves_the_rig_to_a_balancer_that_moves_and_to_no_idle_one(rig, ros):
-    from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-    from std_msgs.msg import Float64
-
     with exciter(arm='true', **PULSES) as program:
         program.wait_for('exciting')
         balancer = ros.create_node('balancer')
@@ -141,11 +140,6 @@ def test_leaves_the_rig_to_a_balancer_that_moves_and_to_no_idle_one(rig, ros):
 
 def test_waits_for_the_first_sample_for_so_long_and_arms_only_then(ros):
     """Three exciters at once, a node in the place of each one's bridge; the first two hear that it is armed."""
-    from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-    from sensor_msgs.msg import JointState
-    from std_msgs.msg import Float64
-    from std_srvs.srv import Trigger
-
     node, torques, asked = ros.create_node('bridges'), {'late': [], 'never': []}, []
     diagnostics = node.create_publisher(DiagnosticArray, '/diagnostics', 10)
     armed = [KeyValue(key='armed', value='True')]

@@ -9,9 +9,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import yaml
+from diagnostic_msgs.msg import DiagnosticArray
+from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
+from std_msgs.msg import Float64MultiArray
+from std_srvs.srv import Trigger
 
 from pendubot_identification.cli.main import main
 from pendubot_identification.model.parameters import NAMES, PAPER
+from pendubot_identification.nodes.messages import LATCHED
 from pendubot_identification.recordings.bag_reader import read_trajectory
 from pendubot_identification.recordings.joint_states import write_trajectory
 from test.processes import Program, call, parameters, spin_until
@@ -36,10 +42,6 @@ class Listener:
     """A node that joins when it is made, hears what was latched, sets parameters and calls for an identification."""
 
     def __init__(self, ros):
-        from diagnostic_msgs.msg import DiagnosticArray
-        from std_msgs.msg import Float64MultiArray
-
-        from pendubot_identification.nodes.messages import LATCHED
 
         self.node = ros.create_node('listener')
         self.params, self.status, self.progress = [], [], []
@@ -61,9 +63,6 @@ class Listener:
 
     def set(self, **values):
         """Return the first answer that refuses, or the last."""
-        from rcl_interfaces.srv import SetParameters
-        from rclpy.parameter import Parameter
-
         request = SetParameters.Request(
             parameters=[Parameter(n, value=v).to_parameter_msg() for n, v in values.items()]
         )
@@ -71,8 +70,6 @@ class Listener:
         return next((result for result in results if not result.successful), results[-1])
 
     def identify(self):
-        from std_srvs.srv import Trigger
-
         return self.call(Trigger, '/identifier/identify', Trigger.Request())
 
     def identified(self, *bags, **values):

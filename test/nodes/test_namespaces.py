@@ -8,8 +8,12 @@ from contextlib import ExitStack
 
 import pytest
 import yaml
+from diagnostic_msgs.msg import DiagnosticArray
+from std_msgs.msg import Float64MultiArray
+from std_srvs.srv import Trigger
 
 from pendubot_identification.model.parameters import PAPER
+from pendubot_identification.nodes.messages import LATCHED
 from pendubot_identification.resources import resource
 from test.processes import Program, call, parameters, spin_until
 
@@ -41,8 +45,6 @@ class Heard:
     """A node that hears what all programs say on /diagnostics: the last values of each status, by its name."""
 
     def __init__(self, ros):
-        from diagnostic_msgs.msg import DiagnosticArray
-
         self.node, self.statuses = ros.create_node('listener'), {}
         self.node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
 
@@ -66,10 +68,6 @@ def armed_or_moved(rows):
 
 
 def test_programs_move_record_and_identify_the_rig_of_their_own_namespace_alone(traces, heard, tmp_path):
-    from std_msgs.msg import Float64MultiArray
-
-    from pendubot_identification.nodes.messages import LATCHED
-
     first, second = traces
     bag = tmp_path / 'bag'
     with (
@@ -105,11 +103,6 @@ def test_programs_move_record_and_identify_the_rig_of_their_own_namespace_alone(
 
 def test_a_balancer_is_ready_by_the_parameters_and_samples_of_its_namespace(traces, heard):
     """What it says of the parameters shows that it has taken them; the other rig's are no rig's."""
-    from std_msgs.msg import Float64MultiArray
-    from std_srvs.srv import Trigger
-
-    from pendubot_identification.nodes.messages import LATCHED
-
     own = heard.node.create_publisher(Float64MultiArray, '/lab2/pendubot/params', LATCHED)
     others = heard.node.create_publisher(Float64MultiArray, '/lab1/pendubot/params', LATCHED)
     own.publish(Float64MultiArray(data=PAPER.vector().tolist()))

@@ -5,6 +5,11 @@ import signal
 import struct
 
 import pytest
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64
+from std_srvs.srv import Trigger
 
 from pendubot_identification.recordings.bag_metadata import Qos
 from pendubot_identification.recordings.bag_writer import BagWriter
@@ -48,10 +53,6 @@ def bag(tmp_path):
 
 def subscribe(node, topic):
     """What comes on /states or /latched, as bytes."""
-    from rclpy.qos import DurabilityPolicy, QoSProfile
-    from sensor_msgs.msg import JointState
-    from std_msgs.msg import Float64
-
     came = []
     latched = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     kind, qos = (JointState, 1000) if topic == '/states' else (Float64, latched)
@@ -75,8 +76,6 @@ def test_everything_is_published_as_it_was_recorded(bag, node):
 
 
 def test_a_part_of_an_unclosed_bag_is_played_by_the_recordings_clock_as_far_as_it_is_whole(bag, node):
-    from rosgraph_msgs.msg import Clock
-
     file = bag / 'bag_1.mcap'
     file.write_bytes(file.read_bytes()[:-3000])
     clock, heard = [], subscribe(node, '/states')
@@ -94,8 +93,6 @@ def test_a_part_of_an_unclosed_bag_is_played_by_the_recordings_clock_as_far_as_i
 
 
 def test_the_pace_is_the_recordings_and_a_late_subscriber_hears_what_is_latched(bag, node):
-    from sensor_msgs.msg import JointState
-
     published = []
     node.create_subscription(JointState, '/states', lambda _, info: published.append(info['source_timestamp']), 1000)
     with player(f'{bag}@0.1:0.4', rate=0.02, wait=0.0) as program:
@@ -122,9 +119,6 @@ def commands(tmp_path):
 @pytest.fixture
 def listener(ros):
     """Makes nodes that listen to effort commands, some of which arm; what comes is in their list."""
-    from std_msgs.msg import Float64
-    from std_srvs.srv import Trigger
-
     nodes = []
 
     def make(name, arms=False):
@@ -140,27 +134,22 @@ def listener(ros):
         each.destroy_node()
 
 
-@pytest.mark.parametrize(('name', 'arms'), [('bridge', False), ('left_rig', True)])
-def test_effort_commands_are_not_played_to_a_bridge(commands, listener, name, arms):
-    there, came = listener(name, arms)
+def test_effort_commands_are_not_played_to_a_bridge_unless_that_is_asked_for(commands, listener):
+    there, came = listener('left_rig', True)
     with player(commands) as program:
-        program.wait_for(f'/{name} obeys {COMMAND}, which this bag holds: an armed rig would move; stop the bridge')
+        program.wait_for(f'/left_rig obeys {COMMAND}, which this bag holds: an armed rig would move; stop the bridge')
         assert program.process.wait(10) == 1
     assert not spin_until(there, lambda: came, 0.2)
+    with player(commands, topics=f'[{COMMAND}]') as program:
+        assert spin_until(there, lambda: len(came) == 50, 20.0), program.output
+        assert program.process.wait(10) == 0
 
 
 def test_effort_commands_are_played_to_others_until_a_bridge_comes(commands, listener):
     there, came = listener('plotter')
     with player(commands, rate=0.02) as program:
         assert spin_until(there, lambda: came, 20.0), program.output
-        bridge, obeyed = listener('bridge', True)
+        bridge, obeyed = listener('bridge')
         program.wait_for('/bridge obeys')
         assert program.process.wait(10) == 1
     assert not spin_until(bridge, lambda: obeyed, 0.2)
-
-
-def test_effort_commands_are_played_to_a_bridge_where_that_is_asked_for(commands, listener):
-    there, came = listener('bridge')
-    with player(commands, topics=f'[{COMMAND}]') as program:
-        assert spin_until(there, lambda: len(came) == 50, 20.0), program.output
-        assert program.process.wait(10) == 0

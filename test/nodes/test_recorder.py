@@ -9,7 +9,11 @@ import time
 
 import pytest
 import yaml
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from mcap.reader import make_reader
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.serialization import deserialize_message
+from std_msgs.msg import Float64, String
 
 from pendubot_identification.recordings.bag_reader import BagReader
 from test.recordings.independent import by_mcap, by_rosbags
@@ -30,8 +34,6 @@ def node(ros):
 @pytest.fixture
 def diagnostics(node):
     """What the recorder says on /diagnostics: level, text and values by name."""
-    from diagnostic_msgs.msg import DiagnosticArray
-
     said = []
 
     def on_diagnostics(message):
@@ -53,11 +55,6 @@ def described(path):
 
 
 def test_every_message_of_every_quality_of_service_comes_back_and_diagnostics_say_so(tmp_path, node, diagnostics):
-    from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-    from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-    from rclpy.serialization import deserialize_message
-    from std_msgs.msg import Float64
-
     state = DiagnosticArray(
         status=[DiagnosticStatus(level=b'\x01', name='n', message='m', values=[KeyValue(key='k', value='ü')])]
     )
@@ -114,8 +111,6 @@ def test_every_message_of_every_quality_of_service_comes_back_and_diagnostics_sa
 
 
 def test_it_ends_by_itself_after_max_messages_of_the_first_topic(tmp_path, node, monkeypatch):
-    from std_msgs.msg import Float64
-
     monkeypatch.chdir(tmp_path)
     with Program('recorder', '--ros-args', '-p', 'topics:=[/first,/second]', '-p', 'max_messages:=50') as program:
         publishers = [node.create_publisher(Float64, topic, 1000) for topic in ('/second', '/first')]
@@ -131,8 +126,6 @@ def test_it_ends_by_itself_after_max_messages_of_the_first_topic(tmp_path, node,
 
 
 def test_metadata_of_a_killed_recording_names_every_topic_and_counts(tmp_path, node):
-    from std_msgs.msg import Float64
-
     path = tmp_path / 'bag'
 
     def counts():
@@ -155,9 +148,6 @@ def test_metadata_of_a_killed_recording_names_every_topic_and_counts(tmp_path, n
 
 
 def test_messages_that_were_lost_are_counted_and_publishers_that_are_not_heard_named(tmp_path, node, diagnostics):
-    from rclpy.qos import QoSProfile, ReliabilityPolicy
-    from std_msgs.msg import Float64
-
     path, poor = tmp_path / 'bag', QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 
     def last():
@@ -201,57 +191,39 @@ def test_sigkill_while_recording_at_1_khz_loses_at_most_a_tenth_of_a_second(tmp_
     assert min(losses) <= 100, losses
 
 
-def test_a_full_disk_is_one_sentence_and_leaves_what_is_whole(tmp_path, node, diagnostics):
-    path = tmp_path / 'bag'
-    with recorder(path, '/too_much') as program:
-        publisher = node.create_publisher(type(joint_state(0)), '/too_much', 1000)
-        wait_for_subscriptions(publisher)
-        assert spin_until(node, lambda: diagnostics)
-        # A limit on a file's size refuses a write as a full disk does.
-        resource.prlimit(program.process.pid, resource.RLIMIT_FSIZE, (50_000, 50_000))
-        k = 0
-        while program.process.poll() is None:
-            publisher.publish(joint_state(k))
-            k += 1
-            time.sleep(0.001)
-        assert program.process.returncode == 1
-    said = 'is closed with all that was received before: the system limits files to 0.050 MB'
-    wait(lambda: said in program.output)
-    assert 'Traceback' not in program.output
-    assert spin_until(node, lambda: diagnostics[-1][0] == 2 and said in diagnostics[-1][1])
-    info = BagReader(path)
-    assert info.closed
-    assert info.count > 50
-
-
-def test_a_disk_that_fills_ends_the_bag_before_the_reserve_is_gone(tmp_path, node):
-    from std_msgs.msg import String
-
+@pytest.mark.parametrize(
+    ('limited', 'why'),
+    [(True, 'the system limits files to 5.000 MB'), (False, 'its disk has')],
+    ids=['limit', 'reserve'],
+)
+def test_a_full_disk_is_one_sentence_and_leaves_what_is_whole(tmp_path, node, diagnostics, limited, why):
     with disk_of_its_own(tmp_path) as folder:
-        path = folder / 'bag'
-        reserve = shutil.disk_usage(folder).free - 20_000_000
+        path, reserve = folder / 'bag', 0 if limited else shutil.disk_usage(folder).free - 20_000_000
         with recorder(path, '/much', reserve=reserve) as program:
             publisher = node.create_publisher(String, '/much', 10)
             wait_for_subscriptions(publisher)
-            message = String(data='x' * 500_000)
-            k = 0
+            assert spin_until(node, lambda: diagnostics)
+            if limited:
+                # It refuses a write as a full disk does.
+                resource.prlimit(program.process.pid, resource.RLIMIT_FSIZE, (5_000_000, 5_000_000))
+            sent = 0
             while program.process.poll() is None:
-                publisher.publish(message)
-                k += 1
-                wait(lambda k=k: program.process.poll() is not None or recorded(path) >= k - 5)
+                publisher.publish(String(data='x' * 500_000))
+                sent += 1
+                wait(lambda sent=sent: program.process.poll() is not None or recorded(path) >= sent - 5)
             assert program.process.returncode == 1
-        wait(lambda: 'is closed with all that was received before: its disk has' in program.output)
+        said = f'is closed with all that was received before: {why}'
+        wait(lambda: said in program.output)
         assert 'Traceback' not in program.output
+        assert spin_until(node, lambda: diagnostics[-1][0] == 2 and said in diagnostics[-1][1])
         assert shutil.disk_usage(folder).free >= reserve
         info = BagReader(path)
         assert info.closed
-        assert info.count >= 1
+        assert info.count >= max(1, sent - 6)
         assert by_rosbags(path) == by_mcap(path)
 
 
 def test_a_topic_of_two_types_is_one_sentence(tmp_path, node, ros):
-    from std_msgs.msg import Float64, String
-
     # One context holds a topic to one type.
     with ros.Context() as context:
         other = ros.create_node('other', context=context)

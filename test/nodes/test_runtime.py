@@ -12,6 +12,11 @@ from contextlib import ExitStack, suppress
 
 import pytest
 import yaml
+from diagnostic_msgs.msg import DiagnosticArray
+from rcl_interfaces.msg import Parameter as ParameterMessage
+from rclpy.parameter import Parameter, get_parameter_value, parameter_dict_from_yaml_file, parameter_value_to_python
+from rclpy.parameter_client import AsyncParameterClient
+from rosgraph_msgs.msg import Clock
 
 from test.conftest import ROOT
 from test.processes import Program, parameters, spin_until
@@ -83,7 +88,6 @@ def test_settings_that_make_no_sense_are_refused_in_a_sentence(tmp_path):
 
 def dump(node, client):
     """The parameters of a node as ``ros2 param dump`` writes them."""
-    from rclpy.parameter import parameter_value_to_python
 
     def answer(future):
         assert spin_until(node, future.done)
@@ -96,10 +100,6 @@ def dump(node, client):
 
 def test_a_node_takes_back_the_parameters_that_ros2_dumped_and_numbers_as_they_are_typed(ros, tmp_path):
     """ROS's own tools hand on a number without a dot, 1e-09, as text."""
-    from rcl_interfaces.msg import Parameter as ParameterMessage
-    from rclpy.parameter import Parameter, get_parameter_value, parameter_dict_from_yaml_file
-    from rclpy.parameter_client import AsyncParameterClient
-
     file, node = tmp_path / 'dump.yaml', ros.create_node('operator')
     bounds = {'lower_bounds': [0.0, 1e-9, *[0.0] * 5], 'upper_bounds': [1.0] * 7}
     try:
@@ -125,9 +125,6 @@ def test_a_node_takes_back_the_parameters_that_ros2_dumped_and_numbers_as_they_a
 
 
 def test_diagnostics_are_stamped_while_nobody_publishes_a_clock_and_by_the_clock_then(ros, tmp_path):
-    from diagnostic_msgs.msg import DiagnosticArray
-    from rosgraph_msgs.msg import Clock
-
     node, stamps = ros.create_node('operator'), {}
     node.create_subscription(
         DiagnosticArray,
