@@ -21,11 +21,12 @@ pytestmark = pytest.mark.ros
 
 
 def test_it_is_armed_only_after_arm_obeys_until_disarm_and_disarms_at_a_signal_for_good(rig):
-    r = rig(1000, '--torque-limit', '0.5')
+    r = rig(200, '--torque-limit', '0.5')
     r.start_board()
-    bridge = r.start_bridge()
+    # A machine that is busy is to trip no watchdog.
+    bridge = r.start_bridge('watchdog_ms:=1000', 'link_timeout:=2.0')
     r.until_samples()
-    end = len(r.samples) + 200
+    end = len(r.samples) + 40
     r.drive_until(0.3, lambda: len(r.samples) > end)
     assert not r.trace()[:, 3].any()
     assert not (r.trace()[:, 4] & ARMED).any()

@@ -216,7 +216,8 @@ def test_a_full_disk_is_one_sentence_and_leaves_what_is_whole(tmp_path, node, di
         wait(lambda: said in program.output)
         assert 'Traceback' not in program.output
         assert spin_until(node, lambda: diagnostics[-1][0] == 2 and said in diagnostics[-1][1])
-        assert shutil.disk_usage(folder).free >= reserve
+        # Other programs may write there, too.
+        assert shutil.disk_usage(folder).free >= reserve - 10_000_000
         info = BagReader(path)
         assert info.closed
         assert info.count >= max(1, sent - 6)
