@@ -84,31 +84,34 @@ def simulated(known, rate, start, seed):
 
 def live_trials(known, rate, start, seeds):
     """Run trials over pty, bridge and DDS; the board is another one each time, bridge and balancer go on."""
-    from test.live import ARMED, LiveRig
-    from test.processes import spin_until
+    from test.live import LiveRig
+    from test.processes import parameters, spin_until
+    from test.rig import ARMED
 
     _, spread, begin = STARTS[start]
     with tempfile.TemporaryDirectory() as folder:
         rig = LiveRig(Path(folder), rate)
+
+        def stopped():
+            return any(status.message.startswith('stopped') for status in rig.said())
+
         try:
             rig.publish(known.parameters, delay=known.lag)
-            rig.start('balancer', accept_warn='true')
+            rig.start('balancer', *parameters(accept_warn='true'))
             rig.start_bridge()
             for seed in range(seeds):
                 board = rig.start_board(start=start, spread=spread, delay=LAG, seed=seed)
                 rig.begin()
-                rig.diagnoses.clear()
+                rig.statuses.clear()
                 deadline = time.monotonic() + begin + TIME + 5
-                while time.monotonic() < deadline and rig.held()[1] < TIME + 0.1:
-                    spin_until(rig.node, lambda: any(d.message.startswith('stopped') for d in rig.diagnoses), 0.5)
-                    if any(d.message.startswith('stopped') for d in rig.diagnoses):
-                        break
+                while time.monotonic() < deadline and rig.held()[1] < TIME + 0.1 and not stopped():
+                    spin_until(rig.node, stopped, 0.5)
                 rig.call('/balancer/stop')
-                t, q, tau, status = rig.trace()
+                t, q, tau, status = rig.motion()
                 armed = (status & ARMED).astype(bool)
                 trial = judged(t[armed] - t[armed][0], q[armed], tau[armed], begin)
                 if not math.isfinite(trial.held):
-                    last = rig.diagnoses[-1].message if rig.diagnoses else 'nothing'
+                    last = rig.said()[-1].message if rig.said() else 'nothing'
                     print(f'<!-- {start}, {rate} Hz, seed {seed}: the balancer says: {last} -->', flush=True)
                 yield trial
                 board.stop()
@@ -225,13 +228,7 @@ def main():
     parser.add_argument('--live', action='store_true', help='over pty, bridge and DDS, and the comparison alone')
     parser.add_argument('--seeds', type=int, default=20)
     parser.add_argument('--rates', type=int, nargs='+', default=[200, 500])
-    parser.add_argument(
-        '--from',
-        dest='sources',
-        nargs='+',
-        default=SOURCES,
-        choices=SOURCES,
-    )
+    parser.add_argument('--from', dest='sources', nargs='+', default=SOURCES, choices=SOURCES)
     options = parser.parse_args()
     if options.live:
         import rclpy
