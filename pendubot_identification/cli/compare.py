@@ -36,15 +36,9 @@ examples:
 """
 
 
-def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+def add_parser(subparsers: Any) -> None:
     """Add this subcommand."""
-    parser = subparsers.add_parser(
-        'compare',
-        help='results side by side',
-        description=DESCRIPTION,
-        epilog=EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = subparsers.add_parser('compare', help='results side by side', description=DESCRIPTION, epilog=EPILOG)
     parser.add_argument('results', nargs='+', type=Path, metavar='RESULT.yaml', help='two or more results')
     parser.add_argument('--on', metavar='BAG[@START:END]', help='a bag whose motion each of them predicts')
     parser.add_argument('--topic', default='/joint_states', help='topic with the joint states (default %(default)s)')

@@ -29,12 +29,7 @@ RATE = 100
 
 def add_parser(subparsers: Any) -> None:
     """Add this subcommand."""
-    parser = subparsers.add_parser(
-        'demo',
-        help='the whole chain on a virtual rig (needs ROS)',
-        description=DESCRIPTION,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = subparsers.add_parser('demo', help='the whole chain on a virtual rig (needs ROS)', description=DESCRIPTION)
     parser.add_argument(
         '--output', type=Path, metavar='DIR', help='new folder for bag and result (default: a temporary one)'
     )

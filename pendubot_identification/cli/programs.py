@@ -43,13 +43,10 @@ def own_ros(domains: Sequence[int] = ()) -> Iterator[tuple[Any, int]]:
     """Initialise ROS in a domain in which nobody is, on this computer alone, and give it up at the end.
 
     Neither the domain nor the range of discovery that the environment names is used: a rig may be there. What is
-    found and started meanwhile is in the same domain.
+    found and started meanwhile is in the same domain, whose number is yielded beside rclpy.
 
     Args:
         domains: to be tried, in this order; none: some drawn at random.
-
-    Yields:
-        rclpy, and the number of the domain.
 
     Raises:
         PendubotError: there is no ROS, or somebody is in every domain.
@@ -133,13 +130,20 @@ def parameters(**values: object) -> list[str]:
 
 
 class Program:
-    """A program of this package in a process of its own, its output in a file beside the bag.
+    """A program of this package in a process of its own, its output in a file of the folder.
 
     ``finite``: it ends by itself when its work is done.
     """
 
-    def __init__(self, name: str, process: subprocess.Popen[bytes], log: Path, finite: bool) -> None:
-        self.name, self.process, self.log, self.finite = name, process, log, finite
+    def __init__(self, folder: Path, name: str, arguments: Sequence[object], finite: bool) -> None:
+        self.name, self.finite, self.log = name, finite, folder / f'{name}.log'
+        with self.log.open('ab') as output:
+            self.process = subprocess.Popen(
+                [sys.executable, '-m', f'pendubot_identification.nodes.{name}', *map(str, arguments)],
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=subprocess.STDOUT,
+            )
 
     @property
     def ended(self) -> bool:
@@ -149,13 +153,21 @@ class Program:
     @property
     def failed(self) -> bool:
         """Whether it has ended otherwise than it should."""
-        status = self.process.poll()
-        return status is not None and not (status == 0 and self.finite)
+        return self.process.poll() is not None and not (self.ended and self.finite)
 
     def failure(self, reason: str) -> PendubotError:
         """Return the error that says what it said last."""
         last = self.log.read_text(errors='replace').strip().splitlines()[-1:] or ['it said nothing']
         return PendubotError(f'{self.name} {reason}: {last[0]} (all it said: {self.log})')
+
+    def end(self) -> None:
+        """Interrupt it, and kill it where that does not end it."""
+        self.process.send_signal(signal.SIGINT)
+        try:
+            self.process.wait(10.0)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            self.process.wait()
 
 
 class Programs(ExitStack):
@@ -168,8 +180,10 @@ class Programs(ExitStack):
 
     def start(self, name: str, *arguments: object, finite: bool = False) -> Program:
         """Start a program of this package."""
-        self._started.append(self.enter_context(_program(self._folder, name, *arguments, finite=finite)))
-        return self._started[-1]
+        program = Program(self._folder, name, arguments, finite)
+        self.callback(program.end)
+        self._started.append(program)
+        return program
 
     def wait(
         self,
@@ -177,7 +191,7 @@ class Programs(ExitStack):
         condition: Callable[[], bool],
         otherwise: str,
         timeout: float = 20.0,
-        meanwhile: Callable[[], object] | None = None,
+        meanwhile: Callable[[], object] = lambda: time.sleep(LOOK),
     ) -> None:
         """Wait for what a program brings about.
 
@@ -192,10 +206,7 @@ class Programs(ExitStack):
             if time.monotonic() > deadline:
                 raise program.failure(f'{otherwise}{self.pause}')
             looked = time.monotonic()
-            if meanwhile is None:
-                time.sleep(LOOK)
-            else:
-                meanwhile()
+            meanwhile()
             self._paused = max(self._paused, time.monotonic() - looked)
 
     @property
@@ -227,15 +238,10 @@ def once_more(attempt: Callable[[], Result]) -> Result:
 def record_excitation(
     rclpy: Any, bag: Path, samples: int, rate: int, options: Sequence[object] = (), **pulses: object
 ) -> None:
-    """Excite a virtual rig and record it, its programs' output beside the bag.
+    """Excite a virtual rig and record it, in a new bag or in place of what a failed attempt left.
 
-    Args:
-        rclpy: in a domain of its own.
-        bag: a new one, or what an attempt left that failed.
-        samples: how many.
-        rate: of the board [Hz].
-        options: of the virtual board, further ones.
-        pulses: parameters of the exciter.
+    ``rate`` is the board's [Hz], which ``options`` are further ones for; ``pulses`` are parameters of the exciter. The
+    programs' output lies beside the bag.
 
     Raises:
         PendubotError: a program ended early, or the bag was not complete in time.
@@ -262,24 +268,3 @@ def record_excitation(
             lambda: rclpy.spin_once(node, timeout_sec=LOOK),
         )
     print(f'recorded {bag}', flush=True)
-
-
-@contextmanager
-def _program(folder: Path, name: str, *arguments: object, finite: bool) -> Iterator[Program]:
-    log = folder / f'{name}.log'
-    with log.open('ab') as output:
-        process = subprocess.Popen(
-            [sys.executable, '-m', f'pendubot_identification.nodes.{name}', *map(str, arguments)],
-            stdin=subprocess.DEVNULL,
-            stdout=output,
-            stderr=subprocess.STDOUT,
-        )
-        try:
-            yield Program(name, process, log, finite)
-        finally:
-            process.send_signal(signal.SIGINT)
-            try:
-                process.wait(10.0)
-            except subprocess.TimeoutExpired:
-                process.kill()
-                process.wait()
