@@ -105,8 +105,7 @@ def _as_text(summary: dict[str, Any]) -> str:
             f'jitter {ms["jitter"]:.3f} ms, longest interval {ms["longest"]:.3f} ms': t['period'] is not None,
             f'gaps {t["gaps"]}, {t["missing"]} messages, first after {t["first_gap"] or 0:.3f} s': t['gaps'],
             f'latency {ms["latency"]:.3f} ms, at most {ms["latency_max"]:.3f} ms': t['latency'] is not None,
-            f'stamps {t["repeated"]} repeat, {t["backwards"]} run back': t['stamped']
-            and t['repeated'] + t['backwards'],
+            f'stamps {t["repeated"]} repeat, {t["backwards"]} run back': turned,
             f'lost {t["lost"]} messages that the recorder had numbered': t['lost'],
         }
         first, *others = [line for line, shown in details.items() if shown]

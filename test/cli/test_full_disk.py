@@ -59,30 +59,23 @@ def commands(folder, output):
     }
 
 
-@pytest.mark.parametrize('command', ['import-csv', 'simulate', 'repair'])
-@pytest.mark.parametrize('size', ['16k', '200k', '800k'])  # of nearly a megabyte that it takes
+@pytest.mark.parametrize(('command', 'size'), [('import-csv', '16k'), ('simulate', '200k'), ('repair', '800k')])
 def test_nothing_partial_is_left_where_a_disk_is_full(recorded, on_full_disk, command, size):
+    """Of nearly a megabyte that it takes."""
     ended, left = on_full_disk(size, *commands(recorded, on_full_disk.disk / 'new')[command])
-    assert ended.returncode == 1
+    assert (ended.returncode, ended.stdout) == (1, '')
     assert f'{on_full_disk.disk}/new is not written: ' in ended.stderr
     assert len(ended.stderr.splitlines()) == 1
-    assert ended.stdout == ''
     assert list(left.iterdir()) == []
 
 
-def test_what_would_have_been_replaced_is_still_there(recorded, on_full_disk):
-    arguments = commands(recorded, on_full_disk.disk / 'bag')['import-csv']
-    ended, left = on_full_disk('1500k', *arguments, '--force', before=f'cp -r {recorded}/bag {on_full_disk.disk}')
-    assert ended.returncode == 1
+@pytest.mark.parametrize(('size', 'status', 'samples'), [('1500k', 1, SAMPLES), ('4M', 0, 1800)])
+def test_what_would_have_been_replaced_is_still_there_unless_there_is_room(
+    recorded, on_full_disk, size, status, samples
+):
+    arguments = ('simulate', '--samples', SAMPLES if status else 1800, '--output', on_full_disk.disk / 'bag', '--force')
+    ended, left = on_full_disk(size, *arguments, before=f'cp -r {recorded}/bag {on_full_disk.disk}')
+    assert ended.returncode == status, ended.stderr
     assert os.listdir(left) == ['bag']
-    assert len(read_trajectory(left / 'bag').trajectory) == SAMPLES
-
-
-@pytest.mark.parametrize('command', ['import-csv', 'simulate', 'repair'])
-def test_where_there_is_room_it_is_written(recorded, on_full_disk, command):
-    ended, left = on_full_disk('4M', *commands(recorded, on_full_disk.disk / 'new')[command])
-    assert ended.returncode == 0, ended.stderr
-    assert os.listdir(left) == ['new']
-    recording = read_trajectory(left / 'new')
-    assert recording.closed
-    assert len(recording.trajectory) == SAMPLES
+    recording = read_trajectory(left / 'bag')
+    assert (recording.closed, len(recording.trajectory)) == (True, samples)
