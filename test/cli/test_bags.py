@@ -4,6 +4,8 @@
 """The subcommands that write bags, or look at one: import-csv, simulate, info and repair."""
 
 import json
+import re
+import shutil
 from dataclasses import asdict, replace
 
 import numpy as np
@@ -16,6 +18,8 @@ from pendubot_identification.recordings.bag_reader import BagReader, read_trajec
 from pendubot_identification.recordings.bag_writer import BagWriter
 from pendubot_identification.recordings.joint_states import JOINT_STATE, encode_joint_state
 from pendubot_identification.results.result_file import SCHEMA
+from test.cli.conftest import contents
+from test.processes import run_program
 from test.recordings import damage
 from test.recordings.independent import by_mcap
 
@@ -137,3 +141,20 @@ def test_a_killed_bag_becomes_a_closed_copy(run, tmp_path):
     text = run('repair', 'swing_repaired', '--output', 'again')[1]
     assert ' lost' in text
     assert 'damaged' not in text
+
+
+@pytest.mark.parametrize('command', ['import-csv {}/run.csv', 'simulate', 'repair {}/sim'])
+def test_where_a_disk_is_full_no_bag_is_left_and_an_earlier_one_as_it_was(made, tmp_path, command):
+    """A limit on a file's size refuses a write as a full disk does."""
+    rows = (f'{0.01 * k},{np.sin(k)},{np.cos(k)},{np.sin(k)}' for k in range(2000))
+    (tmp_path / 'run.csv').write_text('\n'.join(['t,q1,q2,tau1', *rows]))
+    before = contents(shutil.copytree(made / 'sim', tmp_path / 'earlier'))
+    where = tmp_path if 'csv' in command else made
+    for name in ('new', 'earlier'):
+        output = tmp_path / name
+        words = [*command.format(where).split(), '--output', output, '--force']
+        ended = run_program('pendubot', *words, file_limit=100_000)
+        assert (ended.returncode, ended.stdout) == (1, '')
+        assert re.fullmatch(rf'pendubot: {output} is not written: .*\n', ended.stderr)
+    assert contents(tmp_path / 'earlier') == before
+    assert sorted(path.name for path in tmp_path.iterdir()) == ['earlier', 'run.csv']

@@ -122,28 +122,18 @@ def test_a_remainder_too_short_to_judge_by_costs_no_result(run, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ('turned', 'options', 'status'),
-    [
-        (1, ('--fail-on', 'warn'), 0),
-        (-1, (), 3),
-        (-1, ('--fail-on', 'warn'), 3),
-        (-1, ('--fail-on', 'never'), 0),
-    ],
+    ('turned', 'options', 'status'), [(1, ('--fail-on', 'warn'), 0), (-1, (), 3), (-1, ('--fail-on', 'never'), 0)]
 )
 def test_a_result_of_level_error_has_an_exit_status_of_its_own_and_is_written(
     run, made, tmp_path, turned, options, status
 ):
     motion = read_trajectory(made / 'swing').trajectory
     write_trajectory(tmp_path / 'bag', replace(motion, tau=turned * motion.tau))
-    output = tmp_path / 'look' / 'mine.yaml'
-    arguments = (tmp_path / 'bag', *WEAK, '--output', output, '--report', output.parent)
-    ended, out, err = run('identify', *arguments, *options)
+    output = tmp_path / 'mine.yaml'
+    ended, out, err = run('identify', tmp_path / 'bag', *WEAK, '--output', output, *options)
     assert (ended, err) == (status, '')
-    assert f'written to {output}\nwritten to {output.parent / "report.html"}' in out
-    assert output.read_text() == output.with_name('result.yaml').read_text()
-    result = yaml.safe_load(output.read_text())
-    assert result['level'] == ('OK' if turned == 1 else 'ERROR')
-    assert any('not physical' in sentence for sentence in result['consequences']) == (turned == -1)
+    assert out.endswith(f'written to {output}\n')
+    assert yaml.safe_load(output.read_text())['level'] == ('OK' if turned == 1 else 'ERROR')
 
 
 @pytest.mark.parametrize('options', [(), ('--json',)])

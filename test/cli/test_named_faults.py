@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Every fault that the diagnosis knows, made on purpose: through terminal, result file and node."""
+"""Every fault that the diagnosis knows, made on purpose: in the terminal and the result file."""
 
 import re
 from dataclasses import replace
@@ -16,11 +16,8 @@ from pendubot_identification.model.parameters import BALANCE
 from pendubot_identification.model.simulation import quantised, simulate
 from pendubot_identification.recordings.joint_states import write_trajectory
 from test.identify.test_diagnosis import FAULTS
-from test.nodes.test_identifier import listener  # noqa: F401
-from test.processes import Program, parameters
 
-FAST = {'criterion': 'weak', 'model': 'viscous', 'optimizer': 'lsq', 'hold': 'zero'}
-OPTIONS = [f'--{name}={value}' for name, value in FAST.items()]
+OPTIONS = ('--criterion=weak', '--model=viscous', '--optimizer=lsq', '--hold=zero')
 
 
 def early(motion):
@@ -84,27 +81,3 @@ def test_a_named_fault_loses_no_result(bags, run, tmp_path, fault):
     if not mild:
         assert f'{len(data["consequences"])} more follow from that' in shown
         assert len(out.splitlines()) < 25
-
-
-@pytest.mark.ros
-def test_the_identifier_publishes_a_named_fault(bags, listener, tmp_path):  # noqa: F811
-    with Program('identifier', *parameters(**FAST)) as node:
-        node.wait_for('waiting: set the parameter bags')
-        for number, fault in enumerate(('late effort', 'efforts exchanged', 'length'), start=1):
-            said = EVERY[fault][1]
-            assert listener.set('bags', [str(bags / fault)]).successful
-            assert listener.set('output', str(tmp_path / f'{number}.yaml')).successful
-            assert listener.set('link_length', 0.3 if fault == 'length' else 0.0).successful
-            assert listener.identify().success
-            assert listener.hears(lambda heard, number=number: len(heard.params) == len(heard.status) == number), (
-                node.output
-            )
-            (status,) = listener.status[-1].status
-            values = {pair.key: pair.value for pair in status.values}
-            data = yaml.safe_load((tmp_path / f'{number}.yaml').read_text())
-            assert status.level == (b'\x01' if fault in MILD else b'\x02')
-            assert re.match(said, status.message)
-            assert (f'{len(data["consequences"])} more follow from that' in status.message) == (fault not in MILD)
-            assert values['faults.0.found'] == data['faults'][0]['found']
-            assert [values[f'consequences.{k}'] for k in range(len(data['consequences']))] == data['consequences']
-            assert list(listener.params[-1].data) == [entry['value'] for entry in data['parameters'].values()]
