@@ -142,9 +142,9 @@ def run(args: argparse.Namespace) -> int:
         settings = _settings(args)
         bags = [BagWindow.parse(text).path for text in (*args.bags, *args.validate)]
         joints(args.joints)
-    for written in (args.output, args.report and args.report / 'result.yaml'):
-        if written is not None:
-            refuse_input(written, [*bags, args.start, args.reference])
+    for target in (args.output, args.report and args.report / 'result.yaml'):
+        if target is not None:
+            refuse_input(target, [*bags, args.start, args.reference])
     if args.start is not None:
         settings = replace(settings, start=read_parameters(args.start))
     beside = _beside(args)
@@ -164,8 +164,9 @@ def run(args: argparse.Namespace) -> int:
         finally:
             # Also where they cannot be written. Only now, because whoever closes the pipe ends the program.
             print(json.dumps(plain(result), indent=2) if args.json else summary(result))
-    for path in filter(None, () if args.json else written):
-        print(f'written to {path}')
+    if not args.json:
+        for path in filter(None, written):
+            print(f'written to {path}')
     return FAILED if result.level >= FAILING[args.fail_on] else 0
 
 
