@@ -50,7 +50,7 @@ def write_report(
     Raises:
         ResultError: the system refuses to write.
     """
-    wanted = list(_figures(result, motions, beside))
+    wanted = list(_wanted(result, motions, beside))
     drawn, notes = [], list(notes)
     for k, (what, draw) in enumerate(wanted):
         progress('drawing', k, len(wanted), math.nan)
@@ -78,7 +78,7 @@ def write_failure(folder: OutputFolder, reason: str, asked: Sequence[str], motio
     return _write(folder, {}, drawn, failure_page(reason, asked, drawn))
 
 
-def _figures(
+def _wanted(
     result: Result, motions: Recordings | None, beside: Beside | None
 ) -> Iterator[tuple[str, Callable[[], Picture | None]]]:
     """Yield of all figures of a result what they are of, and what draws them."""
