@@ -65,7 +65,7 @@ def _swung_up(rclpy: Any, folder: Path) -> _Watcher:
         print('the balancer knows the rig through /pendubot/params alone; it swings it up', flush=True)
         programs.wait(balancer, watcher.has_seen_enough, 'did not hold it', HOLD + PATIENCE, watcher.spin)
         if watcher.message.startswith('stopped'):
-            raise PendubotError(f'the balancer {watcher.message}{programs.pause}')
+            raise PendubotError(f'the balancer {watcher.message}')
     return watcher
 
 
