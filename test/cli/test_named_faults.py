@@ -18,7 +18,6 @@ from pendubot_identification.model.simulation import quantised, simulate
 from pendubot_identification.recordings.joint_states import write_trajectory
 from test.identify.test_diagnosis import FAULTS
 from test.nodes.test_identifier import listener  # noqa: F401
-from test.processes import Program, parameters
 from test.report.test_page import Page
 
 FAST = {'criterion': 'weak', 'model': 'viscous', 'optimizer': 'lsq', 'hold': 'zero'}
@@ -116,22 +115,14 @@ def test_the_report_of_a_fault_is_made_again_from_the_file(bags, tmp_path):
 
 @pytest.mark.ros
 def test_the_identifier_publishes_every_named_fault(bags, listener, tmp_path):  # noqa: F811
-    with Program('identifier', *parameters(**FAST)) as node:
-        node.wait_for('waiting: set the parameter bags')
-        for number, (fault, (_, said)) in enumerate(EVERY.items(), start=1):
-            assert listener.set('bags', [str(bags / fault)]).successful
-            assert listener.set('output', str(tmp_path / f'{number}.yaml')).successful
-            assert listener.set('link_length', 0.3 if fault == 'length' else 0.0).successful
-            assert listener.identify().success
-            assert listener.hears(lambda heard, number=number: len(heard.params) == len(heard.status) == number), (
-                node.output
-            )
-            (status,) = listener.status[-1].status
-            values = {pair.key: pair.value for pair in status.values}
-            data = yaml.safe_load((tmp_path / f'{number}.yaml').read_text())
-            assert status.level == (b'\x01' if fault in MILD else b'\x02')
-            assert re.match(said, status.message)
-            assert (f'{len(data["consequences"])} more follow from that' in status.message) == (fault not in MILD)
-            assert values['faults.0.found'] == data['faults'][0]['found']
-            assert [values[f'consequences.{k}'] for k in range(len(data['consequences']))] == data['consequences']
-            assert list(listener.params[-1].data) == [entry['value'] for entry in data['parameters'].values()]
+    for fault, (_, said) in EVERY.items():
+        output, length = tmp_path / f'{fault}.yaml', 0.3 if fault == 'length' else 0.0
+        asked = FAST | {'output': str(output), 'link_length': length}
+        status, values, (params,) = listener.identified(bags / fault, **asked)
+        data = yaml.safe_load(output.read_text())
+        assert status.level == (b'\x01' if fault in MILD else b'\x02')
+        assert re.match(said, status.message)
+        assert (f'{len(data["consequences"])} more follow from that' in status.message) == (fault not in MILD)
+        assert values['faults.0.found'] == data['faults'][0]['found']
+        assert [values[f'consequences.{k}'] for k in range(len(data['consequences']))] == data['consequences']
+        assert list(params.data) == [entry['value'] for entry in data['parameters'].values()]
