@@ -32,8 +32,8 @@ hypothesis.settings.register_profile('hand', deadline=None)
 hypothesis.settings.register_profile('thorough', deadline=None, max_examples=2000)
 hypothesis.settings.load_profile(os.environ.get('HYPOTHESIS_PROFILE', 'ci' if os.environ.get('CI') else 'hand'))
 
-#: Without ROS there is nothing that they could test.
-collect_ignore_glob = [] if importlib.util.find_spec('rclpy') else ['nodes/test_*']
+#: These import it.
+collect_ignore_glob = [] if importlib.util.find_spec('rclpy') else ['nodes/test_*', 'cli/test_named_faults.py']
 
 ROOT = Path(__file__).resolve().parent.parent
 RECORDINGS = ROOT.parent / 'shared' / 'recordings'
