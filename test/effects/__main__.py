@@ -92,7 +92,7 @@ def main():
     cells = [(e, s) for e in args.only for s in ((0, 1) if e != 'nothing' else (0,))]
     jobs = [(*cell, seed) for cell in cells for seed in range(args.seeds)]
     print(
-        '| effect | strength | OK/WARN/ERROR | named | worst of P1-P5 [%], median | largest | P held [%] | friction |'
+        '| effect | strength | OK/WARN/ERROR | named | worst of P1-P5 [%] | largest | P held [%] | friction |'
     )
     print('|---|---|---|---|---|---|---|---|')
     with ProcessPoolExecutor(args.processes) as pool:
