@@ -28,24 +28,30 @@ from pendubot_identification.trajectories.trajectory import Trajectory
 
 from .rig import EFFECTS, TRUE, record
 
+RECORDINGS = 3
 PHYSICAL, FRICTION = NAMES[:5], ('b1', 'b2', 'Fc1', 'Fc2')
 
 
-def trial(job):
-    """Identify the three recordings of one seed; returns what the table needs."""
-    effect, strength, seed = job
-    how = EFFECTS[effect][strength]
-    made = [record([100 * seed + k], how, begin=10.0 * k)[0] for k in range(3)]
-    recordings = [
-        Trajectory(r.t, r.q, np.column_stack([r.tau, 0 * r.tau]), name=f'recording {k}') for k, r in enumerate(made)
+def cell(job):
+    """Identify the three recordings of every seed; returns what the table needs of each."""
+    effect, strength, seeds = job
+    numbers = [100 * seed + k for seed in range(seeds) for k in range(RECORDINGS)]
+    made = record(numbers, EFFECTS[effect][strength], begin=[10.0 * (n % 100) for n in numbers])
+    trajectories = [
+        Trajectory(r.t, r.q, np.column_stack([r.tau, 0 * r.tau]), name=f'seed {n}')
+        for n, r in zip(numbers, made, strict=True)
     ]
+    return [(effect, strength, seed, trial(trajectories[RECORDINGS * seed :][:RECORDINGS])) for seed in range(seeds)]
+
+
+def trial(recordings):
+    """Identify recordings of one rig."""
     found = identify(recordings)
     best = found.best
     values = dict(zip(NAMES, best.theta, strict=False))
     errors = dict(zip(NAMES, best.std_error, strict=False))
     intervals = dict(zip(NAMES, best.intervals, strict=False))
     return {
-        'job': job,
         'level': found.level.name,
         'criterion': best.criterion,
         'model': best.model,
@@ -89,16 +95,14 @@ def main():
     parser.add_argument('--processes', type=int, default=2)
     parser.add_argument('--json', type=Path, help='all results, for a closer look')
     args = parser.parse_args()
-    cells = [(e, s) for e in args.only for s in ((0, 1) if e != 'nothing' else (0,))]
-    jobs = [(*cell, seed) for cell in cells for seed in range(args.seeds)]
-    print(
-        '| effect | strength | OK/WARN/ERROR | named | worst of P1-P5 [%] | largest | P held [%] | friction |'
-    )
+    cells = [(e, s, args.seeds) for e in args.only for s in ((0, 1) if e != 'nothing' else (0,))]
+    print('| effect | strength | OK/WARN/ERROR | named | worst of P1-P5 [%] | largest | P held [%] | friction |')
     print('|---|---|---|---|---|---|---|---|')
+    found = []
     with ProcessPoolExecutor(args.processes) as pool:
-        found = list(pool.map(trial, jobs))
-    for cell in cells:
-        print(row(*cell, [r for r in found if tuple(r['job'][:2]) == cell]))
+        for results in pool.map(cell, cells):
+            print(row(*results[0][:2], [each[3] for each in results]), flush=True)
+            found += results
     if args.json:
         args.json.write_text(json.dumps(found))
 

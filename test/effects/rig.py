@@ -119,7 +119,7 @@ def pulses(rng, samples, rate, strength, shortest, longest):
 def record(
     seeds, effects, *, seconds=10.0, rate=200.0, counts=4096, strength=0.35, held=(0.1, 0.5), begin=0.0, delay=0.0
 ):
-    """Return one recording for each seed; ``begin`` [s] is how long the rig has been running (see drift)."""
+    """Return one recording for each seed; ``begin`` [s] is how long each rig ran before (see drift)."""
     samples, every = round(seconds * rate), round(1 / rate / STEP)
     step, rngs = 1 / rate / every, [np.random.default_rng([seed, 19]) for seed in seeds]
     tau = np.array([pulses(rng, samples, rate, strength, *held) for rng in rngs])
@@ -139,7 +139,7 @@ def record(
         if n % every == 0:
             read[n // every] = (x[4], x[1]) if effects.shaft else x[:2]
         recorded = tau[:, (n - behind) // every] if n >= behind else np.zeros(len(seeds))
-        x = _advance(x, recorded, hands[:, n], effects, begin + n * step, step)
+        x = _advance(x, recorded, hands[:, n], effects, np.asarray(begin) + n * step, step)
     q = np.moveaxis(read, 2, 0)
     q[:, :, 1] += effects.eccentric * np.sin(q[:, :, 1])
     unit = 2 * np.pi / counts
