@@ -159,23 +159,29 @@ def unexplained(trajectories: Sequence[Trajectory], smoothing: float, hold: str,
     used = [k for k in range(table.shape[2] - 1) if table[:, :, k].any()]
     base, y = table[:, :, used], table[:, :, -1]
     effort = float(np.sqrt((y[:, 0] ** 2).mean()))
-    kept, weight, theta = _without_bursts(base, y, LEAST_BURST * effort)
-    residual = y - base @ theta
-    ends = np.cumsum([len(each) for each in t])[:-1]
-    torque = np.split(residual, ends)
-    again = [_table(_read_again(motion, smoothing, hold, k), delay)[1] for k, motion in enumerate(motions)]
-    change = [of[:, :, -1] - of[:, :, used] @ theta - old for of, old in zip(again, torque, strict=True)]
-    candidates = list(_candidates(motions, t, delay, used, theta, torque))
     folds = np.repeat(np.arange(len(t)), [len(c) for c in t])
     if len(t) < FEWEST_RECORDINGS:
         folds = np.arange(len(folds)) * FOLDS // len(folds)
+    ends = np.cumsum([len(each) for each in t])[:-1]
+    beside, effects = base, []
+    for _ in range(2):  # an effect may look like bursts, and bursts hide effects
+        kept, weight = _without_bursts(beside, y, LEAST_BURST * effort)
+        theta = _solved((base * weight)[kept], (y * weight[:, 0])[kept])
+        residual = y - base @ theta
+        torque = np.split(residual, ends)
+        candidates = list(_candidates(motions, t, delay, used, theta, torque))
+        named = list(_named(base * weight, y * weight[:, 0], candidates, weight, kept, folds))
+        effects = [effect for effect, _ in named]
+        beside = np.concatenate([base, *(candidate.columns for _, candidate in named)], axis=2)
+    again = [_table(_read_again(motion, smoothing, hold, k), delay)[1] for k, motion in enumerate(motions)]
+    change = [of[:, :, -1] - of[:, :, used] @ theta - old for of, old in zip(again, torque, strict=True)]
     return Unexplained(
         times=tuple(t),
         torque=tuple(torque),
         share=np.sqrt((residual[kept] ** 2).mean(axis=0)) / effort,
         noise=np.sqrt((np.concatenate(change)[kept] ** 2).mean(axis=0)) / effort,
         bursts=tuple(_bursts(motions, t, np.split(kept, ends), torque)),
-        effects=tuple(_named(base * weight, y * weight[:, 0], candidates, weight, kept, folds)),
+        effects=tuple(effects),
     )
 
 
@@ -193,10 +199,9 @@ def _read_again(motion: Motion, smoothing: float, hold: str, seed: int) -> Motio
     return Motion.prepare(replace(recorded, q=recorded.q + error), smoothing, hold)
 
 
-def _without_bursts(base: Array, y: Array, least: float) -> tuple[NDArray[np.bool_], Array, Array]:
-    """Return which bumps are no bursts, shape (K,), the weights of both joints, shape (2, 1), and theta."""
+def _without_bursts(base: Array, y: Array, least: float) -> tuple[NDArray[np.bool_], Array]:
+    """Return which bumps are no bursts, shape (K,), and the weights of both joints, shape (2, 1)."""
     kept, weight = np.ones(len(y), dtype=bool), np.ones((2, 1))
-    theta = np.zeros(base.shape[2])
     for _ in range(ROUNDS):
         theta = _solved((base * weight)[kept], (y * weight[:, 0])[kept])
         residual = np.abs(y - base @ theta)
@@ -207,7 +212,7 @@ def _without_bursts(base: Array, y: Array, least: float) -> tuple[NDArray[np.boo
         if (around == ~kept).all() or around.mean() > MOST_BURSTS:
             break
         kept = ~around
-    return kept, weight, theta
+    return kept, weight
 
 
 def _solved(phi: Array, y: Array) -> Array:
@@ -332,7 +337,7 @@ def _named(
     weight: Array,
     kept: NDArray[np.bool_],
     folds: NDArray[np.intp],
-) -> Iterator[Effect]:
+) -> Iterator[tuple[Effect, _Candidate]]:
     """Return the effects that are significant and pay on data that did not fit them, one after the other.
 
     All that is asked of the data are products of columns, by block of time and by fold.
@@ -366,7 +371,8 @@ def _named(
         taken = taken + places[best]
         left = [c for c in left if candidates[c].name != candidates[best].name]
         now = _least(whole, taken)[:5]
-        yield Effect(candidates[best].name, candidates[best].where, float(share), (now - physical) / physical)
+        effect = Effect(candidates[best].name, candidates[best].where, float(share), (now - physical) / physical)
+        yield effect, candidates[best]
 
 
 def _products(columns: Array) -> Array:

@@ -26,42 +26,48 @@ from pendubot_identification.identify.identification import identify
 from pendubot_identification.model.parameters import NAMES
 from pendubot_identification.trajectories.trajectory import Trajectory
 
-from .rig import EFFECTS, TRUE, record
+from .rig import EFFECTS, record, true
 
 RECORDINGS = 3
 PHYSICAL, FRICTION = NAMES[:5], ('b1', 'b2', 'Fc1', 'Fc2')
 
 
-def cell(job):
-    """Identify the three recordings of every seed; returns what the table needs of each."""
-    effect, strength, seeds = job
-    numbers = [100 * seed + k for seed in range(seeds) for k in range(RECORDINGS)]
-    made = record(numbers, EFFECTS[effect][strength], begin=[10.0 * (n % 100) for n in numbers])
-    trajectories = [
-        Trajectory(r.t, r.q, np.column_stack([r.tau, 0 * r.tau]), name=f'seed {n}')
-        for n, r in zip(numbers, made, strict=True)
-    ]
-    return [(effect, strength, seed, trial(trajectories[RECORDINGS * seed :][:RECORDINGS])) for seed in range(seeds)]
-
-
-def trial(recordings):
-    """Identify recordings of one rig."""
+def trial(job):
+    """Identify recordings of one rig; returns what the table needs."""
+    effect, strength, seed, recordings = job
+    truth = true(EFFECTS[effect][strength])
     found = identify(recordings)
     best = found.best
     values = dict(zip(NAMES, best.theta, strict=False))
     errors = dict(zip(NAMES, best.std_error, strict=False))
     intervals = dict(zip(NAMES, best.intervals, strict=False))
     return {
+        'job': (effect, strength, seed),
         'level': found.level.name,
         'criterion': best.criterion,
         'model': best.model,
-        'named': [fault.name for fault in found.faults],
+        'named': [*(fault.name for fault in found.faults)],
         'warnings': list(found.warnings),
-        'error': {n: float(values[n] / TRUE[n] - 1) for n in TRUE if n in values},
-        'held': {n: bool(intervals[n][0] <= TRUE[n] <= intervals[n][1]) for n in TRUE if n in values},
-        'z': {n: float((values[n] - TRUE[n]) / errors[n]) for n in TRUE if n in values},
+        'error': {n: float(values[n] / truth[n] - 1) for n in truth if n in values},
+        'held': {n: bool(intervals[n][0] <= truth[n] <= intervals[n][1]) for n in truth if n in values},
+        'z': {n: float((values[n] - truth[n]) / errors[n]) for n in truth if n in values},
         'prediction': best.prediction.error.tolist(),
     }
+
+
+def recorded(cells, seeds):
+    """Return (effect, strength, seed, three recordings of 10 s) for every cell and seed."""
+    lanes = [(*cell, seed, k) for cell in cells for seed in seeds for k in range(RECORDINGS)]
+    made = record(
+        [100 * seed + k for *_, seed, k in lanes],
+        [EFFECTS[effect][strength] for effect, strength, *_ in lanes],
+        begin=np.array([10.0 * k for *_, k in lanes]),
+    )
+    motions = [
+        Trajectory(r.t, r.q, np.column_stack([r.tau, 0 * r.tau]), name=str(k))
+        for r, (*_, k) in zip(made, lanes, strict=True)
+    ]
+    return [(*lanes[n][:3], motions[n : n + RECORDINGS]) for n in range(0, len(lanes), RECORDINGS)]
 
 
 def row(effect, strength, results):
@@ -95,14 +101,16 @@ def main():
     parser.add_argument('--processes', type=int, default=2)
     parser.add_argument('--json', type=Path, help='all results, for a closer look')
     args = parser.parse_args()
-    cells = [(e, s, args.seeds) for e in args.only for s in ((0, 1) if e != 'nothing' else (0,))]
+    cells = [(e, s) for e in args.only for s in ((0, 1) if e != 'nothing' else (0,))]
+    jobs = recorded(cells, range(args.seeds))
     print('| effect | strength | OK/WARN/ERROR | named | worst of P1-P5 [%] | largest | P held [%] | friction |')
     print('|---|---|---|---|---|---|---|---|')
     found = []
     with ProcessPoolExecutor(args.processes) as pool:
-        for results in pool.map(cell, cells):
-            print(row(*results[0][:2], [each[3] for each in results]), flush=True)
-            found += results
+        for result in pool.map(trial, jobs):
+            found.append(result)
+            if len(found) % args.seeds == 0:
+                print(row(*result['job'][:2], found[-args.seeds :]), flush=True)
     if args.json:
         args.json.write_text(json.dumps(found))
 

@@ -7,7 +7,8 @@ Its own equations of motion (from the positions of both masses), its own Runge-K
 for each effect, zero being none. All motions of a batch, shape (K,), are simulated side by side.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
+from types import SimpleNamespace
 
 import numpy as np
 
@@ -80,6 +81,11 @@ EFFECTS = {
 }
 
 
+def true(effects):
+    """Return the parameters of a rig: a motor behind a shaft or a backlash turns with link 1."""
+    return TRUE | {'P1': TRUE['P1'] + (MOTOR if effects.backlash or effects.shaft else 0.0)}
+
+
 @dataclass
 class Recording:
     """What a bag would hold: stamps [s], positions [rad], the shoulder's torque [N m]; shapes (N,), (N, 2), (N,)."""
@@ -119,33 +125,36 @@ def pulses(rng, samples, rate, strength, shortest, longest):
 def record(
     seeds, effects, *, seconds=10.0, rate=200.0, counts=4096, strength=0.35, held=(0.1, 0.5), begin=0.0, delay=0.0
 ):
-    """Return one recording for each seed; ``begin`` [s] is how long each rig ran before (see drift)."""
+    """Return one recording for each seed and its effects; ``begin`` [s] is how long each rig ran before (see drift)."""
     samples, every = round(seconds * rate), round(1 / rate / STEP)
     step, rngs = 1 / rate / every, [np.random.default_rng([seed, 19]) for seed in seeds]
     tau = np.array([pulses(rng, samples, rate, strength, *held) for rng in rngs])
     hands, pushed = np.zeros((2, samples * every, len(seeds))), []
-    for k, rng in enumerate(rngs):
-        times = np.sort(rng.uniform(0.5, seconds - 0.7, effects.pushes))
+    for k, (rng, rig) in enumerate(zip(rngs, effects, strict=True)):
+        times = np.sort(rng.uniform(0.5, seconds - 0.7, rig.pushes))
         pushed.append([(at, at + 0.2) for at in times])
         for at in times:
             first = round(at / step)
             shape = np.sin(np.pi * np.arange(round(0.2 / step)) * step / 0.2)
             hands[rng.integers(2), first : first + shape.size, k] += rng.choice([-0.3, 0.3]) * shape
+    e = SimpleNamespace(**{f.name: np.array([getattr(rig, f.name) for rig in effects]) for f in fields(Effects)})
+    e.geared = (e.backlash > 0) | (e.shaft > 0)
+    e.stiffness = np.where(e.shaft > 0, 1 / np.where(e.shaft > 0, e.shaft, 1.0), STIFF)
     x = np.zeros((7, len(seeds)))  # q1 q2 v1 v2, the motor's angle and speed, and the acting torque
     x[0] = x[4] = -np.pi / 2
     read = np.empty((samples, 2, len(seeds)))
     behind = round(delay / step)
     for n in range(samples * every):
         if n % every == 0:
-            read[n // every] = (x[4], x[1]) if effects.shaft else x[:2]
+            read[n // every] = np.where(e.shaft > 0, x[4], x[0]), x[1]
         recorded = tau[:, (n - behind) // every] if n >= behind else np.zeros(len(seeds))
-        x = _advance(x, recorded, hands[:, n], effects, np.asarray(begin) + n * step, step)
+        x = _advance(x, recorded, hands[:, n], e, np.asarray(begin) + n * step, step)
     q = np.moveaxis(read, 2, 0)
-    q[:, :, 1] += effects.eccentric * np.sin(q[:, :, 1])
+    q[:, :, 1] += e.eccentric[:, None] * np.sin(q[:, :, 1])
     unit = 2 * np.pi / counts
     q = np.round(q / unit) * unit
     t = np.arange(samples) / rate
-    stamps = [t + rng.uniform(-effects.jitter, effects.jitter, samples) for rng in rngs]
+    stamps = [t + rng.uniform(-rig.jitter, rig.jitter, samples) for rng, rig in zip(rngs, effects, strict=True)]
     return [Recording(*each) for each in zip(stamps, q, tau, pushed, strict=True)]
 
 
@@ -160,22 +169,19 @@ def _advance(x, recorded, hand, e, now, h):
 def _slope(x, recorded, hand, e, now):
     q1, q2, v1, v2, angle, speed, lagging = x
     wanted = np.clip(recorded * (1 - e.sag * (recorded / 0.35) ** 2), -e.saturation, e.saturation)
-    acting = lagging if e.lag else wanted
+    late = e.lag > 0
+    acting = np.where(late, lagging, wanted)
     worn = 1 - e.drift * (1 - np.exp(-now / 20))
     loss = [_friction(v, k, e) * worn + e.drag * v * abs(v) for k, v in enumerate((v1, v2))]
     beyond = np.sign(q2) * np.maximum(abs(q2) - e.stop, 0)
     on2 = hand[1] - loss[1] - e.spring * q2 - np.where(beyond != 0, 20.0 * beyond + 0.05 * v2, 0)
     on1 = hand[0] - loss[0] + e.offset + e.cogging * np.sin(7 * q1 + 1)
-    drive, motor = acting, 0.0
-    if e.backlash or e.shaft:
-        twist = angle - q1
-        if e.backlash:
-            twist = np.sign(twist) * np.maximum(abs(twist) - e.backlash / 2, 0)
-        stiffness = 1 / e.shaft if e.shaft else STIFF
-        drive = stiffness * twist + np.where(twist != 0, DAMPED * (speed - v1), 0)
-        motor = (acting - drive) / MOTOR
+    twist = np.sign(angle - q1) * np.maximum(abs(angle - q1) - e.backlash / 2, 0)
+    through = e.stiffness * twist + np.where(twist != 0, DAMPED * (speed - v1), 0)
+    drive = np.where(e.geared, through, acting)
     a1, a2 = accelerations(q1, q2, v1, v2, on1 + drive, on2, e.tilt)
-    return np.array([v1, v2, a1, a2, speed, motor + 0 * q1, (wanted - lagging) / e.lag if e.lag else 0 * q1])
+    motor = np.where(e.geared, (acting - through) / MOTOR, a1)
+    return np.array([v1, v2, a1, a2, speed, motor, np.where(late, (wanted - lagging) / np.where(late, e.lag, 1), 0)])
 
 
 def _friction(v, joint, e):
