@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,6 +41,8 @@ MOST_BURSTS, ROUNDS = 0.3, 5
 PAYS = 0.04
 #: ... at this level of significance, of all effects that are tried together.
 SIGNIFICANT = 0.001
+#: One that explains so many times more where the encoders round twice is made by their rounding.
+GROWS = 1.5
 #: An effect of fewer columns is preferred where it explains less by no more than this; no more effects are named.
 ALIKE, MOST_EFFECTS = 0.02, 3
 #: Fewer recordings than this are cut into so many parts, each of which is left out in turn.
@@ -153,43 +155,71 @@ def unexplained(trajectories: Sequence[Trajectory], smoothing: float, hold: str,
         TrajectoryError: a recording is shorter than a bump.
     """
     motions = [Motion.prepare(t, smoothing, hold) for t in trajectories]
-    tables = [_table(motion, delay) for motion in motions]
-    t = [centres for centres, _ in tables]
-    table = np.concatenate([rows for _, rows in tables])
-    used = [k for k in range(table.shape[2] - 1) if table[:, :, k].any()]
-    base, y = table[:, :, used], table[:, :, -1]
+    balances = _Balances.of(motions, delay)
+    again = _Balances.of([_read_again(m, smoothing, hold, seed) for seed, m in enumerate(motions)], delay)
+    base, y = balances.phi, balances.y
     effort = float(np.sqrt((y[:, 0] ** 2).mean()))
-    folds = np.repeat(np.arange(len(t)), [len(c) for c in t])
-    if len(t) < FEWEST_RECORDINGS:
-        folds = np.arange(len(folds)) * FOLDS // len(folds)
-    ends = np.cumsum([len(each) for each in t])[:-1]
-    beside, effects = base, []
+    beside: list[_Candidate] = []
     for _ in range(2):  # an effect may look like bursts, and bursts hide effects
-        kept, weight = _without_bursts(beside, y, LEAST_BURST * effort)
+        columns = np.concatenate([base, *(candidate.columns for candidate in beside)], axis=2)
+        noise = again.left(_solved(base, y)) - balances.left(_solved(base, y))
+        kept, weight = _without_bursts(columns, y, np.sqrt((noise**2).mean(axis=0)), LEAST_BURST * effort)
         theta = _solved((base * weight)[kept], (y * weight[:, 0])[kept])
-        residual = y - base @ theta
-        torque = np.split(residual, ends)
-        candidates = list(_candidates(motions, t, delay, used, theta, torque))
-        named = list(_named(base * weight, y * weight[:, 0], candidates, weight, kept, folds))
-        effects = [effect for effect, _ in named]
-        beside = np.concatenate([base, *(candidate.columns for _, candidate in named)], axis=2)
-    again = [_table(_read_again(motion, smoothing, hold, k), delay)[1] for k, motion in enumerate(motions)]
-    change = [of[:, :, -1] - of[:, :, used] @ theta - old for of, old in zip(again, torque, strict=True)]
+        of_one, of_other = (list(_candidates(each, theta)) for each in (balances, again))
+        named = list(_named(balances, of_one, weight, kept))
+        true = _not_noise([(balances, of_one), (again, of_other)], [number for number, _ in named], weight, kept)
+        named = named[:true]
+        beside = [of_one[number] for number, _ in named]
+    left, noise = balances.left(theta), again.left(theta) - balances.left(theta)
     return Unexplained(
-        times=tuple(t),
-        torque=tuple(torque),
-        share=np.sqrt((residual[kept] ** 2).mean(axis=0)) / effort,
-        noise=np.sqrt((np.concatenate(change)[kept] ** 2).mean(axis=0)) / effort,
-        bursts=tuple(_bursts(motions, t, np.split(kept, ends), torque)),
-        effects=tuple(effects),
+        times=tuple(balances.t),
+        torque=tuple(balances.by_motion(left)),
+        share=np.sqrt((left[kept] ** 2).mean(axis=0)) / effort,
+        noise=np.sqrt((noise[kept] ** 2).mean(axis=0)) / effort,
+        bursts=tuple(_bursts(balances, kept, left)),
+        effects=tuple(effect for _, effect in named),
     )
 
 
-def _table(motion: Motion, delay: float) -> tuple[Array, Array]:
-    """Return the bumps' centres [s], shape (K,), and both momentum balances, [phi, y], shape (K, 2, D + 1)."""
-    regression = weak_regression(motion, MODEL, delay, weights=(1, 1, 1), width=WIDTH, stride=STRIDE)
-    rows = np.column_stack([regression.phi, regression.y])
-    return regression.t[::3], rows.reshape(-1, 3, rows.shape[1])[:, :2]
+@dataclass(frozen=True, slots=True)
+class _Balances:
+    """The balances of both joints' momentum under K bumps: ``y`` = ``phi`` theta.
+
+    Attributes:
+        motions: of which they are.
+        delay: of the effort [s].
+        t: the bumps' centres in each motion [s].
+        phi: columns of the parameters that the motions have anything of, shape (K, 2, D).
+        y: shape (K, 2).
+    """
+
+    motions: Sequence[Motion]
+    delay: float
+    t: list[Array]
+    phi: Array
+    y: Array
+
+    @classmethod
+    def of(cls, motions: Sequence[Motion], delay: float) -> _Balances:
+        made = [weak_regression(m, MODEL, delay, weights=(1, 1, 1), width=WIDTH, stride=STRIDE) for m in motions]
+        phi, y = np.concatenate([r.phi for r in made]), np.concatenate([r.y for r in made])
+        # Of shoulder, elbow and energy the third says nothing new. Without an elbow motor there is no k2.
+        phi = phi.reshape(-1, 3, phi.shape[1])[:, :2]
+        return cls(motions, delay, [r.t[::3] for r in made], phi[:, :, phi.any(axis=(0, 1))], y.reshape(-1, 3)[:, :2])
+
+    def left(self, theta: Array) -> Array:
+        """Return the unexplained torque [N m], shape (K, 2)."""
+        return np.asarray(self.y - self.phi @ theta)
+
+    def by_motion(self, rows: NDArray[Any]) -> list[NDArray[Any]]:
+        return np.split(rows, np.cumsum([len(centres) for centres in self.t])[:-1])
+
+    @property
+    def folds(self) -> NDArray[np.intp]:
+        """The number of what is left out in turn, shape (K,): a recording or, of few, a part of the time."""
+        if len(self.t) >= FEWEST_RECORDINGS:
+            return np.repeat(np.arange(len(self.t)), [len(centres) for centres in self.t])
+        return np.arange(len(self.y)) * FOLDS // len(self.y)
 
 
 def _read_again(motion: Motion, smoothing: float, hold: str, seed: int) -> Motion:
@@ -199,13 +229,13 @@ def _read_again(motion: Motion, smoothing: float, hold: str, seed: int) -> Motio
     return Motion.prepare(replace(recorded, q=recorded.q + error), smoothing, hold)
 
 
-def _without_bursts(base: Array, y: Array, least: float) -> tuple[NDArray[np.bool_], Array]:
+def _without_bursts(base: Array, y: Array, noise: Array, least: float) -> tuple[NDArray[np.bool_], Array]:
     """Return which bumps are no bursts, shape (K,), and the weights of both joints, shape (2, 1)."""
     kept, weight = np.ones(len(y), dtype=bool), np.ones((2, 1))
     for _ in range(ROUNDS):
         theta = _solved((base * weight)[kept], (y * weight[:, 0])[kept])
         residual = np.abs(y - base @ theta)
-        sigma = 1.4826 * np.median(residual, axis=0) + np.finfo(float).tiny
+        sigma = np.maximum(1.4826 * np.median(residual, axis=0), noise) + np.finfo(float).tiny
         weight = (sigma[0] / sigma)[:, None]
         outlying = (residual > np.maximum(OUTLYING * sigma, least)).any(axis=1)
         around = np.convolve(outlying, np.ones(2 * round(WIDTH / STRIDE / 2) + 1), 'same') > 0
@@ -223,16 +253,15 @@ def _solved(phi: Array, y: Array) -> Array:
     return np.asarray(np.linalg.lstsq(flat / scale, y.ravel(), rcond=1e-9)[0] / scale)
 
 
-def _bursts(
-    motions: Sequence[Motion], t: list[Array], kept: list[NDArray[np.bool_]], torque: list[Array]
-) -> Iterator[Burst]:
-    for motion, centres, good, residual in zip(motions, t, kept, torque, strict=True):
-        for run in np.split(np.flatnonzero(~good), np.flatnonzero(np.diff(np.flatnonzero(~good)) > 1) + 1):
+def _bursts(balances: _Balances, kept: NDArray[np.bool_], left: Array) -> Iterator[Burst]:
+    rows = zip(balances.motions, balances.t, balances.by_motion(kept), balances.by_motion(left), strict=True)
+    for motion, centres, good, torque in rows:
+        outlying = np.flatnonzero(~good)
+        for run in np.split(outlying, np.flatnonzero(np.diff(outlying) > 1) + 1):
             if len(run):
-                joint = int(np.abs(residual[run]).max(axis=0).argmax())
-                largest = residual[run, joint][np.abs(residual[run, joint]).argmax()]
+                largest, joint = max((float(abs(torque[run, k]).max()), k) for k in (0, 1))
                 begin, end = centres[run[[0, -1]]] - motion.start
-                yield Burst(motion.name, float(begin), float(end), float(largest), ('shoulder', 'elbow')[joint])
+                yield Burst(motion.name, float(begin), float(end), largest, ('shoulder', 'elbow')[joint])
 
 
 class _Candidate(NamedTuple):
@@ -243,13 +272,12 @@ class _Candidate(NamedTuple):
     columns: Array
 
 
-def _candidates(
-    motions: Sequence[Motion], t: list[Array], delay: float, used: list[int], theta: Array, torque: list[Array]
-) -> Iterator[_Candidate]:
+def _candidates(balances: _Balances, theta: Array) -> Iterator[_Candidate]:
     """Return what every effect would add to the balances."""
+    motions, delay = balances.motions, balances.delay
     u = (np.arange(POINTS) + 0.5) / POINTS * 2 - 1
     bump = (1 - u**2) ** 3
-    times = [centres[:, None] + WIDTH / 2 * u for centres in t]
+    times = [centres[:, None] + WIDTH / 2 * u for centres in balances.t]
     q1, q2, v1, v2 = np.concatenate([m.states(at) for m, at in zip(motions, times, strict=True)], axis=1)
     tau = np.concatenate([m.impulse(at - delay, 1)[..., 0] for m, at in zip(motions, times, strict=True)])
     elapsed = np.concatenate(
@@ -269,14 +297,13 @@ def _candidates(
 
     def read(change: Callable[[Motion, Array], tuple[Array, Array]]) -> Array:
         """Return the column of angles that were read otherwise than they are."""
-        changes = []
-        for motion, old in zip(motions, torque, strict=True):
+        changed = []
+        for motion in motions:
             at = motion.smoothed.x
             more = SMALL * np.column_stack(change(motion, at))
             states = motion.smoothed(at) + np.column_stack([more, CubicSpline(at, more)(at, 1)])
-            rows = _table(replace(motion, smoothed=CubicSpline(at, states)), delay)[1]
-            changes.append((rows[:, :, -1] - rows[:, :, used] @ theta - old) / SMALL)
-        return np.concatenate(changes)[:, :, None]
+            changed.append(replace(motion, smoothed=CubicSpline(at, states)))
+        return ((_Balances.of(changed, delay).left(theta) - balances.left(theta)) / SMALL)[:, :, None]
 
     one, joints = np.ones_like(q1), (('shoulder', q1, v1), ('elbow', q2, v2))
     top = np.abs(tau).max()
@@ -331,17 +358,13 @@ def _candidates(
 
 
 def _named(
-    base: Array,
-    y: Array,
-    candidates: list[_Candidate],
-    weight: Array,
-    kept: NDArray[np.bool_],
-    folds: NDArray[np.intp],
-) -> Iterator[tuple[Effect, _Candidate]]:
-    """Return the effects that are significant and pay on data that did not fit them, one after the other.
+    balances: _Balances, candidates: list[_Candidate], weight: Array, kept: NDArray[np.bool_]
+) -> Iterator[tuple[int, Effect]]:
+    """Return the effects that are significant and pay on data that did not fit them, and which candidates they are.
 
-    All that is asked of the data are products of columns, by block of time and by fold.
+    All that is asked of the data are products of columns, by fold.
     """
+    base, y, folds = balances.phi * weight, balances.y * weight[:, 0], balances.folds
     columns = np.concatenate([base, *(c.columns * weight for c in candidates), y[:, :, None]], axis=2)[kept]
     scale = np.sqrt((columns**2).sum(axis=(0, 1)))
     columns = columns / np.where(scale > 0, scale, 1.0)
@@ -371,8 +394,25 @@ def _named(
         taken = taken + places[best]
         left = [c for c in left if candidates[c].name != candidates[best].name]
         now = _least(whole, taken)[:5]
-        effect = Effect(candidates[best].name, candidates[best].where, float(share), (now - physical) / physical)
-        yield effect, candidates[best]
+        yield best, Effect(candidates[best].name, candidates[best].where, float(share), (now - physical) / physical)
+
+
+def _not_noise(
+    readings: list[tuple[_Balances, list[_Candidate]]], numbers: list[int], weight: Array, kept: NDArray[np.bool_]
+) -> int:
+    """Return how many of the effects, the greatest first, are none that the encoders' rounding makes.
+
+    Noise in angles and speeds makes parameters too small, and what they then leave may look like an effect. That grows
+    with the noise: where angles are rounded once more such an effect explains more, while a true one explains the same.
+    """
+    explained = []
+    for balances, candidates in readings:
+        parts = [balances.phi, *(candidates[n].columns for n in numbers), balances.y[:, :, None]]
+        products = _products((np.concatenate(parts, axis=2) * weight)[kept])
+        ends = np.cumsum([part.shape[2] for part in parts[:-1]])
+        explained.append(-np.diff([_squares(products, list(range(end))) for end in ends]))
+    made = explained[1] > GROWS * explained[0]
+    return int(made.argmax()) if made.any() else len(numbers)
 
 
 def _products(columns: Array) -> Array:
