@@ -39,8 +39,12 @@ OUTLYING, LEAST_BURST = 8.0, 0.05
 MOST_BURSTS, ROUNDS = 0.3, 5
 #: An effect is named that explains this part of what was unexplained, on data that did not fit it too, ...
 PAYS = 0.04
+#: ... or this one, where samples are farther apart than this [s] and do not show all of a fast motion, ...
+PAYS_COARSE, COARSE = 0.3, 0.02
 #: ... at this level of significance, of all effects that are tried together.
 SIGNIFICANT = 0.001
+#: Nothing is named where rounding alone leaves more than this part of the effort unexplained.
+NOISIEST = 0.15
 #: One that explains so many times more where the encoders round twice is made by their rounding.
 GROWS = 1.5
 #: An effect of fewer columns is preferred where it explains less by no more than this; no more effects are named.
@@ -166,7 +170,8 @@ def unexplained(trajectories: Sequence[Trajectory], smoothing: float, hold: str,
         kept, weight = _without_bursts(columns, y, np.sqrt((noise**2).mean(axis=0)), LEAST_BURST * effort)
         theta = _solved((base * weight)[kept], (y * weight[:, 0])[kept])
         of_one, of_other = (list(_candidates(each, theta)) for each in (balances, again))
-        named = list(_named(balances, of_one, weight, kept))
+        clear = np.sqrt((noise**2).mean(axis=0)).max() < NOISIEST * effort
+        named = list(_named(balances, of_one, weight, kept)) if clear else []
         true = _not_noise([(balances, of_one), (again, of_other)], [number for number, _ in named], weight, kept)
         named = named[:true]
         beside = [of_one[number] for number, _ in named]
@@ -376,6 +381,7 @@ def _named(
     places = [list(range(low, high)) for low, high in pairwise(first)]
     taken, left = list(range(base.shape[2])), list(range(len(candidates)))
     physical = _least(whole, taken)[:5]
+    pays = PAYS if max(m.interval for m in balances.motions) <= COARSE else PAYS_COARSE
     for _ in range(MOST_EFFECTS):
         alone, left_out = _squares(whole, taken), _left_out(of_fold, taken)
         found = []
@@ -387,7 +393,7 @@ def _named(
                 and fdtrc(size, freedom, (alone / rest - 1) * freedom / size) * len(candidates) < SIGNIFICANT
             ):
                 found.append((1 - _left_out(of_fold, taken + places[c]) / left_out, c))
-        if not found or max(found)[0] < PAYS:
+        if not found or max(found)[0] < pays:
             return
         # Of those that explain nearly as much, the simplest.
         share, best = min((f for f in found if f[0] > max(found)[0] - ALIKE), key=lambda f: len(places[f[1]]))
