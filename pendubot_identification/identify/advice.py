@@ -43,13 +43,11 @@ def advise(estimate: Estimate) -> tuple[str, ...]:
     with np.errstate(all='ignore'):
         relative = np.where(estimate.free & (size > 0), estimate.std_error / size, 0.0)
         correlation = np.nan_to_num(np.abs(estimate.correlation - np.eye(len(size))))
-    poor = [int(k) for k in np.argsort(-relative) if relative[k] > POORLY]
     sentences = []
-    for k in poor:
+    for k in (k for k in np.argsort(-relative) if relative[k] > POORLY):
+        said = f'its standard error is {100 * relative[k]:.0f} % of it' if relative[k] < NOT_AT_ALL else 'not at all'
         partner = int(np.argmax(correlation[k]))
-        apart = ''
         if correlation[k, partner] > TOGETHER:
-            apart = f', hardly apart from {NAMES[partner]} (correlation {estimate.correlation[k, partner]:.2f})'
-        certain = f'its standard error is {100 * relative[k]:.0f} % of it' if relative[k] < NOT_AT_ALL else 'not at all'
-        sentences.append(f'this motion tells little of {NAMES[k]} ({certain}{apart}); what helps: {HELP[NAMES[k]]}')
+            said += f', hardly apart from {NAMES[partner]} (correlation {estimate.correlation[k, partner]:.2f})'
+        sentences.append(f'this motion tells little of {NAMES[k]} ({said}); what helps: {HELP[NAMES[k]]}')
     return tuple(sentences)

@@ -37,38 +37,33 @@ def contradictions(data: Data, model: str, together: TrajectoryFit, without: Seq
         together: the fit of all of them.
         without: for each recording, the fit of all others where it is known already.
     """
-    groups, count = data.groups, len(data.groups)
+    groups, names, count = data.groups, [recording.name for recording in data.whole], len(data.groups)
     alone = [data.only(group).fit(model) for group in groups]
     if count == 2:
         without = alone[::-1]
     elif len(without) != count:
         without = [data.only([m for g in groups if g is not left_out for m in g]).fit(model) for left_out in groups]
 
-    def error(recording: int, fit: TrajectoryFit) -> float:
-        return float(np.exp(predict(groups[recording], fit.fit.theta, fit.fit.delay, data.scale).loss))
+    def errors(fits: Sequence[TrajectoryFit]) -> Array:
+        pairs = zip(groups, fits, strict=True)
+        return np.exp([predict(group, fit.fit.theta, fit.fit.delay, data.scale).loss for group, fit in pairs])
 
-    own = np.array([error(k, fit) for k, fit in enumerate(alone)])
+    own = errors(alone)
     own = np.minimum(own, EXPLAINED * np.nanmedian(own))
-    common = np.array([error(k, together) for k in range(count)])
-    if not (common > AGREEING * own).any():
+    if not (errors([together] * count) > AGREEING * own).any():
         return []
-    apart = np.array([error(k, fit) for k, fit in enumerate(without)])
+    apart = errors(without)
     odd = (apart > CONTRADICTING * own) & (apart > CONTRADICTION)
-    names = [recording.name for recording in data.whole]
-    if count == 2:
-        if not odd.all():
-            return []
+    if count == 2 and odd.all():
         return [
             f'{names[0]} and {names[1]} contradict each other: each is predicted from the other with '
             f'{(apart / own).min():.0f} times or more the error that its own parameters leave; are they of one rig, '
             'with the same signs and zeros?'
         ]
-    if not odd.any():
+    if count == 2 or not odd.any():
         return []
     # All are predicted badly by a crowd with one stranger in it. The stranger is whom the others agree without.
-    others = [[j for j in range(count) if j != k] for k in range(count)]
-    pairs = zip(others, without, strict=True)
-    strife = np.array([np.mean([np.log(error(j, fit) / own[j]) for j in rest]) for rest, fit in pairs])
+    strife = [np.delete(np.log(errors([fit] * count) / own), k).mean() for k, fit in enumerate(without)]
     stranger = int(np.nanargmin(strife))
     if not odd[stranger]:
         return []

@@ -49,17 +49,19 @@ def trajectory_covariance(found: TrajectoryFit, groups: str = 'recordings') -> t
         that it would have without; a sentence.
     """
     fit, free = found.fit, found.fit.free
-    information, slopes = fit.informations.sum(axis=0)[:-2, :-2], fit.slopes[:, :-2]
+    information, slopes = _information(found), fit.slopes[:, :-2]
+    inverse = _inverse(information, free)
     if found.white:
-        variance = found.variance
-        covariance = variance * _inverse(information, free)
-        words = f"Gauss-Newton; the residuals are white, with {variance:.2f} times the variance of the positions' noise"
+        covariance = found.variance * inverse
+        words = (
+            f"Gauss-Newton; the residuals are white, with {found.variance:.2f} times the variance of the positions' "
+            'noise'
+        )
     else:
         several = len(np.unique(found.group)) >= FEWEST_RECORDINGS
+        clusters, what = (found.group, groups) if several else _blocks(found, BLOCK)
         if found.exact:
             clusters, what = np.arange(len(found.group)), f'segments of {found.length:.2g} s'
-        else:
-            clusters, what = (found.group, groups) if several else _blocks(found, BLOCK)
         members = [clusters == k for k in np.unique(clusters)]
         rest = [information - fit.informations[m].sum(axis=0)[:-2, :-2] for m in members]
         moves = [_solve(r, slopes[m].sum(axis=0), free) for r, m in zip(rest, members, strict=True)]
@@ -67,7 +69,7 @@ def trajectory_covariance(found: TrajectoryFit, groups: str = 'recordings') -> t
         words = f'cluster jackknife over {len(members)} {what}; Student quantile {quantile * NORMAL_95:.2f} included'
         if found.exact:
             # What readings err, and where the simulation errs alike in all segments.
-            covariance += max(found.variance, 1.0) * _inverse(information, free)
+            covariance += max(found.variance, 1.0) * inverse
         elif not several:
             # Blocks of a recording have its zeros in common, so that they do not show what these do.
             moved, _ = _freed(found)
@@ -76,10 +78,10 @@ def trajectory_covariance(found: TrajectoryFit, groups: str = 'recordings') -> t
     untold = _untold(information, free)
     covariance[untold, untold] = np.inf
     std_error = np.sqrt(np.diag(covariance))
-    everything = np.sqrt(np.diag(_inverse(information, np.ones_like(free))))
     told = free & ~untold
     if told.any():
-        inflation = np.median(std_error[told] / np.sqrt(np.diag(_inverse(information, free)))[told])
+        inflation = np.median(std_error[told] / np.sqrt(np.diag(inverse))[told])
+        everything = np.sqrt(np.diag(_inverse(information, np.ones_like(free))))
         std_error = np.where(free, std_error, inflation * everything)
     covariance[~free], covariance[:, ~free] = np.nan, np.nan
     return covariance, std_error, words
@@ -98,7 +100,7 @@ def correlations(information: Array, free: NDArray[np.bool_]) -> Array:
 def scaled_condition_number(found: TrajectoryFit) -> float:
     """Return the condition number of the residuals' derivative, columns scaled to one, of what no bound holds."""
     free = found.fit.free
-    scaled, scale = _scaled(found.fit.informations.sum(axis=0)[:-2, :-2][np.ix_(free, free)])
+    scaled, scale = _scaled(_information(found)[np.ix_(free, free)])
     return float(np.sqrt(np.linalg.cond(scaled))) if np.isfinite(scale).all() else float('inf')
 
 
@@ -124,6 +126,11 @@ def estimated_zeros(found: TrajectoryFit, recordings: int) -> tuple[Array, Array
     return angles, std_error
 
 
+def _information(found: TrajectoryFit) -> Array:
+    """Return the information matrix of theta and delay, the recordings' zeros being 0, shape (G, G)."""
+    return np.asarray(found.fit.informations.sum(axis=0)[:-2, :-2])
+
+
 def _freed(found: TrajectoryFit, which: NDArray[np.bool_] | slice = slice(None)) -> tuple[Array, Array]:
     """Return the step of theta and delay, shape (G,), and the recordings' zeros that some segments ask for."""
     fit = found.fit
@@ -133,11 +140,8 @@ def _freed(found: TrajectoryFit, which: NDArray[np.bool_] | slice = slice(None))
     own = information[:, -2:, -2:] + (np.median(fit.costs) / ZERO_PRIOR**2 + 1e-12) * np.eye(2)
     gain, rest = np.split(np.linalg.solve(own, np.dstack([information[:, -2:, :-2], slope[:, -2:]])), [-1], axis=2)
     back = information[:, :-2, -2:]
-    moved = -_solve(
-        (information[:, :-2, :-2] - back @ gain).sum(axis=0),
-        (slope[:, :-2] - (back @ rest)[:, :, 0]).sum(axis=0),
-        fit.free,
-    )
+    condensed = (information[:, :-2, :-2] - back @ gain).sum(axis=0)
+    moved = -_solve(condensed, (slope[:, :-2] - (back @ rest)[:, :, 0]).sum(axis=0), fit.free)
     return moved, -(rest[:, :, 0] + gain @ moved).T
 
 
@@ -179,11 +183,11 @@ def _told(scaled: Array) -> tuple[Array, Array]:
 
 
 def _inverse(information: Array, free: NDArray[np.bool_]) -> Array:
+    """Return the pseudo-inverse of what is free; the rest is 0."""
     result = np.zeros_like(information)
     scaled, scale = _scaled(information[np.ix_(free, free)])
     values, vectors = _told(scaled)
-    inverse = (vectors / values) @ vectors.T
-    result[np.ix_(free, free)] = inverse / scale / scale[:, None]
+    result[np.ix_(free, free)] = (vectors / values) @ vectors.T / scale / scale[:, None]
     return result
 
 

@@ -4,20 +4,20 @@
 """What is wrong with the conventions of a recording: signs, order, zeros and stamps, told from the motion itself.
 
 A recording that breaks a convention is poorly explained by any physical parameters, and well explained once it is put
-right. So every fault that we know of is put right on trial, and is named where the weak criterion falls markedly and to
-what a sound recording leaves. Where none does that, no fault is named, but that the motion fits no pendubot.
+right. So every known fault is put right on trial, and named where that makes the weak criterion fall markedly, to what
+a sound recording leaves. Where nothing does that, all that is said is that the motion fits no pendubot.
 
-What cannot be noticed: an effort in other units or through another gear ratio scales all parameters but explains as
-well; both joints and both efforts turned round are the same rig seen from behind; and a zero that is off by less than
-the angle at which friction holds a link that hangs at rest may be how the rig was standing when it was set.
+What cannot be noticed: an effort in other units or through another gear ratio, which scales all parameters; both joints
+and both efforts turned round, which is the same rig seen from behind; and a zero that is off by less than the angle at
+which friction holds a hanging link.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,21 +38,23 @@ from pendubot_identification.trajectories.trajectory import Trajectory
 from .uncertainty import Blocks, bootstrap_covariance
 
 Array = NDArray[np.float64]
+Matrix = tuple[Pair, Pair]
+#: Unit vectors of both joints' angles.
+JOINTS = np.eye(2)
 
-#: Dry friction and a rotor are allowed for; what has more to it would explain faults away.
+#: Dry friction and a rotor are allowed for; a richer model would explain faults away.
 MODEL = 'rotor'
 BOUNDS = default_bounds().of(MODELS[MODEL])
 #: Of the balances of the shoulder, the elbow and energy: smoothing spoils energy, and elbows are small.
 WEIGHTS = (1.0, 3.0, 0.1)
-#: From bump to bump [s]; more of them tell little more.
+#: From bump to bump [s].
 STRIDE = 0.03
 #: Recordings shorter than this [s] tell nothing.
 SHORTEST = 1.0
-#: By how much putting it right must lower the unexplained part: another sense or order changes everything, a zero or
-#: a delay of the least size of interest does not.
+#: By how much putting it right must lower the unexplained part: a sense or an order, and a zero or a delay.
 TURNED, SHIFTED = 2.0, 1.2
-#: A zero or an offset that lowers it by so much when put right had made some parameter wrong by a sixth and more, on
-#: virtual and real rigs.
+#: A zero or an offset that lowers it by so much had made some parameter wrong by a sixth and more, on virtual and real
+#: rigs.
 GRAVE = 5.0
 #: A sound recording leaves no more than this part unexplained, and so must one that is put right: real rigs leave 2 %,
 #: 5 % with stamps 20 ms late, and 12 % and more with what cures nothing.
@@ -117,75 +119,51 @@ class Fault:
         return f'{self.found}{shares}; {self.remedy}'
 
 
-class _Turn(NamedTuple):
-    """A fault of sense or order: what it is, what to do, and what undoes it, for angles from hanging and efforts.
-
-    What undoes it also adds ``shift`` [rad] to the positions: where they were turned about another zero than hanging.
-    """
-
-    name: str
-    found: str
-    remedy: str
-    positions: tuple[tuple[float, float], tuple[float, float]]
-    efforts: tuple[tuple[float, float], tuple[float, float]] = ((1, 0), (0, 1))
-    shift: Pair = (0.0, 0.0)
-
-
-_AS_IS, _EXCHANGED = ((1, 0), (0, 1)), ((0, 1), (1, 0))
+_AS_IS, _EXCHANGED, _RELATIVE = ((1, 0), (0, 1)), ((0, 1), (1, 0)), ((1, 0), (-1, 1))
 _FIRST, _SECOND, _BOTH = ((-1, 0), (0, 1)), ((1, 0), (0, -1)), ((-1, 0), (0, -1))
-_RELATIVE = ((1, 0), (-1, 1))
-#: Of angles from the horizontal that were negated, or exchanged, as they stood.
-_MIRRORED, _SWAPPED = (math.pi, 0.0), (math.pi / 2, -math.pi / 2)
-_SENSE = 'positions and efforts of both joints must be positive in one sense of rotation'
-_ORDER = 'shoulder first, elbow second'
-_TURNS = (
-    _Turn('sign', "the elbow's position has the wrong sign", f"{_SENSE}: negate the elbow's position", _SECOND),
-    _Turn(
+#: Of angles from the horizontal that were negated, exchanged, or made absolute as they stood.
+_MIRRORED, _SWAPPED, _LIFTED = (math.pi, 0.0), (math.pi / 2, -math.pi / 2), (0.0, math.pi / 2)
+_WHAT_IS_EXPECTED = {
+    'sign': 'positions and efforts of both joints must be positive in one sense of rotation',
+    'order': 'shoulder first, elbow second',
+    'absolute': 'it must be relative to link 1',
+}
+_NEGATED, _DISORDERED = 'has the wrong sign', 'are in the wrong order'
+_RELATIVELY = "subtract the shoulder's position (import-csv: --elbow absolute)"
+_NO_SHIFT = (0.0, 0.0)
+#: Faults of sense or order: name, what is wrong, what to do, and what undoes it: matrices for angles from hanging and
+#: for efforts, and what is then added to the positions [rad] where they were turned about another zero than hanging.
+_TURNS: tuple[tuple[str, str, str, Matrix, Matrix, Pair], ...] = (
+    ('sign', f"the elbow's position {_NEGATED}", "negate the elbow's position", _SECOND, _AS_IS, _NO_SHIFT),
+    (
         'sign',
         'the elbow turns the other way than the shoulder',
-        f"{_SENSE}: negate the elbow's position and effort (or the shoulder's)",
-        _SECOND,
-        _SECOND,
+        "negate the elbow's position and effort (or the shoulder's)",
+        *(_SECOND, _SECOND, _NO_SHIFT),
     ),
-    _Turn('sign', 'the effort has the wrong sign', f'{_SENSE}: negate the effort (or both positions)', _AS_IS, _BOTH),
-    _Turn(
+    ('sign', f'the effort {_NEGATED}', 'negate the effort (or both positions)', _AS_IS, _BOTH, _NO_SHIFT),
+    (
         'sign',
-        "the shoulder's position has the wrong sign",
-        f"{_SENSE}: negate the shoulder's position (or the elbow's and the effort)",
-        _FIRST,
+        f"the shoulder's position {_NEGATED}",
+        "negate the shoulder's position (or the elbow's and the effort)",
+        *(_FIRST, _AS_IS, _NO_SHIFT),
     ),
-    _Turn(
+    (
         'sign',
-        "the shoulder's position has the wrong sign, as measured from the horizontal",
-        f"{_SENSE}: negate the shoulder's position, so that hanging is -90 degrees",
-        _FIRST,
-        shift=_MIRRORED,
+        f"the shoulder's position {_NEGATED}, as measured from the horizontal",
+        "negate the shoulder's position, so that hanging is -90 degrees",
+        *(_FIRST, _AS_IS, _MIRRORED),
     ),
-    _Turn(
-        'sign', "the shoulder's effort has the wrong sign", f"{_SENSE}: negate the shoulder's effort", _AS_IS, _FIRST
-    ),
-    _Turn('sign', "the elbow's effort has the wrong sign", f"{_SENSE}: negate the elbow's effort", _AS_IS, _SECOND),
-    *(
-        _Turn('order', found, f'{_ORDER}: exchange the {what}', _EXCHANGED, efforts, shift)
-        for shift in ((0.0, 0.0), _SWAPPED)
-        for found, what, efforts in (
-            ('the joints are in the wrong order', 'joints', _EXCHANGED),
-            ("the joints' positions are in the wrong order", 'positions', _AS_IS),
-        )
-    ),
-    _Turn('order', "the joints' efforts are in the wrong order", f'{_ORDER}: exchange the efforts', _AS_IS, _EXCHANGED),
-    *(
-        _Turn(
-            'absolute',
-            "the elbow's position is absolute",
-            "it must be relative to link 1: subtract the shoulder's position (import-csv: --elbow absolute)",
-            _RELATIVE,
-            shift=(0.0, shift),
-        )
-        for shift in (0.0, math.pi / 2)
-    ),
+    ('sign', f"the shoulder's effort {_NEGATED}", "negate the shoulder's effort", _AS_IS, _FIRST, _NO_SHIFT),
+    ('sign', f"the elbow's effort {_NEGATED}", "negate the elbow's effort", _AS_IS, _SECOND, _NO_SHIFT),
+    ('order', f'the joints {_DISORDERED}', 'exchange the joints', _EXCHANGED, _EXCHANGED, _NO_SHIFT),
+    ('order', f"the joints' positions {_DISORDERED}", 'exchange the positions', _EXCHANGED, _AS_IS, _NO_SHIFT),
+    ('order', f'the joints {_DISORDERED}', 'exchange the joints', _EXCHANGED, _EXCHANGED, _SWAPPED),
+    ('order', f"the joints' positions {_DISORDERED}", 'exchange the positions', _EXCHANGED, _AS_IS, _SWAPPED),
+    ('order', f"the joints' efforts {_DISORDERED}", 'exchange the efforts', _AS_IS, _EXCHANGED, _NO_SHIFT),
+    ('absolute', "the elbow's position is absolute", _RELATIVELY, _RELATIVE, _AS_IS, _NO_SHIFT),
+    ('absolute', "the elbow's position is absolute", _RELATIVELY, _RELATIVE, _AS_IS, _LIFTED),
 )
-
 #: What the zeros must be.
 _ZEROS = (
     'q1 must be 0 where link 1 is horizontal, -90 degrees hanging (import-csv: --zero hanging if it is 0 there)',
@@ -201,24 +179,20 @@ def diagnose(
     delay: float = 0.0,
     expected_link_length: float | None = None,
 ) -> tuple[Fault, ...]:
-    """Name what is wrong with the conventions of recordings.
+    """Name the faults of convention that recordings of one rig have in common; none where they tell too little.
 
-    A fault is named when the motion tells it clearly: recordings of little motion, or of much friction, may hide a
-    zero or a delay. Of several faults at once the first may be taken for another one that explains nearly as well.
+    A fault is named when the motion tells it clearly: little motion, or much friction, may hide a zero or a delay. Of
+    several faults at once the first may be taken for another one that explains nearly as well. An error is a wrong
+    sense or order, a motion that fits no pendubot, and whatever leaves less than a fifth unexplained of what was, once
+    it is put right; all else is a warning.
 
     Args:
-        trajectories: recordings of one rig; faults that they have in common are found.
+        trajectories: recordings of one rig.
         smoothing: the differentiator's window [s].
         hold: of the effort, see :meth:`.motion.Motion.prepare`.
-        model: the name of one of :data:`.parameters.MODELS`, for the link's length; all else allows for dry friction
-            and a rotor, whatever the model.
+        model: for the link's length alone; all else allows for dry friction and a rotor.
         delay: what is known of the effort's delay [s], not what was estimated from these recordings.
         expected_link_length: of link 1 [m], to be compared with the one that the elbow's motion tells.
-
-    Returns:
-        None for good recordings, and none where recordings are too short or too quiet to tell. An error is a wrong
-        sense or order, a motion that fits no pendubot, and whatever leaves less than a fifth unexplained of what was,
-        once it is put right; all else is a warning.
     """
     long = tuple(t for t in trajectories if t.duration >= SHORTEST)
     if not any(t.tau.any() for t in long):
@@ -233,7 +207,17 @@ def diagnose(
     if not faults:
         faults = _unfit(rig)
     if expected_link_length is not None:
-        faults += _wrong_length(cured, model, expected_link_length)
+        length, error = link_length(cured.motions, model, cured.delay)
+        if abs(length - expected_link_length) > max(LENGTH_ERRORS * error, LENGTH_PART * expected_link_length):
+            faults.append(
+                Fault(
+                    'length',
+                    f'the elbow moves as on a link 1 of {length:.3f} +- {error:.3f} m, {expected_link_length:.3f} m is '
+                    'expected',
+                    'measure from axis to axis, and look at the signs, the zeros, the counts per turn and the stamps '
+                    'of both angles',
+                )
+            )
     return tuple(faults)
 
 
@@ -242,51 +226,40 @@ def _cured(rig: _Rig) -> tuple[_Rig, float, list[Fault]]:
 
     The rig as it is where nothing is wrong, or nothing puts it right.
     """
-    kinds = (_turns, _zeros, _offsets, _delays)
-    zeros = _Zeros(rig)
-    if zeros.as_is < FLAWLESS:
-        return rig, zeros.as_is, []
+    as_is = rig.unexplained(np.zeros(2))
+    if as_is < FLAWLESS:
+        return rig, as_is, []
     # Of those that leave the very same only the first: on a pendubot the effort is the shoulder's alone.
-    firsts = {remedy.after: remedy for kind in reversed(kinds) for remedy in reversed(kind(rig, zeros))}
-    cures: list[tuple[float, _Remedy, _Remedy | None]] = []
+    firsts: dict[float, _Remedy] = {}
+    for remedy in (*_turns(rig), *_others(rig)):
+        firsts.setdefault(remedy[0].put_right, remedy)
+    cures: list[tuple[float, list[_Remedy]]] = []
     for first in (remedy for after, remedy in firsts.items() if after <= TRIED * min(firsts)):
-        others = _Zeros(first.rig)
-        seconds = [remedy for kind in kinds[1:] for remedy in kind(first.rig, others)]
-        second = min(seconds, key=lambda remedy: remedy.after, default=None)
-        if (left := first.after if second is None else second.after) < SOUND:
-            # Two faults are less likely than one.
-            cures.append((left if second is None else left * ALIKE, first, second))
+        # Two faults are less likely than one.
+        second = min(_others(first[1]), key=lambda remedy: remedy[0].put_right, default=None)
+        left = second[0].put_right if second else first[0].put_right
+        if left < SOUND:
+            cures.append((left * ALIKE, [first, second]) if second else (left, [first]))
     if not cures:
-        return rig, zeros.as_is, []
+        return rig, as_is, []
     cures.sort(key=lambda cure: cure[0])
-    least, first, second = cures[0]
-    faults = [_fault([other for score, other, _ in cures if score <= least * ALIKE], zeros.as_is)]
-    if second is not None:
-        faults.append(_fault([second], first.after))
-    last = second or first
-    return last.rig, last.after, faults
-
-
-def _fault(alike: Sequence[_Remedy], before: float) -> Fault:
-    best = alike[0]
-    grave = best.always_grave or before > GRAVE * best.after
-    return Fault(
-        name=best.name,
-        found=', or '.join(each.found for each in alike),
-        remedy=best.remedy,
-        level=Level.ERROR if grave else Level.WARN,
-        unexplained=before,
-        put_right=best.after,
-        delay=best.rig.delay if best.name == 'delay' else None,
-    )
+    least, steps = cures[0]
+    alike = ', or '.join(first.found for score, ((first, _), *_) in cures if score <= least * ALIKE)
+    faults, before = [], as_is
+    for (fault, _), found in zip(steps, (alike, steps[-1][0].found), strict=False):
+        grave = fault.name in _WHAT_IS_EXPECTED or before > GRAVE * fault.put_right
+        level = Level.ERROR if grave else Level.WARN
+        faults.append(replace(fault, found=found, level=level, unexplained=before))
+        before = fault.put_right
+    return steps[-1][1], before, faults
 
 
 def _unfit(rig: _Rig) -> list[Fault]:
     """Return that the motion is no pendubot's, whatever the units of its effort."""
     moved = np.max([np.ptp(t.q, axis=0) for t in rig.trajectories], axis=0)
-    if sum(t.duration for t in rig.trajectories) < LONG_ENOUGH or moved.min() < FAR_ENOUGH:
+    if rig.duration < LONG_ENOUGH or moved.min() < FAR_ENOUGH:
         return []
-    left = _unexplained(_pooled(rig.regressions()), Bounds(BOUNDS.lower, ANY_SCALE * BOUNDS.upper, BOUNDS.names))
+    left = _unexplained(_pooled(rig.regressions), Bounds(BOUNDS.lower, ANY_SCALE * BOUNDS.upper, BOUNDS.names))
     if left <= UNFIT:
         return []
     return [
@@ -307,14 +280,7 @@ def link_length(motions: Sequence[Motion], model: str, delay: float = 0.0) -> tu
 
     On a pendubot that equation contains no torque and tells ratios only; so does this estimate on any rig. A length
     that is not the one of a ruler means that signs, zeros or stamps of the angles are wrong, not the motor's constant.
-
-    Args:
-        motions: states and torques of one rig.
-        model: the name of one of :data:`.parameters.MODELS`.
-        delay: of the effort [s].
-
-    Returns:
-        Both NaN where no motion is as long as the bump: ``energy`` is satisfied with less.
+    Both are NaN where no motion is as long as the bump: ``energy`` is satisfied with less.
     """
     motions = [motion for motion in motions if motion.end - motion.start > WIDTH + abs(delay)]
     if not motions:
@@ -327,14 +293,14 @@ def link_length(motions: Sequence[Motion], model: str, delay: float = 0.0) -> tu
         phi, y, t = (values[1::3] for values in (balances.phi, balances.y, balances.t))
         # Gravity, the column that neither smoothing nor noise spoils, in terms of all others divided by P5.
         parts.append(Regression(np.column_stack([phi[:, others], -y]), -phi[:, names.index('P5')], t))
-    ratios = Quadratic.pool([Quadratic.reduce(part.phi, part.y) for part in parts]).free_minimum()
+    ratios = _pooled(parts).free_minimum()
     covariance = bootstrap_covariance(_blocks(parts), ratios, np.ones(len(ratios), dtype=bool))
     return float(ratios[0]), math.sqrt(covariance[0, 0])
 
 
 @dataclass(frozen=True)
 class _Rig:
-    """Recordings and how they are to be read."""
+    """Recordings, how they are to be read, and what of their squared effort is left unexplained."""
 
     trajectories: tuple[Trajectory, ...]
     smoothing: float
@@ -342,189 +308,166 @@ class _Rig:
     delay: float
 
     @property
+    def duration(self) -> float:
+        return sum(t.duration for t in self.trajectories)
+
+    @cached_property
     def motions(self) -> list[Motion]:
         return [Motion.prepare(t, self.smoothing, self.hold) for t in self.trajectories]
 
+    @cached_property
     def regressions(self) -> list[Regression]:
         return [weak_regression(m, MODEL, self.delay, weights=WEIGHTS, stride=STRIDE) for m in self.motions]
 
-    def read(self, turn: _Turn) -> _Rig:
-        """Return the rig as it is when a fault of sense or order is undone."""
-        hanging, shift = np.array(HANGING), np.array(turn.shift)
-        positions, efforts = np.transpose(turn.positions), np.transpose(turn.efforts)
-        right = (
-            replace(t, q=(t.q - hanging) @ positions + hanging + shift, tau=t.tau @ efforts, qd=None)
-            for t in self.trajectories
-        )
-        return replace(self, trajectories=tuple(right))
+    def changed(self, change: Callable[[Trajectory], Trajectory]) -> _Rig:
+        return replace(self, trajectories=tuple(map(change, self.trajectories)))
 
-    def turned_by(self, angles: Pair) -> _Rig:
+    def turned_by(self, angles: Array) -> _Rig:
         """Return the rig with angles [rad] taken from its joints' positions."""
-        return replace(self, trajectories=tuple(replace(t, q=t.q - angles, qd=None) for t in self.trajectories))
+        return self.changed(lambda t: replace(t, q=t.q - angles, qd=None))
 
-    def offset_by(self, effort: float) -> _Rig:
-        """Return the rig with an effort [N m] added to its shoulder's."""
-        return replace(
-            self, trajectories=tuple(replace(t, tau=t.tau + np.array([effort, 0.0])) for t in self.trajectories)
-        )
+    @cached_property
+    def turned(self) -> list[Regression]:
+        """The regressions with more columns, those of the same motion turned by a right angle.
 
-
-class _Zeros:
-    """What a rig's motion leaves unexplained when the zeros of its angles are off.
-
-    What depends on a zero is, with the columns of the same motion turned by a right angle, linear in the cosine and
-    the sine of the error: P3 in q2's, P4 in q1's, P5 in that of both.
-    """
-
-    def __init__(self, rig: _Rig) -> None:
-        sides = [rig.turned_by(angles).regressions() for angles in ((0, 0), (math.pi / 2, 0), (0, math.pi / 2))]
-        self.parts = [
-            Regression(np.column_stack([as_is.phi, second.phi[:, 2], first.phi[:, 3:5]]), as_is.y, as_is.t)
-            for as_is, first, second in zip(*sides, strict=True)
+        In both together what depends on a zero is linear in the cosine and the sine of its error: P3 in q2's, P4 in
+        q1's, P5 in that of both.
+        """
+        first, second = (self.turned_by(math.pi / 2 * joint).regressions for joint in JOINTS)
+        return [
+            Regression(np.column_stack([as_is.phi, other.phi[:, 2], one.phi[:, 3:5]]), as_is.y, as_is.t)
+            for as_is, one, other in zip(self.regressions, first, second, strict=True)
         ]
-        self._criterion = _pooled(self.parts)
-        self.as_is = self.unexplained((0.0, 0.0))
 
-    def theta(self, angles: Pair) -> Array:
+    @cached_property
+    def _criterion(self) -> Quadratic:
+        return _pooled(self.turned)
+
+    def theta(self, angles: Array) -> Array:
         """Return the parameters, shape (D,), when the zeros are off by angles [rad]."""
         return self._criterion.along(_turned(angles)).minimum_in_box(BOUNDS)
 
-    def unexplained(self, angles: Pair) -> float:
+    def unexplained(self, angles: Array) -> float:
         """Return the part of the squared effort that is left unexplained when the zeros are off by angles [rad]."""
         return _unexplained(self._criterion.along(_turned(angles)))
 
-    def least(self, joint: int, low: float, high: float, other: float = 0.0) -> float:
+    def zero(self, joint: int, low: float, high: float, others: Array | float = 0.0) -> float:
         """Return the angle [rad] between two by which the zero of one joint is most likely off, given the other's."""
         search = minimize_scalar(
-            lambda angle: self.unexplained((angle, other) if joint == 0 else (other, angle)),
+            lambda angle: self.unexplained(angle * JOINTS[joint] + others),
             bounds=(low, high),
             method='bounded',
             options={'xatol': 1e-4},
         )
         return float(search.x)
 
-    def tolerance(self, joint: int, angles: Pair) -> float:
+    def tolerance(self, joint: int, angles: Array) -> float:
         """Return by how much a zero [rad] may be off that was set while the rig hung at rest."""
         values = dict(zip(NAMES, self.theta(angles), strict=False))
         weight = GRAVITY * (values['P5'] + (values['P4'] if joint == 0 else 0.0))
         dry = values['Fc1' if joint == 0 else 'Fc2']
         held = math.asin(min(1.0, dry / weight)) if weight > 0 else math.pi / 2
-        return max(LEAST_ZERO, FRICTION_ANGLES * held / math.sqrt(len(self.parts)))
+        return max(LEAST_ZERO, FRICTION_ANGLES * held / math.sqrt(len(self.trajectories)))
 
+    @cached_property
     def tolerated(self) -> float:
-        """Return what is left unexplained when both zeros are off by no more than their tolerances."""
-        first, second = (self.tolerance(joint, (0.0, 0.0)) for joint in (0, 1))
-        q1 = self.least(0, -first, first)
-        return self.unexplained((q1, self.least(1, -second, second, q1)))
+        """What is left unexplained when both zeros are off by no more than their tolerances."""
+        first, second = (self.tolerance(joint, np.zeros(2)) for joint in (0, 1))
+        q1 = self.zero(0, -first, first) * JOINTS[0]
+        return self.unexplained(q1 + self.zero(1, -second, second, q1) * JOINTS[1])
 
-    def std_error(self, joint: int, angles: Pair) -> float:
+    def std_error(self, joint: int, angles: Array) -> float:
         """Return the standard error of a zero [rad]: that of the coefficient of what changes with it."""
-        theta, free = self.theta(angles), ~BOUNDS.at_bound(self.theta(angles), 1e-6)
-        further = (angles[0] + math.pi / 2, angles[1]) if joint == 0 else (angles[0], angles[1] + math.pi / 2)
+        theta = self.theta(angles)
         turning = [(3, 4), (2, 4)][joint]
-        columns = np.column_stack([_turned(angles), _turned(further)[:, turning] @ theta[list(turning)]])
-        parts = [Regression(part.phi @ columns, part.y, part.t) for part in self.parts]
-        return math.sqrt(bootstrap_covariance(_blocks(parts), np.append(theta, 0.0), np.append(free, True))[-1, -1])
+        further = _turned(angles + math.pi / 2 * JOINTS[joint])
+        columns = np.column_stack([_turned(angles), further[:, turning] @ theta[list(turning)]])
+        blocks = _blocks([Regression(part.phi @ columns, part.y, part.t) for part in self.turned])
+        free = np.append(~BOUNDS.at_bound(theta, 1e-6), True)
+        return math.sqrt(bootstrap_covariance(blocks, np.append(theta, 0.0), free)[-1, -1])
 
 
-class _Remedy(NamedTuple):
-    """What is wrong, what to do, the rig put right, and what that leaves unexplained."""
-
-    name: str
-    found: str
-    remedy: str
-    rig: _Rig
-    after: float
-    always_grave: bool = False
+#: A fault, and the rig put right.
+_Remedy = tuple[Fault, _Rig]
 
 
-def _turns(rig: _Rig, zeros: _Zeros) -> list[_Remedy]:
-    before, remedies = zeros.tolerated(), []
-    for turn in _TURNS:
-        right = rig.read(turn)
+def _turns(rig: _Rig) -> Iterator[_Remedy]:
+    hanging = np.array(HANGING)
+    for name, found, remedy, positions, efforts, shift in _TURNS:
+
+        def read(t: Trajectory, to: Matrix = positions, tau: Matrix = efforts, shift: Pair = shift) -> Trajectory:
+            q = (t.q - hanging) @ np.transpose(to) + hanging + np.array(shift)
+            return replace(t, q=q, tau=t.tau @ np.transpose(tau), qd=None)
+
+        right = rig.changed(read)
         try:
-            after = _unexplained(_pooled(right.regressions()))
+            after = _unexplained(_pooled(right.regressions))
         except TrajectoryError:  # read like this, the rig moves as none can
             continue
-        if after * TURNED < before:
-            remedies.append(_Remedy(turn.name, turn.found, turn.remedy, right, after, always_grave=True))
-    return remedies
+        if after * TURNED < rig.tolerated:
+            yield Fault(name, found, f'{_WHAT_IS_EXPECTED[name]}: {remedy}', put_right=after), right
 
 
-def _zeros(rig: _Rig, zeros: _Zeros) -> list[_Remedy]:
-    remedies = []
+def _others(rig: _Rig) -> Iterator[_Remedy]:
+    for kind in (_zeros, _offsets, _delays):
+        yield from kind(rig)
+
+
+def _zeros(rig: _Rig) -> Iterator[_Remedy]:
+    coarse, step = np.radians(np.arange(-180, 180, 15)), math.radians(15)
     for joint, expected in enumerate(_ZEROS):
-
-        def pair(angle: float, joint: int = joint) -> Pair:
-            return (angle, 0.0) if joint == 0 else (0.0, angle)
-
-        coarse = np.radians(np.arange(-180, 180, 15))
-        nearest = coarse[np.argmin([zeros.unexplained(pair(angle)) for angle in coarse])]
-        angle = zeros.least(joint, nearest - math.radians(15), nearest + math.radians(15))
-        after = zeros.unexplained(pair(angle))
-        if after * SHIFTED < zeros.as_is and abs(angle) > zeros.tolerance(joint, pair(angle)):
-            degrees, error = math.degrees(angle), math.degrees(zeros.std_error(joint, pair(angle)))
+        nearest = coarse[np.argmin([rig.unexplained(angle * JOINTS[joint]) for angle in coarse])]
+        angle = rig.zero(joint, nearest - step, nearest + step)
+        angles = angle * JOINTS[joint]
+        after = rig.unexplained(angles)
+        if after * SHIFTED < rig.unexplained(np.zeros(2)) and abs(angle) > rig.tolerance(joint, angles):
+            degrees, error = math.degrees(angle), math.degrees(rig.std_error(joint, angles))
             found = f"q{joint + 1}'s zero is off by {degrees:.1f} +- {error:.1g} degrees"
             remedy = f'{expected}: subtract {degrees:.1f} degrees'
-            remedies.append(_Remedy('zero', found, remedy, rig.turned_by(pair(angle)), after))
-    return remedies
+            yield Fault('zero', found, remedy, put_right=after), rig.turned_by(angles)
 
 
-def _offsets(rig: _Rig, zeros: _Zeros) -> list[_Remedy]:
-    """Return what undoes a constant effort [N m] that was recorded at the shoulder and did not act."""
+def _offsets(rig: _Rig) -> Iterator[_Remedy]:
+    """Yield what undoes a constant effort [N m] that was recorded at the shoulder and did not act."""
+
+    def by(effort: float) -> _Rig:
+        return rig.changed(lambda t: replace(t, tau=t.tau + np.array([effort, 0.0])))
+
     most = max(float(np.abs(t.tau[:, 0]).max()) for t in rig.trajectories)
-    if not most > 0 or sum(t.duration for t in rig.trajectories) < LONG_ENOUGH:
-        return []
-    parts = [
-        Quadratic.reduce(np.column_stack([as_is.phi, more.y - as_is.y]), as_is.y)
-        for as_is, more in zip(rig.regressions(), rig.offset_by(most).regressions(), strict=True)
-    ]
-    names = (*BOUNDS.names, 'offset')
-    criterion = Quadratic.pool(parts)
-    theta = criterion.minimum_in_box(Bounds(np.append(BOUNDS.lower, -1.0), np.append(BOUNDS.upper, 1.0), names))
-    offset = most * float(theta[-1])
-    right = rig.offset_by(-offset)
-    after = _unexplained(_pooled(right.regressions()))
+    if not most > 0 or rig.duration < LONG_ENOUGH:
+        return
+    criterion = _pooled(
+        Regression(np.column_stack([as_is.phi, more.y - as_is.y]), as_is.y, as_is.t)
+        for as_is, more in zip(rig.regressions, by(most).regressions, strict=True)
+    )
+    box = Bounds(np.append(BOUNDS.lower, -1.0), np.append(BOUNDS.upper, 1.0), (*BOUNDS.names, 'offset'))
+    offset = most * float(criterion.minimum_in_box(box)[-1])
+    right = by(-offset)
+    after = _unexplained(_pooled(right.regressions))
     # Zeros that dry friction holds off look like a small offset.
-    if after * SHIFTED >= zeros.tolerated():
-        return []
-    found = f"the shoulder's effort is off by a constant {offset:.3g} N m"
-    remedy = f'it must be 0 where no torque acts: subtract {offset:.3g} N m'
-    return [_Remedy('offset', found, remedy, right, after)]
+    if after * SHIFTED < rig.tolerated:
+        found = f"the shoulder's effort is off by a constant {offset:.3g} N m"
+        remedy = f'it must be 0 where no torque acts: subtract {offset:.3g} N m'
+        yield Fault('offset', found, remedy, put_right=after), right
 
 
-def _delays(rig: _Rig, zeros: _Zeros) -> list[_Remedy]:
+def _delays(rig: _Rig) -> Iterator[_Remedy]:
     try:
         delay = estimate_delay(rig.motions, MODEL, BOUNDS, weights=WEIGHTS)
     except TrajectoryError:  # too short for that
-        return []
+        return
     right = replace(rig, delay=delay)
-    after = _unexplained(_pooled(right.regressions()))
+    after = _unexplained(_pooled(right.regressions))
     # Whether an effort was held or measured makes half an interval of difference, and is not known for certain.
     least = LEAST_DELAY + max(motion.interval for motion in rig.motions) / 2
-    if abs(delay - rig.delay) < least or after * SHIFTED >= zeros.tolerated():
-        return []
-    late = round(1000 * (rig.delay - delay))
-    what = f'is stamped {late} ms later than it acts' if late > 0 else f'acts {-late} ms later than it is stamped'
-    remedy = f'each effort must bear the time from which it acts: identify with a delay of {delay:.3f} s'
-    return [_Remedy('delay', f'the effort {what}', remedy, right, after)]
+    if abs(delay - rig.delay) >= least and after * SHIFTED < rig.tolerated:
+        late = round(1000 * (rig.delay - delay))
+        what = f'is stamped {late} ms later than it acts' if late > 0 else f'acts {-late} ms later than it is stamped'
+        remedy = f'each effort must bear the time from which it acts: identify with a delay of {delay:.3f} s'
+        yield Fault('delay', f'the effort {what}', remedy, put_right=after, delay=delay), right
 
 
-def _wrong_length(rig: _Rig, model: str, expected: float) -> list[Fault]:
-    length, error = link_length(rig.motions, model, rig.delay)
-    if abs(length - expected) <= max(LENGTH_ERRORS * error, LENGTH_PART * expected):
-        return []
-    return [
-        Fault(
-            'length',
-            f'the elbow moves as on a link 1 of {length:.3f} +- {error:.3f} m, {expected:.3f} m is expected',
-            'measure from axis to axis, and look at the signs, the zeros, the counts per turn and the stamps of both '
-            'angles',
-        )
-    ]
-
-
-def _turned(angles: Pair) -> Array:
+def _turned(angles: Array) -> Array:
     """Return directions in which theta counts when zeros are off by angles [rad], shape (D + 3, D)."""
     size = len(BOUNDS.names)
     directions = np.eye(size + 3)[:, :size]
@@ -533,7 +476,7 @@ def _turned(angles: Pair) -> Array:
     return directions
 
 
-def _pooled(parts: Sequence[Regression]) -> Quadratic:
+def _pooled(parts: Iterable[Regression]) -> Quadratic:
     return Quadratic.pool([Quadratic.reduce(part.phi, part.y) for part in parts])
 
 

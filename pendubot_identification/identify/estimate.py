@@ -12,14 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pendubot_identification.level import Level
-from pendubot_identification.model.parameters import NAMES, Parameters
+from pendubot_identification.model.parameters import NAMES
 from pendubot_identification.optimizers.optimizer import OptimizationResult
 
 from .prediction import Prediction
 
 Array = NDArray[np.float64]
 
-#: Called now and then: what is being done, how much of it, of how much, and the best J so far.
+#: Called now and then: what is being done, how much of it, of how much (0: not known), and the best J so far.
 Progress = Callable[[str, int, int, float], None]
 
 #: A run has found the minimum when its J exceeds the exact one by no more than this fraction.
@@ -32,6 +32,8 @@ POOR = 0.5
 WIDE = 0.5
 #: Below this an eigenvalue of a correlation matrix is 0, but for rounding.
 INDEPENDENT = 1e-10
+#: Of J.
+UNITS_OF_J = {'energy': 'J^2', 'weak': '(N m)^2', 'trajectory': 'variance'}
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,14 +78,13 @@ class Estimate:
         covariance: shape (D, D); NaN in the rows and columns of parameters on a bound. Scaled so that an interval of
             1.96 standard errors to both sides holds the truth in 95 % of cases, however few the recordings.
         correlation: of the errors by the information matrix at theta, shape (D, D): which parameters the motion tells
-            apart. That of few recordings' differences would have as many directions as there are differences. NaN in
+            apart. (That of few recordings' differences has only as many directions as there are differences.) NaN in
             the rows and columns of parameters on a bound, and of those that nothing tells.
         std_error: shape (D,); of a parameter on its bound, how far the data would let it off; NaN of one that is not in
             the model.
         uncertainty: in words, how the covariance was found.
         effort: how the effort was taken.
-        J: the criterion on the training data, in ``unit``.
-        unit: of J.
+        J: the criterion on the training data, in :attr:`unit`.
         residuals: how many residuals J averages.
         condition_number: of the scaled information.
         converged: whether the optimiser found a minimum.
@@ -93,7 +94,7 @@ class Estimate:
         runs: what the runs of MDE found; None without.
         J_validation: the criterion on validation data, NaN without.
         J_validation_runs: the same for each run of MDE, shape (runs,); empty without.
-        prediction: of validation data; None without.
+        prediction: of validation data.
         zeros: of the recordings' positions; None where the criterion does not tell them.
         exact: whether the residuals are those of the encoders alone.
         absent: the parameters that are not in the model of this rig; theta has them as 0.
@@ -113,7 +114,6 @@ class Estimate:
     uncertainty: str
     effort: Effort
     J: float
-    unit: str
     residuals: int
     condition_number: float
     converged: bool
@@ -123,7 +123,7 @@ class Estimate:
     runs: OptimizationResult | None = None
     J_validation: float = np.nan
     J_validation_runs: Array = field(default_factory=lambda: np.empty(0))
-    prediction: Prediction | None = None
+    prediction: Prediction = field(default_factory=Prediction.none)
     zeros: Zeros | None = None
     exact: bool = False
     absent: tuple[str, ...] = ()
@@ -133,9 +133,9 @@ class Estimate:
     advice: tuple[str, ...] = ()
 
     @property
-    def parameters(self) -> Parameters:
-        """The estimate by name."""
-        return Parameters.from_vector(self.theta)
+    def unit(self) -> str:
+        """Of J."""
+        return UNITS_OF_J[self.criterion]
 
     @property
     def present(self) -> NDArray[np.bool_]:
@@ -158,18 +158,16 @@ class Estimate:
     def not_covered(self) -> dict[str, str]:
         """By name, the parameters of which too little is known for the level to say anything of them, and why."""
         found = {}
-        for k, (value, error) in enumerate(zip(self.theta, self.std_error, strict=True)):
-            reach = NORMAL_95 * error
-            if not self.present[k]:
-                continue
+        for k in np.flatnonzero(self.present):
+            value, reach = abs(self.theta[k]), NORMAL_95 * self.std_error[k]
             if not self.free[k]:
                 found[NAMES[k]] = 'on its bound'
-            elif not np.isfinite(error):
+            elif not np.isfinite(reach):
                 found[NAMES[k]] = 'not told by this motion'
-            elif reach >= abs(value):
+            elif reach >= value:
                 found[NAMES[k]] = 'its 95 % interval reaches 0'
-            elif reach > WIDE * abs(value):
-                found[NAMES[k]] = f'its 95 % interval is +-{100 * reach / abs(value):.0f} %'
+            elif reach > WIDE * value:
+                found[NAMES[k]] = f'its 95 % interval is +-{100 * reach / value:.0f} %'
         return found
 
     @property

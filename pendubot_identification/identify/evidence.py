@@ -7,19 +7,20 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pendubot_identification.criteria.shooting import Segments
 from pendubot_identification.criteria.trajectory_fit import segment_errors
 from pendubot_identification.criteria.weak import WIDTH, weak_regression
-from pendubot_identification.model.parameters import MODELS, NAMES
+from pendubot_identification.model.parameters import NAMES
 from pendubot_identification.model.rollout import roll
 from pendubot_identification.trajectories.motion import Motion
 
+from .estimate import NORMAL_95
 from .linear import linear
-from .prediction import HORIZONS, LOST
+from .prediction import HORIZONS, LOST, measured_ends
 from .settings import Settings
 
 Array = NDArray[np.float64]
@@ -33,16 +34,8 @@ BALANCES: tuple[str, ...] = ('shoulder', 'elbow', 'energy')
 STATES: tuple[str, ...] = ('q1', 'q2', 'dq1', 'dq2')
 
 
-@dataclass(frozen=True, slots=True)
-class Answer:
-    """What a criterion said, as far as it is needed to simulate.
-
-    Attributes:
-        criterion: ``energy``, ``weak`` or ``trajectory``.
-        model: the name of one of :data:`.parameters.MODELS`.
-        theta: shape (D,).
-        delay: of the effort [s].
-    """
+class Answer(NamedTuple):
+    """What a criterion said, as far as it is needed to simulate: its name, model, theta, the effort's delay [s]."""
 
     criterion: str
     model: str
@@ -129,13 +122,9 @@ def simulate_beside(motions: Sequence[Motion], answer: Answer, scale: Array) -> 
     """
     margin = max(abs(answer.delay), 1e-9)
     ahead = min(AHEAD, max(m.end - m.start - m.interval for m in motions) - 2 * margin)
-    worst: tuple[float, Motion, Segments, Array, slice] | None = None
-    for motion in motions:
-        if motion.end - motion.start - 2 * margin < ahead:
-            continue
-        segments = Segments.cut([motion], ahead, ahead, margin)
-        begin = segments.measured(np.array([answer.delay]))[:, 0]
-        end = segments.measured(np.array([answer.delay + segments.steps * segments.step]))[:, 0]
+    found = []
+    for motion in (m for m in motions if m.end - m.start - 2 * margin >= ahead):
+        segments, begin, end = measured_ends([motion], ahead, ahead, answer.delay)
         with np.errstate(all='ignore'):
             states = roll(answer.theta, begin, segments.tau, segments.step)
             off = np.nan_to_num(np.abs((states[-1] - end) / scale[:, None]), nan=LOST, posinf=LOST)
@@ -143,10 +132,8 @@ def simulate_beside(motions: Sequence[Motion], answer: Answer, scale: Array) -> 
         count = min(len(errors), max(1, round(SHOWN / ahead)))
         sums = np.convolve(errors, np.ones(count), mode='valid') / count
         first = int(np.argmax(sums))
-        if worst is None or sums[first] > worst[0]:
-            worst = float(sums[first]), motion, segments, states, slice(first, first + count)
-    assert worst is not None  # the longest recording was not left out
-    _, motion, segments, states, shown = worst
+        found.append((float(sums[first]), motion, segments, states, slice(first, first + count)))
+    _, motion, segments, states, shown = max(found, key=lambda each: each[0])
     t = segments.start[shown] + answer.delay + segments.step * np.arange(segments.steps + 1)[:, None]
     recorded = motion.recorded
     whole = len(motions) == 1 and len(segments) <= shown.stop - shown.start
@@ -182,22 +169,18 @@ def residuals(
         TrajectoryError: the recordings are too short.
     """
     if answer.criterion == 'trajectory':
-        bounds = settings.bounds.of(MODELS[answer.model])
-        t, errors = segment_errors(motions, answer.theta, answer.delay, bounds, scale)
-        parts, shared = _side_by_side(t, errors), smoothing
-        unit, names = 'standard deviations', STATES
+        names, unit, shared = STATES, 'standard deviations', smoothing
+        t, errors = segment_errors(motions, answer.theta, answer.delay, settings.box(answer.model), scale)
+        parts = [_side_by_side(*each) for each in zip(t, errors, strict=True)]
         interval = float(t[0][1, 0] - t[0][0, 0]) if len(t[0]) > 1 else AHEAD
     else:
+        names, unit, shared = BALANCES, 'N m', WIDTH
+        if answer.criterion == 'energy':
+            names, unit, shared = ('energy',), 'J', settings.sliding or np.inf
         made = linear(answer.criterion, motions, answer.model, settings)
-        names = BALANCES if answer.criterion == 'weak' else ('energy',)
-        unit = 'N m' if answer.criterion == 'weak' else 'J'
-        parts = []
-        for r in (part for residuals in made.residuals for part in residuals.parts()):
-            left = (r.y - r.phi @ answer.theta).reshape(-1, len(names))
-            parts.append((r.t[:: len(names)], left))
+        regressions = [part for each in made.residuals for part in each.parts()]
+        parts = [(r.t[:: len(names)], (r.y - r.phi @ answer.theta).reshape(-1, len(names))) for r in regressions]
         interval = float(np.median(np.concatenate([np.diff(t) for t, _ in parts])))
-        shared = WIDTH if answer.criterion == 'weak' else settings.sliding or np.inf
-    count = sum(len(t) for t, _ in parts)
     lags = int(min(2 * AHEAD / interval, max(len(t) for t, _ in parts) // 2))
     return Residuals(
         criterion=answer.criterion,
@@ -207,8 +190,8 @@ def residuals(
         interval=interval,
         shared=shared,
         lags=np.asarray(interval * np.arange(lags + 1)),
-        autocorrelation=autocorrelation([r for _, r in parts], lags),
-        band=1.96 / np.sqrt(max(count, 1)),
+        autocorrelation=autocorrelation([values for _, values in parts], lags),
+        band=NORMAL_95 / np.sqrt(max(sum(len(t) for t, _ in parts), 1)),
     )
 
 
@@ -242,36 +225,28 @@ def excitation(motions: Sequence[Motion], answer: Answer, names: Collection[str]
     shown = np.isin(NAMES[: len(answer.theta)], list(names))
     phi, y = np.concatenate([p.phi[:, shown] for p in parts]), np.concatenate([p.y for p in parts])
     theta = answer.theta[shown]
-    left = y - phi @ theta
-    # So that the balances count alike, whatever their size.
-    weight = np.tile(1 / np.maximum(_rms(y, phi * theta), np.finfo(float).tiny), len(y) // 3)
+    term = np.array([_by_balance(column) for column in (phi * theta).T])
+    # So that the balances count alike, whatever their size: that of the largest term.
+    size = np.max([_by_balance(y), *term], axis=0)
+    weight = np.tile(1 / np.maximum(size, np.finfo(float).tiny), len(y) // 3)
     weighted = phi * weight[:, None]
     own = np.zeros((len(theta), 3))
     for k, value in enumerate(theta):
         others = np.delete(weighted, k, axis=1)
         imitated = others @ np.linalg.lstsq(others, weighted[:, k], rcond=None)[0]
         own[k] = _by_balance(value * (weighted[:, k] - imitated) / weight)
-    term = np.array([_by_balance(value * phi[:, k]) for k, value in enumerate(theta)])
     # What others would bring into an equation in which the parameter itself has no part is none of its own.
-    return Excitation(term, np.minimum(own, term), _by_balance(left))
-
-
-def _rms(y: Array, terms: Array) -> Array:
-    """Return the size of each balance: the root of the mean square of its largest term, shape (3,)."""
-    return np.asarray(np.max([_by_balance(y), *(_by_balance(term) for term in terms.T)], axis=0))
+    return Excitation(term, np.minimum(own, term), _by_balance(y - phi @ theta))
 
 
 def _by_balance(rows: Array) -> Array:
     return np.asarray(np.sqrt((rows.reshape(-1, 3) ** 2).mean(axis=0)))
 
 
-def _side_by_side(t: Sequence[Array], errors: Sequence[Array]) -> list[tuple[Array, Array]]:
-    """Return, recording by recording, segments that do not overlap, one after the other."""
-    parts = []
-    for times, values in zip(t, errors, strict=True):
-        chosen: list[int] = []
-        for k in range(times.shape[1]):
-            if not chosen or times[0, k] > times[-1, chosen[-1]]:
-                chosen.append(k)
-        parts.append((times[:, chosen].T.ravel(), values[:, :, chosen].transpose(2, 0, 1).reshape(-1, 4)))
-    return parts
+def _side_by_side(t: Array, errors: Array) -> tuple[Array, Array]:
+    """Return, of a recording's segments, those that do not overlap, one after the other."""
+    chosen: list[int] = []
+    for k in range(t.shape[1]):
+        if not chosen or t[0, k] > t[-1, chosen[-1]]:
+            chosen.append(k)
+    return t[:, chosen].T.ravel(), errors[:, :, chosen].transpose(2, 0, 1).reshape(-1, 4)

@@ -11,10 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pendubot_identification.criteria.trajectory_fit import TrajectoryFit
 from pendubot_identification.errors import TrajectoryError
 from pendubot_identification.level import Level
-from pendubot_identification.model.parameters import MODELS, Parameters
 from pendubot_identification.trajectories.long import STRETCH, Long, Recording, held_parts
 from pendubot_identification.trajectories.signals import evenly_stamped
 from pendubot_identification.trajectories.suspicions import suspicions
@@ -23,17 +21,15 @@ from .agreement import contradictions
 from .diagnosis import Fault, diagnose, link_length
 from .estimate import Estimate, Progress
 from .judgement import judge, require_excitation
-from .linear import Linear, linear
 from .prediction import Prediction, predict
 from .recipes import Data, estimate, prepared
-from .selection import Fold, ModelScore, compare_models, folds
+from .selection import TRUST, Comparison, ModelScore
 from .settings import Settings
 
 Array = NDArray[np.float64]
 
-#: In the order of trust, where two criteria predict equally well; and how much better, in the logarithm of the error,
-#: is better at all.
-TRUST, BETTER = ('trajectory', 'weak', 'energy'), 0.02
+#: How much better, in the logarithm of the error, a criterion must predict than one that is trusted more.
+BETTER = 0.02
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,11 +64,6 @@ class Identification:
     def best(self) -> Estimate:
         """The estimate that is published."""
         return self.estimates[self.published]
-
-    @property
-    def parameters(self) -> Parameters:
-        """The published parameters."""
-        return self.best.parameters
 
     @property
     def level(self) -> Level:
@@ -110,13 +101,14 @@ def identify(
         TrajectoryError: a motion that is too short or has gaps.
         ExcitationError: a motion from which some parameters cannot be told.
     """
-    settings, progress = settings or Settings(), progress or _silent
-    given = [*training, *validation]
+    settings = settings or Settings()
+    progress = progress or (lambda what, done, of, best: None)
+    notes = [*notes, *suspicions([*training, *validation])]
     training, validation = (
         [r if isinstance(r, Long) else evenly_stamped(r) for r in part] for part in (training, validation)
     )
-    held, held_judges = held_parts(training), held_parts(validation)
-    for motion in (*held, *held_judges):
+    held = held_parts(training)
+    for motion in (*held, *held_parts(validation)):
         motion.require_samples()
     if settings.sliding is not None and settings.sliding >= STRETCH and any(isinstance(m, Long) for m in training):
         raise TrajectoryError(
@@ -125,12 +117,12 @@ def identify(
         )
     require_excitation(held, settings)
     settings = settings.of_rig(held)
-    notes = [*notes, *suspicions(given)]
+
     progress('preparing', 0, 0, np.nan)
     data = Data.prepare(training, settings)
     groups, whole_judges = prepared(validation, data.smoothing, data.hold)
-    judges = [motion for group in groups for motion in group]
-    comparison = _Comparison(data, progress)
+    judges = sum(groups, ())
+    comparison = Comparison(data, progress)
     model, scores = comparison.choose() if settings.model == 'auto' else (settings.model, [])
 
     estimates = []
@@ -140,12 +132,11 @@ def identify(
         parts = parts or comparison.predicted(criterion, model)
         estimates.append(replace(answer, prediction=Prediction.pool(parts)))
     published = _best(estimates)
-    best = estimates[published]
-    progress('checking signs, zeros and stamps', 0, 0, best.J)
-    length = link_length(data.motions, model, best.effort.delay)
+
+    progress('checking signs, zeros and stamps', 0, 0, estimates[published].J)
+    length = link_length(data.motions, model, estimates[published].effort.delay)
     low, high = settings.delays
-    declared = low if low == high else 0.0
-    faults = diagnose(held, data.smoothing, data.hold, model, declared, settings.link_length)
+    faults = diagnose(held, data.smoothing, data.hold, model, low if low == high else 0.0, settings.link_length)
     # Recordings that have a grave fault in common seem to contradict each other, too; but not for a delay, which is
     # estimated along.
     spoiled = any(f.level is Level.ERROR and f.name not in ('delay', 'motion') for f in faults)
@@ -176,98 +167,15 @@ def identify(
     )
 
 
-class _Comparison:
-    """What is predicted of training data from the rest of it."""
-
-    def __init__(self, data: Data, progress: Progress) -> None:
-        self._data, self._progress = data, progress
-        self._folds = folds(data.motions)
-        self._whole: dict[str, TrajectoryFit] = {}
-        self._fits: dict[str, list[TrajectoryFit]] = {}
-        self._predictions: dict[tuple[str, str], list[Prediction]] = {}
-        self._made: dict[tuple[str, str], Linear] = {}
-        self.deciding = next(c for c in TRUST if c in data.settings.criteria)
-
-    @property
-    def method(self) -> str:
-        """In words, what predicts what."""
-        if len(self._folds) == len(self._data.motions):
-            what = 'stretch' if self._data.long else 'recording'
-            return f'each {what} predicted from the others'
-        return f'each of {len(self._folds)} blocks of time predicted from the others'
-
-    def choose(self) -> tuple[str, list[ModelScore]]:
-        """Return the model that the most trusted of the criteria predicts with, and what was compared.
-
-        A model that leaves nothing but the encoders' rounding needs no comparison: the smallest of them is the rig's.
-        """
-        compared: dict[str, list[Prediction]] = {}
-        for model in MODELS:
-            compared[model] = self.predicted(self.deciding, model)
-            if self.deciding == 'trajectory' and self._data.exact(model, self.fit(model)) is not None:
-                return compare_models(compared, exact=model)
-        return compare_models(compared)
-
-    def predicted(self, criterion: str, model: str) -> list[Prediction]:
-        """Return the prediction of every fold."""
-        if (criterion, model) not in self._predictions:
-            predictions = []
-            for k, fold in enumerate(self._folds):
-                self._progress(f'{criterion}, {model} model: cross-validation', k, len(self._folds), np.nan)
-                predictions.append(self._predicted(criterion, model, fold))
-            self._predictions[criterion, model] = predictions
-        return self._predictions[criterion, model]
-
-    def without(self, model: str) -> list[TrajectoryFit]:
-        """Return the fits that leave out each recording, where these were the folds."""
-        return self._fits.get(model, []) if self._folds[0].held_out is self._data.motions[0] else []
-
-    def _predicted(self, criterion: str, model: str, fold: Fold) -> Prediction:
-        try:
-            theta, delay = self._solve(criterion, model, fold)
-        except TrajectoryError:
-            return Prediction.none()  # what is left is too short to be learned from
-        return predict([fold.held_out], theta, delay, self._data.scale)
-
-    def _solve(self, criterion: str, model: str, fold: Fold) -> tuple[Array, float]:
-        rest = self._data.only(fold.training)
-        if criterion != 'trajectory':
-            return rest.solve_linear(criterion, model, self._linear(criterion, model))
-        found = rest.fit(model, near=self.fit(model))
-        self._fits.setdefault(model, []).append(found)
-        return found.fit.theta, found.fit.delay
-
-    def _linear(self, criterion: str, model: str) -> Linear:
-        """Return the criterion of all motions, whose delay those of the folds share."""
-        if (criterion, model) not in self._made:
-            self._made[criterion, model] = linear(criterion, self._data.motions, model, self._data.settings)
-        return self._made[criterion, model]
-
-    def fit(self, model: str) -> TrajectoryFit:
-        """Return the fit of all motions, from which those of the folds start."""
-        if model not in self._whole:
-            found = self._data.fit(model, like=self._linear('weak', 'rotor'))
-            smaller = [self._whole[m] for m in MODELS if m in self._whole and MODELS[m] < MODELS[model]]
-            if smaller and 1.05 * smaller[-1].fit.cost < found.fit.cost:
-                # A model that holds another one cannot be worse: a local minimum was found.
-                found = self._data.fit(model, near=smaller[-1])
-            self._whole[model] = found
-        return self._whole[model]
-
-
 def _best(estimates: Sequence[Estimate]) -> int:
-    """Return the number of the estimate to publish.
+    """Return the number of the estimate to publish: of those that predict best, the most trusted.
 
     One that leaves nothing but the encoders' rounding predicts as well as can be measured: what then tells predictions
     apart is how well the states are known in which they start.
     """
     if exact := [k for k, e in enumerate(estimates) if e.exact]:
         return exact[0]
-    losses = [e.prediction.loss if e.prediction is not None else np.nan for e in estimates]
-    least = min((loss for loss in losses if np.isfinite(loss)), default=np.nan)
+    losses = np.array([e.prediction.loss for e in estimates])
+    least = min(losses[np.isfinite(losses)], default=np.nan)
     good = [k for k, loss in enumerate(losses) if not loss > least + BETTER]
     return min(good, key=lambda k: TRUST.index(estimates[k].criterion))
-
-
-def _silent(what: str, done: int, of: int, best: float) -> None:
-    pass

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -15,7 +15,7 @@ from pendubot_identification.criteria.energy import energy_regression
 from pendubot_identification.criteria.quadratic import Quadratic
 from pendubot_identification.errors import ExcitationError
 from pendubot_identification.level import Level
-from pendubot_identification.model.parameters import LARGEST_COUPLING, MODELS, NAMES, UNITS, Parameters
+from pendubot_identification.model.parameters import LARGEST_COUPLING, MODELS, NAMES, UNITS, Bounds, Parameters
 from pendubot_identification.trajectories.signals import SMOOTHING
 from pendubot_identification.trajectories.trajectory import Trajectory
 
@@ -42,6 +42,8 @@ UNFORESEEN = 10.0
 ZERO_OFF = 3.0
 #: P3 / P5 off the elbow's own value by more than this fraction, and more than three standard errors.
 LENGTH_OFF = 0.25
+#: P3^2 over the most that P1 and P2 allow.
+NEARLY_SINGULAR = 0.999
 
 
 def require_excitation(training: Sequence[Trajectory], settings: Settings) -> None:
@@ -62,14 +64,11 @@ def require_excitation(training: Sequence[Trajectory], settings: Settings) -> No
     criterion = Quadratic.pool([Quadratic.reduce(r.phi, r.y) for r in regressions])
     silent = criterion.undetermined(SILENT)
     if silent.any():
-        still = [
-            f'the {joint} moved by only {m:.3g} rad'
-            for joint, m in zip(('shoulder', 'elbow'), moved, strict=True)
-            if m < STILL
-        ]
+        joints = zip(('shoulder', 'elbow'), moved, strict=True)
+        still = next((f' (the {joint} moved by only {m:.3g} rad)' for joint, m in joints if m < STILL), '')
         raise ExcitationError(
-            f'{names}: {", ".join(np.array(SEVEN)[silent])} cannot be told apart from this motion'
-            f'{" (" + still[0] + ")" if still else ""}; excite both joints at changing speeds, or choose another window'
+            f'{names}: {", ".join(np.array(SEVEN)[silent])} cannot be told apart from this motion{still}; excite both '
+            'joints at changing speeds, or choose another window'
         )
     if not criterion(np.zeros(len(SEVEN))):
         raise ExcitationError(
@@ -97,136 +96,124 @@ def judge(
         faults: of the recordings, see :func:`.diagnosis.diagnose`.
         notes: what else the user should know of the data.
     """
-    failures = [*_unphysical(estimate, settings), *_lost(estimate)]
-    doubts = [*_doubts(estimate, settings), *_wrong_zeros(estimate), *_wrong_length(estimate, link_length)]
-    grave = [fault.sentence for fault in faults if _grave(fault, estimate)]
-    mild = [fault.sentence for fault in faults if not _grave(fault, estimate)]
-    if grave:
-        warnings, consequences = [*grave, *mild, *notes], [*failures, *doubts]
-    else:
-        warnings, consequences = [*failures, *mild, *notes, *doubts], []
+    failures = tuple(_failures(estimate, settings))
+    doubts = (*_doubts(estimate, settings), *_wrong_zeros(estimate), *_wrong_length(estimate, *link_length))
+    grave = tuple(fault.sentence for fault in faults if _grave(fault, estimate))
+    mild = tuple(fault.sentence for fault in faults if not _grave(fault, estimate))
+    warnings = (*grave, *mild, *notes) if grave else (*failures, *mild, *notes, *doubts)
     return replace(
         estimate,
         level=Level.ERROR if grave or failures else Level.WARN if warnings else Level.OK,
-        warnings=tuple(warnings),
-        consequences=tuple(consequences),
+        warnings=warnings,
+        consequences=(*failures, *doubts) if grave else (),
         advice=() if grave else advise(estimate),
     )
 
 
 def _grave(fault: Fault, estimate: Estimate) -> bool:
-    """Return whether a fault makes an estimate useless: not where the estimate has found the same delay itself."""
+    """Tell whether a fault makes an estimate useless: not where the estimate has found the same delay itself."""
     allowed_for = fault.delay is not None and abs(estimate.effort.delay - fault.delay) < LEAST_DELAY / 2
     return fault.level is Level.ERROR and not allowed_for
 
 
-def _unphysical(estimate: Estimate, settings: Settings) -> list[str]:
-    theta = estimate.theta
-    bounds = settings.bounds.of(len(theta))
+def _nearest_bound(theta: Array, bounds: Bounds) -> Array:
+    return np.where(theta - bounds.lower < bounds.upper - theta, bounds.lower, bounds.upper)
+
+
+def _failures(e: Estimate, settings: Settings) -> Iterator[str]:
+    """Say why nobody can use the result."""
+    theta, bounds = e.theta, settings.box(e.model)
     # MDE comes ever closer to a bound and never quite reaches it: what is judged is the bound.
-    nearest = np.where(theta - bounds.lower < bounds.upper - theta, bounds.lower, bounds.upper)
-    held = bounds.at_bound(theta, tolerance=1e-6)
-    problems = [f'not physical: {p}' for p in Parameters.from_vector(np.where(held, nearest, theta)).unphysical()]
-    if not problems and theta[2] ** 2 > 0.999 * LARGEST_COUPLING**2 * theta[0] * theta[1]:
-        problems.append(
+    judged = np.where(bounds.at_bound(theta, tolerance=1e-6), _nearest_bound(theta, bounds), theta)
+    problems = Parameters.from_vector(judged).unphysical()
+    yield from (f'not physical: {problem}' for problem in problems)
+    if not problems and theta[2] ** 2 > NEARLY_SINGULAR * LARGEST_COUPLING**2 * theta[0] * theta[1]:
+        yield (
             f'hardly physical: P3 = {theta[2]:.4g} is the most that P1 and P2 allow, M(q) being nearly singular; the '
             'data ask for a value beyond'
         )
-    return problems
-
-
-def _lost(estimate: Estimate) -> list[str]:
-    """Name what makes a result useless whatever its parameters."""
-    problems = []
-    if estimate.criterion != 'trajectory' and estimate.unexplained > UNBALANCED:
-        problems.append(
-            f'energy and work do not balance: J is {100 * estimate.unexplained:.0f} % of what it is with all '
-            'parameters zero; look at the signs of angles and torque, at the zero of q1, and at their units'
+    if e.unexplained > UNBALANCED:
+        yield (
+            f'energy and work do not balance: J is {100 * e.unexplained:.0f} % of what it is with all parameters zero; '
+            'look at the signs of angles and torque, at the zero of q1, and at their units'
         )
-    prediction = estimate.prediction
-    if prediction is not None:
-        worse = prediction.error[:JUDGED] > prediction.standing_still[:JUDGED]
-        if worse.any():
-            ahead = ', '.join(f'{h:g} s' for h, w in zip(HORIZONS, worse, strict=False) if w)
-            problems.append(
-                f'predicts worse than assuming that nothing moves, {ahead} ahead: do not use these parameters in a '
-                'controller'
-            )
-    return problems
+    worse = e.prediction.error[:JUDGED] > e.prediction.standing_still[:JUDGED]
+    if worse.any():
+        ahead = ', '.join(f'{h:g} s' for h, w in zip(HORIZONS, worse, strict=False) if w)
+        yield (
+            f'predicts worse than assuming that nothing moves, {ahead} ahead: do not use these parameters in a '
+            'controller'
+        )
 
 
-def _doubts(estimate: Estimate, settings: Settings) -> list[str]:
-    theta = estimate.theta
-    bounds = settings.bounds.of(len(theta))
-    doubts = []
-    untold = np.isinf(estimate.std_error)
+def _doubts(e: Estimate, settings: Settings) -> Iterator[str]:
+    """Say what speaks against trusting the result."""
+    theta, bounds, names = e.theta, settings.box(e.model), np.array(NAMES)
+    untold = np.isinf(e.std_error)
     if untold.any():
-        doubts.append(
-            f'cannot be told: {", ".join(np.array(NAMES[: len(theta)])[untold])}; the residuals do not depend on them '
+        yield (
+            f'cannot be told: {", ".join(names[: len(theta)][untold])}; the residuals do not depend on them '
             '(the information matrix is singular): excite both joints more, or choose another window'
         )
-    elif estimate.condition_number > ILL_CONDITIONED:
-        doubts.append(
-            f'ill-conditioned: condition number {estimate.condition_number:.3g} (above {ILL_CONDITIONED:g}); this '
+    elif e.condition_number > ILL_CONDITIONED:
+        yield (
+            f'ill-conditioned: condition number {e.condition_number:.3g} (above {ILL_CONDITIONED:g}); this '
             'motion hardly tells some parameters apart: excite both joints more'
         )
-    viscous = len(theta) == len(SEVEN)
-    for k in np.flatnonzero(~estimate.free):
-        # Friction of one kind may well be nothing where there is another.
-        if k < 5 or viscous or theta[k] > bounds.lower[k] + 0.5 * (bounds.upper[k] - bounds.lower[k]):
-            nearest = bounds.lower[k] if theta[k] - bounds.lower[k] < bounds.upper[k] - theta[k] else bounds.upper[k]
-            doubts.append(f'{NAMES[k]} lies on its bound {nearest:g} {UNITS[k]}: the data ask for a value beyond')
-    poor = [NAMES[k] for k in np.flatnonzero(estimate.free & ~estimate.determined & ~untold) if k < 5 or viscous]
-    if poor:
-        doubts.append(f'poorly determined: the standard error of {", ".join(poor)} exceeds half the value')
-    if estimate.criterion != 'trajectory' and estimate.runs_at_minimum < len(estimate.J_runs):
-        doubts.append(
-            f'only {estimate.runs_at_minimum} of {len(estimate.J_runs)} runs reached the exact minimum of J; give more '
+    # Friction of one kind may well be nothing where there is another.
+    matters = (np.arange(len(theta)) < 5) | (len(theta) == len(SEVEN))
+    high_half = theta > bounds.lower + 0.5 * (bounds.upper - bounds.lower)
+    for k in np.flatnonzero(~e.free & (matters | high_half)):
+        nearest = _nearest_bound(theta, bounds)[k]
+        yield f'{NAMES[k]} lies on its bound {nearest:g} {UNITS[k]}: the data ask for a value beyond'
+    poor = e.free & ~e.determined & ~untold & matters
+    if poor.any():
+        poorest = ', '.join(names[: len(theta)][poor])
+        yield f'poorly determined: the standard error of {poorest} exceeds half the value'
+    if e.criterion != 'trajectory' and e.runs_at_minimum < len(e.J_runs):
+        yield (
+            f'only {e.runs_at_minimum} of {len(e.J_runs)} runs reached the exact minimum of J; give more '
             'generations or a larger population'
         )
-    if not estimate.converged:
-        doubts.append('the optimiser did not converge: start elsewhere, or choose another part of the recording')
-    if estimate.criterion != 'trajectory' and estimate.J_validation > UNFORESEEN * estimate.J:
-        doubts.append(
-            f'J on validation is {estimate.J_validation / estimate.J:.0f} times J on training: these parameters do not '
+    if not e.converged:
+        yield 'the optimiser did not converge: start elsewhere, or choose another part of the recording'
+    if e.criterion != 'trajectory' and e.J_validation > UNFORESEEN * e.J:
+        yield (
+            f'J on validation is {e.J_validation / e.J:.0f} times J on training: these parameters do not '
             'predict data that they have not seen'
         )
-    low, high = settings.delays
-    delay = estimate.effort.delay
+    (low, high), delay = settings.delays, e.effort.delay
     # No delay at all is what a rig has at best, and no end of a search.
     at_end = delay >= high - 1e-4 or (low != 0 and delay <= low + 1e-4)
-    if low < high and at_end and estimate.criterion != 'energy':
-        doubts.append(
+    if low < high and at_end and e.criterion != 'energy':
+        yield (
             f'the delay of the effort lies at {delay:.4f} s, the end of where it was searched; are the '
             'stamps of effort and angles of one clock?'
         )
-    return doubts
 
 
-def _wrong_zeros(estimate: Estimate) -> list[str]:
-    zeros, found = estimate.zeros, []
-    if zeros is None:
-        return []
-    for joint, (angles, errors) in enumerate(zip(np.degrees(zeros.angles), np.degrees(zeros.std_error), strict=True)):
-        for name, angle, error in zip(zeros.recordings, angles, errors, strict=True):
+def _wrong_zeros(e: Estimate) -> Iterator[str]:
+    if e.zeros is None:
+        return
+    for joint, (angles, errors) in enumerate(
+        zip(np.degrees(e.zeros.angles), np.degrees(e.zeros.std_error), strict=True)
+    ):
+        for name, angle, error in zip(e.zeros.recordings, angles, errors, strict=True):
             if abs(angle) - NORMAL_95 * error > ZERO_OFF:
-                found.append(
+                yield (
                     f"{name}: q{joint + 1}'s zero is off by {angle:.1f} +- {error:.1g} degrees; subtract them, or let "
                     'the links swing out before the zeros are set (friction may have held one away from hanging) and '
                     'record again'
                 )
-    return found
 
 
-def _wrong_length(estimate: Estimate, link_length: tuple[float, float]) -> list[str]:
-    length, error = link_length
-    if estimate.criterion == 'energy' or not estimate.theta[4] > 0 or not np.isfinite([length, error]).all():
-        return []
-    own = estimate.theta[2] / estimate.theta[4]
-    if abs(own - length) <= max(LENGTH_OFF * abs(length), 3 * error):
-        return []
-    return [
-        f'P3 / P5, the length of link 1, is {own:.3g} m here and {length:.3g} m (standard error {error:.2g} m) by the '
-        "elbow's own equation, in which the shoulder's torque has no part: look at signs and zeros of the angles and "
-        'at the stamps of the effort'
-    ]
+def _wrong_length(e: Estimate, length: float, error: float) -> Iterator[str]:
+    if e.criterion == 'energy' or not e.theta[4] > 0 or not np.isfinite([length, error]).all():
+        return
+    own = e.theta[2] / e.theta[4]
+    if abs(own - length) > max(LENGTH_OFF * abs(length), 3 * error):
+        yield (
+            f'P3 / P5, the length of link 1, is {own:.3g} m here and {length:.3g} m (standard error {error:.2g} m) by '
+            "the elbow's own equation, in which the shoulder's torque has no part: look at signs and zeros of the "
+            'angles and at the stamps of the effort'
+        )

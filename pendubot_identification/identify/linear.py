@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pendubot_identification.criteria.energy import Residuals, energy_residuals
 from pendubot_identification.criteria.quadratic import Penalised, Quadratic
 from pendubot_identification.criteria.weak import balance_weights, estimate_delay, weak_regression, weak_residuals
-from pendubot_identification.model.parameters import MODELS, repaired
+from pendubot_identification.model.parameters import repaired
 from pendubot_identification.optimizers.mde import mde
 from pendubot_identification.trajectories.motion import AnyMotion, Motion
 from pendubot_identification.trajectories.signals import SMOOTHING
@@ -25,8 +25,6 @@ from .settings import Settings
 from .uncertainty import BLOCK, Blocks, bootstrap_covariance
 
 Array = NDArray[np.float64]
-
-UNITS = {'energy': 'J^2', 'weak': '(N m)^2'}
 
 
 class Linear(NamedTuple):
@@ -60,58 +58,47 @@ def linear(
     if name == 'energy':
         smoothing = SMOOTHING if settings.smoothing is None else settings.smoothing
         residuals = [energy_residuals(m.recorded, settings.sliding, smoothing, model) for m in motions]
-        block = BLOCK if settings.sliding else np.inf
-        return Linear(residuals, Blocks.of(residuals, block), 0.0, np.empty(0))
-    delay, weights = _suited(motions, model, settings) if like is None else (like.delay, like.weights)
+        return Linear(residuals, Blocks.of(residuals, BLOCK if settings.sliding else np.inf), 0.0, np.empty(0))
+    if like is not None:
+        delay, weights = like.delay, like.weights
+    else:
+        bounds, (low, high) = settings.box(model), settings.delays
+        held = [m for m in motions if isinstance(m, Motion)]
+        delay = low if low == high else estimate_delay(held, model, bounds, low, high)
+        weights = balance_weights([weak_regression(m, model, delay, weights=(1, 1, 1)) for m in held], bounds)
+        if low < high:
+            delay = estimate_delay(held, model, bounds, low, high, weights=weights)
     residuals = [weak_residuals(m, model, delay, weights) for m in motions]
     return Linear(residuals, Blocks.of(residuals), delay, weights)
 
 
-def _suited(motions: Sequence[AnyMotion], model: str, settings: Settings) -> tuple[float, Array]:
-    """Return the effort's delay [s] and the weights of the weak criterion's balances with which motions agree best."""
-    bounds = settings.bounds.of(MODELS[model])
-    low, high = settings.delays
-    held = [m for m in motions if isinstance(m, Motion)]
-    delay = low if low == high else estimate_delay(held, model, bounds, low, high)
-    weights = balance_weights([weak_regression(m, model, delay, weights=(1, 1, 1)) for m in held], bounds)
-    if low < high:
-        delay = estimate_delay(held, model, bounds, low, high, weights=weights)
-    return delay, weights
-
-
 def estimate_linear(
-    name: str,
-    made: Linear,
-    model: str,
-    settings: Settings,
-    hold: str,
-    progress: Progress | None = None,
-    validation: Linear | None = None,
+    name: str, made: Linear, model: str, settings: Settings, hold: str, progress: Progress, judge: Linear | None
 ) -> Estimate:
     """Minimise a quadratic criterion, by MDE unless ``lsq`` is asked for, and hold it against its exact minimum."""
-    criterion, bounds = made.criterion, settings.bounds.of(MODELS[model])
-    exact = criterion.minimum(bounds)
-    J_exact = float(criterion(exact))
-    theta, runs, steps = exact, None, ['exact bounded least squares']
+    criterion, bounds = made.criterion, settings.box(model)
+    theta = criterion.minimum(bounds)
+    J_exact, runs, step = float(criterion(theta)), None, 'exact bounded least squares'
     if settings.optimizer != 'lsq':
         how, count = settings.search(name, model)
-
-        def tell(generation: int, best: float) -> None:
-            if progress is not None:
-                progress(f'{name}: MDE', generation, how.generations, best)
-
-        runs = mde(Penalised.of(criterion), bounds, how, runs=count, seed=settings.seed, progress=tell)
+        runs = mde(
+            Penalised.of(criterion),
+            bounds,
+            how,
+            runs=count,
+            seed=settings.seed,
+            progress=lambda generation, best: progress(f'{name}: MDE', generation, how.generations, best),
+        )
         theta = repaired(runs.x)[runs.best]
         reached = int((runs.value <= J_exact * (1 + REACHED)).sum())
-        steps = [
+        step = (
             f'MDE: {reached} of {count} runs reached the exact minimum to a relative {REACHED:g}, '
             f'J = {runs.value.min():.6e}, exact {J_exact:.6e}'
-        ]
-    free = ~bounds.at_bound(theta, tolerance=1e-7)
-    covariance = bootstrap_covariance(made.blocks, theta, free, seed=settings.seed)
-    present = bounds.present
-    off = covariance if free.all() else bootstrap_covariance(made.blocks, theta, present, seed=settings.seed)
-    judge = None if validation is None else validation.criterion
+        )
+    J, still = float(criterion(theta)), float(criterion(np.zeros_like(theta)))
+    free, present = ~bounds.at_bound(theta, tolerance=1e-7), bounds.present
+    covariance, off = (bootstrap_covariance(made.blocks, theta, k, seed=settings.seed) for k in (free, present))
+    judging = None if judge is None else judge.criterion
     return Estimate(
         criterion=name,
         model=model,
@@ -122,16 +109,15 @@ def estimate_linear(
         std_error=np.sqrt(np.where(free, np.diag(covariance), np.diag(off))),
         uncertainty=f'block bootstrap over blocks of {made.blocks.length:.3g} s',
         effort=Effort(hold if name == 'weak' else 'zero', made.delay),
-        J=float(criterion(theta)),
-        unit=UNITS[name],
+        J=J,
         residuals=criterion.count,
         condition_number=criterion.condition_number(present),
         converged=True,
-        steps=tuple(steps),
-        unexplained=float(criterion(theta)) / max(float(criterion(np.zeros_like(theta))), np.finfo(float).tiny),
+        steps=(step,),
+        unexplained=J / max(still, np.finfo(float).tiny),
         J_exact=J_exact,
         runs=runs,
-        J_validation=np.nan if judge is None else float(judge(theta)),
-        J_validation_runs=np.empty(0) if judge is None or runs is None else judge(repaired(runs.x)),
+        J_validation=np.nan if judging is None else float(judging(theta)),
+        J_validation_runs=np.empty(0) if judging is None or runs is None else judging(repaired(runs.x)),
         absent=bounds.absent,
     )

@@ -67,21 +67,28 @@ class Prediction:
     def none(cls) -> Prediction:
         """Return the prediction of nothing."""
         nothing = np.full((len(HORIZONS), 4), np.nan)
-        return cls(nothing, nothing, np.zeros(len(HORIZONS), dtype=np.intp))
+        return cls(nothing, nothing.copy(), np.zeros(len(HORIZONS), dtype=np.intp))
 
     @classmethod
     def pool(cls, parts: Sequence[Prediction]) -> Prediction:
         """Return the errors of several predictions together."""
         starts = np.array([part.starts for part in parts])
         share = starts / np.maximum(starts.sum(axis=0), 1)
-        with np.errstate(invalid='ignore'):
-            mean = [
-                np.sqrt(np.einsum('ph,phs->hs', share, np.nan_to_num([getattr(p, which) for p in parts]) ** 2))
-                for which in ('errors', 'still')
-            ]
-        none = starts.sum(axis=0) == 0
-        mean[0][none], mean[1][none] = np.nan, np.nan
-        return cls(mean[0], mean[1], starts.sum(axis=0))
+
+        def mean(each: Sequence[Array]) -> Array:
+            pooled = np.sqrt(np.einsum('ph,phs->hs', share, np.nan_to_num(each) ** 2))
+            return np.where(starts.sum(axis=0)[:, None] > 0, pooled, np.nan)
+
+        return cls(mean([p.errors for p in parts]), mean([p.still for p in parts]), starts.sum(axis=0))
+
+
+def measured_ends(
+    motions: Sequence[Motion], length: float, stride: float, delay: float
+) -> tuple[Segments, Array, Array]:
+    """Cut segments of ``length`` [s] every ``stride`` [s]; return them and the states at their ends, shapes (4, L)."""
+    segments = Segments.cut(motions, length, stride, max(abs(delay), 1e-9))
+    begin, end = (segments.measured(np.array([delay + at]))[:, 0] for at in (0.0, segments.steps * segments.step))
+    return segments, begin, end
 
 
 def predict(motions: Sequence[Motion], theta: Array, delay: float, scale: Array) -> Prediction:
@@ -93,23 +100,19 @@ def predict(motions: Sequence[Motion], theta: Array, delay: float, scale: Array)
         delay: of the effort [s].
         scale: the states' standard deviations, shape (4,).
     """
-    errors, still = np.full((2, len(HORIZONS), 4), np.nan)
-    starts = []
-    margin = max(abs(delay), 1e-9)
+    result = Prediction.none()
     for row, horizon in enumerate(HORIZONS):
-        long = [m for m in motions if m.end - m.start - 2 * margin >= horizon + m.interval]
-        starts.append(0)
+        long = [m for m in motions if m.end - m.start - 2 * max(abs(delay), 1e-9) >= horizon + m.interval]
         if not long:
             continue
-        segments = Segments.cut(long, horizon, STRIDE, margin)
-        begin, end = (segments.measured(np.array([delay + at]))[:, 0] for at in (0.0, segments.steps * segments.step))
+        segments, begin, end = measured_ends(long, horizon, STRIDE, delay)
         with np.errstate(all='ignore'):
             off = (roll(theta, begin, segments.tau, segments.step)[-1] - end) / scale[:, None]
         off = np.where(np.isfinite(off), np.clip(off, -LOST, LOST), LOST)
-        errors[row] = np.sqrt((off**2).mean(axis=1))
-        still[row] = np.sqrt((((begin - end) / scale[:, None]) ** 2).mean(axis=1))
-        starts[-1] = len(segments)
-    return Prediction(errors, still, np.array(starts))
+        result.errors[row] = np.sqrt((off**2).mean(axis=1))
+        result.still[row] = np.sqrt((((begin - end) / scale[:, None]) ** 2).mean(axis=1))
+        result.starts[row] = len(segments)
+    return result
 
 
 def state_scale(motions: Sequence[Motion]) -> Array:

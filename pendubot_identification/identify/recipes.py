@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import count
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,13 +34,14 @@ from .prediction import state_scale
 from .settings import Settings
 
 Array = NDArray[np.float64]
+Groups = tuple[tuple[Motion, ...], ...]
 
 #: Below this [s] neither bumps nor segments have room.
 SHORTEST = 1.0
-#: Segments, length and stride [s], of a fit that starts near its end, and how many iterations that may take.
+#: Segments, length and stride [s], of a fit that only compares, coarser than a result's; of one that starts near its
+#: end; and how many iterations each may take.
+COMPARING, COMPARING_ITERATIONS = ((0.1, 0.4), (0.25, 0.2), (0.5, 0.2)), 20
 NEARBY, NEARBY_ITERATIONS = ((0.5, 0.2),), 8
-#: Segments of a fit that only compares: coarser than a result's.
-COMPARING = ((0.1, 0.4), (0.25, 0.2), (0.5, 0.2))
 #: Where a fit starts neither P1 nor P2 is less than this fraction of their sum.
 LEAST_SHARE = 0.05
 #: A held torque that leaves less than so many times the variance of the encoders' rounding needs no rival.
@@ -67,7 +69,7 @@ class Data:
         settings: what was asked for.
     """
 
-    groups: tuple[tuple[Motion, ...], ...]
+    groups: Groups
     whole: tuple[AnyMotion, ...]
     smoothing: float
     hold: str
@@ -76,7 +78,11 @@ class Data:
 
     @classmethod
     def prepare(cls, recordings: Sequence[Recording], settings: Settings) -> Data:
-        """Choose smoothing and hold, and make the recordings ready."""
+        """Choose smoothing and hold, and make the recordings ready.
+
+        Raises:
+            TrajectoryError: all are too short for what is asked for.
+        """
         trajectories = held_parts(recordings)
         longest = max(trajectories, key=lambda t: t.duration)
         if settings.criteria != ('energy',) and longest.duration < SHORTEST:
@@ -88,8 +94,7 @@ class Data:
 
         def taken(hold: str) -> Data:
             groups, whole = prepared(recordings, smoothing, hold)
-            scale = state_scale([motion for group in groups for motion in group])
-            return cls(groups, whole, smoothing, hold, scale, settings)
+            return cls(groups, whole, smoothing, hold, state_scale(sum(groups, ())), settings)
 
         if settings.hold != 'auto':
             return taken(settings.hold)
@@ -110,17 +115,10 @@ class Data:
         exact = self.exact('rotor', found) or self.exact('geared', self.fit('geared', near=found))
         return (True, found.fit.cost) if exact is None else (False, exact.variance)
 
-    def exact(self, model: str, near: TrajectoryFit) -> TrajectoryFit | None:
-        """Fit recorded positions over segments of up to 2 s, if the model leaves but the encoders' rounding."""
-        bounds = self.settings.bounds.of(MODELS[model])
-        return fit_positions(
-            self.motions, near.fit.theta, near.fit.delay, bounds, self.settings.delays, ladder=EXACT_LADDER
-        )
-
     @property
     def motions(self) -> tuple[Motion, ...]:
         """All that is held."""
-        return tuple(motion for group in self.groups for motion in group)
+        return sum(self.groups, ())
 
     @property
     def long(self) -> tuple[LongMotion, ...]:
@@ -131,13 +129,10 @@ class Data:
         """Return some of the motions, measured by the same scale."""
         return replace(self, groups=tuple((motion,) for motion in motions), whole=tuple(motions))
 
-    def start(self, model: str, like: Linear | None = None) -> tuple[Array, float]:
-        """Return where a local optimiser starts: the user's parameters, or the weak criterion's."""
-        settings = self.settings
-        if settings.start is not None:
-            low, high = settings.delays
-            return settings.start.vector('geared')[: MODELS[model]], min(max(0.0, low), high)
-        return self.weak_start(model, like)
+    def solve_linear(self, criterion: str, model: str, like: Linear | None = None) -> tuple[Array, float]:
+        """Return a quadratic criterion's exact theta, and the delay [s], which may be that of ``like``."""
+        made = linear(criterion, self.motions, model, self.settings, like)
+        return made.criterion.minimum(self.settings.box(model)), made.delay
 
     def weak_start(self, model: str, like: Linear | None = None) -> tuple[Array, float]:
         """Return the weak criterion's answer, as far as a local optimiser can start from it."""
@@ -146,39 +141,33 @@ class Data:
         theta[:2] = np.maximum(theta[:2], LEAST_SHARE * max(theta[:2].sum(), 1e-6))
         return theta, delay
 
-    def solve_linear(self, criterion: str, model: str, like: Linear | None = None) -> tuple[Array, float]:
-        """Return a quadratic criterion's exact theta, and the delay [s], which may be that of ``like``."""
-        made = linear(criterion, self.motions, model, self.settings, like)
-        return made.criterion.minimum(self.settings.bounds.of(MODELS[model])), made.delay
+    def start(self, model: str, like: Linear | None = None) -> tuple[Array, float]:
+        """Return where a local optimiser starts: the user's parameters, or the weak criterion's."""
+        if self.settings.start is None:
+            return self.weak_start(model, like)
+        return self.settings.start.vector('geared')[: MODELS[model]], self.settings.least_delay
 
     def fit(self, model: str, near: TrajectoryFit | None = None, like: Linear | None = None) -> TrajectoryFit:
         """Fit short segments coarsely, from the start (with the delay ``like``) or from where a similar fit ended."""
-        settings = self.settings
-        bounds = settings.bounds.of(MODELS[model])
+        ladder: tuple[tuple[float, float], ...] = COMPARING
+        iterations = COMPARING_ITERATIONS
         if near is None:
             theta, delay = self.start(model, like)
-            ladder: tuple[tuple[float, float], ...] = COMPARING
-            iterations = 20
         else:
-            theta, delay = near.fit.theta, near.fit.delay
-            theta = np.pad(theta, (0, MODELS[model] - len(theta)))
+            theta, delay = np.pad(near.fit.theta, (0, MODELS[model] - len(near.fit.theta))), near.fit.delay
             ladder, iterations = NEARBY, NEARBY_ITERATIONS
+        bounds, delays = self.settings.box(model), self.settings.delays
         return fit_states(
-            self.motions,
-            theta,
-            delay,
-            bounds,
-            settings.delays,
-            self.scale,
-            ladder=ladder,
-            iterations=iterations,
-            tolerance=1e-3,
+            self.motions, theta, delay, bounds, delays, self.scale, ladder=ladder, iterations=iterations, tolerance=1e-3
         )
 
+    def exact(self, model: str, near: TrajectoryFit) -> TrajectoryFit | None:
+        """Fit recorded positions over segments of up to 2 s, if the model leaves but the encoders' rounding."""
+        bounds, delays = self.settings.box(model), self.settings.delays
+        return fit_positions(self.motions, near.fit.theta, near.fit.delay, bounds, delays, ladder=EXACT_LADDER)
 
-def prepared(
-    recordings: Sequence[Recording], smoothing: float, hold: str
-) -> tuple[tuple[tuple[Motion, ...], ...], tuple[AnyMotion, ...]]:
+
+def prepared(recordings: Sequence[Recording], smoothing: float, hold: str) -> tuple[Groups, tuple[AnyMotion, ...]]:
     """Return what is held of each recording, made ready, and the recordings, long ones to be so piece by piece."""
     groups = tuple(tuple(Motion.prepare(t, smoothing, hold) for t in held_parts([r])) for r in recordings)
     whole = (
@@ -191,11 +180,12 @@ def prepared(
 def estimate(
     criterion: str, data: Data, judges: tuple[Sequence[Motion], Sequence[AnyMotion]], model: str, progress: Progress
 ) -> Estimate:
-    """Return one criterion's answer, with its J on the motions that judge, as :func:`prepared` returns them."""
+    """Return one criterion's answer, with its J on the motions that judge: what is held of them, and the whole."""
     spans = ', '.join(f'{m.name}, {m.end - m.start:.0f} s' for m in data.long)
+    stretches = f'from {len(data.motions)} stretches of {STRETCH:g} s'
     if criterion == 'trajectory':
         found = _estimate_trajectory(data, judges[0], model, progress)
-        said = f'from {len(data.motions)} stretches of {STRETCH:g} s, spread over {spans}'
+        said = f'{stretches}, spread over {spans}'
     else:
         made = linear(criterion, data.motions, model, data.settings)
         if data.long:
@@ -203,83 +193,77 @@ def estimate(
             made = linear(criterion, data.whole, model, data.settings, like=made)
         judge = linear(criterion, judges[1], model, data.settings, like=made) if judges[1] else None
         found = estimate_linear(criterion, made, model, data.settings, data.hold, progress, judge)
-        said = f'from all of {spans}'
-        if criterion == 'weak':
-            said += f'; delay and weights from {len(data.motions)} stretches of {STRETCH:g} s'
+        said = f'from all of {spans}' + (f'; delay and weights {stretches}' if criterion == 'weak' else '')
     return replace(found, steps=(said, *found.steps)) if data.long else found
 
 
 def _estimate_trajectory(data: Data, judges: Sequence[Motion], model: str, progress: Progress) -> Estimate:
-    settings, motions, scale = data.settings, data.motions, data.scale
-    bounds = settings.bounds.of(MODELS[model])
-    steps, runs, iteration = [], None, 0
+    """Fit smoothed states from a rough start, and then recorded positions where these say more."""
+    settings, motions, scale, bounds = data.settings, data.motions, data.scale, data.settings.box(model)
+    number, runs = count(1), None
 
     def tell(cost: float) -> None:
-        nonlocal iteration
-        iteration += 1
-        progress('trajectory: Levenberg-Marquardt', iteration, 0, cost)
+        progress('trajectory: Levenberg-Marquardt', next(number), 0, cost)
+
+    def cost(theta: Array, delay: float, of: Sequence[Motion] = motions) -> tuple[float, int]:
+        return segment_cost(of, theta, delay, bounds, scale)
 
     if settings.optimizer == 'mde':
-        mde, count = settings.search('trajectory', model)
-        runs = search(
-            motions,
-            bounds,
-            scale,
-            mde,
-            count,
-            settings.seed,
-            lambda generation, best: progress('trajectory: MDE', generation, mde.generations, best),
-        )
-        theta, delay = runs.x[runs.best], min(max(0.0, settings.delays[0]), settings.delays[1])
-        steps.append(
-            f'MDE from anywhere within the bounds: {count} runs, up to {int(runs.generations.max())} '
+        mde, several = settings.search('trajectory', model)
+
+        def told(generation: int, best: float) -> None:
+            progress('trajectory: MDE', generation, mde.generations, best)
+
+        runs = search(motions, bounds, scale, mde, several, settings.seed, told)
+        theta, delay = runs.x[runs.best], settings.least_delay
+        steps = [
+            f'MDE from anywhere within the bounds: {several} runs, up to {int(runs.generations.max())} '
             f'generations, bounded error {runs.value.min():.4g} (worst run {runs.value.max():.4g})'
-        )
+        ]
     else:
         theta, delay = data.start(model)
-        steps.append('start: ' + ('given parameters' if settings.start is not None else "the weak criterion's answer"))
-    before, _ = segment_cost(motions, theta, delay, bounds, scale)
+        steps = ['start: ' + ("the weak criterion's answer" if settings.start is None else 'given parameters')]
+    before, _ = cost(theta, delay)
     found = fit_states(motions, theta, delay, bounds, settings.delays, scale, progress=tell)
-    J, residuals = segment_cost(motions, found.fit.theta, found.fit.delay, bounds, scale)
+    J, residuals = cost(found.fit.theta, found.fit.delay)
     steps.append(f'Levenberg-Marquardt on states over {found.length:.2g} s: J from {before:.4g} to {J:.4g}')
     sharper = fit_positions(motions, found.fit.theta, found.fit.delay, bounds, settings.delays, progress=tell)
-    zeros, converged = None, found.fit.converged
+    zeros = None
     if sharper is None:
         zeros = Zeros(tuple(m.name for m in motions), *estimated_zeros(found, len(motions)))
     else:
         found = sharper
-        J, residuals = segment_cost(motions, found.fit.theta, found.fit.delay, bounds, scale)
+        J, residuals = cost(found.fit.theta, found.fit.delay)
         left = f'{found.variance:.3f} times the variance of their rounding'
         if not found.rounded:
             left = f'{np.sqrt(found.variance) * FINEST:.2g} rad are left'
         steps.append(f'Levenberg-Marquardt on recorded positions over {found.length:.3g} s: {left}')
-        converged = found.fit.converged
+    fit, size = found.fit, MODELS[model]
+    converged = fit.converged
     if settings.start is not None and settings.optimizer != 'mde' and not found.exact:
         # A valley of its own may hold what began far away; that another point is lower shows it.
-        elsewhere, _ = segment_cost(motions, *data.weak_start(model), bounds, scale)
+        elsewhere, _ = cost(*data.weak_start(model))
         if ELSEWHERE * elsewhere < J:
             converged = False
             steps.append(f"the weak criterion's answer has J = {elsewhere:.4g}: lower, without any search")
-    size = MODELS[model]
     covariance, std_error, uncertainty = trajectory_covariance(found, 'stretches' if data.long else 'recordings')
     return Estimate(
         criterion='trajectory',
         model=model,
-        theta=found.fit.theta,
-        free=found.fit.free[:size],
+        theta=fit.theta,
+        free=fit.free[:size],
         covariance=covariance[:size, :size],
-        correlation=correlations(found.fit.informations.sum(axis=0)[:-2, :-2], found.fit.free)[:size, :size],
+        correlation=correlations(fit.informations.sum(axis=0)[:-2, :-2], fit.free)[:size, :size],
         std_error=np.where(bounds.present, std_error[:size], np.nan),
         uncertainty=uncertainty,
-        effort=Effort(data.hold, found.fit.delay, float(std_error[size]) if found.fit.free[size] else np.nan),
+        effort=Effort(data.hold, fit.delay, float(std_error[size]) if fit.free[size] else np.nan),
         J=J,
-        unit='variance',
         residuals=residuals,
         condition_number=scaled_condition_number(found),
         converged=converged,
         steps=tuple(steps),
         runs=runs,
-        J_validation=segment_cost(judges, found.fit.theta, found.fit.delay, bounds, scale)[0] if judges else np.nan,
+        J_validation=cost(fit.theta, fit.delay, judges)[0] if judges else np.nan,
         zeros=zeros,
         exact=found.exact,
         absent=bounds.absent,

@@ -10,13 +10,12 @@ them what YAML and JSON can hold, and :func:`structured` makes them of that agai
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import MISSING, dataclass, field, fields, is_dataclass
 from enum import Enum
-from numbers import Integral, Real
 from types import UnionType
-from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import Any, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 
@@ -24,7 +23,6 @@ from pendubot_identification.errors import ResultError
 from pendubot_identification.level import Level
 from pendubot_identification.model.parameters import Parameters
 
-T = TypeVar('T')
 #: None stands for what is not known, or no finite number.
 Number = float | None
 
@@ -218,6 +216,11 @@ class Source:
     stretches: list[float] = field(default_factory=list)
 
 
+def theta_of(parameters: Mapping[str, Parameter]) -> Parameters:
+    """Return the parameter vector; what is absent is 0."""
+    return Parameters(**{name: entry.value for name, entry in parameters.items()})
+
+
 class _Vector:
     """What can be asked of parameters by name."""
 
@@ -226,7 +229,7 @@ class _Vector:
     @property
     def theta(self) -> Parameters:
         """The parameter vector; what is absent is 0."""
-        return Parameters(**{name: entry.value for name, entry in self.parameters.items()})
+        return theta_of(self.parameters)
 
     def unphysical(self) -> list[str]:
         """Return why no rig can have these parameters, in the words of an identification's warnings."""
@@ -306,29 +309,27 @@ def plain(value: Any) -> Any:
     Raises:
         TypeError: something else is in it.
     """
-    if value is None or isinstance(value, (bool, np.bool_)):
-        return None if value is None else bool(value)
+    if isinstance(value, (np.ndarray, np.generic)):
+        value = value.tolist()
+    if value is None or isinstance(value, bool):
+        return value
     if isinstance(value, Enum):
         return value.name
-    if isinstance(value, Integral):
-        return int(value)
-    if isinstance(value, Real):
-        return float(value) if math.isfinite(value) else None
-    if isinstance(value, str):
-        return str(value)
-    if isinstance(value, np.ndarray):
-        return plain(value.tolist())
-    if is_dataclass(value) and not isinstance(value, type):
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, (int, str)):
+        return int(value) if isinstance(value, int) else str(value)
+    if is_dataclass(value):
         return {field.name: plain(getattr(value, field.name)) for field in fields(value)}
     if isinstance(value, Mapping):
-        return {plain(key): plain(entry) for key, entry in value.items()}
-    if isinstance(value, Sequence) and not isinstance(value, (bytes, bytearray)):
+        return {str(key): plain(entry) for key, entry in value.items()}
+    if isinstance(value, (list, tuple)):
         return [plain(entry) for entry in value]
     raise TypeError(f'a result cannot hold {value!r}')
 
 
-def structured(kind: type[T], data: Any, file: object, *at: str) -> T:
-    """Return plain data as an object of a class of this module, or as what the type of one of their fields says.
+def structured(kind: Any, data: Any, file: object, *at: str) -> Any:
+    """Return plain data as an object of a class of this module, or as what the type of one of its fields says.
 
     What a class does not know is left out; what is missing, or None, takes its default. A number may be a word: YAML
     takes 4e-4 for one.
@@ -342,14 +343,10 @@ def structured(kind: type[T], data: Any, file: object, *at: str) -> T:
     Raises:
         ResultError: something is missing, or is not what is expected.
     """
-    return _structured(kind, data, file, at)  # type: ignore[no-any-return]
-
-
-def _structured(kind: Any, data: Any, file: object, at: tuple[str, ...]) -> Any:
     origin, inner = get_origin(kind), get_args(kind)
     if origin in (Union, UnionType):
         unknown = data is None or (isinstance(data, float) and not math.isfinite(data))
-        return None if unknown else _structured(inner[0], data, file, at)
+        return None if unknown else structured(inner[0], data, file, *at)
     if isinstance(kind, type) and is_dataclass(kind) and isinstance(data, Mapping):
         needed = [f.name for f in fields(kind) if f.default is MISSING and f.default_factory is MISSING]
         if missing := [name for name in needed if name not in data]:
@@ -359,16 +356,15 @@ def _structured(kind: Any, data: Any, file: object, at: tuple[str, ...]) -> Any:
             )
         types = get_type_hints(kind)
         names = [f.name for f in fields(kind) if f.name in needed or data.get(f.name) is not None]
-        return kind(**{name: _structured(types[name], data[name], file, (*at, name)) for name in names})
+        return kind(**{name: structured(types[name], data[name], file, *at, name) for name in names})
     if origin is dict and isinstance(data, Mapping):
-        return {str(key): _structured(inner[1], value, file, (*at, str(key))) for key, value in data.items()}
+        return {str(key): structured(inner[1], value, file, *at, str(key)) for key, value in data.items()}
     if origin is list and isinstance(data, list):
-        return [_structured(inner[0], value, file, (*at, str(k))) for k, value in enumerate(data)]
+        return [structured(inner[0], value, file, *at, str(k)) for k, value in enumerate(data)]
     if origin is tuple and isinstance(data, list) and len(data) == len(inner):
-        pairs = enumerate(zip(inner, data, strict=True))
-        return tuple(_structured(each, value, file, (*at, str(k))) for k, (each, value) in pairs)
-    if isinstance(kind, type) and issubclass(kind, Enum) and isinstance(data, str) and data in kind.__members__:
-        return kind[data]
+        return tuple(structured(inner[k], value, file, *at, str(k)) for k, value in enumerate(data))
+    if kind is Level and isinstance(data, str) and data in Level.__members__:
+        return Level[data]
     if kind is float and type(data) in (int, float, str):
         with suppress(ValueError, OverflowError):
             if math.isfinite(number := float(data)):

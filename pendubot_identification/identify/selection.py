@@ -6,32 +6,36 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pendubot_identification.criteria.trajectory_fit import TrajectoryFit
+from pendubot_identification.errors import TrajectoryError
+from pendubot_identification.model.parameters import MODELS
 from pendubot_identification.trajectories.motion import Motion
 
-from .prediction import JUDGED, Prediction
+from .estimate import Progress
+from .linear import Linear, linear
+from .prediction import JUDGED, Prediction, predict
+from .recipes import Data
 
 Array = NDArray[np.float64]
 
 #: Recordings that are left out in turn; fewer of them are cut into blocks of time.
 FEWEST_RECORDINGS = 3
 BLOCKS = 5
+#: In the order of trust, where criteria predict equally well.
+TRUST = ('trajectory', 'weak', 'energy')
+#: A model that holds a smaller one cannot have a larger cost: where it has so many times it, another minimum was found.
+WORSE = 1.05
 
 
-@dataclass(frozen=True, slots=True)
-class Fold:
-    """What is left out, and what predicts it.
-
-    Attributes:
-        name: of what is left out.
-        held_out: the motion that is left out.
-        training: all the others.
-    """
+class Fold(NamedTuple):
+    """A motion that is left out, what it is called, and the others, which predict it."""
 
     name: str
     held_out: Motion
@@ -44,7 +48,6 @@ class ModelScore:
 
     Attributes:
         model: the name of one of :data:`.parameters.MODELS`.
-        predictions: of every fold.
         error: root mean square error at 0.1, 0.25 and 0.5 s over all folds, in standard deviations, shape (3,).
         loss: mean logarithm of the errors, by which models are compared; the mean over folds.
         behind: how much more that is than the best model's, and the standard error of that difference over folds; NaN
@@ -53,31 +56,24 @@ class ModelScore:
     """
 
     model: str
-    predictions: tuple[Prediction, ...]
     error: Array
     loss: float
     behind: tuple[float, float]
-    exact: bool = False
+    exact: bool
 
 
 def folds(motions: Sequence[Motion]) -> list[Fold]:
     """Leave out each recording in turn or, of one or two, each of five blocks of time."""
     if len(motions) >= FEWEST_RECORDINGS:
-        parts = [(m.name, m, m) for m in motions]
-    else:
-        parts = []
-        blocks = BLOCKS if len(motions) == 1 else (BLOCKS + 1) // 2
-        for m in motions:
-            edges = np.linspace(m.start, m.end, blocks + 1)
-            for low, high in pairwise(edges):
-                parts.append((f'{m.name}, {low - m.start:.2f} to {high - m.start:.2f} s', m.part(low, high), m))
+        return [Fold(m.name, m, tuple(other for other in motions if other is not m)) for m in motions]
     result = []
-    for name, held_out, whole in parts:
-        rest = [m for m in motions if m is not whole]
-        if held_out is not whole:
-            sides = (whole.start, held_out.start), (held_out.end, whole.end)
-            rest += [whole.part(low, high) for low, high in sides if high > low]
-        result.append(Fold(name, held_out, tuple(rest)))
+    blocks = BLOCKS if len(motions) == 1 else (BLOCKS + 1) // 2
+    for m in motions:
+        for low, high in pairwise(np.linspace(m.start, m.end, blocks + 1)):
+            rest = [other for other in motions if other is not m]
+            rest += [m.part(begin, end) for begin, end in ((m.start, low), (high, m.end)) if end > begin]
+            name = f'{m.name}, {low - m.start:.2f} to {high - m.start:.2f} s'
+            result.append(Fold(name, m.part(low, high), tuple(rest)))
     return result
 
 
@@ -102,6 +98,77 @@ def compare_models(
         more = row - losses[best]
         deviation = float(more.std(ddof=1) / np.sqrt(more.size)) if more.size > 1 else np.nan
         behind = float(loss - mean[best]), deviation
-        scores.append(ModelScore(model, tuple(parts), Prediction.pool(parts).error[:JUDGED], float(loss), behind))
-    chosen = exact or next(s.model for s in scores if s.behind[0] <= np.nan_to_num(s.behind[1]))
-    return chosen, [replace(s, exact=s.model == exact) for s in scores]
+        scores.append(ModelScore(model, Prediction.pool(parts).error[:JUDGED], float(loss), behind, model == exact))
+    return exact or next(s.model for s in scores if s.behind[0] <= np.nan_to_num(s.behind[1])), scores
+
+
+class Comparison:
+    """What parts of the training data are predicted to be from the rest of them; nothing is fitted twice."""
+
+    def __init__(self, data: Data, progress: Progress) -> None:
+        self._data, self._progress = data, progress
+        self._folds = folds(data.motions)
+        self._fits: dict[str, TrajectoryFit] = {}
+        self._of_folds: dict[str, list[TrajectoryFit]] = {}
+        self._predictions: dict[tuple[str, str], list[Prediction]] = {}
+        self._linear: dict[tuple[str, str], Linear] = {}
+        self.deciding = next(c for c in TRUST if c in data.settings.criteria)
+
+    @property
+    def method(self) -> str:
+        """In words, what predicts what."""
+        if len(self._folds) == len(self._data.motions):
+            return f'each {"stretch" if self._data.long else "recording"} predicted from the others'
+        return f'each of {len(self._folds)} blocks of time predicted from the others'
+
+    def choose(self) -> tuple[str, list[ModelScore]]:
+        """Return the model that the most trusted of the criteria predicts with, and what was compared.
+
+        A model that leaves nothing but the encoders' rounding needs no comparison: the smallest of them is the rig's.
+        """
+        compared: dict[str, list[Prediction]] = {}
+        for model in MODELS:
+            compared[model] = self.predicted(self.deciding, model)
+            if self.deciding == 'trajectory' and self._data.exact(model, self.fit(model)) is not None:
+                return compare_models(compared, exact=model)
+        return compare_models(compared)
+
+    def predicted(self, criterion: str, model: str) -> list[Prediction]:
+        """Return the prediction of every fold."""
+        if (criterion, model) not in self._predictions:
+            found = self._predictions[criterion, model] = []
+            for k, fold in enumerate(self._folds):
+                self._progress(f'{criterion}, {model} model: cross-validation', k, len(self._folds), np.nan)
+                rest = self._data.only(fold.training)
+                try:
+                    if criterion == 'trajectory':
+                        fit = rest.fit(model, near=self.fit(model))
+                        self._of_folds.setdefault(model, []).append(fit)
+                        theta, delay = fit.fit.theta, fit.fit.delay
+                    else:
+                        theta, delay = rest.solve_linear(criterion, model, self._made(criterion, model))
+                except TrajectoryError:  # what is left is too short to be learned from
+                    found.append(Prediction.none())
+                else:
+                    found.append(predict([fold.held_out], theta, delay, self._data.scale))
+        return self._predictions[criterion, model]
+
+    def fit(self, model: str) -> TrajectoryFit:
+        """Return the fit of all motions, from which those of the folds start."""
+        if model not in self._fits:
+            found = self._data.fit(model, like=self._made('weak', 'rotor'))
+            smaller = [self._fits[m] for m in MODELS if m in self._fits and MODELS[m] < MODELS[model]]
+            if smaller and WORSE * smaller[-1].fit.cost < found.fit.cost:
+                found = self._data.fit(model, near=smaller[-1])
+            self._fits[model] = found
+        return self._fits[model]
+
+    def without(self, model: str) -> list[TrajectoryFit]:
+        """Return the fits that leave out each recording, where these were the folds."""
+        return self._of_folds.get(model, []) if self._folds[0].held_out is self._data.motions[0] else []
+
+    def _made(self, criterion: str, model: str) -> Linear:
+        """Return the criterion of all motions, whose delay those of the folds share."""
+        if (criterion, model) not in self._linear:
+            self._linear[criterion, model] = linear(criterion, self._data.motions, model, self._data.settings)
+        return self._linear[criterion, model]

@@ -93,16 +93,28 @@ class Settings:
         absent = [name for name, motor in zip(UNDER_LOAD, driven, strict=True) if not motor]
         return replace(self, bounds=self.bounds.without(absent))
 
+    @property
+    def least_delay(self) -> float:
+        """The delay nearest to 0 [s] within its bounds."""
+        low, high = self.delays
+        return min(max(0.0, low), high)
+
+    def box(self, model: str) -> Bounds:
+        """Return the bounds of a model's parameters."""
+        return self.bounds.of(MODELS[model])
+
     def search(self, criterion: str, model: str) -> tuple[MDESettings, int]:
         """Return how MDE minimises a criterion of a model, and in how many runs."""
-        usual, runs = PER_VECTOR, RUNS
+        how, runs = PER_VECTOR, RUNS
         if criterion == 'trajectory':
-            usual, runs = SEARCH, SEARCH_RUNS
+            how, runs = SEARCH, SEARCH_RUNS
         elif criterion == 'energy' and model == 'viscous':
-            usual = THE_PAPERS
-        chosen: dict[str, Any] = {'population': self.population, 'generations': self.generations}
-        chosen = {name: value for name, value in chosen.items() if value is not None}
-        if self.spread is not None:
-            chosen['spread'] = self.spread or None
-        how = replace(usual, per_component=usual.per_component and not self.per_vector, **chosen)
+            how = THE_PAPERS
+        how = replace(
+            how,
+            population=how.population if self.population is None else self.population,
+            generations=how.generations if self.generations is None else self.generations,
+            spread=how.spread if self.spread is None else self.spread or None,
+            per_component=how.per_component and not self.per_vector,
+        )
         return how, runs if self.runs is None else self.runs

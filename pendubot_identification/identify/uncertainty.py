@@ -38,18 +38,16 @@ class Blocks:
 
     @classmethod
     def of(cls, residuals: Sequence[Residuals], block: float = BLOCK) -> Blocks:
-        """Reduce residuals, those of one recording after those of the other.
+        """Reduce residuals, those of one recording after those of the other, to blocks of so many seconds.
 
-        Args:
-            residuals: of each recording.
-            block: length of the blocks [s]; shorter where there would be fewer than ten. Infinite where each residual
-                holds all data before it, so that no stretch of time is apart from the rest: then there are ten.
+        Blocks are shorter where there would be fewer than ten. An infinite length is for residuals that hold all data
+        before them, so that no stretch of time is apart from the rest: then there are ten.
         """
         length = min(block, sum(r.duration for r in residuals) / FEWEST_BLOCKS)
-        triangles = []
+        triangles: list[Array] = []
         for r in residuals:
             number = max(1, round(r.duration / length)) if length else 1
-            triangles += list(_reduced(r, -(-r.count * np.arange(1, number + 1) // number)))
+            triangles += _reduced(r, -(-r.count * np.arange(1, number + 1) // number))
         return cls(np.array(triangles), sum(r.count for r in residuals), length)
 
     @property
@@ -76,14 +74,9 @@ def _reduced(residuals: Residuals, ends: NDArray[np.signedinteger]) -> Iterator[
 
 
 def bootstrap_covariance(
-    blocks: Blocks,
-    theta: Array,
-    free: NDArray[np.bool_],
-    *,
-    resamples: int = 200,
-    seed: int = 1,
+    blocks: Blocks, theta: Array, free: NDArray[np.bool_], *, resamples: int = 200, seed: int = 1
 ) -> Array:
-    """Return the covariance of a least-squares estimate by the bootstrap of blocks (Kuensch 1989).
+    """Return the covariance of a least-squares estimate by the bootstrap of blocks (Kuensch 1989), shape (D, D).
 
     Residuals that are integrals over overlapping stretches of time are far from independent, so that the textbook
     covariance is many times too small. What can be drawn again independently is whole blocks of time. Against the
@@ -94,13 +87,10 @@ def bootstrap_covariance(
     Args:
         blocks: the residuals.
         theta: the estimate, shape (D,).
-        free: which parameters moved freely, shape (D,); one on its bound has no variance of this kind.
+        free: which parameters moved freely, shape (D,); the others' rows and columns are NaN, and all of them for a
+            single instant, which has no blocks.
         resamples: how often as many blocks as there are, are drawn with replacement.
-        seed: same seed, same result.
-
-    Returns:
-        Covariance, shape (D, D); NaN in the rows and columns of parameters that are not free, and all NaN for a single
-        instant, which has no blocks.
+        seed: of the draws.
     """
     covariance = np.full((len(theta), len(theta)), np.nan)
     size, count = int(free.sum()), len(blocks.triangles)

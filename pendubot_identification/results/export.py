@@ -34,9 +34,11 @@ def provenance(result: Exported) -> list[str]:
 
 def as_yaml(result: Exported) -> str:
     """Return parameters for ``--params-file`` of any node: P1, P2, ... under ``/**``."""
-    comments = ''.join(f'# {line}\n' for line in [*provenance(result), *_meanings(result)])
-    values = {name: entry.value for name, entry in _vector(result).items()}
-    return comments + yaml.safe_dump({'/**': {'ros__parameters': values}}, sort_keys=False)
+    parameters = _vector(result)
+    comments = [*provenance(result), *(f'{name}: {_told(name, entry)}' for name, entry in parameters.items())]
+    values = {name: entry.value for name, entry in parameters.items()}
+    content = yaml.safe_dump({'/**': {'ros__parameters': values}}, sort_keys=False)
+    return ''.join(f'# {line}\n' for line in comments) + content
 
 
 def as_json(result: Exported) -> str:
@@ -47,12 +49,11 @@ def as_json(result: Exported) -> str:
 def as_matlab(result: Exported) -> str:
     """Return a script that makes a struct ``pendubot``: parameters by name, ``theta``, ``names``, ``std_error``."""
     parameters = _vector(result)
-    lines = [f'% {line}' for line in provenance(result)]
-    lines += [f'pendubot.{name} = {_number(e.value)};  % {_told(name, e)}' for name, e in parameters.items()]
-    errors = (_number(entry.std_error) for entry in parameters.values())
-    lines += [
+    lines = [
+        *(f'% {line}' for line in provenance(result)),
+        *(f'pendubot.{name} = {_number(e.value)};  % {_told(name, e)}' for name, e in parameters.items()),
         f'pendubot.theta = [{" ".join(_number(entry.value) for entry in parameters.values())}];',
-        f'pendubot.std_error = [{" ".join(errors)}];',
+        f'pendubot.std_error = [{" ".join(_number(entry.std_error) for entry in parameters.values())}];',
         f'pendubot.names = {{{", ".join(repr(name) for name in parameters)}}};',
     ]
     return '\n'.join(lines) + '\n'
@@ -61,15 +62,17 @@ def as_matlab(result: Exported) -> str:
 def as_c(result: Exported) -> str:
     """Return a header of macros: ``PENDUBOT_P1`` ..., ``PENDUBOT_THETA``, an initialiser, ``PENDUBOT_COUNT``."""
     parameters = _vector(result)
-    named = [f'PENDUBOT_{name}' for name in parameters]
-    lines = ['/*', *(f' * {_uncommented(line)}' for line in provenance(result)), ' */']
-    lines += ['#ifndef PENDUBOT_PARAMETERS_H', '#define PENDUBOT_PARAMETERS_H', '']
-    for macro, (name, entry) in zip(named, parameters.items(), strict=True):
-        lines.append(f'#define {macro} ({_number(entry.value)})  /* {_told(name, entry)} */')
-    lines += [
+    lines = [
+        '/*',
+        *(f' * {line.replace("*/", "* /").replace("/*", "/ *")}' for line in provenance(result)),
+        ' */',
+        '#ifndef PENDUBOT_PARAMETERS_H',
+        '#define PENDUBOT_PARAMETERS_H',
         '',
-        f'#define PENDUBOT_COUNT {len(named)}',
-        f'#define PENDUBOT_THETA {{{", ".join(named)}}}',
+        *(f'#define PENDUBOT_{name} ({_number(e.value)})  /* {_told(name, e)} */' for name, e in parameters.items()),
+        '',
+        f'#define PENDUBOT_COUNT {len(parameters)}',
+        f'#define PENDUBOT_THETA {{{", ".join(f"PENDUBOT_{name}" for name in parameters)}}}',
         '',
         '#endif',
     ]
@@ -82,14 +85,9 @@ SUFFIXES = {'.yaml': 'yaml', '.yml': 'yaml', '.json': 'json', '.m': 'matlab', '.
 
 def _vector(result: Exported) -> dict[str, Parameter]:
     """Return the entries in the order of theta; 0 for those that a hand left out, as far as the model goes."""
-    given = result.parameters
-    last = max(NAMES.index(name) for name in given)
+    last = max(NAMES.index(name) for name in result.parameters)
     size = min(size for size in MODELS.values() if size > last)
-    return {name: given.get(name, Parameter(value=0.0)) for name in NAMES[:size]}
-
-
-def _meanings(result: Exported) -> list[str]:
-    return [f'{name}: {_told(name, entry)}' for name, entry in _vector(result).items()]
+    return {name: result.parameters.get(name, Parameter(value=0.0)) for name in NAMES[:size]}
 
 
 def _told(name: str, entry: Parameter) -> str:
@@ -97,11 +95,6 @@ def _told(name: str, entry: Parameter) -> str:
     unit, meaning = MEANINGS[name]
     error = entry.std_error
     return f'{unit}; {meaning}' + ('' if error is None else f'; standard error {error:.2g}')
-
-
-def _uncommented(line: str) -> str:
-    """Return a line that may stand within a comment of C."""
-    return line.replace('*/', '* /').replace('/*', '/ *')
 
 
 def _number(value: float | None) -> str:

@@ -11,11 +11,11 @@ import numpy as np
 
 from pendubot_identification.errors import BagError
 from pendubot_identification.identify.evidence import Answer
-from pendubot_identification.identify.result import Result, Source
+from pendubot_identification.identify.result import Result, theta_of
 from pendubot_identification.identify.settings import Settings
-from pendubot_identification.model.parameters import NAMES, Bounds, Parameters
+from pendubot_identification.model.parameters import NAMES, Bounds
 from pendubot_identification.recordings.bag_reader import BagWindow, read_recording
-from pendubot_identification.trajectories.long import Long, Recording
+from pendubot_identification.trajectories.long import Long
 from pendubot_identification.trajectories.signals import evenly_stamped
 from pendubot_identification.trajectories.trajectory import Trajectory
 
@@ -51,34 +51,25 @@ def recordings(result: Result, folder: Path | None = None) -> tuple[list[Traject
                 f'{window.path} is not the bag of which this result was made: its SHA-256 begins with '
                 f'{recorded.sha256[:12]}, {source.sha256[:12]} is expected; --bags FOLDER names where that one lies'
             )
-        found[source.role] += _part(recorded.trajectory, source)
+        motion, samples = recorded.trajectory, source.samples
+        if isinstance(motion, Long):
+            found[source.role] += [s for s in motion.stretches if round(float(s.t[0]), 3) in source.stretches]
+        else:
+            # A bag without a window was halved: the first samples estimate, the last ones validate.
+            part = motion[:samples] if source.role == 'training' else motion[len(motion) - samples :]
+            found[source.role].append(evenly_stamped(part))
     return found['training'], found['validation']
-
-
-def _part(motion: Recording, source: Source) -> list[Trajectory]:
-    """Return what a source used of a recording."""
-    if isinstance(motion, Long):
-        return [stretch for stretch in motion.stretches if round(float(stretch.t[0]), 3) in source.stretches]
-    # A bag without a window was halved: the first samples estimate, the last ones validate.
-    samples = source.samples
-    return [evenly_stamped(motion[:samples] if source.role == 'training' else motion[len(motion) - samples :])]
 
 
 def settings(result: Result) -> Settings:
     """Return with what settings a result was made, but for those of MDE and where a search started."""
     made = result.made_by
-    lower, upper = np.array(made.lower_bounds), np.array(made.upper_bounds)
+    same = ('delays', 'model', 'optimizer', 'smoothing', 'hold', 'link_length', 'seed')
     return Settings(
         criteria=tuple(made.criteria),
         sliding=made.sliding_window,
-        delays=made.delays,
-        bounds=Bounds(lower, upper, NAMES[: len(lower)]),
-        model=made.model,
-        optimizer=made.optimizer,
-        smoothing=made.smoothing,
-        hold=made.hold,
-        link_length=made.link_length,
-        seed=made.seed,
+        bounds=Bounds(np.array(made.lower_bounds), np.array(made.upper_bounds), NAMES[: len(made.lower_bounds)]),
+        **{name: getattr(made, name) for name in same},
     )
 
 
@@ -91,8 +82,7 @@ def hold(result: Result) -> str:
 
 def answers(result: Result) -> dict[str, Answer]:
     """Return every criterion's answer."""
-    found = {}
-    for name, answer in result.criteria.items():
-        parameters = Parameters(**{name: entry.value for name, entry in answer.parameters.items()})
-        found[name] = Answer(name, result.model, parameters.vector(result.model), answer.effort.delay)
-    return found
+    return {
+        name: Answer(name, result.model, theta_of(answer.parameters).vector(result.model), answer.effort.delay)
+        for name, answer in result.criteria.items()
+    }

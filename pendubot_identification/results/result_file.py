@@ -6,9 +6,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import astuple, replace
+from dataclasses import astuple
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     # Not for who only reads parameters: this takes a hundred times as long to import.
     from pendubot_identification.identify.estimate import Estimate
     from pendubot_identification.identify.identification import Identification
-    from pendubot_identification.identify.settings import Settings
 
 Array = NDArray[np.float64]
 
@@ -35,192 +34,114 @@ SHOWN_GENERATIONS = 30
 REQUIRED = NAMES[: MODELS['viscous']]
 
 
-def result_of(result: Identification, sources: Sequence[Source]) -> Result:
+def result_of(found: Identification, sources: Sequence[Source]) -> Result:
     """Return what an identification found, made of these bags, by way of what its file holds."""
-    best, settings = result.best, result.settings
-    length, error = result.link_length
-    data = plain(
-        {
-            'schema': SCHEMA,
-            'parameters': _parameters(best),
-            'level': best.level,
-            'not_covered': best.not_covered,
-            'warnings': best.warnings,
-            'consequences': best.consequences,
-            'faults': [
-                {
-                    'name': fault.name,
-                    'found': fault.found,
-                    'remedy': fault.remedy,
-                    'unexplained': fault.unexplained,
-                    'put_right': fault.put_right,
-                }
-                for fault in result.faults
-            ],
-            'advice': best.advice,
-            'criterion': best.criterion,
-            'model': best.model,
-            'not_in_model': _absent(best),
-            'effort': _effort(best, result.interval),
-            'zeros': _zeros(best),
-            'smoothing': result.smoothing,
-            'J': _J(best),
-            'prediction': {'method': result.validation, **_prediction(best)},
-            'models': {
-                'by': result.comparison or None,
-                'compared': [
-                    {
-                        'model': score.model,
-                        'parameters': int(settings.bounds.of(MODELS[score.model]).present.sum()),
-                        'error': score.error,
-                        'behind': score.behind[0],
-                        'behind_std_error': score.behind[1],
-                        'exact': score.exact,
-                    }
-                    for score in result.models
-                ],
-            },
-            'link_length': {'value': length, 'std_error': error, 'expected': settings.link_length, 'unit': 'm'},
-            'condition_number': best.condition_number,
-            'criteria': {
-                e.criterion: {
-                    'parameters': _parameters(e),
-                    'level': e.level,
-                    'warnings': e.warnings,
-                    'consequences': e.consequences,
-                    'effort': _effort(e, result.interval),
-                    'J': _J(e),
-                    'prediction': _prediction(e),
-                    'condition_number': e.condition_number,
-                    'unexplained': e.unexplained,
-                    'zeros': _zeros(e),
-                    'exact': e.exact,
-                    'converged': e.converged,
-                    'steps': e.steps,
-                    'mde': _mde(e, settings),
-                    'convergence': _convergence(e),
-                    'uncertainty': e.uncertainty,
-                    'correlation': e.correlation[np.ix_(e.present, e.present)],
-                }
-                for e in result.estimates
-            },
-            'covariance': best.covariance[np.ix_(best.present, best.present)],
-            'covariance_rank': best.covariance_rank,
-            'made_by': {
-                'version': __version__,
-                'criteria': settings.criteria,
-                'model': settings.model,
-                'optimizer': settings.optimizer,
-                'sliding_window': settings.sliding,
-                'smoothing': settings.smoothing,
-                'hold': settings.hold,
-                'delays': settings.delays,
-                'start': None if settings.start is None else astuple(settings.start),
-                'link_length': settings.link_length,
-                'seed': settings.seed,
-                'lower_bounds': settings.bounds.lower,
-                'upper_bounds': settings.bounds.upper,
-            },
-            'bags': sources,
-        }
-    )
-    return structured(Result, data, 'this identification')
-
-
-def _parameters(e: Estimate) -> dict[str, dict[str, Any]]:
-    return {
-        NAMES[k]: {
-            'value': e.theta[k],
-            'std_error': e.std_error[k],
-            'interval': e.intervals[k],
-            'unit': UNITS[k],
-            'on_bound': not e.free[k],
-            'determined': e.determined[k],
-        }
-        for k in np.flatnonzero(e.present)
-    }
-
-
-def _absent(e: Estimate) -> list[str]:
-    """Return which parameters the rig cannot have, and why."""
+    best, settings = found.best, found.settings
+    answers = {e.criterion: _answer(e, found) for e in found.estimates}
     joints = dict(zip(UNDER_LOAD, ('shoulder', 'elbow'), strict=True))
-    return [f'{name}, for the effort of the {joints[name]} is zero throughout' for name in e.absent]
-
-
-def _effort(e: Estimate, interval: float) -> dict[str, Any]:
-    """Return how the effort was taken; ``linear_lag`` is the delay for who interpolates it linearly between samples."""
-    effort = e.effort
-    return {
-        'hold': effort.hold,
-        'delay': effort.delay,
-        'delay_std_error': effort.std_error,
-        'linear_lag': effort.delay + (interval / 2 if effort.hold == 'zero' else 0.0),
-        'unit': 's',
+    length, error = found.link_length
+    data = {
+        **answers[best.criterion],
+        'not_covered': best.not_covered,
+        'faults': found.faults,
+        'advice': best.advice,
+        'criterion': best.criterion,
+        'model': best.model,
+        'not_in_model': [f'{name}, for the effort of the {joints[name]} is zero throughout' for name in best.absent],
+        'smoothing': found.smoothing,
+        'prediction': {'method': found.validation, **answers[best.criterion]['prediction']},
+        'models': {
+            'by': found.comparison or None,
+            'compared': [
+                {
+                    'model': score.model,
+                    'parameters': int(settings.bounds.of(MODELS[score.model]).present.sum()),
+                    'error': score.error,
+                    'behind': score.behind[0],
+                    'behind_std_error': score.behind[1],
+                    'exact': score.exact,
+                }
+                for score in found.models
+            ],
+        },
+        'link_length': {'value': length, 'std_error': error, 'expected': settings.link_length},
+        'criteria': answers,
+        'covariance': best.covariance[np.ix_(best.present, best.present)],
+        'covariance_rank': best.covariance_rank,
+        'made_by': {
+            **plain(settings),
+            'version': __version__,
+            'sliding_window': settings.sliding,
+            'start': None if settings.start is None else astuple(settings.start),
+            'lower_bounds': settings.bounds.lower,
+            'upper_bounds': settings.bounds.upper,
+        },
+        'bags': sources,
     }
+    result: Result = structured(Result, plain(data), 'this identification')
+    return result
 
 
-def _zeros(e: Estimate) -> list[dict[str, Any]]:
-    """Return how far off the zeros of every recording's positions are: what was read minus what is true."""
-    if e.zeros is None:
-        return []
-    angles, errors = np.degrees(e.zeros.angles), np.degrees(e.zeros.std_error)
-    return [
-        {
-            'recording': name,
-            'q1': angles[0, r],
-            'q1_std_error': errors[0, r],
-            'q2': angles[1, r],
-            'q2_std_error': errors[1, r],
-            'unit': 'degree',
-        }
-        for r, name in enumerate(e.zeros.recordings)
-    ]
-
-
-def _J(e: Estimate) -> dict[str, Any]:
-    quadratic = math.isfinite(e.J_exact)
-    return {
-        'unit': e.unit,
-        'training': e.J,
-        'training_runs': e.J_runs if quadratic else [e.J],
-        'least_squares': e.J_exact,
-        'runs_at_least_squares': e.runs_at_minimum if quadratic and e.runs is not None else None,
-        'residuals': e.residuals,
-        'validation': e.J_validation,
-        'validation_runs': e.J_validation_runs,
-    }
-
-
-def _prediction(e: Estimate) -> dict[str, Any]:
-    """Return simulation errors in standard deviations, and fits in per cent, by horizon [s]."""
+def _answer(e: Estimate, found: Identification) -> dict[str, Any]:
+    """Return what one criterion said, by the names of :class:`.result.CriterionAnswer`."""
     from pendubot_identification.identify.prediction import HORIZONS
 
-    if e.prediction is None:
-        return {}
+    as_is = 'level warnings consequences condition_number unexplained exact converged steps uncertainty'
+    quadratic, prediction, effort = math.isfinite(e.J_exact), e.prediction, e.effort
+    zeros: Iterable[tuple[str, Array, Array]] = ()
+    if e.zeros is not None:
+        zeros = zip(e.zeros.recordings, np.degrees(e.zeros.angles).T, np.degrees(e.zeros.std_error).T, strict=True)
+    mde = convergence = None
+    if e.runs is not None:
+        how, runs = found.settings.search(e.criterion, e.model)
+        mde = {**plain(how), 'runs': runs}
+        history = e.runs.history
+        generations = np.unique(np.rint(np.geomspace(1, len(history), SHOWN_GENERATIONS)).astype(int)) - 1
+        convergence = {'generations': generations, 'best': history[generations].T}
     return {
-        'horizons': HORIZONS,
-        'error': e.prediction.error,
-        'standing_still': e.prediction.standing_still,
-        'fit': dict(zip(('q1', 'q2', 'dq1', 'dq2'), e.prediction.fit.T, strict=True)),
-        'starts': e.prediction.starts,
+        **{name: getattr(e, name) for name in as_is.split()},
+        'parameters': {
+            NAMES[k]: {
+                'value': e.theta[k],
+                'std_error': e.std_error[k],
+                'interval': e.intervals[k],
+                'unit': UNITS[k],
+                'on_bound': not e.free[k],
+                'determined': e.determined[k],
+            }
+            for k in np.flatnonzero(e.present)
+        },
+        'effort': {
+            'hold': effort.hold,
+            'delay': effort.delay,
+            'delay_std_error': effort.std_error,
+            'linear_lag': effort.delay + (found.interval / 2 if effort.hold == 'zero' else 0.0),
+        },
+        'J': {
+            'unit': e.unit,
+            'training': e.J,
+            'training_runs': e.J_runs if quadratic else [e.J],
+            'least_squares': e.J_exact,
+            'runs_at_least_squares': e.runs_at_minimum if quadratic and e.runs is not None else None,
+            'residuals': e.residuals,
+            'validation': e.J_validation,
+            'validation_runs': e.J_validation_runs,
+        },
+        'prediction': {
+            'horizons': HORIZONS,
+            'error': prediction.error,
+            'standing_still': prediction.standing_still,
+            'fit': dict(zip(('q1', 'q2', 'dq1', 'dq2'), prediction.fit.T, strict=True)),
+            'starts': prediction.starts,
+        },
+        'zeros': [
+            {'recording': name, 'q1': q1, 'q1_std_error': q1_error, 'q2': q2, 'q2_std_error': q2_error}
+            for name, (q1, q2), (q1_error, q2_error) in zeros
+        ],
+        'mde': mde,
+        'convergence': convergence,
+        'correlation': e.correlation[np.ix_(e.present, e.present)],
     }
-
-
-def _mde(e: Estimate, settings: Settings) -> dict[str, Any] | None:
-    if e.runs is None:
-        return None
-    how, runs = settings.search(e.criterion, e.model)
-    names = ('population', 'generations', 'per_component', 'spread')
-    return {'runs': runs, **{name: getattr(how, name) for name in names}}
-
-
-def _convergence(e: Estimate) -> dict[str, Any] | None:
-    """Return each run's best value, a row a run, after ever more generations."""
-    if e.runs is None:
-        return None
-    history = e.runs.history
-    generations = np.unique(np.rint(np.geomspace(1, len(history), SHOWN_GENERATIONS)).astype(int)) - 1
-    return {'generations': generations, 'best': history[generations].T}
 
 
 def write_result(path: Path, result: Result, *, overwrite: bool = False) -> None:
@@ -238,10 +159,10 @@ def result_text(result: Result) -> str:
 
 
 def _read(path: Path) -> dict[str, Any]:
-    """Return what a result file holds, as it stands there.
+    """Return what a result file holds, its parameters in the order of theta.
 
     Raises:
-        ResultError: there is no such file, or it is no result of this schema.
+        ResultError: there is no such file, it is no result of this schema, or it names no parameter vector.
     """
     try:
         data = yaml.safe_load(path.read_text(encoding='utf-8'))
@@ -253,7 +174,15 @@ def _read(path: Path) -> dict[str, Any]:
         raise ResultError(f'{path} is no YAML file; name a file that pendubot identify wrote') from error
     if not isinstance(data, dict) or data.get('schema') != SCHEMA:
         raise ResultError(f'{path} is no result of schema {SCHEMA}; name a file that pendubot identify wrote')
-    return data
+    entries = data.get('parameters')
+    entries = entries if isinstance(entries, dict) else {}
+    wrong = [str(name) for name in dict.fromkeys([*REQUIRED, *entries]) if name not in NAMES or name not in entries]
+    if wrong:
+        raise ResultError(
+            f'{path} has no parameter vector: look at {", ".join(wrong)}; a number each is expected for '
+            f'{", ".join(REQUIRED)} and, where they are not 0, for {", ".join(NAMES[len(REQUIRED) :])}'
+        )
+    return {**data, 'parameters': {name: entries[name] for name in NAMES if name in entries}}
 
 
 def read_result(path: Path) -> Result | Given:
@@ -262,9 +191,10 @@ def read_result(path: Path) -> Result | Given:
     Raises:
         ResultError: there is no such file, it is no result of this schema, or its parameters are no numbers by name.
     """
-    given = _given(data := _read(path), path)
+    given: Given = structured(Given, data := _read(path), path)
     with suppress(ResultError):
-        return _whole(data, given, path)
+        whole: Result = structured(Result, data, path)
+        return whole
     return given
 
 
@@ -274,8 +204,8 @@ def read_whole_result(path: Path) -> Result:
     Raises:
         ResultError: there is no such file, or it is no result of this schema, or not all of it.
     """
-    data = _read(path)
-    return _whole(data, _given(data, path), path)
+    result: Result = structured(Result, _read(path), path)
+    return result
 
 
 def read_parameters(path: Path) -> Parameters:
@@ -301,23 +231,6 @@ def read_estimate(path: Path) -> tuple[Parameters, Array | None]:
     return given.theta, None if None in errors else np.array(errors, dtype=float)
 
 
-def _whole(data: Mapping[str, Any], given: Given, path: Path) -> Result:
-    return replace(structured(Result, data, path), parameters=given.parameters)
-
-
-def _given(data: Mapping[str, Any], path: Path) -> Given:
-    entries = data.get('parameters')
-    entries = entries if isinstance(entries, dict) else {}
-    wrong = [str(name) for name in dict.fromkeys([*REQUIRED, *entries]) if name not in NAMES or name not in entries]
-    if wrong:
-        raise ResultError(
-            f'{path} has no parameter vector: look at {", ".join(wrong)}; a number each is expected for '
-            f'{", ".join(REQUIRED)} and, where they are not 0, for {", ".join(NAMES[len(REQUIRED) :])}'
-        )
-    ordered = {name: entries[name] for name in NAMES if name in entries}
-    return structured(Given, {**data, 'parameters': ordered}, path)
-
-
 class _Dumper(yaml.SafeDumper):
     """Writes lists of numbers in a line, and what comes twice twice."""
 
@@ -327,7 +240,3 @@ class _Dumper(yaml.SafeDumper):
     def represent_sequence(self, tag: str, sequence: Any, flow_style: bool | None = None) -> yaml.SequenceNode:
         numbers = not any(isinstance(entry, (str, Mapping, list)) for entry in sequence)
         return super().represent_sequence(tag, sequence, flow_style=numbers)
-
-
-def _number(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None

@@ -26,17 +26,8 @@ def robot_description(l1: float, l2: float) -> str:
         if not (math.isfinite(length) and length > 0):
             raise ParameterError(f'the length {name} is {length:g} m; a number above 0 is expected')
     radius = SLENDER * min(l1, l2)
-    values = {
-        'l1': l1,
-        'l2': l2,
-        'half_l1': l1 / 2,
-        'half_l2': l2 / 2,
-        'radius': radius,
-        'aside': -2.2 * radius,
-        'motor_radius': 2 * radius,
-        'motor_length': 4 * radius,
-        'motor_y': 3.2 * radius,
-    }
+    values = {'l1': l1, 'l2': l2, 'half_l1': l1 / 2, 'half_l2': l2 / 2, 'radius': radius, 'aside': -2.2 * radius}
+    values |= {'motor_radius': 2 * radius, 'motor_length': 4 * radius, 'motor_y': 3.2 * radius}
     return Template(resource(TEMPLATE).read_text(encoding='utf-8')).substitute(
         {name: f'{value:.9g}' for name, value in values.items()}
     )

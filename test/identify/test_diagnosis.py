@@ -4,6 +4,7 @@
 """Faults of convention are named, and nothing is named where there are none."""
 
 import functools
+import itertools
 import re
 from dataclasses import replace
 
@@ -41,35 +42,31 @@ def late(motion):
     return replace(motion, tau=np.concatenate([np.repeat(motion.tau[:1], samples, axis=0), motion.tau[:-samples]]))
 
 
-#: Of a rig with a motor at both joints, and the beginning of the sentence.
+def hung(positions):
+    """Turns angles from hanging."""
+    return lambda m: replace(m, q=(m.q - HANG) @ np.transpose(positions) + HANG)
+
+
+def seen(q=((1, 0), (0, 1)), tau=((1, 0), (0, 1))):
+    """Turns angles from the horizontal, and efforts."""
+    return lambda m: replace(m, q=m.q @ np.transpose(q), tau=m.tau @ np.transpose(tau))
+
+
+FIRST, SECOND, BOTH, EXCHANGED = ((-1, 0), (0, 1)), ((1, 0), (0, -1)), ((-1, 0), (0, -1)), ((0, 1), (1, 0))
+#: What was done to the recording, and the beginning of the sentence.
 FAULTS = {
-    'elbow turned': (lambda m: replace(m, q=m.q * [1, -1], tau=m.tau * [1, -1]), 'the elbow turns the other way'),
-    'elbow encoder': (lambda m: replace(m, q=m.q * [1, -1]), "the elbow's position has the wrong sign"),
-    'shoulder encoder': (
-        lambda m: replace(m, q=(m.q - HANG) * [-1, 1] + HANG),
-        "the shoulder's position has the wrong sign",
-    ),
-    'effort': (lambda m: replace(m, tau=-m.tau), 'the effort has the wrong sign'),
-    'shoulder encoder from the horizontal': (
-        lambda m: replace(m, q=m.q * [-1, 1]),
-        "the shoulder's position has the wrong sign, as measured from the horizontal",
-    ),
-    'order as measured': (
-        lambda m: replace(m, q=m.q[:, ::-1], tau=m.tau[:, ::-1]),
-        'the joints are in the wrong order',
-    ),
-    'columns as measured': (lambda m: replace(m, q=m.q[:, ::-1]), "the joints' positions are in the wrong order"),
-    'order': (
-        lambda m: replace(m, q=(m.q - HANG)[:, ::-1] + HANG, tau=m.tau[:, ::-1]),
-        'the joints are in the wrong order',
-    ),
+    'elbow turned': (seen(SECOND, SECOND), 'the elbow turns the other way'),
+    'elbow encoder': (seen(SECOND), "the elbow's position has the wrong sign"),
+    'shoulder encoder': (hung(FIRST), "the shoulder's position has the wrong sign"),
+    'effort': (seen(tau=BOTH), 'the effort has the wrong sign'),
+    'shoulder from the horizontal': (seen(FIRST), "the shoulder's position has the wrong sign, as measured from the"),
+    'order as measured': (seen(EXCHANGED, EXCHANGED), 'the joints are in the wrong order'),
+    'columns as measured': (seen(EXCHANGED), "the joints' positions are in the wrong order"),
+    'order': (lambda m: seen(tau=EXCHANGED)(hung(EXCHANGED)(m)), 'the joints are in the wrong order'),
     'q1 zero': (moved(q1=5), r"q1's zero is off by [45]\.\d"),
     'q2 zero': (moved(q2=5), r"q2's zero is off by [45]\.\d"),
     'hanging': (moved(q1=90), r"q1's zero is off by (89|90)\.\d"),
-    'absolute': (
-        lambda m: replace(m, q=np.column_stack([m.q[:, 0], m.q[:, 1] + m.q[:, 0] - HANG[0]])),
-        "the elbow's position is absolute",
-    ),
+    'absolute': (hung(((1, 0), (1, 1))), "the elbow's position is absolute"),
     'late effort': (late, r'the effort is stamped 2\d ms later than it acts'),
 }
 
@@ -81,17 +78,16 @@ def test_a_fault_of_the_papers_rig_is_named(fault):
         found = "the elbow's position has the wrong sign"  # its effort is zero whatever the sign
     (named,) = diagnose([spoil(pulses())], 0.02, 'zero', 'viscous')
     assert re.match(found, named.found)
-    shares = r'[\d.]+ % of the squared effort is left unexplained as recorded and [\d.]+ % with'
-    assert re.match(f'{re.escape(named.found)}: {shares} this put right; {re.escape(named.remedy)}$', named.sentence)
+    assert re.match(r'.*: [\d.]+ % of the squared effort is left .* and [\d.]+ % with this put right; ', named.sentence)
     assert named.unexplained > 5 * named.put_right
     assert named.level == Level.ERROR
 
 
-@pytest.mark.parametrize('rate', [100, 500])
-@pytest.mark.parametrize('seed', range(3))
+@pytest.mark.parametrize(('rate', 'seed'), [(100, 0), (500, 1)])
 def test_of_good_recordings_nothing_is_said(rate, seed):
-    length = PAPER.P3 / PAPER.P5
-    assert diagnose([pulses(rate, seed)], 0.02, 'zero', 'viscous', expected_link_length=length) == ()
+    motion = pulses(rate, seed)
+    assert diagnose([motion], 0.02, 'zero', 'viscous', expected_link_length=PAPER.P3 / PAPER.P5) == ()
+    assert diagnose([replace(motion, tau=1000 * motion.tau)], 0.02, 'zero', 'viscous') == (), 'in other units'
 
 
 def test_two_faults_are_named_one_after_the_other():
@@ -101,24 +97,21 @@ def test_two_faults_are_named_one_after_the_other():
     assert second.unexplained == first.put_right
 
 
-def test_a_constant_effort_is_no_zero():
-    (fault,) = diagnose([replace(m := pulses(), tau=m.tau + np.array([0.05, 0]))], 0.02, 'zero', 'viscous')
-    assert fault.found == "the shoulder's effort is off by a constant 0.05 N m"
-    # Read as the wrong data ask for, a zero explains it better.
-    (fault,) = diagnose([replace(m := pulses(), tau=m.tau + np.array([0.05, 0]))], 0.05, 'linear', 'viscous')
+@pytest.mark.parametrize(('smoothing', 'hold'), [(0.02, 'zero'), (0.05, 'linear')])
+def test_a_constant_effort_is_no_zero(smoothing, hold):
+    """Also when it is read as the wrong data ask for, where a zero explains it better."""
+    (fault,) = diagnose([replace(m := pulses(), tau=m.tau + np.array([0.05, 0]))], smoothing, hold, 'viscous')
     assert fault.found == "the shoulder's effort is off by a constant 0.05 N m"
 
 
-@pytest.mark.parametrize('criterion', ['trajectory', 'weak'])
-def test_a_result_with_a_wrong_sign_is_an_error_whatever_the_criterion(criterion):
-    found = identify([FAULTS['effort'][0](pulses())], (), Settings((criterion,), 'viscous', optimizer='lsq'))
+def test_a_result_with_a_wrong_sign_is_an_error():
+    found = identify([FAULTS['effort'][0](pulses())], (), Settings(('trajectory',), 'viscous', hold='zero'))
     assert found.level == Level.ERROR
     assert found.warnings[0].startswith('the effort has the wrong sign')
 
 
-@pytest.mark.parametrize('columns', [lambda m: m.tau[::-1], lambda m: np.roll(m.tau, len(m.tau) // 3, axis=0)])
-def test_a_motion_that_no_remedy_mends_is_said_to_fit_none(columns):
-    (found,) = diagnose([replace(m := pulses(), tau=columns(m))], 0.02, 'zero', 'viscous')
+def test_a_motion_that_no_remedy_mends_is_said_to_fit_none():
+    (found,) = diagnose([replace(m := pulses(), tau=m.tau[::-1])], 0.02, 'zero', 'viscous')
     assert found.sentence.startswith('the motion does not fit any pendubot: ')
     assert found.level == Level.ERROR
 
@@ -142,11 +135,6 @@ def test_a_late_effort_is_grave_where_no_delay_is_estimated():
     assert not weak.consequences
 
 
-def test_an_effort_in_other_units_cannot_be_noticed():
-    motion = pulses()
-    assert diagnose([replace(motion, tau=1000 * motion.tau)], 0.02, 'zero', 'viscous') == ()
-
-
 def test_too_little_to_tell_is_no_fault():
     motion = pulses()
     assert diagnose([motion.window(0, 0.7)], 0.02, 'zero', 'viscous') == ()
@@ -156,7 +144,7 @@ def test_too_little_to_tell_is_no_fault():
     assert diagnose([still], 0.02, 'zero', 'viscous') == ()
 
 
-@pytest.mark.parametrize(('rate', 'smoothing'), [(100, 0.02), (500, 0.02), (500, 0.05)])
+@pytest.mark.parametrize(('rate', 'smoothing'), [(100, 0.02), (500, 0.05)])
 def test_the_elbow_alone_tells_the_length_of_link_1(rate, smoothing):
     length, error = link_length([Motion.prepare(pulses(rate), smoothing)], 'viscous')
     assert length == pytest.approx(PAPER.P3 / PAPER.P5, rel=0.01)
@@ -179,13 +167,12 @@ def test_real_rigs_have_links_of_their_length(rig):
 @pytest.mark.parametrize('rig', LENGTHS)
 def test_of_real_recordings_nothing_is_said(rig):
     motions = recorded(rig, 'train')
-    for some in (motions, *([motion[::5]] for motion in motions)):
+    for some in (motions, [motions[0][::5]]):
         assert diagnose(some, 0.02, 'linear', 'geared', expected_link_length=LENGTHS[rig]) == ()
 
 
 @pytest.mark.recordings
-@pytest.mark.parametrize('fault', FAULTS)
-@pytest.mark.parametrize('rig', LENGTHS)
+@pytest.mark.parametrize(('rig', 'fault'), zip(itertools.cycle(LENGTHS), FAULTS, strict=False))
 def test_a_fault_of_a_real_rig_is_named(rig, fault):
     spoil, found = FAULTS[fault]
     (named,) = diagnose([spoil(motion[::5]) for motion in recorded(rig, 'train')], 0.02, 'linear', 'rotor')
@@ -193,8 +180,9 @@ def test_a_fault_of_a_real_rig_is_named(rig, fault):
 
 
 @pytest.mark.recordings
-@pytest.mark.parametrize(('angle', 'level'), [(3, Level.WARN), (10, Level.ERROR)])
-@pytest.mark.parametrize('rig', LENGTHS)
+@pytest.mark.parametrize(
+    ('rig', 'angle', 'level'), [('dfki_C1_sysid', 3, Level.WARN), ('dfki_A0_sysid', 10, Level.ERROR)]
+)
 def test_a_zero_of_a_real_rig_is_as_grave_as_it_is_large(rig, angle, level):
     """Of 3 degrees the weak criterion's parameters change by 11 % at most, of 10 degrees by 64 and 71 %."""
     (named,) = diagnose([moved(q1=angle)(m[::5]) for m in recorded(rig, 'train')], 0.02, 'linear', 'rotor')

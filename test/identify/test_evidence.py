@@ -18,8 +18,7 @@ from pendubot_identification.identify.evidence import (
     residuals,
     simulate_beside,
 )
-from pendubot_identification.identify.prediction import predict, state_scale
-from pendubot_identification.identify.settings import Settings
+from pendubot_identification.identify.prediction import state_scale
 from pendubot_identification.model.parameters import PAPER
 from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.trajectory import Trajectory
@@ -81,15 +80,6 @@ def test_autocorrelation_against_the_sum_itself():
         np.testing.assert_allclose(autocorrelation(parts, 50)[lag], expected, atol=1e-12)
 
 
-def test_white_residuals_lie_within_the_band_and_others_do_not():
-    rng = np.random.default_rng(2)
-    white = rng.normal(size=(4000, 1))
-    band = 1.96 / np.sqrt(len(white))
-    assert 0.9 < (np.abs(autocorrelation([white], 400)[1:]) < band).mean() < 0.99
-    bent = white + np.convolve(white[:, 0], np.ones(20) / 10, mode='same')[:, None]
-    assert (np.abs(autocorrelation([bent], 10)[1:]) > band).all()
-
-
 def test_nothing_lies_between_an_exact_motion_and_its_simulation():
     theta = vector('viscous')
     motion = exact_motion(theta, samples=1500)
@@ -98,16 +88,6 @@ def test_nothing_lies_between_an_exact_motion_and_its_simulation():
     assert shown.ahead == 1.0
     expected = motion.states(shown.simulated_t)
     np.testing.assert_allclose(np.moveaxis(shown.simulated, 1, 0), expected, atol=1e-6)
-
-
-def test_what_is_simulated_is_what_the_predictions_judge():
-    motion = Motion.prepare(recording(1000), 0.02)
-    wrong, scale = THETA * 1.1, state_scale([motion])
-    shown = simulate_beside([motion], answer(wrong), scale)
-    ends = np.moveaxis(shown.simulated, 1, 0)[:, -1] - motion.states(shown.simulated_t[-1])
-    off = np.sqrt(((ends / scale[:, None]) ** 2).mean())
-    judged = predict([motion], wrong, 0.0, scale).error[-1]
-    assert judged / 3 < off < 3 * judged
 
 
 def test_of_long_recordings_the_worst_part_is_shown():
@@ -148,15 +128,3 @@ def test_a_parameter_whose_joint_rests_has_nothing_of_its_own():
     for shown in (moving, still):
         assert (shown.own <= shown.term).all()
         assert shown.term[0, 1] == shown.own[0, 1] == 0.0, "P1 has no part in the elbow's equation"
-
-
-def test_residuals_share_data_over_the_window_of_their_balance():
-    motion = Motion.prepare(recording(600), 0.02)
-    scale = state_scale([motion])
-    shared = {
-        sliding: residuals(
-            [motion], answer(criterion='energy'), Settings(('energy',), 'viscous', sliding=sliding), 0.02, scale
-        ).shared
-        for sliding in (None, 0.3)
-    }
-    assert shared == {None: np.inf, 0.3: 0.3}

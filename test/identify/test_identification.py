@@ -19,9 +19,9 @@ from pendubot_identification.identify.prediction import HORIZONS, Prediction, pr
 from pendubot_identification.identify.settings import Settings
 from pendubot_identification.level import Level
 from pendubot_identification.model.parameters import NAMES, PAPER, Parameters, default_bounds
-from pendubot_identification.model.simulation import HANGING, simulate
+from pendubot_identification.model.simulation import HANGING
+from pendubot_identification.recordings.csv_import import import_csv
 from pendubot_identification.trajectories.motion import Motion
-from pendubot_identification.trajectories.trajectory import Trajectory
 from test.conftest import RECORDINGS
 from test.virtual import C1, CHAOTIC, GEARED, exact_motion, recording
 
@@ -35,14 +35,10 @@ THE_PAPERS = Settings(criteria=('energy',), model='viscous', optimizer='mde', sp
 
 
 def recorded(group, role):
-    """The motions of a rig's real recordings, straight from their CSV files."""
-    motions = []
-    for row in csv.DictReader((RECORDINGS / 'manifest.csv').open()):
-        if row['group'] == group and row['role'] == role:
-            a = np.genfromtxt(RECORDINGS / row['file'], delimiter=',', names=True)
-            q, tau = (np.column_stack([a[f'{name}1'], a[f'{name}2']]) for name in ('q', 'tau'))
-            motions.append(Trajectory(a['t'], q, tau, name=row['file']))
-    return motions
+    """The motions of a rig's real recordings."""
+    rows = csv.DictReader((RECORDINGS / 'manifest.csv').open())
+    files = [row['file'] for row in rows if (row['group'], row['role']) == (group, role)]
+    return [import_csv(RECORDINGS / file) for file in files]
 
 
 def wrong(estimate, truth=TRUTH):
@@ -59,35 +55,31 @@ def default():
 
 def test_by_default_it_publishes_the_truth(default):
     result, _ = default
-    assert result.level is Level.OK
-    assert not result.warnings
-    assert (result.best.criterion, result.best.model) == ('trajectory', 'viscous')
-    assert wrong(result.best) < 0.005
-    assert result.best.exact
-    assert result.best.determined.all()
-    assert result.best.converged
-    assert (np.abs(result.best.theta - TRUTH) < 4 * result.best.std_error).all()
-    assert result.best.effort.hold == 'zero'
-    assert abs(result.best.effort.delay) < 1e-4
-    assert result.parameters == Parameters.from_vector(result.best.theta)
+    best = result.best
+    assert (result.level, result.warnings) == (Level.OK, ())
+    assert (best.criterion, best.model) == ('trajectory', 'viscous')
+    assert best.exact
+    assert best.converged
+    assert best.zeros is None, 'of exact recordings no zeros are told'
+    assert wrong(best) < 0.005
+    assert best.determined.all()
+    assert (np.abs(best.theta - TRUTH) < 4 * best.std_error).all()
+    assert (best.effort.hold, round(best.effort.delay, 3)) == ('zero', 0)
     assert result.interval == pytest.approx(0.01)
-    assert result.validation == 'each of 5 blocks of time predicted from the others'
     assert [s.model for s in result.models if s.exact] == ['viscous']
 
 
 def test_every_criterion_answers_in_the_order_that_was_asked_for(default):
-    result, _ = default
-    assert [e.criterion for e in result.estimates] == ['energy', 'weak', 'trajectory']
-    for estimate in result.estimates:
+    energy, weak, trajectory = estimates = default[0].estimates
+    assert [e.criterion for e in estimates] == ['energy', 'weak', 'trajectory']
+    for estimate in estimates:
         assert estimate.theta.shape == estimate.std_error.shape == (7,)
         assert estimate.covariance.shape == estimate.correlation.shape == (7, 7)
         assert estimate.intervals.shape == (7, 2)
         assert estimate.prediction.starts[0] > 0
         assert estimate.steps
-        assert estimate.unit
         assert estimate.J > 0
-        assert not estimate.parameters.unphysical()
-    energy, weak, trajectory = result.estimates
+        assert not Parameters.from_vector(estimate.theta).unphysical()
     assert energy.runs_at_minimum == weak.runs_at_minimum == 10
     assert trajectory.runs is None
     assert trajectory.prediction.loss < energy.prediction.loss
@@ -96,11 +88,10 @@ def test_every_criterion_answers_in_the_order_that_was_asked_for(default):
 
 def test_progress_is_told_from_beginning_to_end(default):
     _, told = default
-    whats = [what for what, *_ in told]
-    assert whats[0] == 'preparing'
-    assert 'checking signs, zeros and stamps' in whats
-    for part in ('cross-validation', 'energy: MDE', 'weak: MDE', 'trajectory: Levenberg-Marquardt'):
-        assert any(part in what for what in whats), part
+    whats = ' '.join(what for what, *_ in told)
+    assert whats.startswith('preparing')
+    for part in ('cross-validation', 'energy: MDE', 'weak: MDE', 'trajectory: Levenberg-Marquardt', 'checking signs'):
+        assert part in whats
     assert all(0 <= done <= of or of == 0 for _, done, of, _ in told)
     J = [best for what, _, _, best in told if what == 'energy: MDE']
     assert (np.diff(J) <= 0).all()
@@ -114,7 +105,7 @@ def test_the_papers_settings_reach_the_exact_minimum_in_every_run():
     np.testing.assert_allclose(estimate.J_runs, estimate.J_exact, rtol=1e-6)
     np.testing.assert_allclose(estimate.theta, identify([recording()], [], ENERGY).best.theta, rtol=1e-3)
     assert estimate.J_validation_runs.shape == (10,)
-    assert not estimate.parameters.unphysical()
+    assert not Parameters.from_vector(estimate.theta).unphysical()
     assert result.validation == 'on data that was not used for estimation'
 
 
@@ -124,47 +115,54 @@ def test_of_mde_what_is_chosen_counts_and_the_rest_is_what_suits_each_criterion(
     assert {how.search(name, 'viscous')[0].population for name in how.criteria} == {60}
     assert Settings(generations=200).search('trajectory', 'rotor')[0].population == 40
     assert [Settings().search('energy', model)[0].per_component for model in ('viscous', 'rotor')] == [True, False]
-    everything = Settings(('weak',), 'viscous', 'mde', hold='zero', generations=900, spread=0.0, runs=1)
-    assert identify([recording(300)], [], everything).best.runs.generations.tolist() == [900]
 
 
-@pytest.mark.parametrize('hold', ['auto', 'zero'])
-def test_a_box_of_the_models_own_parameters_is_enough(hold):
-    box = default_bounds().of(7).replaced('P1', 0.0, 0.5)
-    found, whole = (
-        identify([recording(300)], [], replace(WEAK, hold=hold, bounds=bounds))
-        for bounds in (box, default_bounds().replaced('P1', 0.0, 0.5))
-    )
-    np.testing.assert_array_equal(found.best.theta, whole.best.theta)
+def test_a_box_of_the_models_own_parameters_is_enough():
+    whole = default_bounds().replaced('P1', 0.0, 0.5)
+    found, same = (identify([recording(300)], [], replace(WEAK, bounds=b)) for b in (whole.of(7), whole))
+    np.testing.assert_array_equal(found.best.theta, same.best.theta)
 
 
-def test_energy_needs_no_motion_as_long_as_the_weak_criterions_bump():
-    short = identify([recording(125, 0.002)], [recording(300)], ENERGY)
-    assert np.isfinite(short.best.theta).all()
-    assert np.isnan(short.link_length).all()
+def without_some(motion):
+    kept = np.ones(len(motion), dtype=bool)
+    kept[100::12] = False
+    return motion[kept]
 
 
-def test_too_few_generations_are_noticed():
-    few = replace(THE_PAPERS, generations=20)
-    assert any('of 10 runs reached the exact minimum' in w for w in identify([recording(300)], [], few).warnings)
+ANOTHER = Parameters(P1=0.004, P2=0.0008, P3=0.0002, P4=0.04, P5=0.006, b1=0.0066, b2=0.0001)
 
 
-@pytest.mark.parametrize('criterion', ['energy', 'weak'])
-def test_the_same_seed_gives_the_same_result(criterion):
+@pytest.mark.parametrize(
+    ('motions', 'settings', 'sentence'),
+    [
+        ([recording(300)], replace(THE_PAPERS, generations=20), 'of 10 runs reached the exact minimum'),
+        ([without_some(recording(400))], WEAK, 'about 25 of 400 samples are missing'),
+        (
+            [recording(400)],
+            replace(WEAK, link_length=2 * PAPER.P3 / PAPER.P5),
+            'moves as on a link 1 of 0.03',
+        ),
+        (
+            [recording(400, name='one'), recording(400, seed=2, rig=ANOTHER, name='two')],
+            WEAK,
+            'one and two contradict each other',
+        ),
+    ],
+)
+def test_what_is_odd_is_named(motions, settings, sentence):
+    result = identify(motions, [], settings, notes=['the bag was never closed'])
+    assert result.level > Level.OK
+    assert any(sentence in warning for warning in result.warnings)
+    assert 'the bag was never closed' in result.warnings
+
+
+def test_the_same_seed_gives_the_same_result():
     motion = recording(300)
-    how = Settings((criterion,), 'viscous', 'mde', hold='zero', generations=20, runs=2, seed=3)
+    how = Settings(('weak',), 'viscous', 'mde', hold='zero', generations=20, runs=2, seed=3)
     first, again, other = (identify([motion], [], changed).best for changed in (how, how, replace(how, seed=4)))
     for name in ('theta', 'covariance', 'std_error', 'J', 'J_runs'):
         np.testing.assert_array_equal(getattr(first, name), getattr(again, name))
     assert (other.runs.x != first.runs.x).any()
-
-
-def test_fine_sampling_leads_the_papers_criterion_to_the_truth():
-    t = np.arange(6000) * 1e-3
-    motion = simulate(PAPER, t, np.column_stack([0.15 * np.sin(4 * t), np.zeros(6000)]))
-    result = identify([motion], [], ENERGY)
-    assert wrong(result.best) < 0.05
-    assert result.level is not Level.ERROR
 
 
 def test_the_weak_criterion_needs_no_fine_sampling():
@@ -186,8 +184,15 @@ def test_what_the_rig_has_is_chosen_and_no_more():
     assert result.models[0].behind[0] > 3 * result.models[0].behind[1], 'without dry friction'
 
 
-@pytest.mark.parametrize('criteria', [('energy',), ('weak',), ('trajectory',)])
-@pytest.mark.parametrize(('driven', 'absent'), [((1, 0), 'k2'), ((0, 1), 'k1'), ((1, 1), None)])
+@pytest.mark.parametrize(
+    ('criteria', 'driven', 'absent'),
+    [
+        (('energy',), (1, 0), 'k2'),
+        (('weak',), (0, 1), 'k1'),
+        (('weak',), (1, 1), None),
+        (('trajectory',), (1, 0), 'k2'),
+    ],
+)
 def test_a_joint_without_a_motor_has_no_friction_under_load(criteria, driven, absent):
     motion = exact_motion(GEARED, 500, 0.01, seed=3, strength=np.array(driven)).recorded
     result = identify([motion], settings=Settings(criteria, 'geared', hold='zero'))
@@ -205,8 +210,8 @@ def test_a_joint_without_a_motor_has_no_friction_under_load(criteria, driven, ab
         assert absent not in said
 
 
-@pytest.mark.parametrize('delay', [0.023, -0.018])
-def test_a_delay_of_the_effort_of_either_sign_is_found(delay):
+def test_a_delay_of_the_effort_is_found():
+    delay = -0.018
     result = identify([recording(250, delay=delay, seed=2)], [], TRAJECTORY)
     effort = result.best.effort
     assert abs(effort.delay - delay) < 4 * effort.std_error < 1e-3
@@ -214,14 +219,14 @@ def test_a_delay_of_the_effort_of_either_sign_is_found(delay):
     assert result.best.exact
 
 
-@pytest.mark.parametrize(('delay', 'what'), [(0.023, 'acts 23 ms later'), (-0.018, 'is stamped 18 ms later')])
-def test_a_delay_is_named_unless_it_is_declared(delay, what):
+def test_a_delay_is_named_unless_it_is_declared():
+    delay = 0.023
     late = recording(400, delay=delay)
     found, declared, beyond = (
         identify([late], [], replace(WEAK, delays=d)) for d in ((-0.1, 0.1), (delay, delay), (-0.01, 0.01))
     )
     assert found.best.effort.delay == pytest.approx(delay, abs=5e-4)
-    assert any(f'the effort {what}' in w for w in found.warnings)
+    assert any('the effort acts 23 ms later' in w for w in found.warnings)
     assert declared.level is Level.OK
     assert declared.best.effort.delay == delay
     # Where the search ends before it, the parameters are of no use; that it ended follows.
@@ -229,20 +234,14 @@ def test_a_delay_is_named_unless_it_is_declared(delay, what):
     assert (found.level, beyond.level) == (Level.WARN, Level.ERROR)
 
 
-def test_parameters_that_are_given_are_where_it_starts():
-    start = Parameters(*(TRUTH * [1.5, 0.7, 1.4, 1.3, 0.6, 1.5, 0.5]))
-    result = identify([recording(300, seed=2)], [], replace(TRAJECTORY, start=start))
-    assert 'given parameters' in result.best.steps[0]
-    assert wrong(result.best) < 0.005
-
-
-@pytest.mark.parametrize('seed', [0, 21, 23, 38])
+@pytest.mark.parametrize('seed', [0, 23])
 def test_a_start_that_is_wrong_by_three_arrives_or_is_said_to_have_not(seed):
     off = 3.0 ** np.random.default_rng(seed).choice([-1, 1], 7)
     result = identify([recording(400, seed=2)], [], replace(TRAJECTORY, start=Parameters(*(TRUTH * off))))
+    assert 'given parameters' in result.best.steps[0]
     assert (wrong(result.best) < 0.01) == (seed == 0)
     assert (result.level is Level.OK) == (seed == 0)
-    assert ('lower, without any search' in result.best.steps[-1]) == (seed == 23)
+    assert ('lower, without any search' in result.best.steps[-1]) == (seed == 23), 'in a valley of its own'
 
 
 def test_that_trajectory_did_not_converge_is_said_whatever_is_published():
@@ -255,16 +254,14 @@ def test_that_trajectory_did_not_converge_is_said_whatever_is_published():
     assert any('trajectory did not converge' in warning for warning in result.warnings)
 
 
-@pytest.mark.parametrize('counts', [0, 4000])
-def test_exact_data_in_chaotic_motion_are_known_exactly(counts):
-    motion = recording(1800, seed=1, counts=counts, **CHAOTIC)
-    settings = Settings(('weak', 'trajectory'), optimizer='lsq')
-    result = identify([motion[:900]], [motion[900:]], settings)
-    best, truth = result.best, C1.vector('rotor')
+def test_data_in_chaotic_motion_are_explained_exactly():
+    motion, truth = recording(1200, seed=1, **CHAOTIC), C1.vector('rotor')
+    result = identify([motion[:900]], [motion[900:]], Settings(('weak', 'trajectory'), optimizer='lsq'))
+    best = result.best
     assert result.level is Level.OK
     assert (best.criterion, best.model, best.exact) == ('trajectory', 'rotor', True)
     assert (np.abs(best.theta - truth) < 3 * best.std_error).all()
-    assert np.abs(best.theta / truth - 1).max() < (0.05 if counts else 1e-3)
+    assert wrong(best, truth) < 0.05
 
 
 def test_mde_finds_the_trajectory_criterions_basin_from_nowhere():
@@ -316,13 +313,6 @@ def test_validation_only_judges():
     assert (judged.prediction.errors != other.prediction.errors).all()
 
 
-def test_two_rigs_in_one_estimate_are_named():
-    other = Parameters(P1=0.004, P2=0.0008, P3=0.0002, P4=0.04, P5=0.006, b1=0.0066, b2=0.0001)
-    result = identify([recording(400, name='one'), recording(400, seed=2, rig=other, name='two')], [], WEAK)
-    assert result.level > Level.OK
-    assert any('one and two contradict each other' in w for w in result.warnings)
-
-
 def test_the_one_recording_whose_elbow_is_turned_round_is_named():
     motions = [recording(400, seed=s, name=f'recording {s}') for s in range(3)]
     assert identify([m[:200] for m in motions[:2]], [], WEAK).level is Level.OK
@@ -332,34 +322,25 @@ def test_the_one_recording_whose_elbow_is_turned_round_is_named():
     assert [w.split(' contradicts')[0] for w in result.warnings if 'contradict' in w] == ['recording 1']
 
 
-def broken():
-    """Recordings that no rig has made."""
+@pytest.mark.parametrize('what', ['torque at random', 'angles at random', 'in quarter turns'])
+def test_what_is_not_physical_or_worse_than_standing_still_is_never_ok(what):
     motion, rng = recording(300, seed=2), np.random.default_rng(1)
-    shuffled = rng.permutation(motion.tau)
-    return {
-        'torque of the wrong sign': replace(motion, tau=-motion.tau),
-        'torque of another time': replace(motion, tau=np.roll(motion.tau, 150, axis=0)),
-        'torque at random': replace(motion, tau=shuffled),
+    broken = {
+        'torque at random': replace(motion, tau=rng.permutation(motion.tau)),
         'angles at random': replace(motion, q=np.cumsum(rng.normal(scale=0.02, size=motion.q.shape), axis=0)),
-        'elbow turned round': replace(motion, q=motion.q * [1, -1]),
-        'joints exchanged': replace(motion, q=motion.q[:, ::-1]),
         'in quarter turns': replace(motion, q=motion.q / (np.pi / 2)),
     }
-
-
-@pytest.mark.parametrize('what', broken())
-def test_what_is_not_physical_or_worse_than_standing_still_is_never_ok(what):
-    result = identify([broken()[what]], [], replace(WEAK, criteria=('energy', 'weak')))
+    result = identify([broken[what]], [], replace(WEAK, criteria=('energy', 'weak')))
     assert result.level > Level.OK
     assert result.warnings
     for estimate in result.estimates:
         worse = (estimate.prediction.error[:3] > estimate.prediction.standing_still[:3]).any()
-        if estimate.parameters.unphysical() or worse:
+        if Parameters.from_vector(estimate.theta).unphysical() or worse:
             assert estimate.level is Level.ERROR
         assert abs(estimate.theta[2]) <= np.sqrt(estimate.theta[0] * estimate.theta[1])
 
 
-@settings(max_examples=60)
+@settings(max_examples=30)
 @given(
     st.lists(st.floats(-0.5, 2), min_size=7, max_size=7),
     st.lists(st.floats(0.01, 3), min_size=len(HORIZONS), max_size=len(HORIZONS)),
@@ -378,7 +359,6 @@ def test_nothing_that_could_hurt_is_judged_ok(factors, errors):
         uncertainty='',
         effort=Effort('zero'),
         J=1e-6,
-        unit='(N m)^2',
         residuals=100,
         condition_number=10.0,
         converged=True,
@@ -426,98 +406,57 @@ def test_the_recording_whose_zero_is_off_is_named(turned):
     assert 'zeros too' in result.best.uncertainty
 
 
-def test_of_exact_recordings_no_zeros_are_told(default):
-    assert default[0].best.exact
-    assert default[0].best.zeros is None
+MOTION = recording(300)
+AT_REST = np.tile(HANGING, (300, 1))
 
 
-def test_notes_on_the_data_become_warnings():
-    result = identify([recording(300)], [], WEAK, notes=['the bag was never closed'])
-    assert 'the bag was never closed' in result.warnings
-    assert result.level is Level.WARN
+@pytest.mark.parametrize(
+    ('motion', 'sentence'),
+    [
+        (replace(MOTION, q=AT_REST, tau=0 * MOTION.tau), 'moved by only 0 and 0 rad, so none of P1'),
+        (
+            replace(MOTION, q=np.column_stack([MOTION.q[:, 0], AT_REST[:, 1]])),
+            r'P1, P2, P3.* cannot be told apart.*elbow moved by only 0 rad',
+        ),
+        (replace(MOTION, tau=0 * MOTION.tau), 'the torque does no work'),
+        (MOTION[(MOTION.t < 1.5) | (MOTION.t > 1.8)], r'without a sample begin at 1\.490 s'),
+        (MOTION[:30], 'too few'),
+        (MOTION[:100], 'too short for the criteria weak and trajectory'),
+    ],
+)
+def test_what_tells_nothing_is_refused_with_a_sentence(motion, sentence):
+    with pytest.raises((ExcitationError, TrajectoryError), match=sentence):
+        identify([motion], [], WEAK)
 
 
-def test_missing_samples_are_named():
-    motion = recording(400)
-    lost = np.ones(400, dtype=bool)
-    lost[100:400:12] = False
-    result = identify([motion[lost]], [], WEAK)
-    assert any('about 25 of 400 samples are missing' in w for w in result.warnings)
-
-
-def test_a_link_of_another_length_than_was_measured_is_named():
-    motion = recording(500)
-    length = PAPER.P3 / PAPER.P5
-    right, other = (identify([motion], [], replace(WEAK, link_length=scale * length)) for scale in (1.0, 2.0))
-    assert not any('link 1' in w for w in right.warnings)
-    assert any('link 1' in w for w in other.warnings)
-    assert right.link_length[0] == pytest.approx(length, rel=0.2)
-
-
-def test_a_rig_at_rest_is_refused():
-    motion = recording(300)
-    at_rest = replace(motion, q=np.tile(HANGING, (300, 1)), tau=np.zeros((300, 2)))
-    with pytest.raises(ExcitationError, match='moved by only 0 and 0 rad, so none of P1'):
-        identify([at_rest])
-
-
-def test_a_still_elbow_is_refused_with_what_cannot_be_told():
-    motion = recording(300)
-    q = np.column_stack([motion.q[:, 0], np.full(len(motion), HANGING[1])])
-    with pytest.raises(ExcitationError, match=r'P1, P2, P3.* cannot be told apart.*elbow moved by only 0 rad'):
-        identify([Trajectory(motion.t, q, motion.tau, name='held elbow')])
-
-
-def test_a_motion_without_effort_is_refused():
-    motion = recording(300)
-    with pytest.raises(ExcitationError, match='the torque does no work'):
-        identify([replace(motion, tau=np.zeros((300, 2)))])
-
-
-def test_a_gap_is_refused():
-    motion = recording(400)
-    keep = (motion.t < 1.5) | (motion.t > 1.8)
-    with pytest.raises(TrajectoryError, match=r'without a sample begin at 1\.490 s'):
-        identify([motion[keep]])
-
-
-@pytest.mark.parametrize('role', ['training', 'validation'])
-def test_too_few_samples_are_refused(role):
-    motions = [recording(300)], [recording(30)]
+def test_too_few_samples_to_validate_are_refused():
     with pytest.raises(TrajectoryError, match='too few'):
-        identify(*(motions if role == 'validation' else motions[::-1]), WEAK)
+        identify([MOTION], [MOTION[:30]], WEAK)
 
 
-@pytest.mark.parametrize('samples', [100, 102, 120])
-@pytest.mark.parametrize('how', [ENERGY, WEAK, TRAJECTORY], ids=['energy', 'weak', 'trajectory'])
-def test_however_short_a_recording_it_is_answered_or_refused_with_a_sentence(samples, how):
-    motion = recording(samples, seed=2)
-    if how is not ENERGY and samples <= 100:
-        with pytest.raises(TrajectoryError, match='too short for the criteria weak and trajectory'):
-            identify([motion], [], how)
-        return
-    result = identify([motion], [], how)
+@pytest.mark.parametrize('how', [WEAK, TRAJECTORY], ids=['weak', 'trajectory'])
+def test_of_a_second_there_is_an_answer(how):
+    result = identify([recording(102, seed=2)], [], how)
     assert np.isfinite(result.best.theta).all()
     assert result.best.prediction.starts.shape == (len(HORIZONS),)
+
+
+def test_energy_needs_no_motion_as_long_as_the_weak_criterions_bump():
+    short = identify([recording(125, 0.002)], [recording(300)], ENERGY)
+    assert np.isfinite(short.best.theta).all()
+    assert np.isnan(short.link_length).all()
 
 
 @pytest.mark.parametrize(
     ('changes', 'sentence'),
     [
         ({'criteria': ('energy', 'magic')}, 'criterion is magic; one of energy'),
-        ({'criteria': ()}, 'one or more of energy'),
-        ({'criteria': ('weak', 'weak')}, 'one or more of energy'),
         ({'optimizer': 'luck'}, 'optimizer is luck; one of auto, mde, lsq is expected'),
-        ({'model': 'air'}, 'model is air; one of auto, viscous'),
-        ({'hold': 'breath'}, 'hold is breath; one of auto, zero'),
-        ({'sliding': -1.0}, 'sliding is -1.0; a number'),
         ({'smoothing': float('nan')}, 'smoothing is nan; a number'),
         ({'delays': (0.1, -0.1)}, 'the smaller one is expected first'),
         ({'delays': (0.0, float('inf'))}, 'delay is inf; .* from -0.5 to 0.5 s is expected'),
-        ({'link_length': 0.0}, 'link_length is 0.0; a number'),
         ({'model': 'geared', 'bounds': default_bounds().of(7)}, 'bounds of 7 parameters were given'),
         ({'runs': 0}, 'runs is 0; a whole number from 1'),
-        ({'seed': -1}, 'seed is -1'),
     ],
 )
 def test_settings_without_sense_are_refused(changes, sentence):
@@ -540,14 +479,5 @@ def test_a_real_rig_is_predicted_better_than_by_standing_still_and_by_what_is_pu
     )
     assert (own < predict(prepared, PUBLISHED, 0.0, scale).standing_still[:3] / 2).all()
     assert (own < 0.8 * published).all()
-    assert not result.parameters.unphysical()
+    assert not Parameters.from_vector(result.best.theta).unphysical()
     assert not result.best.exact
-
-
-@pytest.mark.recordings
-def test_mde_reaches_the_exact_minimum_on_pooled_real_recordings():
-    motions = [motion.window(0, 4) for motion in recorded('dfki_A0_sysid', 'train')]
-    result = identify(motions, motions[:1], THE_PAPERS)
-    assert result.best.runs_at_minimum == 10
-    assert result.level >= Level.WARN, 'the energy criterion does not predict this rig, and must say so'
-    assert result.warnings

@@ -81,13 +81,12 @@ def test_standing_still_is_the_change_of_the_states_themselves():
         np.testing.assert_allclose(still, np.array([0.3 * horizon, 2 * horizon, 0, 0]) / SCALE, rtol=0.05, atol=1e-9)
 
 
-@pytest.mark.parametrize('duration', [0.07, 0.15, 0.3, 0.8, 1.2])
+@pytest.mark.parametrize('duration', [0.07, 0.3, 0.8])
 def test_horizons_longer_than_the_motion_are_not_known(duration):
     with warnings.catch_warnings():
         warnings.simplefilter('error')
-        prediction = predict(
-            [exact_motion(vector('viscous'), round(duration / 0.004) + 1)], vector('viscous'), 0.0, SCALE
-        )
+        motion = exact_motion(vector('viscous'), round(duration / 0.004) + 1)
+        prediction = predict([motion], vector('viscous'), 0.0, SCALE)
     longer = np.array(HORIZONS) >= duration
     np.testing.assert_array_equal(np.isnan(prediction.errors).all(axis=1), longer)
     np.testing.assert_array_equal(np.isnan(prediction.still).any(axis=1), longer)
@@ -95,27 +94,18 @@ def test_horizons_longer_than_the_motion_are_not_known(duration):
     assert np.isnan(prediction.loss) == longer.all()
 
 
-@pytest.mark.parametrize('delay', [0.0, 0.0041, -0.0041, 0.05])
+@pytest.mark.parametrize('delay', [0.0, -0.0041, 0.05])
 def test_nothing_before_the_first_and_behind_the_last_sample_is_predictions(delay):
-    """There the smoothed states are not known; outside they are here made such that they would be noticed."""
-    motion = exact_motion(vector('viscous'), 300, 0.01, strength=0.2)
-    inside = Spy(motion)
-    predict([inside.motion], vector('viscous'), delay, SCALE)
-    assert inside.earliest >= motion.start - 2e-4
-    assert inside.latest <= motion.end + 2e-4
+    """There the smoothed states are not known."""
+    motion, asked = exact_motion(vector('viscous'), 300, 0.01, strength=0.2), []
 
+    def smoothed(t, derivative=0):
+        asked.append(t)
+        return motion.smoothed(t, derivative)
 
-class Spy:
-    """A motion that remembers at which times its states were asked for."""
-
-    def __init__(self, motion):
-        self.earliest, self.latest = np.inf, -np.inf
-
-        def smoothed(t, derivative=0):
-            self.earliest, self.latest = min(self.earliest, np.min(t)), max(self.latest, np.max(t))
-            return motion.smoothed(t, derivative)
-
-        self.motion = replace(motion, smoothed=smoothed)
+    predict([replace(motion, smoothed=smoothed)], vector('viscous'), delay, SCALE)
+    assert min(map(np.min, asked)) >= motion.start - 2e-4
+    assert max(map(np.max, asked)) <= motion.end + 2e-4
 
 
 def test_a_hopeless_simulation_is_lost_and_no_more():
@@ -144,14 +134,12 @@ def test_pooled_predictions_are_the_prediction_of_all_together(seed, durations):
     np.testing.assert_allclose(again.errors, pooled.errors)
 
 
-def test_the_loss_is_the_mean_logarithm_up_to_half_a_second():
+@pytest.mark.parametrize(('known', 'expected'), [(4, [0.1, 0.2, 0.4]), (1, [0.1]), (0, [np.nan])])
+def test_the_loss_is_the_mean_logarithm_up_to_half_a_second(known, expected):
     errors = np.repeat([[0.1], [0.2], [0.4], [50.0]], 4, axis=1)
-    prediction = Prediction(errors, errors, np.full(COUNT, 10))
-    assert prediction.loss == pytest.approx(np.log([0.1, 0.2, 0.4]).mean())
-    errors[1:] = np.nan
-    assert Prediction(errors, errors, np.array([5, 0, 0, 0])).loss == pytest.approx(np.log(0.1))
-    errors[:] = np.nan
-    assert np.isnan(Prediction(errors, errors, np.zeros(COUNT, dtype=int)).loss)
+    errors[known:] = np.nan
+    loss = Prediction(errors, errors, np.full(COUNT, 10)).loss
+    np.testing.assert_allclose(loss, np.log(expected).mean())
 
 
 def test_the_scale_is_the_deviation_of_all_motions_together():

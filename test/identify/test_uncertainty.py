@@ -4,18 +4,14 @@
 """Standard errors by the block bootstrap against textbooks, where these hold, and against the spread of estimates."""
 
 import numpy as np
-import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from pendubot_identification.criteria.energy import Regression, Residuals
 from pendubot_identification.criteria.quadratic import Quadratic
 from pendubot_identification.criteria.weak import balance_weights, weak_regression
-from pendubot_identification.excitation.excitation import PulseTrain
 from pendubot_identification.identify.uncertainty import Blocks, bootstrap_covariance
-from pendubot_identification.model.parameters import PAPER, default_bounds
-from pendubot_identification.model.simulation import quantised, simulate
+from pendubot_identification.model.parameters import default_bounds
 from pendubot_identification.trajectories.motion import Motion
+from test.virtual import recording
 
 
 def covariance_of(parts, *args, **options):
@@ -35,7 +31,7 @@ def white(seed, seconds=100.0, scale=(1.0, 10.0, 0.1)):
 def test_of_independent_residuals_it_is_the_textbooks():
     """In the mean over recordings; that of one is made of fifty blocks, and as uncertain as that."""
     ratios = []
-    for seed in range(30):
+    for seed in range(20):
         part = white(seed)
         covariance = covariance_of([part], np.zeros(3), FREE, resamples=1000)
         assert (np.linalg.eigvalsh(covariance) > 0).all()
@@ -51,10 +47,8 @@ def test_residuals_that_repeat_tell_no_more():
     np.testing.assert_allclose(ten, once, rtol=0.1)
 
 
-@settings(max_examples=15)
-@given(st.integers(0, 10**6))
-def test_units_do_not_matter(seed):
-    part, scale = white(seed), np.array([1e-3, 1.0, 1e4])
+def test_units_do_not_matter():
+    part, scale = white(7), np.array([1e-3, 1.0, 1e4])
     scaled = Regression(part.phi * scale, part.y, part.t)
     expected = covariance_of([part], np.zeros(3), FREE) / np.outer(scale, scale)
     np.testing.assert_allclose(covariance_of([scaled], np.zeros(3), FREE), expected, rtol=1e-6, atol=0)
@@ -80,14 +74,6 @@ def test_same_seed_same_result_and_recordings_share_the_blocks():
     np.testing.assert_allclose(np.diag(first), np.diag(whole), rtol=0.3)
 
 
-def test_a_parameter_that_hardly_any_block_tells_does_not_break_it():
-    part = white(4)
-    phi = part.phi.copy()
-    phi[100:, 2] = 0
-    covariance = covariance_of([Regression(phi, part.y, part.t)], np.zeros(3), FREE)
-    assert np.isfinite(covariance).all()
-
-
 def test_without_blocks_or_free_parameters_nothing_is_known():
     part = white(5)
     instant = Regression(part.phi[:3], part.y[:3], np.zeros(3))
@@ -95,18 +81,14 @@ def test_without_blocks_or_free_parameters_nothing_is_known():
     assert np.isnan(covariance_of([part], np.zeros(3), ~FREE)).all()
 
 
-@pytest.mark.parametrize('duration', [9, 20])
-def test_of_the_weak_criterion_it_is_about_the_spread_over_recordings(duration):
+def test_of_the_weak_criterion_it_is_about_the_spread_over_recordings():
     estimates, errors, bounds = [], [], default_bounds().of(7)
-    t = np.arange(duration * 100) / 100
-    for seed in range(12):
-        tau = np.column_stack([[PulseTrain(seed=seed).torque(x) for x in t], np.zeros(len(t))])
-        motion = Motion.prepare(quantised(simulate(PAPER, t, tau), 4000), 0.02)
+    for seed in range(10):
+        motion = Motion.prepare(recording(seed=seed), 0.02)
         weights = balance_weights([weak_regression(motion, 'viscous')], bounds)
         part = weak_regression(motion, 'viscous', weights=weights)
         estimates.append(Quadratic.reduce(part.phi, part.y).minimum(bounds))
-        covariance = covariance_of([part], estimates[-1], np.ones(7, dtype=bool))
-        errors.append(np.sqrt(np.diag(covariance)))
+        errors.append(np.sqrt(np.diag(covariance_of([part], estimates[-1], np.ones(7, dtype=bool)))))
     ratio = np.median(errors, axis=0) / np.std(estimates, axis=0, ddof=1)
     assert (ratio > 0.4).all()
     assert (ratio < 3).all()

@@ -8,7 +8,6 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from pendubot_identification.identify.result import plain as plain_of
 from pendubot_identification.identify.settings import Settings
 from pendubot_identification.model.parameters import NAMES, Bounds
 from pendubot_identification.recordings.datasets import load_datasets
@@ -28,7 +27,6 @@ SAMPLE = ROOT / 'bags' / 'paper_experiment'
         (['{}@5:9'], []),
         (['{}@0:6', '{}@12:'], ['{}']),
         (['{}', '{}@3:'], []),
-        (['{}'], ['{}']),
     ],
 )
 def test_recordings_are_divided_as_they_were(bags, validate):
@@ -40,15 +38,6 @@ def test_recordings_are_divided_as_they_were(bags, validate):
             assert (motion.t == other.t).all()
             assert (motion.q == other.q).all()
             assert (motion.tau == other.tau).all()
-
-
-def test_results_of_earlier_versions_named_no_topic():
-    data = load_datasets([str(SAMPLE)])
-    result = result_of(identified(('weak',)), data.sources)
-    data = plain_of(result)
-    for bag in data['bags']:
-        del bag['topic'], bag['joint_names']
-    assert [len(motions) for motions in recordings(read(data))] == [1, 1]
 
 
 def test_settings_are_those_that_were_asked_for():
