@@ -11,21 +11,22 @@ where it is significant, whichever of all is tried, and pays on a part of the da
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import CubicSpline, PPoly
 from scipy.special import fdtrc
 
 from pendubot_identification.criteria.weak import weak_regression
-from pendubot_identification.model.dynamics import SIGN_WIDTH
 from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.signals import encoder_step
-from pendubot_identification.trajectories.trajectory import Trajectory
+from pendubot_identification.trajectories.trajectory import MINIMUM_SAMPLES, Trajectory
+
+from .effects import MEANINGS, Effect, Read, Seen, catalogue
 
 Array = NDArray[np.float64]
 
@@ -43,6 +44,8 @@ PAYS = 0.04
 PAYS_COARSE, COARSE = 0.3, 0.02
 #: ... at this level of significance, of all effects that are tried together.
 SIGNIFICANT = 0.001
+#: More than this part of the effort, beyond what rounding explains, is said; so many bursts are listed.
+MUCH, MOST_SAID = 0.05, 5
 #: Nothing is named where rounding alone leaves more than this part of the effort unexplained.
 NOISIEST = 0.15
 #: One that explains so many times more where the encoders round twice is made by their rounding.
@@ -51,67 +54,39 @@ GROWS = 1.5
 ALIKE, MOST_EFFECTS = 0.02, 3
 #: Fewer recordings than this are cut into so many parts, each of which is left out in turn.
 FEWEST_RECORDINGS, FOLDS = 3, 5
-#: Where saturation may begin, as a part of the greatest torque; over how many rad/s friction may change its sign.
-LIMITS, SIGN_WIDTHS = (0.5, 0.6, 0.7, 0.8, 0.9), (0.01, 0.2, 0.5, 1.5)
-#: Cogging repeats at most so often a turn.
-MOST_A_TURN = 24
+#: Parts between bursts that are shorter [s] are left out, too.
+SHORTEST_PART = 1.0
 #: Half the time [s] over which a torque is smoothed that twists a shaft.
 TWIST = 0.02
 #: A change of angles or stamps that is small enough to be linear [rad, s].
 SMALL = 1e-5
 
-#: What each effect is, and what to do.
-MEANINGS = {
-    'saturation': (
-        'the torque that acts falls short of the recorded one where that is large',
-        'record the torque that the motor gives (its current), or excite with less',
-    ),
-    'drag': (
-        'a joint brakes with the square of its speed',
-        'move more slowly, or take b1 and b2 for these speeds alone',
-    ),
-    'friction': ('dry friction changes with speed otherwise than in the model', 'take Fc and b as they are: rough'),
-    'asymmetry': ('friction differs between the two directions', 'take Fc as the mean of both directions'),
-    'offset': (
-        'a steady torque acts that is not recorded',
-        "look at the zero of the torque's sensor or of the motor's current, and at cables",
-    ),
-    'spring': ('a torque grows with a joint angle: a cable or a spring', 'free the cable, or lead it along the axis'),
-    'cogging': ('a torque repeats several times a turn: cogging or a gear', 'take friction as rough; P1 to P5 hold'),
-    'drift': ('friction changes with time', 'let the rig warm up, and record again'),
-    'shaft': (
-        "a shaft or belt gives way between the shoulder's encoder and link 1, or the torque acts later when it changes",
-        "put the encoder on the link's side, or excite with slower torques",
-    ),
-    'eccentric': ("an encoder's error repeats once a turn", 'centre the encoder on its axis'),
-    'zero': ('a zero is off by a little', 'let the links swing out before the zeros are set'),
-}
-
 
 @dataclass(frozen=True, slots=True)
-class Effect:
+class Found:
     """An effect that explains some of the unexplained torque.
 
     Attributes:
-        name: one of :data:`MEANINGS`.
-        where: the joint, and a number that tells it from its kin, in words.
+        effect: which.
+        sizes: of its torques or changes, in the catalogue's order [N m, rad and their quotients], shape (C,).
         share: of the unexplained torque's square, what it explains of data that did not fit it.
         moved: by how much each of P1 to P5 changes beside it, as a fraction, shape (5,).
     """
 
-    name: str
-    where: str
+    effect: Effect
+    sizes: Array
     share: float
     moved: Array
 
     @property
     def sentence(self) -> str:
         """What was found, how sure that is, and what to do."""
-        found, remedy = MEANINGS[self.name]
-        return (
-            f'{found} ({self.where}): that explains {100 * self.share:.0f} % of the unexplained torque, and changes P1 '
-            f'to P5 by up to {100 * np.abs(self.moved).max():.2g} %; {remedy}'
-        )
+        found, remedy = MEANINGS[self.effect.name]
+        moved = 100 * np.abs(self.moved).max()
+        allowed = f'; P1 to P5, which change by up to {moved:.2g} %, allow for it' if self.effect.acting else ''
+        if not self.effect.acting:
+            allowed = f', and may change P1 to P5 by {moved:.2g} %'
+        return f'{found} ({self.effect.where}): {100 * self.share:.0f} % of the unexplained torque{allowed}; {remedy}'
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,6 +111,7 @@ class Unexplained:
         noise: what of this the encoders' rounding makes, shape (2,).
         bursts: in the order of time.
         effects: the greatest first.
+        delay: of the effort [s], with which they were found.
     """
 
     times: tuple[Array, ...]
@@ -143,7 +119,33 @@ class Unexplained:
     share: Array
     noise: Array
     bursts: tuple[Burst, ...]
-    effects: tuple[Effect, ...]
+    effects: tuple[Found, ...]
+    delay: float
+
+    @property
+    def sentences(self) -> list[str]:
+        """What the user should know of it."""
+        said = []
+        if self.bursts:
+            some = [
+                f'{b.recording} at {b.begin:.1f} to {b.end:.1f} s ({b.joint}, {b.torque:.2g} N m)' for b in self.bursts
+            ]
+            more = f' and {len(some) - MOST_SAID} more' if len(some) > MOST_SAID else ''
+            said.append(
+                f'torques from nowhere, left out: {", ".join(some[:MOST_SAID])}{more}; let no hand, cable or end stop '
+                'touch the links'
+            )
+        said += [found.sentence for found in self.effects]
+        excess = np.sqrt(np.maximum(self.share**2 - self.noise**2, 0.0))
+        if not self.effects and excess.max() > MUCH:
+            left, rounding = (
+                ' and '.join(f'{100 * part:.2g} %' for part in parts) for parts in (self.share, self.noise)
+            )
+            said.append(
+                f'of the effort {left} are left unexplained at shoulder and elbow, of which rounded angles explain '
+                f'{rounding}: the rig has what the models lack, and parameters may be farther off than their intervals say'
+            )
+        return said
 
 
 def unexplained(trajectories: Sequence[Trajectory], smoothing: float, hold: str, delay: float) -> Unexplained:
@@ -156,22 +158,25 @@ def unexplained(trajectories: Sequence[Trajectory], smoothing: float, hold: str,
         delay: of the effort [s].
 
     Raises:
-        TrajectoryError: a recording is shorter than a bump.
+        TrajectoryError: a recording is shorter than a bump and the delay together.
     """
     motions = [Motion.prepare(t, smoothing, hold) for t in trajectories]
     balances = _Balances.of(motions, delay)
     again = _Balances.of([_read_again(m, smoothing, hold, seed) for seed, m in enumerate(motions)], delay)
     base, y = balances.phi, balances.y
     effort = float(np.sqrt((y[:, 0] ** 2).mean()))
-    beside: list[_Candidate] = []
+    states = np.concatenate([m.smoothed(m.smoothed.x)[:, :2] for m in motions])
+    greatest = max(float(np.abs(m.recorded.tau[:, 0]).max()) for m in motions)
+    effects = list(catalogue(greatest, tuple(np.ptp(states, axis=0))))
+    beside: list[Array] = []
     for _ in range(2):  # an effect may look like bursts, and bursts hide effects
-        columns = np.concatenate([base, *(candidate.columns for candidate in beside)], axis=2)
+        columns = np.concatenate([base, *beside], axis=2)
         noise = again.left(_solved(base, y)) - balances.left(_solved(base, y))
         kept, weight = _without_bursts(columns, y, np.sqrt((noise**2).mean(axis=0)), LEAST_BURST * effort)
         theta = _solved((base * weight)[kept], (y * weight[:, 0])[kept])
-        of_one, of_other = (list(_candidates(each, theta)) for each in (balances, again))
+        of_one, of_other = ([each.columns(effect, theta) for effect in effects] for each in (balances, again))
         clear = np.sqrt((noise**2).mean(axis=0)).max() < NOISIEST * effort
-        named = list(_named(balances, of_one, weight, kept)) if clear else []
+        named = list(_named(balances, effects, of_one, weight, kept)) if clear else []
         true = _not_noise([(balances, of_one), (again, of_other)], [number for number, _ in named], weight, kept)
         named = named[:true]
         beside = [of_one[number] for number, _ in named]
@@ -182,7 +187,8 @@ def unexplained(trajectories: Sequence[Trajectory], smoothing: float, hold: str,
         share=np.sqrt((left[kept] ** 2).mean(axis=0)) / effort,
         noise=np.sqrt((noise[kept] ** 2).mean(axis=0)) / effort,
         bursts=tuple(_bursts(balances, kept, left)),
-        effects=tuple(effect for _, effect in named),
+        effects=tuple(found for _, found in named),
+        delay=delay,
     )
 
 
@@ -216,6 +222,36 @@ class _Balances:
         """Return the unexplained torque [N m], shape (K, 2)."""
         return np.asarray(self.y - self.phi @ theta)
 
+    def columns(self, effect: Effect, theta: Array) -> Array:
+        """Return what an effect of unit size takes from the balances, shape (K, 2, C)."""
+        if effect.read:
+            return np.stack([self._read(read, theta) for read in effect.read], axis=2)
+        u = (np.arange(POINTS) + 0.5) / POINTS * 2 - 1
+        bump = (1 - u**2) ** 3 / ((1 - u**2) ** 3).sum()
+        seen = [
+            seen_of(motion, centres[:, None] + WIDTH / 2 * u, self.delay, passed)
+            for motion, centres, passed in zip(self.motions, self.t, self._passed, strict=True)
+        ]
+        columns = np.zeros((len(self.y), 2, len(effect.acting)))
+        for k, (joint, torque) in enumerate(effect.acting):
+            columns[:, joint, k] = np.concatenate([torque(s) @ bump for s in seen])
+        return columns
+
+    def _read(self, read: Read, theta: Array) -> Array:
+        changed = []
+        for motion, passed in zip(self.motions, self._passed, strict=True):
+            at = motion.smoothed.x
+            more = SMALL * np.column_stack(read(seen_of(motion, at, self.delay, passed, TWIST)))
+            states = motion.smoothed(at) + np.column_stack([more, CubicSpline(at, more)(at, 1)])
+            changed.append(replace(motion, smoothed=CubicSpline(at, states)))
+        return (_Balances.of(changed, self.delay).left(theta) - self.left(theta)) / SMALL
+
+    @property
+    def _passed(self) -> list[tuple[float, float]]:
+        """How much of all data has passed at the start and at the end of each motion, from -0.5 to 0.5."""
+        ends = np.cumsum([0.0, *(motion.end - motion.start for motion in self.motions)])
+        return list(pairwise((ends / ends[-1] - 0.5).tolist()))
+
     def by_motion(self, rows: NDArray[Any]) -> list[NDArray[Any]]:
         return np.split(rows, np.cumsum([len(centres) for centres in self.t])[:-1])
 
@@ -225,6 +261,48 @@ class _Balances:
         if len(self.t) >= FEWEST_RECORDINGS:
             return np.repeat(np.arange(len(self.t)), [len(centres) for centres in self.t])
         return np.arange(len(self.y)) * FOLDS // len(self.y)
+
+
+def seen_of(
+    motion: Motion, at: Array, delay: float, passed: tuple[float, float] = (0.5, 0.5), around: float = 0.0
+) -> Seen:
+    """Return what is seen of a motion at some times [s], the torque as the mean over so much time before and after."""
+    q1, q2, v1, v2 = motion.states(at)
+    if around:
+        low, high = (
+            np.clip(at - delay + side, motion.impulse.x[0], motion.impulse.x[-1]) for side in (-around, around)
+        )
+        tau = (motion.impulse(high) - motion.impulse(low))[..., 0] / (2 * around)
+    else:
+        tau = motion.impulse(at - delay, 1)[..., 0]
+    return Seen((q1, q2), (v1, v2), tau, np.interp(at, (motion.start, motion.end), passed))
+
+
+def between_bursts(trajectory: Trajectory, bursts: Sequence[Burst]) -> list[Trajectory]:
+    """Return the parts of a recording before, between and after its bursts that are long enough to tell something."""
+    edges = [(burst.begin - WIDTH / 2, burst.end + WIDTH / 2) for burst in bursts if burst.recording == trajectory.name]
+    if not edges:
+        return [trajectory]
+    t, parts = trajectory.t - trajectory.t[0], []
+    for begin, end in zip([-1.0, *(end for _, end in edges)], [*(begin for begin, _ in edges), t[-1] + 1], strict=True):
+        part = trajectory[(t > begin) & (t < end)]
+        if len(part) >= MINIMUM_SAMPLES and part.duration >= SHORTEST_PART:
+            parts.append(replace(part, name=f'{trajectory.name}, from {part.t[0] - trajectory.t[0]:.1f} s'))
+    return parts
+
+
+def allowing_for(motion: Motion, found: Sequence[Found], delay: float) -> Motion:
+    """Return the motion with what is left for the model of its torques: without those of the effects."""
+    at = motion.impulse.x
+    seen = seen_of(motion, np.clip(at + delay, motion.start, motion.end), delay)
+    braking = np.zeros((len(at), 2))
+    for each in found:
+        for (joint, torque), size in zip(each.effect.acting, each.sizes, strict=bool(each.effect.acting)):
+            braking[:, joint] += size * torque(seen)
+    taken = PPoly(np.array([np.diff(braking, axis=0) / np.diff(at)[:, None], braking[:-1]]), at).antiderivative()
+    pieces = np.zeros((3, *taken.c.shape[1:]))
+    pieces[-len(motion.impulse.c) :] += motion.impulse.c
+    return replace(motion, impulse=PPoly(pieces - taken.c, at))
 
 
 def _read_again(motion: Motion, smoothing: float, hold: str, seed: int) -> Motion:
@@ -269,115 +347,22 @@ def _bursts(balances: _Balances, kept: NDArray[np.bool_], left: Array) -> Iterat
                 yield Burst(motion.name, float(begin), float(end), largest, ('shoulder', 'elbow')[joint])
 
 
-class _Candidate(NamedTuple):
-    """What an effect does to the balances: its columns, shape (K, 2, C), beside the model's."""
-
-    name: str
-    where: str
-    columns: Array
-
-
-def _candidates(balances: _Balances, theta: Array) -> Iterator[_Candidate]:
-    """Return what every effect would add to the balances."""
-    motions, delay = balances.motions, balances.delay
-    u = (np.arange(POINTS) + 0.5) / POINTS * 2 - 1
-    bump = (1 - u**2) ** 3
-    times = [centres[:, None] + WIDTH / 2 * u for centres in balances.t]
-    q1, q2, v1, v2 = np.concatenate([m.states(at) for m, at in zip(motions, times, strict=True)], axis=1)
-    tau = np.concatenate([m.impulse(at - delay, 1)[..., 0] for m, at in zip(motions, times, strict=True)])
-    elapsed = np.concatenate(
-        [
-            at - m.start + sum(other.end - other.start for other in motions[:k])
-            for k, (m, at) in enumerate(zip(motions, times, strict=True))
-        ]
-    )
-    elapsed = elapsed / elapsed.max() - 0.5
-
-    def acting(*terms: tuple[int, Array]) -> Array:
-        """Return the columns of torques at a joint."""
-        columns = np.zeros((len(q1), 2, len(terms)))
-        for k, (joint, values) in enumerate(terms):
-            columns[:, joint, k] = values @ bump / bump.sum()
-        return columns
-
-    def read(change: Callable[[Motion, Array], tuple[Array, Array]]) -> Array:
-        """Return the column of angles that were read otherwise than they are."""
-        changed = []
-        for motion in motions:
-            at = motion.smoothed.x
-            more = SMALL * np.column_stack(change(motion, at))
-            states = motion.smoothed(at) + np.column_stack([more, CubicSpline(at, more)(at, 1)])
-            changed.append(replace(motion, smoothed=CubicSpline(at, states)))
-        return ((_Balances.of(changed, delay).left(theta) - balances.left(theta)) / SMALL)[:, :, None]
-
-    one, joints = np.ones_like(q1), (('shoulder', q1, v1), ('elbow', q2, v2))
-    top = np.abs(tau).max()
-    for part in LIMITS:
-        beyond = np.sign(tau) * np.maximum(np.abs(tau) - part * top, 0)
-        yield _Candidate('saturation', f'from about {part * top:.2g} N m on', acting((0, beyond)))
-    yield _Candidate('saturation', 'the more, the larger it is', acting((0, tau**3)))
-    sign1, sign2 = (np.tanh(v / SIGN_WIDTH) for v in (v1, v2))
-    yield _Candidate(
-        'asymmetry', 'shoulder and elbow', acting((0, one), (1, one), (0, np.abs(sign1)), (1, np.abs(sign2)))
-    )
-    yield _Candidate(
-        'drift',
-        'shoulder and elbow',
-        acting((0, elapsed * v1), (1, elapsed * v2), (0, elapsed * sign1), (1, elapsed * sign2)),
-    )
-    for joint, (name, q, v) in enumerate(joints):
-        yield _Candidate('offset', name, acting((joint, one)))
-        yield _Candidate('drag', name, acting((joint, v * np.abs(v))))
-        yield _Candidate('spring', name, acting((joint, q), (joint, one)))
-        for width in SIGN_WIDTHS:
-            yield _Candidate(
-                'friction', f'{name}, its sign changes over {width:g} rad/s', acting((joint, np.tanh(v / width)))
-            )
-        if np.ptp(q) > 1.0:
-            for number in range(2, MOST_A_TURN + 1):
-                yield _Candidate(
-                    'cogging',
-                    f'{name}, {number} a turn',
-                    acting((joint, np.sin(number * q)), (joint, np.cos(number * q))),
-                )
-
-    def eccentric(joint: int, wave: Callable[[Array], Array]) -> Callable[[Motion, Array], tuple[Array, Array]]:
-        def change(motion: Motion, at: Array) -> tuple[Array, Array]:
-            read = wave(motion.states(at)[joint])
-            return (read, 0 * read) if joint == 0 else (0 * read, read)
-
-        return change
-
-    def twisted(motion: Motion, at: Array) -> tuple[Array, Array]:
-        low, high = (np.clip(at - delay + side, motion.impulse.x[0], motion.impulse.x[-1]) for side in (-TWIST, TWIST))
-        twist = (motion.impulse(high) - motion.impulse(low))[:, 0] / (2 * TWIST)
-        return twist, 0 * twist
-
-    for joint, (name, *_) in enumerate(joints):
-        waves = [read(eccentric(joint, wave)) for wave in (np.sin, np.cos)]
-        yield _Candidate('eccentric', name, np.concatenate(waves, axis=2))
-    yield _Candidate(
-        'zero', 'shoulder and elbow', np.concatenate([read(eccentric(j, np.ones_like)) for j in (0, 1)], axis=2)
-    )
-    yield _Candidate('shaft', 'shoulder', read(twisted))
-
-
 def _named(
-    balances: _Balances, candidates: list[_Candidate], weight: Array, kept: NDArray[np.bool_]
-) -> Iterator[tuple[int, Effect]]:
+    balances: _Balances, effects: list[Effect], candidates: list[Array], weight: Array, kept: NDArray[np.bool_]
+) -> Iterator[tuple[int, Found]]:
     """Return the effects that are significant and pay on data that did not fit them, and which candidates they are.
 
     All that is asked of the data are products of columns, by fold.
     """
     base, y, folds = balances.phi * weight, balances.y * weight[:, 0], balances.folds
-    columns = np.concatenate([base, *(c.columns * weight for c in candidates), y[:, :, None]], axis=2)[kept]
+    columns = np.concatenate([base, *(c * weight for c in candidates), y[:, :, None]], axis=2)[kept]
     scale = np.sqrt((columns**2).sum(axis=(0, 1)))
     columns = columns / np.where(scale > 0, scale, 1.0)
     of_fold = np.array([_products(columns[folds[kept] == fold]) for fold in np.unique(folds[kept])])
     whole = of_fold.sum(axis=0)
     # Bumps overlap: what is independent is every half of one, of each joint.
     independent = 2 * kept.sum() * STRIDE / (WIDTH / 2)
-    first = base.shape[2] + np.cumsum([0, *(c.columns.shape[2] for c in candidates)])
+    first = base.shape[2] + np.cumsum([0, *(c.shape[2] for c in candidates)])
     places = [list(range(low, high)) for low, high in pairwise(first)]
     taken, left = list(range(base.shape[2])), list(range(len(candidates)))
     physical = _least(whole, taken)[:5]
@@ -398,13 +383,15 @@ def _named(
         # Of those that explain nearly as much, the simplest.
         share, best = min((f for f in found if f[0] > max(found)[0] - ALIKE), key=lambda f: len(places[f[1]]))
         taken = taken + places[best]
-        left = [c for c in left if candidates[c].name != candidates[best].name]
-        now = _least(whole, taken)[:5]
-        yield best, Effect(candidates[best].name, candidates[best].where, float(share), (now - physical) / physical)
+        left = [c for c in left if effects[c].name != effects[best].name]
+        solution = _least(whole, taken)
+        sizes = solution[-len(places[best]) :] * scale[-1] / scale[places[best]]
+        now = solution[:5]
+        yield best, Found(effects[best], sizes, float(share), (now - physical) / physical)
 
 
 def _not_noise(
-    readings: list[tuple[_Balances, list[_Candidate]]], numbers: list[int], weight: Array, kept: NDArray[np.bool_]
+    readings: list[tuple[_Balances, list[Array]]], numbers: list[int], weight: Array, kept: NDArray[np.bool_]
 ) -> int:
     """Return how many of the effects, the greatest first, are none that the encoders' rounding makes.
 
@@ -413,7 +400,7 @@ def _not_noise(
     """
     explained = []
     for balances, candidates in readings:
-        parts = [balances.phi, *(candidates[n].columns for n in numbers), balances.y[:, :, None]]
+        parts = [balances.phi, *(candidates[n] for n in numbers), balances.y[:, :, None]]
         products = _products((np.concatenate(parts, axis=2) * weight)[kept])
         ends = np.cumsum([part.shape[2] for part in parts[:-1]])
         explained.append(-np.diff([_squares(products, list(range(end))) for end in ends]))

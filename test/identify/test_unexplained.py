@@ -60,15 +60,15 @@ def test_the_simulated_rig_without_effects_is_the_model():
 @pytest.mark.parametrize('cell', NAMED, ids=lambda cell: f'{cell[0]} {cell[1]}')
 def test_an_effect_is_named(recorded, cell):
     result = found(recorded[cell])
-    assert result.effects[0].name == NAMED[cell]
+    assert result.effects[0].effect.name == NAMED[cell]
     assert result.effects[0].share > 0.3
     assert (result.share > 1.2 * result.noise).any()
 
 
 def test_cogging_and_saturation_are_named_with_their_numbers(recorded):
-    assert found(recorded['cogging', 0]).effects[0].where == 'shoulder, 7 a turn'
+    assert found(recorded['cogging', 0]).effects[0].effect.where == 'shoulder, 7 a turn'
     said = found(recorded['saturation', 1]).effects[0]
-    assert float(said.where.split()[2]) == pytest.approx(0.22, abs=0.03)
+    assert float(said.effect.where.split()[2]) == pytest.approx(0.22, abs=0.03)
     assert np.abs(said.moved).max() > 0.1
 
 
@@ -89,5 +89,5 @@ def test_every_push_is_a_burst_and_nothing_else_is(recorded):
 
 
 def test_one_recording_alone_is_left_out_by_blocks_of_time(recorded):
-    assert found(recorded['cogging', 0], slice(1)).effects[0].name == 'cogging'
+    assert found(recorded['cogging', 0], slice(1)).effects[0].effect.name == 'cogging'
     assert not found(recorded['nothing', 0], slice(1)).effects
