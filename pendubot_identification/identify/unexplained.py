@@ -142,8 +142,8 @@ class Unexplained:
                 ' and '.join(f'{100 * part:.2g} %' for part in parts) for parts in (self.share, self.noise)
             )
             said.append(
-                f'of the effort {left} are left unexplained at shoulder and elbow, of which rounded angles explain '
-                f'{rounding}: the rig has what the models lack, and parameters may be farther off than their intervals say'
+                f'{left} of the effort are left unexplained at shoulder and elbow; rounded angles explain {rounding}: '
+                'the rig has what the models lack, and parameters may be farther off than their intervals say'
             )
         return said
 

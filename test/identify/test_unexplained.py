@@ -6,9 +6,12 @@
 import numpy as np
 import pytest
 
+from pendubot_identification.identify.identification import identify
+from pendubot_identification.identify.settings import Settings
 from pendubot_identification.identify.unexplained import unexplained
+from pendubot_identification.level import Level
 from pendubot_identification.trajectories.trajectory import Trajectory
-from test.effects.rig import EFFECTS, TRUE, accelerations, record
+from test.effects.rig import EFFECTS, TRUE, accelerations, record, true
 
 #: Effects, which strength, and as what they are named.
 NAMED = {
@@ -40,11 +43,12 @@ def recorded():
     return {cell: made[n * RECORDINGS : (n + 1) * RECORDINGS] for n, cell in enumerate((*NAMED, *UNNAMED))}
 
 
+def trajectories(recordings):
+    return [Trajectory(r.t, r.q, np.column_stack([r.tau, 0 * r.tau]), name=str(k)) for k, r in enumerate(recordings)]
+
+
 def found(recordings, only=slice(None)):
-    motions = [
-        Trajectory(r.t, r.q, np.column_stack([r.tau, 0 * r.tau]), name=str(k)) for k, r in enumerate(recordings[only])
-    ]
-    return unexplained(motions, SMOOTHING, 'zero', 0.0)
+    return unexplained(trajectories(recordings)[only], SMOOTHING, 'zero', 0.0)
 
 
 def test_the_simulated_rig_without_effects_is_the_model():
@@ -86,6 +90,25 @@ def test_every_push_is_a_burst_and_nothing_else_is(recorded):
     overlapping = lambda burst, push: burst.recording == push[0] and burst.begin < push[2] and push[1] < burst.end  # noqa: E731
     assert all(any(overlapping(burst, push) for burst in bursts) for push in pushes)
     assert all(any(overlapping(burst, push) for push in pushes) for burst in bursts)
+
+
+@pytest.mark.parametrize('cell', [*NAMED, ('push', 1)], ids=lambda cell: f'{cell[0]} {cell[1]}')
+def test_parameters_allow_for_what_was_found_and_the_level_says_so(recorded, cell):
+    """On all but a shaft and an encoder, which have no torque of their own, and a saturation that was a curve."""
+    result = identify(trajectories(recorded[cell]), settings=Settings(('weak',), 'coulomb', optimizer='lsq'))
+    if result.faults:
+        assert cell[0] == 'offset'
+        return
+    assert result.level == Level.WARN
+    worst = max(
+        abs(result.best.theta[k] / value - 1)
+        for k, value in enumerate(list(true(EFFECTS[cell[0]][cell[1]]).values())[:5])
+    )
+    assert worst < 0.03
+    if cell[0] == 'push':
+        assert 'torques from nowhere, left out: 0 at' in result.warnings[0]
+    else:
+        assert '% of the unexplained torque' in ' '.join(result.warnings)
 
 
 def test_one_recording_alone_is_left_out_by_blocks_of_time(recorded):
