@@ -32,27 +32,17 @@ def unheard(argv: Sequence[str], node: str) -> list[str]:
         node: its fully qualified name, such as ``/lab1/bridge``.
     """
     sentences = []
-    for option, path in pairwise(argv):
-        if option == '--params-file':
-            names = [name for name, parameters in addressed(_content(path)) if parameters]
-            if not any(_matches(name, node) for name in names):
-                held = f'parameters of {", ".join(names)}' if names else 'no parameters of any node'
-                any_namespace = f'/**/{node.rpartition("/")[2]}'
-                sentences.append(
-                    f'nothing is taken from {path}: it holds {held}, and none of {node}; name {node} in it, or '
-                    f'{any_namespace} for every namespace'
-                )
+    for path in (path for option, path in pairwise(argv) if option == '--params-file'):
+        try:
+            content = yaml.safe_load(Path(path).read_text(encoding='utf-8'))
+        except (OSError, ValueError, yaml.YAMLError):
+            content = None
+        names = [name for name, parameters in addressed(content) if parameters]
+        # As rclpy does it, with the same regular expression: * is one part of a name, ** are any number.
+        if not any(re.fullmatch(name.replace('/*', r'(/\w+)'), node, re.ASCII) for name in names):
+            held = f'parameters of {", ".join(names)}' if names else 'no parameters of any node'
+            sentences.append(
+                f'nothing is taken from {path}: it holds {held}, and none of {node}; name {node} in it, or '
+                f'/**/{node.rpartition("/")[2]} for every namespace'
+            )
     return sentences
-
-
-def _matches(name: str, node: str) -> bool:
-    """Tell whether a node takes what stands under a name: ``*`` is one part of a name, ``**`` are any number."""
-    # As rclpy does it, with the same regular expression.
-    return re.fullmatch(name.replace('/*', r'(/\w+)'), node, re.ASCII) is not None
-
-
-def _content(path: str) -> Any:
-    try:
-        return yaml.safe_load(Path(path).read_text(encoding='utf-8'))
-    except (OSError, ValueError, yaml.YAMLError):
-        return None

@@ -311,7 +311,7 @@ class _Rig:
     def duration(self) -> float:
         return sum(t.duration for t in self.trajectories)
 
-    @cached_property
+    @property
     def motions(self) -> list[Motion]:
         return [Motion.prepare(t, self.smoothing, self.hold) for t in self.trajectories]
 
@@ -452,14 +452,15 @@ def _offsets(rig: _Rig) -> Iterator[_Remedy]:
 
 
 def _delays(rig: _Rig) -> Iterator[_Remedy]:
+    motions = rig.motions
     try:
-        delay = estimate_delay(rig.motions, MODEL, BOUNDS, weights=WEIGHTS)
+        delay = estimate_delay(motions, MODEL, BOUNDS, weights=WEIGHTS)
     except TrajectoryError:  # too short for that
         return
     right = replace(rig, delay=delay)
     after = _unexplained(_pooled(right.regressions))
     # Whether an effort was held or measured makes half an interval of difference, and is not known for certain.
-    least = LEAST_DELAY + max(motion.interval for motion in rig.motions) / 2
+    least = LEAST_DELAY + max(motion.interval for motion in motions) / 2
     if abs(delay - rig.delay) >= least and after * SHIFTED < rig.tolerated:
         late = round(1000 * (rig.delay - delay))
         what = f'is stamped {late} ms later than it acts' if late > 0 else f'acts {-late} ms later than it is stamped'

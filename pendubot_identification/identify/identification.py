@@ -107,7 +107,7 @@ def identify(
     """
     settings = settings or Settings()
     progress = progress or (lambda what, done, of, best: None)
-    notes = [*notes, *suspicions([*training, *validation])]
+    given = [*training, *validation]
     training, validation = (
         [r if isinstance(r, Long) else evenly_stamped(r) for r in part] for part in (training, validation)
     )
@@ -120,7 +120,7 @@ def identify(
             f'stretches of {STRETCH:g} s; choose a shorter one, or none'
         )
     require_excitation(held, settings)
-    settings = settings.of_rig(held)
+    settings, notes = settings.of_rig(held), [*notes, *suspicions(given)]
 
     progress('preparing', 0, 0, np.nan)
     data = Data.prepare(training, settings)

@@ -56,7 +56,7 @@ def result_of(found: Identification, sources: Sequence[Source]) -> Result:
             'compared': [
                 {
                     'model': score.model,
-                    'parameters': int(settings.bounds.of(MODELS[score.model]).present.sum()),
+                    'parameters': int(settings.box(score.model).present.sum()),
                     'error': score.error,
                     'behind': score.behind[0],
                     'behind_std_error': score.behind[1],

@@ -172,7 +172,7 @@ def test_of_real_recordings_nothing_is_said(rig):
 
 
 @pytest.mark.recordings
-@pytest.mark.parametrize(('rig', 'fault'), zip(itertools.cycle(LENGTHS), FAULTS, strict=False))
+@pytest.mark.parametrize(('rig', 'fault'), list(zip(itertools.cycle(LENGTHS), FAULTS, strict=False)))
 def test_a_fault_of_a_real_rig_is_named(rig, fault):
     spoil, found = FAULTS[fault]
     (named,) = diagnose([spoil(motion[::5]) for motion in recorded(rig, 'train')], 0.02, 'linear', 'rotor')

@@ -18,8 +18,8 @@ from pendubot_identification.identify.judgement import judge
 from pendubot_identification.identify.prediction import HORIZONS, Prediction, predict, state_scale
 from pendubot_identification.identify.settings import Settings
 from pendubot_identification.level import Level
-from pendubot_identification.model.parameters import NAMES, PAPER, Parameters, default_bounds
-from pendubot_identification.model.simulation import HANGING
+from pendubot_identification.model.parameters import MODELS, NAMES, PAPER, Parameters, default_bounds
+from pendubot_identification.model.simulation import HANGING, quantised, simulate
 from pendubot_identification.recordings.csv_import import import_csv
 from pendubot_identification.trajectories.motion import Motion
 from test.conftest import RECORDINGS
@@ -217,6 +217,17 @@ def test_a_delay_of_the_effort_is_found():
     assert abs(effort.delay - delay) < 4 * effort.std_error < 1e-3
     assert wrong(result.best) < 0.01
     assert result.best.exact
+
+
+def test_a_torque_that_was_measured_is_taken_so():
+    """It changes linearly from sample to sample, where one that is commanded is held."""
+    t, fine = np.arange(300) * 0.02, np.arange(5980) * 0.001
+    torque = np.interp(fine, t, 0.3 * np.random.default_rng(1).choice([-1, 1], 300))
+    motion = quantised(simulate(PAPER, fine, np.column_stack([torque, 0 * fine]))[::20], 4000)
+    result = identify([motion], [], Settings(('weak',), optimizer='lsq'))
+    assert result.best.effort.hold == 'linear'
+    assert result.level is Level.OK
+    assert [score.model for score in result.models] == list(MODELS)
 
 
 def test_a_delay_is_named_unless_it_is_declared():
@@ -451,6 +462,7 @@ def test_energy_needs_no_motion_as_long_as_the_weak_criterions_bump():
     ('changes', 'sentence'),
     [
         ({'criteria': ('energy', 'magic')}, 'criterion is magic; one of energy'),
+        ({'criteria': ('weak', 'weak')}, 'one or more of energy'),
         ({'optimizer': 'luck'}, 'optimizer is luck; one of auto, mde, lsq is expected'),
         ({'smoothing': float('nan')}, 'smoothing is nan; a number'),
         ({'delays': (0.1, -0.1)}, 'the smaller one is expected first'),

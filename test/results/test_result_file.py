@@ -120,16 +120,16 @@ def test_the_published_parameters_come_first_and_no_others_stand_anywhere(model)
 
 
 def test_what_a_rig_without_an_elbow_motor_cannot_have_is_named_and_nothing_else(tmp_path):
-    result = made(model='geared')
+    result = made(('weak',), 'geared')
     assert result.not_in_model == ['k2, for the effort of the elbow is zero throughout']
     assert 'k2' not in result.not_covered
     assert np.shape(result.covariance) == np.shape(result.criteria['weak'].correlation) == (13, 13)
     write_result(tmp_path / 'result.yaml', result)
     parameters, std_error = read_estimate(tmp_path / 'result.yaml')
     assert parameters.k2 == 0
-    assert parameters.vector('geared').tolist() == identified(model='geared').best.theta.tolist()
+    assert parameters.vector('geared').tolist() == identified(('weak',), 'geared').best.theta.tolist()
     assert std_error.tolist() == [*(entry.std_error for entry in result.parameters.values()), 0.0]
-    assert made(model='rotor').not_in_model == []
+    assert made(('weak',), 'rotor').not_in_model == []
 
 
 def test_every_number_says_how_far_to_trust_it():
