@@ -15,9 +15,7 @@ from pendubot_identification.errors import ResultError
 
 
 def refuse_unwritable(path: Path, *, overwrite: bool = False, force: str = '--force') -> None:
-    """Refuse a file that could not be written: worth asking before a long computation.
-
-    ``force`` is what a user adds to have an existing one overwritten.
+    """Refuse a file that could not be written, before a long computation; ``force`` is what has one overwritten.
 
     Raises:
         ResultError: the file exists already, or is a folder, or its folder is missing or cannot be written to.
@@ -34,11 +32,7 @@ def refuse_unwritable(path: Path, *, overwrite: bool = False, force: str = '--fo
 
 
 def refuse_input(output: Path, inputs: Iterable[Path | None]) -> None:
-    """Refuse to write over what is read, whatever ``--force`` says, and over a file of a bag that is read.
-
-    Args:
-        output: the file to be written.
-        inputs: the files and folders of bags that are read; None for those that were not named.
+    """Refuse to write over files, and those of bags' folders, that are read, whatever ``--force`` says.
 
     Raises:
         ResultError: the output is one of these.
@@ -52,7 +46,7 @@ def refuse_input(output: Path, inputs: Iterable[Path | None]) -> None:
 
 
 def write_whole(path: Path, content: str | bytes, *, overwrite: bool = False, force: str = '--force') -> None:
-    """Write a file, whole or not at all; ``force`` is what a user adds to have an existing one overwritten.
+    """Write a file, whole or not at all; ``force`` is what has an existing one overwritten.
 
     Raises:
         ResultError: the file exists already, or the system refuses to write it.
@@ -65,11 +59,8 @@ def write_whole(path: Path, content: str | bytes, *, overwrite: bool = False, fo
 class OutputFolder:
     """A folder for the files of one result: made, and seen to be writable, before anything is computed.
 
-    As a context it is removed at the end, with those above it that it had to make, if nothing has come into it.
-
-    Args:
-        path: the folder; with those above it, it is made.
-        overwrite: whether it may hold something. Files of the same names are then replaced, others stay.
+    As a context it is removed at the end, with those above it that it had to make, if nothing has come into it. Where
+    it may hold something (``overwrite``), files of the same names are replaced and others stay.
 
     Raises:
         ResultError: it holds something already, or the system refuses it.

@@ -14,6 +14,7 @@ import os
 import shutil
 import signal
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from typing import Any, List  # noqa: UP035  (launch_ros of Jazzy knows lists by this name)
 
 import yaml
@@ -71,17 +72,12 @@ def described(
         except PendubotError as error:
             raise ParameterError(f'nothing was started: {error}') from None
 
-    return LaunchDescription(
-        [
-            *(
-                DeclareLaunchArgument(name, default_value=str(default), description=description)
-                for name, (default, description) in arguments.items()
-            ),
-            OpaqueFunction(function=check),
-            *included,
-            OpaqueFunction(function=lambda _: entities),
-        ]
-    )
+    declared = [
+        DeclareLaunchArgument(name, default_value=str(default), description=description)
+        for name, (default, description) in arguments.items()
+    ]
+    started = OpaqueFunction(function=lambda _: entities)
+    return LaunchDescription([*declared, OpaqueFunction(function=check), *included, started])
 
 
 def include(file: str, **given: Any) -> IncludeLaunchDescription:
@@ -92,10 +88,7 @@ def include(file: str, **given: Any) -> IncludeLaunchDescription:
 def program(name: str, *parameters: Any, arguments: Sequence[str] = ()) -> Node:
     """Return a program of this package. When it ends, everything ends: with status 1, if it failed.
 
-    Args:
-        name: of the program, and of its node.
-        parameters: parameter files, and values by name; what comes later counts.
-        arguments: of its command line.
+    ``name`` is that of its node, too; ``parameters`` are files, and values by name: what comes later counts.
 
     Raises:
         ParameterError: it is not there.
@@ -148,37 +141,25 @@ def _ended(event: Any, context: LaunchContext) -> EmitEvent:
     return EmitEvent(event=Shutdown(reason=f'{event.process_name} has ended'))
 
 
-def _truth(text: str) -> bool:
-    return {'true': True, '1': True, 'false': False, '0': False}[text.lower()]
-
-
-def _number(text: str) -> float:
-    if not math.isfinite(value := float(text)):
-        raise ValueError
-    return value
-
-
-def _texts(text: str) -> list[str]:
-    listed = yaml.safe_load(text) if text.startswith('[') else [text]
-    if not all(isinstance(each, str) for each in listed):
-        raise ValueError
-    return listed or ['']  # ROS has no list without elements
-
-
-#: By the type of an argument: what reads its text, and what is expected.
-KINDS: dict[type, tuple[Callable[[str], Any], str]] = {
-    bool: (_truth, 'true or false'),
-    int: (int, 'a whole number'),
-    float: (_number, 'a number'),
-    str: (str, 'a text'),
-    list: (_texts, "a text, or a list of texts such as \"['a', 'b']\","),
+#: By the type of an argument: what is expected.
+EXPECTED = {
+    bool: 'true or false',
+    int: 'a whole number',
+    float: 'a number',
+    list: "a text, or a list of texts such as \"['a', 'b']\",",
 }
 
 
 def _value(name: str, text: str, default: Any) -> Any:
     """Return what an argument says, as a value of the type of its default."""
-    read, expected = KINDS[type(default)]
-    try:
-        return read(text)
-    except (KeyError, ValueError, yaml.YAMLError):
-        raise ParameterError(f'{name} is {text}; {expected} is expected') from None
+    kind = type(default)
+    with suppress(KeyError, ValueError, yaml.YAMLError):
+        if kind is bool:
+            return {'true': True, '1': True, 'false': False, '0': False}[text.lower()]
+        if kind is list:
+            listed = yaml.safe_load(text) if text.startswith('[') else [text]
+            if all(isinstance(each, str) for each in listed):
+                return listed or ['']  # ROS has no list without elements
+        elif kind is not float or math.isfinite(float(text)):
+            return kind(text)
+    raise ParameterError(f'{name} is {text}; {EXPECTED[kind]} is expected')

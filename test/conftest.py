@@ -3,6 +3,7 @@
 
 """What every test shares: a private ROS domain, temporary logs, and where the real recordings lie, if they do."""
 
+import importlib.util
 import os
 import signal
 import tempfile
@@ -11,10 +12,16 @@ from pathlib import Path
 import hypothesis
 import pytest
 
-# Before anything imports rclpy: tests must neither hear nor disturb other ROS programs on this machine.
+# Before anything imports rclpy: tests must neither hear nor disturb other ROS programs on this machine, nor each other
+# where several processes run them.
 os.environ.setdefault('ROS_DOMAIN_ID', str(1 + os.getpid() % 100))
+if worker := int(os.environ.get('PYTEST_XDIST_WORKER', 'gw0').removeprefix('gw')):
+    os.environ['ROS_DOMAIN_ID'] = str(1 + (int(os.environ['ROS_DOMAIN_ID']) + 49 * worker) % 100)
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
 os.environ.setdefault('ROS_LOG_DIR', tempfile.mkdtemp(prefix='pendubot-test-log-'))
+# By its name of Jazzy, and the one since.
+for name in ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE'):
+    os.environ.setdefault(name, str(Path(__file__).with_name('discovery.xml')))
 
 # Where the tests themselves were started by nohup, the programs that they start are not.
 signal.signal(signal.SIGHUP, lambda *_: None)
@@ -25,6 +32,9 @@ hypothesis.settings.register_profile('hand', deadline=None)
 hypothesis.settings.register_profile('thorough', deadline=None, max_examples=2000)
 hypothesis.settings.load_profile(os.environ.get('HYPOTHESIS_PROFILE', 'ci' if os.environ.get('CI') else 'hand'))
 
+#: Without ROS there is nothing that they could test.
+collect_ignore_glob = [] if importlib.util.find_spec('rclpy') else ['nodes/test_*']
+
 ROOT = Path(__file__).resolve().parent.parent
 RECORDINGS = ROOT.parent / 'shared' / 'recordings'
 
@@ -33,7 +43,7 @@ def pytest_collection_modifyitems(items):
     """A test that needs the real recordings is skipped, and says so, where they are not."""
     if not (RECORDINGS / 'manifest.csv').exists():
         for item in items:
-            if 'recordings' in item.keywords:
+            if item.get_closest_marker('recordings'):
                 item.add_marker(pytest.mark.skip(reason=f'no real recordings in {RECORDINGS}'))
 
 

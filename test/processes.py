@@ -12,17 +12,9 @@ import sys
 import threading
 import time
 
-MODULES = {
-    'bridge': 'pendubot_identification.nodes.bridge',
-    'recorder': 'pendubot_identification.nodes.recorder',
-    'player': 'pendubot_identification.nodes.player',
-    'identifier': 'pendubot_identification.nodes.identifier',
-    'exciter': 'pendubot_identification.nodes.exciter',
-    'balancer': 'pendubot_identification.nodes.balancer',
-    'virtual_board': 'pendubot_identification.nodes.virtual_board',
-    'pendubot': 'pendubot_identification.cli.main',
-    'listener': 'test.faults.listener',
-}
+NODES = 'bridge', 'recorder', 'player', 'identifier', 'exciter', 'balancer', 'virtual_board'
+MODULES = {name: f'pendubot_identification.nodes.{name}' for name in NODES}
+MODULES |= {'pendubot': 'pendubot_identification.cli.main', 'listener': 'test.faults.listener'}
 
 
 def parameters(**values):
@@ -118,12 +110,10 @@ class Program:
         return self
 
     def __exit__(self, *_):
-        if self.process.poll() is None:
-            self.process.terminate()
-            try:
-                self.process.wait(5)
-            except subprocess.TimeoutExpired:
-                self.kill()
+        try:
+            self.stop(signal.SIGTERM, 5)
+        except subprocess.TimeoutExpired:
+            self.kill()
 
 
 def spin_until(node, condition, timeout=10.0):

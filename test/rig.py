@@ -11,6 +11,8 @@ from pendubot_identification.link.protocol import Status
 from test.processes import Program, call, spin_until
 
 ARMED, WATCHDOG = int(Status.ARMED), int(Status.WATCHDOG)
+#: Timeouts that outlast what else a busy machine does, where they are not what is tested.
+PATIENT = 'watchdog_ms:=500', 'link_timeout:=2.0', 'command_timeout:=1.0'
 
 
 class Rig:
@@ -24,37 +26,37 @@ class Rig:
         from std_msgs.msg import Float64
         from std_srvs.srv import Trigger
 
-        self.port = folder / 'board'
-        self.trace_file = folder / 'trace.csv'
-        self.rate = rate
-        self.board_options = board_options
-        self.programs = []
-        self.samples = []
-        self.diagnoses = []
+        self.port, self.trace_file = folder / 'board', folder / 'trace.csv'
+        self.board_options = ('--link', self.port, '--rate', rate, *board_options)
+        self.programs, self.samples = [], []
+        #: What is said on /diagnostics, of the bridge and of all.
+        self.diagnoses, self.statuses = [], []
         self.float64, self.trigger = Float64, Trigger
         self.node = rclpy.create_node('listener')
         self.node.create_subscription(JointState, '/joint_states', self._on_sample, QoSProfile(depth=1000))
-        self.node.create_subscription(
-            DiagnosticArray, '/diagnostics', lambda array: self.diagnoses.append(array.status[0]), 10
-        )
+        self.node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
         self.effort_publisher = self.node.create_publisher(Float64, '/pendubot/effort_command', 1)
 
     def _on_sample(self, m):
         stamp = m.header.stamp.sec * 10**9 + m.header.stamp.nanosec
         self.samples.append((time.time_ns(), stamp, *m.position, *m.velocity, *m.effort, *m.name))
 
-    def start_board(self):
-        board = Program(
-            'virtual_board', '--link', self.port, '--rate', self.rate, '--trace', self.trace_file, *self.board_options
-        )
-        self.programs.append(board)
+    def _on_diagnostics(self, array):
+        self.statuses += array.status
+        self.diagnoses += [status for status in array.status if status.name == 'bridge']
+
+    def start(self, name, *words, before=()):
+        self.programs.append(Program(name, *words, before=before))
+        return self.programs[-1]
+
+    def start_board(self, *options):
+        board = self.start('virtual_board', *self.board_options, '--trace', self.trace_file, *options)
         board.wait_for('virtual board on')
         return board
 
     def start_bridge(self, *parameters, before=()):
         options = [part for p in (f'port:={self.port}', *parameters) for part in ('-p', p)]
-        bridge = Program('bridge', '--ros-args', *options, before=before)
-        self.programs.append(bridge)
+        bridge = self.start('bridge', '--ros-args', *options, before=before)
         self.until(
             lambda: (
                 self.node.count_publishers('/joint_states') and self.node.count_subscribers('/pendubot/effort_command')
@@ -70,7 +72,8 @@ class Rig:
         self.until(lambda: len(self.samples) >= wanted)
 
     def call(self, service):
-        client = self.node.create_client(self.trigger, f'/bridge/{service}')
+        """Call a service by its name, or one of the bridge."""
+        client = self.node.create_client(self.trigger, service if service[0] == '/' else f'/bridge/{service}')
         try:
             return call(self.node, client, self.trigger.Request())
         finally:
@@ -94,17 +97,21 @@ class Rig:
         rows = [line.split(',') for line in lines if line.endswith('\n')]
         return np.array(rows, dtype=np.int64).reshape(-1, 5)
 
+    def values(self):
+        """What the bridge said last of itself: names and values as text."""
+        return {pair.key: pair.value for pair in self.diagnoses[-1].values}
+
     def fresh_values(self):
-        """What the bridge says of itself, all of it after this moment: names and values as text."""
+        """The same, all of it after this moment."""
         self.diagnoses.clear()
         self.until(lambda: len(self.diagnoses) >= 2)
-        return {pair.key: pair.value for pair in self.diagnoses[-1].values}
+        return self.values()
 
     def diagnosed(self, level, text):
         """Tell whether a diagnosis had this level, or worse, with this text."""
         return any(d.level >= bytes([level]) and text in d.message for d in self.diagnoses)
 
     def close(self):
-        for program in self.programs:
+        for program in reversed(self.programs):
             program.__exit__()
         self.node.destroy_node()

@@ -7,9 +7,7 @@ No registry of Python packages has it; elsewhere stand-ins go by the same rules:
 what is a program starts at once, and what raises after that leaves it running.
 """
 
-import ast
 import importlib.util
-import json
 import os
 import re
 import select
@@ -20,18 +18,15 @@ from itertools import pairwise
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import List, NamedTuple  # noqa: UP035
-from xml.etree import ElementTree
 
 import pytest
 import yaml
 
-from pendubot_identification import programs as installed
 from pendubot_identification.errors import ParameterError, PendubotError
 from test import processes
 from test.conftest import ROOT
 from test.processes import Program
 
-FILES = sorted((ROOT / 'launch').glob('*.launch.py'))
 REAL = importlib.util.find_spec('launch_ros') is not None
 PACKAGE = 'pendubot_identification'
 PROGRAMS = 'bridge', 'recorder', 'exciter', 'player', 'identifier', 'virtual_board'
@@ -205,22 +200,15 @@ def read_back(action):
 
 @pytest.fixture
 def packages(tmp_path, monkeypatch):
-    """The packages that are installed; those of others may be taken away."""
-    for package, executables in {
-        PACKAGE: PROGRAMS,
-        'robot_state_publisher': (),
-        'rviz2': (),
-        'plotjuggler': (),
-    }.items():
-        folder = tmp_path / 'prefix' / 'lib' / package
-        folder.mkdir(parents=True)
-        index = tmp_path / 'prefix' / 'share' / 'ament_index' / 'resource_index' / 'packages'
-        index.mkdir(parents=True, exist_ok=True)
+    """The packages that are installed; their programs may be taken away."""
+    folder, index = tmp_path / 'prefix' / 'lib', tmp_path / 'prefix/share/ament_index/resource_index/packages'
+    index.mkdir(parents=True)
+    for package, program in [*((PACKAGE, program) for program in PROGRAMS), *((other, other) for other in OTHERS)]:
+        (folder / package).mkdir(parents=True, exist_ok=True)
+        (folder / package / program).touch(0o755)
         (index / package).touch()
-        for name in executables or [package]:
-            (folder / name).touch(0o755)
     monkeypatch.setenv('AMENT_PREFIX_PATH', str(tmp_path / 'prefix'))
-    return tmp_path / 'prefix' / 'lib'
+    return folder
 
 
 @pytest.fixture
@@ -260,25 +248,8 @@ def launch(monkeypatch, packages, tmp_path):
     sys.modules.pop(f'{PACKAGE}.launching', None)
 
 
-def arguments_of(path):
-    """The table of a launch file's arguments."""
-    (table,) = [s for s in ast.parse(path.read_text()).body if isinstance(s, ast.Assign)]
-    return ast.literal_eval(table.value)
-
-
-def packaged(program):
-    return str(ROOT / 'config' / f'{program}.yaml')
-
-
-def settings(program):
-    """The names of a program's parameters."""
-    module = importlib.import_module(f'{PACKAGE}.nodes.{program}')
-    (node_class,) = [c for c in vars(module).values() if getattr(c, 'PROGRAM', None) == program]
-    return {setting.name for setting in node_class.SETTINGS}
-
-
-def test_there_is_one_for_each_habit():
-    assert {f.name.split('.')[0] for f in FILES} == {'rig', 'virtual', 'replay', 'identification', 'view'}
+#: Where somebody's own parameter file is named.
+MINE = '~/mine.yaml'
 
 
 @pytest.mark.ros
@@ -291,81 +262,58 @@ def test_there_is_one_for_each_habit():
         ('replay', ['robot_state_publisher', 'player']),
     ],
 )
-def test_starts_the_programs_with_parameters_that_they_have(launch, name, programs):
+def test_starts_the_programs_with_parameters_that_they_have_on_this_machine_in_one_namespace(
+    launch, monkeypatch, name, programs
+):
+    monkeypatch.delenv(RANGE, raising=False)
     started = launch(name)
     assert list(started) == programs
-    for program, (package, *_) in started.items():
-        if package == PACKAGE and program != 'virtual_board':
-            assert hasattr(installed, program)
-            assert started[program].files in ([], [packaged(program)])
-            assert set(started[program].values) <= settings(program)
+    for program in {*programs} & {*PROGRAMS} - {'virtual_board'}:
+        module = importlib.import_module(f'{PACKAGE}.nodes.{program}')
+        assert set(started[program].values) <= {setting.name for setting in getattr(module, program.title()).SETTINGS}
+        assert started[program].files in ([], [str(ROOT / 'config' / f'{program}.yaml')])
+    assert {(each.namespace, each.discovery) for each in started.values()} == {('', 'LOCALHOST')}
+    told = launch(name, namespace='lab1', discovery='SUBNET').values()
+    assert {(each.namespace, each.discovery) for each in told} == {('lab1', 'SUBNET')}
 
 
 @pytest.mark.parametrize(
-    ('name', 'arguments', 'said'),
+    ('name', 'arguments', 'missing', 'said'),
     [
-        ('rig', {'amplitude': 'abc'}, 'amplitude is abc; a number is expected'),
-        ('rig', {'amplitude': 'nan'}, 'amplitude is nan; a number is expected'),
-        ('rig', {'duration': 'long'}, 'duration is long; a number is expected'),
-        ('rig', {'seed': '1.5'}, 'seed is 1.5; a whole number is expected'),
-        ('rig', {'baud': 'fast'}, 'baud is fast; a whole number is expected'),
-        ('rig', {'virtual': 'maybe'}, 'virtual is maybe; true or false is expected'),
-        ('rig', {'arm': ''}, 'arm is ; true or false is expected'),
-        ('rig', {'view': 'no'}, 'view is no; true or false is expected'),
-        ('rig', {'rviz': 'yes'}, 'rviz is yes; true or false is expected'),
-        ('rig', {'l1': 'abc'}, 'l1 is abc; a number is expected'),
-        ('virtual', {'l2': '-1'}, 'the length l2 is -1 m; a number above 0 is expected'),
-        ('virtual', {'arm': 'perhaps'}, 'arm is perhaps; true or false is expected'),
-        ('virtual', {'amplitude': 'abc'}, 'amplitude is abc; a number is expected'),
-        ('view', {'plotjuggler': '2'}, 'plotjuggler is 2; true or false is expected'),
-        ('replay', {'rate': 'slow'}, 'rate is slow; a number is expected'),
-        ('replay', {'l1': 'abc'}, 'l1 is abc; a number is expected'),
-        ('identification', {'force': 'y'}, 'force is y; true or false is expected'),
-        ('identification', {'bags': "['a"}, 'bags is [\'a; a text, or a list of texts such as "[\'a\''),
-        ('identification', {'validate': '[1]'}, 'validate is [1]; a text, or a list of texts'),
-        ('rig', {'discovery': 'MOON'}, 'discovery is MOON; one of LOCALHOST, SUBNET, SYSTEM_DEFAULT is expected'),
+        ('rig', {'amplitude': 'nan'}, None, 'amplitude is nan; a number is expected'),
+        ('rig', {'seed': '1.5'}, None, 'seed is 1.5; a whole number is expected'),
+        ('rig', {'arm': ''}, None, 'arm is ; true or false is expected'),
+        ('rig', {'rviz': 'yes'}, None, 'rviz is yes; true or false is expected'),
+        ('rig', {'l1': 'abc'}, None, 'l1 is abc; a number is expected'),
+        ('rig', {'discovery': 'MOON'}, None, 'discovery is MOON; one of LOCALHOST, SUBNET, SYSTEM_DEFAULT is expected'),
+        ('rig', {'bridge': '/no.yaml'}, None, 'bridge is /no.yaml, and there is no such file; name a'),
+        ('rig', {'excitation': '/'}, None, 'there is no such file; name a parameter file of exciter'),
+        ('virtual', {'l2': '-1'}, None, 'the length l2 is -1 m; a number above 0 is expected'),
+        ('virtual', {'amplitude': 'abc'}, None, 'amplitude is abc; a number is expected'),
+        ('view', {'plotjuggler': '2'}, None, 'plotjuggler is 2; true or false is expected'),
+        ('replay', {'rate': 'slow'}, None, 'rate is slow; a number is expected'),
+        ('identification', {'bags': "['a"}, None, 'bags is [\'a; a text, or a list of texts such as "[\'a\''),
+        ('identification', {'validate': '[1]'}, None, 'validate is [1]; a text, or a list of texts'),
+        ('rig', {}, 'exciter', 'exciter is not installed; build'),
+        ('virtual', {}, OTHERS[0], 'robot-state-publisher, or give view:=false'),
+        ('replay', {'rviz': 'true'}, OTHERS[1], 'sudo apt install ros-$ROS_DISTRO-rviz2, or give rviz:=false'),
+        ('rig', {'plotjuggler': 'true'}, OTHERS[2], 'ros-$ROS_DISTRO-plotjuggler, or give plotjuggler:=false'),
     ],
 )  # fmt: skip
-def test_an_argument_without_sense_is_refused_before_anything_is_started(launch, name, arguments, said):
+def test_what_cannot_work_is_refused_before_anything_is_started(launch, packages, name, arguments, missing, said):
     """What came before would be running, and nobody would end it: an exciter would arm, and move the rig."""
-    with pytest.raises(ParameterError, match='nothing was started: ' + re.escape(said)):
+    if missing:
+        (packages / (missing if missing in OTHERS else PACKAGE) / missing).unlink()
+    with pytest.raises(ParameterError, match='nothing was started: .*' + re.escape(said)):
         launch(name, **arguments)
     assert launch.started == []
+    if missing in OTHERS:
+        assert launch(name, **arguments, view='false'), 'what nobody wants is not missing'
 
 
-@pytest.mark.parametrize('name', ['rig', 'virtual', 'replay', 'view'])
-@pytest.mark.parametrize(
-    ('missing', 'arguments', 'remedy'),
-    [
-        ('robot_state_publisher', {}, 'sudo apt install ros-$ROS_DISTRO-robot-state-publisher, or give view:=false'),
-        ('rviz2', {'rviz': 'true'}, 'sudo apt install ros-$ROS_DISTRO-rviz2, or give rviz:=false'),
-        ('plotjuggler', {'plotjuggler': 'true'}, 'sudo apt install ros-$ROS_DISTRO-plotjuggler, or give plotjuggler:='),
-    ],
-)
-def test_a_program_that_is_not_installed_is_named_before_anything_is_started(
-    launch, packages, name, missing, arguments, remedy
-):
-    launch(name, **arguments)
-    assert missing in {each.executable for each in launch.started}
-    (packages / missing / missing).unlink()
-    with pytest.raises(ParameterError, match=re.escape(f'nothing was started: {missing} is not installed; {remedy}')):
-        launch(name, **arguments)
-    assert launch.started == []
-    if name != 'view':
-        assert launch(name, **arguments, view='false'), 'it was refused without need'
-
-
-def test_a_program_of_the_package_that_is_not_there_is_named_before_anything_is_started(launch, packages):
-    (packages / PACKAGE / 'exciter').unlink()
-    with pytest.raises(ParameterError, match='nothing was started: exciter is not installed; build'):
-        launch('rig')
-    assert launch.started == []
-
-
-@pytest.mark.parametrize('name', ['virtual', 'replay', 'identification'])
-def test_when_a_program_ends_everything_ends_and_when_one_failed_with_an_error(launch, name):
+def test_when_a_program_ends_everything_ends_and_when_one_failed_with_an_error(launch):
     """Launch returns another status than 0 only where something raises."""
-    for program in launch(name, rviz='true').values():
+    for program in launch('virtual', rviz='true').values():
         if program.package != PACKAGE:
             assert program.on_exit is None, 'who closes a window ends no recording'
             continue
@@ -378,24 +326,6 @@ def test_when_a_program_ends_everything_ends_and_when_one_failed_with_an_error(l
                 program.on_exit(ended, context)
         context.is_shutdown = True
         assert program.on_exit(ended, context), 'a Ctrl-C is no failure'
-
-
-def test_programs_find_only_those_of_this_machine_unless_told_otherwise(launch, monkeypatch):
-    def ranges(**arguments):
-        sys.modules.pop(f'{PACKAGE}.launching', None)
-        return {program.discovery for program in launch('virtual', **arguments).values()}
-
-    monkeypatch.delenv(RANGE, raising=False)
-    assert ranges() == {'LOCALHOST'}
-    assert ranges(discovery='SUBNET') == {'SUBNET'}
-    monkeypatch.setenv(RANGE, 'SUBNET')
-    assert ranges() == {'SUBNET'}
-    assert ranges(discovery='LOCALHOST') == {'LOCALHOST'}
-
-
-def test_a_namespace_is_that_of_every_program(launch):
-    assert {program.namespace for program in launch('virtual').values()} == {''}
-    assert {program.namespace for program in launch('virtual', namespace='lab1', rviz='true').values()} == {'lab1'}
 
 
 @pytest.mark.ros
@@ -411,119 +341,65 @@ def test_programs_end_disarmed_when_launch_is_killed(launch, tmp_path):
         start = [sys.executable, '-m', processes.MODULES[program.executable]]
         commands.append([*program.before, *start, *program.arguments, '--ros-args', *files])
     script.write_text(
-        'import subprocess, sys\n'
-        f'started = [subprocess.Popen(command) for command in {json.dumps(commands)}]\n'
+        'import subprocess\n'
+        f'started = [subprocess.Popen(command) for command in {commands}]\n'
         'print("started", *(each.pid for each in started), flush=True)\n'
         'started[0].wait()\n'
     )
     with Program('virtual_board', '--link', given['port'], '--trace', trace) as board:
         board.wait_for('virtual board on')
         with Program.of_file(script) as parent:
-            numbers = [int(number) for number in parent.wait_for('started').split()[1:]]
-            ends = [os.pidfd_open(number) for number in numbers]
+            ends = [os.pidfd_open(int(number)) for number in parent.wait_for('started').split()[1:]]
             try:
                 parent.wait_for('exciting for')
-                parent.kill()
-                gone = [bool(select.select([end], [], [], 10.0)[0]) for end in ends]
             finally:
-                for end, number in zip(ends, numbers, strict=True):
-                    if not select.select([end], [], [], 0.0)[0]:
-                        os.kill(number, signal.SIGKILL)
-                    os.close(end)
-        assert gone == [True] * 3
+                parent.kill()
+                left = [end for end in ends if not select.select([end], [], [], 10.0)[0]]
+                for end in left:
+                    signal.pidfd_send_signal(end, signal.SIGKILL)
+            assert (len(ends), left) == (3, [])
     *_, torque, status = trace.read_text().splitlines()[-1].split(',')
     assert int(torque) == 0
     assert int(status) & 1 == 0, 'armed'
 
 
-@pytest.fixture
-def own(tmp_path):
-    """Somebody's own parameter files."""
-    for name in ('bridge', 'exciter'):
-        (tmp_path / f'{name}.yaml').write_text(yaml.safe_dump({name: {'ros__parameters': {}}}))
-    return {name: str(tmp_path / f'{name}.yaml') for name in ('bridge', 'exciter')}
+TRAIN = {'duration': 10.0, 'amplitude_min': -0.5, 'amplitude_max': 0.5, 'seed': 3}
 
 
 @pytest.mark.parametrize(
-    ('arguments', 'expected'),
+    ('name', 'arguments', 'program', 'file', 'values'),
     [
-        ({}, {}),
-        ({'port': '/dev/x'}, {'port': '/dev/x'}),
-        ({'port': '7', 'baud': '115200'}, {'port': '7', 'baud': 115200}),
-        ({'virtual': 'true'}, {'port': '/tmp/pendubot'}),
-        ({'virtual': 'true', 'port': '/tmp/x'}, {'port': '/tmp/x'}),
+        ('rig', {}, 'bridge', None, {}),
+        ('rig', {'port': '7', 'baud': '115200'}, 'bridge', None, {'port': '7', 'baud': 115200}),
+        # A limit on the torque above all is the file's; with a virtual board never its port, where a rig may be.
+        ('rig', {'bridge': MINE}, 'bridge', MINE, {}),
+        ('rig', {'bridge': MINE, 'virtual': 'true'}, 'bridge', MINE, {'port': '/tmp/pendubot'}),
+        ('virtual', {'port': '/tmp/x'}, 'bridge', None, {'port': '/tmp/x'}),
+        # Nothing is moved that is not recorded.
+        ('rig', {'amplitude': '0.5', 'duration': '10', 'seed': '3', 'arm': 'true'}, 'exciter', None,
+         {'arm': True, 'recorded': True, **TRAIN}),
+        ('rig', {'amplitude': '0.5', 'excitation': MINE}, 'exciter', MINE, {'arm': False, 'recorded': True}),
     ],
-)
-def test_the_bridges_parameters_are_those_of_the_file_but_for_what_is_an_argument(launch, own, arguments, expected):
-    """A limit on the torque above all. With a virtual board never the port of the file, where a rig may be."""
-    bridge = launch('rig', **arguments)['bridge']
-    assert (bridge.files, bridge.values) == ([packaged('bridge')], expected)
-    started = launch('rig', bridge=own['bridge'], **arguments)
-    assert (started['bridge'].files, started['bridge'].values) == ([own['bridge']], expected)
-    assert ('virtual_board' in started) == ('virtual' in arguments)
-    if 'virtual' in arguments:
-        assert started['virtual_board'].arguments == ['--link', expected['port']]
-
-
-def test_an_excitation_that_is_given_is_the_files_and_else_the_arguments(launch, own):
-    """Either way nothing is moved that is not recorded."""
-    exciter = launch('rig', amplitude='0.5', duration='10', seed='3', arm='true')['exciter']
-    train = {'duration': 10.0, 'amplitude_min': -0.5, 'amplitude_max': 0.5, 'seed': 3}
-    assert (exciter.files, exciter.values) == ([packaged('exciter')], {'arm': True, 'recorded': True, **train})
-    exciter = launch('rig', amplitude='0.5', excitation=own['exciter'])['exciter']
-    assert (exciter.files, exciter.values) == ([own['exciter']], {'arm': False, 'recorded': True})
+)  # fmt: skip
+def test_parameters_are_those_of_the_file_but_for_what_is_an_argument(
+    launch, tmp_path, monkeypatch, name, arguments, program, file, values
+):
+    monkeypatch.setenv('HOME', str(tmp_path))
+    (tmp_path / 'mine.yaml').write_text(yaml.safe_dump({program: {'ros__parameters': {}}}))
+    started = launch(name, **arguments)
+    expected = str(tmp_path / 'mine.yaml' if file else ROOT / 'config' / f'{program}.yaml')
+    assert (started[program].files, started[program].values) == ([expected], values)
+    if 'virtual_board' in started:
+        assert started['virtual_board'].arguments == ['--link', values['port']]
 
 
 @pytest.mark.parametrize(
     ('given', 'bags'),
-    [
-        ({}, ['']),
-        ({'bags': 'swing'}, ['swing']),
-        ({'bags': 'a@0:9'}, ['a@0:9']),
-        ({'bags': '12'}, ['12']),
-        ({'bags': "['a','b']"}, ['a', 'b']),
-        ({'bags': "['a@0:9', 'b']"}, ['a@0:9', 'b']),
-        ({'bags': '[]'}, ['']),
-    ],
+    [({}, ['']), ({'bags': '12'}, ['12']), ({'bags': "['a@0:9', 'b']"}, ['a@0:9', 'b']), ({'bags': '[]'}, [''])],
 )
 def test_bags_are_one_or_a_list(launch, given, bags):
     values = launch('identification', **given, validate='c')['identifier'].values
     assert (values['bags'], values['validate']) == (bags, ['c'])
-
-
-@pytest.mark.parametrize(('argument', 'program'), [('bridge', 'bridge'), ('excitation', 'exciter')])
-def test_a_file_that_is_not_there_is_refused_before_anything_is_started(launch, tmp_path, argument, program):
-    missing = tmp_path / 'mine.yaml'
-    for wrong in (missing, tmp_path):
-        with pytest.raises(ParameterError) as refused:
-            launch('rig', **{argument: str(wrong)})
-        assert str(refused.value) == (
-            f'nothing was started: {argument} is {wrong}, and there is no such file; name a parameter file of {program}'
-        )
-        assert launch.started == []
-
-
-@pytest.mark.parametrize(('argument', 'program'), [('bridge', 'bridge'), ('excitation', 'exciter')])
-def test_a_file_at_home_is_found(launch, tmp_path, monkeypatch, argument, program):
-    """No shell makes a home of the ~ in ``bridge:=~/mine.yaml``."""
-    monkeypatch.setenv('HOME', str(tmp_path))
-    (tmp_path / 'mine.yaml').write_text(yaml.safe_dump({program: {'ros__parameters': {}}}))
-    assert launch('rig', **{argument: '~/mine.yaml'})[program].files == [str(tmp_path / 'mine.yaml')]
-
-
-@pytest.mark.ros
-@pytest.mark.parametrize(
-    ('arguments', 'said'),
-    [({}, 'the port /nowhere/own is missing'), ({'port': '/nowhere/given'}, 'the port /nowhere/given is missing')],
-)
-def test_what_is_made_of_a_file_and_of_arguments_is_what_the_bridge_has(launch, tmp_path, arguments, said):
-    """As launch_ros hands it over: one file after the other, the last made of the arguments and for any node."""
-    own, typed = tmp_path / 'own.yaml', tmp_path / 'typed.yaml'
-    own.write_text('bridge: {ros__parameters: {port: /nowhere/own}}')
-    started = launch('rig', bridge=str(own), **arguments)['bridge']
-    typed.write_text(yaml.safe_dump({'/**': {'ros__parameters': started.values}}))
-    with Program('bridge', '--ros-args', '--params-file', *started.files, '--params-file', typed) as bridge:
-        bridge.wait_for(said)
 
 
 def test_the_view_describes_the_rig_and_shows_it_where_wanted(launch):
@@ -532,30 +408,3 @@ def test_the_view_describes_the_rig_and_shows_it_where_wanted(launch):
     started = launch('view', rviz='true', plotjuggler='1')
     assert tuple(started) == OTHERS
     assert all(Path(shown.arguments[1]).is_file() for shown in launch.started[1:])
-
-
-def test_what_is_always_started_is_in_package_xml(launch):
-    declared = {e.text for e in ElementTree.parse(ROOT / 'package.xml').iter('exec_depend')} | {PACKAGE}
-    for file in FILES:
-        assert {program.package for program in launch(file.name.split('.')[0]).values()} <= declared
-
-
-@pytest.mark.parametrize('file', FILES, ids=lambda file: file.name)
-def test_every_argument_is_described_and_used(file):
-    source = file.read_text()
-    for name, (_, description) in arguments_of(file).items():
-        assert description
-        rest = source.replace(f"'{name}': (", '')
-        assert f"'{name}'" in rest or 'in ARGUMENTS}' in rest, f'{name} is declared and nowhere used'
-
-
-@pytest.mark.parametrize('file', FILES, ids=lambda file: file.name)
-def test_its_examples_and_those_it_includes_name_arguments_that_there_are(file):
-    """An argument may also be one of an included file: they are all of one scope."""
-    known = set()
-    for name in {file.name, *re.findall(r"'(\w+\.launch\.py)'", file.read_text()), 'view.launch.py', 'rig.launch.py'}:
-        known |= set(arguments_of(ROOT / 'launch' / name))
-    for line in file.read_text().splitlines():
-        if line.startswith('ros2 launch'):
-            assert f' {PACKAGE} {file.name} ' in line
-            assert set(re.findall(r' (\w+):=', line)) <= known

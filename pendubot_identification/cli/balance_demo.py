@@ -34,24 +34,19 @@ LAG = 10.0
 def run(args: argparse.Namespace) -> int:
     """Excite, record, identify, swing up, hold, draw."""
     folder = new_folder(args.output)
-    with interruptible(folder / 'excitation'), own_ros() as (rclpy, domain):
-        print(f'virtual rig in ROS domain {domain}, files in {folder}', flush=True)
-        watcher = _balanced(rclpy, folder, args.seed)
-    return _show(folder, watcher)
-
-
-def _balanced(rclpy: Any, folder: Path, seed: int) -> _Watcher:
-    """Run the chain in the folder; return who saw the swing-up."""
     bag, result = folder / 'excitation', folder / 'result.yaml'
-    print(f'virtual board: {RATE} Hz, 4000 counts per turn, a motor {1e3 * DELAY:g} ms late, {LIMIT:g} N m')
-    pulses = {'amplitude_min': -LIMIT, 'amplitude_max': LIMIT, 'seed': seed}
-    once_more(lambda: record_excitation(rclpy, bag, SAMPLES, RATE, RIG, **pulses))
-    with Programs(folder) as programs:
-        asked = parameters(bags=f"['{bag}']", output=result, hold='zero', model='viscous')
-        identifier = programs.start('identifier', *asked)
-        programs.wait(identifier, result.exists, 'wrote no result', 120.0)
-        print('identified', flush=True)
-        return once_more(lambda: _swung_up(rclpy, folder))
+    pulses = {'amplitude_min': -LIMIT, 'amplitude_max': LIMIT, 'seed': args.seed}
+    with interruptible(bag), own_ros() as (rclpy, domain):
+        print(f'virtual rig in ROS domain {domain}, files in {folder}', flush=True)
+        print(f'virtual board: {RATE} Hz, 4000 counts per turn, a motor {1e3 * DELAY:g} ms late, {LIMIT:g} N m')
+        once_more(lambda: record_excitation(rclpy, bag, SAMPLES, RATE, RIG, **pulses))
+        with Programs(folder) as programs:
+            asked = parameters(bags=f"['{bag}']", output=result, hold='zero', model='viscous')
+            identifier = programs.start('identifier', *asked)
+            programs.wait(identifier, result.exists, 'wrote no result', 120.0)
+            print('identified', flush=True)
+            watcher = once_more(lambda: _swung_up(rclpy, folder))
+    return _show(folder, watcher)
 
 
 def _swung_up(rclpy: Any, folder: Path) -> _Watcher:
@@ -70,16 +65,15 @@ def _swung_up(rclpy: Any, folder: Path) -> _Watcher:
         print('the balancer knows the rig through /pendubot/params alone; it swings it up', flush=True)
         programs.wait(balancer, watcher.has_seen_enough, 'did not hold it', HOLD + PATIENCE, watcher.spin)
         if watcher.message.startswith('stopped'):
-            raise PendubotError(f'the balancer {watcher.message}{programs.pause}')
+            raise PendubotError(f'the balancer {watcher.message}')
     return watcher
 
 
 class _Watcher:
     """Follows rig and balancer from outside, and starts it.
 
-    Attributes:
-        samples: since the start, each t [s], q1, q2 [rad], torque [N m].
-        message, values: what the balancer said last of itself.
+    ``samples`` since the start are each t [s], q1, q2 [rad], torque [N m]; ``message`` and ``values`` are what the
+    balancer said last of itself.
     """
 
     def __init__(self, rclpy: Any) -> None:
@@ -128,7 +122,7 @@ class _Watcher:
     def _on_sample(self, m: Any) -> None:
         import numpy as np
 
-        from pendubot_identification.control.closed_loop import HELD, deviation
+        from pendubot_identification.control.plan import HELD, deviation
 
         stamp = m.header.stamp.sec + m.header.stamp.nanosec * 1e-9
         if not self.samples or deviation(np.array([m.position]))[0] > HELD:
@@ -144,7 +138,7 @@ class _Watcher:
 def _show(folder: Path, watcher: _Watcher) -> int:
     import numpy as np
 
-    from pendubot_identification.control.closed_loop import deviation, held_since
+    from pendubot_identification.control.plan import deviation, held_since
     from pendubot_identification.model.parameters import BALANCE
     from pendubot_identification.report.balance_figure import draw_balance
     from pendubot_identification.results.result_file import read_parameters

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 import math
 from collections.abc import Mapping, Sequence
@@ -16,8 +17,6 @@ from pendubot_identification.errors import UsageError, wrong_usage
 
 if TYPE_CHECKING:
     from pendubot_identification.identify.result import Given, Result
-
-    Results = Mapping[str, Result | Given]
 
 Part = tuple[str, float, float]
 
@@ -36,15 +35,9 @@ examples:
 """
 
 
-def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+def add_parser(subparsers: Any) -> None:
     """Add this subcommand."""
-    parser = subparsers.add_parser(
-        'compare',
-        help='results side by side',
-        description=DESCRIPTION,
-        epilog=EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = subparsers.add_parser('compare', help='results side by side', description=DESCRIPTION, epilog=EPILOG)
     parser.add_argument('results', nargs='+', type=Path, metavar='RESULT.yaml', help='two or more results')
     parser.add_argument('--on', metavar='BAG[@START:END]', help='a bag whose motion each of them predicts')
     parser.add_argument('--topic', default='/joint_states', help='topic with the joint states (default %(default)s)')
@@ -67,18 +60,24 @@ def run(args: argparse.Namespace) -> int:
     if len(args.results) < 2:
         raise UsageError(f'{args.results[0]} is one result alone; name two or more to be compared')
     results = {str(path): read_result(path) for path in args.results}
-    doubts = [f'{path}: {problem}' for path, data in results.items() for problem in data.unphysical()]
     if len(results) < len(args.results):
         raise UsageError('the same result is named twice; name two or more that differ')
-    plain = {'results': list(results), 'parameters': _parameters(results), 'notes': [*doubts, *_shared(results)]}
+    used = {name: _training(result) for name, result in results.items()}
+    notes = [f'{name}: {problem}' for name, result in results.items() for problem in result.unphysical()]
+    notes += [
+        f'{name} and {other} were estimated from the same motion: their errors have a part in common, so that '
+        'differences count for more than they show'
+        for name, other in itertools.combinations(used, 2)
+        if _common(used[name], used[other])
+    ]
+    found = {'results': list(results), 'parameters': _parameters(list(results.values())), 'notes': notes}
     if args.on is not None:
-        predicted = _predictions(results, args)
-        plain |= predicted | {'notes': [*plain['notes'], *predicted['notes']]}
-    print(json.dumps(plain, indent=2) if args.json else comparison(plain))
+        found |= _predictions(args, results, used, notes)
+    print(json.dumps(found, indent=2) if args.json else comparison(found))
     return 0
 
 
-def _parameters(results: Results) -> dict[str, Any]:
+def _parameters(results: Sequence[Result | Given]) -> dict[str, Any]:
     """Return by parameter its unit and, a result each, value, standard error, and distance from the first result's.
 
     The distance is in standard errors of both together; None where one of them is not known or not estimated.
@@ -87,57 +86,38 @@ def _parameters(results: Results) -> dict[str, Any]:
 
     rows: dict[str, Any] = {}
     for name, unit in zip(NAMES, UNITS, strict=True):
-        entries = [result.parameters.get(name) for result in results.values()]
+        entries = [result.parameters.get(name) for result in results]
+        values = [None if e is None else e.value for e in entries]
+        # How far the data would let a parameter off its bound is not how uncertain it is.
+        errors = [None if e is None or e.on_bound else e.std_error for e in entries]
+        first, first_error = values[0], errors[0]
+        apart = [
+            None if first is None or v is None or not first_error or not e else (v - first) / math.hypot(first_error, e)
+            for v, e in zip(values, errors, strict=True)
+        ]
         if any(entries):
-            values = [None if e is None else e.value for e in entries]
-            # How far the data would let a parameter off its bound is not how uncertain it is.
-            errors = [None if e is None or e.on_bound else e.std_error for e in entries]
-            rows[name] = {
-                'unit': unit,
-                'value': values,
-                'std_error': errors,
-                'apart': [_apart(values[0], v, errors[0], e) for v, e in zip(values, errors, strict=True)],
-            }
+            rows[name] = {'unit': unit, 'value': values, 'std_error': errors, 'apart': apart}
     return rows
-
-
-def _apart(first: float | None, second: float | None, error: float | None, other: float | None) -> float | None:
-    if first is None or second is None or not error or not other:
-        return None
-    return (second - first) / math.hypot(error, other)
-
-
-def _shared(results: Results) -> list[str]:
-    """Return what the reader should know of results that were estimated from the same motion."""
-    used = {name: _training(result) for name, result in results.items()}
-    return [
-        f'{name} and {other} were estimated from the same motion: their errors have a part in common, so that '
-        'differences count for more than they show'
-        for k, name in enumerate(used)
-        for other in list(used)[k + 1 :]
-        if _common(used[name], used[other])
-    ]
 
 
 def _training(result: Result | Given) -> list[Part]:
     """Return of what parts of which bags, by their hash, a result was estimated: first and last sample [s]."""
     from pendubot_identification.recordings.bag_reader import BagWindow
 
-    parts = []
-    for bag in result.bags:
-        if bag.role == 'training':
-            start = BagWindow.parse(bag.bag).start or 0.0
-            parts.append((bag.sha256, start, start + bag.duration))
-    return parts
+    used = [(bag, BagWindow.parse(bag.bag).start or 0.0) for bag in result.bags if bag.role == 'training']
+    return [(bag.sha256, start, start + bag.duration) for bag, start in used]
 
 
 def _common(parts: Sequence[Part], others: Sequence[Part]) -> bool:
     return any(a[0] == b[0] and max(a[1], b[1]) <= min(a[2], b[2]) for a in parts for b in others)
 
 
-def _predictions(results: Results, args: argparse.Namespace) -> dict[str, Any]:
-    """Return how far each result's simulation of a bag's motion is off, by horizon."""
+def _predictions(
+    args: argparse.Namespace, results: Mapping[str, Result | Given], used: Mapping[str, list[Part]], notes: list[str]
+) -> dict[str, Any]:
+    """Return how far each result's simulation of a bag's motion is off, by horizon; note who knows that motion."""
     from pendubot_identification.identify.prediction import HORIZONS, predict, state_scale
+    from pendubot_identification.identify.result import plain
     from pendubot_identification.recordings.bag_reader import BagWindow, read_recording
     from pendubot_identification.recordings.datasets import span
     from pendubot_identification.trajectories.long import held_parts
@@ -152,22 +132,13 @@ def _predictions(results: Results, args: argparse.Namespace) -> dict[str, Any]:
     parts = [evenly_stamped(part) for part in held_parts([recorded.trajectory])]
     # States as all results are held against them; the torque as each result takes it.
     smoothing = choose_smoothing(parts)
-    errors, notes = [], []
+    errors, still = [], None
     for name, result in results.items():
         motions = [Motion.prepare(part, smoothing, result.effort.hold) for part in parts]
         prediction = predict(motions, result.theta.vector(), result.effort.delay, state_scale(motions))
-        errors.append(_numbers(prediction.error))
-        still = _numbers(prediction.standing_still)
-        if _common([(recorded.sha256, *span(recorded.trajectory))], _training(result)):
+        errors.append(prediction.error)
+        still = prediction.standing_still
+        if _common([(recorded.sha256, *span(recorded.trajectory))], used[name]):
             notes.append(f'{name} was estimated from a part of {recorded.window}: of that it knows more than it should')
-    return {
-        'on': str(recorded.window),
-        'horizons': list(HORIZONS),
-        'error': errors,
-        'standing_still': still,
-        'notes': notes,
-    }
-
-
-def _numbers(values: Any) -> list[float | None]:
-    return [float(value) if math.isfinite(value) else None for value in values]
+    found = {'on': str(recorded.window), 'horizons': HORIZONS, 'error': errors, 'standing_still': still}
+    return dict(plain(found))

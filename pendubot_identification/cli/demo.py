@@ -25,18 +25,21 @@ whatever ROS_DOMAIN_ID and the like say, and reaches no real rig.
 BAG = 'paper_experiment'
 SAMPLES = 1800
 RATE = 100
+#: Options of virtual_board.
+BOARDS = {'python': [], 'qemu': ['--qemu']}
 
 
 def add_parser(subparsers: Any) -> None:
     """Add this subcommand."""
-    parser = subparsers.add_parser(
-        'demo',
-        help='the whole chain on a virtual rig (needs ROS)',
-        description=DESCRIPTION,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = subparsers.add_parser('demo', help='the whole chain on a virtual rig (needs ROS)', description=DESCRIPTION)
     parser.add_argument(
         '--output', type=Path, metavar='DIR', help='new folder for bag and result (default: a temporary one)'
+    )
+    parser.add_argument(
+        '--board',
+        choices=BOARDS,
+        default='python',
+        help='the virtual board, or the firmware of a real one, run by QEMU (default %(default)s)',
     )
     parser.add_argument('--seed', type=seed, default=1, help='of the torque, 0 or more (default %(default)s)')
     parser.add_argument(
@@ -64,33 +67,24 @@ def run(args: argparse.Namespace) -> int:
         from . import balance_demo
 
         return balance_demo.run(args)
-    folder = new_folder(args.output)
-    with interruptible(folder / BAG), own_ros() as (rclpy, domain):
-        print(f'virtual rig in ROS domain {domain}, files in {folder}', flush=True)
-        theta, label = _identified(rclpy, folder, args.seed)
-    return _show(folder, theta, label)
-
-
-def _identified(rclpy: Any, folder: Path, seed: int) -> tuple[list[float], str]:
-    """Run the chain in the folder; return what the late subscriber received."""
-    bag, result = folder / BAG, folder / 'result.yaml'
-    print(f'virtual board: {RATE} Hz, 4000 counts per turn, the parameters of the paper')
-    once_more(lambda: record_excitation(rclpy, bag, SAMPLES, RATE, seed=seed))
-    with Programs(folder) as programs:
-        # The bridge's torques are held; to find that out from the data would take some seconds more.
-        identifier = programs.start('identifier', *parameters(bags=f"['{bag}']", output=result, hold='zero'))
-        begin = time.monotonic()
-        programs.wait(identifier, result.exists, 'wrote no result', 120.0)
-        print(f'identified in {time.monotonic() - begin:.1f} s, start of the node included')
-        return late_subscriber(rclpy)
-
-
-def _show(folder: Path, theta: list[float], label: str) -> int:
     from pendubot_identification.model.parameters import PAPER
     from pendubot_identification.report import tables
     from pendubot_identification.results.result_file import read_whole_result
 
-    result = read_whole_result(folder / 'result.yaml')
+    folder = new_folder(args.output)
+    bag, written = folder / BAG, folder / 'result.yaml'
+    with interruptible(bag), own_ros() as (rclpy, domain):
+        print(f'virtual rig in ROS domain {domain}, files in {folder}', flush=True)
+        print(f'virtual board ({args.board}): {RATE} Hz, 4000 counts per turn, the parameters of the paper')
+        once_more(lambda: record_excitation(rclpy, bag, SAMPLES, RATE, BOARDS[args.board], seed=args.seed))
+        with Programs(folder) as programs:
+            # The bridge's torques are held; to find that out from the data would take some seconds more.
+            identifier = programs.start('identifier', *parameters(bags=f"['{bag}']", output=written, hold='zero'))
+            begin = time.monotonic()
+            programs.wait(identifier, written.exists, 'wrote no result', 120.0)
+            print(f'identified in {time.monotonic() - begin:.1f} s, start of the node included')
+            theta, label = late_subscriber(rclpy)
+    result = read_whole_result(written)
     if theta != result.theta.vector(result.model).tolist():
         raise PendubotError(f'/pendubot/params said {theta}, the result file something else; please report this')
     print(f'a subscriber that joined afterwards received /pendubot/params ({label}): {result.criterion}\n')
@@ -100,7 +94,7 @@ def _show(folder: Path, theta: list[float], label: str) -> int:
     print(
         f'\nThe first {SAMPLES // 2} samples estimate, the others validate. The errors of energy are its own: encoder\n'
         'counts and central differences move its minimum away from the truth, and MDE finds that minimum exactly.\n'
-        f'\ntry: {sys.argv[0]} identify {folder / BAG}'
+        f'\ntry: {sys.argv[0]} identify {bag}'
     )
     return 0
 

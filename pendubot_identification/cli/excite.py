@@ -11,7 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from pendubot_identification.errors import UsageError, wrong_usage
+from pendubot_identification.errors import ParameterError, UsageError, wrong_usage
 
 DESCRIPTION = """\
 Design an excitation, or predict what a given one does. A design is the pulse train whose motion tells most of the
@@ -77,7 +77,10 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Design or check, show, write."""
-    from pendubot_identification.excitation.design import Experiment, Limits, design, paper_pulses, predict
+    from tqdm import tqdm
+
+    from pendubot_identification.excitation.design import Experiment, Limits, design, predict
+    from pendubot_identification.excitation.excitation import PulseTrain
     from pendubot_identification.excitation.exciter_file import read_exciter, write_exciter
     from pendubot_identification.files import refuse_input, refuse_unwritable
     from pendubot_identification.model.parameters import PAPER
@@ -105,22 +108,22 @@ def run(args: argparse.Namespace) -> int:
         MDESettings(generations=args.generations)
         require_runs(1, 1, args.seed)
     if args.design:
-        with _progress_bar() as progress:
-            found = design(
-                parameters,
-                limits,
-                experiment,
-                uncertainty=errors,
-                generations=args.generations,
-                seed=args.seed,
-                progress=progress,
-            )
+        # On a terminal, and nowhere else.
+        with tqdm(desc='designing', disable=None, leave=False, unit=' generations', total=args.generations) as bar:
+
+            def progress(done: int, best: float) -> None:
+                bar.set_postfix_str(f'ln det of the information {best:.1f}', refresh=False)
+                bar.update(done - bar.n)
+
+            search = {'generations': args.generations, 'seed': args.seed}
+            found = design(parameters, limits, experiment, uncertainty=errors, progress=progress, **search)
     else:
         train, duration = read_exciter(args.check)
         experiment = replace(experiment, duration=duration or args.duration)
         (found,) = predict(parameters, [train], experiment)
     torque = max(abs(found.train.amplitude_min), abs(found.train.amplitude_max))
-    (paper,) = predict(parameters, [paper_pulses(args.torque if args.design else torque)], experiment)
+    greatest = args.torque if args.design else torque
+    (paper,) = predict(parameters, [PulseTrain(amplitude_min=-greatest, amplitude_max=greatest)], experiment)
     moved = motion_lines(found, experiment)
     print(*moved, '', excitation_table(parameters, errors, paper, found).text(), sep='\n')
     if args.check is not None:
@@ -132,13 +135,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _hold_against(args: argparse.Namespace, reached: list[float]) -> None:
-    """Compare the greatest torque, speeds and angles with the limits that were given.
-
-    Raises:
-        ParameterError: one is exceeded.
-    """
-    from pendubot_identification.errors import ParameterError
-
+    """Refuse greatest torque, speeds and angles that exceed the limits that were given."""
     of = ('torque', 'speed of the shoulder', 'speed of the elbow', 'angle of the shoulder', 'angle of the elbow')
     limits = (args.torque, args.speed, args.speed, *args.angle)
     units = ('N m', 'rad/s', 'rad/s', 'rad', 'rad')
@@ -153,23 +150,3 @@ def _hold_against(args: argparse.Namespace, reached: list[float]) -> None:
             f'{args.check} exceeds the limits: {"; ".join(exceeded)}; give it smaller torques or shorter pulses, or '
             'search another with --design'
         )
-
-
-def _progress_bar() -> Any:
-    """Return a context that shows on a terminal, and nowhere else, how far the search has come."""
-    from contextlib import contextmanager
-
-    from tqdm import tqdm
-
-    @contextmanager
-    def showing() -> Any:
-        with tqdm(desc='designing', disable=None, leave=False, unit=' generations') as bar:
-
-            def progress(done: int, of: int, best: float) -> None:
-                bar.total = of
-                bar.set_postfix_str(f'ln det of the information {best:.1f}', refresh=False)
-                bar.update(done - bar.n)
-
-            yield progress
-
-    return showing()

@@ -13,7 +13,7 @@ from typing import Any
 
 from pendubot_identification.errors import UsageError
 
-# The names of the adapter's formats and suffixes, again: importing them takes time, which no --help is worth.
+#: Those of results/export.py, again: importing it takes time, which no --help is worth.
 FORMATS = ('yaml', 'json', 'matlab', 'c')
 
 DESCRIPTION = """\
@@ -34,11 +34,7 @@ examples:
 def add_parser(subparsers: Any) -> None:
     """Add this subcommand."""
     parser = subparsers.add_parser(
-        'export',
-        help='write a result for MATLAB, C, JSON or a node',
-        description=DESCRIPTION,
-        epilog=EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        'export', help='write a result for MATLAB, C, JSON or a node', description=DESCRIPTION, epilog=EPILOG
     )
     parser.add_argument('result', type=Path, metavar='RESULT.yaml', help='a result of pendubot identify')
     parser.add_argument('--format', choices=FORMATS, help="default: by the output's suffix")

@@ -8,7 +8,7 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Iterable
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -22,11 +22,11 @@ from .report import add_reference, read_beside
 
 if TYPE_CHECKING:
     from pendubot_identification.files import OutputFolder
-    from pendubot_identification.identify.result import Given, Result
+    from pendubot_identification.identify.result import Result
     from pendubot_identification.identify.settings import Settings
     from pendubot_identification.model.parameters import Bounds
-    from pendubot_identification.recordings.datasets import Datasets
     from pendubot_identification.report.folder import Recordings
+    from pendubot_identification.report.tables import Beside
 
 #: The exit status of a result that is no better than what --fail-on names, and from which level on that is.
 FAILED, FAILING = 3, {'warn': 1, 'error': 2, 'never': 3}
@@ -71,11 +71,7 @@ exit status: 0 success, 1 a failure explained in one line, 2 wrong usage, 3 a re
 def add_parser(subparsers: Any) -> None:
     """Add this subcommand."""
     parser = subparsers.add_parser(
-        'identify',
-        help='estimate parameters from bags',
-        description=DESCRIPTION,
-        epilog=EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        'identify', help='estimate parameters from bags', description=DESCRIPTION, epilog=EXAMPLES
     )
     parser.add_argument('bags', nargs='+', metavar='BAG[@START:END]', help='bags that estimate')
     parser.add_argument('--validate', nargs='+', default=[], metavar='BAG[@START:END]', help='bags that only judge')
@@ -120,38 +116,39 @@ def _add_options(group: argparse._ArgumentGroup, options: Iterable[Setting]) -> 
         START: {'type': Path, 'metavar': 'RESULT.yaml'},
     }
     for option in options:
-        flag, words = f'--{option.name.replace("_", "-")}', option.help()
-        if isinstance(option.default, bool):
-            group.add_argument(flag, action='store_const', const=True, help=words)
+        default, words = option.default, option.help()
+        if isinstance(default, bool):
+            group.add_argument(_flag(option), action='store_const', const=True, help=words)
             continue
         if not option.optional:
-            default = option.default
             words += f' (default {":".join(map(str, default)) if isinstance(default, tuple) else default})'
-        how: dict[str, Any] = {
-            'type': type(option.default),
-            'choices': option.choices or None,
-            'metavar': option.unit.upper() or None,
-        }
-        group.add_argument(flag, help=words, **(how | spelled.get(option, {})))
+        how = {'type': type(default), 'choices': option.choices or None, 'metavar': option.unit.upper() or None}
+        group.add_argument(_flag(option), help=words, **(how | spelled.get(option, {})))
+
+
+def _flag(option: Setting) -> str:
+    return f'--{option.name.replace("_", "-")}'
 
 
 def run(args: argparse.Namespace) -> int:
     """Identify, print, write."""
     from pendubot_identification.files import OutputFolder, refuse_input, refuse_unwritable
     from pendubot_identification.identify.result import plain
+    from pendubot_identification.recordings.bag_reader import BagWindow
     from pendubot_identification.report.tables import summary
     from pendubot_identification.results.result_file import read_parameters, write_result
 
     with wrong_usage():
-        settings, bags = _settings(args), _bags(args)
+        settings = _settings(args)
+        bags = [BagWindow.parse(text).path for text in (*args.bags, *args.validate)]
         joints(args.joints)
-    for written in (args.output, args.report and args.report / 'result.yaml'):
-        if written is not None:
-            refuse_input(written, [*bags, args.start, args.reference])
+    for target in (args.output, args.report and args.report / 'result.yaml'):
+        if target is not None:
+            refuse_input(target, [*bags, args.start, args.reference])
     if args.start is not None:
         settings = replace(settings, start=read_parameters(args.start))
     beside = _beside(args)
-    page: Path | None = None
+    written = [args.output]
     with nullcontext() if args.report is None else OutputFolder(args.report, overwrite=args.force) as folder:
         if args.output is not None:
             refuse_unwritable(args.output, overwrite=args.force)
@@ -163,13 +160,13 @@ def run(args: argparse.Namespace) -> int:
                 from pendubot_identification.report.folder import write_report
 
                 with progress_bar(hidden=args.json) as progress:
-                    page = write_report(folder, result, motions, beside, (), progress)
+                    written.append(write_report(folder, result, motions, beside, (), progress))
         finally:
             # Also where they cannot be written. Only now, because whoever closes the pipe ends the program.
             print(json.dumps(plain(result), indent=2) if args.json else summary(result))
-    for written in (args.output, page):
-        if written is not None and not args.json:
-            print(f'written to {written}')
+    if not args.json:
+        for path in filter(None, written):
+            print(f'written to {path}')
     return FAILED if result.level >= FAILING[args.fail_on] else 0
 
 
@@ -178,44 +175,29 @@ def _identify(args: argparse.Namespace, settings: Settings, folder: OutputFolder
     from pendubot_identification.identify.identification import identify
     from pendubot_identification.recordings.datasets import load_datasets
     from pendubot_identification.results.result_file import result_of
+    from pendubot_identification.trajectories.long import held_parts
 
-    data = None
+    motions = None
     try:
         data = load_datasets(args.bags, args.validate, topic=args.topic, joint_names=joints(args.joints))
+        # Of long recordings a report shows stretches.
+        motions = held_parts(data.training), held_parts(data.validation)
         with progress_bar(hidden=args.json) as progress:
             found = identify(data.training, data.validation, settings, progress, data.notes)
-        return result_of(found, data.sources), _shown(data)
+        return result_of(found, data.sources), motions
     except Exception as error:
         if folder is not None:
             from pendubot_identification.report.folder import write_failure
 
-            page = write_failure(
-                folder, sentence(error), _asked(args, settings), None if data is None else _shown(data)
-            )
+            asked = [f'estimate from {bag}' for bag in args.bags] + [f'validate on {bag}' for bag in args.validate]
+            how = f'criterion {", ".join(settings.criteria)}; model {settings.model}; optimizer {settings.optimizer}'
+            page = write_failure(folder, sentence(error), [*asked, how], motions)
             if not args.json:
                 print(f'why is also said in {page}')
         raise
 
 
-def _bags(args: argparse.Namespace) -> list[Path]:
-    """Return where the bags are.
-
-    Raises:
-        BagError: one is not understood.
-    """
-    from pendubot_identification.recordings.bag_reader import BagWindow
-
-    return [BagWindow.parse(text).path for text in (*args.bags, *args.validate)]
-
-
-def _shown(data: Datasets) -> Recordings:
-    """Return the motions that a report shows, which of long recordings are stretches."""
-    from pendubot_identification.trajectories.long import held_parts
-
-    return held_parts(data.training), held_parts(data.validation)
-
-
-def _beside(args: argparse.Namespace) -> tuple[Result | Given, str] | None:
+def _beside(args: argparse.Namespace) -> Beside | None:
     """Return what the report shows beside the result: a reference, or the result that it takes the place of."""
     if args.report is None:
         if args.reference is not None:
@@ -225,68 +207,47 @@ def _beside(args: argparse.Namespace) -> tuple[Result | Given, str] | None:
         return read_beside(args.reference, 'reference')
     for earlier in (args.output, args.report / 'result.yaml'):
         if earlier is not None and earlier.exists():
-            try:
+            with suppress(PendubotError):  # it is about to be replaced, whatever it is
                 return read_beside(earlier, 'earlier result')
-            except PendubotError:
-                continue  # it is about to be replaced, whatever it is
     return None
-
-
-def _asked(args: argparse.Namespace, settings: Settings) -> list[str]:
-    """Return what was asked for, in words."""
-    words = [f'estimate from {bag}' for bag in args.bags] + [f'validate on {bag}' for bag in args.validate]
-    return [*words, f'criterion {", ".join(settings.criteria)}; model {settings.model}; optimizer {settings.optimizer}']
 
 
 def _settings(args: argparse.Namespace) -> Settings:
     """Return the settings, but for where to start.
 
     Raises:
-        PendubotError: an option makes no sense.
+        PendubotError: an option makes no sense, alone or where another criterion, optimiser or model was asked for.
     """
     from pendubot_identification.identify.settings import Settings
-
-    given = {option.name: getattr(args, option.name) for option in OPTIONS}
-    given = {name: value for name, value in given.items() if value is not None and name != 'start'}
-    settings = Settings.of(bounds=_bounds(args.bounds), **given)
-    _refuse_what_does_nothing(args, settings)
-    return settings
-
-
-def _refuse_what_does_nothing(args: argparse.Namespace, settings: Settings) -> None:
-    """Refuse options of one criterion or optimiser, and bounds of one model, where another was asked for.
-
-    Raises:
-        UsageError: it names them both.
-    """
     from pendubot_identification.model.parameters import MODELS, NAMES
 
+    given = {option.name: value for option in OPTIONS if (value := getattr(args, option.name)) is not None}
+    chosen = {name: value for name, value in given.items() if name != 'start'}
+    settings = Settings.of(bounds=_bounds(args.bounds), **chosen)
+    criteria = ','.join(settings.criteria)
+    without = None
+    if settings.optimizer == 'lsq':
+        without = '--optimizer lsq does without; leave one of the two out'
+    elif settings.optimizer == 'auto' and criteria == 'trajectory':
+        without = '--criterion trajectory does without unless it is asked for; leave it out, or add --optimizer mde'
     for option in MDE:
-        flag = f'--{option.name.replace("_", "-")}'
-        if getattr(args, option.name) is None:
-            continue
-        if settings.optimizer == 'lsq':
-            raise UsageError(f'{flag} is of MDE, and --optimizer lsq does without; leave one of the two out')
-        if settings.optimizer == 'auto' and settings.criteria == ('trajectory',):
-            raise UsageError(
-                f'{flag} is of MDE, and --criterion trajectory does without unless it is asked for; leave it out, or '
-                'add --optimizer mde'
-            )
+        if without and option.name in given:
+            raise UsageError(f'{_flag(option)} is of MDE, and {without}')
     # Of energy, a delay would but silence what is said of stamps that are off.
     for name, users in (('sliding', ('energy',)), ('delay', ('weak', 'trajectory')), ('start', ('trajectory',))):
-        if getattr(args, name) is not None and not set(users) & set(settings.criteria):
+        if name in given and not set(users) & set(settings.criteria):
             raise UsageError(
-                f'--{name} is of {" and ".join(users)}, and --criterion {",".join(settings.criteria)} does without; '
-                'leave one of the two out'
+                f'--{name} is of {" and ".join(users)}, and --criterion {criteria} does without; leave one of the two '
+                'out'
             )
     names = NAMES[: MODELS.get(settings.model, len(NAMES))]
     for text in args.bounds:
-        name = text.partition('=')[0]
-        if name in NAMES and name not in names:
+        if text.partition('=')[0] not in names:
             raise UsageError(
                 f'--bounds {text} is of a parameter that --model {settings.model} does not have; its parameters are '
                 f'{", ".join(names)}'
             )
+    return settings
 
 
 def _criteria(text: str) -> tuple[str, ...]:

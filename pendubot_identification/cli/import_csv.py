@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import Any
 
 from pendubot_identification.errors import wrong_usage
 
@@ -28,14 +29,10 @@ examples:
   pendubot import-csv run.csv --output run --columns t=time,q1=th1,q2=th2,tau1=u --degrees --zero hanging"""
 
 
-def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+def add_parser(subparsers: Any) -> None:
     """Add this subcommand."""
     parser = subparsers.add_parser(
-        'import-csv',
-        help='turn a CSV file into a bag',
-        description=DESCRIPTION,
-        epilog=EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        'import-csv', help='turn a CSV file into a bag', description=DESCRIPTION, epilog=EPILOG
     )
     parser.add_argument('file', metavar='FILE', type=Path, help='the CSV file, with a line of column names')
     parser.add_argument('--output', metavar='BAG', type=Path, required=True, help="the bag's folder, which is made")

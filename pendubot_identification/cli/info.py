@@ -12,9 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from pendubot_identification.recordings.bag_reader import BagReader
     from pendubot_identification.recordings.bag_survey import TopicTimes
-    from pendubot_identification.recordings.mcap_file import Damage
 
 DESCRIPTION = """\
 Say what is in a bag: its topics, how many messages of each, how often and how regularly, how long it lasts, whether
@@ -31,21 +29,16 @@ Of each topic:
 Intervals are those of header.stamp, and of the log time where a type has none."""
 
 
-def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+def add_parser(subparsers: Any) -> None:
     """Add this subcommand."""
-    parser = subparsers.add_parser(
-        'info',
-        help='say what is in a bag',
-        description=DESCRIPTION,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = subparsers.add_parser('info', help='say what is in a bag', description=DESCRIPTION)
     parser.add_argument('bag', metavar='BAG', type=Path, help='a bag folder or a .mcap file, closed or not')
     parser.add_argument('--json', action='store_true', help='print JSON, for programs')
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print what is in the bag.
+    """Print what is in the bag: times in seconds or, where the name says so, nanoseconds; rates in Hz.
 
     Raises:
         BagError: it cannot be read.
@@ -53,15 +46,9 @@ def run(args: argparse.Namespace) -> int:
     from pendubot_identification.recordings.bag_reader import BagReader
     from pendubot_identification.recordings.bag_survey import survey
 
-    reader = BagReader(args.bag)
-    summary = summarise(reader, *survey(reader.files))
-    print(json.dumps(summary, indent=2) if args.json else as_text(summary))
-    return 0
-
-
-def summarise(bag: BagReader, topics: dict[str, TopicTimes], damages: dict[str, list[Damage]]) -> dict[str, Any]:
-    """Return what ``--json`` prints: times in seconds or, where the name says so, nanoseconds; rates in Hz."""
-    return {
+    bag = BagReader(args.bag)
+    topics, damages = survey(bag.files)
+    summary = {
         'bag': str(bag.path),
         'files': [str(file.path) for file in bag.files],
         'closed': bag.closed,
@@ -72,6 +59,8 @@ def summarise(bag: BagReader, topics: dict[str, TopicTimes], damages: dict[str, 
         'messages': sum(len(topic.logged) for topic in topics.values()),
         'topics': [_of_topic(name, type_name, topics[name]) for name, (type_name, _) in bag.topics.items()],
     }
+    print(json.dumps(summary, indent=2) if args.json else _as_text(summary))
+    return 0
 
 
 def _of_topic(name: str, type_name: str, times: TopicTimes) -> dict[str, Any]:
@@ -81,7 +70,6 @@ def _of_topic(name: str, type_name: str, times: TopicTimes) -> dict[str, Any]:
 
     stamped = len(times.stamps) > 0
     at = times.stamps if stamped else times.logged
-    found = regularity(at)
     span = float(np.ptp(times.logged)) / 1e9 if len(at) else 0.0
     latency = (times.logged[: len(times.stamps)] - times.stamps) / 1e9
     return {
@@ -92,14 +80,13 @@ def _of_topic(name: str, type_name: str, times: TopicTimes) -> dict[str, Any]:
         'rate': (len(at) - 1) / span if span else 0.0,
         'stamped': stamped,
         # JSON has no NaN.
-        **{key: None if value != value else value for key, value in asdict(found).items()},
-        'latency': float(np.median(latency)) if len(latency) else None,
-        'latency_max': float(latency.max()) if len(latency) else None,
+        **{key: None if value != value else value for key, value in asdict(regularity(at)).items()},
+        'latency': float(np.median(latency)) if stamped else None,
+        'latency_max': float(latency.max()) if stamped else None,
     }
 
 
-def as_text(summary: dict[str, Any]) -> str:
-    """Return the summary for people."""
+def _as_text(summary: dict[str, Any]) -> str:
     lines = [
         f'bag       {summary["bag"]}',
         *([f'files     {len(summary["files"])}'] if len(summary['files']) > 1 else []),
@@ -110,23 +97,17 @@ def as_text(summary: dict[str, Any]) -> str:
         f'messages  {summary["messages"]}',
     ]
     width = max((len(topic['name']) for topic in summary['topics']), default=0)
-    for topic in summary['topics']:
-        counted = f'{topic["messages"]:8d} messages {topic["rate"]:9.2f} Hz'
-        lines.append(f'  {topic["name"]:{width}} {counted}  {topic["type"]}')
-        lines += [f'  {"":{width}} {line}' for line in _details(topic)]
+    for t in summary['topics']:
+        ms = {name: 1e3 * (t[name] or 0.0) for name in ('jitter', 'longest', 'latency', 'latency_max')}
+        turned = t['stamped'] and (t['repeated'] or t['backwards'])
+        details = {
+            f'{t["messages"]:8d} messages {t["rate"]:9.2f} Hz  {t["type"]}': True,
+            f'jitter {ms["jitter"]:.3f} ms, longest interval {ms["longest"]:.3f} ms': t['period'] is not None,
+            f'gaps {t["gaps"]}, {t["missing"]} messages, first after {t["first_gap"] or 0:.3f} s': t['gaps'],
+            f'latency {ms["latency"]:.3f} ms, at most {ms["latency_max"]:.3f} ms': t['latency'] is not None,
+            f'stamps {t["repeated"]} repeat, {t["backwards"]} run back': turned,
+            f'lost {t["lost"]} messages that the recorder had numbered': t['lost'],
+        }
+        first, *others = [line for line, shown in details.items() if shown]
+        lines += [f'  {t["name"]:{width}} {first}', *(f'  {"":{width}} {line}' for line in others)]
     return '\n'.join(lines)
-
-
-def _details(topic: dict[str, Any]) -> list[str]:
-    details = []
-    if topic['period'] is not None:
-        details.append(f'jitter {1e3 * topic["jitter"]:.3f} ms, longest interval {1e3 * topic["longest"]:.3f} ms')
-    if topic['gaps']:
-        details.append(f'gaps {topic["gaps"]}, {topic["missing"]} messages, first after {topic["first_gap"]:.3f} s')
-    if topic['latency'] is not None:
-        details.append(f'latency {1e3 * topic["latency"]:.3f} ms, at most {1e3 * topic["latency_max"]:.3f} ms')
-    if topic['stamped'] and (topic['repeated'] or topic['backwards']):
-        details.append(f'stamps {topic["repeated"]} repeat, {topic["backwards"]} run back')
-    if topic['lost']:
-        details.append(f'lost {topic["lost"]} messages that the recorder had numbered')
-    return details

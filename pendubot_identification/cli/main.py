@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""``pendubot``: identification without ROS, one small function a subcommand."""
+"""``pendubot``: identification without ROS, a module a subcommand."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import io
 import sys
 import traceback
 from collections.abc import Sequence
+from typing import Any
 
 from pendubot_identification import __version__
 from pendubot_identification.errors import UsageError, sentence
@@ -17,18 +18,7 @@ from pendubot_identification.model import kernel
 from pendubot_identification.paper import reproduce
 from pendubot_identification.resources import resource
 
-from . import (
-    compare,
-    demo,
-    excite,
-    export,
-    identify,
-    import_csv,
-    info,
-    repair,
-    report,
-    simulate,
-)
+from . import compare, demo, excite, export, identify, import_csv, info, repair, report, simulate
 
 DESCRIPTION = """\
 Identify the parameters of a pendubot from recorded bags, without ROS.
@@ -40,22 +30,14 @@ Identify the parameters of a pendubot from recorded bags, without ROS.
   pendubot reproduce                     the paper's tables and figures, from this package's own runs
   pendubot demo                          the whole chain on a virtual rig (this alone needs ROS)
 """
-SUBCOMMANDS = (
-    *(identify, report, compare, excite, export),
-    *(import_csv, simulate, info, repair, reproduce, demo),
-)
+SUBCOMMANDS = (identify, report, compare, excite, export, import_csv, simulate, info, repair, reproduce, demo)
 SAMPLE = 'bags/paper_experiment'
 EPILOG = 'exit status: 0 success, 1 a failure explained in one line, 2 wrong usage, 3 identify: a result of level ERROR'
 
 
 def parser() -> argparse.ArgumentParser:
     """Return the parser of the whole command line."""
-    top = argparse.ArgumentParser(
-        prog='pendubot',
-        description=DESCRIPTION,
-        epilog=f'sample bag: {resource(SAMPLE)}\n{EPILOG}',
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    top = _Parser(prog='pendubot', description=DESCRIPTION, epilog=f'sample bag: {resource(SAMPLE)}\n{EPILOG}')
     top.add_argument('--version', action=_Version, nargs=0, help='say which version this is and whether it is compiled')
     subparsers = top.add_subparsers(title='subcommands', metavar='SUBCOMMAND', required=True)
     for subcommand in SUBCOMMANDS:
@@ -66,6 +48,13 @@ def parser() -> argparse.ArgumentParser:
         what = 'show the traceback of a failure, and whether it is compiled'
         place.add_argument('--debug', action='store_true', default=argparse.SUPPRESS, help=what)
     return top
+
+
+class _Parser(argparse.ArgumentParser):
+    """Leaves descriptions in the lines in which they are written; so do those of its subcommands."""
+
+    def __init__(self, **how: Any) -> None:
+        super().__init__(**{'formatter_class': argparse.RawDescriptionHelpFormatter, **how})
 
 
 class _Version(argparse.Action):

@@ -32,24 +32,18 @@ DOMAINS, TRIES = range(1, 101), 5
 DISCOVERY = 4.0
 #: The computer may pause for so long [s] and end nothing: the virtual rig waits meanwhile.
 PAUSE = 2.0
-#: How often it is looked how things stand [s], and a pause that is worth a word.
-LOOK, PAUSED = 0.02, 0.1
+#: How often it is looked how things stand [s].
+LOOK = 0.02
 
 Result = TypeVar('Result')
 
 
 @contextmanager
 def own_ros(domains: Sequence[int] = ()) -> Iterator[tuple[Any, int]]:
-    """Initialise ROS in a domain in which nobody is, on this computer alone, and give it up at the end.
+    """Initialise ROS on this computer alone, in a domain in which nobody is; yield rclpy and the domain's number.
 
     Neither the domain nor the range of discovery that the environment names is used: a rig may be there. What is
-    found and started meanwhile is in the same domain.
-
-    Args:
-        domains: to be tried, in this order; none: some drawn at random.
-
-    Yields:
-        rclpy, and the number of the domain.
+    started within is in the same domain. ``domains`` are tried in this order; without them, some drawn at random.
 
     Raises:
         PendubotError: there is no ROS, or somebody is in every domain.
@@ -61,7 +55,7 @@ def own_ros(domains: Sequence[int] = ()) -> Iterator[tuple[Any, int]]:
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     try:
         import rclpy
-        import rclpy.signals
+        from rclpy.signals import SignalHandlerOptions
     except ImportError as error:
         raise PendubotError(
             f'rclpy cannot be imported ({error}), and the demo needs ROS 2: source your ROS workspace, or install the '
@@ -72,9 +66,14 @@ def own_ros(domains: Sequence[int] = ()) -> Iterator[tuple[Any, int]]:
         for domain in others:
             os.environ['ROS_DOMAIN_ID'] = str(domain)
             # Without its handlers, which would end ROS beneath the demo before the demo knows of it.
-            rclpy.init(signal_handler_options=rclpy.signals.SignalHandlerOptions.NO)
+            rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
             # It stays, so that others who look for a domain of their own find this one taken.
-            if _alone(rclpy.create_node('demo')):
+            node, deadline = rclpy.create_node('demo'), time.monotonic() + DISCOVERY
+            met = False
+            while not met and time.monotonic() < deadline:
+                time.sleep(LOOK)
+                met = len(node.get_node_names()) > 1 or node.count_publishers('/joint_states') > 0
+            if not met:
                 yield rclpy, domain
                 return
             rclpy.shutdown()
@@ -100,16 +99,6 @@ def interruptible(bag: Path) -> Iterator[None]:
         signal.signal(signal.SIGTERM, before)
 
 
-def _alone(node: Any) -> bool:
-    """Return whether nobody else is discovered in the node's domain, and nobody publishes joint states there."""
-    deadline = time.monotonic() + DISCOVERY
-    while time.monotonic() < deadline:
-        if len(node.get_node_names()) > 1 or node.count_publishers('/joint_states'):
-            return False
-        time.sleep(0.02)
-    return True
-
-
 def new_folder(wanted: Path | None) -> Path:
     """Return a new folder, a temporary one where none is wanted.
 
@@ -133,29 +122,36 @@ def parameters(**values: object) -> list[str]:
 
 
 class Program:
-    """A program of this package in a process of its own, its output in a file beside the bag.
+    """A program of this package in a process of its own, its output in a file; a ``finite`` one ends by itself."""
 
-    ``finite``: it ends by itself when its work is done.
-    """
-
-    def __init__(self, name: str, process: subprocess.Popen[bytes], log: Path, finite: bool) -> None:
-        self.name, self.process, self.log, self.finite = name, process, log, finite
+    def __init__(self, folder: Path, name: str, arguments: Sequence[object], finite: bool) -> None:
+        self.name, self.finite, self.log = name, finite, folder / f'{name}.log'
+        with self.log.open('ab') as output:
+            self.process = subprocess.Popen(
+                [sys.executable, '-m', f'pendubot_identification.nodes.{name}', *map(str, arguments)],
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=subprocess.STDOUT,
+            )
 
     @property
     def ended(self) -> bool:
         """Whether it has ended well."""
         return self.process.poll() == 0
 
-    @property
-    def failed(self) -> bool:
-        """Whether it has ended otherwise than it should."""
-        status = self.process.poll()
-        return status is not None and not (status == 0 and self.finite)
-
     def failure(self, reason: str) -> PendubotError:
         """Return the error that says what it said last."""
         last = self.log.read_text(errors='replace').strip().splitlines()[-1:] or ['it said nothing']
         return PendubotError(f'{self.name} {reason}: {last[0]} (all it said: {self.log})')
+
+    def end(self) -> None:
+        """Interrupt it, and kill it where that does not end it."""
+        self.process.send_signal(signal.SIGINT)
+        try:
+            self.process.wait(10.0)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            self.process.wait()
 
 
 class Programs(ExitStack):
@@ -164,12 +160,13 @@ class Programs(ExitStack):
     def __init__(self, folder: Path) -> None:
         super().__init__()
         self._folder, self._started = folder, list[Program]()
-        self._paused = 0.0
 
     def start(self, name: str, *arguments: object, finite: bool = False) -> Program:
         """Start a program of this package."""
-        self._started.append(self.enter_context(_program(self._folder, name, *arguments, finite=finite)))
-        return self._started[-1]
+        program = Program(self._folder, name, arguments, finite)
+        self.callback(program.end)
+        self._started.append(program)
+        return program
 
     def wait(
         self,
@@ -177,7 +174,7 @@ class Programs(ExitStack):
         condition: Callable[[], bool],
         otherwise: str,
         timeout: float = 20.0,
-        meanwhile: Callable[[], object] | None = None,
+        meanwhile: Callable[[], object] = lambda: time.sleep(LOOK),
     ) -> None:
         """Wait for what a program brings about.
 
@@ -187,21 +184,11 @@ class Programs(ExitStack):
         deadline = time.monotonic() + timeout
         while not condition():
             for each in self._started:
-                if each.failed:
-                    raise each.failure(f'ended early{self.pause}')
+                if each.process.poll() is not None and not (each.finite and each.ended):
+                    raise each.failure('ended early')
             if time.monotonic() > deadline:
-                raise program.failure(f'{otherwise}{self.pause}')
-            looked = time.monotonic()
-            if meanwhile is None:
-                time.sleep(LOOK)
-            else:
-                meanwhile()
-            self._paused = max(self._paused, time.monotonic() - looked)
-
-    @property
-    def pause(self) -> str:
-        """For how long, in words, this computer paused while programs were waited for; empty where it did not."""
-        return f' (this computer paused for {self._paused:.3f} s)' if self._paused > PAUSED else ''
+                raise program.failure(otherwise)
+            meanwhile()
 
     def start_rig(self, rate: int, *options: object) -> None:
         """Start a virtual board and a bridge that outlast a pause of this computer."""
@@ -212,11 +199,7 @@ class Programs(ExitStack):
 
 
 def once_more(attempt: Callable[[], Result]) -> Result:
-    """Return what an attempt returns, or where it fails, as on a computer that pauses, a second one, announced.
-
-    Raises:
-        PendubotError: both have failed.
-    """
+    """Return what an attempt returns, or where it fails, as on a computer that pauses, a second one, announced."""
     try:
         return attempt()
     except PendubotError as error:
@@ -227,15 +210,10 @@ def once_more(attempt: Callable[[], Result]) -> Result:
 def record_excitation(
     rclpy: Any, bag: Path, samples: int, rate: int, options: Sequence[object] = (), **pulses: object
 ) -> None:
-    """Excite a virtual rig and record it, its programs' output beside the bag.
+    """Excite a virtual rig and record it, in a new bag or in place of what a failed attempt left.
 
-    Args:
-        rclpy: in a domain of its own.
-        bag: a new one, or what an attempt left that failed.
-        samples: how many.
-        rate: of the board [Hz].
-        options: of the virtual board, further ones.
-        pulses: parameters of the exciter.
+    The programs' output lies beside the bag. ``options`` are the board's, beside its rate [Hz]; ``pulses`` are
+    parameters of the exciter.
 
     Raises:
         PendubotError: a program ended early, or the bag was not complete in time.
@@ -245,7 +223,6 @@ def record_excitation(
 
     if bag.exists():
         shutil.rmtree(bag)
-    seconds = samples / rate
     node = rclpy.create_node('demo_progress')
     with Programs(bag.parent) as programs, tqdm(total=samples, unit=' samples', disable=None, leave=False) as bar:
         programs.callback(node.destroy_node)
@@ -253,33 +230,12 @@ def record_excitation(
         programs.start_rig(rate, *options)
         recorder = programs.start('recorder', *parameters(output=bag, max_messages=samples), finite=True)
         programs.start('exciter', *parameters(arm='true', duration=0.0, **pulses))
-        print(f'exciting and recording for {seconds:g} s', flush=True)
+        print(f'exciting and recording for {samples / rate:g} s', flush=True)
         programs.wait(
             recorder,
             lambda: recorder.ended,
             'did not finish its bag',
-            seconds + 40.0,
+            samples / rate + 40.0,
             lambda: rclpy.spin_once(node, timeout_sec=LOOK),
         )
     print(f'recorded {bag}', flush=True)
-
-
-@contextmanager
-def _program(folder: Path, name: str, *arguments: object, finite: bool) -> Iterator[Program]:
-    log = folder / f'{name}.log'
-    with log.open('ab') as output:
-        process = subprocess.Popen(
-            [sys.executable, '-m', f'pendubot_identification.nodes.{name}', *map(str, arguments)],
-            stdin=subprocess.DEVNULL,
-            stdout=output,
-            stderr=subprocess.STDOUT,
-        )
-        try:
-            yield Program(name, process, log, finite)
-        finally:
-            process.send_signal(signal.SIGINT)
-            try:
-                process.wait(10.0)
-            except subprocess.TimeoutExpired:
-                process.kill()
-                process.wait()

@@ -9,10 +9,7 @@ import argparse
 import json
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from pendubot_identification.recordings.bag_repair import SavedFile
+from typing import Any
 
 DESCRIPTION = """\
 Write a closed copy of a bag whose recording was killed, or whose file was cut or damaged, and say what was saved. The
@@ -25,14 +22,13 @@ examples:
   pendubot repair swing --output whole"""
 
 
-def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+def add_parser(subparsers: Any) -> None:
     """Add this subcommand."""
     parser = subparsers.add_parser(
         'repair',
         help='write a closed copy of a bag that was killed, cut or damaged',
         description=DESCRIPTION,
         epilog=EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument('bag', metavar='BAG', type=Path, help='a bag folder or a .mcap file, closed or not')
     parser.add_argument(
@@ -52,27 +48,22 @@ def run(args: argparse.Namespace) -> int:
     from pendubot_identification.recordings.bag_repair import repair
 
     # Of a single file, beside it; a name that ends with a slash has none of its own.
-    bag = Path(args.bag)
-    output = args.output or bag.absolute().parent / f'{bag.absolute().stem if bag.is_file() else bag.name}_repaired'
-    saved = repair(bag, output, overwrite=args.force)
+    bag = args.bag.absolute()
+    output = args.output or bag.parent / f'{bag.stem if bag.is_file() else bag.name}_repaired'
+    saved = repair(args.bag, output, overwrite=args.force)
+    whole = all(file.whole for file in saved)
     if args.json:
-        whole = all(file.whole for file in saved)
         print(json.dumps({'output': str(output), 'whole': whole, 'files': [asdict(file) for file in saved]}, indent=2))
-    else:
-        print(as_text(output, saved))
-    return 0
-
-
-def as_text(output: Path, saved: list[SavedFile]) -> str:
-    """Return for people what was saved."""
-    lines = []
+        return 0
     for file in saved:
-        lines.append(f'{file.file}: {"closed" if file.closed else "never closed, or cut"}')
+        print(f'{file.file}: {"closed" if file.closed else "never closed, or cut"}')
         width = max(map(len, file.saved), default=0)
         for topic, count in file.saved.items():
             lost = file.missing.get(topic)
-            lines.append(f'  {topic:{width}} {count:8d} messages saved' + (f', {lost} lost' if lost else ''))
-        lines += [f'  {d.size} bytes from byte {d.offset} on are damaged and left out' for d in file.damaged]
-    if all(file.whole for file in saved):
-        lines.append('nothing was missing or damaged')
-    return '\n'.join([*lines, f'written to {output}, closed; the original is as it was'])
+            print(f'  {topic:{width}} {count:8d} messages saved' + (f', {lost} lost' if lost else ''))
+        for damage in file.damaged:
+            print(f'  {damage.size} bytes from byte {damage.offset} on are damaged and left out')
+    if whole:
+        print('nothing was missing or damaged')
+    print(f'written to {output}, closed; the original is as it was')
+    return 0

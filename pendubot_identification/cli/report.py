@@ -35,14 +35,10 @@ examples:
 """
 
 
-def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+def add_parser(subparsers: Any) -> None:
     """Add this subcommand."""
     parser = subparsers.add_parser(
-        'report',
-        help='a page with figures from a result',
-        description=DESCRIPTION,
-        epilog=EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        'report', help='a page with figures from a result', description=DESCRIPTION, epilog=EPILOG
     )
     parser.add_argument('result', type=Path, metavar='RESULT.yaml', help='a file that pendubot identify wrote')
     parser.add_argument(

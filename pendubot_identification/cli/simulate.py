@@ -29,11 +29,7 @@ PULSES = ('period', 'width', 'hold', 'amplitude', 'seed')
 def add_parser(subparsers: Any) -> None:
     """Add this subcommand."""
     parser = subparsers.add_parser(
-        'simulate',
-        help='write a bag of the virtual rig',
-        description=DESCRIPTION,
-        epilog=EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        'simulate', help='write a bag of the virtual rig', description=DESCRIPTION, epilog=EPILOG
     )
     parser.add_argument('--output', type=Path, required=True, metavar='BAG', help='the folder of the new bag')
     parser.add_argument('--samples', type=int, default=1800, help='default: %(default)s')

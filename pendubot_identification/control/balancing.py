@@ -3,7 +3,7 @@
 
 """When the balancer begins and stops, without ROS.
 
-It prepares a plan as soon as parameters and samples have come, moves the rig from :meth:`Balancing.armed` until it is
+It asks for a plan as soon as parameters and samples have come, moves the rig from :meth:`Balancing.armed` until it is
 stopped or something is wrong, and never begins again on its own.
 """
 
@@ -19,9 +19,8 @@ from pendubot_identification.level import Level
 from pendubot_identification.model.dynamics import Pair
 from pendubot_identification.model.parameters import Parameters
 
-from .closed_loop import deviation
 from .controller import Controller, ControlMode, Loop, SafetyLimits
-from .plan import Plan
+from .plan import Plan, deviation
 from .readiness import Readiness
 
 #: The bridge has to answer within this [s] whether it is armed.
@@ -39,12 +38,7 @@ class Phase(Enum):
 
 
 class Balancing:
-    """Knows what has come in and decides when to prepare, begin and stop.
-
-    Args:
-        limit: largest torque that the user allows [N m].
-        motor_delay: see :class:`.readiness.Readiness`.
-        bounds: where the controller stops.
+    """Decides when to prepare, begin and stop; limit [N m] and motor_delay [s] are those of :class:`Readiness`.
 
     Attributes:
         readiness: what has come in.
@@ -81,11 +75,11 @@ class Balancing:
                 self.plan = None
             return None
         plan = self._coming or self.plan
-        if wanted == self._refused or (plan is not None and wanted == (plan.design.parameters, plan.loop)):
+        if wanted == self._refused or (plan is not None and wanted == (plan.design.parameters, plan.design.loop)):
             return None
         if self.phase is not Phase.IDLE and plan is not None:
             # While it moves, the loop stays as it is.
-            return None if wanted[0] == plan.design.parameters else (wanted[0], plan.loop)
+            return None if wanted[0] == plan.design.parameters else (wanted[0], plan.design.loop)
         return wanted
 
     def prepared(self, plan: Plan) -> None:
@@ -127,7 +121,7 @@ class Balancing:
     def armed(self) -> None:
         """Move from the next sample on: the bridge is armed."""
         assert self.plan is not None, 'begin() comes first'
-        self._controller = Controller(self.plan.design, self.plan.loop, self._bounds)
+        self._controller = Controller(self.plan.design, self._bounds)
         self._coming, self._upright_since = None, None
         self.phase = Phase.RUNNING
 
@@ -140,14 +134,9 @@ class Balancing:
             self.plan = None
 
     def sample(self, t: float, now: float, q: Pair, effort: float, max_age: float) -> float | None:
-        """Take a sample; return the torque [N m] to command, or None if it is idle.
+        """Take a sample of time t [s], received ``now`` [s], at most ``max_age`` [s] old; return the torque to command.
 
-        Args:
-            t: when it was taken [s].
-            now: when it was received [s].
-            q: positions [rad].
-            effort: torque that is applied from it on [N m].
-            max_age: the largest age of a sample [s].
+        ``q``: positions [rad]; ``effort``: torque that is applied from it on [N m]. The torque [N m] is None when idle.
 
         Raises:
             ControlError: it has stopped; command zero torque and disarm.
@@ -158,28 +147,26 @@ class Balancing:
         if self.phase is Phase.IDLE:
             return None
         try:
-            if self._controller is None:
-                return self._still_arming(t)
-            if not now - t <= max_age:
-                raise ControlError(f'a sample is {now - t:.3f} s old; at most {max_age:g} s are allowed')
-            if self._coming is not None:
-                self.plan, self._coming = self._coming, None
-                self._controller.adopt(self.plan.design)
-            torque = self._controller.step(t, q, effort)
+            return self._torque(t, now, q, effort, max_age)
         except ControlError as error:
             self.stop(str(error))
             raise
-        if self._controller.mode is ControlMode.SWING_UP:
-            self._upright_since = None
-        elif self._upright_since is None:
-            self._upright_since = t
-        return torque
 
-    def _still_arming(self, t: float) -> float:
-        self._arming_since = self._arming_since or t
-        if t - self._arming_since > PATIENCE:
-            raise ControlError(f'the bridge did not answer within {PATIENCE:g} s whether it is armed; start again')
-        return 0.0
+    def _torque(self, t: float, now: float, q: Pair, effort: float, max_age: float) -> float:
+        if self._controller is None:
+            self._arming_since = self._arming_since or t
+            if t - self._arming_since > PATIENCE:
+                raise ControlError(f'the bridge did not answer within {PATIENCE:g} s whether it is armed; start again')
+            return 0.0
+        if not now - t <= max_age:
+            raise ControlError(f'a sample is {now - t:.3f} s old; at most {max_age:g} s are allowed')
+        if self._coming is not None:
+            self.plan, self._coming = self._coming, None
+            self._controller.adopt(self.plan.design)
+        torque = self._controller.step(t, q, effort)
+        balancing = self._controller.mode is ControlMode.BALANCE
+        self._upright_since = (self._upright_since or t) if balancing else None
+        return torque
 
     def silence(self, now: float, max_age: float) -> None:
         """Check that samples come; to be called several times in ``max_age`` [s].
@@ -211,9 +198,9 @@ class Balancing:
         if self._controller is not None:
             values['mode'] = self._controller.mode.value
             values['balancing for [s]'] = f'{self._heard - (self._upright_since or self._heard):.1f}'
-            values['transport [samples]'] = str(self._controller.transport)
+            values['transport [samples]'] = str(self._controller.monitor.transport)
         if self.plan is not None:
-            m, loop = self.plan.design.margins, self.plan.loop
+            m, loop = self.plan.design.margins, self.plan.design.loop
             values |= {
                 'period [s]': f'{loop.period:g}',
                 'dead time [s]': f'{loop.delay:.4f}',

@@ -18,9 +18,9 @@ from pendubot_identification.model.parameters import Parameters
 from pendubot_identification.model.rollout import advance
 
 from .estimator import CommandMonitor, Estimator, RigState
-from .linear_control import Margins, Regulator, Weights, design, equilibrium, margins
+from .linear_control import Margins, Regulator, design, margins
 from .sign_check import SignCheck
-from .swing_up import SwingUp
+from .swing_up import swing_up
 
 UPRIGHT = math.pi / 2
 #: With a link farther than this from upright [rad], balancing does not begin, and ends.
@@ -41,24 +41,22 @@ class ControlMode(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Loop:
-    """The sampled control loop.
+    """The sampled control loop: a torque computed from a sample is applied from the next one on.
 
     Attributes:
         period: between samples [s].
-        transport: a torque computed from a sample is applied so many samples later, at least 1.
         lag: the motor obeys so much later than the board says [s].
         limit: largest torque [N m].
     """
 
     period: float
-    transport: int = 1
     lag: float = 0.0
     limit: float = 2.0
 
     @property
     def delay(self) -> float:
         """Dead time from a sample until the torque computed from it acts [s]."""
-        return self.transport * self.period + self.lag
+        return self.period + self.lag
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,103 +80,81 @@ class SafetyLimits:
 
 @dataclass(frozen=True, slots=True)
 class Design:
-    """What is computed from the parameters before anything moves."""
+    """What is computed from the parameters, which are also there as plain numbers theta, before anything moves."""
 
     parameters: Parameters
+    theta: tuple[float, ...]
+    loop: Loop
     regulator: Regulator
     margins: Margins
-    swing_up: SwingUp
 
     @classmethod
-    def make(cls, parameters: Parameters, loop: Loop, weights: Weights | None = None) -> Design:
-        """Design for a rig and a loop.
+    def make(cls, parameters: Parameters, loop: Loop) -> Design:
+        """Design for a rig, whose parameters are physical, and a loop.
 
         Raises:
-            ControlError: the parameters are not physical, or the loop is too slow to balance the rig.
+            ControlError: this controller is none for such a rig, or the loop is too slow to balance it.
         """
-        if problems := parameters.unphysical():
-            raise ControlError(f'no rig has these parameters: {problems[0]}; identify the rig again')
         if parameters.P5 <= 0 or parameters.P3 <= 0:
             raise ControlError(
                 f'link 2 has its centre of mass at the elbow or behind it (P3 = {parameters.P3:.3g}, P5 = '
                 f'{parameters.P5:.3g}); this controller needs one that swings out: both above 0'
             )
-        regulator = design(parameters, equilibrium(parameters), loop.period, loop.delay, weights or Weights())
-        return cls(parameters, regulator, margins(regulator), SwingUp(parameters))
+        regulator = design(parameters, loop.period, loop.delay)
+        return cls(parameters, tuple(map(float, parameters.vector())), loop, regulator, margins(regulator))
 
 
 class Controller:
-    """Estimates the state from the first sample on, and computes torques.
+    """Estimates the state from the first sample on, and computes torques."""
 
-    Args:
-        design: from the rig's parameters, for this loop.
-        loop: period, dead time and torque limit.
-        bounds: where to stop.
-
-    Attributes:
-        mode: what it is doing.
-        design: the present one.
-    """
-
-    def __init__(self, design: Design, loop: Loop, bounds: SafetyLimits | None = None) -> None:
+    def __init__(self, design: Design, bounds: SafetyLimits | None = None) -> None:
         self.mode = ControlMode.SWING_UP
         self.design = design
-        self._loop = loop
+        self._loop = loop = design.loop
         self._bounds = bounds or SafetyLimits()
-        self._estimator = self._estimate()
-        self._monitor = CommandMonitor(loop.transport, loop.period)
-        self._sign_check: SignCheck | None = SignCheck(design.parameters, loop.period, loop.lag)
-        self._theta = tuple(map(float, design.parameters.vector()))
+        self._estimator = Estimator(design.parameters, loop.period, loop.lag, design.regulator.L)
+        self.monitor = CommandMonitor(loop.period)
+        self._sign_check: SignCheck | None = SignCheck(design.theta, loop.period, loop.lag)
         self._last: float | None = None
         self._swinging_since = 0.0
         self._upright = UPRIGHT
         self._torque = 0.0
         self._offset = 0.0
 
-    @property
-    def transport(self) -> int:
-        """So many samples after its own a torque is applied, as measured."""
-        return self._monitor.transport
-
     def adopt(self, design: Design) -> None:
         """Go on with other parameters, without a jump of the torque."""
-        before = None if self._last is None else self._law(self._estimator.predict())
-        old, self.design = self._estimator, design
-        self._theta = tuple(map(float, design.parameters.vector()))
-        self._estimator = self._estimate()
-        self._estimator.resume(old)
+        before = None if self._last is None else self._law(self._ahead())
+        self.design = design
+        loop = self._loop
+        self._estimator = Estimator(design.parameters, loop.period, loop.lag, design.regulator.L, self._estimator)
         if before is not None:
-            self._offset += before - self._law(self._estimator.predict())
+            self._offset += before - self._law(self._ahead())
 
     def step(self, t: float, q: Pair, effort: float) -> float:
-        """Take a sample and return the torque [N m] to be applied, within the limit.
+        """Take a sample of time t [s] and positions q [rad]; return the torque [N m] to be applied, within the limit.
 
-        Args:
-            t: when it was taken [s].
-            q: joint positions [rad].
-            effort: the torque that is applied from it on [N m], as the board says.
+        ``effort`` is the torque that is applied from it on [N m], as the board says.
 
         Raises:
             ControlError: it stops; the torque has to be 0 now, and the motor disarmed.
         """
-        state = self._follow(t, q, effort)
-        self._watch(q, effort, state)
-        ahead = self._estimator.predict()
+        self._follow(t, q, effort)
+        self._watch(q, effort)
+        ahead = self._ahead()
         self._decide(t, ahead)
         self._offset *= math.exp(-self._loop.period / BUMPLESS)
         torque = self._law(ahead) + self._offset
         if not math.isfinite(torque):
             raise ControlError(f'the torque came out as {torque}; look at the parameters')
         self._torque = max(-self._loop.limit, min(self._loop.limit, torque))
-        self._estimator.command(self._torque)
-        self._monitor.command(self._torque)
+        self.monitor.command(self._torque)
         return self._torque
 
-    def _estimate(self) -> Estimator:
-        loop = self._loop
-        return Estimator(self.design.parameters, loop.period, loop.transport, loop.lag, self.design.regulator.L)
+    def _ahead(self) -> RigState:
+        """Return the state when a torque computed now begins to act."""
+        return self._estimator.predict(self.monitor.pending())
 
-    def _follow(self, t: float, q: Pair, effort: float) -> RigState:
+    def _follow(self, t: float, q: Pair, effort: float) -> None:
         if not all(map(math.isfinite, (t, *q, effort))):
             raise ControlError(f'a sample holds {t}, {q}, {effort}; all of it has to be finite')
         elapsed = self._loop.period if self._last is None else t - self._last
@@ -191,51 +167,41 @@ class Controller:
         samples = max(1, round(elapsed / self._loop.period))
         if samples > 1 and self._sign_check is not None:
             self._sign_check.interrupt()
-        return self._estimator.update(q, effort, samples)
+        self._estimator.update(q, effort, samples)
 
-    def _watch(self, q: Pair, effort: float, state: RigState) -> None:
+    def _watch(self, q: Pair, effort: float) -> None:
         b = self._bounds
-        away, speed = abs(q[0] - self._upright), max(abs(state[2]), abs(state[3]))
+        away, speed = abs(q[0] - self._upright), max(map(abs, self._estimator.state[2:]))
         if away > b.shoulder:
             raise ControlError(f'link 1 is {away:.2f} rad from upright; at most {b.shoulder:g} rad are allowed')
         if abs(q[1]) > b.elbow:
             raise ControlError(f'the elbow has turned by {abs(q[1]):.1f} rad; at most {b.elbow:g} rad are allowed')
         if speed > b.speed:
             raise ControlError(f'a joint moves at {speed:.1f} rad/s; at most {b.speed:g} rad/s are allowed')
-        if not self._monitor.obeyed(effort):
+        if not self.monitor.obeyed(effort):
             raise ControlError(f'the motor does not obey: {effort:g} N m are applied, {self._torque:g} were asked for')
-        self._estimator.transport = self._monitor.transport
         if self._sign_check is not None and self._sign_check.update(q, effort):
             self._sign_check = None
 
     def _decide(self, t: float, state: RigState) -> None:
-        error = self._error(state)
+        error = _from_upright(state)
         near = abs(error[0]) < REACH and abs(error[0] + error[1]) < REACH
         if self.mode is ControlMode.BALANCE and not near:
             self.mode, self._swinging_since = ControlMode.SWING_UP, t
         elif self.mode is ControlMode.SWING_UP and near and self._catches(error):
             self.mode = ControlMode.BALANCE
-        if self.mode is ControlMode.SWING_UP and t - self._swinging_since >= self._bounds.swing_up:
-            allowed = self._bounds.swing_up
+        allowed = self._bounds.swing_up
+        if self.mode is ControlMode.SWING_UP and t - self._swinging_since >= allowed:
             raise ControlError(
                 f'not upright after {allowed:g} s of swinging up'
                 if allowed
                 else 'it is not near enough to upright to be caught, and swinging up is not allowed'
             )
 
-    def _error(self, state: RigState) -> RigState:
-        """Return the state as deviation from the nearest upright."""
-        q1, q2, v1, v2 = state
-        return math.remainder(q1 - UPRIGHT, 2 * math.pi), math.remainder(q2, 2 * math.pi), v1, v2
-
-    def _regulated(self, error: RigState) -> float:
-        a, b, c, d = self.design.regulator.K
-        return -float(a * error[0] + b * error[1] + c * error[2] + d * error[3])
-
     def _law(self, state: RigState) -> float:
         if self.mode is ControlMode.BALANCE:
-            return self._regulated(self._error(state))
-        return self.design.swing_up.torque(state, self._upright)
+            return self.design.regulator.torque(_from_upright(state))
+        return swing_up(self.design.parameters, self.design.theta, state, self._upright)
 
     def _catches(self, error: RigState) -> bool:
         """Tell by simulation whether the regulator would catch the rig from here, with some torque to spare."""
@@ -243,7 +209,14 @@ class Controller:
         for _ in range(round(CATCH_TIME / CATCH_STEP)):
             if max(abs(error[0]), abs(error[0] + error[1])) > REACH:
                 return False
-            torque = max(-limit, min(limit, self._regulated(error)))
-            q1, *rest = advance(self._theta, (error[0] + UPRIGHT, *error[1:]), (torque, 0.0), CATCH_STEP, math)
+            torque = max(-limit, min(limit, self.design.regulator.torque(error)))
+            state = error[0] + UPRIGHT, *error[1:]
+            q1, *rest = advance(self.design.theta, state, (torque, 0.0), CATCH_STEP, math)
             error = (q1 - UPRIGHT, *rest)
         return max(abs(error[0]), abs(error[1])) < CATCH_ANGLE
+
+
+def _from_upright(state: RigState) -> RigState:
+    """Return a state as deviation from the nearest upright."""
+    q1, q2, v1, v2 = state
+    return math.remainder(q1 - UPRIGHT, 2 * math.pi), math.remainder(q2, 2 * math.pi), v1, v2

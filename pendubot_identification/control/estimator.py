@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,41 +35,35 @@ DISOBEDIENCE = 0.1
 
 
 class Estimator:
-    """Estimates the state, sample by sample.
+    """Estimates the state, sample by sample; period and lag [s] are those of the loop.
 
-    Args:
-        parameters: of the rig.
-        period: between samples [s].
-        transport: a torque computed from a sample is applied so many samples later, at least 1.
-        lag: the motor obeys so much later than the board says [s].
-        L: Kalman gain of the positions' innovation, shape (4, 2).
-
-    Attributes:
-        transport: as given; the controller sets it to what was measured.
+    ``L`` is the Kalman gain of the positions' innovation, shape (4, 2). It goes on from the state and torques of
+    ``before``, an estimator with other parameters.
     """
 
-    def __init__(self, parameters: Parameters, period: float, transport: int, lag: float, L: Array) -> None:
+    def __init__(
+        self, parameters: Parameters, period: float, lag: float, L: Array, before: Estimator | None = None
+    ) -> None:
         self._plant = Plant(parameters)
         self._period = period
         # The lag as whole periods and the rest.
         self._whole = math.floor(lag / period + 1e-9)
         self._part = max(0.0, lag - self._whole * period)
         self._L = L.tolist()
-        self._state: RigState | None = None
-        #: Torques applied, the last one from the last sample on; and those commanded, of which the last are pending.
-        self._applied: deque[float] = deque([0.0] * (self._whole + 2), maxlen=self._whole + 2)
-        self._commanded: deque[float] = deque([0.0] * LONGEST_TRANSPORT, maxlen=LONGEST_TRANSPORT)
-        self.transport = transport
+        self._state: RigState | None = before._state if before else None
+        #: Torques applied, the last one from the last sample on.
+        applied = before._applied if before else [0.0] * (self._whole + 2)
+        self._applied: deque[float] = deque(applied, maxlen=self._whole + 2)
 
-    def update(self, q: Pair, effort: float, samples: int = 1) -> RigState:
-        """Take positions [rad] and the torque applied from now on [N m]; return the state now.
+    def update(self, q: Pair, effort: float, samples: int = 1) -> None:
+        """Take positions [rad] and the torque applied from now on [N m].
 
         ``samples``: how many periods have passed since the last one, more than 1 where some were lost.
         """
         if self._state is None:
             self._state = (*q, 0.0, 0.0)
             self._applied.append(effort)
-            return self._state
+            return
         self._plant.place(self._state[:2], self._state[2:])
         for _ in range(samples):
             self._move(self._applied[-self._whole - 2], self._part)
@@ -79,27 +74,20 @@ class Estimator:
         gain = self._L if samples == 1 else self._gain_after(samples)
         q1, q2, v1, v2 = (x + by1 * r1 + by2 * r2 for x, (by1, by2) in zip(expected, gain, strict=True))
         self._state = q1, q2, v1, v2
+
+    @property
+    def state(self) -> RigState:
+        """The state at the last sample."""
+        assert self._state is not None, 'update() has to come first'
         return self._state
 
-    def predict(self) -> RigState:
-        """Return the state at the moment when a torque computed now begins to act."""
-        assert self._state is not None, 'update() has to come first'
-        self._plant.place(self._state[:2], self._state[2:])
+    def predict(self, pending: Iterable[float] = ()) -> RigState:
+        """Return the state when a torque from now begins to act, after the ``pending`` ones [N m], a period each."""
+        self._plant.place(self.state[:2], self.state[2:])
         self._move(self._applied[-self._whole - 2], self._part)
-        pending = list(self._commanded)[LONGEST_TRANSPORT + 1 - self.transport :]
         for torque in [*list(self._applied)[-self._whole - 1 :], *pending]:
             self._move(torque, self._period)
         return (*self._plant.q, *self._plant.qd)
-
-    def command(self, torque: float) -> None:
-        """Note the torque [N m] that was computed from the last sample."""
-        self._commanded.append(torque)
-
-    def resume(self, before: Estimator) -> None:
-        """Go on from the state and torques of an estimator with other parameters."""
-        self._state, self.transport = before._state, before.transport
-        self._applied.extend(before._applied)
-        self._commanded.extend(before._commanded)
 
     def _gain_after(self, samples: int) -> list[list[float]]:
         """Return the gain after lost samples: positions as measured, speeds corrected by at most innovation / time."""
@@ -113,18 +101,14 @@ class Estimator:
 
 
 class CommandMonitor:
-    """Compares the efforts that come with samples with the torques that were commanded.
-
-    Args:
-        transport: first guess [samples].
-        period: between samples [s].
+    """Compares the efforts that come with samples with the torques that were commanded; ``period``: of samples [s].
 
     Attributes:
         transport: a torque computed from a sample is applied so many samples later.
     """
 
-    def __init__(self, transport: int, period: float) -> None:
-        self.transport = transport
+    def __init__(self, period: float) -> None:
+        self.transport = 1
         self._patience = max(LONGEST_TRANSPORT + 1, round(DISOBEDIENCE / period))
         self._commands: deque[float] = deque(maxlen=self._patience)
         self._seen: deque[int] = deque(maxlen=TRANSPORT_SAMPLES)
@@ -133,6 +117,10 @@ class CommandMonitor:
     def command(self, torque: float) -> None:
         """Note the torque [N m] that was computed from the last sample."""
         self._commands.append(torque)
+
+    def pending(self) -> list[float]:
+        """Return the commanded torques [N m] that are still to be applied."""
+        return list(self._commands)[len(self._commands) + 1 - self.transport :]
 
     def obeyed(self, effort: float) -> bool:
         """Take the effort of a sample [N m]; return whether commanded torques are applied at all."""

@@ -1,12 +1,12 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Linear control of a balanced pendubot: linearisation, sampling, discrete LQR and Kalman gains, and their margins.
+"""Linear control of the upright pendubot: linearisation, sampling, discrete LQR and Kalman gains, and their margins.
 
-Near a balanced configuration x = (q - q*, q') [rad, rad/s] obeys x' = A x + B (tau - tau*). The loop is sampled and has
-a dead time: the torque computed from a sample acts D seconds after it. The regulator feeds back the state predicted D
-ahead, which is the LQR of the plant augmented by its delay states (Artstein's reduction: the effect of the pending
-torques is known, and what remains is a plant without delay).
+Near upright x = (q - q*, q') [rad, rad/s] obeys x' = A x + B tau. The loop is sampled and has a dead time: the torque
+computed from a sample acts D seconds after it. The regulator feeds back the state predicted D ahead, which is the LQR
+of the plant augmented by its delay states (Artstein's reduction: the effect of the pending torques is known, and what
+remains is a plant without delay).
 """
 
 from __future__ import annotations
@@ -25,46 +25,28 @@ from pendubot_identification.model.parameters import Parameters
 
 Array = NDArray[np.float64]
 
+#: An angle off by ANGLE [rad] costs as much as the torque TORQUE, a fraction of the rig's weight (P4 + P5) g: the
+#: smaller, the less torque is used.
+ANGLE, TORQUE = 0.1, 0.06
+#: Standard deviation of the torque on each joint that the model leaves unexplained, white at 100 Hz, likewise as a
+#: fraction: the larger, the more the estimator trusts the encoders, whose rounding is the measurement noise.
+DISTURBANCE, COUNTS_PER_TURN = 0.15, 4000
 #: The output matrix: encoders measure positions.
 _MEASURED = np.eye(2, 4)
-#: The largest gain, and the longest added delay [s], up to which margins are looked for.
-_LARGEST_GAIN, _LONGEST_DELAY = 100.0, 0.2
-#: Points of the coarse grid on which they are looked for first.
-_GRID = 81
+#: The largest gain, and the longest added delay [s], up to which margins are looked for, first on so coarse a grid.
+_LARGEST_GAIN, _LONGEST_DELAY, _GRID = 100.0, 0.2, 81
 
 
-@dataclass(frozen=True, slots=True)
-class Equilibrium:
-    """A configuration in which the rig rests: positions q1, q2 [rad] and the shoulder torque that holds it [N m]."""
-
-    q1: float
-    q2: float
-    tau: float
-
-
-def equilibrium(parameters: Parameters, q1: float = math.pi / 2, standing: bool = True) -> Equilibrium:
-    """Return the equilibrium with link 1 at ``q1`` [rad] and link 2 above its joint (``standing``) or below it.
-
-    There is one for every q1: link 2, on which no torque acts, stands or hangs, and the motor holds link 1.
-    """
-    return Equilibrium(q1, (math.pi / 2 if standing else -math.pi / 2) - q1, parameters.P4 * GRAVITY * math.cos(q1))
-
-
-def linearise(parameters: Parameters, at: Equilibrium) -> tuple[Array, Array]:
-    """Return A, shape (4, 4), and B, shape (4, 1), of x' = A x + B (tau - tau*) about an equilibrium.
+def linearise(parameters: Parameters) -> tuple[Array, Array]:
+    """Return A and B, each of shape (4, ...), of x' = A x + B tau upright; B of the torques of both joints.
 
     Dry friction is left out: at rest its slope is so steep that it would describe no motion of any size.
     """
     viscous = replace(parameters, Fc1=0.0, Fc2=0.0, Fs1=0.0, Fs2=0.0, k1=0.0, k2=0.0).vector()
-    q, v, tau = np.array([[at.q1], [at.q2]]), np.zeros((2, 1)), np.array([[at.tau], [0.0]])
-    _, slopes = acceleration_derivatives(viscous, q, v, tau)
+    q, rest = np.array([[math.pi / 2], [0.0]]), np.zeros((2, 1))
+    _, slopes = acceleration_derivatives(viscous, q, rest, rest)
     A = np.vstack([np.eye(2, 4, 2), slopes[:, :4, 0]])
-    return A, _by_torque(parameters, at)[:, :1]
-
-
-def _by_torque(parameters: Parameters, at: Equilibrium) -> Array:
-    """Return the derivative of x' by the torques of both joints, shape (4, 2)."""
-    return np.vstack([np.zeros((2, 2)), np.linalg.inv(mass_matrix(parameters.vector(), [at.q1, at.q2]))])
+    return A, np.vstack([np.zeros((2, 2)), np.linalg.inv(mass_matrix(parameters.vector(), q[:, 0]))])
 
 
 def sampled(A: Array, B: Array, duration: float) -> tuple[Array, Array]:
@@ -77,33 +59,14 @@ def sampled(A: Array, B: Array, duration: float) -> tuple[Array, Array]:
 
 
 @dataclass(frozen=True, slots=True)
-class Weights:
-    """Weights of the LQR and covariances of the Kalman filter; torques as fractions of the rig's weight (P4 + P5) g.
-
-    Attributes:
-        angle: deviation of an angle [rad] that costs as much as ``torque``.
-        torque: the smaller, the less torque is used.
-        disturbance: standard deviation of the torque on each joint that the model leaves unexplained, white at 100 Hz;
-            the larger, the more the estimator trusts the encoders.
-        counts_per_turn: of the encoders, whose rounding is the measurement noise.
-    """
-
-    angle: float = 0.1
-    torque: float = 0.06
-    disturbance: float = 0.15
-    counts_per_turn: int = 4000
-
-
-@dataclass(frozen=True, slots=True)
 class Regulator:
-    """Gains for one equilibrium, period and dead time.
+    """Gains for one period and dead time.
 
     Attributes:
-        A, B: the linear model.
+        A, B: the linear model, shapes (4, 4) and (4, 1).
         period: between samples [s].
         delay: from a sample to the moment when the torque computed from it acts [s].
-        K: shape (4,); tau = tau* - K x, x predicted ``delay`` ahead.
-        S: shape (4, 4); x^T S x is the cost to go.
+        K: shape (4,); tau = -K x, x predicted ``delay`` ahead.
         L: shape (4, 2); Kalman gain of the positions' innovation.
     """
 
@@ -112,30 +75,28 @@ class Regulator:
     period: float
     delay: float
     K: Array
-    S: Array
     L: Array
 
+    def torque(self, x: tuple[float, ...]) -> float:
+        """Return the torque [N m] at a deviation from upright [rad, rad/s]."""
+        a, b, c, d = self.K
+        return -float(a * x[0] + b * x[1] + c * x[2] + d * x[3])
 
-def design(parameters: Parameters, at: Equilibrium, period: float, delay: float, weights: Weights) -> Regulator:
-    """Design the discrete LQR and the steady Kalman filter.
 
-    Args:
-        parameters: the rig's.
-        at: where to balance.
-        period: between samples [s].
-        delay: from a sample to the moment when the torque computed from it acts [s].
-        weights: of the LQR and the Kalman filter.
+def design(parameters: Parameters, period: float, delay: float) -> Regulator:
+    """Design the discrete LQR and the steady Kalman filter; period and delay are those of the regulator [s].
 
     Raises:
         ControlError: there is no such regulator, because the motor cannot move what has to be balanced.
     """
-    A, B = linearise(parameters, at)
+    A, both = linearise(parameters)
+    B = both[:, :1]
     Phi, Gamma = sampled(A, B, period)
     weight = (parameters.P4 + parameters.P5) * GRAVITY
-    Q, R = np.diag([1, 1, 0, 0]) / weights.angle**2, np.eye(1) / (weights.torque * weight) ** 2
-    _, pushes = sampled(A, _by_torque(parameters, at), period)
-    disturbance = pushes @ pushes.T * (weights.disturbance * weight) ** 2 * (0.01 / period)
-    noise = np.eye(2) * (2 * math.pi / weights.counts_per_turn) ** 2 / 12
+    Q, R = np.diag([1, 1, 0, 0]) / ANGLE**2, np.eye(1) / (TORQUE * weight) ** 2
+    _, pushes = sampled(A, both, period)
+    disturbance = pushes @ pushes.T * (DISTURBANCE * weight) ** 2 * (0.01 / period)
+    noise = np.eye(2) * (2 * math.pi / COUNTS_PER_TURN) ** 2 / 12
     try:
         S = solve_discrete_are(Phi, Gamma, Q, R)
         covariance = solve_discrete_are(Phi.T, _MEASURED.T, disturbance, noise)
@@ -146,27 +107,23 @@ def design(parameters: Parameters, at: Equilibrium, period: float, delay: float,
         ) from error
     K = np.linalg.solve(Gamma.T @ S @ Gamma + R, Gamma.T @ S @ Phi)
     L = covariance @ _MEASURED.T @ np.linalg.inv(_MEASURED @ covariance @ _MEASURED.T + noise)
-    return Regulator(A, B, period, delay, K[0], S, L)
+    return Regulator(A, B, period, delay, K[0], L)
 
 
-def closed_loop_matrix(regulator: Regulator, gain: complex = 1.0, delay: float | None = None) -> Array:
-    """Return the transition matrix, over one period, of the rig under the regulator: stable when all |z| < 1.
+def closed_loop(r: Regulator, delay: float | None = None) -> tuple[Array, Array]:
+    """Return two matrices F and M: F + g M takes the rig under the regulator over one period.
+
+    It is stable when all eigenvalues have |z| < 1; g multiplies the torque on its way to the rig and, complex, turns
+    the loop's phase.
 
     Args:
-        regulator: the design.
-        gain: multiplies the torque on its way to the rig; complex, it turns the loop's phase.
+        r: the design.
         delay: the rig's own dead time [s], where it is not the one that was designed for.
 
     Returns:
-        Shape (8 + N, 8 + N): of the rig's x, its estimate before the measurement, and the torques of N samples.
+        Shapes (8 + N, 8 + N): of the rig's x, its estimate before the measurement, and the torques of N samples.
     """
-    fixed, moved = _parts(regulator, regulator.delay if delay is None else delay)
-    return fixed + gain * moved
-
-
-def _parts(r: Regulator, delay: float) -> tuple[Array, Array]:
-    """Return the two parts of :func:`closed_loop_matrix`: without the torques' effect on the rig, and this effect."""
-    Phi, own = _effects(r, delay, r.period)
+    Phi, own = _effects(r, r.delay if delay is None else delay, r.period)
     _, assumed = _effects(r, r.delay, r.period)
     ahead, pending = _effects(r, r.delay, r.delay)
     past = max(map(len, (own, assumed, pending))) - 1
@@ -212,23 +169,22 @@ class Margins:
     delay: float
 
 
-def margins(regulator: Regulator) -> Margins:
+def margins(r: Regulator) -> Margins:
     """Return the margins of a design, from the eigenvalues of the sampled closed loop.
 
     Raises:
         ControlError: the loop is unstable as designed.
     """
-    r = regulator
-    if not _stable(closed_loop_matrix(r)):
+    fixed, moved = closed_loop(r)
+    if not _stable(fixed + moved):
         raise ControlError(
             f'a sample every {1e3 * r.period:g} ms and a dead time of {1e3 * r.delay:.3g} ms are too slow to hold this '
             'rig upright; sample faster, or shorten the delay'
         )
-    fixed, moved = _parts(r, r.delay)
     up = _edge(lambda power: fixed + math.exp(power) * moved, math.log(_LARGEST_GAIN))
     down = _edge(lambda power: fixed + math.exp(-power) * moved, math.log(_LARGEST_GAIN))
     phase = _edge(lambda angle: fixed + complex(math.cos(angle), -math.sin(angle)) * moved, math.pi)
-    delay = _edge(lambda more: closed_loop_matrix(r, delay=r.delay + more), _LONGEST_DELAY)
+    delay = _edge(lambda more: np.add(*closed_loop(r, r.delay + more)), _LONGEST_DELAY)
     return Margins(math.exp(-down), math.exp(up), phase, delay)
 
 

@@ -6,15 +6,25 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from pendubot_identification.errors import ControlError
+from pendubot_identification.model.dynamics import Pair
 from pendubot_identification.model.parameters import Parameters
-from pendubot_identification.model.simulation import LatePlant
+from pendubot_identification.model.simulation import HANGING, LatePlant
+from pendubot_identification.trajectories.trajectory import Trajectory
 
-from .closed_loop import held_since, simulate_closed_loop
-from .controller import Controller, Design, Loop
+from .controller import UPRIGHT, Controller, ControlMode, Design, Loop
 
+Array = NDArray[np.float64]
+
+#: The rig is held while both angles are within this of upright [rad].
+HELD = 0.2
 #: The least margins for a real rig: factor of the gain; delay [s], because a busy computer is late now and then.
 GAIN, DELAY = 1.15, 0.001
 #: A swing-up is simulated for at most so long, and has succeeded when the rig is then balanced for so long [s].
@@ -29,13 +39,11 @@ class Plan:
 
     Attributes:
         design: from the parameters.
-        loop: for which it was made.
         swing_up: when the rig is upright in simulation [s]; infinite if never, NaN if not simulated.
         sufficient: a torque limit [N m] that swings it up where the loop's does not; infinite if none does.
     """
 
     design: Design
-    loop: Loop
     swing_up: float = math.nan
     sufficient: float = math.nan
 
@@ -56,10 +64,9 @@ class Plan:
                 'build a longer link 1'
             )
         if not simulate_closed_loop:
-            return cls(design, loop)
-        swing_up = swing_up_time(design, loop)
-        sufficient = math.nan if math.isfinite(swing_up) else sufficient_limit(design, loop)
-        return cls(design, loop, swing_up, sufficient)
+            return cls(design)
+        swing_up = swing_up_time(design)
+        return cls(design, swing_up, math.nan if math.isfinite(swing_up) else sufficient_limit(design))
 
     @property
     def simulated(self) -> bool:
@@ -72,7 +79,7 @@ class Plan:
         text = (
             f'gain may be {m.gain_down:.2f} to {m.gain_up:.2f} times what is thought, the phase margin is '
             f'{math.degrees(m.phase):.0f} degrees, the delay margin {1e3 * m.delay:.0f} ms beside '
-            f'{1e3 * self.loop.delay:.0f} ms of dead time'
+            f'{1e3 * self.design.loop.delay:.0f} ms of dead time'
         )
         if math.isfinite(self.swing_up):
             return f'{text}; in simulation it is upright {self.swing_up:.1f} s after hanging'
@@ -81,21 +88,81 @@ class Plan:
     def obstacle(self) -> str:
         """Say that the torque limit is too small, and which would do."""
         enough = f'{self.sufficient:.2g} N m would do' if math.isfinite(self.sufficient) else 'neither would more'
-        return f'{self.loop.limit:g} N m do not swing this rig up, as a simulation shows; {enough}'
+        return f'{self.design.loop.limit:g} N m do not swing this rig up, as a simulation shows; {enough}'
 
 
-def swing_up_time(design: Design, loop: Loop) -> float:
+def swing_up_time(design: Design) -> float:
     """Return when [s] the rig with the design's own parameters is held upright, from hanging; infinite if never."""
-    rig = LatePlant(design.parameters, loop.lag)
-    run = simulate_closed_loop(Controller(design, loop), rig, loop, LONGEST, enough=ENOUGH)
+    rig = LatePlant(design.parameters, design.loop.lag)
+    run = simulate_closed_loop(Controller(design), rig, LONGEST, enough=ENOUGH)
     return math.inf if run.stopped else held_since(run.motion)
 
 
-def sufficient_limit(design: Design, loop: Loop) -> float:
+def sufficient_limit(design: Design) -> float:
     """Return a torque limit [N m] that swings the rig up, at most 30 % above the least; infinite if none does."""
-    limit = loop.limit * MORE
-    while limit <= MOST * loop.limit:
-        if math.isfinite(swing_up_time(design, replace(loop, limit=limit))):
+    limit = design.loop.limit * MORE
+    while limit <= MOST * design.loop.limit:
+        if math.isfinite(swing_up_time(replace(design, loop=replace(design.loop, limit=limit)))):
             return limit
         limit *= MORE
     return math.inf
+
+
+def deviation(q: Array) -> Array:
+    """Return how far positions q [rad], shape (N, 2), are from upright: the larger of both joints', shape (N,)."""
+    away = np.abs(np.remainder(q - [UPRIGHT, 0.0] + math.pi, 2 * math.pi) - math.pi)
+    return np.asarray(away.max(axis=1))
+
+
+def held_since(motion: Trajectory) -> float:
+    """Return the time [s] from which on a motion is held until its end; infinite if it is not held at the end."""
+    out = np.flatnonzero(deviation(motion.q) > HELD)
+    first = out[-1] + 1 if out.size else 0
+    return float(motion.t[first]) if first < len(motion) else math.inf
+
+
+class ClosedLoopRun(NamedTuple):
+    """The rig's true motion, at which samples the controller balanced, shape (N,), and why it stopped, if it did."""
+
+    motion: Trajectory
+    balancing: NDArray[np.bool_]
+    stopped: str
+
+
+def simulate_closed_loop(
+    controller: Controller,
+    rig: LatePlant,
+    seconds: float,
+    sensed: Callable[[Pair], Pair] = lambda q: q,
+    motor: float = 1.0,
+    enough: float = math.inf,
+) -> ClosedLoopRun:
+    """Let a controller move a simulated rig with encoders of 4000 counts per turn.
+
+    Args:
+        controller: before its first sample.
+        rig: at its initial state, with its own motor delay.
+        seconds: duration [s].
+        sensed: turns true positions into those that the controller is told, for instance with a wrong sign.
+        motor: factor of the torque, negative if the motor turns the wrong way.
+        enough: end once it has balanced for so long without a break [s].
+    """
+    period, count = controller.design.loop.period, 2 * math.pi / 4000
+    torque, stopped, balanced = 0.0, '', 0
+    rows, balancing = [], []
+    for k in range(round(seconds / period)):
+        q1, q2 = (round((q - zero) / count) * count + zero for q, zero in zip(rig.q, HANGING, strict=True))
+        effort = torque
+        rows.append((k * period, *rig.q, effort, *rig.qd))
+        balancing.append(controller.mode is ControlMode.BALANCE)
+        balanced = balanced + 1 if balancing[-1] else 0
+        if stopped or balanced * period > enough:
+            break
+        try:
+            torque = controller.step(k * period, sensed((q1, q2)), effort)
+        except ControlError as error:
+            torque, stopped = 0.0, str(error)
+        rig.advance((motor * effort, 0.0), period)
+    t, q1, q2, tau, v1, v2 = np.array(rows).T
+    motion = Trajectory(t, np.column_stack([q1, q2]), np.column_stack([tau, 0 * tau]), np.column_stack([v1, v2]))
+    return ClosedLoopRun(motion, np.array(balancing), stopped)

@@ -21,11 +21,9 @@ SAMPLES, QUANTILE, TOLERANCE = 100, 0.1, 0.05
 
 
 class Readiness:
-    """Collects what comes in, in any order.
+    """Collects what comes in, in any order, within the largest torque that the user allows, ``limit`` [N m].
 
-    Args:
-        limit: largest torque that the user allows [N m].
-        motor_delay: the motor obeys so much later than the board says [s]; None: as the identification found.
+    The motor obeys ``motor_delay`` [s] later than the board says; None: as the identification found.
     """
 
     def __init__(self, limit: float, motor_delay: float | None = None) -> None:
@@ -34,13 +32,13 @@ class Readiness:
         self._motor_delay = motor_delay
         self._theta: tuple[float, ...] = ()
         self._judgements: deque[tuple[Level, str, Mapping[str, str]]] = deque(maxlen=8)
-        self._last: float | None = None
-        self._steps: deque[float] = deque(maxlen=SAMPLES)
+        self._last = math.nan
+        self._steps: list[float] = []
         self._period: float | None = None
 
     def sample(self, t: float) -> None:
         """Take the stamp of a sample [s]."""
-        if self._last is not None:
+        if math.isfinite(self._last):
             self._steps.append(t - self._last)
         self._last = t
         if len(self._steps) == SAMPLES:
@@ -53,7 +51,7 @@ class Readiness:
         """Take the largest torque that bridge and board let pass [N m]."""
         self._board_limit = limit
 
-    def offer(self, theta: Sequence[float]) -> None:
+    def offer(self, theta: Sequence[float]) -> Parameters:
         """Take a parameter vector.
 
         Raises:
@@ -64,6 +62,7 @@ class Readiness:
         self._theta = tuple(theta)
         if problems := parameters.unphysical():
             raise ControlError(f'no rig has the parameters that came: {problems[0]}; identify the rig again')
+        return parameters
 
     def judge(self, level: Level, message: str, values: Mapping[str, str]) -> None:
         """Take an identification's judgement of its parameters; ``values`` has them by name, and ``effort.delay``."""
@@ -77,35 +76,31 @@ class Readiness:
         """
         if not self._theta:
             raise ControlError('no parameters have come on pendubot/params; start the identifier')
-        self.offer(self._theta)
-        values = self._judgement(accept_warn)
+        parameters = self.offer(self._theta)
+        lag = self._judged(accept_warn)
         if self._period is None:
             raise ControlError('too few samples have come on joint_states to know their rate; start the bridge')
-        lag = self._motor_delay
-        if lag is None:
-            found = _number(values.get('effort.delay'))
-            lag = max(0.0, found) if math.isfinite(found) else 0.0
-        return Parameters.from_vector(self._theta), Loop(self._period, 1, lag, min(self._limit, self._board_limit))
+        if self._motor_delay is not None:
+            lag = self._motor_delay
+        return parameters, Loop(self._period, lag, min(self._limit, self._board_limit))
 
-    def _judgement(self, accept_warn: bool) -> Mapping[str, str]:
-        """Return the values in the judgement of exactly these parameters, if its level is good enough."""
+    def _judged(self, accept_warn: bool) -> float:
+        """Return the delay [s], 0 if unknown, from the judgement of exactly these parameters if it is good enough."""
+        how = 'set the parameter accept_warn to true to use them all the same'
         for level, message, values in reversed(self._judgements):
             if tuple(_number(values.get(name)) for name in NAMES[: len(self._theta)]) != self._theta:
                 continue
             if level is Level.ERROR:
                 raise ControlError(f'the parameters are of level ERROR ({message}); record and identify again')
             if level is Level.WARN and not accept_warn:
-                raise ControlError(
-                    f'the parameters are of level WARN ({message}); set the parameter accept_warn to true to use them '
-                    'all the same'
-                )
-            return values
+                raise ControlError(f'the parameters are of level WARN ({message}); {how}')
+            delay = _number(values.get('effort.delay'))
+            return max(0.0, delay) if math.isfinite(delay) else 0.0
         if not accept_warn:
             raise ControlError(
-                'nothing on pendubot/identification says how good the parameters on pendubot/params are; set the '
-                'parameter accept_warn to true to use them all the same'
+                f'nothing on pendubot/identification says how good the parameters on pendubot/params are; {how}'
             )
-        return {}
+        return 0.0
 
 
 def _number(text: str | None) -> float:

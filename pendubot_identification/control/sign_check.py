@@ -13,13 +13,11 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable
-from typing import NamedTuple
 
 import numpy as np
 
 from pendubot_identification.errors import ControlError
 from pendubot_identification.model.dynamics import Pair
-from pendubot_identification.model.parameters import Parameters
 from pendubot_identification.model.rollout import advance
 from pendubot_identification.model.simulation import HANGING
 
@@ -28,25 +26,14 @@ WINDOW, STEPS, STRIDE = 0.08, 8, 2
 #: A hypothesis is taken when every other has more than so many times its squared error, plus this [rad] squared.
 RATIO, FLOOR = 5.0, 0.0015
 
-
-class _Fault(NamedTuple):
-    name: str
-    place: Callable[[Pair], Pair]
-    motor: float
-
-
-def _mirrored(q1: float) -> float:
-    return 2 * HANGING[0] - q1
-
-
-_FAULTS = (
-    _Fault('', lambda q: q, 1.0),
-    _Fault("the shoulder's encoder counts the wrong way (sign)", lambda q: (_mirrored(q[0]), q[1]), 1.0),
-    _Fault("the elbow's encoder counts the wrong way (sign)", lambda q: (q[0], -q[1]), 1.0),
-    _Fault('the motor turns the wrong way, or both encoders do', lambda q: q, -1.0),
-    _Fault('shoulder and elbow are exchanged', lambda q: (q[1] + HANGING[0], q[0] - HANGING[0]), 1.0),
+#: What may be wrong, nothing first; the true positions of those seen; the sign of the motor.
+_FAULTS: tuple[tuple[str, Callable[[Pair], Pair], float], ...] = (
+    ('', lambda q: q, 1.0),
+    ("the shoulder's encoder counts the wrong way (sign)", lambda q: (2 * HANGING[0] - q[0], q[1]), 1.0),
+    ("the elbow's encoder counts the wrong way (sign)", lambda q: (q[0], -q[1]), 1.0),
+    ('the motor turns the wrong way, or both encoders do', lambda q: q, -1.0),
+    ('shoulder and elbow are exchanged', lambda q: (q[1] + HANGING[0], q[0] - HANGING[0]), 1.0),
 )
-
 
 #: Subtracts the straight line fitted to the values along a window.
 _LINE = np.column_stack([np.ones(STEPS + 1), np.arange(STEPS + 1)])
@@ -54,16 +41,10 @@ _WITHOUT_LINE = np.eye(STEPS + 1) - _LINE @ np.linalg.pinv(_LINE)
 
 
 class SignCheck:
-    """Watches the beginning of a motion until one hypothesis is clear.
+    """Watches the beginning of a motion until one hypothesis is clear; period and lag [s] are those of the loop."""
 
-    Args:
-        parameters: of the rig.
-        period: between samples [s].
-        lag: the motor obeys so much later than the board says [s].
-    """
-
-    def __init__(self, parameters: Parameters, period: float, lag: float) -> None:
-        self._theta = tuple(map(float, parameters.vector()))
+    def __init__(self, theta: tuple[float, ...], period: float, lag: float) -> None:
+        self._theta = theta
         self._every = max(1, round(WINDOW / STEPS / period))
         self._step = self._every * period
         self._late = round(lag / period)
@@ -91,25 +72,20 @@ class SignCheck:
         if self._countdown > 0:
             return False
         self._countdown = STRIDE * self._every
-        torques = self._torques()
-        for k, wiring in enumerate(_FAULTS):
-            seen = [wiring.place(q) for q in list(self._positions)[:: self._every]]
-            self._errors[k] += self._error(seen, [wiring.motor * torque for torque in torques])
-        best = min(range(len(_FAULTS)), key=self._errors.__getitem__)
-        second = min(error for k, error in enumerate(self._errors) if k != best)
-        if second < RATIO * self._errors[best] + FLOOR**2:
+        n = self._every
+        applied, positions = list(self._efforts)[: STEPS * n], list(self._positions)[::n]
+        torques = [sum(applied[k : k + n]) / n for k in range(0, len(applied), n)]
+        for k, (_, place, motor) in enumerate(_FAULTS):
+            self._errors[k] += self._error(list(map(place, positions)), [motor * torque for torque in torques])
+        best, second = sorted(range(len(_FAULTS)), key=self._errors.__getitem__)[:2]
+        if self._errors[second] < RATIO * self._errors[best] + FLOOR**2:
             return False
-        if best:
-            raise ControlError(f'{_FAULTS[best].name}: the rig moves as it would then; mend that, see docs/rig.md')
+        if name := _FAULTS[best][0]:
+            raise ControlError(f'{name}: the rig moves as it would then; mend that, see docs/rig.md')
         return True
 
-    def _torques(self) -> list[float]:
-        """Return the mean torque of each step of the window."""
-        n, applied = self._every, list(self._efforts)[: STEPS * self._every]
-        return [sum(applied[k : k + n]) / n for k in range(0, len(applied), n)]
-
     def _error(self, seen: list[Pair], torques: list[float]) -> float:
-        """Return the mean squared prediction error of the window's positions [rad^2].
+        """Return the mean squared prediction error of a window's positions, under the mean torque of each step [rad^2].
 
         A straight line is subtracted, because initial velocities are known from differences only.
         """

@@ -31,24 +31,15 @@ PUMP, STIFFNESS, DAMPING = 0.8, 0.28, 0.82
 EAGERNESS, SHARPNESS = 1.4, 3.0
 
 
-class SwingUp:
-    """The control law of the swing-up for a rig."""
-
-    def __init__(self, parameters: Parameters) -> None:
-        p = parameters
-        self._theta = tuple(map(float, p.vector()))
-        self._inertia, self._top = p.P2 + p.J2, p.P5 * GRAVITY
-        self._w = math.sqrt(self._top / self._inertia)
-
-    def torque(self, state: RigState, upright: float = math.pi / 2) -> float:
-        """Return the torque [N m] at a state; ``upright`` is the q1 [rad] to which link 1 is drawn."""
-        q1, q2, v1, v2 = state
-        w, v12 = self._w, v1 + v2
-        missing = 1 - math.sin(q1 + q2) - self._inertia * v12 * v12 / 2 / self._top
-        pump = PUMP * max(-1.0, min(1.0, EAGERNESS * missing)) * math.tanh(SHARPNESS * v12 * math.cos(q2) / w)
-        draw = STIFFNESS * (q1 - upright) + 2 * DAMPING * math.sqrt(STIFFNESS) * v1 / w
-        wanted = -w * w * (pump + draw)
-        # The shoulder's acceleration is linear in the torque.
-        free, _ = accelerations(self._theta, q1, q2, v1, v2, 0.0, 0.0, math)
-        pushed, _ = accelerations(self._theta, q1, q2, v1, v2, 1.0, 0.0, math)
-        return float((wanted - free) / (pushed - free))
+def swing_up(p: Parameters, theta: tuple[float, ...], state: RigState, upright: float) -> float:
+    """Return the torque [N m] at a state; ``upright`` is the q1 [rad] to which link 1 is drawn; theta is that of p."""
+    q1, q2, v1, v2 = state
+    inertia, top, v12 = p.P2 + p.J2, p.P5 * GRAVITY, v1 + v2
+    w = math.sqrt(top / inertia)
+    missing = 1 - math.sin(q1 + q2) - inertia * v12 * v12 / 2 / top
+    pump = PUMP * max(-1.0, min(1.0, EAGERNESS * missing)) * math.tanh(SHARPNESS * v12 * math.cos(q2) / w)
+    draw = STIFFNESS * (q1 - upright) + 2 * DAMPING * math.sqrt(STIFFNESS) * v1 / w
+    wanted = -w * w * (pump + draw)
+    # The shoulder's acceleration is linear in the torque.
+    free, pushed = (accelerations(theta, q1, q2, v1, v2, torque, 0.0, math)[0] for torque in (0.0, 1.0))
+    return float((wanted - free) / (pushed - free))

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pendubot_identification.errors import TrajectoryError
 from pendubot_identification.model.dynamics import dry_friction_terms, energy_terms
 from pendubot_identification.model.parameters import MODELS
-from pendubot_identification.trajectories.long import Grid, Recording, gridded
+from pendubot_identification.trajectories.long import Grid, Long, Recording, gridded
 from pendubot_identification.trajectories.signals import SMOOTHING, differentiate, held
 from pendubot_identification.trajectories.trajectory import Trajectory
 
@@ -26,27 +26,18 @@ TOP_SPEED = 100.0
 
 @dataclass(frozen=True, slots=True)
 class Regression:
-    """Residuals linear in theta: eps = y - phi theta.
+    """Residuals linear in theta: eps = y - phi theta."""
 
-    Attributes:
-        phi: regressor, shape (N, D).
-        y: right-hand side, shape (N,): the torques' work [J] or, in the weak criterion, what corresponds to it [N m].
-        t: the time [s] to which each residual belongs, shape (N,), not decreasing.
-    """
-
-    phi: Array
-    y: Array
-    t: Array
+    phi: Array  #: regressor, shape (N, D).
+    y: Array  #: right-hand side, shape (N,): the torques' work [J], or impulses and work under a bump [N m, W].
+    t: Array  #: the time [s] to which each residual belongs, shape (N,), not decreasing.
 
 
 @dataclass(frozen=True, slots=True)
 class Residuals:
-    """Residuals linear in theta, part by part: those of a long recording are never all there at once.
+    """``count`` residuals linear in theta that span ``duration`` [s], part by part in the order of time.
 
-    Attributes:
-        count: how many there are.
-        duration: from the first to the last of them [s].
-        parts: gives them, in the order of time.
+    Those of a long recording are never all there at once.
     """
 
     count: int
@@ -55,7 +46,7 @@ class Residuals:
 
     @classmethod
     def of(cls, regression: Regression) -> Residuals:
-        """Return those of a regression."""
+        """Return those of a regression, in one part."""
         return cls(len(regression.y), float(np.ptp(regression.t)), lambda: iter([regression]))
 
 
@@ -66,12 +57,10 @@ def energy_regression(
 
         eps = integral of (tau1 - friction1) q1' + (tau2 - friction2) q2' dt - (E(t2) - E(t1))
 
-    Args:
-        trajectory: the motion; its own velocities, if any, are not used.
-        window: t2 - t1 [s]; None takes t1 = the first sample for every t2 (cumulative), which is what the size of
-            the paper's J fits. A pendubot's tau2 is zero; a rig with an elbow motor brings its torque.
-        smoothing: the differentiator's window [s], see :func:`.signals.differentiate`.
-        model: the name of one of :data:`.parameters.MODELS`; the paper's is ``viscous``, friction b1 q1' and b2 q2'.
+    ``window`` is t2 - t1 [s]; None takes t1 = the first sample for every t2 (cumulative), which is what the size of the
+    paper's J fits. ``smoothing`` [s] is that of :func:`.signals.differentiate`: recorded velocities are not used.
+    ``model`` is one of :data:`.parameters.MODELS`; the paper's is ``viscous``. A pendubot's tau2 is zero; a rig with an
+    elbow motor brings its torque.
 
     Raises:
         TrajectoryError: the motion is shorter than the window, has a gap, or is faster than a rig can be.
@@ -83,10 +72,10 @@ def energy_regression(
 def energy_residuals(
     recording: Recording, window: float | None = None, smoothing: float = SMOOTHING, model: str = 'viscous'
 ) -> Residuals:
-    """Return the same of a recording that may be long, in parts.
+    """Return the same of a recording that may be long, in parts, which may raise what :func:`energy_regression` does.
 
     Raises:
-        TrajectoryError: as :func:`energy_regression`, some of it only when the parts are asked for.
+        TrajectoryError: as :func:`energy_regression`.
     """
     grid = gridded(recording)
     span, duration = 0, grid.interval * (grid.size - 1)
@@ -106,32 +95,35 @@ def energy_residuals(
     return Residuals(count, grid.interval * (count - 1), lambda: _differences(grid, span, smoothing, MODELS[model]))
 
 
-def _differences(grid: Grid, span: int, smoothing: float, size: int) -> Iterator[Regression]:
+def _differences(grid: Grid | Long, span: int, smoothing: float, size: int) -> Iterator[Regression]:
     """Return, part by part, what the sums of the balance gain over so many samples; since the first one for 0."""
     phi, work = np.empty((0, size)), np.empty(0)
     for t, new_phi, new_work in _sums(grid, smoothing, size):
         phi, work = np.concatenate([phi, new_phi]), np.concatenate([work, new_work])
-        if span:
-            gained, done = phi[span:] - phi[:-span], work[span:] - work[:-span]
-            phi, work = phi[-span:], work[-span:]
-        else:
-            gained, done = phi[1:] - phi[0], work[1:] - work[0]
-            phi, work = phi[:1], work[:1]
+        late, early = slice(max(span, 1), None), slice(0, -span if span else 1)
+        gained, done = phi[late] - phi[early], work[late] - work[early]
+        kept = slice(-span, None) if span else slice(0, 1)
+        phi, work = phi[kept], work[kept]
         yield Regression(gained, done, t[len(t) - len(done) :])
 
 
-def _sums(grid: Grid, smoothing: float, size: int) -> Iterator[tuple[Array, Array, Array]]:
+def _sums(grid: Grid | Long, smoothing: float, size: int) -> Iterator[tuple[Array, Array, Array]]:
     """Return, part by part, times [s], what multiplies the parameters, and the work [J], summed from the start on."""
     total: Array = np.zeros((1, 8))
     done, done_at = np.zeros(1), 0
     for piece in grid.pieces(smoothing):
         motion = piece.even
         q, qd = differentiate(motion.q, grid.interval, smoothing)
-        done, done_at = _accumulated(done[piece.at - done_at], _work_between(piece.recorded)), piece.at
+        # A held torque does the work tau[k] (q[k+1] - q[k]) on its joint, whatever the motion in between. It is summed
+        # over the samples as they were recorded: on a grid of other times a torque may be held for no time.
+        recorded = piece.recorded
+        between = (recorded.tau[:-1] * np.diff(recorded.q, axis=0)).sum(axis=1)
+        done, done_at = _accumulated(done[piece.at - done_at], between), piece.at
         own = slice(piece.begin - piece.first, piece.end - piece.first)
         elapsed = grid.interval * np.arange(piece.begin, piece.end, dtype=float)
         require_plausible_speed(grid.name, elapsed, qd[own])
-        work = _work_until(piece.recorded, done, motion, grid.interval)[own]
+        k = held(recorded.t, motion.t, grid.interval)
+        work = (done[k] + (recorded.tau[k] * (motion.q - recorded.q[k])).sum(axis=1))[own]
         # From the last place of the piece before on.
         since = slice(max(own.start - 1, 0), own.stop)
         q, qd, tau = q[since], qd[since], motion.tau[since]
@@ -162,21 +154,6 @@ def require_plausible_speed(name: str, elapsed: Array, qd: Array) -> None:
             f'{elapsed[np.abs(qd[:, joint]).argmax()]:.3f} s after its start, and at most {TOP_SPEED:g} '
             'is plausible; are its angles in radians, unwrapped and without jumps, and its stamps true?'
         )
-
-
-def _work_between(recorded: Trajectory) -> Array:
-    """Return the work done [J] from each sample to the next.
-
-    A held torque does the work tau[k] (q[k+1] - q[k]) on its joint, whatever the motion in between. It is summed
-    over the samples as they were recorded: on a grid of other times a torque of one sample may be held for none.
-    """
-    return np.asarray((recorded.tau[:-1] * np.diff(recorded.q, axis=0)).sum(axis=1))
-
-
-def _work_until(recorded: Trajectory, done: Array, motion: Trajectory, interval: float) -> Array:
-    """Return the work done [J] until each time of the resampled motion from that done until each sample."""
-    k = held(recorded.t, motion.t, interval)
-    return np.asarray(done[k] + (recorded.tau[k] * (motion.q - recorded.q[k])).sum(axis=1))
 
 
 def _accumulated(start: Array | float, increments: Array) -> Array:

@@ -30,30 +30,20 @@ LEAST_INERTIA = 1e-7
 
 @dataclass(frozen=True, slots=True)
 class Fit:
-    """Where Levenberg-Marquardt came to rest. G = D + 1 global unknowns: theta and the delay.
+    """Where Levenberg-Marquardt came to rest, for L segments and G = D + 1 global unknowns: theta and the delay."""
 
-    Attributes:
-        theta: shape (D,).
-        delay: [s].
-        initial: the segments' initial states, shape (4, L).
-        costs: each segment's sum of squared residuals, shape (L,).
-        free: which of theta and delay lie on no bound, shape (G,).
-        informations: each segment's part of the Gauss-Newton matrix, its initial state condensed out, of theta, delay
-            and both zeros of its recording, which are held at 0, shape (L, G + 2, G + 2).
-        slopes: each segment's part of the gradient, likewise, shape (L, G + 2); they add up to 0 for what is free.
-        iterations: how many it took.
-        converged: whether it stopped because nothing was left to gain, with no motion lost.
-    """
-
-    theta: Array
-    delay: float
-    initial: Array
-    costs: Array
-    free: Flags
+    theta: Array  #: shape (D,).
+    delay: float  #: [s].
+    initial: Array  #: the segments' initial states, shape (4, L).
+    costs: Array  #: each segment's sum of squared residuals, shape (L,).
+    free: Flags  #: which of theta and delay lie on no bound, shape (G,).
+    #: Each segment's part of the Gauss-Newton matrix, its initial state condensed out, of theta, delay and both zeros
+    #: of its recording, which are held at 0, shape (L, G + 2, G + 2).
     informations: Array
+    #: Each segment's part of the gradient, likewise, shape (L, G + 2); they add up to 0 for what is free.
     slopes: Array
-    iterations: int
-    converged: bool
+    iterations: int  #: how many it took.
+    converged: bool  #: whether it stopped because nothing was left to gain, with no motion lost.
 
     @property
     def cost(self) -> float:
@@ -76,64 +66,59 @@ def levenberg_marquardt(
     least: float = 0.0,
     progress: Callable[[float], None] | None = None,
 ) -> Fit:
-    """Minimise the sum of squared residuals over theta, delay and every segment's initial state.
-
-    Both the global unknowns and the initial states are damped.
+    """Minimise the sum of squared residuals over theta, shape (D,), delay [s] and every segment's initial state.
 
     Args:
         comparison: the residuals.
-        theta: where to start, shape (D,).
-        delay: where to start [s].
+        theta: where to start.
+        delay: where to start.
         bounds: of theta; what they leave is cut down to where M(q) is positive definite for every q.
         delay_bounds: of the delay [s]; equal ones fix it.
         robust: whether a segment that is off by more than 1.5 times the median counts by its distance, no longer by
             its square (Huber 1964): near upright motions are chaotic, and a few such segments would outvote the rest.
         fixed: whether theta and delay stay as they are and the initial states alone are estimated.
         iterations: at most.
-        tolerance: stop when a step gains no more than this fraction of the cost.
-        least: a cost below which there is nothing to gain: the fraction is of this, then.
+        tolerance: stop when a step gains no more than this fraction of the cost, or of ``least`` if that is more.
+        least: a cost below which there is nothing to gain.
         progress: called with the cost after every iteration.
     """
-    box = _Box(bounds, delay_bounds)
-    z = box.inside(box.coordinates(theta, delay))
-    if fixed:
-        box.close(z)
+    box = _Box(bounds, delay_bounds, fixed)
+    z = box.start(theta, delay)
     x = comparison.initial(delay)
-    states, residuals = _evaluated(comparison, box, z, x)
-    loss = _Huber.of(residuals) if robust else _Squared()
-    damping, iteration, normal, bends = DAMPING, 0, None, 1
-    settled = converged = False
-    while not settled and iteration < iterations and np.isfinite(cost := loss(residuals)):
-        normal = _Normal(comparison, *box.parameters(z), states, residuals, loss)
+    states, residuals = _simulated(comparison, *box.parameters(z), x)
+    bend = _bend(residuals) if robust else np.inf
+    damping, iteration, normal = DAMPING, 0, None
+    bend_is_final, settled, converged = not robust, False, False
+    while not settled and iteration < iterations:
+        cost = _cost(residuals, bend)
+        normal = _Normal(comparison, *box.parameters(z), states, residuals, bend)
         iteration += 1
         gained = 0.0
         while gained <= 0 and damping < MOST_DAMPING:
             new_z, new_x = normal.step(box, z, x, damping)
-            new_states, new_residuals = _evaluated(comparison, box, new_z, new_x)
-            gained = 1 - loss(new_residuals) / cost if cost > 0 else 0.0
+            new_states, new_residuals = _simulated(comparison, *box.parameters(new_z), new_x)
+            gained = 1 - _cost(new_residuals, bend) / cost if cost > 0 else 0.0
             damping *= EASIER if gained > 0 else HARDER
         if gained > 0:
             z, x, states, residuals = new_z, new_x, new_states, new_residuals
         settled = gained * cost <= tolerance * max(cost, least)
         converged = settled and normal.complete
         damping = max(damping, LEAST_DAMPING)
-        if settled and robust and bends:
+        if settled and not bend_is_final:
             # The median by which segments count is now that of a fit, no longer that of the start.
-            loss, bends, settled, converged = _Huber.of(residuals), bends - 1, False, False
+            bend, bend_is_final, settled, converged = _bend(residuals), True, False, False
             damping = min(damping, DAMPING)
         if progress is not None:
-            progress(loss(residuals))
+            progress(_cost(residuals, bend))
     if normal is None or not converged:
-        normal = _Normal(comparison, *box.parameters(z), states, residuals, loss)
+        normal = _Normal(comparison, *box.parameters(z), states, residuals, bend)
     # Converged, a last step that gained next to nothing leaves the equations before it as good as those after it.
-    informations, slopes = normal.condensed()
-    theta, delay = box.parameters(z)
+    informations, slopes = normal.condensed(LEAST_DAMPING)
     return Fit(
-        theta=theta,
-        delay=delay,
+        *box.parameters(z),
         initial=x,
         costs=np.asarray((residuals**2).sum(axis=1)),
-        free=box.free(z, box.slope(z).T @ slopes.sum(axis=0)[:-2]),
+        free=~box.blocked(z, -box.slope(z).T @ slopes.sum(axis=0)[:-2]),
         informations=informations,
         slopes=slopes,
         iterations=iteration,
@@ -141,65 +126,39 @@ def levenberg_marquardt(
     )
 
 
-def _evaluated(comparison: Comparison, box: _Box, z: Array, x: Array) -> tuple[Array, Array]:
-    theta, delay = box.parameters(z)
-    segments = comparison.segments
-    states = roll(theta, x, segments.tau, segments.step)
-    residuals = comparison.residuals(states, delay)
-    # A motion beyond floats is lost, and another that is not may still be gained.
-    lost = comparison.lost
+def _simulated(comparison: Comparison, theta: Array, delay: float, x: Array) -> tuple[Array, Array]:
+    """Return simulated states and residuals, which are finite: a motion beyond floats is lost."""
+    states = roll(theta, x, comparison.segments.tau, comparison.segments.step)
+    residuals, lost = comparison.residuals(states, delay), comparison.lost
     return states, np.clip(np.where(np.isfinite(residuals), residuals, lost), -lost, lost)
 
 
-class _Squared:
-    """The sum of squares."""
-
-    def __call__(self, residuals: Array) -> float:
-        cost = float((residuals**2).sum())
-        return cost if np.isfinite(cost) else np.inf
-
-    def weights(self, residuals: Array) -> Array:
-        return np.ones(len(residuals))
+def _bend(residuals: Array) -> float:
+    return BEND * float(np.median(np.sqrt((residuals**2).sum(axis=1))))
 
 
-class _Huber:
-    """Of each segment the sum of squares c up to k^2, and beyond 2 k sqrt(c) - k^2."""
-
-    def __init__(self, bend: float) -> None:
-        self._bend = bend
-
-    @classmethod
-    def of(cls, residuals: Array) -> _Huber:
-        return cls(BEND * float(np.median(np.sqrt((residuals**2).sum(axis=1)))))
-
-    def __call__(self, residuals: Array) -> float:
-        size = np.sqrt((residuals**2).sum(axis=1))
-        cost = float(np.where(size <= self._bend, size**2, self._bend * (2 * size - self._bend)).sum())
-        return cost if np.isfinite(cost) else np.inf
-
-    def weights(self, residuals: Array) -> Array:
-        size = np.sqrt((residuals**2).sum(axis=1))
-        return np.asarray(np.minimum(1.0, self._bend / np.maximum(size, 1e-300)))
+def _cost(residuals: Array, bend: float) -> float:
+    """Return the sum over segments of their sums of squares c up to bend^2, and beyond 2 bend sqrt(c) - bend^2."""
+    if bend == np.inf:
+        return float((residuals**2).sum())
+    size = np.sqrt((residuals**2).sum(axis=1))
+    return float(np.where(size <= bend, size**2, bend * (2 * size - bend)).sum())
 
 
 class _Box:
-    """Global unknowns z in which every constraint is a bound: P3 moves as the fraction P3 / sqrt(P1 P2)."""
+    """Global unknowns z in which every constraint is a bound: P3 moves as the fraction rho = P3 / sqrt(P1 P2)."""
 
-    def __init__(self, bounds: Bounds, delay_bounds: tuple[float, float]) -> None:
+    def __init__(self, bounds: Bounds, delay_bounds: tuple[float, float], fixed: bool) -> None:
         self._lower = np.append(bounds.lower, delay_bounds[0])
         self._upper = np.append(bounds.upper, delay_bounds[1])
         self._lower[:2] = np.maximum(self._lower[:2], LEAST_INERTIA * self._upper[:2])
-        self._coupling = bounds.lower[2], bounds.upper[2]
+        self._fixed = fixed
 
-    def close(self, z: Array) -> None:
-        """Leave room for nothing but z."""
-        self._lower, self._upper = z.copy(), z.copy()
-
-    def coordinates(self, theta: Array, delay: float) -> Array:
+    def start(self, theta: Array, delay: float) -> Array:
         z = np.append(theta, delay)
         z[:2] = np.clip(z[:2], self._lower[:2], self._upper[:2])
         z[2] /= np.sqrt(z[0] * z[1])
-        return z
+        return self.inside(z)
 
     def parameters(self, z: Array) -> tuple[Array, float]:
         theta = z[:-1].copy()
@@ -214,29 +173,19 @@ class _Box:
         return result
 
     def inside(self, z: Array) -> Array:
-        lower, upper = self._bounds(z)
-        return np.clip(z, lower, upper)
+        return np.clip(z, *self._bounds(z))
 
-    def free(self, z: Array, gradient: Array) -> Flags:
-        """Tell what lies on no bound, or would leave it."""
+    def blocked(self, z: Array, direction: Array) -> Flags:
+        """Tell what lies on a bound and would be led beyond it, and what cannot move at all, shape (G,)."""
         lower, upper = self._bounds(z)
         margin = 1e-9 * (upper - lower)
-        held = ((z <= lower + margin) & (gradient > 0)) | ((z >= upper - margin) & (gradient < 0)) | (lower >= upper)
-        return np.asarray(~held)
-
-    def leaving(self, z: Array, step: Array) -> Flags:
-        """Tell what lies on a bound and would be led beyond it."""
-        lower, upper = self._bounds(z)
-        margin = 1e-9 * (upper - lower)
-        return np.asarray(((z <= lower + margin) & (step < 0)) | ((z >= upper - margin) & (step > 0)))
+        below, above = (z <= lower + margin) & (direction < 0), (z >= upper - margin) & (direction > 0)
+        return np.asarray(below | above | (lower >= upper) | self._fixed)
 
     def _bounds(self, z: Array) -> tuple[Array, Array]:
         lower, upper = self._lower.copy(), self._upper.copy()
-        if (lower == upper).all():
-            return lower, upper
         root = np.sqrt(np.prod(np.clip(z[:2], lower[:2], upper[:2])))
-        low, high = np.clip(np.array(self._coupling) / root, -LARGEST_COUPLING, LARGEST_COUPLING)
-        lower[2], upper[2] = low, high
+        lower[2], upper[2] = np.clip([lower[2] / root, upper[2] / root], -LARGEST_COUPLING, LARGEST_COUPLING)
         return lower, upper
 
 
@@ -247,13 +196,7 @@ class _Normal:
     """
 
     def __init__(
-        self,
-        comparison: Comparison,
-        theta: Array,
-        delay: float,
-        states: Array,
-        residuals: Array,
-        loss: _Squared | _Huber,
+        self, comparison: Comparison, theta: Array, delay: float, states: Array, residuals: Array, bend: float
     ) -> None:
         segments = comparison.segments
         jacobian = comparison.jacobian(states, sensitivities(theta, states, segments.tau, segments.step), delay)
@@ -262,34 +205,33 @@ class _Normal:
         lost = ~np.isfinite(jacobian).all(axis=(1, 2)) | (np.abs(residuals) >= comparison.lost).any(axis=1)
         self.complete = not lost.any()
         jacobian[lost] = 0.0
-        transposed = jacobian.transpose(0, 2, 1) * loss.weights(residuals)[:, None, None]
+        weights = np.minimum(1.0, bend / np.maximum(np.sqrt((residuals**2).sum(axis=1)), 1e-300))
+        transposed = jacobian.transpose(0, 2, 1) * weights[:, None, None]
         matrix = transposed @ jacobian
         gradient = (transposed @ residuals[:, :, None])[:, :, 0]
         self._local, self._mixed, self._shared = matrix[:, :4, :4], matrix[:, :4, 4:], matrix[:, 4:, 4:]
         self._local_gradient, self._gradient = gradient[:, :4], gradient[:, 4:]
 
-    def condensed(self, damping: float = LEAST_DAMPING) -> tuple[Array, Array]:
+    def condensed(self, damping: float) -> tuple[Array, Array]:
         """Return informations, shape (L, G + 2, G + 2), and slopes, shape (L, G + 2)."""
         gain, rest = self._local_answer(damping)
         back = self._mixed.transpose(0, 2, 1)
         return self._shared - back @ gain, self._gradient - (back @ rest[:, :, None])[:, :, 0]
 
     def step(self, box: _Box, z: Array, x: Array, damping: float) -> tuple[Array, Array]:
-        """Return the damped step's end: new global unknowns and new initial states."""
+        """Return the end of the step in which global unknowns and initial states are damped: new z and x."""
         information, slope = (part.sum(axis=0) for part in self.condensed(damping))
-        information, slope = information[:-2, :-2], slope[:-2]
         turn = box.slope(z)
-        information, slope = turn.T @ information @ turn, turn.T @ slope
+        information, slope = turn.T @ information[:-2, :-2] @ turn, turn.T @ slope[:-2]
         weight = np.diag(turn.T @ self._shared.sum(axis=0)[:-2, :-2] @ turn)
         information[np.diag_indices_from(information)] += damping * np.where(weight > 0, weight, 1.0)
-        free = box.free(z, slope)
-        step = np.zeros_like(z)
+        step, free = np.zeros_like(z), ~box.blocked(z, -slope)
         while free.any():
             step[:] = 0.0
             scale = np.sqrt(np.diag(information)[free])
             scaled = information[np.ix_(free, free)] / scale / scale[:, None]
             step[free] = -np.linalg.lstsq(scaled, slope[free] / scale, rcond=None)[0] / scale
-            leaving = free & box.leaving(z, step)
+            leaving = free & box.blocked(z, step)
             if not leaving.any():
                 break
             free &= ~leaving

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,22 +22,15 @@ Array = NDArray[np.float64]
 #: Rows that are factorised at once: they stay in a cache, and none of them is worth a thread.
 BLOCK = 256
 
-#: A vector whose P1 P2 is by so much more than (P3 / LARGEST_COUPLING)^2 has no excess, whatever is rounded.
-CLEAR = 1 + 1e-12
-
 
 @dataclass(frozen=True, slots=True)
 class Quadratic:
-    """J(theta) = |phi theta - y|^2 / N, held as the triangle of the QR factorisation of [phi, y].
+    """J(theta) = |phi theta - y|^2 / N, held as the triangle of the QR factorisation of [phi, y]."""
 
-    Attributes:
-        triangle: shape (D+1, D+1), upper triangular.
-        count: N, the number of residuals it stands for.
-    """
-
-    triangle: Array
-    count: int
-    _last: tuple[Array, Array, NDArray[np.intp]] | None = field(default=None, init=False, repr=False, compare=False)
+    triangle: Array  #: shape (D+1, D+1), upper triangular.
+    count: int  #: N, the number of residuals it stands for.
+    #: What an indefinite mass matrix costs, see :class:`Penalised`.
+    worth: ClassVar[float] = 0.0
 
     @classmethod
     def reduce(cls, phi: Array, y: Array) -> Quadratic:
@@ -54,9 +48,8 @@ class Quadratic:
 
     def along(self, directions: Array) -> Quadratic:
         """Return the criterion of x, shape (F,), where theta = directions @ x, shape (D, F)."""
-        return Quadratic(
-            _triangle(np.column_stack([self.triangle[:, :-1] @ directions, self.triangle[:, -1]])), self.count
-        )
+        rows = np.column_stack([self.triangle[:, :-1] @ directions, self.triangle[:, -1]])
+        return Quadratic(_triangle(rows), self.count)
 
     @property
     def phi(self) -> Array:
@@ -73,61 +66,31 @@ class Quadratic:
         """The part of J that no theta removes."""
         return float(self.triangle[-1, -1] ** 2 / self.count)
 
-    def __call__(self, theta: ArrayLike) -> Array:
-        """Return J for parameter vectors of shape (..., D), as an array of shape (...).
-
-        Product by product, in an order of which the last bits depend: a BLAS has one of its own on every processor,
-        and the same seed would not give the same result.
-        """
-        vectors = np.asarray(theta, dtype=float)
-        x = np.ascontiguousarray(vectors.reshape(-1, vectors.shape[-1]).T)
-        start, factors, columns = self._spread(x.shape[1])
-        # The products of phi's main diagonal, then of the one above it, and so on.
-        products = x.take(columns, axis=0)
-        products *= factors
-        residual, at = products[: len(x)], len(x)
-        residual += start
-        for rows in range(len(x) - 1, 0, -1):
-            residual[:rows] += products[at : at + rows]
-            at += rows
-        residual *= residual
-        value = np.add.reduce(residual, axis=0)
-        value += self.floor
-        return np.asarray(value.reshape(vectors.shape[:-1]))
-
-    def _spread(self, count: int) -> tuple[Array, Array, NDArray[np.intp]]:
-        """Return what to call for so many vectors takes: -y, phi's diagonals, and which parameters they multiply.
-
-        The first two over the root of N, and repeated for every vector: numpy is slow where it has to repeat. The last
-        ones are kept, for an optimiser that asks for as many values again and again.
-        """
-        if self._last is not None and len(self._last[0][0]) == count:
-            return self._last
-        phi, y = (part / math.sqrt(self.count) for part in (self.phi, self.y))
-        size = len(y)
-        columns = np.concatenate([np.arange(k, size) for k in range(size)])
-        factors = np.concatenate([phi.diagonal(k) for k in range(size)])
-        start, factors = (np.repeat(column[:, None], count, axis=1) for column in (-y, factors))
-        object.__setattr__(self, '_last', (start, factors, columns))  # the one thing here that is not frozen
-        return start, factors, columns
-
     @property
     def root(self) -> Array:
         """The triangle over the root of N: J is |root [theta, -1]|^2."""
         return self.triangle / math.sqrt(self.count)
 
-    @property
-    def worth(self) -> float:
-        """What :attr:`Penalised.worth` is there: an indefinite mass matrix costs nothing."""
-        return 0.0
+    def __call__(self, theta: ArrayLike) -> Array:
+        """Return J for parameter vectors of shape (..., D), as an array of shape (...).
+
+        Column by column: a BLAS adds in an order of its own on every processor, and the same seed would not give the
+        same result.
+        """
+        vectors = np.asarray(theta, dtype=float)
+        x = np.ascontiguousarray(vectors.reshape(-1, vectors.shape[-1]).T)
+        root = self.root
+        residuals = np.repeat(-root[:-1, -1:], x.shape[1], axis=1)
+        for j, component in enumerate(x):
+            residuals[: j + 1] += root[: j + 1, j, None] * component
+        return np.asarray((np.square(residuals).sum(axis=0) + self.floor).reshape(vectors.shape[:-1]))
 
     def minimum(self, bounds: Bounds) -> Array:
         """Return the exact minimiser, shape (D,), within the bounds and where M(q) is positive definite for every q.
 
         That is |P3| <= c sqrt(P1 P2), c = :data:`.parameters.LARGEST_COUPLING`, a convex cone, for bounds whose names
-        begin with P1, P2, P3; for others the bounds alone count. Where P1 = s P2 is given, the cone is linear: what is
-        left is bounded-variable least squares for every s, and a search for the best s. Since cone, bounds and J are
-        convex, the least J for a given s has but one valley.
+        begin with P1, P2, P3; for others the bounds alone count. For a given s = P1 / P2 the cone is linear, and
+        bounded-variable least squares is exact; as all is convex, J has but one valley over s.
 
         Raises:
             ParameterError: no P1, P2, P3 within the bounds lie in the cone.
@@ -136,14 +99,13 @@ class Quadratic:
         if bounds.names[:3] != ('P1', 'P2', 'P3') or not _coupled(theta):
             return theta
         side = float(np.sign(theta[2]))
-
         low, high = _ratios(bounds, side)
 
         def best(logarithm: float) -> Array:
             return self._of_ratio(math.exp(min(max(logarithm, low), high)), side, bounds)
 
-        # Far from the valley J may be level, with P1 = P2 = P3 = 0: so a look everywhere comes first. The second
-        # search is for the last digits, where J has an edge.
+        # Far from the valley J may be level, with P1 = P2 = P3 = 0. The second search is for the last digits, where J
+        # has an edge.
         coarse = np.linspace(low, high, math.ceil(high - low) + 2)
         at = float(coarse[np.argmin([self(best(x)) for x in coarse])])
         for reach in (1.0, 1e-6):
@@ -180,50 +142,38 @@ class Quadratic:
     def _within(self, lower: Array, upper: Array, directions: Array) -> Array:
         """Return the minimiser among ``directions @ x``, lower <= x <= upper (bounded-variable least squares)."""
         phi = self.phi @ directions
-        norms = np.linalg.norm(phi, axis=0)
-        scale = np.where(norms > 0, norms, 1.0)
+        scale = _column_scale(phi)
         above = np.maximum(upper, lower + 1e-12 * np.abs(lower) + 1e-300)  # closed, or turned round by rounding
         solution = lsq_linear(phi / scale, self.y, (lower * scale, above * scale), method='bvls', tol=1e-15)
         return np.asarray(directions @ np.clip(solution.x / scale, lower, upper))
 
     def free_minimum(self) -> Array:
         """Return the minimiser without bounds, shape (D,); the smallest one where many are as good."""
-        scale = self.column_scale()
+        scale = _column_scale(self.phi)
         return np.asarray(np.linalg.lstsq(self.phi / scale, self.y, rcond=None)[0] / scale)
-
-    def column_scale(self) -> Array:
-        """Return the norm of each regressor column, shape (D,); 1 where a column is zero."""
-        norms = np.linalg.norm(self.phi, axis=0)
-        return np.asarray(np.where(norms > 0, norms, 1.0))
 
     def condition_number(self, which: NDArray[np.bool_] | slice = slice(None)) -> float:
         """Return the condition number of some columns of the regressor, scaled to one; infinite if one is zero."""
-        singular = np.linalg.svd((self.phi / self.column_scale())[:, which], compute_uv=False)
+        singular = np.linalg.svd((self.phi / _column_scale(self.phi))[:, which], compute_uv=False)
         return float(singular[0] / singular[-1]) if singular[-1] > 0 else float('inf')
 
     def undetermined(self, tolerance: float) -> NDArray[np.bool_]:
-        """Tell, per parameter, whether it cannot be told from the data, shape (D,).
+        """Tell, per parameter, whether the data do not determine it, shape (D,).
 
-        It cannot when its column is zero or when it takes part in a combination of parameters (of columns scaled to
-        one) to which the residuals respond ``tolerance`` times less than to the strongest one.
+        Its column is zero, or it takes part in a combination of parameters (of columns scaled to one) to which the
+        residuals respond ``tolerance`` times less than to the strongest one.
         """
-        scale = self.column_scale()
-        _, singular, right = np.linalg.svd(self.phi / scale)
+        _, singular, right = np.linalg.svd(self.phi / _column_scale(self.phi))
         silent = np.abs(right[singular <= tolerance * singular[0]]).max(axis=0, initial=0.0) > 0.1
         return np.asarray(silent | (np.linalg.norm(self.phi, axis=0) == 0))
 
 
 @dataclass(frozen=True, slots=True)
 class Penalised:
-    """What an optimiser that knows boxes alone minimises: a criterion, and the price of an indefinite mass matrix.
+    """What an optimiser that knows boxes alone minimises: a criterion, and the price of an indefinite mass matrix."""
 
-    Attributes:
-        criterion: of parameter vectors that begin with P1, P2, P3.
-        worth: of an excess of 1, see :func:`.parameters.coupling_excess`.
-    """
-
-    criterion: Quadratic
-    worth: float
+    criterion: Quadratic  #: of parameter vectors that begin with P1, P2, P3.
+    worth: float  #: of an excess of 1, see :func:`.parameters.coupling_excess`.
 
     @classmethod
     def of(cls, criterion: Quadratic) -> Penalised:
@@ -235,16 +185,21 @@ class Penalised:
         value, theta = self.criterion(theta), np.asarray(theta, dtype=float)
         P1, P2, P3 = theta[..., 0], theta[..., 1], theta[..., 2]
         # Roots and quotients are slow, and most vectors are clear of it.
-        clear = P3 * P3 * (CLEAR / LARGEST_COUPLING**2) < P1 * P2
-        clear &= P1 > 0
-        if np.count_nonzero(clear) < clear.size:
-            value[~clear] += self.worth * coupling_excess(theta[~clear])
+        coupled = (P3 * P3 >= 0.9 * P1 * P2) | (P1 <= 0)
+        if coupled.any():
+            value[coupled] += self.worth * coupling_excess(theta[coupled])
         return value
 
     @property
     def root(self) -> Array:
         """The criterion's."""
         return self.criterion.root
+
+
+def _column_scale(phi: Array) -> Array:
+    """Return the norm of each column, shape (D,); 1 where a column is zero."""
+    norms = np.linalg.norm(phi, axis=0)
+    return np.asarray(np.where(norms > 0, norms, 1.0))
 
 
 def _coupled(theta: Array) -> bool:

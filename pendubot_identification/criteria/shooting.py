@@ -3,9 +3,9 @@
 
 """The trajectory criterion: recordings cut into segments, each simulated from an initial state of its own.
 
-What a parameter vector must predict is a motion, so what is minimised is the simulation error, by multiple shooting
-(Bock 1983): J(theta, delay, x_1 .. x_S) = sum over segments s of |residuals of s|^2, where x_s, a segment's initial
-state, is known only roughly and estimated along. Two kinds of residuals:
+What is minimised is the simulation error, by multiple shooting (Bock 1983): J(theta, delay, x_1 .. x_S) = sum over
+segments s of |residuals of s|^2, where x_s, a segment's initial state, is known only roughly and estimated along. Two
+kinds of residuals:
 
 - :class:`AgainstStates`: all four states over their standard deviation, against the smoothed recording; the initial
   state is held near the smoothed one. For rigs that the model does not describe to the last encoder count.
@@ -19,8 +19,7 @@ T is compared with what was measured at T + delay.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Protocol
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,27 +34,24 @@ Indices = NDArray[np.intp]
 LONGEST_STEP = 0.004
 #: By this part of a sampling interval a segment may reach into the margins.
 SLACK = 0.01
+#: How far an initial state may lie from the smoothed one, in standard deviations of the states. Simulated segments that
+#: start anywhere would fit anything; ones that must start where the smoother says would pass its errors on.
+PRIOR = 0.12
+#: Between two times at which states are compared, about [s].
+SPACING = 0.012
 #: A motion is lost when a state is off by so many standard deviations, a position by so much [rad].
 LOST_STATE, LOST_ANGLE = 1e5, 10.0
 
 
 @dataclass(frozen=True, slots=True)
 class Segments:
-    """Pieces of recordings that are simulated side by side.
+    """Pieces of recordings that are simulated side by side."""
 
-    Attributes:
-        motions: the recordings.
-        group: the number of each segment's recording, shape (L,).
-        start: the torque time [s] at which each begins, shape (L,).
-        step: length of a simulation step [s].
-        tau: torques of every step [N m], shape (2, K, L).
-    """
-
-    motions: tuple[Motion, ...]
-    group: Indices
-    start: Array
-    step: float
-    tau: Array
+    motions: tuple[Motion, ...]  #: the recordings.
+    group: Indices  #: the number of each segment's recording, shape (L,), not decreasing.
+    start: Array  #: the torque time [s] at which each begins, shape (L,).
+    step: float  #: length of a simulation step [s].
+    tau: Array  #: torques of every step [N m], shape (2, K, L).
 
     @classmethod
     def cut(
@@ -68,12 +64,9 @@ class Segments:
     ) -> Segments:
         """Cut segments of ``length`` [s] every ``stride`` [s], none from recordings that are shorter.
 
-        Args:
-            motions: the recordings. All are simulated with one step, the finest that any of them asks for.
-            length: of a segment [s].
-            stride: from one segment's start to the next one's [s].
-            margin: what is left out at both ends of a recording, for the delay [s].
-            longest_step: the longest simulation step [s]; torques that change within one act by their mean.
+        All are simulated with one step, the finest that any recording asks for and no longer than ``longest_step`` [s];
+        torques that change within one act by their mean. ``margin`` [s] is left out at both ends of a recording, for
+        the delay.
 
         Raises:
             TrajectoryError: all recordings are shorter than a segment, or a segment than a simulation step.
@@ -100,11 +93,13 @@ class Segments:
                 f'{motions[0].name}: {longest:.3f} s are shorter than a simulated segment of {length:g} s with its '
                 'margins; choose a longer part of the recording'
             )
-        tau = np.concatenate(
-            [m.torques(t, step, steps) for m, t in zip(motions, starts, strict=True) if len(t)], axis=2
-        )
         group = np.repeat(np.arange(len(motions)), [len(t) for t in starts])
-        return cls(tuple(motions), group, np.concatenate(starts), step, tau)
+        return cls._stepped(tuple(motions), group, np.concatenate(starts), step, steps)
+
+    @classmethod
+    def _stepped(cls, motions: tuple[Motion, ...], group: Indices, start: Array, step: float, steps: int) -> Segments:
+        tau = [motion.torques(start[group == number], step, steps) for number, motion in enumerate(motions)]
+        return cls(motions, group, start, step, np.concatenate(tau, axis=2))
 
     def __len__(self) -> int:
         return len(self.start)
@@ -116,12 +111,9 @@ class Segments:
 
     def halved(self) -> Segments:
         """Return the same with steps half as long."""
-        starts = [self.start[self.group == number] for number in range(len(self.motions))]
-        pairs = [(m, t) for m, t in zip(self.motions, starts, strict=True) if len(t)]
-        tau = np.concatenate([m.torques(t, self.step / 2, 2 * self.steps) for m, t in pairs], axis=2)
-        return replace(self, step=self.step / 2, tau=tau)
+        return self._stepped(self.motions, self.group, self.start, self.step / 2, 2 * self.steps)
 
-    def measured(self, offset: Array, what: str = 'states') -> Array:
+    def measured(self, offset: Array, *, rates: bool = False) -> Array:
         """Return smoothed states, or their rates, at times ``offset`` [s], shape (M,), after each segment's start.
 
         Returns:
@@ -130,100 +122,66 @@ class Segments:
         parts = []
         for number, motion in enumerate(self.motions):
             times = self.start[self.group == number] + offset[:, None]
-            parts.append(getattr(motion, what)(times))
+            parts.append(motion.rates(times) if rates else motion.states(times))
         return np.concatenate(parts, axis=2)
-
-
-class Comparison(Protocol):
-    """Residuals of simulated segments and their derivatives.
-
-    Attributes:
-        segments: the segments.
-        by_zeros: derivative of a segment's residuals by how far off the zeros of its recording's two positions are
-            [rad], shape (M, 2). Such positions are too large by a constant, so residuals are linear in it.
-        lost: a residual at which a motion is lost: by how much says nothing.
-    """
-
-    segments: Segments
-    by_zeros: Array
-    lost: float
-
-    def initial(self, delay: float) -> Array:
-        """Return a guess of the initial states, shape (4, L)."""
-
-    def residuals(self, states: Array, delay: float) -> Array:
-        """Return residuals, shape (L, M), of simulated states, shape (K + 1, 4, L)."""
-
-    def jacobian(self, states: Array, sensitivity: Array, delay: float) -> Array:
-        """Return their derivative by initial state, theta and delay, shape (L, M, 4 + D + 1)."""
 
 
 class AgainstStates:
     """All four states against the smoothed ones, in standard deviations, averaged over a segment.
 
-    Args:
-        segments: the segments.
-        scale: the states' standard deviations, shape (4,).
-        prior: how far an initial state may lie from the smoothed one, in the same measure. Simulated segments that
-            start anywhere would fit anything; ones that must start where the smoother says would pass its errors on.
-        spacing: seconds between two compared times, about.
+    Residuals are 4 of the initial state and 4 of each of the ``times`` that are compared. ``scale`` are the states'
+    standard deviations, shape (4,).
     """
 
-    def __init__(self, segments: Segments, scale: Array, prior: float = 0.12, spacing: float = 0.012) -> None:
+    def __init__(self, segments: Segments, scale: Array) -> None:
         self.segments = segments
-        every = max(1, min(segments.steps, round(spacing / segments.step)))
+        every = max(1, min(segments.steps, round(SPACING / segments.step)))
         self._after = np.arange(every, segments.steps + 1, every)
-        self._weight = 1 / (scale * np.sqrt(len(self._after)))
-        self._prior = 1 / (scale * prior)
+        self.times = len(self._after)
         #: Times from a segment's start [s] at which it is compared: 0, where its initial state is, and the rest.
         self.offset = segments.step * np.concatenate([[0], self._after])
-        weights = np.vstack([self._prior, np.tile(self._weight, (len(self._after), 1))])
-        self.by_zeros = (weights[:, :, None] * np.eye(4, 2)).reshape(-1, 2)
-        self.lost = LOST_STATE / np.sqrt(len(self._after))
-
-    @property
-    def times(self) -> int:
-        """How many times of a segment are compared."""
-        return len(self._after)
+        weight = 1 / (scale * np.sqrt(self.times))
+        self._weights = np.vstack([1 / (scale * PRIOR), np.tile(weight, (self.times, 1))])
+        #: Derivative of a segment's residuals by how far off the zeros of its recording's positions are [rad], (M, 2).
+        #: Such positions are too large by a constant, so residuals are linear in it.
+        self.by_zeros = (self._weights[:, :, None] * np.eye(4, 2)).reshape(-1, 2)
+        #: A residual at which a motion is lost: by how much says nothing.
+        self.lost = LOST_STATE / np.sqrt(self.times)
 
     def initial(self, delay: float) -> Array:
-        """Return the smoothed states."""
+        """Return a guess of the initial states, shape (4, L)."""
         return self.segments.measured(np.array([delay]))[:, 0]
 
     def residuals(self, states: Array, delay: float) -> Array:
-        """Return 4 residuals of the initial state and 4 of every compared time."""
-        measured = self.segments.measured(self.offset + delay)
-        first = (states[0] - measured[:, 0]) * self._prior[:, None]
-        later = (states[self._after] - np.moveaxis(measured[:, 1:], 1, 0)) * self._weight[:, None]
-        return np.asarray(np.concatenate([first[None], later]).reshape(-1, len(self.segments)).T)
+        """Return residuals, shape (L, M), of simulated states, shape (K + 1, 4, L)."""
+        measured = np.moveaxis(self.segments.measured(self.offset + delay), 1, 0)
+        errors = states[np.append(0, self._after)] - measured
+        return np.asarray((errors * self._weights[:, :, None]).reshape(-1, len(self.segments)).T)
 
     def jacobian(self, states: Array, sensitivity: Array, delay: float) -> Array:
-        """Return the derivative of :meth:`residuals`."""
-        rates = self.segments.measured(self.offset + delay, 'rates')
+        """Return the residuals' derivative by initial state, theta and delay, shape (L, M, 4 + D + 1)."""
+        rates = self.segments.measured(self.offset + delay, rates=True)
         rows, lanes = len(self.offset), len(self.segments)
         result = np.zeros((lanes, rows, 4, sensitivity.shape[2] + 1))
         result[:, 0, range(4), range(4)] = 1.0
         result[:, 1:, :, :-1] = np.moveaxis(sensitivity[self._after - 1], 3, 0)
         result[:, :, :, -1] = -np.moveaxis(rates, (0, 2), (2, 0))
-        result[:, 0] *= self._prior[:, None]
-        result[:, 1:] *= self._weight[:, None]
+        result *= self._weights[:, :, None]
         return result.reshape(lanes, rows * 4, -1)
 
 
 class AgainstPositions:
     """Positions as recorded, in units of their noise, at every sample within a segment of the slowest recording.
 
-    Args:
-        segments: the segments.
-        noise: standard deviation of the recorded positions [rad], shape (2,).
-        margin: what of a segment is left out at both ends [s], so that a delay does not lead out of it.
-        delay: about which the delay will lie [s].
-        initial: a guess of the initial states, shape (4, L); by default the smoothed ones.
+    What it offers is what :class:`AgainstStates` does; residuals are 2 of every compared sample. ``noise`` is the
+    standard deviation of the recorded positions [rad], shape (2,); the delay will lie about ``delay`` [s]; ``initial``
+    is a guess of the initial states, shape (4, L), by default the smoothed ones.
     """
 
-    def __init__(
-        self, segments: Segments, noise: Array, margin: float = 0.0, delay: float = 0.0, initial: Array | None = None
-    ) -> None:
+    #: Of both ends of a step: which end, and the first of the two states there that a Hermite polynomial weighs.
+    _CORNERS = ((0, 0), (1, 0), (0, 2), (1, 2))
+
+    def __init__(self, segments: Segments, noise: Array, delay: float = 0.0, initial: Array | None = None) -> None:
         self.segments = segments
         self._noise = noise
         self._initial = initial
@@ -231,7 +189,7 @@ class AgainstPositions:
         within = []
         for group, start in zip(segments.group, segments.start, strict=True):
             t = segments.motions[group].recorded.t - delay
-            within.append(np.flatnonzero((t > start + margin - 1e-9) & (t < start + duration - margin + 1e-9)))
+            within.append(np.flatnonzero((t > start - 1e-9) & (t < start + duration + 1e-9)))
         # As many of each, spread over all of it, where one is sampled faster than another.
         count = min(map(len, within))
         within = [w[np.rint(np.linspace(0, len(w) - 1, count)).astype(np.intp)] for w in within]
@@ -251,17 +209,17 @@ class AgainstPositions:
         return self.segments.measured(np.array([delay]))[:, 0] if self._initial is None else self._initial
 
     def residuals(self, states: Array, delay: float) -> Array:
-        """Return 2 residuals of every compared sample."""
+        """Return the residuals."""
         k, weights, _ = self._interpolation(delay)
         lane = np.arange(len(self.segments))
         q = sum(
-            weight[:, None] * states[k + ahead, kind : kind + 2, lane].transpose(0, 2, 1)
-            for ahead, kind, weight in weights
+            weight[:, None] * states[k + end, kind : kind + 2, lane].transpose(0, 2, 1)
+            for (end, kind), weight in zip(self._CORNERS, weights, strict=True)
         )
         return np.asarray(((q - self._q) / self._noise[:, None]).reshape(-1, len(lane)).T)
 
     def jacobian(self, states: Array, sensitivity: Array, delay: float) -> Array:
-        """Return the derivative of :meth:`residuals`."""
+        """Return their derivative."""
         k, weights, slopes = self._interpolation(delay)
         lanes, size = len(self.segments), sensitivity.shape[2]
         lane = np.arange(lanes)
@@ -269,26 +227,25 @@ class AgainstPositions:
         whole[0, range(4), range(4)] = 1.0
         whole[1:] = sensitivity
         result = np.zeros((lanes, len(k), 2, size + 1))
-        for ahead, kind, weight in weights:
+        for (end, kind), weight, slope in zip(self._CORNERS, weights, slopes, strict=True):
             # Two index arrays with slices between them put their common axes first: (M, L, 2, size).
-            part = whole[k + ahead, kind : kind + 2, :, lane]
+            part = whole[k + end, kind : kind + 2, :, lane]
             result[..., :-1] += np.moveaxis(weight[..., None, None] * part, 1, 0)
-        for ahead, kind, slope in slopes:
-            part = states[k + ahead, kind : kind + 2, lane]
-            result[..., -1] -= np.moveaxis(slope[..., None] * part, 1, 0)
+            result[..., -1] -= np.moveaxis(slope[..., None] * states[k + end, kind : kind + 2, lane], 1, 0)
         result /= self._noise[:, None]
         return result.reshape(lanes, -1, size + 1)
 
-    def _interpolation(
-        self, delay: float
-    ) -> tuple[Indices, list[tuple[int, int, Array]], list[tuple[int, int, Array]]]:
-        """Return the cubic Hermite polynomials' weights of positions and velocities at both ends of a step."""
+    def _interpolation(self, delay: float) -> tuple[Indices, tuple[Array, ...], tuple[Array, ...]]:
+        """Return in which step each sample lies, and the cubic Hermite polynomials of its corners and their slopes."""
         h = self.segments.step
         at = (self._t - delay) / h
         k = np.clip(np.floor(at + 1e-6).astype(np.intp), 0, self.segments.steps - 1)
         s = at - k
-        weights = [(0, 0, 1 - s * s * (3 - 2 * s)), (1, 0, s * s * (3 - 2 * s))]
-        weights += [(0, 2, h * s * (1 - s) ** 2), (1, 2, h * s * s * (s - 1))]
-        slopes = [(0, 0, -6 * s * (1 - s) / h), (1, 0, 6 * s * (1 - s) / h)]
-        slopes += [(0, 2, (1 - s) * (1 - 3 * s)), (1, 2, s * (3 * s - 2))]
+        blend, rise = s * s * (3 - 2 * s), 6 * s * (1 - s) / h
+        weights = (1 - blend, blend, h * s * (1 - s) ** 2, h * s * s * (s - 1))
+        slopes = (-rise, rise, (1 - s) * (1 - 3 * s), s * (3 * s - 2))
         return k, weights, slopes
+
+
+#: Residuals of simulated segments and their derivatives.
+Comparison = AgainstStates | AgainstPositions

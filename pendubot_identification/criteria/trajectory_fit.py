@@ -65,28 +65,17 @@ SEARCH_SEGMENTS, SEARCH_LENGTH, SEARCH_TIMES = 60, 0.15, 12
 
 @dataclass(frozen=True, slots=True)
 class TrajectoryFit:
-    """The minimum of the trajectory criterion.
+    """The minimum of the trajectory criterion."""
 
-    Attributes:
-        fit: where Levenberg-Marquardt came to rest.
-        kind: ``states`` or ``positions``: what the simulated segments were compared with.
-        length: of the segments [s].
-        group: the number of each segment's recording, shape (L,).
-        start: the time at which each begins [s], shape (L,).
-        variance: reduced chi-square of the positions, in variances of their rounding, or of :data:`FINEST`; NaN for
-            ``states``.
-        white: whether the residuals are white.
-        rounded: whether the noise of the positions is known: an encoder's rounding.
-    """
-
-    fit: Fit
-    kind: str
-    length: float
-    group: NDArray[np.intp]
-    start: Array
+    fit: Fit  #: where Levenberg-Marquardt came to rest.
+    kind: str  #: ``states`` or ``positions``: what the simulated segments were compared with.
+    length: float  #: of the segments [s].
+    group: NDArray[np.intp]  #: the number of each segment's recording, shape (L,).
+    start: Array  #: the time at which each begins [s], shape (L,).
+    #: Reduced chi-square of the positions, in variances of their rounding, or of :data:`FINEST`; NaN for ``states``.
     variance: float
-    white: bool = False
-    rounded: bool = True
+    white: bool = False  #: whether the residuals are white.
+    rounded: bool = True  #: whether the noise of the positions is known: an encoder's rounding.
 
     @property
     def exact(self) -> bool:
@@ -107,19 +96,11 @@ def fit_states(
     tolerance: float = 1e-5,
     progress: Callable[[float], None] | None = None,
 ) -> TrajectoryFit:
-    """Fit segments to the smoothed states.
+    """Fit segments to the smoothed states, from theta, shape (D,), and a delay [s] on.
 
-    Args:
-        motions: the recordings.
-        theta: where to start, shape (D,).
-        delay: where to start [s].
-        bounds: of theta.
-        delay_bounds: of the delay [s].
-        scale: the states' standard deviations, shape (4,).
-        ladder: (length, stride) [s] of the segments, one after the other.
-        iterations: at most, on each rung.
-        tolerance: the last rung ends when a step gains no more than this fraction of the cost.
-        progress: called with the criterion after every iteration.
+    The segments' (length, stride) [s] are those of the ladder, one after the other. ``scale`` are the states' standard
+    deviations, shape (4,). Each rung takes so many iterations at most, and the last one ends when a step gains no more
+    than the fraction ``tolerance`` of the cost. ``progress`` is called with the criterion after every iteration.
 
     Raises:
         TrajectoryError: the recordings are too short to be cut into segments.
@@ -159,7 +140,7 @@ def segment_cost(
     J is the mean square of the four states' errors over segments of half a second, in variances of the states, and
     what the initial states cost that leave the smoothed ones.
     """
-    _, comparison, fit = _initial_states(motions, theta, delay, bounds, scale)
+    comparison, fit = _initial_states(motions, theta, delay, bounds, scale)
     lanes = len(comparison.segments)
     return fit.cost / (4 * lanes), 4 * lanes * comparison.times
 
@@ -173,7 +154,8 @@ def segment_errors(
         For each recording that is as long as a segment, the times [s] that are compared, shape (M, L), and the errors
         of the four states in standard deviations, shape (M, 4, L).
     """
-    segments, comparison, fit = _initial_states(motions, theta, delay, bounds, scale)
+    comparison, fit = _initial_states(motions, theta, delay, bounds, scale)
+    segments = comparison.segments
     states = roll(fit.theta, fit.initial, segments.tau, segments.step)
     rows = comparison.residuals(states, fit.delay).T.reshape(-1, 4, len(segments))
     t = segments.start + fit.delay + comparison.offset[1:, None]
@@ -184,7 +166,8 @@ def segment_errors(
 
 def _initial_states(
     motions: Sequence[Motion], theta: Array, delay: float, bounds: Bounds, scale: Array
-) -> tuple[Segments, AgainstStates, Fit]:
+) -> tuple[AgainstStates, Fit]:
+    """Return the best initial states of half a second's segments, for theta and delay as they are."""
     length, stride = STATES_LADDER[-1]
     margin = abs(delay) + 1e-6
     segments = Segments.cut(motions, min(length, longest_segment(motions, margin)), stride, margin)
@@ -192,7 +175,7 @@ def _initial_states(
     fit = levenberg_marquardt(
         comparison, theta, delay, bounds, (delay, delay), fixed=True, iterations=8, tolerance=1e-3
     )
-    return segments, comparison, fit
+    return comparison, fit
 
 
 def fit_positions(
@@ -207,14 +190,8 @@ def fit_positions(
 ) -> TrajectoryFit | None:
     """Fit ever longer segments to the recorded positions, as far as the residuals stay those of the encoders.
 
-    Args:
-        motions: the recordings.
-        theta: where to start, shape (D,); near the end already, as :func:`fit_states` leaves it.
-        delay: where to start [s].
-        bounds: of theta.
-        delay_bounds: of the delay [s].
-        ladder: lengths [s] of the segments, one after the other.
-        progress: called with the criterion after every iteration.
+    The start should be near the end already, as :func:`fit_states` leaves it; arguments are those of it, but for the
+    ladder: lengths [s] of the segments, one after the other.
 
     Returns:
         The fit with the longest segments that are supported and leave white residuals or, where none does, with the
@@ -270,8 +247,7 @@ def fit_positions(
             if best is not None and best.white and not white:
                 break
             if best is None or (fit.converged and (white or len(segments) >= FEWEST_SEGMENTS)):
-                group, start = segments.group, segments.start
-                best = TrajectoryFit(fit, 'positions', length, group, start, variance, white, rounded)
+                best = TrajectoryFit(fit, 'positions', length, segments.group, segments.start, variance, white, rounded)
         if length == whole:
             break
     return best
@@ -287,12 +263,10 @@ def _strays(motion: Motion) -> bool:
 def _is_white(comparison: AgainstPositions, fit: Fit) -> bool:
     """Tell whether residuals are those of independent readings, and not of a simulation or of a model that errs."""
     segments, halved = comparison.segments, comparison.segments.halved()
+    states = roll(fit.theta, fit.initial, segments.tau, segments.step)
+    finer_states = roll(fit.theta, fit.initial, halved.tau, halved.step)[::2]
     residuals, finer = (
-        comparison.residuals(states, fit.delay).reshape(len(segments), -1, 2)
-        for states in (
-            roll(fit.theta, fit.initial, segments.tau, segments.step),
-            roll(fit.theta, fit.initial, halved.tau, halved.step)[::2],
-        )
+        comparison.residuals(each, fit.delay).reshape(len(segments), -1, 2) for each in (states, finer_states)
     )
     size = (residuals**2).mean()
     correlation = (residuals[:, 1:] * residuals[:, :-1]).mean() / size
@@ -323,35 +297,22 @@ def search(
 
     What is minimised is the mean over short segments, simulated from their smoothed states, of e^2 / (1 + e^2 / 4)
     with e the error in standard deviations: a segment that is lost is lost, and by how much says nothing. The search
-    box is searched in its cube root, because parameters of rigs differ by orders of magnitude.
-
-    Args:
-        motions: the recordings.
-        bounds: of theta, shape (D,).
-        scale: the states' standard deviations, shape (4,).
-        settings: of MDE.
-        runs: independent runs.
-        seed: same seed, same result.
-        progress: called with the generation and the best value so far.
+    box is searched in its cube root, because parameters of rigs differ by orders of magnitude. ``x`` of the result
+    are parameter vectors.
 
     Raises:
         TrajectoryError: the recordings are too short to be cut into segments.
-
-    Returns:
-        The runs' results; ``x`` are parameter vectors.
     """
-    length, wanted = SEARCH_LENGTH, SEARCH_SEGMENTS
-    stride = max(sum(m.end - m.start for m in motions) / wanted, length / 2)
-    segments = Segments.cut(motions, length, stride, 1e-6)
+    stride = max(sum(m.end - m.start for m in motions) / SEARCH_SEGMENTS, SEARCH_LENGTH / 2)
+    segments = Segments.cut(motions, SEARCH_LENGTH, stride, 1e-6)
     initial = segments.measured(np.zeros(1))[:, 0]
     after = np.arange(segments.steps, 0, -max(1, segments.steps // SEARCH_TIMES))[::-1]
     measured = np.moveaxis(segments.measured(np.asarray(segments.step * after)), 1, 0)[:, :, None]
     width = bounds.upper - bounds.lower
-    least = LEAST_INERTIA * bounds.upper[:2]
 
     def vectors(u: Array) -> Array:
         theta = bounds.lower + width * u**3
-        theta[..., :2] = np.maximum(theta[..., :2], least)
+        theta[..., :2] = np.maximum(theta[..., :2], LEAST_INERTIA * bounds.upper[:2])
         return theta
 
     def objective(u: Array) -> Array:

@@ -54,42 +54,26 @@ DELAY_STRIDE = 0.03
 
 
 def weak_regression(
-    motion: Motion,
-    model: str,
-    delay: float = 0.0,
-    *,
-    weights: ArrayLike = (1.0, 1.0, 1.0),
-    width: float = WIDTH,
-    stride: float = STRIDE,
+    motion: Motion, model: str, delay: float = 0.0, *, weights: ArrayLike = (1.0, 1.0, 1.0), stride: float = STRIDE
 ) -> Regression:
-    """Return the three balances of a motion under each of many bumps.
+    """Return the three balances of a motion under each of K bumps, one every ``stride`` [s].
 
-    Args:
-        motion: states and torques.
-        model: the name of one of :data:`.parameters.MODELS`.
-        delay: of the effort [s]: what acts at t is the torque recorded at t - delay.
-        weights: factors of the three balances, see :func:`balance_weights`.
-        width: of the bump, from zero to zero [s].
-        stride: from one bump to the next [s].
+    ``model`` is one of :data:`.parameters.MODELS`; ``delay`` that of the effort [s]: what acts at t is the torque
+    recorded at t - delay; ``weights`` are factors of the three balances, see :func:`balance_weights`.
 
     Returns:
-        3 K residuals [N m; of energy W times its weight] of K bumps in the order of time, and of each bump those of
-        shoulder, elbow, energy. ``phi`` has a column for each of the model's parameters.
+        3 K residuals [N m; of energy W times its weight] in the order of time, of each bump those of shoulder, elbow,
+        energy. ``phi`` has a column for each of the model's parameters.
 
     Raises:
         TrajectoryError: the motion is shorter than the bump, or faster than a rig can be.
     """
-    bumps = _Bumps.cover(motion, width, stride, delay, delay)
-    return _regression(motion, bumps, MODELS[model], delay, weights)
+    return _regression(motion, _Bumps.cover(motion, stride, delay, delay), MODELS[model], delay, weights)
 
 
 def weak_residuals(motion: AnyMotion, model: str, delay: float, weights: ArrayLike) -> Residuals:
-    """Return the same of a motion that may be long, in parts.
-
-    Raises:
-        TrajectoryError: as :func:`weak_regression`, some of it only when the parts are asked for.
-    """
-    bumps = _Bumps.cover(motion, WIDTH, STRIDE, delay, delay)
+    """Return the same of a motion that may be long, in parts, which may raise what :func:`weak_regression` does."""
+    bumps = _Bumps.cover(motion, STRIDE, delay, delay)
 
     def parts() -> Iterator[Regression]:
         for piece, begin, end in motion.pieces(WIDTH + abs(delay)):
@@ -102,21 +86,23 @@ def weak_residuals(motion: AnyMotion, model: str, delay: float, weights: ArrayLi
 
 def _regression(motion: Motion, bumps: _Bumps, size: int, delay: float, weights: ArrayLike) -> Regression:
     phi, y = _state_columns(motion, bumps, size), _torque_columns(motion, bumps, size, delay)
-    rows = np.concatenate([phi, y], axis=2) * np.reshape(weights, (3, 1))
-    flat = rows.reshape(-1, size + 1)
-    return Regression(flat[:, :-1], flat[:, -1], np.repeat(bumps.centres, 3))
+    rows = _weighted(phi, y, weights)
+    return Regression(rows[:, :-1], rows[:, -1], np.repeat(bumps.centres, 3))
+
+
+def _weighted(phi: Array, y: Array, weights: ArrayLike) -> Array:
+    """Return all columns together, each balance times its weight, shape (3 K, D + 1)."""
+    rows = np.concatenate([phi, y], axis=2)
+    return np.asarray((rows * np.reshape(weights, (3, 1))).reshape(-1, rows.shape[2]))
 
 
 def balance_weights(regressions: Sequence[Regression], bounds: Bounds) -> Array:
     """Return the weights of the three balances with which their residuals are of one size, shape (3,).
 
     Smoothed and quantised velocities spoil the energy, where they enter squared, more than the momenta, and a small
-    elbow's balance would else drown in the shoulder's: the virtual rig's parameters come out ten times closer so. The
-    weights are found in turn with the parameters; that of the shoulder stays 1, so that J keeps its unit.
-
-    Args:
-        regressions: of :func:`weak_regression` with all weights 1, one a recording.
-        bounds: of the parameters.
+    elbow's balance would else drown in the shoulder's. The weights are found in turn with the parameters; that of the
+    shoulder stays 1, so that J keeps its unit. ``regressions``: of :func:`weak_regression`, all weights 1, one a
+    recording.
     """
     parts = [Quadratic.pool([Quadratic.reduce(r.phi[k::3], r.y[k::3]) for r in regressions]) for k in range(3)]
     least = 1e-10 * max(float(part(np.zeros(len(bounds.names)))) for part in parts) + np.finfo(float).tiny
@@ -136,31 +122,22 @@ def estimate_delay(
     highest: float = 0.1,
     *,
     weights: ArrayLike = WEIGHTS,
-    width: float = WIDTH,
 ) -> float:
-    """Return the delay of the effort [s] with which the motions are explained best.
+    """Return the delay of the effort [s] with which motions of one rig are explained best, from lowest to highest.
 
-    Args:
-        motions: states and torques of one rig.
-        model: the name of one of :data:`.parameters.MODELS`.
-        bounds: of its parameters.
-        lowest: the least delay looked for [s]; negative where the recorded torque lags behind the one that acted.
-        highest: the greatest [s].
-        weights: see :func:`balance_weights`.
-        width: of the bump [s].
+    It is negative where the recorded torque lags behind the one that acted.
 
     Raises:
         TrajectoryError: a motion is shorter than the bump and the range of delays together.
     """
     size = MODELS[model]
-    bumps = [_Bumps.cover(motion, width, DELAY_STRIDE, lowest, highest) for motion in motions]
+    bumps = [_Bumps.cover(motion, DELAY_STRIDE, lowest, highest) for motion in motions]
     phi = [_state_columns(motion, cover, size) for motion, cover in zip(motions, bumps, strict=True)]
 
     def unexplained(delay: float) -> float:
         y = [_torque_columns(motion, cover, size, delay) for motion, cover in zip(motions, bumps, strict=True)]
-        rows = np.concatenate([np.concatenate(part, axis=2) for part in zip(phi, y, strict=True)])
-        flat = (rows * np.reshape(weights, (3, 1))).reshape(-1, size + 1)
-        criterion = Quadratic.reduce(flat[:, :-1], flat[:, -1])
+        rows = np.concatenate([_weighted(*part, weights) for part in zip(phi, y, strict=True)])
+        criterion = Quadratic.reduce(rows[:, :-1], rows[:, -1])
         # Of a short recording a delay may move the only pulse out of what is compared: then there is less to explain.
         effort = float(criterion(np.zeros(size)))
         return float(criterion(criterion.minimum_in_box(bounds.of(size)))) / effort if effort > 0 else 1.0
@@ -175,37 +152,27 @@ def estimate_delay(
 
 @dataclass(frozen=True, slots=True)
 class _Bumps:
-    """Bumps that cover a motion or a part of it, and the cells of time over which they are summed.
+    """Bumps that cover a motion or a part of it, and the cells of time over which they are summed."""
 
-    Attributes:
-        origin: the motion's start [s].
-        start: where the first cell of the motion begins [s].
-        step: a cell's length [s].
-        first: the number of the first cell under these bumps.
-        cells: how many there are.
-        weights: of the cells under one bump [1/s], with integral 1.
-        stride: cells from one bump to the next.
-    """
-
-    origin: float
-    start: float
-    step: float
-    first: int
-    cells: int
-    weights: Array
-    stride: int
+    origin: float  #: the motion's start [s].
+    start: float  #: where the first cell of the motion begins [s].
+    step: float  #: a cell's length [s].
+    first: int  #: the number of the first cell under these bumps.
+    cells: int  #: how many there are.
+    weights: Array  #: of the cells under one bump [1/s], with integral 1.
+    stride: int  #: cells from one bump to the next.
 
     @classmethod
-    def cover(cls, motion: AnyMotion, width: float, stride: float, lowest: float, highest: float) -> _Bumps:
+    def cover(cls, motion: AnyMotion, stride: float, lowest: float, highest: float) -> _Bumps:
         """Cover what is known of a motion for delays of the effort from ``lowest`` to ``highest`` [s]."""
         start, end = motion.start + max(highest, 0.0), motion.end + min(lowest, 0.0)
         per_stride = math.ceil(stride / min(motion.interval, LONGEST_CELL) - 1e-9)
         step = stride / per_stride
         cells = int((end - start) / step + 1e-6)
-        under = max(4, round(width / step))
+        under = max(4, round(WIDTH / step))
         if cells < under:
             raise TrajectoryError(
-                f'{motion.name}: {end - start:.3f} s with known torque are shorter than the bump of {width:g} s; '
+                f'{motion.name}: {end - start:.3f} s with known torque are shorter than the bump of {WIDTH:g} s; '
                 'choose a longer part of the recording'
             )
         x = (np.arange(under) + 0.5) / under * 2 - 1

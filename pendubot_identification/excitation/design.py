@@ -32,7 +32,7 @@ Array = NDArray[np.float64]
 SEGMENT = 2.0
 #: The virtual rig's own steps are this much finer than a design needs.
 COARSER = 4.0
-#: Of the limits, a design uses this much: a rig is not its estimate.
+#: Of the limits, a design uses this much, because the parameters are only estimated.
 USED = 0.9
 #: The final design keeps the limits with so many parameter vectors drawn about the estimate, spread by at least this
 #: fraction of each parameter.
@@ -41,8 +41,9 @@ DRAWS, SPREAD = 8, 0.03
 FINALISTS = 40
 #: A cost beyond all those of trains within the limits.
 BEYOND = 1e6
-#: Of MDE's search. The seed of the random torques is one of the coordinates.
+#: Of MDE's search, and its coordinates; the seed of the random torques is one of them.
 POPULATION, GENERATIONS, SEEDS = 80, 30, 1000
+COORDINATES = ('period', 'width', 'amplitude_min', 'amplitude_max', 'hold', 'seed')
 #: Ranges that are searched: period [s] and hold [s] up to these, width from this.
 LONGEST_PERIOD, LONGEST_HOLD, NARROWEST = 5.0, 1.0, 0.02
 #: What a pendubot can tell: all but k2, the friction that the elbow's torque makes, for there is none.
@@ -96,11 +97,8 @@ class Limits:
     angle: tuple[float, float] = (math.inf, math.inf)
 
     def __post_init__(self) -> None:
-        for name, value, unit in (
-            ('torque', self.torque, 'N m'),
-            ('speed', self.speed, 'rad/s'),
-            *(('angle', angle, 'rad') for angle in self.angle),
-        ):
+        angles = [('angle', angle, 'rad') for angle in self.angle]
+        for name, value, unit in (('torque', self.torque, 'N m'), ('speed', self.speed, 'rad/s'), *angles):
             if not value > 0 or (math.isinf(value) and name != 'angle'):
                 raise ParameterError(f'the limit of the {name} is {value:g} {unit}; a number above 0 is expected')
 
@@ -132,21 +130,12 @@ class Predicted:
     angle: Array
 
 
-def paper_pulses(torque: float) -> PulseTrain:
-    """Return the paper's pulses with this greatest torque [N m], with which designs are compared."""
-    return PulseTrain(amplitude_min=-torque, amplitude_max=torque)
-
-
 def predict(
     parameters: Parameters, trains: Sequence[PulseTrain], experiment: Experiment, limits: Limits | None = None
 ) -> list[Predicted]:
     """Return what each of several excitations would do with a rig, from hanging at rest, and tell of it.
 
-    Args:
-        parameters: of the rig.
-        trains: the excitations.
-        experiment: how the motion is recorded.
-        limits: of what comes near to exceeding them, it is not worked out what it would tell: nothing.
+    Of what comes near to exceeding the ``limits``, it is not worked out what it would tell: nothing.
 
     Raises:
         ParameterError: the parameters are not physical.
@@ -154,21 +143,19 @@ def predict(
     if problems := parameters.unphysical():
         raise ParameterError(f'no rig moves like this: {problems[0]}; design with the parameters of a real one')
     theta = parameters.vector()
-    course = _Course.of(parameters, trains, experiment)
-    states = course.simulate(theta)
-    speed, angle = _extremes(states)
+    tau, step = _torques(parameters, trains, experiment)
+    states, speed, angle = _simulated(theta, tau, step)
     wanted = np.isfinite(speed + angle).all(axis=0)
     if limits is not None:
         wanted &= limits.used(speed, angle) <= USED
     errors, size = np.full((len(trains), len(theta)), np.inf), np.full(len(trains), -np.inf)
-    informations = np.empty((0, 0, 0))
     if wanted.any():
         with np.errstate(all='ignore'):
-            informations = _information(theta, states[:, :, wanted], course.tau[:, :, wanted], course.step, experiment)
-    for k, information in zip(np.flatnonzero(wanted), informations, strict=True):
-        size[k] = _log_determinant(information)
-        if np.isfinite(size[k]):
-            errors[k, : len(information)] = np.sqrt(np.diag(np.linalg.inv(information)))
+            informations = _information(theta, states[:, :, wanted], tau[:, :, wanted], step, experiment)
+        for k, information in zip(np.flatnonzero(wanted), informations, strict=True):
+            size[k] = _log_determinant(information)
+            if np.isfinite(size[k]):
+                errors[k, : len(information)] = np.sqrt(np.diag(np.linalg.inv(information)))
     errors *= _units(theta)
     return [Predicted(train, errors[k], float(size[k]), speed[:, k], angle[:, k]) for k, train in enumerate(trains)]
 
@@ -181,45 +168,53 @@ def design(
     uncertainty: Array | None = None,
     generations: int = GENERATIONS,
     seed: int = 1,
-    progress: Callable[[int, int, float], None] | None = None,
+    progress: Callable[[int, float], None] | None = None,
 ) -> Predicted:
     """Return the pulse train of the greatest information, as far as MDE finds it.
 
     Args:
         parameters: of the rig, as far as they are known.
-        limits: what it may do. It is held with margins, for rigs like this one: see :data:`USED`, :data:`DRAWS`.
+        limits: what it may do. They are held with margins, for rigs like this one: see :data:`USED`, :data:`DRAWS`.
         experiment: how it is recorded.
         uncertainty: standard errors of the parameters, shape (D,); None: 3 % of each.
         generations: of MDE.
         seed: of its random numbers.
-        progress: called with the generations done, how many there will be, and the best log_information so far.
+        progress: called with the generations done and the best log_information so far.
 
     Raises:
         ParameterError: the parameters are not physical.
         ExcitationError: no pulse train was found that keeps the limits.
     """
-    space = _Space(limits, experiment)
     found: list[Predicted] = []
 
     def costs(points: Array) -> Array:
-        candidates = predict(parameters, [space.train(u) for u in points[0]], experiment, limits)
+        trains = [_train(u, limits, experiment.interval) for u in points[0]]
+        candidates = predict(parameters, trains, experiment, limits)
         told = [candidate for candidate in candidates if np.isfinite(candidate.log_information)]
         found[:] = sorted(found + told, key=lambda each: -each.log_information)[:FINALISTS]
         return np.array([[_cost(candidate, limits) for candidate in candidates]])
 
     def tell(generation: int, _: float) -> None:
         if progress is not None:
-            progress(generation, generations, found[0].log_information if found else math.nan)
+            progress(generation, found[0].log_information if found else math.nan)
 
-    settings = MDESettings(POPULATION, generations, per_component=False)
-    mde(costs, space.bounds, settings, runs=1, seed=seed, progress=tell)
+    box = Bounds(np.zeros(len(COORDINATES)), np.ones(len(COORDINATES)), COORDINATES)
+    mde(costs, box, MDESettings(POPULATION, generations, per_component=False), runs=1, seed=seed, progress=tell)
     if not found:
         raise ExcitationError(
             f'no pulses up to {limits.torque:g} N m were found that tell all parameters, stay below {limits.speed:g} '
             f'rad/s and turn the joints by no more than {limits.angle[0]:g} and {limits.angle[1]:g} rad; allow a '
             'greater speed or angle, or a greater or smaller torque'
         )
-    return found[_first_within(parameters, found, limits, experiment, uncertainty)]
+    # The first that keeps the limits on all, or on most, of the rigs drawn about the estimate.
+    theta = parameters.vector()
+    spread = np.maximum(np.zeros(1) if uncertainty is None else uncertainty[: len(theta)], SPREAD * np.abs(theta))
+    drawn = theta + spread * np.random.default_rng(1).standard_normal((DRAWS, len(theta)))
+    drawn = np.maximum(drawn, 0.2 * theta)
+    drawn[:, 2] = np.clip(drawn[:, 2], -0.9 * (root := np.sqrt(drawn[:, 0] * drawn[:, 1])), 0.9 * root)
+    tau, step = _torques(parameters, [each.train for each in found], experiment)
+    _, speed, angle = _simulated(drawn.T[:, :, None], tau, step)
+    return found[int(np.argmin((~(limits.used(speed, angle) <= 1)).sum(axis=0)))]
 
 
 def _cost(candidate: Predicted, limits: Limits) -> float:
@@ -230,85 +225,42 @@ def _cost(candidate: Predicted, limits: Limits) -> float:
     return BEYOND * (1 + used) if np.isfinite(used) else BEYOND**2
 
 
-def _first_within(
-    parameters: Parameters,
-    finalists: Sequence[Predicted],
-    limits: Limits,
-    experiment: Experiment,
-    uncertainty: Array | None,
-) -> int:
-    """Return the number of the first design that keeps the limits on all rigs drawn about the estimate.
+def _train(u: Array, limits: Limits, interval: float) -> PulseTrain:
+    """Return the train at a point of the search, its :data:`COORDINATES` all within 0 to 1."""
+    period = _between(20 * interval, max(LONGEST_PERIOD, 40 * interval), u[0])
+    low, high = (min(_rounded(limits.torque * max(a, 1e-3)), limits.torque) for a in u[2:4])
+    hold = _between(interval, max(LONGEST_HOLD, 2 * interval), u[4])
+    width = _between(NARROWEST, 1.0, u[1])
+    return PulseTrain(_rounded(period), _rounded(width), -low, high, _rounded(hold), int(u[5] * (SEEDS - 1)))
 
-    Where none does, of the one that keeps them on most.
+
+def _torques(parameters: Parameters, trains: Sequence[PulseTrain], experiment: Experiment) -> tuple[Array, float]:
+    """Return the torques of several trains in simulation steps, shape (2, K, C), and a step's length [s].
+
+    They are sampled as the exciter does; steps are parts of a sampling interval, or several of them.
     """
-    theta = parameters.vector()
-    spread = np.maximum(np.zeros(1) if uncertainty is None else uncertainty[: len(theta)], SPREAD * np.abs(theta))
-    drawn = theta + spread * np.random.default_rng(1).standard_normal((DRAWS, len(theta)))
-    drawn = np.maximum(drawn, 0.2 * theta)
-    drawn[:, 2] = np.clip(drawn[:, 2], -0.9 * (root := np.sqrt(drawn[:, 0] * drawn[:, 1])), 0.9 * root)
-    course = _Course.of(parameters, [each.train for each in finalists], experiment)
-    speed, angle = _extremes(course.simulate(drawn.T[:, :, None]))
-    return int(np.argmin((~(limits.used(speed, angle) <= 1)).sum(axis=0)))
+    interval, samples = experiment.interval, round(experiment.duration / experiment.interval)
+    greatest = max(max(abs(train.amplitude_min), abs(train.amplitude_max)) for train in trains)
+    longest = COARSER * longest_step(parameters, greatest)
+    together = max(1, int(longest / interval + 1e-9))
+    parts = max(1, math.ceil(interval / longest - 1e-9))
+    t = np.asarray(interval * np.arange(samples - samples % together), dtype=np.float64)
+    torques = np.stack([train.torques(t) for train in trains], axis=-1)
+    torques = torques.reshape(-1, together, len(trains)).mean(axis=1).repeat(parts, axis=0)
+    return np.stack([torques, np.zeros_like(torques)]), interval * together / parts
 
 
-@dataclass(frozen=True, slots=True)
-class _Space:
-    """Where trains are searched: period, width, least and greatest torque, hold, seed, all within 0 to 1."""
+def _simulated(theta: Array, tau: Array, step: float) -> tuple[Array, Array, Array]:
+    """Return the states from hanging at rest on, shape (K + 1, 4, C), or (K + 1, 4, V, C) of several theta.
 
-    limits: Limits
-    experiment: Experiment
-
-    @property
-    def bounds(self) -> Bounds:
-        names = ('period', 'width', 'amplitude_min', 'amplitude_max', 'hold', 'seed')
-        return Bounds(np.zeros(len(names)), np.ones(len(names)), names)
-
-    def train(self, u: Array) -> PulseTrain:
-        interval = self.experiment.interval
-        period = _between(20 * interval, max(LONGEST_PERIOD, 40 * interval), u[0])
-        low, high = (_rounded(self.limits.torque * max(a, 1e-3)) for a in u[2:4])
-        return PulseTrain(
-            period=_rounded(period),
-            width=_rounded(_between(NARROWEST, 1.0, u[1])),
-            amplitude_min=-min(low, self.limits.torque),
-            amplitude_max=min(high, self.limits.torque),
-            hold=_rounded(_between(interval, max(LONGEST_HOLD, 2 * interval), u[4])),
-            seed=int(u[5] * (SEEDS - 1)),
-        )
-
-
-@dataclass(frozen=True, slots=True)
-class _Course:
-    """The torques of several trains, in simulation steps: tau, shape (2, K, C), of ``step`` [s] each."""
-
-    tau: Array
-    step: float
-
-    @classmethod
-    def of(cls, parameters: Parameters, trains: Sequence[PulseTrain], experiment: Experiment) -> _Course:
-        """Sample the trains as the exciter does; steps are parts of a sampling interval, or several of them."""
-        interval, samples = experiment.interval, round(experiment.duration / experiment.interval)
-        greatest = max(max(abs(train.amplitude_min), abs(train.amplitude_max)) for train in trains)
-        longest = COARSER * longest_step(parameters, greatest)
-        together = max(1, int(longest / interval + 1e-9))
-        parts = max(1, math.ceil(interval / longest - 1e-9))
-        t = np.asarray(interval * np.arange(samples - samples % together), dtype=np.float64)
-        torques = np.stack([train.torques(t) for train in trains], axis=-1)
-        torques = torques.reshape(-1, together, len(trains)).mean(axis=1).repeat(parts, axis=0)
-        return cls(np.stack([torques, np.zeros_like(torques)]), interval * together / parts)
-
-    def simulate(self, theta: Array) -> Array:
-        """Return the states from hanging at rest on, shape (K + 1, 4, C), or (K + 1, 4, V, C)."""
-        start = np.zeros((4, self.tau.shape[2]))
-        start[:2] = np.reshape(HANGING, (2, 1))
-        return roll(theta, start, self.tau, self.step)
-
-
-def _extremes(states: Array) -> tuple[Array, Array]:
-    """Return the greatest speeds [rad/s] and angles from hanging [rad], shape (2, ...); infinite for lost motions."""
+    And the greatest speeds [rad/s] and angles from hanging [rad], shape (2, ...); infinite for lost motions.
+    """
+    start = np.zeros((4, tau.shape[2]))
+    start[:2] = np.reshape(HANGING, (2, 1))
+    states = roll(theta, start, tau, step)
     away = states[:, :2] - np.reshape(HANGING, (2,) + (1,) * (states.ndim - 2))
-    both = np.abs(states[:, 2:]).max(axis=0), np.abs(away).max(axis=0)
-    return tuple(np.where(np.isfinite(each), each, np.inf) for each in both)  # type: ignore[return-value]
+    speed, angle = (np.abs(each).max(axis=0) for each in (states[:, 2:], away))
+    return states, np.where(np.isfinite(speed), speed, np.inf), np.where(np.isfinite(angle), angle, np.inf)
 
 
 def _information(theta: Array, states: Array, tau: Array, step: float, experiment: Experiment) -> Array:

@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,11 +22,10 @@ class PulseTrain:
     The paper's numbers for period and torque range were lost; the defaults move the virtual rig well.
 
     Attributes:
-        period: seconds from one pulse to the next.
+        period: from one pulse to the next [s].
         width: the pulse's length as a fraction of the period (the paper's 5 %).
-        amplitude_min: least torque within a pulse [N m].
-        amplitude_max: greatest torque within a pulse [N m].
-        hold: seconds for which each random torque is held.
+        amplitude_min, amplitude_max: least and greatest torque within a pulse [N m].
+        hold: how long each random torque is held [s].
         seed: same seed, same torque.
 
     Raises:
@@ -61,33 +59,19 @@ class PulseTrain:
 
     def torque(self, t: float) -> float:
         """Return the torque [N m] wanted at ``t`` [s] after the start; 0 before it and between pulses."""
-        if t < 0:
-            return 0.0
-        pulse, phase = _place(t, self.period)
-        if phase >= self.width * self.period:
-            return 0.0
-        return float(self._drawn(int(pulse), int(phase / self.hold) + 1)[-1])
+        return float(self.torques(np.array([t]))[0])
 
     def torques(self, t: Array) -> Array:
-        """Return :meth:`torque` at many times [s], shape (N,), drawing each pulse once."""
-        pulse, phase = _place(t, self.period)
+        """Return :meth:`torque` at many times [s], shape (N,)."""
+        # Sampling times are rational multiples of hold and period that floats only approximate: half a microsecond
+        # decides on which side of an edge they fall.
+        pulse, phase = np.divmod(t + 5e-7, self.period)
         within = (t >= 0) & (phase < self.width * self.period)
         number = (phase / self.hold).astype(np.intp)
         result = np.zeros(len(t))
         for each in np.unique(pulse[within]):
             here = within & (pulse == each)
-            result[here] = self._drawn(int(each), int(number[here].max()) + 1)[number[here]]
+            drawn = np.random.default_rng([self.seed, int(each)])
+            values = drawn.uniform(self.amplitude_min, self.amplitude_max, int(number[here].max()) + 1)
+            result[here] = values[number[here]]
         return result
-
-    def _drawn(self, pulse: int, count: int) -> Array:
-        """Return the first torques of a pulse [N m], shape (count,)."""
-        return np.random.default_rng([self.seed, pulse]).uniform(self.amplitude_min, self.amplitude_max, count)
-
-
-def _place(t: Any, period: float) -> tuple[Any, Any]:
-    """Return the number of the pulse that began last, and the time since [s].
-
-    Sampling times are rational multiples of hold and period that floats only approximate: half a microsecond decides on
-    which side of an edge they fall.
-    """
-    return np.divmod(t + 5e-7, period)

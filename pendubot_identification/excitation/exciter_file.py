@@ -56,12 +56,9 @@ def read_exciter(path: Path) -> tuple[PulseTrain, float]:
     if not own:
         raise ResultError(f'{path} holds no parameters of the node {NODE}; {expected}')
     values: dict[str, Any] = {'duration': 18.0} | {k: v for parameters in own for k, v in parameters.items()}
-    names = (*asdict(PulseTrain()), 'duration')
+    pulses: dict[str, Any] = asdict(PulseTrain())
     try:
-        numbers = {name: float(values[name]) for name in names if name in values}
+        numbers = {name: type(default)(float(values.get(name, default))) for name, default in pulses.items()}
+        return PulseTrain(**numbers), float(values['duration'])
     except (TypeError, ValueError) as error:
         raise ParameterError(f'{path}: {error}; numbers are expected; {expected}') from error
-    duration = numbers.pop('duration')
-    if 'seed' in numbers:
-        return PulseTrain(**{**numbers, 'seed': int(numbers['seed'])}), duration  # type: ignore[arg-type]
-    return PulseTrain(**numbers), duration  # type: ignore[arg-type]

@@ -14,7 +14,6 @@ within seconds on a quiet machine, and once known well it hardly changes during 
 
 from __future__ import annotations
 
-import math
 from collections import deque
 from itertools import pairwise
 from typing import NamedTuple
@@ -26,6 +25,12 @@ SECOND = 1_000 * MS
 #: The board's counter of microseconds begins again here.
 WRAP = 1 << 32
 
+#: How far back delays are remembered [us].
+WINDOW_US = 60_000_000
+#: Of each such stretch of board time [us] only the smallest delay is remembered; of shorter ones at first.
+BUCKET_US = 500_000
+#: A larger slope [ns per us] is clamped, since no two crystals differ by more: 1000 ppm.
+MAX_SLOPE = 1.0
 #: From fewer buckets than this no skew is computed.
 FEWEST = 4
 #: At first buckets are so many times shorter, to find the skew soon ...
@@ -50,27 +55,19 @@ class _Point(NamedTuple):
 class BoardClock:
     """Maps a board's microsecond counter (u32, wrapping) to host time.
 
-    Args:
-        window: how far back delays are remembered [s].
-        bucket: of each such stretch of board time [s] only the smallest delay is remembered; of shorter ones at first.
-        max_skew_ppm: a larger slope is clamped, since no two crystals differ by more.
-
     For each sample :meth:`observe` learns and returns its board time, :meth:`host_time` maps that to the host's clock,
     and :meth:`stamp` makes stamps strictly increase, whatever happens to the mapping.
     """
 
-    def __init__(self, window: float = 60.0, bucket: float = 0.5, max_skew_ppm: float = 1000.0) -> None:
-        self._bucket_us = round(bucket * 1e6)
-        self._window_us = window * 1e6
-        self._max_slope = max_skew_ppm * 1e-3
-        self._minima: deque[_Point] = deque(maxlen=max(FULL, math.ceil(window / bucket) + 1))
+    def __init__(self) -> None:
+        self._minima: deque[_Point] = deque(maxlen=WINDOW_US // BUCKET_US + 1)
         self._last_stamp: int | None = None
         self.restart()
 
     def restart(self) -> None:
         """Begin anew with the clock of a board that restarted; stamps go on increasing."""
         self._minima.clear()
-        self._span_us = self._bucket_us // FINER  # of the present buckets
+        self._span_us = BUCKET_US // FINER  # of the present buckets
         self._origin_us: int | None = None
         self._board_us = 0
         self._arrival_ns = 0
@@ -95,10 +92,10 @@ class BoardClock:
         delay_ns = arrival_ns - 1000 * board_us
         self._board_us, self._arrival_ns = board_us, arrival_ns
         if not self._minima or board_us >= self._bucket_end:
-            if len(self._minima) >= FULL and self._span_us < self._bucket_us:
+            if len(self._minima) >= FULL and self._span_us < BUCKET_US:
                 self._coarsen()
             self._bucket_end = board_us + self._span_us
-            while self._minima and self._minima[0].board_us < board_us - self._window_us:
+            while self._minima and self._minima[0].board_us < board_us - WINDOW_US:
                 self._minima.popleft()
             point = _Point(board_us, delay_ns)
             self._refit(point)
@@ -153,7 +150,7 @@ class BoardClock:
         self._variance += WANDER**2 * self._span_us
         gain = self._variance / (self._variance + noise)
         self._variance *= 1 - gain
-        self._slope += gain * (max(-self._max_slope, min(self._max_slope, slope)) - self._slope)
+        self._slope += gain * (max(-MAX_SLOPE, min(MAX_SLOPE, slope)) - self._slope)
 
 
 def _lower_hull(points: deque[_Point]) -> list[_Point]:

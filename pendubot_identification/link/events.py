@@ -1,17 +1,34 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What the host of a board tells its program: samples, reports, how arming ended; and what it counts."""
+"""What passes between a host and its program: configuration in; samples, reports, bytes and counts out."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from pendubot_identification.level import Level
 from pendubot_identification.model.dynamics import Pair
 
-from .clock import SECOND
+from .clock import SECOND, WRAP
+from .protocol import Command, HelloRequest, Mode, encode
+
+
+@dataclass(frozen=True, slots=True)
+class HostConfig:
+    """What the user decides."""
+
+    sign: Pair = (1.0, 1.0)  #: +1 or -1 for each joint; it turns the encoder, not the torque.
+    zero: Pair = (-math.pi / 2, 0.0)  #: Position [rad] of each joint at count 0.
+    counts_per_turn: tuple[int, int] = (0, 0)  #: Of each encoder; 0 takes it from the board's HELLO.
+    torque_limit: float = 2.0  #: Largest torque ever sent [N m].
+    watchdog_ms: int = 100  #: After this long without a command the board switches its motor off.
+    command_timeout: float = 0.1  #: After this long [s] without an effort command the torque sent is 0.
+    #: After this long [s], and five sample periods, without anything valid from the board the link is lost.
+    link_timeout: float = 0.1
+    max_speed: float = 100.0  #: A sample that would need more [rad/s] is flagged.
 
 
 class Sample(NamedTuple):
@@ -49,11 +66,44 @@ class ArmingFailed:
 HostEvent = Sample | Report | Armed | ArmingFailed
 
 
-class Events:
-    """Events in order, until they are taken."""
+@dataclass(slots=True)
+class Counters:
+    """What has happened since the start."""
+
+    received: int = 0  #: Frames that were whole.
+    published: int = 0  #: Samples.
+    lost: int = 0  #: Frames missing by their numbers, those that arrived damaged among them.
+    duplicates: int = 0  #: Frames that came twice.
+    out_of_order: int = 0  #: Frames that came after a later one.
+    damaged: dict[str, int] = field(default_factory=dict)  #: Frames, by reason.
+    unscaled: int = 0  #: Samples that came before HELLO.
+    flagged: int = 0  #: Samples that would have needed too high a speed.
+    jumps: int = 0  #: New positions that were believed after several such samples.
+    restarts: int = 0  #: Of the board.
+    link_losses: int = 0
+    trips: int = 0  #: Of the board's watchdog.
+    discarded: int = 0  #: Effort commands that came while not armed.
+    clamped: int = 0  #: Effort commands beyond the limit.
+    not_finite: int = 0  #: Effort commands that were NaN or infinite.
+    command_timeouts: int = 0  #: How often effort commands stopped coming.
+    sent: int = 0  #: Frames.
+    board_damaged: int = 0  #: STATEs in which the board noted a damaged frame from the host.
+    board_overruns: int = 0  #: STATEs in which the board noted that it could not send.
+
+
+class Output:
+    """What leaves a host, until it is taken: events, and frames while the port is ``open``; and its counters.
+
+    ``seq`` is the number of the last frame.
+    """
 
     def __init__(self) -> None:
+        self.counters = Counters()
+        self.open = False
+        self.seq = 0
+        self.data = b''
         self._events: list[HostEvent] = []
+        self._last: dict[str, int] = {}
 
     def tell(self, event: HostEvent) -> None:
         """Add an event."""
@@ -63,66 +113,29 @@ class Events:
         """Add a report."""
         self._events.append(Report(level, text))
 
-    def take(self) -> list[HostEvent]:
+    def is_new(self, what: str, now: int) -> bool:
+        """Note that something recurring happened at ``now`` [ns]; tell whether it did not in the second before."""
+        last, self._last[what] = self._last.get(what), now
+        return last is None or now - last > SECOND
+
+    def take_events(self) -> list[HostEvent]:
         """Return all events since the last call."""
         events, self._events = self._events, []
         return events
 
+    def request_hello(self, now: int) -> None:
+        """Ask the board who it is, at ``now`` [ns]."""
+        self._send(HelloRequest(self._next_seq(), now // 1000 % WRAP))
 
-class Recurring:
-    """Something that may happen again and again, and is reported once as long as it does."""
+    def command(self, mode: Mode, torque: int, watchdog_ms: int, now: int) -> None:
+        """Command a torque [micro-N m] or disarm, at ``now`` [ns]."""
+        self._send(Command(self._next_seq(), now // 1000 % WRAP, mode, watchdog_ms, torque))
 
-    def __init__(self) -> None:
-        self._last: int | None = None
+    def _next_seq(self) -> int:
+        self.seq = (self.seq + 1) & 0xFFFF
+        return self.seq
 
-    def is_new(self, now: int) -> bool:
-        """Note that it happened at ``now`` [ns]; tell whether it did not in the second before."""
-        last, self._last = self._last, now
-        return last is None or now - last > SECOND
-
-
-@dataclass(slots=True)
-class Counters:
-    """What has happened since the start.
-
-    Attributes:
-        received: frames that were whole.
-        published: samples.
-        lost: frames missing by their sequence numbers, those that arrived damaged among them.
-        duplicates: frames that came twice.
-        out_of_order: frames that came after a later one.
-        damaged: frames, by reason.
-        unscaled: samples that came before HELLO.
-        flagged: samples that would have needed too high a speed.
-        jumps: new positions that were believed after several such samples.
-        restarts: of the board.
-        link_losses: how often the link was lost.
-        trips: of the board's watchdog.
-        discarded: effort commands that came while not armed.
-        clamped: effort commands beyond the limit.
-        not_finite: effort commands that were NaN or infinite.
-        command_timeouts: how often effort commands stopped coming.
-        sent: frames.
-        board_damaged: STATEs in which the board noted a damaged frame from the host.
-        board_overruns: STATEs in which the board noted that it could not send.
-    """
-
-    received: int = 0
-    published: int = 0
-    lost: int = 0
-    duplicates: int = 0
-    out_of_order: int = 0
-    damaged: dict[str, int] = field(default_factory=dict)
-    unscaled: int = 0
-    flagged: int = 0
-    jumps: int = 0
-    restarts: int = 0
-    link_losses: int = 0
-    trips: int = 0
-    discarded: int = 0
-    clamped: int = 0
-    not_finite: int = 0
-    command_timeouts: int = 0
-    sent: int = 0
-    board_damaged: int = 0
-    board_overruns: int = 0
+    def _send(self, message: HelloRequest | Command) -> None:
+        if self.open:
+            self.data += encode(message)
+            self.counters.sent += 1

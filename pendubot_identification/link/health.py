@@ -15,17 +15,8 @@ from .host import Host
 from .protocol import Status
 
 #: Counters that grow only while something is wrong.
-WORRYING = (
-    'lost',
-    'duplicates',
-    'out_of_order',
-    'damaged',
-    'flagged',
-    'clamped',
-    'not_finite',
-    'board_damaged',
-    'board_overruns',
-)
+WORRYING = ['lost', 'duplicates', 'out_of_order', 'damaged', 'flagged']
+WORRYING += ['clamped', 'not_finite', 'board_damaged', 'board_overruns']
 
 
 class Health:

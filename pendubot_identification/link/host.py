@@ -15,17 +15,15 @@ status (``motor``), its time is mapped to the host's (``clock``), its counts bec
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 from pendubot_identification.level import Level
-from pendubot_identification.model.dynamics import Pair
 
 from .clock import MS, SECOND, WRAP, BoardClock
-from .events import ArmingFailed, Counters, Events, HostEvent, Report, Sample
+from .events import ArmingFailed, HostConfig, HostEvent, Output, Report, Sample
 from .joints import Joints
 from .motor import Motor, names
 from .protocol import FAULTS, Damaged, Decoder, Hello, State, Status
-from .sequence import Sequence, Transmitter
+from .sequence import Sequence
 
 HELLO_INTERVAL = 200 * MS
 #: So many requests without an answer are reported.
@@ -34,7 +32,6 @@ UNANSWERED = 5
 SILENT_PERIODS = 5
 #: Who polls so late [ns] was held up itself.
 HELD_UP = 50 * MS
-WAITING = 'waiting for the board to say HELLO'
 #: A board whose clock went back further than this, and did not wrap, has restarted.
 CLOCK_BACK_US = 10_000
 #: The board's clock and the host's differ by at most this part.
@@ -44,58 +41,25 @@ FASTER = 1e-3
 _DAMAGED_FRAME, _OVERRUN, _FAULTS = int(Status.DAMAGED_FRAME), int(Status.OVERRUN), int(FAULTS)
 
 
-@dataclass(frozen=True, slots=True)
-class HostConfig:
-    """What the user decides.
-
-    Attributes:
-        sign: +1 or -1 for each joint; it turns the encoder, not the torque.
-        zero: position [rad] of each joint at count 0.
-        counts_per_turn: of each encoder; 0 takes it from the board's HELLO.
-        torque_limit: largest torque ever sent [N m].
-        watchdog_ms: after this long without a command the board switches its motor off.
-        command_timeout: after this long [s] without an effort command the torque sent is 0.
-        link_timeout: after this long [s] without anything valid from the board the link is lost, though not before five
-            of its sample periods.
-        max_speed: a sample that would need more [rad/s] is flagged.
-    """
-
-    sign: Pair = (1.0, 1.0)
-    zero: Pair = (-math.pi / 2, 0.0)
-    counts_per_turn: tuple[int, int] = (0, 0)
-    torque_limit: float = 2.0
-    watchdog_ms: int = 100
-    command_timeout: float = 0.1
-    link_timeout: float = 0.1
-    max_speed: float = 100.0
-
-
 class Host:
     """The host's end of one link.
 
     It starts with the port closed and disarmed, and arms only by :meth:`arm`; any loss of the link, restart, trip or
     fault disarms it.
 
-    Attributes:
-        config: what the user decided.
-        counters: what has happened so far.
-        clock: the board's.
-        state: the last STATE that was accepted; None before the first.
+    ``state`` is the last STATE that was accepted; None before the first.
     """
 
     def __init__(self, config: HostConfig | None = None) -> None:
-        self.config = c = config or HostConfig()
-        self.counters = Counters()
+        self.config = config or HostConfig()
+        self._output = Output()
+        self.counters = self._output.counters
         self.clock = BoardClock()
         self.state: State | None = None
-        self._events = Events()
         self._decoder = Decoder()
         self._sequence = Sequence(self.counters)
-        self._joints = Joints(c.sign, c.zero, c.max_speed, self._events, self.counters)
-        self._transmitter = Transmitter(self.counters)
-        self._motor = Motor(
-            c.torque_limit, c.watchdog_ms, c.command_timeout, self._transmitter, self._events, self.counters
-        )
+        self._joints = Joints(self.config, self._output)
+        self._motor = Motor(self.config, self._output)
         # The link
         self._closed_because = 'the port was not opened yet'
         self._heard = False
@@ -106,7 +70,7 @@ class Host:
         self._held_up = False
         # The board
         self._boot_id: int | None = None
-        self._unusable: str | None = None  # why its HELLO cannot be used
+        self._unusable = ''  # why its HELLO cannot be used
         self._asking = False
         self._last_request = 0
         self._unanswered = 0
@@ -128,7 +92,7 @@ class Host:
     @property
     def link(self) -> str:
         """``up``, ``silent`` (the port is open, but nothing valid comes), or ``closed``."""
-        if not self._transmitter.open:
+        if not self._output.open:
             return 'closed'
         return 'up' if self._up else 'silent'
 
@@ -143,14 +107,15 @@ class Host:
     def condition(self) -> Report:
         """Return the worst of what is wrong now, or whether it is armed when all is well."""
         status = self.state.status if self.state else 0
-        if not self._transmitter.open:
+        if not self._output.open:
             return Report(Level.ERROR, self._closed_because)
         if not self._up:
             return Report(Level.ERROR, 'no valid sample comes from the board')
         if status & _FAULTS:
             return Report(Level.ERROR, names(status & _FAULTS))
         if self.hello is None:
-            return Report(*((Level.ERROR, self._unusable) if self._unusable else (Level.WARN, WAITING)))
+            waiting = Report(Level.WARN, 'waiting for the board to say HELLO')
+            return Report(Level.ERROR, self._unusable) if self._unusable else waiting
         if status & Status.WATCHDOG:
             return Report(Level.WARN, "the board's watchdog tripped; arm again")
         if self._motor.effort_stopped:
@@ -159,7 +124,8 @@ class Host:
 
     def data_to_send(self) -> bytes:
         """Return all that has to be written to the port since the last call."""
-        return self._transmitter.take()
+        data, self._output.data = self._output.data, b''
+        return data
 
     # The link
 
@@ -167,24 +133,24 @@ class Host:
         """Note that the port was opened; ask who is there: it need not be the board that was there before."""
         self._decoder = Decoder()
         self._sequence.allow_gap()
-        self._transmitter.open = True
+        self._output.open = True
         self._up, self._fell_silent = False, False
         self._motor.board = None
         self._unanswered = 0
         self._ask(now)
-        return self._events.take()
+        return self._output.take_events()
 
     def closed(self, reason: str, now: int) -> list[HostEvent]:
         """Note that the port failed or could not be opened; ``reason`` is a sentence for the user."""
         # Not reported again where it fails for the same reason before anything was heard.
         if self._heard or reason != self._closed_because:
-            self._events.report(Level.ERROR, reason)
+            self._output.report(Level.ERROR, reason)
         self.counters.link_losses += self._up
-        self._transmitter.open, self._up, self._heard = False, False, False
+        self._output.open, self._up, self._heard = False, False, False
         self._closed_because = reason
         self._motor.stop('the link was lost', now)
-        self._transmitter.clear()
-        return self._events.take()
+        self._output.data = b''
+        return self._output.take_events()
 
     def receive(self, data: bytes, now: int) -> list[HostEvent]:
         """Take bytes that arrived at ``now`` [ns]."""
@@ -198,7 +164,7 @@ class Host:
             self._last_valid = now
             if isinstance(event, State):
                 if self._fell_silent:
-                    self._events.report(Level.OK, 'the board is heard again')
+                    self._output.report(Level.OK, 'the board is heard again')
                 self._up, self._fell_silent = True, False
                 self._on_state(event, now)
             elif isinstance(event, Hello):
@@ -206,7 +172,7 @@ class Host:
                 self._up = not self._fell_silent
                 self._on_hello(event, now)
         self._motor.poll(now)
-        return self._events.take()
+        return self._output.take_events()
 
     def poll(self, now: int) -> list[HostEvent]:
         """Do what is due: requests, timeouts, repeated commands. To be called as soon as :meth:`next_poll` says."""
@@ -216,18 +182,17 @@ class Host:
         if self._up and not held_up and now - self._last_valid > self._silence_ns:
             self._up, self._fell_silent = False, True
             self.counters.link_losses += 1
-            self._events.report(Level.ERROR, f'link lost: nothing valid for {(now - self._last_valid) / SECOND:.2f} s')
+            self._output.report(Level.ERROR, f'link lost: nothing valid for {(now - self._last_valid) / SECOND:.2f} s')
             self._motor.stop('the link was lost', now)
             self._sequence.allow_gap()
             self._ask(now)
-        elif self._transmitter.open and self._asking and now - self._last_request >= HELLO_INTERVAL:
+        elif self._output.open and self._asking and now - self._last_request >= HELLO_INTERVAL:
             if self._unanswered == UNANSWERED:
-                self._events.report(
-                    Level.WARN, f'the board did not answer {UNANSWERED} requests; check port, baud and wiring'
-                )
+                text = f'the board did not answer {UNANSWERED} requests; check port, baud and wiring'
+                self._output.report(Level.WARN, text)
             self._ask(now)
         self._motor.poll(now)
-        return self._events.take()
+        return self._output.take_events()
 
     # The motor
 
@@ -236,18 +201,18 @@ class Host:
         if self._up:
             self._motor.arm(self.state, now)
         else:
-            self._events.tell(ArmingFailed(f'no board: {self.condition().text}'))
-        return self._events.take()
+            self._output.tell(ArmingFailed(f'no board: {self.condition().text}'))
+        return self._output.take_events()
 
     def disarm(self, now: int) -> list[HostEvent]:
         """Disarm the board, whatever it is doing."""
         self._motor.stop('disarmed on request', now, wanted=True)
-        return self._events.take()
+        return self._output.take_events()
 
     def effort(self, torque: float, now: int) -> list[HostEvent]:
         """Take a torque wanted at the shoulder [N m]; it is sent at once when armed, else discarded."""
         self._motor.effort(torque, now)
-        return self._events.take()
+        return self._output.take_events()
 
     # What the board says
 
@@ -264,15 +229,15 @@ class Host:
         self._motor.follow(state, before, now)
         board_us = self.clock.observe(state.t_us, now)
         self._state_taken = self.clock.host_time(board_us)
-        counts_per_turn = self._counts_per_turn
-        if counts_per_turn is None:
+        counts_per_turn = self._counts_per_turn(self.hello)
+        if 0 in counts_per_turn:
             self.counters.unscaled += 1
             return
         moved = self._joints.update(board_us, (state.enc1, state.enc2), counts_per_turn, now)
         if moved is not None:
             self.counters.published += 1
             q, qd = moved
-            self._events.tell(Sample(self.clock.stamp(self._state_taken), q, qd, state.torque / 1e6))
+            self._output.tell(Sample(self.clock.stamp(self._state_taken), q, qd, state.torque / 1e6))
 
     def _on_hello(self, hello: Hello, now: int) -> None:
         if self._boot_id is not None and hello.boot_id != self._boot_id:
@@ -284,23 +249,22 @@ class Host:
         self._boot_id = hello.boot_id
         self._unanswered = 0
         before, self._unusable = self._unusable, self._why_unusable(hello)
-        self._asking = self._unusable is not None
-        if self._unusable is not None:
+        self._asking = bool(self._unusable)
+        if self._unusable:
             if self._unusable != before:
-                self._events.report(Level.ERROR, self._unusable)
+                self._output.report(Level.ERROR, self._unusable)
             return
         if self.hello is None or _introduction(hello) != _introduction(self.hello):
-            self._events.report(Level.OK, _introduction(hello))
+            self._output.report(Level.OK, _introduction(hello))
         self._motor.board = hello
 
-    def _why_unusable(self, hello: Hello) -> str | None:
-        """Return what in a HELLO makes no sense, and what to do; None where all does."""
-        said = (hello.cpr1, hello.cpr2)
-        if 0 in (given or own for given, own in zip(self.config.counts_per_turn, said, strict=True)):
+    def _why_unusable(self, hello: Hello) -> str:
+        """Return what in a HELLO makes no sense, and what to do; empty where all does."""
+        if 0 in self._counts_per_turn(hello):
             return 'the board says 0 counts per turn; set counts_per_turn, or mend its firmware'
         if hello.torque_limit < 0:
             return f'the board says a torque limit of {hello.torque_limit / 1e6:g} N m; mend its firmware'
-        return None
+        return ''
 
     def _is_later(self, frame: State | Hello) -> bool:
         """Tell whether the board's clock went on since the last STATE; it may have wrapped."""
@@ -318,7 +282,7 @@ class Host:
 
     def _restarted(self, evidence: str, now: int) -> None:
         self.counters.restarts += 1
-        self._events.report(Level.WARN, f'the board restarted: {evidence}')
+        self._output.report(Level.WARN, f'the board restarted: {evidence}')
         self._motor.stop('the board restarted', now)
         self._motor.board = None
         self._sequence.begin()
@@ -328,14 +292,10 @@ class Host:
         self._boot_id = None
         self._ask(now)
 
-    @property
-    def _counts_per_turn(self) -> tuple[int, int] | None:
+    def _counts_per_turn(self, hello: Hello | None) -> tuple[int, int]:
+        """Return what was configured, or else what the board said; 0 where neither is known."""
         first, second = self.config.counts_per_turn
-        if first and second:
-            return first, second
-        if self.hello is None:
-            return None
-        return first or self.hello.cpr1, second or self.hello.cpr2
+        return first or (hello.cpr1 if hello else 0), second or (hello.cpr2 if hello else 0)
 
     @property
     def _silence_ns(self) -> int:
@@ -346,7 +306,7 @@ class Host:
         self._asking = True
         self._unanswered += 1
         self._last_request = now
-        self._transmitter.request_hello(now)
+        self._output.request_hello(now)
 
 
 def _introduction(hello: Hello) -> str:

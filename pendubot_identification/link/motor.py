@@ -11,9 +11,8 @@ from enum import Enum, auto
 from pendubot_identification.level import Level
 
 from .clock import MS, SECOND
-from .events import Armed, ArmingFailed, Counters, Events, Recurring
+from .events import Armed, ArmingFailed, HostConfig, Output
 from .protocol import FAULTS, Hello, Mode, State, Status
-from .sequence import Transmitter
 
 ARMING_TIMEOUT = 500 * MS
 #: While the board says that it is armed though it must not be, disarming is repeated this often.
@@ -32,48 +31,28 @@ class _Phase(Enum):
 class Motor:
     """It starts disarmed and arms only by :meth:`arm`; any fault, trip or :meth:`stop` disarms it.
 
-    Args:
-        torque_limit: largest torque ever sent [N m].
-        watchdog_ms: after this long without a command the board switches its motor off.
-        command_timeout: after this long [s] without an effort command the torque sent is 0.
-        transmitter: where commands go.
-        events: where outcomes and reports go.
-        counters: where trips and effort commands are counted.
-
     Attributes:
         board: what the board said about itself; None while it has not.
         effort_stopped: whether it is armed at torque 0 because no effort command comes.
     """
 
-    def __init__(
-        self,
-        torque_limit: float,
-        watchdog_ms: int,
-        command_timeout: float,
-        transmitter: Transmitter,
-        events: Events,
-        counters: Counters,
-    ) -> None:
+    def __init__(self, config: HostConfig, output: Output) -> None:
         self.board: Hello | None = None
         self.effort_stopped = False
-        self._torque_limit = torque_limit
-        self._watchdog_ms = watchdog_ms
-        self._timeout = round(command_timeout * SECOND)
-        self._transmitter = transmitter
-        self._events = events
-        self._counters = counters
+        self._config = config
+        self._timeout = round(config.command_timeout * SECOND)
+        self._output = output
+        self._counters = output.counters
         self._phase = _Phase.DISARMED
         self._arming_since = 0
         self._arming_seq = 0
         self._bit_was_set = False
         self._torque = 0
         self._effort_not_finite = False
-        self._last_disarm = -10 * SECOND
-        self._fault = Recurring()
         self._faults_told = 0
         self._last_effort = 0
-        self._clamping = Recurring()
         self._last_sent = 0
+        self._last_disarm = -10 * SECOND
 
     @property
     def armed(self) -> bool:
@@ -81,20 +60,20 @@ class Motor:
         return self._phase is _Phase.ARMED
 
     @property
-    def watchdog_ns(self) -> int:
+    def _watchdog_ns(self) -> int:
         """After this long without a command [ns] the board switches the motor off."""
-        limit = self.board.watchdog_max_ms if self.board else self._watchdog_ms
-        return min(self._watchdog_ms, limit) * MS
+        ms = self._config.watchdog_ms
+        return MS * (min(ms, self.board.watchdog_max_ms) if self.board else ms)
 
     def arm(self, state: State | None, now: int) -> None:
         """Begin to arm a board that is heard; ``state`` is its last one."""
         status = state.status if state else 0
         if self.armed:
-            self._events.tell(Armed())
+            self._output.tell(Armed())
         elif self.board is None:
-            self._events.tell(ArmingFailed('the board has not said HELLO yet'))
+            self._output.tell(ArmingFailed('the board has not said HELLO yet'))
         elif status & _FAULTS:
-            self._events.tell(ArmingFailed(f'the board is in a fault: {names(status & _FAULTS)}'))
+            self._output.tell(ArmingFailed(f'the board is in a fault: {names(status & _FAULTS)}'))
         elif self._phase is _Phase.DISARMED:
             self._phase = _Phase.ARMING
             self._arming_since = now
@@ -103,7 +82,7 @@ class Motor:
             self.effort_stopped = self._effort_not_finite = False
             self._command(Mode.DISARM, now)
             self._command(Mode.TORQUE, now)
-            self._arming_seq = self._transmitter.seq
+            self._arming_seq = self._output.seq
 
     def stop(self, reason: str, now: int, wanted: bool = False) -> None:
         """Disarm; unless it was ``wanted``, losing an armed motor is reported."""
@@ -111,9 +90,9 @@ class Motor:
         self._torque = 0
         self.effort_stopped = False
         if phase is _Phase.ARMING:
-            self._events.tell(ArmingFailed(reason))
+            self._output.tell(ArmingFailed(reason))
         elif phase is _Phase.ARMED and not wanted:
-            self._events.report(Level.WARN, f'disarmed: {reason}; arm again when it is safe')
+            self._output.report(Level.WARN, f'disarmed: {reason}; arm again when it is safe')
         self._command(Mode.DISARM, now)
 
     def effort(self, torque: float, now: int) -> None:
@@ -121,35 +100,33 @@ class Motor:
         if not math.isfinite(torque):
             self._counters.not_finite += 1
             if not self._effort_not_finite:
-                self._effort_not_finite = True
-                self._events.report(
-                    Level.ERROR, f'an effort command of {torque} came; only finite torques are sent: disarming'
-                )
+                text = f'an effort command of {torque} came; only finite torques are sent: disarming'
+                self._output.report(Level.ERROR, text)
+            self._effort_not_finite = True
             self.stop('an effort command was not finite', now, wanted=True)
             return
         self._effort_not_finite = False
         if not self.armed or self.board is None:
             self._counters.discarded += 1
             return
-        limit = min(self._torque_limit, self.board.torque_limit / 1e6)
+        limit = min(self._config.torque_limit, self.board.torque_limit / 1e6)
         clamped = max(-limit, min(limit, torque))
         if clamped != torque:
             self._counters.clamped += 1
-            if self._clamping.is_new(now):
-                self._events.report(
-                    Level.WARN, f'an effort command of {torque:g} N m came; at most {limit:g} N m are sent'
-                )
+            if self._output.is_new('clamped', now):
+                text = f'an effort command of {torque:g} N m came; at most {limit:g} N m are sent'
+                self._output.report(Level.WARN, text)
         self._torque = round(clamped * 1e6)
         self._last_effort = now
         if self.effort_stopped:
             self.effort_stopped = False
-            self._events.report(Level.OK, 'effort commands come again')
+            self._output.report(Level.OK, 'effort commands come again')
         self._command(Mode.TORQUE, now)
 
     def next_poll(self, now: int) -> int:
         """Return how soon [ns] :meth:`poll` has to be called again: at the moment when the torque has to be 0."""
         # At least as often as the timeout, because an effort command may come meanwhile, and be the last one.
-        regular = max(MS, min(10 * MS, self.watchdog_ns // 8, self._timeout))
+        regular = max(MS, min(10 * MS, self._watchdog_ns // 8, self._timeout))
         if not self.armed or self.effort_stopped:
             return regular
         return max(0, min(regular, self._last_effort + self._timeout - now))
@@ -164,11 +141,10 @@ class Motor:
             self.effort_stopped = True
             self._torque = 0
             self._counters.command_timeouts += 1
-            self._events.report(
-                Level.WARN, f'no effort command for {self._timeout / SECOND:g} s: torque 0, still armed'
-            )
+            text = f'no effort command for {self._timeout / SECOND:g} s: torque 0, still armed'
+            self._output.report(Level.WARN, text)
             self._command(Mode.TORQUE, now)
-        elif now - self._last_sent >= self.watchdog_ns // 4:
+        elif now - self._last_sent >= self._watchdog_ns // 4:
             self._command(Mode.TORQUE, now)
 
     def follow(self, state: State, before: int, now: int) -> None:
@@ -179,7 +155,7 @@ class Motor:
             self._report_faults(risen & _FAULTS, now)
         if risen & _WATCHDOG:
             self._counters.trips += 1
-            self._events.report(Level.WARN, "the board's watchdog tripped")
+            self._output.report(Level.WARN, "the board's watchdog tripped")
         if self._phase is _Phase.DISARMED:
             if status & _ARMED and now - self._last_disarm >= DISARM_INTERVAL:
                 self._command(Mode.DISARM, now)
@@ -191,27 +167,27 @@ class Motor:
         elif status & _ARMED and (not self._bit_was_set or self._obeyed(state)):
             self._phase = _Phase.ARMED
             self._last_effort = now
-            self._events.tell(Armed())
+            self._output.tell(Armed())
 
     def _report_faults(self, risen: int, now: int) -> None:
         # Some faults come and go, such as a supply that sags whenever the motor pulls.
-        if self._fault.is_new(now):
+        if self._output.is_new('fault', now):
             self._faults_told = 0
         if untold := risen & ~self._faults_told:
             self._faults_told |= untold
-            self._events.report(Level.ERROR, f'the board reports a fault: {names(untold)}')
+            self._output.report(Level.ERROR, f'the board reports a fault: {names(untold)}')
 
     def _obeyed(self, state: State) -> bool:
         """Tell whether the board obeyed this arming's mode 1, or a command after it."""
-        return (state.cmd_seq - self._arming_seq) & 0xFFFF <= (self._transmitter.seq - self._arming_seq) & 0xFFFF
+        return (state.cmd_seq - self._arming_seq) & 0xFFFF <= (self._output.seq - self._arming_seq) & 0xFFFF
 
     def _command(self, mode: Mode, now: int) -> None:
         torque = self._torque if mode is Mode.TORQUE else 0
-        self._transmitter.command(mode, torque, self._watchdog_ms, now)
+        self._output.command(mode, torque, self._config.watchdog_ms, now)
         self._last_sent = now
         if mode is Mode.DISARM:
             # A closed port took nothing: once it is open, the disarm is repeated at once.
-            self._last_disarm = now if self._transmitter.open else now - DISARM_INTERVAL
+            self._last_disarm = now if self._output.open else now - DISARM_INTERVAL
 
 
 def names(status: int) -> str:

@@ -12,17 +12,14 @@ from __future__ import annotations
 import struct
 import zlib
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from enum import IntEnum, IntFlag
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 VERSION = 1
 
 #: The longest frame is HELLO's: 48 bytes of body, 4 of CRC, and one that COBS adds; the delimiter not counted.
 MAX_FRAME = 53
-
-_HEADER = struct.Struct('<BBHI')
-_CRC = struct.Struct('<I')
 
 
 class Status(IntFlag):
@@ -42,14 +39,8 @@ class Status(IntFlag):
 
 
 #: The bits that keep the motor off while they are set.
-FAULTS = (
-    Status.EMERGENCY_STOP
-    | Status.ENCODER_1
-    | Status.ENCODER_2
-    | Status.OVER_CURRENT
-    | Status.OVER_TEMPERATURE
-    | Status.UNDERVOLTAGE
-)
+FAULTS = Status.EMERGENCY_STOP | Status.ENCODER_1 | Status.ENCODER_2
+FAULTS |= Status.OVER_CURRENT | Status.OVER_TEMPERATURE | Status.UNDERVOLTAGE
 
 
 class Mode(IntEnum):
@@ -129,17 +120,21 @@ class Damaged:
 Message = State | Command | Hello | HelloRequest
 Event = Message | Damaged
 
-_STATE = struct.Struct('<iiihHHH')
-_COMMAND = struct.Struct('<BBHi')
-_HELLO = struct.Struct('<IBBHIIiI16s')
-
-_TYPES: dict[type, int] = {State: 0x01, Command: 0x02, Hello: 0x03, HelloRequest: 0x04}
-_STATE_TYPE = _TYPES[State]
+_HEADER = struct.Struct('<BBHI')
+_CRC = struct.Struct('<I')
+_TYPES: dict[int, type] = {0x01: State, 0x02: Command, 0x03: Hello, 0x04: HelloRequest}
+_NUMBERS = {kind: number for number, kind in _TYPES.items()}
+#: What follows the header, and which fields it has.
+_PAYLOADS: dict[type, tuple[struct.Struct, tuple[str, ...]]] = {
+    State: (struct.Struct('<iiihHHH'), State._fields[2:]),
+    Command: (struct.Struct('<BBHi'), ('mode', 'flags', 'watchdog_ms', 'torque')),
+    Hello: (struct.Struct('<IBxHIIiI16s'), tuple(field.name for field in fields(Hello)[2:])),
+    HelloRequest: (struct.Struct(''), ()),
+}
 #: A STATE's whole body, type and version skipped: unpacked at once, because it comes a thousand times a second.
 _STATE_BODY = struct.Struct('<xxHIiiihHHH')
 #: The CRC-32 of any bytes followed by their own CRC-32.
 _CRC_RESIDUE = 0x2144DF1C
-_SIZES = {0x01: _STATE.size, 0x02: _COMMAND.size, 0x03: _HELLO.size, 0x04: 0}
 
 
 def encode(message: Message) -> bytes:
@@ -148,27 +143,11 @@ def encode(message: Message) -> bytes:
     Raises:
         struct.error: a field does not fit into its place on the wire.
     """
-    m = message
-    if isinstance(m, State):
-        payload = _STATE.pack(m.enc1, m.enc2, m.torque, m.current, m.vbus, m.cmd_seq, m.status)
-    elif isinstance(m, Command):
-        payload = _COMMAND.pack(m.mode, m.flags, m.watchdog_ms, m.torque)
-    elif isinstance(m, Hello):
-        name = m.firmware.encode('ascii', 'replace')
-        payload = _HELLO.pack(
-            m.boot_id,
-            m.reset_cause,
-            0,
-            m.watchdog_max_ms,
-            m.cpr1,
-            m.cpr2,
-            m.torque_limit,
-            m.sample_period_us,
-            name,
-        )
-    else:
-        payload = b''
-    return frame(_HEADER.pack(_TYPES[type(m)], VERSION, m.seq, m.t_us) + payload)
+    layout, names = _PAYLOADS[type(message)]
+    values = [getattr(message, name) for name in names]
+    if isinstance(message, Hello):
+        values[-1] = message.firmware.encode('ascii', 'replace')
+    return frame(_HEADER.pack(_NUMBERS[type(message)], VERSION, message.seq, message.t_us) + layout.pack(*values))
 
 
 def frame(body: bytes) -> bytes:
@@ -195,7 +174,7 @@ def _uncobs(data: bytes) -> bytearray | None:
     return out
 
 
-def _parse(data: bytes, accepted: frozenset[int]) -> Event:
+def _parse(data: bytes, accepted: frozenset[type]) -> Event:
     content = _uncobs(data)
     if content is None:
         return Damaged('cobs')
@@ -203,26 +182,22 @@ def _parse(data: bytes, accepted: frozenset[int]) -> Event:
         return Damaged('length')
     if zlib.crc32(content) != _CRC_RESIDUE:
         return Damaged('crc')
-    kind = content[0]
     if content[1] != VERSION:
         return Damaged('version')
+    kind: Any = _TYPES.get(content[0])
     if kind not in accepted:
         return Damaged('type')
-    if len(content) != _HEADER.size + _SIZES[kind] + _CRC.size:
+    layout, names = _PAYLOADS[kind]
+    if len(content) != _HEADER.size + layout.size + _CRC.size:
         return Damaged('length')
-    if kind == _STATE_TYPE:
+    if kind is State:
         return State._make(_STATE_BODY.unpack_from(content))
     _, _, seq, t_us = _HEADER.unpack_from(content)
-    if kind == _TYPES[Command]:
-        mode, flags, watchdog_ms, torque = _COMMAND.unpack_from(content, _HEADER.size)
-        return Command(seq, t_us, mode, watchdog_ms, torque, flags)
-    if kind == _TYPES[Hello]:
-        boot_id, cause, _, watchdog_max_ms, cpr1, cpr2, limit, period_us, name = _HELLO.unpack_from(
-            content, _HEADER.size
-        )
-        firmware = name.rstrip(b'\0').decode('ascii', 'backslashreplace')
-        return Hello(seq, t_us, boot_id, cause, watchdog_max_ms, cpr1, cpr2, limit, period_us, firmware)
-    return HelloRequest(seq, t_us)
+    values = dict(zip(names, layout.unpack_from(content, _HEADER.size), strict=True))
+    if kind is Hello:
+        values['firmware'] = values['firmware'].rstrip(b'\0').decode('ascii', 'backslashreplace')
+    message: Message = kind(seq, t_us, **values)
+    return message
 
 
 class Decoder:
@@ -235,7 +210,7 @@ class Decoder:
     """
 
     def __init__(self, accept: Iterable[type] = (State, Hello)) -> None:
-        self._accepted = frozenset(_TYPES[kind] for kind in accept)
+        self._accepted = frozenset(accept)
         self._pending = b''
         self._overlong = False
 

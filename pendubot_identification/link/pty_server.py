@@ -14,7 +14,6 @@ import time
 import tty
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from types import TracebackType
 from typing import TextIO
 
 from pendubot_identification.errors import LinkError
@@ -32,7 +31,7 @@ TRACE_HEADER = 't_us,enc1,enc2,torque,status'
 
 
 class PtyServer:
-    """A pty with a virtual board behind it; a context manager.
+    """A pty with a virtual board behind it; a context manager. ``path`` is where a host opens it.
 
     Args:
         board: the board.
@@ -41,9 +40,6 @@ class PtyServer:
         tell: called with ``cable out`` as it goes, and ``cable in`` once it is back.
         patient: the board's time stands still while this process is kept waiting and, as long as the board is armed,
             while the host is there and says nothing: on a computer that pauses no rig runs on without its controller.
-
-    Attributes:
-        path: where a host opens it.
 
     Raises:
         LinkError: the link's place is taken by something else, or the link or the trace cannot be made. Serving and
@@ -70,17 +66,18 @@ class PtyServer:
         try:
             self._plug()
         except LinkError:
-            self._close()
+            self.__exit__()
             raise
         self.path = str(link or self._slave_path)
 
     def __enter__(self) -> PtyServer:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._close()
+    def __exit__(self, *_: object) -> None:
+        self._unplug()
+        if self._trace is not None:
+            with _written(self._trace.name):
+                self._trace.close()
 
     def pull(self) -> None:
         """Pull the cable in the middle of the next frame; the board goes on. Also from a signal handler."""
@@ -102,7 +99,8 @@ class PtyServer:
             wait = max(0, due - time.monotonic_ns()) * 1e-9
             self._receive(wait)
             now = time.monotonic_ns()
-            if self._patient and (now - due > PAUSE or self._waits_for_host(now)):
+            waits_for_host = self._board.armed and now - self._heard > PAUSE and self._host_is_there()
+            if self._patient and (now - due > PAUSE or waits_for_host):
                 due = now + period
             elif now >= due:
                 data = self._board.sample()
@@ -150,9 +148,6 @@ class PtyServer:
     def _host_is_there(self) -> bool:
         return self._master is not None and not any(events & select.POLLHUP for _, events in self._hangup.poll(0))
 
-    def _waits_for_host(self, now: int) -> bool:
-        return self._board.armed and now - self._heard > PAUSE and self._host_is_there()
-
     def _receive(self, wait: float) -> None:
         """Wait for so long [s], or until the host says something."""
         if self._master is None:
@@ -177,12 +172,6 @@ class PtyServer:
         if self._trace is not None and s is not None:
             with _written(self._trace.name):
                 self._trace.write(f'{s.t_us},{s.enc1},{s.enc2},{s.torque},{s.status}\n')
-
-    def _close(self) -> None:
-        self._unplug()
-        if self._trace is not None:
-            with _written(self._trace.name):
-                self._trace.close()
 
 
 def _wake_in_time() -> None:

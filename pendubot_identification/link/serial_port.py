@@ -27,27 +27,16 @@ _READ_TIMEOUT = 0.05
 _WRITE_TIMEOUT = 0.02
 
 _MISSING, _BUSY, _FORBIDDEN = 'missing', 'busy', 'forbidden'
-_TROUBLES = {
-    errno.ENOENT: _MISSING,
-    errno.ENXIO: _MISSING,
-    errno.ENODEV: _MISSING,
-    errno.EBUSY: _BUSY,
-    errno.EAGAIN: _BUSY,
-    errno.EACCES: _FORBIDDEN,
-    errno.EPERM: _FORBIDDEN,
-}
+_TROUBLES = dict.fromkeys((errno.ENOENT, errno.ENXIO, errno.ENODEV), _MISSING)
+_TROUBLES |= dict.fromkeys((errno.EBUSY, errno.EAGAIN), _BUSY) | dict.fromkeys((errno.EACCES, errno.EPERM), _FORBIDDEN)
 
 
 class SerialPort:
     """A port, read by a thread of its own from :meth:`start` until :meth:`close`.
 
-    Args:
-        port: path of a serial port or pty, or any URL that pyserial understands.
-        baud: bits per second.
-        on_bytes: called by the thread with what arrived and when [ns, time.monotonic_ns].
-        on_opened: called by the thread after the port was opened.
-        on_closed: called by the thread with a sentence when the port was lost, or could not be opened for another
-            reason than the last time.
+    The thread calls ``on_bytes`` with what arrived and when [ns, time.monotonic_ns], ``on_opened`` after the port was
+    opened, and ``on_closed`` with a sentence when it was lost, or could not be opened for another reason than the last
+    time. ``port`` is a path, or any URL that pyserial understands.
     """
 
     def __init__(
@@ -74,13 +63,9 @@ class SerialPort:
 
     def write(self, data: bytes) -> bool:
         """Write at once, from any thread; return whether all of it went out. A closed port takes nothing."""
-        with self._lock:
-            if self._write is None:
-                return False
-            try:
-                return self._write(data)
-            except (OSError, termios.error):
-                return False
+        with self._lock, contextlib.suppress(OSError, termios.error):
+            return self._write is not None and self._write(data)
+        return False
 
     def close(self) -> None:
         """Stop the thread and close the port; what was written still goes out."""
@@ -94,8 +79,9 @@ class SerialPort:
             try:
                 device = open_port(self._port, self._baud)
             except Exception as error:
+                trouble = _TROUBLES.get(getattr(error, 'errno', None) or 0, str(error) or type(error).__name__)
                 # Only for new trouble: to find who holds a busy port takes a while.
-                if (trouble := _trouble(error)) != told:
+                if trouble != told:
                     told = trouble
                     self._on_closed(_sentence(self._port, trouble))
                 self._stopping.wait(RETRY)
@@ -118,7 +104,10 @@ class SerialPort:
         wait_and_read = _reader(device)
         while not self._stopping.is_set():
             try:
-                data, arrival = wait_and_read()
+                data = wait_and_read()
+                # Only now: while this process waits for the processor more may come, is read too, and must not seem to
+                # have arrived before it was sent.
+                arrival = time.monotonic_ns()
                 if not data and _leads_elsewhere(self._port, device):
                     return 'its path now leads to another device'
             except (OSError, termios.error) as error:
@@ -126,56 +115,6 @@ class SerialPort:
             if data:
                 self._on_bytes(data, arrival)
         return 'closed'
-
-
-def _leads_elsewhere(port: str, device: serial.SerialBase) -> bool:
-    """Tell whether a port's path, such as a link that udev made, leads to another device than the one that is open."""
-    if not isinstance(device, serial.Serial):
-        return False
-    try:
-        return os.stat(port).st_rdev != os.fstat(device.fd).st_rdev
-    except FileNotFoundError:
-        # Unplugged: reading the device soon fails, too.
-        return False
-
-
-def _writer(device: serial.SerialBase) -> Callable[[bytes], bool]:
-    if isinstance(device, serial.Serial):
-        return FrameWriter(device.fd).write
-    return lambda data: device.write(data) == len(data)
-
-
-def _reader(device: serial.SerialBase) -> Callable[[], tuple[bytes, int]]:
-    """Return a function that waits for bytes and returns all that are there, and a time by which they had arrived.
-
-    The time is taken after reading: while this process waits for the processor more may come, is read too, and must not
-    seem to have arrived before it was sent.
-    """
-
-    def through_pyserial() -> tuple[bytes, int]:
-        data = device.read(1)
-        if data:
-            data += device.read(device.in_waiting)
-        return data, time.monotonic_ns()
-
-    if not isinstance(device, serial.Serial):
-        return through_pyserial
-
-    # Not through pyserial: at 1 kHz its reading costs as much as all the rest of the bridge.
-    descriptor = device.fd
-    poll = select.poll()
-    poll.register(descriptor, select.POLLIN)
-
-    def directly() -> tuple[bytes, int]:
-        data = b''
-        if poll.poll(_READ_TIMEOUT * 1000):
-            with contextlib.suppress(BlockingIOError):
-                data = os.read(descriptor, 4096)
-                if not data:
-                    raise OSError(errno.ENODEV, 'the device is gone')
-        return data, time.monotonic_ns()
-
-    return directly
 
 
 def open_port(port: str, baud: int) -> serial.SerialBase:
@@ -186,29 +125,58 @@ def open_port(port: str, baud: int) -> serial.SerialBase:
         Exception: a URL that pyserial does not understand, such as re.error or KeyError.
     """
     device = serial.serial_for_url(port, baud, timeout=_READ_TIMEOUT, write_timeout=_WRITE_TIMEOUT, exclusive=True)
+    if not isinstance(device, serial.Serial):
+        return device
     try:
-        _lock_out_others(device)
+        # pyserial's lock stops only programs that ask for it; this stops all. Not on a pty: there it would stay after a
+        # crash, as long as the other end is open, and stop the next bridge.
+        if not os.ttyname(device.fd).startswith('/dev/pts/'):
+            fcntl.ioctl(device.fd, termios.TIOCEXCL)
     except (OSError, termios.error):
         device.close()
         raise
-    return device
-
-
-def _lock_out_others(device: serial.SerialBase) -> None:
-    if not isinstance(device, serial.Serial):
-        return
-    # pyserial's lock stops only programs that ask for it; this stops all. Not on a pty: there it would stay after a
-    # crash, as long as the other end is open, and stop the next bridge.
-    if not os.ttyname(device.fd).startswith('/dev/pts/'):
-        fcntl.ioctl(device.fd, termios.TIOCEXCL)
     # Not every driver has it; without it several frames may come together.
     with contextlib.suppress(AttributeError, NotImplementedError, ValueError, OSError):
         device.set_low_latency_mode(True)
+    return device
 
 
-def _trouble(error: Exception) -> str:
-    """Return which of the usual troubles an error is, or else its own text."""
-    return _TROUBLES.get(getattr(error, 'errno', None) or 0, str(error) or type(error).__name__)
+def _leads_elsewhere(port: str, device: serial.SerialBase) -> bool:
+    """Tell whether a port's path, such as a link that udev made, leads to another device than the one that is open."""
+    # Unplugged, it leads nowhere: reading the device soon fails, too.
+    with contextlib.suppress(FileNotFoundError):
+        return isinstance(device, serial.Serial) and os.stat(port).st_rdev != os.fstat(device.fd).st_rdev
+    return False
+
+
+def _writer(device: serial.SerialBase) -> Callable[[bytes], bool]:
+    if isinstance(device, serial.Serial):
+        return FrameWriter(device.fd).write
+    return lambda data: device.write(data) == len(data)
+
+
+def _reader(device: serial.SerialBase) -> Callable[[], bytes]:
+    """Return a function that waits for bytes and returns all that are there."""
+
+    def through_pyserial() -> bytes:
+        data: bytes = device.read(1)
+        return data + device.read(device.in_waiting) if data else data
+
+    def directly() -> bytes:
+        data = b''
+        if poll.poll(_READ_TIMEOUT * 1000):
+            with contextlib.suppress(BlockingIOError):
+                data = os.read(descriptor, 4096)
+                if not data:
+                    raise OSError(errno.ENODEV, 'the device is gone')
+        return data
+
+    if not isinstance(device, serial.Serial):
+        return through_pyserial
+    # Not through pyserial: at 1 kHz its reading costs as much as all the rest of the bridge.
+    descriptor, poll = device.fd, select.poll()
+    poll.register(descriptor, select.POLLIN)
+    return directly
 
 
 def _sentence(port: str, trouble: str) -> str:
@@ -216,32 +184,24 @@ def _sentence(port: str, trouble: str) -> str:
     if trouble == _MISSING:
         return f'the port {port} is missing; plug the board in, or set port to where it is'
     if trouble == _BUSY:
-        names = ' and '.join(holders(port)) or f'a program of another user (sudo fuser -v {port} names it)'
+        names = ' and '.join(_holders(port)) or f'a program of another user (sudo fuser -v {port} names it)'
         return f'the port {port} is busy: {names} holds it; end that program'
     if trouble == _FORBIDDEN:
-        return (
-            f'the port {port} is forbidden to this user; add the user to the group dialout '
-            '(sudo adduser $USER dialout) and log in again'
-        )
+        remedy = 'add the user to the group dialout (sudo adduser $USER dialout) and log in again'
+        return f'the port {port} is forbidden to this user; {remedy}'
     return f'the port {port} cannot be opened ({trouble}); set port to a serial port or a pyserial URL'
 
 
-def holders(port: str) -> list[str]:
+def _holders(port: str) -> list[str]:
     """Return, as ``name (process 123)``, the programs that have a device open; those of other users stay hidden."""
-    device = os.path.realpath(port)
+    device = Path(port).resolve()
     found = []
     for process in Path('/proc').glob('[0-9]*'):
         # Processes come and go meanwhile, and those of others may not be looked into.
         with contextlib.suppress(OSError):
-            if any(_target(descriptor) == device for descriptor in (process / 'fd').iterdir()):
+            if any(descriptor.resolve() == device for descriptor in (process / 'fd').iterdir()):
                 found.append(f'{(process / "comm").read_text().strip()} (process {process.name})')
     return found
-
-
-def _target(descriptor: Path) -> str:
-    with contextlib.suppress(OSError):
-        return os.readlink(descriptor)
-    return ''
 
 
 class FrameWriter:

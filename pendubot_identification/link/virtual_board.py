@@ -17,19 +17,7 @@ from pendubot_identification.errors import ParameterError
 from pendubot_identification.model.simulation import HANGING, Plant
 
 from .clock import WRAP
-from .protocol import (
-    FAULTS,
-    Command,
-    Damaged,
-    Decoder,
-    Hello,
-    HelloRequest,
-    Message,
-    Mode,
-    State,
-    Status,
-    encode,
-)
+from .protocol import FAULTS, Command, Damaged, Decoder, Hello, HelloRequest, Message, Mode, State, Status, encode
 
 #: A motor that takes 1 A for 0.1 N m, from a supply of 24 V: only shown, not part of the physics.
 _MILLIAMPERE_PER_MICRO_NM = 0.01
@@ -40,22 +28,15 @@ _VBUS_10MV = 2400
 class BoardSettings:
     """What a board is like.
 
-    Attributes:
-        counts: encoder counts per turn, both joints.
-        torque_limit: largest torque [N m]; what is beyond is clamped.
-        sample_period_us: sampling period [us].
-        watchdog_max_ms: longest time for which a command holds [ms].
-        clock_start_us: the clock at the start [us], such as shortly before its wrap; a reset begins it again at 0.
-
     Raises:
         ParameterError: a value outside of what a board can have.
     """
 
-    counts: int = 4000
-    torque_limit: float = 2.0
+    counts: int = 4000  #: Encoder counts per turn, both joints.
+    torque_limit: float = 2.0  #: Largest torque [N m]; what is beyond is clamped.
     sample_period_us: int = 10_000
-    watchdog_max_ms: int = 500
-    clock_start_us: int = 0
+    watchdog_max_ms: int = 500  #: Longest time for which a command holds.
+    clock_start_us: int = 0  #: The clock at the start, such as shortly before its wrap; a reset begins it again at 0.
 
     def __post_init__(self) -> None:
         for name, low, high in (
@@ -72,30 +53,21 @@ class BoardSettings:
 
 @dataclass(frozen=True, slots=True)
 class Faults:
-    """What goes wrong, by chance or at a time.
-
-    Attributes:
-        bit_flip, drop_byte, double_byte: probabilities, per frame, that one bit of it is flipped, one byte dropped
-            or doubled on its way to the host.
-        lose_frame, duplicate_frame: probabilities, per frame, that it is not sent, or sent twice.
-        glitch: probability, per sample, that an encoder reads half a turn off, in this sample only.
-        reset_at: the board restarts at this time [s] after the start.
-        emergency_stop_at: the emergency stop is pressed at this time [s]; it stands until the board restarts.
-        over_current_at: the motor draws too much at this time [s], for 0.1 s.
+    """What goes wrong, by chance or at a time: probabilities per frame or sample, and times [s] after the start.
 
     Raises:
         ParameterError: a probability outside 0 to 1, or a time below 0.
     """
 
-    bit_flip: float = 0.0
-    drop_byte: float = 0.0
-    double_byte: float = 0.0
+    bit_flip: float = 0.0  #: One bit of a frame is flipped on its way to the host ...
+    drop_byte: float = 0.0  #: ... one byte dropped ...
+    double_byte: float = 0.0  #: ... or doubled.
     lose_frame: float = 0.0
     duplicate_frame: float = 0.0
-    glitch: float = 0.0
-    reset_at: float = math.inf
-    emergency_stop_at: float = math.inf
-    over_current_at: float = math.inf
+    glitch: float = 0.0  #: An encoder reads half a turn off, in this sample only.
+    reset_at: float = math.inf  #: The board restarts.
+    emergency_stop_at: float = math.inf  #: It is pressed, and stands until the board restarts.
+    over_current_at: float = math.inf  #: The motor draws too much, for 0.1 s.
 
     def __post_init__(self) -> None:
         for each in fields(self):
@@ -111,18 +83,15 @@ _OVER_CURRENT_US = 100_000
 
 
 class VirtualBoard:
-    """A virtual board, one sample at a time.
+    """A virtual board, one sample at a time, with a plant that moves under its torque.
 
     Args:
-        plant: what moves under its torque.
-        settings: what it is like.
-        faults: what goes wrong.
         seed: of everything random: boot_id and faults.
         held: whether the plant is held where it is until the motor is first armed.
 
     Attributes:
-        settings: what it is like.
         last: the last sample without the faults that were added on its way; None before the first.
+        armed: whether the motor obeys.
     """
 
     def __init__(
@@ -145,11 +114,6 @@ class VirtualBoard:
         self._origin = (0, 0)
         self._held = held
         self._boot(1, self.settings.clock_start_us)
-
-    @property
-    def armed(self) -> bool:
-        """Whether the motor obeys."""
-        return self._armed
 
     def receive(self, data: bytes) -> None:
         """Take bytes from the host; commands count from the next sample on."""
@@ -181,12 +145,14 @@ class VirtualBoard:
         while self._hellos_due:
             self._hellos_due -= 1
             out += self._transmit(self._hello())
-        self.last = self._state()
-        return out + self._transmit(self._glitched(self.last))
+        self.last = state = self._state()
+        if self._chance(self._faults.glitch):
+            state = state._replace(enc1=state.enc1 + self.settings.counts // 2)
+        return out + self._transmit(state)
 
     def move(self) -> None:
         """Let the plant move until the next sample is due."""
-        self._held = self._held and not self._armed
+        self._held = self._held and not self.armed
         if not self._held and self.last is not None:
             self._plant.advance((self.last.torque / 1e6, 0.0), self.settings.sample_period_us * 1e-6)
         self._clock_us += self.settings.sample_period_us
@@ -198,7 +164,7 @@ class VirtualBoard:
         self._clock_us = clock_us
         self._seq = 0
         self._cmd_seq = 0
-        self._armed = False
+        self.armed = False
         self._locked = True
         self._tripped = False
         self._stopped = False
@@ -209,10 +175,10 @@ class VirtualBoard:
 
     def _obey(self, command: Command) -> None:
         if command.mode == Mode.DISARM:
-            self._armed = self._locked = self._tripped = False
+            self.armed = self._locked = self._tripped = False
             self._torque = 0
         elif command.mode == Mode.TORQUE and not (self._locked or self._tripped or self._standing_faults()):
-            self._armed = True
+            self.armed = True
             self._torque = command.torque
             held_ms = min(command.watchdog_ms, self.settings.watchdog_max_ms)
             self._holds_until_us = self._clock_us + 1000 * held_ms
@@ -231,30 +197,21 @@ class VirtualBoard:
 
     def _state(self) -> State:
         faults = self._standing_faults()
-        if self._armed and self._clock_us >= self._holds_until_us:
-            self._armed, self._tripped = False, True
-        self._armed = self._armed and not faults & FAULTS
-        wanted = self._torque if self._armed else 0
+        if self.armed and self._clock_us >= self._holds_until_us:
+            self.armed, self._tripped = False, True
+        self.armed = self.armed and not faults & FAULTS
+        wanted = self._torque if self.armed else 0
         limit = round(self.settings.torque_limit * 1e6)
         torque = max(-limit, min(limit, wanted))
         status = faults | self._notes
-        status |= Status.ARMED if self._armed else Status(0)
+        status |= Status.ARMED if self.armed else Status(0)
         status |= Status.WATCHDOG if self._tripped else Status(0)
         status |= Status.SATURATED if torque != wanted else Status(0)
         self._notes = Status(0)
-        first, second = self._encoders()
+        enc1, enc2 = (now - then for now, then in zip(self._encoders(), self._origin, strict=True))
         current = max(-32768, min(32767, round(torque * _MILLIAMPERE_PER_MICRO_NM)))
-        return State(
-            self._next_seq(),
-            self._clock_us % WRAP,
-            first - self._origin[0],
-            second - self._origin[1],
-            torque,
-            current,
-            _VBUS_10MV,
-            self._cmd_seq,
-            int(status),
-        )
+        seq, t_us = self._next_seq(), self._clock_us % WRAP
+        return State(seq, t_us, enc1, enc2, torque, current, _VBUS_10MV, self._cmd_seq, int(status))
 
     def _encoders(self) -> tuple[int, int]:
         """Return the counts since the start, 0 when hanging."""
@@ -263,19 +220,9 @@ class VirtualBoard:
         return first, second
 
     def _hello(self) -> Hello:
-        s = self.settings
-        return Hello(
-            self._next_seq(),
-            self._clock_us % WRAP,
-            self._boot_id,
-            self._reset_cause,
-            s.watchdog_max_ms,
-            s.counts,
-            s.counts,
-            round(s.torque_limit * 1e6),
-            s.sample_period_us,
-            'virtual',
-        )
+        s, seq, t_us = self.settings, self._next_seq(), self._clock_us % WRAP
+        units = s.watchdog_max_ms, s.counts, s.counts, round(s.torque_limit * 1e6), s.sample_period_us
+        return Hello(seq, t_us, self._boot_id, self._reset_cause, *units, 'virtual')
 
     def _next_seq(self) -> int:
         seq, self._seq = self._seq, (self._seq + 1) & 0xFFFF
@@ -283,11 +230,6 @@ class VirtualBoard:
 
     def _chance(self, probability: float) -> bool:
         return probability > 0.0 and bool(self._rng.random() < probability)
-
-    def _glitched(self, state: State) -> State:
-        if not self._chance(self._faults.glitch):
-            return state
-        return state._replace(enc1=state.enc1 + self.settings.counts // 2)
 
     def _transmit(self, message: Message) -> bytes:
         faults = self._faults

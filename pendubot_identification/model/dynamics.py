@@ -70,16 +70,9 @@ def _rotor(theta: Sequence[Any] | Array) -> Any:
 
 
 def acceleration_derivatives(theta: Array, q: Array, v: Array, tau: Array) -> tuple[Array, Array]:
-    """Return the accelerations and their derivatives, at L points at once.
+    """Return q'', shape (2, L), and its derivatives by q1, q2, q1', q2' and each parameter, shape (2, 4 + D, L).
 
-    Args:
-        theta: shape (D,).
-        q: positions [rad], shape (2, L).
-        v: velocities [rad/s], shape (2, L).
-        tau: torques [N m], shape (2, L).
-
-    Returns:
-        q'', shape (2, L), and its derivatives by q1, q2, q1', q2' and each parameter, shape (2, 4 + D, L).
+    ``theta`` has shape (D,); positions [rad], velocities [rad/s] and torques [N m] of L points have shape (2, L).
     """
     P1, P2, P3, P4, P5 = theta[:5]
     a1, a2 = accelerations(theta, *q, *v, *tau)

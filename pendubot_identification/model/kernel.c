@@ -18,30 +18,13 @@
 #define EXPORT __attribute__((visibility("default")))
 #define INLINE static inline __attribute__((always_inline))
 
-/* Work that can be split: do parts `first` to `end` of it. */
-typedef void Work(const void *what, int64_t first, int64_t end);
-
-/* VERSIONS(name) compiles the inline function `name` for several processors; BEST_OF(name) is what this one can do. */
-#if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__)
-#define VERSION_FOR(name, processor, features) \
-    __attribute__((target(features))) static void name##_##processor(const void *what, int64_t first, int64_t end) \
-    { \
-        name(what, first, end); \
-    }
-/* Tuned for a processor whose gathers pay. */
-#define AVX512 "avx2,bmi2,avx512f,avx512dq,avx512bw,avx512vl,prefer-vector-width=512,tune=icelake-server"
-#define VERSIONS(name) \
-    VERSION_FOR(name, avx512, AVX512) \
-    VERSION_FOR(name, avx2, "avx2,bmi2") \
-    static void name##_any(const void *what, int64_t first, int64_t end) { name(what, first, end); }
-#define CAN(feature) __builtin_cpu_supports(feature)
-#define BEST_OF(name) \
-    (CAN("avx512f") && CAN("avx512dq") && CAN("avx512bw") && CAN("avx512vl") && CAN("bmi2") ? name##_avx512 \
-            : CAN("avx2") && CAN("bmi2")                                                  ? name##_avx2 \
-                                                                                           : name##_any)
+/* The loops are compiled for several processors, and the right ones are taken when they are loaded. */
+#if !defined(__x86_64__) || !defined(__GLIBC__) || !defined(__GNUC__) || defined(__clang__)
+#define LOOP static
+#elif __GNUC__ < 12
+#define LOOP static __attribute__((target_clones("avx2", "default")))
 #else
-#define VERSIONS(name)
-#define BEST_OF(name) name
+#define LOOP static __attribute__((target_clones("arch=x86-64-v4", "avx2", "default")))
 #endif
 
 /* Vectors of four: one register or two, as the processor has them. (Of eight they are three times slower on processors
@@ -53,59 +36,6 @@ typedef int64_t ints __attribute__((vector_size(8 * LANES)));
 INLINE vec all(double x) { return x - (vec){}; }
 INLINE vec either(ints mask, vec a, vec b) { return (vec)((mask & (ints)a) | (~mask & (ints)b)); }
 INLINE vec magnitude(vec x) { return (vec)((ints)x & INT64_MAX); }
-
-/* ---- Several cores ---- */
-
-#define MOST_THREADS 64
-/* Nanoseconds of work that are worth a thread. */
-#define WORTH_A_THREAD 100000.0
-
-typedef struct {
-    Work *work;
-    const void *what;
-    int64_t first, end;
-} Part;
-
-static void *do_part(void *argument)
-{
-    Part *part = argument;
-    part->work(part->what, part->first, part->end);
-    return NULL;
-}
-
-/* The cores that this process may use. */
-static int64_t cores(void)
-{
-#ifdef CPU_COUNT
-    cpu_set_t set;
-    if (!sched_getaffinity(0, sizeof(set), &set))
-        return CPU_COUNT(&set);
-#endif
-    return sysconf(_SC_NPROCESSORS_ONLN);
-}
-
-/* Do `count` parts of some work, each of so many nanoseconds, on up to so many threads, of which this is one; 0 is one
- * on every core. What a part gives does not depend on who does it. */
-static void share(Work *work, const void *what, int64_t count, double nanoseconds, int64_t threads)
-{
-    double worth = nanoseconds * count / WORTH_A_THREAD;
-    threads = threads ? threads : worth < 2.0 ? 1 : cores();
-    threads = threads < count ? threads : count;
-    threads = threads < worth ? threads : (int64_t)worth;
-    threads = threads < 1 ? 1 : threads > MOST_THREADS ? MOST_THREADS : threads;
-    Part parts[MOST_THREADS];
-    pthread_t others[MOST_THREADS];
-    int started[MOST_THREADS] = {0};
-    for (int64_t i = threads - 1; i >= 0; i--) {
-        parts[i] = (Part){work, what, i * count / threads, (i + 1) * count / threads};
-        started[i] = i > 0 && !pthread_create(&others[i], NULL, do_part, &parts[i]);
-        if (!started[i])
-            do_part(&parts[i]);
-    }
-    for (int64_t i = 0; i < threads; i++)
-        if (started[i])
-            pthread_join(others[i], NULL);
-}
 
 /* ---- Elementary functions, to about one unit in the last place; coefficients of sine and cosine as in fdlibm ---- */
 
@@ -135,17 +65,12 @@ INLINE vec exp_minus_1(vec x)
 {
     vec shifted = x * 1.44269504088896338700e+00 + WHOLE, k = shifted - WHOLE;
     vec r = (x - k * 6.93147180369123816490e-01) - k * 1.90821492927058770002e-10;
-    vec p = 1.0 / 6227020800.0 * r + 1.0 / 479001600.0;
-    p = p * r + 1.0 / 39916800.0;
-    p = p * r + 1.0 / 3628800.0;
-    p = p * r + 1.0 / 362880.0;
-    p = p * r + 1.0 / 40320.0;
-    p = p * r + 1.0 / 5040.0;
-    p = p * r + 1.0 / 720.0;
-    p = p * r + 1.0 / 120.0;
-    p = p * r + 1.0 / 24.0;
-    p = p * r + 1.0 / 6.0;
-    p = p * r + 0.5;
+    double factorial = 6227020800.0; /* of 13 */
+    vec p = all(1.0 / factorial);
+    for (int n = 13; n > 2; n--) {
+        factorial /= n;
+        p = p * r + 1.0 / factorial;
+    }
     p = r + r * r * p;
     vec scale = (vec)(((ints)shifted + 1023) << 52);
     return scale * p + (scale - 1.0);
@@ -229,7 +154,10 @@ INLINE vec load(const double *from, int64_t count)
 
 INLINE void store(double *to, vec x, int64_t count)
 {
-    memcpy(to, &x, count * sizeof(double));
+    if (count == LANES) /* of known size: one instruction */
+        memcpy(to, &x, sizeof(x));
+    else
+        memcpy(to, &x, count * sizeof(double));
 }
 
 INLINE vec gather(const double *from, const int64_t *index)
@@ -248,10 +176,67 @@ typedef struct {
     double *result;
 } Motions;
 
-/* Blocks of LANES of all motions. */
-INLINE void roll(const void *what, int64_t begin, int64_t end)
+/* ---- Several cores ---- */
+
+#define MOST_THREADS 64
+/* Nanoseconds of work that are worth a thread, and what a block takes for a step, about. */
+#define WORTH_A_THREAD 100000.0
+#define ROLLING 150.0
+#define DERIVING 500.0
+
+/* A loop over blocks of LANES motions, from the first to the one before the end. */
+typedef void Loop(const Motions *motions, int64_t first, int64_t end);
+
+typedef struct {
+    Loop *loop;
+    const Motions *motions;
+    int64_t first, end;
+} Part;
+
+static void *do_part(void *argument)
 {
-    const Motions *m = what;
+    Part *part = argument;
+    part->loop(part->motions, part->first, part->end);
+    return NULL;
+}
+
+/* The cores that this process may use. */
+static int64_t cores(void)
+{
+#ifdef CPU_COUNT
+    cpu_set_t set;
+    if (!sched_getaffinity(0, sizeof(set), &set))
+        return CPU_COUNT(&set);
+#endif
+    return sysconf(_SC_NPROCESSORS_ONLN);
+}
+
+/* Do all blocks, each of so many nanoseconds, on up to so many threads, of which this is one; 0 is one on every core.
+ * What a block gives does not depend on who does it. */
+static void share(Loop *loop, const Motions *motions, int64_t count, double nanoseconds, int64_t threads)
+{
+    int64_t blocks = (count + LANES - 1) / LANES, started = 0;
+    int64_t worth = nanoseconds * blocks / WORTH_A_THREAD, most = blocks < worth ? blocks : worth;
+    threads = threads || most < 2 ? threads : cores();
+    threads = threads < most ? threads : most;
+    threads = threads < 1 ? 1 : threads < MOST_THREADS ? threads : MOST_THREADS;
+    Part parts[MOST_THREADS];
+    pthread_t others[MOST_THREADS];
+    for (int64_t i = threads - 1; i >= 0; i--) {
+        parts[i] = (Part){loop, motions, i * blocks / threads, (i + 1) * blocks / threads};
+        if (i > 0 && !pthread_create(&others[started], NULL, do_part, &parts[i]))
+            started++;
+        else
+            do_part(&parts[i]);
+    }
+    while (started > 0)
+        pthread_join(others[--started], NULL);
+}
+
+/* ---- The loops ---- */
+
+LOOP void roll(const Motions *m, int64_t begin, int64_t end)
+{
     int64_t size = m->size, vectors = m->vectors, lanes = m->lanes, steps = m->steps, total = vectors * lanes;
     const double *theta = m->theta, *state = m->state, *tau = m->tau;
     double h = m->h, half = h / 2, sixth = h / 6;
@@ -271,13 +256,8 @@ INLINE void roll(const void *what, int64_t begin, int64_t end)
         vec v1 = gather(state + 2 * lanes, lane), v2 = gather(state + 3 * lanes, lane);
         double *out = m->result + first;
         for (int64_t k = 0;; k++) {
-            if (count == LANES) {
-                store(out, q1, LANES), store(out + total, q2, LANES);
-                store(out + 2 * total, v1, LANES), store(out + 3 * total, v2, LANES);
-            } else {
-                store(out, q1, count), store(out + total, q2, count);
-                store(out + 2 * total, v1, count), store(out + 3 * total, v2, count);
-            }
+            store(out, q1, count), store(out + total, q2, count);
+            store(out + 2 * total, v1, count), store(out + 3 * total, v2, count);
             if (k == steps)
                 break;
             out += 4 * total;
@@ -302,19 +282,12 @@ INLINE void roll(const void *what, int64_t begin, int64_t end)
         }
     }
 }
-VERSIONS(roll)
-
-#define BLOCKS(count) (((count) + LANES - 1) / LANES)
-/* What a block takes for a step, about, in nanoseconds. */
-#define ROLLING 150.0
-#define DERIVING 500.0
-
 /* states (steps + 1, 4, vectors, lanes) of theta (size, vectors), state (4, lanes), tau (2, steps, lanes). */
 EXPORT void pendubot_roll(int64_t threads, int64_t size, int64_t vectors, int64_t lanes, int64_t steps, double h,
     const double *theta, const double *state, const double *tau, double *states)
 {
     Motions what = {size, vectors, lanes, steps, h, theta, state, tau, states};
-    share(BEST_OF(roll), &what, BLOCKS(vectors * lanes), ROLLING * steps, threads);
+    share(roll, &what, vectors * lanes, ROLLING * steps, threads);
 }
 
 /* The accelerations, and their derivatives by the first state and theta (columns), from those of the state: as in
@@ -393,10 +366,8 @@ INLINE void step_sensitivity(const Theta *theta, double h, const vec state[4], v
     }
 }
 
-/* Blocks of LANES of all lanes. */
-INLINE void sensitivities(const void *what, int64_t begin, int64_t finish)
+LOOP void sensitivities(const Motions *m, int64_t begin, int64_t finish)
 {
-    const Motions *m = what;
     int64_t size = m->size, columns = 4 + size, lanes = m->lanes, steps = m->steps;
     const double *states = m->state, *tau = m->tau;
     int64_t last = LANES * finish < lanes ? LANES * finish : lanes;
@@ -421,22 +392,18 @@ INLINE void sensitivities(const void *what, int64_t begin, int64_t finish)
                 double *out = m->result + k * 4 * columns * lanes + first;
                 for (int i = 0; i < 4; i++)
                     for (int64_t c = 0; c < columns; c++)
-                        if (count == LANES)
-                            store(out + (i * columns + c) * lanes, x[i][c], LANES);
-                        else
-                            store(out + (i * columns + c) * lanes, x[i][c], count);
+                        store(out + (i * columns + c) * lanes, x[i][c], count);
             }
         }
     }
 }
-VERSIONS(sensitivities)
 
 /* result (steps, 4, 4 + size, lanes) of theta (size), states (steps + 1, 4, lanes), tau (2, steps, lanes). */
 EXPORT void pendubot_sensitivities(int64_t threads, int64_t size, int64_t lanes, int64_t steps, double h,
     const double *theta, const double *states, const double *tau, double *result)
 {
     Motions what = {size, 1, lanes, steps, h, theta, states, tau, result};
-    share(BEST_OF(sensitivities), &what, BLOCKS(lanes), DERIVING * steps, threads);
+    share(sensitivities, &what, lanes, DERIVING * steps, threads);
 }
 
 EXPORT int64_t pendubot_version(void)

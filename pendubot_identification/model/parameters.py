@@ -209,8 +209,7 @@ class Bounds:
 def repaired(theta: ArrayLike) -> Vector:
     """Return vectors of shape (..., D) with P3 moved to the nearest value at which M(q) is positive definite for all q.
 
-    So an optimiser that only knows bounds can search for the minimum over the physical vectors: that of a criterion of
-    the repaired vectors is the same.
+    A criterion of the repaired vectors has the same minimum as over the physical ones alone.
     """
     result = np.array(theta, dtype=float)
     limit = LARGEST_COUPLING * np.sqrt(np.maximum(result[..., 0] * result[..., 1], 0.0))
@@ -221,8 +220,8 @@ def repaired(theta: ArrayLike) -> Vector:
 def coupling_excess(theta: Vector) -> Vector:
     """Return a penalty, shape (...), for vectors of shape (..., D) with |P3| too large for P1 and P2; 0 for all others.
 
-    Added to a criterion with a large factor it leads an optimiser that only knows bounds back to the vectors whose M(q)
-    is positive definite for every q, which are a convex cone. It is relative to P1 + P2.
+    It leads an optimiser that only knows bounds back to the cone of vectors whose M(q) is positive definite for every
+    q, and is relative to P1 + P2.
     """
     P1, P2, P3 = theta[..., 0], theta[..., 1], theta[..., 2]
     with np.errstate(invalid='ignore', divide='ignore'):

@@ -30,13 +30,10 @@ CHUNK = 2048
 
 
 def roll(theta: Array, state: Array, tau: Array, step: float) -> Array:
-    """Simulate motions side by side by classic Runge-Kutta steps.
+    """Simulate L motions side by side by K classic Runge-Kutta steps of ``step`` [s].
 
-    Args:
-        theta: shape (D,), or (D, V, 1) for V parameter vectors at once.
-        state: q1, q2, q1', q2' [rad, rad/s] at the start, shape (4, L).
-        tau: torques [N m] of every step, shape (2, K, L).
-        step: the steps' length [s].
+    ``theta`` has shape (D,), or (D, V, 1) for V parameter vectors at once; ``state`` q1, q2, q1', q2' [rad, rad/s] at
+    the start, shape (4, L); ``tau`` the torques [N m] of every step, shape (2, K, L).
 
     Returns:
         States, shape (K + 1, 4, L) or (K + 1, 4, V, L). Where a simulation diverges they become NaN or infinite,
@@ -98,13 +95,7 @@ def advance(theta: Sequence[Any], x: Sequence[Any], tau: Any, h: float, lib: Mod
 
 
 def sensitivities(theta: Array, states: Array, tau: Array, step: float) -> Array:
-    """Return how simulated motions depend on their initial states and on the parameters.
-
-    Args:
-        theta: shape (D,).
-        states: what :func:`roll` returned, shape (K + 1, 4, L).
-        tau: shape (2, K, L).
-        step: [s].
+    """Return how motions depend on initial states and theta, with arguments and ``states`` as those of :func:`roll`.
 
     Returns:
         Derivative of the state after each step by the initial state and theta, shape (K, 4, 4 + D, L).

@@ -32,12 +32,7 @@ STEP_OF_DECAY = 0.25
 
 
 class Plant:
-    """A pendubot that moves, one interval of constant torque at a time.
-
-    Args:
-        parameters: the rig's parameters.
-        q: initial joint positions [rad].
-        qd: initial joint velocities [rad/s].
+    """A pendubot at positions q [rad] and velocities qd [rad/s] that moves by intervals of constant torque.
 
     Raises:
         ParameterError: the parameters are not physical.
@@ -66,7 +61,7 @@ class Plant:
         self._state = (*q, *qd)
 
     def advance(self, tau: Pair, duration: float) -> None:
-        """Move on by ``duration`` [s] under constant torques [N m], by classic Runge-Kutta steps."""
+        """Move on by ``duration`` [s] under constant torques [N m]."""
         friction = self._friction_rate + self._load_rate[0] * abs(tau[0]) + self._load_rate[1] * abs(tau[1])
         steps = max(1, math.ceil(duration * max(self._swing_rate, friction) - 1e-9))
         h = duration / steps
@@ -103,8 +98,7 @@ def longest_step(parameters: Parameters, torque: float) -> float:
 def _step_rates(p: Parameters) -> tuple[float, float, Pair]:
     """Return how many steps a second the rig's swing needs, how many its friction, and how many more per N m of torque.
 
-    Bounds: no eigenvalue of the inverse of M(q) exceeds trace(M) / det(M), and friction brakes no faster than by the
-    trace of that inverse times its slopes. m11 and det(M) are taken where q2 makes them largest and smallest.
+    No eigenvalue of the inverse of M(q) exceeds trace(M) / det(M), taken where q2 makes them largest and smallest.
     """
     m11, m22 = p.P1 + p.P2 + 2 * abs(p.P3), p.P2 + p.J2
     determinant = p.P1 * p.P2 - p.P3**2 + p.J2 * (p.P1 + p.P2 - 2 * abs(p.P3))
@@ -122,38 +116,30 @@ def _step_rates(p: Parameters) -> tuple[float, float, Pair]:
 def simulate(
     parameters: Parameters, t: ArrayLike, tau: ArrayLike, q: Pair = HANGING, qd: Pair = (0.0, 0.0)
 ) -> Trajectory:
-    """Simulate the motion that a torque causes.
+    """Return the motion from q [rad] and qd [rad/s] on at the times t [s], shape (N,), velocities included.
 
-    Args:
-        parameters: the rig's parameters.
-        t: sampling times [s], shape (N,), increasing.
-        tau: joint torques [N m], shape (N, 2); tau[k] holds from t[k] until t[k+1].
-        q: positions [rad] at t[0].
-        qd: velocities [rad/s] at t[0].
-
-    Returns:
-        The trajectory at the sampling times, velocities included.
+    Torques tau [N m], shape (N, 2), are held from sample to sample.
 
     Raises:
         ParameterError: the parameters are not physical.
-        TrajectoryError: times and torques differ in number, or the simulation diverges.
+        TrajectoryError: the simulation diverges.
     """
     times, torques = np.asarray(t, dtype=float), np.asarray(tau, dtype=float)
     plant = Plant(parameters, q, qd)
     states = np.empty((len(times), 4))
-    for k in range(len(times)):
-        states[k] = (*plant.q, *plant.qd)
-        if k + 1 < len(times):
-            try:
-                plant.advance((float(torques[k, 0]), float(torques[k, 1])), float(times[k + 1] - times[k]))
-            except (ValueError, OverflowError, ZeroDivisionError):
-                plant.place((math.nan, math.nan), (math.nan, math.nan))
-            if not all(map(math.isfinite, (*plant.q, *plant.qd))):
-                raise TrajectoryError(
-                    f'the simulated motion is too fast to be followed {times[k + 1] - times[0]:.3g} s after it began: '
-                    f'torques of up to {np.abs(torques).max():g} N m are too large for these parameters; give smaller '
-                    'ones'
-                )
+    states[:1] = (*q, *qd)
+    for k, step in enumerate(np.diff(times)):
+        try:
+            plant.advance((float(torques[k, 0]), float(torques[k, 1])), float(step))
+            followed = all(map(math.isfinite, (*plant.q, *plant.qd)))
+        except (ValueError, OverflowError, ZeroDivisionError):
+            followed = False
+        if not followed:
+            raise TrajectoryError(
+                f'the simulated motion is too fast to be followed {times[k + 1] - times[0]:.3g} s after it began: '
+                f'torques of up to {np.abs(torques).max():g} N m are too large for these parameters; give smaller ones'
+            )
+        states[k + 1] = (*plant.q, *plant.qd)
     return Trajectory(times, states[:, :2], torques, states[:, 2:], name='simulation')
 
 

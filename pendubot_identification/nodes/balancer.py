@@ -12,14 +12,14 @@ os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')  # before numpy: small matric
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.qos import QoSProfile
-from rclpy.task import Future
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64, Float64MultiArray
+from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
 
 from pendubot_identification.control.balancing import Balancing, Phase
@@ -31,9 +31,9 @@ from pendubot_identification.model.parameters import Parameters
 from pendubot_identification.recordings.joint_states import JOINT_NAMES
 from pendubot_identification.setting import Setting
 
-from .diagnostics import diagnostics_message, stamp_now, status_name
+from .diagnostics import StatusPublisher, status_name
+from .driving import Driver
 from .messages import LATCHED, joint_sample
-from .presence import bridge_of, rival
 from .runtime import SettingsNode, run
 from .shutdown import Shutdown
 
@@ -70,12 +70,9 @@ class Balancer(SettingsNode):
         bounds = SafetyLimits(s['max_shoulder'], s['max_elbow'], s['max_speed'], s['max_age'], s['swing_up_time'])
         self._balancing = Balancing(s['torque_limit'], None if s['motor_delay'] < 0 else s['motor_delay'], bounds)
         self._worker: threading.Thread | None = None
-        self._effort = self.create_publisher(Float64, 'pendubot/effort_command', QoSProfile(depth=1))
-        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        self._tell = StatusPublisher(self)
         group = ReentrantCallbackGroup()
-        self._bridge = bridge_of(self)
-        self._arm = self.create_client(Trigger, 'bridge/arm', callback_group=group)
-        self._disarm = self.create_client(Trigger, 'bridge/disarm', callback_group=group)
+        self._driver = Driver(self, group)
         # The newest alone: a torque for an older one would come too late.
         self.create_subscription(JointState, 'joint_states', self._on_sample, QoSProfile(depth=1))
         self.create_subscription(Float64MultiArray, 'pendubot/params', self._on_params, LATCHED)
@@ -95,10 +92,7 @@ class Balancer(SettingsNode):
         """Command zero torque and disarm; wait, for a second at most, until the bridge has answered."""
         if self._balancing.phase is not Phase.IDLE:
             self._balancing.stop()
-            answered = threading.Event()
-            self._let_go().add_done_callback(lambda _: answered.set())
-            if not answered.wait(1.0):
-                self.get_logger().warning('the bridge did not answer to disarm; look whether it has done so')
+            self._driver.let_go_and_wait()
 
     def _on_sample(self, m: JointState) -> None:
         with self._stopping_on_error():
@@ -106,7 +100,7 @@ class Balancer(SettingsNode):
             now = self.get_clock().now().nanoseconds * 1e-9
             torque = self._balancing.sample(stamp, now, q, effort, self._max_age)
             if torque is not None:
-                self._effort.publish(Float64(data=torque))
+                self._driver.effort(torque)
 
     def _on_params(self, m: Float64MultiArray) -> None:
         with self._stopping_on_error():
@@ -120,19 +114,19 @@ class Balancer(SettingsNode):
     def _on_diagnostics(self, array: DiagnosticArray) -> None:
         for status in array.status:
             limit = {pair.key: pair.value for pair in status.values}.get('torque limit [N m]')
-            if status.name == status_name(self._bridge) and limit is not None:
+            if status.name == status_name(self._driver.bridge) and limit is not None:
                 self._balancing.readiness.board_limit(float(limit))
 
     async def _on_start(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        if other := rival(self, self._effort):
+        if other := self._driver.rival():
             return Trigger.Response(message=f'{other} drives this rig, or is about to; end it, then start again')
-        if not self._arm.service_is_ready():
-            return Trigger.Response(message=f'nobody serves {self._bridge}/arm; start the bridge')
+        if not self._driver.arm.service_is_ready():
+            return Trigger.Response(message=f'nobody serves {self._driver.bridge}/arm; start the bridge')
         try:
             self._balancing.begin()
         except PendubotError as error:
             return Trigger.Response(message=str(error))
-        answer = await self._arm.call_async(Trigger.Request())
+        answer = await self._driver.arm.call_async(Trigger.Request())
         if not answer.success:
             self._balancing.stop()
         elif self._balancing.phase is Phase.ARMING:
@@ -140,13 +134,13 @@ class Balancer(SettingsNode):
             self._diagnose()  # now, not within a second: an exciter that was not found gives way to it
             self.get_logger().info('armed and moving')
         else:
-            self._let_go()
+            self._driver.let_go()
             return Trigger.Response(message='it was stopped meanwhile')
         return Trigger.Response(success=answer.success, message=f'bridge: {answer.message}')
 
     def _on_stop(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._balancing.stop()
-        self._let_go()
+        self._driver.let_go()
         return Trigger.Response(success=True, message='stopped; the bridge is told to disarm')
 
     def _supervise(self) -> None:
@@ -182,25 +176,17 @@ class Balancer(SettingsNode):
             self._balancing.stop(_sentence(error))
             self.get_logger().error(f'stopped: {self._balancing.stopped}', throttle_duration_sec=1.0)
             if moving:
-                self._let_go()
-
-    def _let_go(self) -> Future:
-        self._effort.publish(Float64(data=0.0))
-        return self._disarm.call_async(Trigger.Request())
+                self._driver.let_go()
 
     def _diagnose(self) -> None:
-        name = status_name(self.get_fully_qualified_name())
-        self._diagnostics.publish(diagnostics_message(stamp_now(self), name, *self._balancing.diagnosis()))
+        self._tell(*self._balancing.diagnosis())
 
 
 def _sentence(error: Exception) -> str:
     return str(error) if isinstance(error, PendubotError) else f'{type(error).__name__}: {error}'
 
 
-def main() -> int:
-    """Run the program."""
-    return run(Balancer)
-
+main = partial(run, Balancer)
 
 if __name__ == '__main__':
     raise SystemExit(main())

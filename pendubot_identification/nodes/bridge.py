@@ -11,9 +11,9 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import fields
+from functools import partial
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.qos import QoSProfile
 from rclpy.task import Future
@@ -22,18 +22,20 @@ from std_srvs.srv import Trigger
 
 from pendubot_identification.errors import ParameterError
 from pendubot_identification.level import Level
-from pendubot_identification.link.events import Armed, ArmingFailed, HostEvent, Report, Sample
+from pendubot_identification.link.events import Armed, ArmingFailed, HostConfig, HostEvent, Report, Sample
 from pendubot_identification.link.health import Health
-from pendubot_identification.link.host import Host, HostConfig
+from pendubot_identification.link.host import Host
 from pendubot_identification.link.serial_port import SerialPort
 from pendubot_identification.setting import Setting
 
-from .diagnostics import diagnostics_message, stamp_now, status_name
+from .diagnostics import StatusPublisher
 from .effort_commands import EffortCommands
 from .joint_state_bytes import JointStateBytes
 from .runtime import SettingsNode, run
 from .shutdown import Shutdown
-from .steady_time import SteadyTime
+
+#: The computer's clock was set if it is off by more than this [s].
+CLOCK_TOLERANCE = 0.05
 
 
 class Bridge(SettingsNode):
@@ -69,12 +71,12 @@ class Bridge(SettingsNode):
         self._closing = threading.Event()
         self._arming: list[Future] = []
         self._health = Health()
-        self._port: str = s['port']
-        self._time = SteadyTime()
+        # Added to times of the monotonic clock: ROS time, the system's as it was at the start, that nobody sets.
+        self._epoch_ns = time.time_ns() - time.monotonic_ns()
         self._message = JointStateBytes(s['joint_names'])
         self._joint_states = self.create_publisher(JointState, 'joint_states', QoSProfile(depth=1000))
-        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
-        self._commands = EffortCommands(self, 'pendubot/effort_command', s['command_timeout'], self._on_effort)
+        self._tell = StatusPublisher(self, hardware_id=s['port'])
+        self._commands = EffortCommands(self, s['command_timeout'], self._on_effort)
         self._refused = 0
         self._refusing = False
         # Arming takes a while: a group of its own, so that effort commands are discarded meanwhile, not kept for later.
@@ -82,7 +84,7 @@ class Bridge(SettingsNode):
         self.create_service(Trigger, '~/arm', self._on_arm, callback_group=group)
         self.create_service(Trigger, '~/disarm', self._on_disarm, callback_group=group)
         self._link = SerialPort(
-            self._port,
+            s['port'],
             s['baud'],
             on_bytes=lambda data, arrival: self._step(lambda now: self._host.receive(data, now), arrival),
             on_opened=lambda: self._step(self._host.opened),
@@ -129,7 +131,8 @@ class Bridge(SettingsNode):
                         self._answer(event)
             for event in events:
                 if isinstance(event, Sample):
-                    self._publish(event)
+                    stamp_ns, q, qd, effort = event
+                    self._joint_states.publish(self._message.fill(stamp_ns + self._epoch_ns, q, qd, effort))
         except Exception as error:
             self._fail(error)
 
@@ -154,10 +157,6 @@ class Bridge(SettingsNode):
         if self.executor is not None:
             self.executor.wake()
 
-    def _publish(self, sample: Sample) -> None:
-        stamp_ns, q, qd, effort = sample
-        self._joint_states.publish(self._message.fill(self._time.ros_time(stamp_ns), q, qd, effort))
-
     def _keep_house(self) -> None:
         due = time.monotonic() + 1.0
         try:
@@ -176,15 +175,14 @@ class Bridge(SettingsNode):
     def _diagnose(self) -> None:
         with self._lock:
             # As on a computer that learns the time only after its start: what others stamp no longer fits.
-            if set_by := self._time.set_by():
+            set_by = (time.time_ns() - time.monotonic_ns() - self._epoch_ns) / 1e9
+            if abs(set_by) > CLOCK_TOLERANCE:
                 text = f"the computer's clock was set by {set_by:+.2f} s: stamps keep the old time; restart the bridge"
                 self._health.note(Report(Level.WARN, text))
                 self.get_logger().warning(text, once=True)
             self._note_refused()
             d = self._health.diagnose(self._host, time.monotonic_ns())
-        name = status_name(self.get_fully_qualified_name())
-        values = d.values | {'refused': str(self._refused)}
-        self._diagnostics.publish(diagnostics_message(stamp_now(self), name, d.level, d.message, values, self._port))
+        self._tell(d.level, d.message, d.values | {'refused': self._refused})
 
     def _note_refused(self) -> None:
         """Report effort commands that were refused since the last time; log it when that begins."""
@@ -223,10 +221,7 @@ class Bridge(SettingsNode):
         return response
 
 
-def main() -> int:
-    """Run the bridge; return the exit status."""
-    return run(Bridge)
-
+main = partial(run, Bridge)
 
 if __name__ == '__main__':
     raise SystemExit(main())

@@ -14,8 +14,8 @@ from rclpy.node import Node
 from rclpy.waitable import NumberOfEntities, Waitable
 from std_msgs.msg import Float64
 
-from .fetching import Fetched
-from .presence import UNKNOWN, full_name
+from .driving import UNKNOWN, full_name
+from .topics import Fetched
 
 #: How often it is looked, while a publisher is refused, whether the one that drives is still there [ns].
 LOOK_PERIOD = 50_000_000
@@ -38,25 +38,19 @@ class _MessageInfo(ctypes.Structure):
 class EffortCommands(Waitable):
     """A subscription that obeys one publisher at a time.
 
-    Who commands first drives, until it is silent for the timeout or gone; what others command meanwhile is refused.
-    rclpy says from which publisher a message is only from Kilted on. So messages are taken by rcl itself, which knows.
-
-    Args:
-        node: that obeys.
-        topic: of std_msgs/Float64.
-        timeout: so long a command holds [s].
-        obey: called with each torque [N m] that is not refused.
-
-    Attributes:
-        refused: how many commands were refused so far.
+    Who commands first drives, until it is silent for ``timeout`` [s] or gone; what others command meanwhile is refused,
+    and counted in ``refused``. ``obey`` is called with each torque [N m] that is not refused. rclpy says from which
+    publisher a message is only from Kilted on. So messages are taken by rcl itself, which knows.
     """
 
-    def __init__(self, node: Node, topic: str, timeout: float, obey: Callable[[float], None]) -> None:
+    def __init__(self, node: Node, timeout: float, obey: Callable[[float], None]) -> None:
         super().__init__(node.default_callback_group)
         self.refused = 0
         self._node, self._timeout, self._obey = node, round(timeout * 1e9), obey
         # Waited for here, not by the executor.
-        self._subscription = node.create_subscription(Float64, topic, lambda _: None, 1, callback_group=Fetched())
+        self._subscription = node.create_subscription(
+            Float64, 'pendubot/effort_command', lambda _: None, 1, callback_group=Fetched()
+        )
         self._take = ctypes.CDLL('librcl.so').rcl_take
         self._take.argtypes = [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p]
         self._torque, self._info = ctypes.c_double(), _MessageInfo()

@@ -5,21 +5,20 @@
 
 from __future__ import annotations
 
-import threading
 import time
+from functools import partial
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
 from pendubot_identification.excitation.excitation import PulseTrain
 from pendubot_identification.setting import Setting
 
 from .diagnostics import status_name
-from .presence import bridge_of, rival
+from .driving import Driver
 from .runtime import SettingsNode, run
 from .shutdown import Shutdown
 
@@ -70,12 +69,9 @@ class Exciter(SettingsNode):
         self._disarmed = 0
         self._armed: bool | None = None
         self._left = False
-        self._effort = self.create_publisher(Float64, 'pendubot/effort_command', QoSProfile(depth=1))
+        self._driver = Driver(self)
         # On /diagnostics every rig is heard: only the statuses of these two are of this one.
-        self._bridge = bridge_of(self)
-        self._balancer = f'{self.get_namespace()}/balancer'
-        self._arm = self.create_client(Trigger, 'bridge/arm')
-        self._disarm = self.create_client(Trigger, 'bridge/disarm')
+        self._bridge, self._balancer = self._driver.bridge, f'{self.get_namespace()}/balancer'
         self._joint_states = self.create_subscription(
             JointState, 'joint_states', self._on_joint_state, QoSProfile(depth=100)
         )
@@ -87,16 +83,10 @@ class Exciter(SettingsNode):
         _pulses(values)
 
     def close(self) -> None:
-        """Command zero torque and disarm; wait, for a second at most, until the bridge has answered."""
-        if self._left or (self._asked is None and self._start is None):
-            return  # what moves is another's
+        """Command zero torque and disarm, unless what moves is another's."""
         self._running = False
-        self._effort.publish(Float64(data=0.0))
-        if self._disarm.service_is_ready():
-            answered = threading.Event()
-            self._disarm.call_async(Trigger.Request()).add_done_callback(lambda _: answered.set())
-            if not answered.wait(1.0):
-                self.get_logger().warning('the bridge did not answer to disarm; look whether it has done so')
+        if not self._left and (self._asked is not None or self._start is not None):
+            self._driver.let_go_and_wait()
 
     def _on_joint_state(self, message: JointState) -> None:
         self._heard = time.monotonic()
@@ -104,14 +94,14 @@ class Exciter(SettingsNode):
             if self._left or (self._armed is not False and self._is_new() and self._asked is None):
                 return  # another drives, or may do so
             # Discarded while disarmed; from the moment of arming on, the bridge is not left without a command.
-            self._effort.publish(Float64(data=0.0))
+            self._driver.effort(0.0)
             return
         stamp = message.header.stamp.sec + message.header.stamp.nanosec * 1e-9
         if self._start is None:
             self._start = stamp
             self.get_logger().info(f'exciting for {self._duration:g} s')
         if stamp - self._start < self._duration:
-            self._effort.publish(Float64(data=self._pulses.torque(stamp - self._start)))
+            self._driver.effort(self._pulses.torque(stamp - self._start))
         else:
             self.get_logger().info('excitation done')
             self._finish(0)
@@ -135,8 +125,7 @@ class Exciter(SettingsNode):
             # One that was under way when the motor was armed may still say the contrary.
             self._disarmed = 0 if armed == 'True' else self._disarmed + 1
             if self._running and self._disarmed > 1:
-                self.get_logger().error(f'stopped, for the bridge is no longer armed: {status.message}')
-                self._finish(1)
+                self._give_up(f'stopped, for the bridge is no longer armed: {status.message}')
             elif self._armed:
                 self._begin()
 
@@ -144,52 +133,45 @@ class Exciter(SettingsNode):
         """Arm, if that is wanted, once joint states come in; give up when they no longer do."""
         if self.ended.is_set():
             return
-        now = time.monotonic()
+        now, name = time.monotonic(), self._joint_states.topic_name
         silent = float('inf') if self._heard is None else now - self._heard
         if self._running:
             silent = min(silent, now - self._since)
             if silent > (DISCOVERY if self._heard is None else SILENCE):
-                self.get_logger().error(f'stopped: no joint states for {silent:.1f} s; look at the bridge')
-                self._finish(1)
+                self._give_up(f'stopped: no joint states for {silent:.1f} s; look at the bridge')
             elif now > self._recorded:
-                self.get_logger().error(f'stopped: nothing was recorded for {UNRECORDED:g} s; look at the recorder')
-                self._finish(1)
+                self._give_up(f'stopped: nothing was recorded for {UNRECORDED:g} s; look at the recorder')
         elif self._is_new() and self._gives_way():
             return
         elif silent > SILENCE:
-            name = self._joint_states.topic_name
             self.get_logger().info(f'waiting for {name}: start the bridge', throttle_duration_sec=5.0)
-        elif not self._is_new() and not self._arm.service_is_ready():
+        elif not self._is_new() and not self._driver.arm.service_is_ready():
             self.get_logger().info(
                 f'waiting for {self._bridge}/arm, which nobody serves: start the bridge or, if its node has another '
                 'name, remap bridge/arm and bridge/disarm',
                 throttle_duration_sec=5.0,
             )
         elif now > self._recorded:
-            name = self._joint_states.topic_name
             self.get_logger().info(f'waiting for a recorder of {name}: start it', throttle_duration_sec=5.0)
         elif not self._arms:
             self.get_logger().info(f'waiting to be armed: call {self._bridge}/arm', throttle_duration_sec=5.0)
         elif self._armed is not False and self._is_new():
             return  # armed by whom? they are found in a moment
-        elif self._arm.service_is_ready() and self._may_ask(now) and not self._gives_way():
+        # An answer may be lost where both sides have only just met, so it asks again.
+        elif self._asked is not None and now - self._asked <= PATIENCE:
+            return
+        elif self._driver.arm.service_is_ready() and not self._gives_way():
             self._asked = now
-            self._arm.call_async(Trigger.Request()).add_done_callback(self._on_armed)
-
-    def _may_ask(self, now: float) -> bool:
-        """Return whether to ask: an answer may be lost where both sides have only just met, so it asks again."""
-        return self._asked is None or now - self._asked > PATIENCE
+            self._driver.arm.call_async(Trigger.Request()).add_done_callback(self._on_armed)
 
     def _is_new(self) -> bool:
         return time.monotonic() - self._born < DISCOVERY
 
     def _gives_way(self, leaving: bool = False) -> bool:
         """Refuse, and return True, where another drives the rig or is about to; ``leaving``: do not disarm then."""
-        other = rival(self, self._effort)
-        if other:
+        if other := self._driver.rival():
             self._left = leaving
-            self.get_logger().error(f'{other} drives this rig, too; end it, or let it end, then start the exciter')
-            self._finish(1)
+            self._give_up(f'{other} drives this rig, too; end it, or let it end, then start the exciter')
         return bool(other)
 
     def _begin(self) -> None:
@@ -205,8 +187,11 @@ class Exciter(SettingsNode):
         if response.success:
             self._begin()
         else:
-            self.get_logger().error(f'the bridge did not arm: {response.message}')
-            self._finish(1)
+            self._give_up(f'the bridge did not arm: {response.message}')
+
+    def _give_up(self, sentence: str) -> None:
+        self.get_logger().error(sentence)
+        self._finish(1)
 
     def _finish(self, status: int) -> None:
         self._running = False
@@ -218,10 +203,7 @@ def _pulses(values: dict[str, Any]) -> PulseTrain:
     return PulseTrain(**{name: values[name] for name in names})
 
 
-def main() -> int:
-    """Run the program."""
-    return run(Exciter)
-
+main = partial(run, Exciter)
 
 if __name__ == '__main__':
     raise SystemExit(main())

@@ -5,9 +5,12 @@
 
 from __future__ import annotations
 
+import math
 import threading
+import time
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -30,13 +33,14 @@ from pendubot_identification.report.tables import headline, summary
 from pendubot_identification.results.result_file import read_parameters, result_of, result_text
 from pendubot_identification.setting import Setting
 
-from .diagnostics import diagnostics_message, stamp_now
-from .matching import check_names
+from .diagnostics import StatusPublisher, diagnostics_message, stamp_now
 from .messages import LATCHED, identification_values, parameters_message
-from .progress import NodeProgress
 from .runtime import SettingsNode, run
 from .shutdown import Shutdown
+from .topics import check_names
 
+#: Between two log lines of one step [s]; the beginning of a step is said at once.
+LOG_PERIOD = 5.0
 #: What the user sets to have an existing result file overwritten.
 FORCE = 'force:=true'
 
@@ -52,6 +56,40 @@ def _parameters() -> Iterator[Setting]:
             yield replace(option, choices=(), dynamic=True)  # the text names several of them
         elif option is not PER_VECTOR:
             yield replace(option, dynamic=True)
+
+
+class Progress:
+    """How far an identification has come: log lines at a decent rate, and a status on /diagnostics once a second."""
+
+    def __init__(self, node: SettingsNode, idle: str) -> None:
+        self._node = node
+        # Replaced as a whole, so that the timer's thread never sees half of it.
+        self._state: tuple[Level, str, dict[str, object]] = (Level.OK, idle, {})
+        self._step, self._step_began, self._logged = '', 0.0, 0.0
+        tell = StatusPublisher(node, ': progress')
+        node.create_timer(1.0, lambda: tell(*self._state))
+
+    def __call__(self, what: str, done: int, of: int, best: float) -> None:
+        """Take what is being done, how much of it is done, of how much (0: not known), and the best J or NaN."""
+        now = time.monotonic()
+        begins = what != self._step
+        if begins:
+            self._step, self._step_began = what, now
+        values: dict[str, object] = {'step': what, 'done': done, 'of': of or 'not known'}
+        if not math.isnan(best):
+            values['J'] = best
+        if of and done:
+            values['seconds_left'] = round((now - self._step_began) * (of - done) / done, 1)
+        summary = what + (f', {done} of {of}' if of else '') + ('' if math.isnan(best) else f', J = {best:.4e}')
+        self._state = (Level.OK, summary, values)
+        if begins or now - self._logged >= LOG_PERIOD:
+            self._logged = now
+            self._node.get_logger().info(summary)
+
+    def ended(self, level: Level, summary: str) -> None:
+        """Say how the work ended; the next call begins anew."""
+        self._step = ''
+        self._state = (level, summary, {})
 
 
 class Identifier(SettingsNode):
@@ -82,7 +120,7 @@ class Identifier(SettingsNode):
         self._params = self.create_publisher(Float64MultiArray, 'pendubot/params', LATCHED)
         self._identification = self.create_publisher(DiagnosticArray, 'pendubot/identification', LATCHED)
         self.create_service(Trigger, '~/identify', self._on_identify)
-        self._progress = NodeProgress(self, 'waiting for ~/identify')
+        self._progress = Progress(self, 'waiting for ~/identify')
         self._worker: threading.Thread | None = None
         if _named(self.settings()['bags']):
             self._start()
@@ -180,10 +218,7 @@ def _named(bags: list[str]) -> list[str]:
     return [bag for bag in bags if bag]
 
 
-def main() -> int:
-    """Run the program."""
-    return run(Identifier)
-
+main = partial(run, Identifier)
 
 if __name__ == '__main__':
     raise SystemExit(main())

@@ -20,11 +20,7 @@ _SECOND = 1_000_000_000
 
 
 class JointStateBytes:
-    """What is published as joint_states.
-
-    Args:
-        names: of the two joints.
-    """
+    """What is published as joint_states, for two joints of these names."""
 
     def __init__(self, names: Sequence[str]) -> None:
         stamp, q, qd, effort = (0x1234567, 0x2345678), (1.25e-300, 2.25e-300), (3.25e-300, 4.25e-300), (5.25e-300, 0.0)

@@ -7,10 +7,11 @@ from __future__ import annotations
 
 import threading
 import time
+from functools import partial
 from typing import Any
 
 from rclpy.duration import Duration
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock
 
 from pendubot_identification.errors import BagError, ParameterError
@@ -19,10 +20,10 @@ from pendubot_identification.recordings.bag_reader import BagReader, BagWindow
 from pendubot_identification.recordings.mcap_file import McapFile
 from pendubot_identification.setting import Setting
 
-from .matching import check_names, message_class
-from .presence import CommandGuard
+from .driving import CommandGuard
 from .runtime import SettingsNode, run
 from .shutdown import Shutdown
+from .topics import check_names, message_class, quality
 
 SECOND = 1_000_000_000
 DEPTH = 1000  #: Messages kept for subscribers that are slow, or that have to be sent again.
@@ -102,12 +103,8 @@ class Player(SettingsNode):
         profiles = [p for c in channels for p in offered_profiles(c.metadata.get('offered_qos_profiles', ''))]
         # By name or, in older bags, by number.
         reliable = all(p.get('reliability') not in ('best_effort', 2) for p in profiles)
-        latched = profiles and all(p.get('durability') in ('transient_local', 1) for p in profiles)
-        return QoSProfile(
-            depth=DEPTH,
-            reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
-            durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
-        )
+        latched = all(p.get('durability') in ('transient_local', 1) for p in profiles)
+        return quality(DEPTH, reliable, latched and bool(profiles))
 
     def _play(self) -> None:
         try:
@@ -153,10 +150,7 @@ class Player(SettingsNode):
         self._times.publish(now)
 
 
-def main() -> int:
-    """Run the player; return the exit status."""
-    return run(Player)
-
+main = partial(run, Player)
 
 if __name__ == '__main__':
     raise SystemExit(main())

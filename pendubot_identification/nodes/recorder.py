@@ -14,22 +14,20 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.duration import Duration
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from pendubot_identification.errors import BagError, ParameterError
-from pendubot_identification.level import Diagnosis, Level
+from pendubot_identification.level import Level
 from pendubot_identification.recordings.bag_metadata import Qos
 from pendubot_identification.recordings.bag_writer import BagWriter
 from pendubot_identification.recordings.flow import Flow, diagnose
 from pendubot_identification.setting import Setting
 
-from .diagnostics import diagnostics_message, stamp_now, status_name
-from .fetching import DEPTH, Fetcher
-from .matching import check_names, heard, matched, message_class
+from .diagnostics import StatusPublisher
 from .runtime import SettingsNode, run
 from .shutdown import Shutdown
+from .topics import DEPTH, Fetcher, check_names, heard, matched, message_class
 
 DISCOVERY_PERIOD = 0.1  #: How often publishers that are new are looked for [s].
 FETCH_PERIOD = 0.01  #: How often what has come is fetched from the middleware [s].
@@ -83,7 +81,7 @@ class Recorder(SettingsNode):
         self._bag = BagWriter(path, reserve=self._reserve)
         self.get_logger().info(f'recording to {path}')
         self._missing_since = self._diagnosed = time.monotonic()
-        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        self._tell = StatusPublisher(self)
         self.create_timer(DISCOVERY_PERIOD, partial(self._guarded, self._discover))
         self.create_timer(FETCH_PERIOD, self._fetcher.fetch)
         self.create_timer(FLUSH_PERIOD, partial(self._guarded, self._bag.flush))
@@ -113,9 +111,9 @@ class Recorder(SettingsNode):
         for name in self._names:
             self.get_logger().info(f'{name}: {self._count(name)} messages')
         if self._failure is not None:
-            self._tell(Diagnosis(Level.ERROR, str(self._failure), {}))
+            self._tell(Level.ERROR, str(self._failure), {})
             # Else the program is gone before anybody has it.
-            self._diagnostics.wait_for_all_acked(Duration(seconds=1))
+            self._tell.publisher.wait_for_all_acked(Duration(seconds=1))
             raise self._failure
 
     def _guarded(self, action: Callable[[], object]) -> bool:
@@ -202,17 +200,10 @@ class Recorder(SettingsNode):
         flows = {name: self._topics[name].flow if name in self._topics else Flow() for name in self._names}
         troubles = tuple(filter(None, self._troubles.values()))
         found = diagnose(flows, elapsed, troubles=troubles, free=self._bag.free, reserve=self._reserve)
-        self._tell(Diagnosis(found.level, found.message, {'bag': str(self._bag.path)} | found.values))
-
-    def _tell(self, d: Diagnosis) -> None:
-        name = status_name(self.get_fully_qualified_name())
-        self._diagnostics.publish(diagnostics_message(stamp_now(self), name, d.level, d.message, d.values))
+        self._tell(found.level, found.message, {'bag': self._bag.path} | found.values)
 
 
-def main() -> int:
-    """Run the recorder."""
-    return run(Recorder)
-
+main = partial(run, Recorder)
 
 if __name__ == '__main__':
     raise SystemExit(main())

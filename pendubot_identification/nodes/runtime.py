@@ -59,9 +59,8 @@ def descriptor(setting: Setting) -> ParameterDescriptor:
 class SettingsNode(Node):
     """A node whose parameters are a table of :class:`Setting` and which ends cleanly.
 
-    A subclass states ``PROGRAM``, ``SUMMARY`` and ``SETTINGS``, opens what it needs in ``__init__`` and gives it
-    back in :meth:`close`, which runs while ROS still works: commands sent there arrive. ``ended`` is set when the
-    program is to end.
+    A subclass opens what it needs in ``__init__`` and gives it back in :meth:`close`, which runs while ROS still works:
+    commands sent there arrive. ``ended`` is set when the program is to end.
     """
 
     PROGRAM: str
@@ -98,11 +97,7 @@ class SettingsNode(Node):
         return values
 
     def check(self, values: dict[str, Any]) -> None:
-        """Refuse settings that make no sense together; a subclass overrides this.
-
-        Raises:
-            ParameterError: with the reason.
-        """
+        """Refuse settings that make no sense together, by ParameterError; a subclass overrides this."""
 
     def create_timer(self, period: float, callback: Callable[[], object]) -> Timer:
         """Call something every ``period`` [s] of real time, even where use_sim_time is set and /clock stands still."""
@@ -151,45 +146,40 @@ class SettingsNode(Node):
 
 def help_text(node_class: type[SettingsNode]) -> str:
     """Return what ``--help`` prints: summary, usage, and every parameter with default, unit and range."""
-    lines = [
-        f'usage: {node_class.PROGRAM} [--help] [--debug] [--ros-args -p NAME:=VALUE ... --params-file FILE]',
-        '',
-        textwrap.fill(node_class.SUMMARY, 100),
-        '',
-        'parameters:',
-    ]
+    name, parameters = node_class.PROGRAM, ''
     for s in node_class.SETTINGS:
-        default = f'{s.default!r}{" (left open)" if s.optional else ""}'
-        lines.append(f'  {s.name}, default {default}, {s.expected()}')
-        lines.append(textwrap.indent(textwrap.fill(s.description, 94), '      '))
-    lines += [
-        '',
-        'names of topics and services are relative: -r __ns:=/lab1 puts them and the node under /lab1',
-        f'commented parameter file: {resource(f"config/{node_class.PROGRAM}.yaml")}',
-        '',
-        'exit status: 0 success or ended by a signal, 1 a failure explained in one line, 2 wrong usage',
-    ]
-    return '\n'.join(lines)
+        parameters += f'  {s.name}, default {s.default!r}{" (left open)" if s.optional else ""}, {s.expected()}\n'
+        parameters += textwrap.indent(textwrap.fill(s.description, 94), '      ') + '\n'
+    return f"""\
+usage: {name} [--help] [--debug] [--ros-args -p NAME:=VALUE ... --params-file FILE]
+
+{textwrap.fill(node_class.SUMMARY, 100)}
+
+parameters:
+{parameters}
+names of topics and services are relative: -r __ns:=/lab1 puts them and the node under /lab1
+commented parameter file: {resource(f'config/{name}.yaml')}
+
+exit status: 0 success or ended by a signal, 1 a failure explained in one line, 2 wrong usage"""
 
 
-def run(node_class: type[SettingsNode], args: Sequence[str] | None = None) -> int:
+def run(node_class: type[SettingsNode]) -> int:
     """Run a node until a signal or :meth:`SettingsNode.end`; return the exit status.
 
     The executor spins in a thread of its own, so that a signal reaches the main thread at once and
     :meth:`SettingsNode.close` can still use services and publishers.
     """
-    argv = list(sys.argv if args is None else [node_class.PROGRAM, *args])
+    argv = sys.argv
     if '--help' in argv or '-h' in argv:
         print(help_text(node_class))
         return 0
     try:
         own = remove_ros_args(argv)[1:]
+        wrong = next((f'unknown argument {a!r}' for a in own if a != '--debug'), '')
     except Exception as error:
-        reason = str(error).split(', at ')[0]
-        print(f'{node_class.PROGRAM}: ROS refused the arguments ({reason}); see --help', file=sys.stderr)
-        return 2
-    if unknown := [a for a in own if a != '--debug']:
-        print(f'{node_class.PROGRAM}: unknown argument {unknown[0]!r}; see --help', file=sys.stderr)
+        wrong = f'ROS refused the arguments ({str(error).split(", at ")[0]})'
+    if wrong:
+        print(f'{node_class.PROGRAM}: {wrong}; see --help', file=sys.stderr)
         return 2
     try:
         rclpy.init(args=argv, signal_handler_options=SignalHandlerOptions.NO)

@@ -18,9 +18,8 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 class Shutdown:
     """That a program is to end: said by any thread and by any signal's handler, for good, and waited for by any thread.
 
-    Not threading.Event: that takes a lock, for which a handler would wait forever where it interrupts its own thread
-    holding it. And where the system gives a signal to another thread than the main one, or just before that falls
-    asleep, nothing would wake it until the next signal; what is in a pipe does.
+    Not threading.Event: that takes a lock, for which a handler that interrupts its own thread holding it would wait
+    forever. And a signal given to another thread than the main one wakes that only through a pipe.
     """
 
     def __init__(self) -> None:

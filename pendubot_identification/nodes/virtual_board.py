@@ -12,7 +12,6 @@ import secrets
 import signal
 import sys
 import time
-from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
 
@@ -22,6 +21,7 @@ from pendubot_identification.link.virtual_board import BoardSettings, Faults, Vi
 from pendubot_identification.model.parameters import PRESETS
 from pendubot_identification.model.simulation import HANGING, LatePlant
 
+from .emulated_board import emulate
 from .shutdown import Shutdown, ended
 
 EPILOG = f"""\
@@ -50,63 +50,31 @@ def parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
         epilog=EPILOG,
     )
+
+    def number(name: str, default: float, unit: str, meaning: str) -> None:
+        p.add_argument(name, type=type(default), default=default, metavar=unit, help=f'{meaning} (default {default})')
+
     p.add_argument('--link', type=Path, metavar='PATH', help='make a symbolic link to the pty here')
-    p.add_argument('--rate', type=float, default=100.0, metavar='HZ', help='sampling rate (default %(default)s)')
-    p.add_argument(
-        '--counts', type=int, default=4000, metavar='N', help='encoder counts per turn (default %(default)s)'
-    )
-    p.add_argument(
-        '--torque-limit', type=float, default=2.0, metavar='NM', help="the board's limit [N m] (default %(default)s)"
-    )
-    p.add_argument(
-        '--preset',
-        choices=PRESETS,
-        default='paper',
-        help="the pendubot: the paper's, or one with the proportions of rigs that people balance (default %(default)s)",
-    )
-    p.add_argument(
-        '--parameters',
-        type=Path,
-        metavar='RESULT.yaml',
-        help="the pendubot's, friction and rotor included, instead of a preset: a result of pendubot identify",
-    )
-    p.add_argument(
-        '--start',
-        choices=STARTS,
-        default='hanging',
-        help='where it begins; anywhere but hanging exactly it is held there until it is first armed '
-        '(default %(default)s)',
-    )
-    p.add_argument(
-        '--spread',
-        type=float,
-        default=0.0,
-        metavar='RAD',
-        help='each angle begins at random within so much of there (default %(default)s)',
-    )
-    p.add_argument(
-        '--delay',
-        type=float,
-        default=0.0,
-        metavar='S',
-        help='the motor obeys so much later than the board says (default %(default)s)',
-    )
-    p.add_argument(
-        '--patient',
-        action='store_true',
-        help='its time stands still while this computer keeps it waiting and, armed, while no command comes: the rig '
-        'does not run on without its controller',
-    )
+    number('--rate', 100.0, 'HZ', 'sampling rate')
+    number('--counts', 4000, 'N', 'encoder counts per turn')
+    number('--torque-limit', 2.0, 'NM', "the board's limit [N m]")
+    preset = "the pendubot: the paper's, or one with the proportions of rigs that people balance (default %(default)s)"
+    p.add_argument('--preset', choices=PRESETS, default='paper', help=preset)
+    result = "the pendubot's, friction and rotor included, instead of a preset: a result of pendubot identify"
+    p.add_argument('--parameters', type=Path, metavar='RESULT.yaml', help=result)
+    start = 'where it begins; anywhere but hanging exactly it is held there until first armed (default %(default)s)'
+    p.add_argument('--start', choices=STARTS, default='hanging', help=start)
+    number('--spread', 0.0, 'RAD', 'each angle begins at random within so much of there')
+    number('--delay', 0.0, 'S', 'the motor obeys so much later than the board says')
+    patient = 'its time stands still while this computer keeps it waiting and, armed, while no command comes: the rig '
+    p.add_argument('--patient', action='store_true', help=patient + 'does not run on without its controller')
     p.add_argument('--seed', type=int, help='of everything random (default: a new one every time, printed)')
     p.add_argument('--trace', type=Path, metavar='FILE', help='write every sample as the board took it, as CSV')
-    p.add_argument(
-        '--fault',
-        action='append',
-        default=[],
-        metavar='NAME=VALUE',
-        help='something that goes wrong, see below; repeatable',
-    )
-    p.add_argument('--duration', type=float, default=float('inf'), metavar='S', help='end after so many seconds')
+    fault = 'something that goes wrong, see below; repeatable'
+    p.add_argument('--fault', action='append', default=[], metavar='NAME=VALUE', help=fault)
+    qemu = "the firmware of a real board, run by QEMU: 100 Hz, the paper's pendubot; only --link counts besides"
+    p.add_argument('--qemu', action='store_true', help=qemu)
+    number('--duration', math.inf, 'S', 'end after so many seconds')
     return p
 
 
@@ -117,16 +85,12 @@ def make_board(options: argparse.Namespace) -> VirtualBoard:
         ParameterError: a value that makes no sense, or parameters that no pendubot has.
         ResultError: parameters that cannot be read.
     """
-    if not 1.0 <= options.rate <= 10_000.0:
-        raise ParameterError(f'--rate is {options.rate:g} Hz; a number from 1 to 10000 is expected')
+    for name, low, high, unit in (('rate', 1, 10_000, ' Hz'), ('spread', 0, 1, ''), ('delay', 0, 1, '')):
+        if not low <= (value := getattr(options, name)) <= high:
+            raise ParameterError(f'--{name} is {value:g}{unit}; a number from {low} to {high} is expected')
     if options.seed < 0:
         raise ParameterError(f'--seed is {options.seed}; a number of at least 0 is expected')
-    settings = BoardSettings(
-        counts=options.counts, torque_limit=options.torque_limit, sample_period_us=round(1e6 / options.rate)
-    )
-    for name in ('spread', 'delay'):
-        if not 0.0 <= getattr(options, name) <= 1.0:
-            raise ParameterError(f'--{name} is {getattr(options, name):g}; a number from 0 to 1 is expected')
+    settings = BoardSettings(options.counts, options.torque_limit, sample_period_us=round(1e6 / options.rate))
     parameters = PRESETS[options.preset]
     if options.parameters is not None:
         # Only here: the board has no other use for what this imports, and starts ten times faster without.
@@ -155,9 +119,9 @@ def _tell(what: str) -> None:
     print(f'{what} at {time.time_ns()} ns', flush=True)
 
 
-def main(args: Sequence[str] | None = None) -> int:
+def main() -> int:
     """Serve a virtual board until a signal comes; return the exit status."""
-    argv = list(sys.argv[1:] if args is None else args)
+    argv = sys.argv[1:]
     # A launch file adds these to every program; this one has no use for them.
     options = parser().parse_args(argv[: argv.index('--ros-args')] if '--ros-args' in argv else argv)
     if options.seed is None:
@@ -166,6 +130,9 @@ def main(args: Sequence[str] | None = None) -> int:
     stop = Shutdown()
     stop.set_at_signal()
     try:
+        if options.qemu:
+            emulate(options.link, stop)
+            return 0
         with PtyServer(make_board(options), options.link, options.trace, _tell, options.patient) as server:
             signal.signal(signal.SIGUSR1, lambda *_: server.pull())
             signal.signal(signal.SIGUSR2, lambda *_: server.plug())

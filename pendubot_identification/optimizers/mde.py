@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import ctypes
 from dataclasses import dataclass
+from functools import partial
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -45,28 +46,20 @@ LANES, CHUNK = 16, 500
 class MDESettings:
     """The paper's Table 6 and its defaults.
 
-    Attributes:
-        population: NP, the vectors of one run.
-        generations: the most that a run may take.
-        threshold: a mutation is rand/1 where rand > threshold, best/1 otherwise.
-        weight: the interval from which F is drawn.
-        crossover: the interval from which CR is drawn.
-        per_component: whether operator and indices are drawn anew for every component (the pseudocode) or once for a
-            target vector (the paper's text; converges faster here).
-        target: stop a run at a value not above this.
-        spread: stop a run once (worst - best) of its population is not above this fraction of its best value.
-
     Raises:
         ParameterError: a setting that makes no sense.
     """
 
-    population: int = 30
-    generations: int = 4000
-    threshold: float = 0.3
-    weight: tuple[float, float] = (0.4, 1.0)
-    crossover: tuple[float, float] = (0.7, 1.0)
+    population: int = 30  #: NP, the vectors of one run.
+    generations: int = 4000  #: the most that a run may take.
+    threshold: float = 0.3  #: a mutation is rand/1 where rand > threshold, best/1 otherwise.
+    weight: tuple[float, float] = (0.4, 1.0)  #: the interval from which F is drawn.
+    crossover: tuple[float, float] = (0.7, 1.0)  #: the interval from which CR is drawn.
+    #: Whether operator and indices are drawn anew for every component (the pseudocode) or once for a target vector (the
+    #: paper's text; converges faster here).
     per_component: bool = True
-    target: float | None = None
+    target: float | None = None  #: stop a run at a value not above this.
+    #: Stop a run once (worst - best) of its population is not above this fraction of its best value.
     spread: float | None = None
 
     def __post_init__(self) -> None:
@@ -96,15 +89,10 @@ def mde(
     seed: int = 1,
     progress: Progress | None = None,
 ) -> OptimizationResult:
-    """Minimise a function in several independent runs.
+    """Minimise a function within bounds in several independent runs.
 
-    Args:
-        objective: the function; a :class:`QuadraticObjective` goes to mde.c, if that was built.
-        bounds: the search box, of dimension D.
-        settings: None: the paper's.
-        runs: number of independent runs.
-        seed: same seed, same result.
-        progress: called with the generations done and the best value so far: after each, or after some of them.
+    A :class:`QuadraticObjective` goes to mde.c, if that was built. ``settings``: None for the paper's. The same seed
+    gives the same result. ``progress`` is called with the generations done and the best value so far, now and then.
 
     Raises:
         ParameterError: see :func:`.optimizer.require_runs`.
@@ -117,9 +105,7 @@ def mde(
     if isinstance(objective, QuadraticObjective) and (library := compiled.library()) is not None:
         return _compiled(library, objective, bounds, settings, seed, x, values, progress)
 
-    def step(x: Array, values: Array) -> State:
-        return generation(rng, objective, bounds, settings, x, values)
-
+    step = partial(generation, rng, objective, bounds, settings)
     return run_generations(
         step, (x, values), settings.generations, target=settings.target, spread=settings.spread, progress=progress
     )
@@ -141,15 +127,7 @@ def generation(
 def trials(rng: np.random.Generator, bounds: Bounds, settings: MDESettings, x: Array, best: NDArray[np.intp]) -> Array:
     """Return a trial for every target vector i: the paper's Table 1, for all vectors of all runs at once.
 
-    Args:
-        rng: source of all chance.
-        bounds: the search box.
-        settings: see :class:`MDESettings`.
-        x: the populations, shape (D, runs, NP).
-        best: which vector of each run is the best, shape (runs,).
-
-    Returns:
-        shape (D, runs, NP).
+    Populations ``x`` and trials have shape (D, runs, NP); ``best`` tells which vector of each run is the best.
     """
     D, runs, NP = x.shape
     choices = (D if settings.per_component else 1, runs, NP)
@@ -173,10 +151,8 @@ def trials(rng: np.random.Generator, bounds: Bounds, settings: MDESettings, x: A
 
 
 def three_others(rng: np.random.Generator, NP: int, shape: tuple[int, ...]) -> tuple[NDArray[np.intp], ...]:
-    """Return r1, r2 and r3, which differ from each other and from the target i, the number along the last axis.
-
-    Each is drawn from as many numbers as are left, and passes over those that are taken.
-    """
+    """Return r1, r2 and r3, which differ from each other and from the target i, the number along the last axis."""
+    # Each is drawn from as many numbers as are left, and passes over those that are taken.
     i = np.arange(NP)
     r1, r2, r3 = (((NP - taken) * rng.random(shape)).astype(np.intp) for taken in (1, 2, 3))
     r1 += r1 >= i
@@ -235,34 +211,32 @@ def _compiled(
 ) -> OptimizationResult:
     """Return what mde.c finds, run by run, from initial populations x and their values."""
     D, runs, NP = x.shape
-    none = float('nan')
     how = _Settings(
         *(NP, D, settings.per_component, settings.threshold, *settings.weight, *settings.crossover),
-        none if settings.target is None else settings.target,
-        none if settings.spread is None else settings.spread,
+        *(float('nan') if limit is None else limit for limit in (settings.target, settings.spread)),
         *(objective.worth, LARGEST_COUPLING),
     )
     root, rows = np.ascontiguousarray(objective.root), NP + -NP % LANES
     populations, costs = np.zeros((runs, D, rows)), np.zeros((runs, rows))
     populations[..., :NP], costs[:, :NP] = x.transpose(1, 0, 2), values
-    points, taken, stopped_by, curves = np.empty((runs, D)), np.zeros(runs, dtype=np.int64), [], []
+    points, taken, stopped_by = np.empty((runs, D)), np.zeros(runs, dtype=np.int64), []
+    history = np.empty((runs, settings.generations + 1))
+    history[:, 0] = values.min(axis=1)
     for run in range(runs):
-        random, best = np.random.SeedSequence([seed, run]).generate_state(4 * LANES), np.empty(CHUNK)
-        arrays = root, bounds.lower, bounds.upper, random, populations[run], costs[run], best
-        curve, asked, made, done = [values[run].min()], 0, 0, 0
-        while made == asked and done < settings.generations:
+        random = np.random.SeedSequence([seed, run]).generate_state(4 * LANES)
+        done, going = 0, True
+        while going and done < settings.generations:
             asked = min(CHUNK, settings.generations - done)
+            arrays = root, bounds.lower, bounds.upper, random, populations[run], costs[run], history[run, done + 1 :]
             made = library.pendubot_mde(ctypes.byref(how), asked, *(array.ctypes.data for array in arrays))
             if made < 0:
                 raise MemoryError('for the trials of a generation')
-            done += made
-            curve += best[:made].tolist()
+            done, going = done + made, made == asked
             if progress is not None:
                 progress((run * settings.generations + done) // runs, float(costs[:, :NP].min()))
+        history[run, done:] = history[run, done]
         cost = costs[run, :NP]
         points[run], taken[run] = populations[run, :, cost.argmin()], done
         stopped_by += reasons_to_stop(cost[None], done, settings.generations, settings.target, settings.spread).tolist()
-        curves.append(curve)
-    last = taken.max()
-    history = np.array([np.pad(curve, (0, last + 1 - len(curve)), mode='edge') for curve in curves]).T
+    history = history[:, : taken.max() + 1].T
     return OptimizationResult(points, history[-1].copy(), taken, history, tuple(stopped_by), NP, NP)

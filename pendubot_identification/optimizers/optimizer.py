@@ -29,25 +29,16 @@ MOST_VECTORS = 100_000
 
 @dataclass(frozen=True, slots=True)
 class OptimizationResult:
-    """What the runs found; every array has one entry (or row, or column) per run.
+    """What the runs found; every array has one entry (or row, or column) per run."""
 
-    Attributes:
-        x: each run's best point, shape (runs, D).
-        value: its value, shape (runs,).
-        generations: how many generations each run took, shape (runs,).
-        history: the best value after each generation, shape (generations + 1, runs); a run that stopped keeps its last.
-        stopped_by: per run ``generations``, ``target`` or ``spread``.
-        at_start: function values that a run asks for before its first generation.
-        per_generation: function values that it asks for in each.
-    """
-
-    x: Array
-    value: Array
-    generations: NDArray[np.int64]
+    x: Array  #: each run's best point, shape (runs, D).
+    value: Array  #: its value, shape (runs,).
+    generations: NDArray[np.int64]  #: how many generations each run took, shape (runs,).
+    #: The best value after each generation, shape (generations + 1, runs); a run that stopped keeps its last.
     history: Array
-    stopped_by: tuple[str, ...]
-    at_start: int
-    per_generation: int
+    stopped_by: tuple[str, ...]  #: per run ``generations``, ``target`` or ``spread``.
+    at_start: int  #: function values that a run asks for before its first generation.
+    per_generation: int  #: function values that it asks for in each.
 
     @property
     def best(self) -> int:
@@ -61,10 +52,10 @@ class OptimizationResult:
 
 
 def require_runs(runs: int, population: int, seed: int) -> None:
-    """Refuse what no set of runs can be made of.
+    """Refuse no runs, too many vectors in all, and a negative seed.
 
     Raises:
-        ParameterError: no runs, too many vectors in all, or a negative seed.
+        ParameterError: one of these.
     """
     if runs < 1:
         raise ParameterError(f'{runs} runs were asked for; at least 1 is needed')
@@ -105,14 +96,10 @@ def best_points(x: Array, values: Array) -> Array:
 def reasons_to_stop(
     values: Array, generation: int, generations: int, target: float | None, spread: float | None
 ) -> NDArray[np.str_]:
-    """Return why each run stops, shape (runs,); empty where it goes on.
+    """Return why each run stops, shape (runs,), after a generation; empty where it goes on.
 
-    Args:
-        values: of the runs' vectors, shape (runs, NP).
-        generation: the one that has ended.
-        generations: the most that a run may take.
-        target: a run stops at a value not above this.
-        spread: a run stops once (worst - best) of its values is not above this fraction of the best.
+    ``values``, shape (runs, NP), are those of the runs' vectors. A run stops at a best value not above ``target``, once
+    (worst - best) is not above the fraction ``spread`` of the best, and after so many generations.
     """
     lowest = values.min(axis=1)
     reasons = np.full(len(values), 'generations' if generation >= generations else '', dtype='U11')
@@ -133,13 +120,13 @@ def run_generations(
     per_generation: int | None = None,
     progress: Progress | None = None,
 ) -> OptimizationResult:
-    """Advance all runs, generation by generation, until each has stopped.
+    """Advance all runs, generation by generation, until each has stopped, see :func:`reasons_to_stop`.
 
     Args:
         step: takes the arrays of the runs that go on, and returns them one generation later.
         state: these arrays at the start, see :data:`State`; the last axis but one of each is that of the runs.
         generations: the most that a run may take.
-        target: see :func:`reasons_to_stop`.
+        target: None for none.
         spread: likewise.
         per_generation: function values that a run asks for in each; None: as many as it has vectors.
         progress: called after every generation.

@@ -18,13 +18,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class BenchmarkFunction:
-    """A function of points of shape (..., n), whose least value is 0, at 0.
-
-    Attributes:
-        name: as in the paper.
-        half_width: the box is [-half_width, half_width]^n.
-        value: (..., n) in, (...) out.
-    """
+    """A function of points, shape (..., n) in, (...) out, with its minimum 0 at 0, in [-half_width, half_width]^n."""
 
     name: str
     half_width: float
@@ -39,8 +33,8 @@ class BenchmarkFunction:
 
     def bounds(self, dimension: int) -> Bounds:
         """Return its box in n dimensions."""
-        names = tuple(f'x{k}' for k in range(1, dimension + 1))
-        return Bounds(np.full(dimension, -self.half_width), np.full(dimension, self.half_width), names)
+        width = np.full(dimension, self.half_width)
+        return Bounds(-width, width, tuple(f'x{k}' for k in range(1, dimension + 1)))
 
 
 def sphere(x: ArrayLike) -> Array:

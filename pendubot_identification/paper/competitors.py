@@ -30,21 +30,10 @@ from pendubot_identification.optimizers.optimizer import (
 Array = NDArray[np.float64]
 
 
-def classic(
-    population: int = 18,
-    weight: float = 0.6714,
-    crossover: float = 0.5026,
-    generations: int = 4000,
-    target: float | None = None,
-) -> MDESettings:
-    """Return what makes MDE plain DE, rand/1/bin (Storn and Price 1997): one F, one CR, partners once a vector.
-
-    The defaults are the paper's Table 3: Pedersen's for 10 dimensions and 20 000 function values (Good parameters for
-    differential evolution, HL1002, 2010).
-    """
-    return MDESettings(
-        population, generations, 0.0, (weight, weight), (crossover, crossover), per_component=False, target=target
-    )
+#: What makes MDE plain DE, rand/1/bin (Storn and Price 1997): one F, one CR, partners once a vector. The values are the
+#: paper's Table 3: Pedersen's for 10 dimensions and 20 000 function values (Good parameters for differential evolution,
+#: HL1002, 2010).
+CLASSIC = MDESettings(18, 4000, 0.0, weight=(0.6714,) * 2, crossover=(0.5026,) * 2, per_component=False)
 
 
 def hde(
@@ -62,14 +51,8 @@ def hde(
     The step is one more trial: x_best - rate gradient(x_best), drawn back into the box, takes the best one's place
     where it is at least as good. So a generation asks for NP + 1 function values and one gradient.
 
-    Args:
-        objective: see :func:`.mde.mde`, as for all that is not said here.
-        gradient: of the objective: (..., D) in, (..., D) out.
-        bounds: the search box, of dimension D.
-        settings: as :func:`classic` makes them.
-        rate: the learning rate.
-        runs: number of independent runs.
-        seed: same seed, same result.
+    ``gradient`` is that of the objective, (..., D) in, (..., D) out, ``rate`` the learning rate, ``settings`` are like
+    :data:`CLASSIC`; all else as in :func:`.mde.mde`.
     """
     require_runs(runs, settings.population, seed)
     rng = random_numbers(seed)
@@ -92,13 +75,8 @@ def hde(
 class PSOSettings:
     """The paper's Table 3: Pedersen's parameters for 20 dimensions and 400 000 function values.
 
-    Attributes:
-        particles: s, of one swarm.
-        inertia: w.
-        personal: c1, towards a particle's own best.
-        social: c2, towards the swarm's best.
-        evaluations: a run ends with the generation in which it has asked for so many function values.
-        target: stop a run at a value not above this.
+    In the notation of :func:`pso`: s particles, inertia w, c1 (personal), c2 (social). A run stops at a value not above
+    the target, or with the generation in which it has asked for so many function values (evaluations).
     """
 
     particles: int = 149

@@ -8,34 +8,51 @@ from __future__ import annotations
 import csv
 import io
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from itertools import chain
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from pendubot_identification.model.parameters import NAMES, PAPER, UNITS
-from pendubot_identification.paper.benchmark_functions import FUNCTIONS
-from pendubot_identification.paper.trials import (
-    ALGORITHMS,
-    BUDGET,
-    IDENTIFICATION,
-    PER_VECTOR,
-    TARGET,
-    Outcome,
-    rank_sum,
-    ranks,
-)
 
-from .published import TABLE_4, TRAINING, VALIDATION_AVERAGE
+from .benchmark_functions import FUNCTIONS
+from .trials import ALGORITHMS, BUDGET, IDENTIFICATION, PER_VECTOR, TARGET, Outcome, rank_sum, ranks
 
 Cell = str | int | float | None
 
+#: The paper's Table 4: best, worst, average and standard deviation of the errors over 10 runs, and the time of one [s].
+TABLE_4 = {
+    ('Sphere', 'PSO'): (2.30e-5, 0.0028, 8.06e-4, 8.35e-4, 0.1910),
+    ('Sphere', 'DE'): (3.09e-6, 9.60e-6, 6.59e-6, 2.46e-6, 0.0763),
+    ('Sphere', 'HDE'): (2.21e-8, 7.58e-6, 2.85e-6, 2.44e-6, 0.2091),
+    ('Sphere', 'MDE'): (4.38e-7, 5.56e-6, 3.03e-6, 1.82e-6, 0.0837),
+    ('Griewank', 'PSO'): (0.0081, 0.0811, 0.0461, 0.0260, 0.1961),
+    ('Griewank', 'DE'): (2.41e-6, 0.0020, 5.48e-4, 6.44e-4, 0.1453),
+    ('Griewank', 'HDE'): (7.76e-6, 2.91e-4, 7.19e-5, 1.06e-4, 0.5689),
+    ('Griewank', 'MDE'): (1.55e-7, 7.48e-6, 2.56e-6, 2.83e-6, 0.3522),
+    ('Ackley', 'PSO'): (0.0026, 0.1291, 0.0273, 0.0379, 0.2263),
+    ('Ackley', 'DE'): (3.54e-5, 0.0012, 5.49e-4, 5.00e-4, 0.1791),
+    ('Ackley', 'HDE'): (5.12e-7, 4.68e-4, 1.31e-4, 1.32e-4, 0.5263),
+    ('Ackley', 'MDE'): (2.15e-6, 9.97e-6, 6.58e-6, 2.93e-6, 0.1797),
+    ('Rastrigin', 'PSO'): (1.41e-5, 0.9950, 0.1159, 0.3116, 0.1455),
+    ('Rastrigin', 'DE'): (8.64e-6, 0.5830, 0.0609, 0.1835, 0.1020),
+    ('Rastrigin', 'HDE'): (1.50e-6, 2.89e-4, 4.99e-5, 8.79e-5, 0.2884),
+    ('Rastrigin', 'MDE'): (2.22e-6, 8.88e-6, 4.87e-6, 2.28e-6, 0.1182),
+}
+AVERAGE, TIME = 2, 4
+#: Its Table 7, J over 10 runs: best, worst, average. Its Table 8 is :data:`.model.parameters.PAPER`.
+TABLE_7: dict[str, tuple[float | None, ...]] = {
+    'training': (2.37e-3, 2.39e-3, 2.37e-3),
+    'validation': (None, None, 3.03e-3),
+}
+STATISTICS: dict[str, Callable[[Any], Any]] = {
+    'best': np.min,
+    'worst': np.max,
+    'average': np.mean,
+    'standard deviation': lambda values: np.std(values, ddof=1) if len(values) > 1 else 0.0,
+}
 #: Below this p two algorithms are said to differ.
 ALPHA = 0.01
-#: What the test between two algorithms tells, and how.
-AGAINST = ('MDE first in pairs', 'p', 'first')
 FIRST = (
     'Who is first: a run that reaches the target comes before one that does not; of two that reach it, the one with '
     'fewer function values comes first; of two that do not, the one with the lower error. Two-sided rank-sum test.'
@@ -45,39 +62,37 @@ _TARGET = f'{TARGET:.0e}'.replace('e-0', 'e-')
 CHOSEN = 0.3
 
 
-@dataclass(frozen=True, slots=True)
-class Table:
-    """A table that a person and a program can read.
+class Table(NamedTuple):
+    """A table that a person and a program can read: columns by their names, and paragraphs below it.
 
-    Attributes:
-        name: of its files.
-        title: what it is.
-        head: names of the columns.
-        rows: one cell a column.
-        notes: paragraphs below it.
+    ``name`` is that of its files, ``title`` says what it is.
     """
 
     name: str
     title: str
-    head: Sequence[str]
-    rows: Sequence[Sequence[Cell]]
+    columns: Mapping[str, Sequence[Cell]]
     notes: Sequence[str] = ()
+
+    @property
+    def rows(self) -> list[tuple[Cell, ...]]:
+        """A cell a column."""
+        return list(zip(*self.columns.values(), strict=True))
 
     def markdown(self) -> str:
         """Return title, table and notes, numbers rounded to three or four digits."""
-        lines = [self.head, ['---'] * len(self.head), *(map(shown, row) for row in self.rows)]
+        lines = [self.columns, ['---'] * len(self.columns), *(map(shown, row) for row in self.rows)]
         table = '\n'.join(f'| {" | ".join(line)} |' for line in lines)
         return '\n\n'.join([f'## {self.title}', table, *self.notes]) + '\n'
 
     def data(self) -> dict[str, Any]:
         """Return all of it as plain data; a number that is none becomes None."""
         rows = [[None if isinstance(c, float) and not math.isfinite(c) else c for c in row] for row in self.rows]
-        return {'title': self.title, 'head': list(self.head), 'rows': rows, 'notes': list(self.notes)}
+        return {'title': self.title, 'head': list(self.columns), 'rows': rows, 'notes': list(self.notes)}
 
     def csv(self) -> str:
         """Return head and rows, numbers in full."""
         file = io.StringIO()
-        csv.writer(file, lineterminator='\n').writerows([self.head, *self.rows])
+        csv.writer(file, lineterminator='\n').writerows([self.columns, *self.rows])
         return file.getvalue()
 
 
@@ -98,17 +113,18 @@ def shown(cell: Cell) -> str:
 def table_4(outcomes: Sequence[Outcome], runs: int) -> list[Table]:
     """Return Table 4, what it says of MDE, and how MDE's generations stand to each other."""
     many = len(outcomes[0].result.value)
-    head = ['function', 'algorithm']
-    for what in ('best', 'worst', 'average', 'standard deviation'):
-        head += [what, f'{what}, paper']
-    head += [f'reached, of {runs}', f'reached, of {many}', 'average of all', 'function values', 'generations']
-    rows: list[list[Cell]] = []
-    for o in outcomes:
-        values, paper = o.result.value, TABLE_4[o.function, o.algorithm]
-        row: list[Cell] = [o.function, o.algorithm]
-        row += chain.from_iterable(zip(_statistics(values[:runs]), paper[:4], strict=True))
-        row += [_reached(values[:runs]), _reached(values), float(values.mean())]
-        rows.append([*row, float(o.result.evaluations.mean()), float(o.result.generations.mean())])
+    values = [o.result.value for o in outcomes]
+    columns: dict[str, list[Any]] = _named(outcomes)
+    for k, (what, statistic) in enumerate(STATISTICS.items()):
+        columns[what] = [statistic(errors[:runs]) for errors in values]
+        columns[f'{what}, paper'] = [TABLE_4[o.function, o.algorithm][k] for o in outcomes]
+    columns |= {
+        f'reached, of {runs}': [_reached(errors[:runs]) for errors in values],
+        f'reached, of {many}': [_reached(errors) for errors in values],
+        'average of all': [errors.mean() for errors in values],
+        'function values': [o.result.evaluations.mean() for o in outcomes],
+        'generations': [o.result.generations.mean() for o in outcomes],
+    }
     notes = [
         f'Errors at the end of {runs} runs each, n = {outcomes[0].n}; a run that reaches {_TARGET} stops there. '
         f'The last four columns are of {many} runs, the first {runs} among them: averages, in which a run that never '
@@ -116,32 +132,35 @@ def table_4(outcomes: Sequence[Outcome], runs: int) -> list[Table]:
         'in every generation.',
         'Times are in times.md: they alone differ from one reproduction to the next.',
     ]
-    return [Table('table4', 'Table 4: errors', head, rows, notes), _claims(outcomes, runs), _pace(outcomes)]
+    return [Table('table4', 'Table 4: errors', columns, notes), _claims(outcomes, runs), _pace(outcomes)]
 
 
 def _claims(outcomes: Sequence[Outcome], runs: int) -> Table:
     """Return where the paper's averages have MDE ahead, and whether ours do."""
     found = {(o.function, o.algorithm): o for o in outcomes}
     many = len(outcomes[0].result.value)
-    rows: list[list[Cell]] = []
-    for f in FUNCTIONS:
-        mde = found[f.name, 'MDE']
-        for other in ALGORITHMS[:-1]:
-            versus = found[f.name, other]
-            paper = TABLE_4[f.name, other].average / TABLE_4[f.name, 'MDE'].average
-            row: list[Cell] = [f.name, other, paper]
-            for count in (runs, many):
-                ours, theirs = (float(o.result.value[:count].mean()) for o in (mde, versus))
-                row += [theirs / ours, _agreement(paper, ours, theirs)]
-            rows.append([*row, _reached(mde.result.value), _reached(versus.result.value), *_against(mde, versus)])
-    head = ['function', 'against', "average over MDE's, paper", f'{runs} runs', 'order as in the paper?']
-    head += [f'{many} runs', 'order again', f'MDE reached, of {many}', 'the other', *AGAINST]
+    pairs = [(found[f.name, 'MDE'], found[f.name, other]) for f in FUNCTIONS for other in ALGORITHMS[:-1]]
+    paper = [
+        TABLE_4[o.function, o.algorithm][AVERAGE] / TABLE_4[mde.function, mde.algorithm][AVERAGE] for mde, o in pairs
+    ]
+    columns: dict[str, list[Any]] = {
+        'function': [o.function for _, o in pairs],
+        'against': [o.algorithm for _, o in pairs],
+        "average over MDE's, paper": paper,
+    }
+    for count, order in ((runs, 'order as in the paper?'), (many, 'order again')):
+        averages = [(mde.result.value[:count].mean(), o.result.value[:count].mean()) for mde, o in pairs]
+        columns[f'{count} runs'] = [theirs / ours for ours, theirs in averages]
+        columns[order] = [_agreement(ratio, *both) for ratio, both in zip(paper, averages, strict=True)]
+    columns[f'MDE reached, of {many}'] = [_reached(mde.result.value) for mde, _ in pairs]
+    columns['the other'] = [_reached(o.result.value) for _, o in pairs]
+    columns |= _against(pairs)
     notes = [
         'Above 1, the other one errs more than MDE. Where both averages are below the target, all runs have reached '
         'it, and which is lower only says who overshot more.',
         f'{FIRST} Over {many} runs each; said to differ at p < {ALPHA:g}.',
     ]
-    return Table('table4_order', 'Table 4: is MDE ahead?', head, rows, notes)
+    return Table('table4_order', 'Table 4: is MDE ahead?', columns, notes)
 
 
 def _agreement(paper: float, mde: float, other: float) -> str:
@@ -153,39 +172,40 @@ def _agreement(paper: float, mde: float, other: float) -> str:
 def _pace(outcomes: Sequence[Outcome]) -> Table:
     """Return the generations that MDE takes on each function against the paper's times."""
     mde = [o for o in outcomes if o.algorithm == 'MDE']
-    times = [TABLE_4[o.function, 'MDE'].time for o in mde]
-    taken = [_of_arrived(o, np.mean) for o in mde]
-    rows: list[list[Cell]] = [
-        [o.function, generations, generations / taken[0], time, time / times[0]]
-        for o, generations, time in zip(mde, taken, times, strict=True)
-    ]
-    head = ['function', 'generations', "over Sphere's", 'time, paper [s]', "time over Sphere's"]
+    times = np.array([TABLE_4[o.function, 'MDE'][TIME] for o in mde])
+    taken = np.array([_of_arrived(o, np.mean) for o in mde])
+    columns: dict[str, Any] = {
+        'function': [o.function for o in mde],
+        'generations': taken,
+        "over Sphere's": taken / taken[0],
+        'time, paper [s]': times,
+        "time over Sphere's": times / times[0],
+    }
     note = 'Average over the runs that reach the target. This is what n = 2 was inferred from: other n do not fit.'
-    return Table('table4_pace', "MDE's pace against the paper's times", head, rows, [note])
+    return Table('table4_pace', "MDE's pace against the paper's times", columns, [note])
 
 
 def times(outcomes: Sequence[Outcome], seconds: Sequence[float]) -> Table:
     """Return the time of a run; all runs of an algorithm are advanced together: it is their time over their number."""
     many = len(outcomes[0].result.value)
-    rows: list[list[Cell]] = [
-        [o.function, o.algorithm, spent / many, TABLE_4[o.function, o.algorithm].time]
-        for o, spent in zip(outcomes, seconds, strict=True)
-    ]
+    columns = _named(outcomes) | {
+        'here [s]': [spent / many for spent in seconds],
+        'paper [s]': [TABLE_4[o.function, o.algorithm][TIME] for o in outcomes],
+    }
     note = (
         f'{many} runs are advanced as one array; the time of one is theirs over their number. These numbers are '
         'measured and differ from one reproduction to the next.'
     )
-    return Table('times', 'Table 4: time of a run', ['function', 'algorithm', 'here [s]', 'paper [s]'], rows, [note])
+    return Table('times', 'Table 4: time of a run', columns, [note])
 
 
 def table_7(found: Mapping[str, Any]) -> Table:
     """Return J over the runs of the identification beside the paper's."""
-    rows: list[list[Cell]] = []
-    papers: tuple[tuple[float | None, ...], ...] = (TRAINING, (None, None, VALIDATION_AVERAGE))
-    for which, paper in zip(('training', 'validation'), papers, strict=True):
-        *ours, deviation = _statistics(np.array(found[f'J_{which}']))
-        rows.append([which, *chain.from_iterable(zip(ours, paper, strict=True)), deviation])
-    head = ['J [J^2]', 'best', 'best, paper', 'worst', 'worst, paper', 'average', 'average, paper']
+    columns: dict[str, Any] = {'J [J^2]': list(TABLE_7)}
+    for k, (what, statistic) in enumerate(STATISTICS.items()):
+        columns[what] = [statistic(found[f'J_{which}']) for which in TABLE_7]
+        if what != 'standard deviation':
+            columns[f'{what}, paper'] = [paper[k] for paper in TABLE_7.values()]
     notes = [
         f'{len(found["J_training"])} runs of MDE, {found["population"]} vectors, {found["generations"]} generations, '
         f'on the sample bag: {found["samples"][0]} samples estimate, {found["samples"][1]} validate. The exact least J '
@@ -194,21 +214,25 @@ def table_7(found: Mapping[str, Any]) -> Table:
         'with the parameters of its Table 8, without any model error. So the sizes of the two are no test of either; '
         'what can be compared is whether the runs agree, and validation with training.',
     ]
-    return Table('table7', 'Table 7: J of the identification', [*head, 'standard deviation'], rows, notes)
+    return Table('table7', 'Table 7: J of the identification', columns, notes)
 
 
 def table_8(found: Mapping[str, Any]) -> Table:
     """Return the parameters beside the paper's, which are the virtual rig's truth."""
-    rows: list[list[Cell]] = []
-    for k, truth in enumerate(map(float, PAPER.vector())):
-        value, error = found['theta'][k], found['std_error'][k]
-        rows.append([NAMES[k], UNITS[k], truth, value, 100 * (value / truth - 1), error])
-    head = ['', 'unit', "paper's Table 8 = truth of the virtual rig", 'best run', 'error [%]', 'standard error']
+    truth, theta = PAPER.vector(), np.array(found['theta'])
+    columns: dict[str, Any] = {
+        '': NAMES[: len(truth)],
+        'unit': UNITS[: len(truth)],
+        "paper's Table 8 = truth of the virtual rig": truth,
+        'best run': theta,
+        'error [%]': 100 * (theta / truth - 1),
+        'standard error': found['std_error'],
+    }
     note = (
         "Of the run with the lowest J. The errors are those of the paper's criterion at 100 samples a second, not of "
         'the optimiser, which finds the least J. Criteria that do better on the same recording: docs/criteria.md.'
     )
-    return Table('table8', 'Table 8: parameters', head, rows, [note])
+    return Table('table8', 'Table 8: parameters', columns, [note])
 
 
 def threshold_table(outcomes: Sequence[Outcome]) -> Table:
@@ -216,22 +240,21 @@ def threshold_table(outcomes: Sequence[Outcome]) -> Table:
     problems = list(dict.fromkeys(o.function for o in outcomes))
     found = {(o.function, o.algorithm, o.threshold or 0.0): o for o in outcomes}
     thresholds = sorted({threshold for _, _, threshold in found})
-    rows: list[list[Cell]] = []
-    for algorithm, per in (('MDE', 'component'), (PER_VECTOR, 'vector')):
-        for threshold in thresholds:
-            row: list[Cell] = [per, threshold]
-            for problem in problems:
-                one = found[problem, algorithm, threshold]
-                row += [_of_arrived(one, np.median), _share(one)]
-            rows.append(row)
+    rows = [(algorithm, threshold) for algorithm in ('MDE', PER_VECTOR) for threshold in thresholds]
+    columns: dict[str, list[Any]] = {
+        'operator per': ['component' if algorithm == 'MDE' else 'vector' for algorithm, _ in rows],
+        'threshold': [threshold for _, threshold in rows],
+    }
     quickest = []
     for problem in problems:
-        most = max(found[problem, 'MDE', t].arrived.sum() for t in thresholds)
-        good = [t for t in thresholds if found[problem, 'MDE', t].arrived.sum() == most]
-        medians = {t: _of_arrived(found[problem, 'MDE', t], np.median) for t in (*good, CHOSEN)}
-        best = min(good, key=lambda t: medians[t])
-        chosen = f'{CHOSEN:g}: {medians[CHOSEN]:.0f}, {_share(found[problem, "MDE", CHOSEN])}'
-        quickest.append(f'{problem} {best:g} ({medians[best]:.0f} generations; {chosen})')
+        mine = {(operator, t): found[problem, operator, t] for operator, t in rows}
+        medians = {row: _of_arrived(one, np.median) for row, one in mine.items()}
+        columns[problem] = list(medians.values())
+        columns[f'{problem}, reached'] = list(map(_share, mine.values()))
+        arrivals = {t: mine['MDE', t].arrived.sum() for t in thresholds}
+        best = min((t for t in thresholds if arrivals[t] == max(arrivals.values())), key=lambda t: medians['MDE', t])
+        chosen = f'{CHOSEN:g}: {medians["MDE", CHOSEN]:.0f}, {_share(mine["MDE", CHOSEN])}'
+        quickest.append(f'{problem} {best:g} ({medians["MDE", best]:.0f} generations; {chosen})')
     counts = (f'{len(found[problem, "MDE", CHOSEN].arrived)} runs on {problem}' for problem in problems)
     notes = [
         f'Median generations of the runs that reach the target, and how many do: {", ".join(counts)}. The threshold is '
@@ -239,71 +262,79 @@ def threshold_table(outcomes: Sequence[Outcome]) -> Table:
         f"{IDENTIFICATION}: the paper's J on the sample bag, to a relative 1e-6 of its least value.",
         f'Quickest among the thresholds that arrive most often, per component: {"; ".join(quickest)}.',
     ]
-    head = ['operator per', 'threshold', *chain.from_iterable((p, f'{p}, reached') for p in problems)]
-    return Table('threshold', 'The threshold', head, rows, notes)
+    return Table('threshold', 'The threshold', columns, notes)
 
 
 def operator_table(outcomes: Sequence[Outcome]) -> Table:
     """Return MDE with its operator drawn per component, as in the pseudocode, against per vector, as in the text."""
-    found = {(o.function, o.algorithm): o for o in outcomes if o.threshold == CHOSEN}
-    rows: list[list[Cell]] = []
-    for problem in dict.fromkeys(o.function for o in outcomes):
-        both = found[problem, 'MDE'], found[problem, PER_VECTOR]
-        component, vector = (_of_arrived(o, np.median) for o in both)
-        p, _ = rank_sum(*(np.where(o.arrived, o.result.generations, np.inf) for o in both))
-        rows.append([problem, both[0].n, component, _share(both[0]), vector, _share(both[1]), component / vector, p])
-    head = ['problem', 'n', 'per component: generations', 'reached', 'per vector: generations', 'reached, per vector']
-    head += ['component over vector', 'p']
+    component, vector = (
+        [o for o in outcomes if o.threshold == CHOSEN and o.algorithm == algorithm] for algorithm in ('MDE', PER_VECTOR)
+    )
+    medians = np.array([[_of_arrived(o, np.median) for o in which] for which in (component, vector)])
+    last = ([np.where(o.arrived, o.result.generations, np.inf) for o in which] for which in (component, vector))
+    columns: dict[str, Any] = {
+        'problem': [o.function for o in component],
+        'n': [o.n for o in component],
+        'per component: generations': medians[0],
+        'reached': list(map(_share, component)),
+        'per vector: generations': medians[1],
+        'reached, per vector': list(map(_share, vector)),
+        'component over vector': medians[0] / medians[1],
+        'p': [rank_sum(*both)[0] for both in zip(*last, strict=True)],
+    }
     note = (
         f"Threshold {CHOSEN:g}. The paper's pseudocode draws operator and partners anew for every component, its text "
         'once a vector. Median generations of the runs that reach the target; p of the rank-sum test of the '
         'generations, runs that do not reach it last.'
     )
-    return Table('operator', 'The operator: drawn per component or per vector', head, rows, [note])
+    return Table('operator', 'The operator: drawn per component or per vector', columns, [note])
 
 
 def dimensions_tables(outcomes: Sequence[Outcome]) -> list[Table]:
     """Return who is first in 2, 10 and 30 dimensions with equal budgets, and the errors behind it."""
-    rows: list[list[Cell]] = []
-    verdicts: dict[tuple[int, str], list[Cell]] = {}
     mde = {(o.n, o.function): o for o in outcomes if o.algorithm == 'MDE'}
-    for o in outcomes:
-        n, function, algorithm, values = o.n, o.function, o.algorithm, o.result.value
-        against: list[Cell] = [None, None, None]
-        if algorithm != 'MDE':
-            against = _against(mde[n, function], o)
-            verdicts.setdefault((n, algorithm), []).append(against[-1])
-        errors = (float(values.min()), float(np.median(values)), float(values.max()))
-        rows.append([n, function, algorithm, *errors, _share(o), float(o.result.evaluations.mean()), *against])
-    counts: list[list[Cell]] = [
-        [n, other, *(said.count(verdict) for verdict in ('MDE', other, 'no difference'))]
-        for (n, other), said in verdicts.items()
-    ]
+    values = [o.result.value for o in outcomes]
+    errors: dict[str, list[Any]] = {'n': [o.n for o in outcomes]} | _named(outcomes)
+    for what, statistic in (('best', np.min), ('median', np.median), ('worst', np.max)):
+        errors[what] = [statistic(each) for each in values]
+    errors['reached'] = list(map(_share, outcomes))
+    errors['function values'] = [o.result.evaluations.mean() for o in outcomes]
+    errors |= _against([(mde[o.n, o.function], o) for o in outcomes])
+    verdicts: dict[tuple[int, str], list[str]] = {}
+    for o, verdict in zip(outcomes, errors['first'], strict=True):
+        if verdict is not None:
+            verdicts.setdefault((o.n, o.algorithm), []).append(verdict)
+    counts: dict[str, list[Any]] = {
+        'n': [n for n, _ in verdicts],
+        'MDE against': [other for _, other in verdicts],
+        'MDE first': [said.count('MDE') for said in verdicts.values()],
+        'the other first': [said.count(other) for (_, other), said in verdicts.items()],
+        'no difference': [said.count('no difference') for said in verdicts.values()],
+    }
     note = (
         f'On how many of the {len(FUNCTIONS)} functions who is first. Everyone has {BUDGET} n function values a run, '
         f'{len(outcomes[0].arrived)} runs; settings of Table 3 otherwise. {FIRST} Said to differ at p < {ALPHA:g}: of '
         f'{sum(map(len, verdicts.values()))} such tests one may err by chance.'
     )
     title = 'Beyond the paper: who is first in 2, 10 and 30 dimensions, with equal budgets'
-    head = ['n', 'MDE against', 'MDE first', 'the other first', 'no difference']
-    behind = ['n', 'function', 'algorithm', 'best', 'median', 'worst', 'reached', 'function values', *AGAINST]
     return [
-        Table('dimensions', title, head, counts, [note]),
-        Table('dimensions_errors', 'The errors behind it', behind, rows),
+        Table('dimensions', title, counts, [note]),
+        Table('dimensions_errors', 'The errors behind it', errors),
     ]
 
 
-def _against(mde: Outcome, other: Outcome) -> list[Cell]:
-    """Return how often MDE is first in a pair of runs, p, and what that says: the cells below :data:`AGAINST`."""
-    p, ahead = rank_sum(*ranks([mde.result, other.result]))
-    verdict = 'no difference' if not p < ALPHA else 'MDE' if ahead > 0.5 else other.algorithm
-    return [ahead, p, verdict]
+def _named(outcomes: Sequence[Outcome]) -> dict[str, list[Any]]:
+    return {'function': [o.function for o in outcomes], 'algorithm': [o.algorithm for o in outcomes]}
 
 
-def _statistics(values: Any) -> tuple[float, float, float, float]:
-    """Return best, worst, average and standard deviation."""
-    deviation = values.std(ddof=1) if len(values) > 1 else 0.0
-    return float(values.min()), float(values.max()), float(values.mean()), float(deviation)
+def _against(pairs: Sequence[tuple[Outcome, Outcome]]) -> dict[str, list[Any]]:
+    """Return how often MDE is first in a pair of runs, p, and what that says; nothing of MDE against itself."""
+    cells: list[tuple[Cell, Cell, Cell]] = []
+    for mde, other in pairs:
+        p, ahead = rank_sum(*ranks([mde.result, other.result]))
+        verdict = 'no difference' if not p < ALPHA else 'MDE' if ahead > 0.5 else other.algorithm
+        cells.append((None, None, None) if other is mde else (ahead, p, verdict))
+    return {name: [row[k] for row in cells] for k, name in enumerate(('MDE first in pairs', 'p', 'first'))}
 
 
 def _reached(values: Any) -> int:

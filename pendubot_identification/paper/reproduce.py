@@ -77,12 +77,13 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError(f'{args.runs} runs were asked for; a number from 1 to {MOST_RUNS} is expected')
     if args.seed < 0:
         raise UsageError(f'the seed is {args.seed}; a whole number of at least 0 is expected')
-    made = Reproduction(OutputFolder(args.output, overwrite=args.force), args.seed, args.runs, quiet=args.json)
+    folder = OutputFolder(args.output, overwrite=args.force)
+    made = Reproduction(folder, args.only, args.seed, args.runs, quiet=args.json)
     done: list[str] = []
     try:
         for experiment, parts in EXPERIMENTS.items():
             if wanted := [part for part in parts if part in args.only]:
-                getattr(made, experiment)(wanted)
+                getattr(made, experiment)()
                 done += wanted
     except KeyboardInterrupt:
         raise PendubotError(

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable
 from typing import Any
 
 import numpy as np
@@ -21,19 +21,16 @@ from pendubot_identification.files import OutputFolder
 from pendubot_identification.identify.identification import identify
 from pendubot_identification.identify.settings import Settings
 from pendubot_identification.model.parameters import MODELS, Parameters, default_bounds
-from pendubot_identification.paper import paper_figures, paper_tables, trials
-from pendubot_identification.paper.explained import energy_balance, predicted
-from pendubot_identification.paper.paper_tables import Table
 from pendubot_identification.recordings.datasets import Datasets, load_datasets
 from pendubot_identification.report.style import rendered, style
 from pendubot_identification.resources import resource
 from pendubot_identification.trajectories.long import held_parts
 from pendubot_identification.trajectories.trajectory import Trajectory
 
-SAMPLE = 'bags/paper_experiment'
-#: Length [s] of the simulations in the figure of the fit.
-PIECE = 1.0
+from . import paper_figures, paper_tables, trials
+from .paper_tables import Table
 
+SAMPLE = 'bags/paper_experiment'
 HEAD = """\
 # The paper, reproduced
 
@@ -50,71 +47,57 @@ package."""
 class Reproduction:
     """The experiments, a method each, which write the parts that are wanted: what is done is on the disk.
 
-    Args:
-        folder: for the files.
-        seed: of all random numbers.
-        runs: of a table.
-        quiet: show no progress, not even on a terminal.
+    A table has so many ``runs``; ``quiet``: show no progress, not even on a terminal.
     """
 
-    def __init__(self, folder: OutputFolder, seed: int, runs: int, *, quiet: bool) -> None:
-        self._folder, self._seed, self._runs, self._quiet = folder, seed, runs, quiet
+    def __init__(self, folder: OutputFolder, wanted: Collection[str], seed: int, runs: int, *, quiet: bool) -> None:
+        self._folder, self._wanted, self._seed, self._runs, self._quiet = folder, wanted, seed, runs, quiet
         #: Tables, and figures as (name, caption), in the order in which they stand in index.md.
         self._contents: list[Table | tuple[str, str]] = []
         self._raw: list[str] = []
 
-    def competition(self, wanted: Sequence[str]) -> None:
+    def competition(self) -> None:
         """Run four algorithms on four functions."""
         outcomes, seconds = self._run('competition', trials.competition(self._seed, self._runs))
-        if 'table4' in wanted:
-            self._add_tables(*paper_tables.table_4(outcomes, self._runs))
+        self._add_tables(*paper_tables.table_4(outcomes, self._runs))
+        if 'table4' in self._wanted:
             times = paper_tables.times(outcomes, seconds)
             self._folder.write('times.md', times.markdown())
             self._folder.write('times.csv', times.csv())
-        if 'figure1' in wanted:
-            what = (
-                'median of the best error so far, 10th to 90th percentile shaded, of all runs; a mark where the last '
-                'run ends'
-            )
-            self._add_figure('figure1', f'Figure 1: {what}', paper_figures.convergence, outcomes)
-            caption = f'Figure 1 over function values, which cost alike whoever asks for them: {what}'
-            self._add_figure('figure1_evaluations', caption, paper_figures.convergence, outcomes, 'function values')
+        what = (
+            'median of the best error so far, 10th to 90th percentile shaded, of all runs; a mark where the last run '
+            'ends'
+        )
+        over = f'Figure 1 over function values, which cost alike whoever asks for them: {what}'
+        self._add_figure('figure1', f'Figure 1: {what}', paper_figures.convergence, outcomes)
+        self._add_figure('figure1_evaluations', over, paper_figures.convergence, outcomes, 'function values')
 
-    def identification(self, wanted: Sequence[str]) -> None:
+    def identification(self) -> None:
         """Identify the sample bag by the paper's criterion and MDE."""
         data = _sample()
-        halves = training, validation = held_parts([*data.training, *data.validation])
-        found = self._identify(data, training, validation)
+        halves = held_parts([*data.training, *data.validation])
+        found = self._identify(data, *halves)
         self._write_raw('identification', found)
-        if 'table7' in wanted:
-            self._add_tables(paper_tables.table_7(found))
-        if 'table8' in wanted:
-            self._add_tables(paper_tables.table_8(found))
-        if 'dataset' in wanted:
-            caption = 'The sample bag: the experiment of Section 4.4 on the virtual rig'
-            self._add_figure('dataset', caption, paper_figures.data_set, *halves)
-        if 'fit' in wanted:
-            theta = Parameters.from_vector(found['theta'])
-            caption = (
-                'The fit: both sides of the energy balance, cumulative from the start of each half; its residual; the '
-                f'motion simulated with the identified parameters, {PIECE:g} s at a time'
-            )
-            balances = [energy_balance(motion, theta.vector()) for motion in halves]
-            self._add_figure('fit', caption, paper_figures.fit, *halves, balances, predicted(validation, theta, PIECE))
+        self._add_tables(paper_tables.table_7(found), paper_tables.table_8(found))
+        caption = 'The sample bag: the experiment of Section 4.4 on the virtual rig'
+        self._add_figure('dataset', caption, paper_figures.data_set, *halves)
+        caption = (
+            'The fit: both sides of the energy balance, cumulative from the start of each half; its residual; the '
+            f'motion simulated with the identified parameters, {paper_figures.PIECE:g} s at a time'
+        )
+        self._add_figure('fit', caption, paper_figures.fit, *halves, Parameters.from_vector(found['theta']))
 
-    def sweep(self, wanted: Sequence[str]) -> None:
+    def sweep(self) -> None:
         """Run MDE with every threshold, per component and per vector."""
         regression = energy_regression(held_parts(_sample().training)[0])
         criterion, bounds = Quadratic.reduce(regression.phi, regression.y), default_bounds().of(MODELS['viscous'])
         outcomes, _ = self._run('sweep', trials.sweep(self._seed, self._runs, criterion, bounds))
-        if 'threshold' in wanted:
-            self._add_tables(paper_tables.threshold_table(outcomes))
-            caption = 'The threshold: how fast MDE arrives, and how often'
-            self._add_figure('threshold', caption, paper_figures.threshold, outcomes)
-        if 'operator' in wanted:
-            self._add_tables(paper_tables.operator_table(outcomes))
+        self._add_tables(paper_tables.threshold_table(outcomes))
+        caption = 'The threshold: how fast MDE arrives, and how often'
+        self._add_figure('threshold', caption, paper_figures.threshold, outcomes)
+        self._add_tables(paper_tables.operator_table(outcomes))
 
-    def dimensions(self, wanted: Sequence[str]) -> None:
+    def dimensions(self) -> None:
         """Run all algorithms with equal budgets in 2, 10 and 30 dimensions."""
         outcomes, _ = self._run('dimensions', trials.dimensions(self._seed, self._runs))
         counts, errors = paper_tables.dimensions_tables(outcomes)
@@ -125,13 +108,8 @@ class Reproduction:
         self._add_figure('dimensions', caption, paper_figures.dimensions, outcomes)
         self._add_tables(errors)
 
-    def write_index(self, only: str, missing: Sequence[str]) -> None:
-        """Write index.md: how all this was made, every table, every figure, and where the rest is.
-
-        Args:
-            only: the command's option of this name, as it was given.
-            missing: parts that were asked for and are not there.
-        """
+    def write_index(self, only: str, missing: Collection[str]) -> None:
+        """Write index.md: how all was made, ``only`` being the option as given, all parts, and which are missing."""
         parts = [HEAD.format(only=only, runs=self._runs, seed=self._seed, version=__version__) + '\n']
         if missing:
             parts.append(f'**Not finished:** {", ".join(missing)} are missing here.\n')
@@ -212,18 +190,24 @@ class Reproduction:
         self._folder.write(name, json.dumps({'seed': self._seed, 'runs': self._runs, **data}, indent=1) + '\n')
         self._raw.append(name)
 
+    def _wants(self, name: str) -> bool:
+        """Whether a table or figure belongs to the parts that are wanted: figure1_evaluations belongs to figure1."""
+        return name.partition('_')[0] in self._wanted
+
     def _add_tables(self, *tables: Table) -> None:
         for table in tables:
-            self._folder.write(f'tables/{table.name}.md', table.markdown())
-            self._folder.write(f'tables/{table.name}.csv', table.csv())
-            self._contents.append(table)
+            if self._wants(table.name):
+                self._folder.write(f'tables/{table.name}.md', table.markdown())
+                self._folder.write(f'tables/{table.name}.csv', table.csv())
+                self._contents.append(table)
 
     def _add_figure(self, name: str, caption: str, draw: Callable[..., Figure], *arguments: Any) -> None:
-        with style():
-            files = rendered(draw(*arguments))
-        for ending, content in files.items():
-            self._folder.write(f'figures/{name}.{ending}', content)
-        self._contents.append((name, caption))
+        if self._wants(name):
+            with style():
+                files = rendered(draw(*arguments))
+            for ending, content in files.items():
+                self._folder.write(f'figures/{name}.{ending}', content)
+            self._contents.append((name, caption))
 
 
 def _sample() -> Datasets:

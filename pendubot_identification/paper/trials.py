@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -17,10 +17,10 @@ from scipy.stats import mannwhitneyu
 from pendubot_identification.criteria.quadratic import Penalised, Quadratic
 from pendubot_identification.model.parameters import Bounds
 from pendubot_identification.optimizers.mde import MDESettings, mde
-from pendubot_identification.optimizers.optimizer import MOST_VECTORS, OptimizationResult
+from pendubot_identification.optimizers.optimizer import MOST_VECTORS, Objective, OptimizationResult
 
 from .benchmark_functions import FUNCTIONS, BenchmarkFunction
-from .competitors import PSOSettings, classic, hde, pso
+from .competitors import CLASSIC, PSOSettings, hde, pso
 
 Array = NDArray[np.float64]
 
@@ -35,8 +35,8 @@ PER_VECTOR = 'MDE per vector'
 #: Table 3; that of PSO, DE and HDE is in competitors.py.
 SETTINGS: dict[str, PSOSettings | MDESettings] = {
     'PSO': PSOSettings(target=TARGET),
-    'DE': classic(target=TARGET),
-    'HDE': classic(target=TARGET),
+    'DE': replace(CLASSIC, target=TARGET),
+    'HDE': replace(CLASSIC, target=TARGET),
     'MDE': MDESettings(population=50, generations=4000, target=TARGET),
     PER_VECTOR: MDESettings(population=50, generations=4000, per_component=False, target=TARGET),
 }
@@ -60,16 +60,10 @@ IDENTIFICATION = 'Identification'
 def compete(
     algorithm: str, function: BenchmarkFunction, n: int, *, runs: int, seed: int = 1, evaluations: int | None = None
 ) -> OptimizationResult:
-    """Minimise a function by an algorithm with the settings of Table 3.
+    """Minimise a function of n variables by an algorithm with the settings of Table 3.
 
-    Args:
-        algorithm: a key of :data:`SETTINGS`.
-        function: with its box and, for HDE, its gradient.
-        n: dimension.
-        runs: independent runs.
-        seed: same seed, same result.
-        evaluations: end each run with the generation in which it has asked for so many function values, whatever the
-            algorithm; None: at the paper's limits.
+    ``evaluations``: end each run with the generation in which it has asked for so many function values, whatever the
+    algorithm; None: at the paper's limits.
     """
     f, bounds, how = function.value, function.bounds(n), SETTINGS[algorithm]
     if isinstance(how, PSOSettings):
@@ -84,15 +78,11 @@ def compete(
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What runs of one algorithm on one function came to.
+    """What runs of one algorithm on one function of n variables came to.
 
     Attributes:
-        function: its name.
-        n: dimension.
-        algorithm: its name.
         threshold: of MDE, where it is not the paper's.
         seed: of these runs alone.
-        result: what they found.
         detailed: whether points and histories are worth keeping.
     """
 
@@ -114,28 +104,23 @@ class Outcome:
 
         A history is a list of [generation, value], one for each generation that found something better.
         """
-        result, runs = self.result, []
-        for k in range(len(result.value)):
-            run: dict[str, Any] = {
-                'value': float(result.value[k]),
-                'generations': int(result.generations[k]),
-                'evaluations': int(result.evaluations[k]),
-                'stopped_by': result.stopped_by[k],
-            }
-            if self.detailed:
-                best = result.history[:, k]
-                better = np.flatnonzero(np.diff(best, prepend=np.inf) < 0)
-                run |= {'x': result.x[k].tolist(), 'history': [[int(g), float(best[g])] for g in better]}
-            runs.append(run)
+        r = self.result
+        columns = {'value': r.value, 'generations': r.generations, 'evaluations': r.evaluations}
+        lists: dict[str, Sequence[Any]] = {name: column.tolist() for name, column in columns.items()}
+        lists['stopped_by'] = r.stopped_by
+        if self.detailed:
+            better = (np.flatnonzero(np.diff(best, prepend=np.inf) < 0) for best in r.history.T)
+            lists['x'] = r.x.tolist()
+            lists['history'] = [[[int(g), float(r.history[g, run])] for g in each] for run, each in enumerate(better)]
         return {
             'function': self.function,
             'n': self.n,
             'algorithm': self.algorithm,
             'threshold': self.threshold,
             'seed': self.seed,
-            'evaluations_at_start': result.at_start,
-            'evaluations_per_generation': result.per_generation,
-            'runs': runs,
+            'evaluations_at_start': r.at_start,
+            'evaluations_per_generation': r.per_generation,
+            'runs': [dict(zip(lists, run, strict=True)) for run in zip(*lists.values(), strict=True)],
         }
 
 
@@ -161,15 +146,11 @@ def dimensions(seed: int, runs: int) -> Iterator[Outcome]:
 def sweep(seed: int, runs: int, identification: Quadratic, bounds: Bounds) -> Iterator[Outcome]:
     """Run MDE with every threshold, its operator drawn per component and per vector, on each function and on J.
 
-    Args:
-        seed: of everything.
-        runs: as Table 4 has.
-        identification: J of the paper's experiment.
-        bounds: its box.
+    ``identification`` is J of the paper's experiment, ``bounds`` its box.
     """
     least = float(identification(identification.minimum(bounds)))
     at_functions = MDESettings(population=50, generations=SWEEP_GENERATIONS, target=TARGET)
-    problems: list[tuple[str, Callable[..., Array], Bounds, MDESettings, int]] = [
+    problems: list[tuple[str, Objective, Bounds, MDESettings, int]] = [
         *((f.name, f.value, f.bounds(DIMENSION), at_functions, SWEEP * runs) for f in FUNCTIONS),
         (IDENTIFICATION, Penalised.of(identification), bounds, MDESettings(target=least * (1 + NEAR)), runs),
     ]

@@ -6,13 +6,14 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import yaml
+from mcap.records import Channel, Schema
 
 METADATA = 'metadata.yaml'
 
@@ -28,60 +29,26 @@ class Qos:
 
     def profile(self) -> dict[str, Any]:
         """Return every key of rosbag2's YAML form; deadline, lifespan and lease are infinite."""
-
-        def infinite() -> dict[str, int]:
-            return {'sec': 9223372036, 'nsec': 854775807}
-
+        infinite = {'sec': 9223372036, 'nsec': 854775807}
         return {
             'history': self.history,
             'depth': self.depth,
             'reliability': self.reliability,
             'durability': self.durability,
-            'deadline': infinite(),
-            'lifespan': infinite(),
+            'deadline': infinite,
+            'lifespan': infinite,
             'liveliness': 'automatic',
-            'liveliness_lease_duration': infinite(),
+            'liveliness_lease_duration': infinite,
             'avoid_ros_namespace_conventions': False,
         }
 
 
-@dataclass(frozen=True, slots=True)
-class Topic:
-    """A topic as a bag describes it: name, type, how it is written, and what its publishers offered.
-
-    Attributes:
-        name: such as ``/joint_states``.
-        type_name: such as ``sensor_msgs/msg/JointState``.
-        definition: the type's text with that of every type it uses.
-        type_hash: ``RIHS01_...``, or empty.
-        profiles: rosbag2's YAML list of the qualities of service offered, or empty.
-        encoding, definition_encoding: of the messages and of the definition.
-    """
-
-    name: str
-    type_name: str
-    definition: bytes
-    type_hash: str
-    profiles: str
-    encoding: str = 'cdr'
-    definition_encoding: str = 'ros2msg'
-
-    def channel_metadata(self) -> dict[str, str]:
-        """Return what a channel of this topic says beside its name and type."""
-        return {'offered_qos_profiles': self.profiles, 'topic_type_hash': self.type_hash}
-
-
 def information(
-    file: str, topics: Iterable[Topic], counts: Mapping[str, int], first_ns: int, last_ns: int
+    file: str, topics: Mapping[int, tuple[Schema, Channel]], counts: Mapping[int, int], first_ns: int, last_ns: int
 ) -> dict[str, Any]:
     """Return everything that metadata.yaml says of a bag of one file, under its one key's value.
 
-    Args:
-        file: its name.
-        topics: in it.
-        counts: how many messages of each there are.
-        first_ns: log time of its first message [ns since the epoch].
-        last_ns: of its last.
+    Topics and counts of messages are by the channel's number; the times are the first and the last log time [ns].
     """
     span = {
         'starting_time': {'nanoseconds_since_epoch': first_ns},
@@ -95,15 +62,15 @@ def information(
         'topics_with_message_count': [
             {
                 'topic_metadata': {
-                    'name': topic.name,
-                    'type': topic.type_name,
-                    'serialization_format': topic.encoding,
-                    'offered_qos_profiles': offered_profiles(topic.profiles),
-                    'type_description_hash': topic.type_hash,
+                    'name': channel.topic,
+                    'type': schema.name,
+                    'serialization_format': channel.message_encoding,
+                    'offered_qos_profiles': offered_profiles(channel.metadata['offered_qos_profiles']),
+                    'type_description_hash': channel.metadata['topic_type_hash'],
                 },
-                'message_count': counts.get(topic.name, 0),
+                'message_count': counts.get(number, 0),
             }
-            for topic in topics
+            for number, (schema, channel) in topics.items()
         ],
         'compression_format': '',
         'compression_mode': '',

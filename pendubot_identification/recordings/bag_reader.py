@@ -23,8 +23,7 @@ from pendubot_identification.errors import BagError, TrajectoryError
 from pendubot_identification.trajectories.trajectory import Trajectory
 
 from .joint_states import JOINT_NAMES, JOINT_STATE, JOINT_STATES_TOPIC, JointDecoder, decode_joint_state
-from .mcap_file import FOREVER_NS, McapFile
-from .mcap_records import Messages
+from .mcap_file import FOREVER_NS, McapFile, Messages
 
 if TYPE_CHECKING:
     # Not for who only looks at a bag: scipy takes longer to import than the index of most to read.
@@ -46,7 +45,7 @@ class BagWindow:
 
     def __post_init__(self) -> None:
         for bound in (self.start, self.end):
-            if bound is not None and not (math.isfinite(bound) and bound >= 0):
+            if bound is not None and not 0 <= bound < math.inf:
                 raise BagError(
                     f'{self}: {bound:g} is no time in a bag; START and END are seconds from its first sample'
                 )
@@ -84,15 +83,9 @@ class BagWindow:
 
 @dataclass(frozen=True)
 class RecordedTrajectory(Generic[Taken]):
-    """A motion from a bag, and what a result must say of that bag.
+    """A motion from a bag, t [s] from the bag's first sample on the topic, and what a result must say of that bag.
 
-    Attributes:
-        trajectory: t [s] from the bag's first sample on the topic, by ``header.stamp``; or what stands for a motion
-            that is too long to be held.
-        window: which part of which bag it is.
-        sha256: of the bag's .mcap files, one after the other.
-        closed: whether the bag's recording came to an end.
-        note: what could be read, in a sentence, where it did not; else empty.
+    ``sha256`` is of its .mcap files, one after the other; ``closed`` and ``note`` are as of :class:`BagReader`.
     """
 
     trajectory: Taken
@@ -106,9 +99,8 @@ class BagReader:
     """A bag folder or a single .mcap file, closed or not; what metadata.yaml says is not relied upon.
 
     Attributes:
-        path: the bag's folder or file.
         files: its .mcap files in order.
-        topics: by name, type and number of messages of each.
+        topics: type and number of messages of each, by name.
         first_ns, last_ns: earliest and latest log time [ns since the epoch], 0 in an empty bag.
         closed: whether its recording came to an end.
         note: what could be read, in a sentence, where it did not; else empty.
@@ -167,7 +159,7 @@ class Stream:
     of position [rad], effort [N m] and velocity [rad/s], NaN where there is none, shape (N, 3, 2).
 
     Raises:
-        BagError: the topic is not there, or not of JointStates; when read, a joint is not there or without position or
+        BagError: the topic is not there or not of JointStates; when read, a joint is missing or has no position or
             effort, or a part that is needed is damaged.
     """
 
@@ -182,7 +174,7 @@ class Stream:
         _require(reader, topic)
         self._reader, self._topic, self._joint_names = reader, topic, joint_names
         self._from_start = start is None
-        self._low = 0 if start is None else round(min(start * 1e9, FOREVER_NS))
+        self._low = round(min((start or 0.0) * 1e9, FOREVER_NS))
         self._high = FOREVER_NS if end is None else round(min(end * 1e9, FOREVER_NS))
         # The index is of log times. Stamps are a latency older, so a little more is read; and where it turns out that
         # they are of quite another clock, everything.
@@ -191,14 +183,12 @@ class Stream:
 
     def __iter__(self) -> Iterator[tuple[NDArray[np.int64], NDArray[np.float64]]]:
         low, high, topics = self._low, self._high, [self._topic]
-        first = next(iter(next(some for some in self._reader.messages(topics) if len(some))))
-        first_ns, logged_ns = decode_joint_state(first.data).stamp_ns, first.log_time
+        first = next(iter(next(self._reader.messages(topics))))
+        first_ns = decode_joint_state(first.data).stamp_ns
         decode = JointDecoder(self._joint_names, f'{self._reader.path}: {self._topic}')
-        from_ns, until_ns = logged_ns + low - self._margin, logged_ns + high + self._margin
+        from_ns, until_ns = first.log_time + low - self._margin, first.log_time + high + self._margin
         earliest, latest = FOREVER_NS, -FOREVER_NS
         for messages in self._reader.messages(topics, max(from_ns, 0), min(until_ns, FOREVER_NS)):
-            if not len(messages):
-                continue
             stamps, values = decode(messages)
             elapsed_ns = stamps - first_ns
             earliest, latest = min(earliest, int(elapsed_ns.min())), max(latest, int(elapsed_ns.max()))
@@ -241,11 +231,7 @@ def read_recording(
 ) -> RecordedTrajectory[Recording]:
     """Read the motion of two joints from a window of a bag; what is too long to be held is read through once.
 
-    Args:
-        window: the bag, and which part of it.
-        topic: of type ``sensor_msgs/msg/JointState``.
-        joint_names: the shoulder's and the elbow's; messages may hold them in any order, among others.
-        reader: of the bag, where there is one already.
+    Messages may hold the joints in any order, among others. ``reader`` is of the bag, where there is one already.
 
     Raises:
         BagError: the bag, the topic or a joint is not there, or without effort or position.
@@ -311,16 +297,12 @@ def _require(reader: BagReader, topic: str) -> None:
 
 
 def _opened(path: Path) -> tuple[list[McapFile], list[str]]:
-    """Return the files of a bag in order, and of those that cannot be read, why not.
-
-    Raises:
-        BagError: there is no such bag, it is none, or nothing of it can be read.
-    """
+    """Return the files of a bag in order, and of those that cannot be read, why not; BagError if that is all."""
     # Path's own methods raise where a name is too long or a folder above is closed.
     if os.path.isfile(path):
         return [McapFile(path)], []
     try:
-        names = sorted((name for name in os.listdir(path) if name.endswith(('.mcap', '.mcap.zstd'))), reverse=True)
+        names = os.listdir(path)
     except PermissionError as error:
         raise BagError(
             f'{path} cannot be read: {error.strerror}; check the permissions of this folder and of those above'
@@ -328,7 +310,7 @@ def _opened(path: Path) -> tuple[list[McapFile], list[str]]:
     except OSError:
         raise BagError(f'there is no bag {path}; give a bag folder or a .mcap file') from None
     # Of one that was being compressed, the one that is not removed yet.
-    found = {name.removesuffix('.zstd'): path / name for name in names}
+    found = {name.removesuffix('.zstd') for name in names if name.endswith(('.mcap', '.mcap.zstd'))}
     if not found:
         raise BagError(
             f'{path} is no bag that can be read here: it holds no .mcap file; give a bag recorded with storage mcap '
@@ -338,7 +320,7 @@ def _opened(path: Path) -> tuple[list[McapFile], list[str]]:
     # They are numbered, NAME_0.mcap to NAME_10.mcap.
     for name in sorted(found, key=lambda name: (len(name), name)):
         try:
-            files.append(McapFile(found[name]))
+            files.append(McapFile(path / (name if name in names else f'{name}.zstd')))
         except BagError as error:
             unread.append(str(error))
     # A power cut may leave one empty, but not all.

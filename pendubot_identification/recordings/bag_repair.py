@@ -11,7 +11,6 @@ from pathlib import Path
 
 from pendubot_identification.errors import BagError
 
-from .bag_metadata import Topic
 from .bag_reader import BagReader
 from .bag_writer import BagWriter, whole_bag
 from .mcap_file import Damage, McapFile
@@ -21,20 +20,15 @@ from .mcap_file import Damage, McapFile
 class SavedFile:
     """What became of one file of a bag.
 
-    Attributes:
-        file: the original's path.
-        closed: whether it had an end and an index.
-        saved: messages, by topic.
-        missing: messages that are known to be lost, by topic: of those that the index counts, or else of the recorder's
-            numbers between the first and the last that were saved. What came after the last is not known.
-        damaged: what could not be used.
+    Messages that are known to be missing are those that the index counts, or else those of the recorder's numbers
+    between the first and the last that were saved. What came after the last is not known.
     """
 
-    file: str
-    closed: bool
-    saved: dict[str, int]
-    missing: dict[str, int]
-    damaged: list[Damage]
+    file: str  #: the original's path
+    closed: bool  #: whether it had an end and an index
+    saved: dict[str, int]  #: messages, by topic
+    missing: dict[str, int]  #: messages, by topic
+    damaged: list[Damage]  #: what could not be used
 
     @property
     def whole(self) -> bool:
@@ -56,37 +50,25 @@ def repair(path: Path, output: Path, *, overwrite: bool = False) -> list[SavedFi
     files = BagReader(path).files
     if not any(file.channels for file in files):
         raise BagError(f'{path} holds no message that is whole; nothing can be saved')
-    channels: dict[Topic, int] = {}
     numbers: Counter[str] = Counter()
     with whole_bag(output, overwrite=overwrite) as bag:
-        return [_copied(file, bag, channels, numbers) for file in files]
+        return [_copied(file, bag, numbers) for file in files]
 
 
-def _copied(file: McapFile, bag: BagWriter, channels: dict[Topic, int], numbers: Counter[str]) -> SavedFile:
-    """Copy one file, to the channels and behind the numbers of those before."""
+def _copied(file: McapFile, bag: BagWriter, numbers: Counter[str]) -> SavedFile:
+    """Copy one file behind those before, whose messages have numbers up to these, by topic."""
     saved, missing, damaged = Counter[str](), Counter[str](), list[Damage]()
-    to: dict[int, tuple[int, str]] = {}
-    for number, channel in sorted(file.channels.items()):
-        if (schema := file.schemas.get(channel.schema_id)) is None:
-            continue
-        topic = Topic(
-            channel.topic,
-            schema.name,
-            schema.data,
-            channel.metadata.get('topic_type_hash', ''),
-            channel.metadata.get('offered_qos_profiles', ''),
-            channel.message_encoding,
-            schema.encoding,
-        )
-        if topic not in channels:
-            channels[topic] = bag.add_channel(topic)
-        to[number] = channels[topic], channel.topic
+    to = {
+        number: bag.add_channel(file.schemas[channel.schema_id], channel)
+        for number, channel in sorted(file.channels.items())
+        if channel.schema_id in file.schemas
+    }
     for part in file.whole_parts(damaged):
         for message in part.messages:
             if message.channel_id not in to:
                 continue
-            target, name = to[message.channel_id]
-            bag.write(target, message.data, message.log_time, message.publish_time, message.sequence)
+            name = file.channels[message.channel_id].topic
+            bag.write(to[message.channel_id], message.data, message.log_time, message.publish_time, message.sequence)
             saved[name] += 1
             # Lower numbers are of messages that come again; recorders that do not count leave zeros.
             if message.sequence > numbers[name]:

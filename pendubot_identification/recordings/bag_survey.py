@@ -5,19 +5,19 @@
 
 from __future__ import annotations
 
-from array import array
+import re
 from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from mcap.records import Schema
 from numpy.typing import NDArray
 
-from .mcap_file import Damage, McapFile
-from .mcap_records import FIELDS
+from .mcap_file import FIELDS, Damage, McapFile
 
 #: Encapsulation, and the stamp with which a header begins.
 STAMP = np.dtype([('', 'V4'), ('sec', '<i4'), ('nanosec', '<u4')])
+#: A definition whose first field is a header; comments and constants hold no bytes.
+HEADER = re.compile(rb'(?:[^\S\n]*(?:#.*|[^#\n]*=.*)?\n)*[^\S\n]*(?:std_msgs/(?:msg/)?)?Header\s')
 
 
 class TopicTimes(NamedTuple):
@@ -40,34 +40,27 @@ def survey(files: Sequence[McapFile]) -> tuple[dict[str, TopicTimes], dict[str, 
     Raises:
         OSError: a file cannot be read.
     """
-    columns = {name: (array('q'), array('q'), array('q')) for file in files for name in file.topics}
     damages: dict[str, list[Damage]] = {file.path.name: [] for file in files}
+    nothing = np.empty(0, np.int64)
+    columns = {name: ([nothing], [nothing], [nothing]) for file in files for name in file.topics}
     for file in files:
-        stamped = {number: begins_with_header(file.schemas.get(c.schema_id)) for number, c in file.channels.items()}
         for part in file.whole_parts(damages[file.path.name]):
-            for number in file.channels.keys() & set(part.messages.heads['channel'].tolist()):
-                messages = part.messages.part(part.messages.heads['channel'] == number)
-                logged, stamps, numbers = columns[file.channels[number].topic]
-                logged.frombytes(messages.heads['logged'].tobytes())
-                numbers.frombytes(messages.heads['sequence'].astype(np.int64).tobytes())
-                if stamped[number] and (messages.heads['length'] >= FIELDS + STAMP.itemsize).all():
+            channels = part.messages.heads['channel']
+            for number in file.channels.keys() & set(channels.tolist()):
+                messages, channel = part.messages.part(channels == number), file.channels[number]
+                logged, stamps, numbers = columns[channel.topic]
+                logged.append(messages.heads['logged'])
+                numbers.append(messages.heads['sequence'])
+                schema = file.schemas.get(channel.schema_id)
+                stamped = schema is not None and schema.encoding == 'ros2msg' and HEADER.match(schema.data)
+                if stamped and (messages.heads['length'] >= FIELDS + STAMP.itemsize).all():
                     stamp = messages.contents(STAMP)
-                    stamps.frombytes((stamp['sec'].astype(np.int64) * 1_000_000_000 + stamp['nanosec']).tobytes())
-    return {name: _times(*arrays) for name, arrays in columns.items()}, damages
+                    stamps.append(stamp['sec'].astype(np.int64) * 1_000_000_000 + stamp['nanosec'])
+    return {name: _times(*map(np.concatenate, parts)) for name, parts in columns.items()}, damages
 
 
-def begins_with_header(schema: Schema | None) -> bool:
-    """Tell whether messages of this definition begin with a ``std_msgs/Header``."""
-    if schema is None or schema.encoding != 'ros2msg':
-        return False
-    lines = (line.split('#')[0].split() for line in schema.data.decode('utf-8', 'replace').splitlines())
-    # Constants hold no bytes.
-    fields = (words for words in lines if len(words) >= 2 and '=' not in ''.join(words))
-    return next(fields, [''])[0] in ('std_msgs/Header', 'std_msgs/msg/Header', 'Header')
-
-
-def _times(logged: array[int], stamps: array[int], numbers: array[int]) -> TopicTimes:
-    known = np.sort(np.array(numbers, np.int64))
+def _times(logged: NDArray[np.int64], stamps: NDArray[np.int64], numbers: NDArray[np.int64]) -> TopicTimes:
     # Recorders that do not number leave zeros.
-    lost = int(np.clip(np.diff(known[known > 0]) - 1, 0, None).sum())
-    return TopicTimes(np.array(logged), np.array(stamps if len(stamps) == len(logged) else (), np.int64), lost)
+    known = np.sort(numbers[numbers > 0])
+    lost = int(np.clip(np.diff(known) - 1, 0, None).sum())
+    return TopicTimes(logged, stamps if len(stamps) == len(logged) else stamps[:0], lost)

@@ -12,6 +12,7 @@ import threading
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from pathlib import Path
 
 from mcap.data_stream import RecordBuilder
@@ -20,18 +21,13 @@ from mcap.writer import CompressionType, Writer
 
 from pendubot_identification.errors import BagError
 
-from .bag_metadata import METADATA, Qos, Topic, as_yaml, information, sync_folder, write_metadata
+from .bag_metadata import METADATA, Qos, as_yaml, information, sync_folder, write_metadata
 from .message_types import message_definition
 
-#: At the latest after so much time between messages' log times, what was written is handed to the system [ns].
-FLUSH_INTERVAL_NS = 100_000_000
-
-#: A chunk is closed and handed to the system before it grows beyond this [bytes].
-CHUNK_SIZE = 64 * 1024
-
+#: A chunk is handed to the system after so much time between messages' log times, or before it is longer than this.
+FLUSH_INTERVAL_NS, CHUNK_SIZE = 100_000_000, 64 * 1024
 #: What a message, a chunk, a channel of a chunk and a whole file need beside the data, at most [bytes].
 MESSAGE_COST, CHUNK_COST, INDEX_COST, FILE_COST = 64, 256, 64, 16384
-
 #: What a publisher offers that asks for nothing special.
 OFFERED = Qos()
 
@@ -68,9 +64,8 @@ class BagWriter:
         self.file = self._folder / f'{self.path.absolute().name}_0.mcap'
         self._lock, self._describing = threading.RLock(), threading.Lock()
         self._closed: BagError | None = None
-        self._topics: dict[int, Topic] = {}
-        self._schemas: dict[str, int] = {}
-        self._counts: Counter[str] = Counter()
+        self._topics: dict[int, tuple[Schema, Channel]] = {}
+        self._counts: Counter[int] = Counter()
         self._described = (-1, -1)
         self._first_ns = self._last_ns = self._latest_ns = self._flushed_ns = 0
         self._whole_size = self._chunks = self._pending = 0
@@ -101,39 +96,39 @@ class BagWriter:
             BagError: the type's definition is not installed.
         """
         definition = message_definition(type_name)
-        profiles = as_yaml([qos.profile()])
-        return self.add_channel(Topic(topic, type_name, definition.text.encode(), definition.type_hash, profiles))
+        metadata = {'offered_qos_profiles': as_yaml([qos.profile()]), 'topic_type_hash': definition.type_hash}
+        return self.add_channel(
+            Schema(0, definition.text.encode(), 'ros2msg', type_name), Channel(0, topic, 'cdr', metadata, 0)
+        )
 
-    def add_channel(self, topic: Topic) -> int:
-        """Announce a topic by its full description; return the channel to write to."""
+    def add_channel(self, schema: Schema, channel: Channel) -> int:
+        """Announce a topic as another bag describes it; return the channel to write to, one for what is the same."""
+        metadata = {'offered_qos_profiles': '', 'topic_type_hash': ''} | channel.metadata
         with self._explained():
-            schema = Schema(0, topic.definition, topic.definition_encoding, topic.type_name)
-            if topic.type_name not in self._schemas:
-                self._schemas[topic.type_name] = self._mcap.register_schema(schema.name, schema.encoding, schema.data)
-            schema.id = self._schemas[topic.type_name]
-            number: int = self._mcap.register_channel(topic.name, topic.encoding, schema.id, topic.channel_metadata())
+            same = [known for known, _ in self._topics.values() if replace(known, id=schema.id) == schema]
+            schema_id = same[0].id if same else self._mcap.register_schema(schema.name, schema.encoding, schema.data)
+            schema, channel = replace(schema, id=schema_id), replace(channel, metadata=metadata, schema_id=schema_id)
+            for number, (_, known) in self._topics.items():
+                if replace(known, id=channel.id) == channel:
+                    return number
+            channel.id = self._mcap.register_channel(channel.topic, channel.message_encoding, schema_id, metadata)
             # The library writes both into the next chunk. Were that one damaged in a file without an end, nobody could
             # read the others: so here once more.
             self._hand_over()
             records = RecordBuilder()
             schema.write(records)
-            Channel(number, topic.name, topic.encoding, topic.channel_metadata(), schema.id).write(records)
+            channel.write(records)
             self._file.write(records.end())
             self._hand_over()
-            self._topics[number] = topic
-        return number
+            self._topics[channel.id] = schema, channel
+        return channel.id
 
     def write(
         self, channel: int, data: bytes, log_time_ns: int, publish_time_ns: int | None = None, sequence: int = 0
     ) -> None:
-        """Write one message.
+        """Write one message, as CDR with its encapsulation header.
 
-        Args:
-            channel: from :meth:`add_topic`.
-            data: the message as CDR, with its encapsulation header.
-            log_time_ns: when it was received [ns since the epoch].
-            publish_time_ns: when it was published; the same, where that is not known.
-            sequence: its number, of those on this channel.
+        Times are when it was received and published [ns since the epoch]; ``sequence`` is its number on this channel.
         """
         published_ns = log_time_ns if publish_time_ns is None else publish_time_ns
         size = len(data) + MESSAGE_COST
@@ -145,7 +140,7 @@ class BagWriter:
                 self._first_ns = self._last_ns = self._flushed_ns = log_time_ns
             self._first_ns, self._last_ns = min(self._first_ns, log_time_ns), max(self._last_ns, log_time_ns)
             self._latest_ns = log_time_ns
-            self._counts[self._topics[channel].name] += 1
+            self._counts[channel] += 1
             self._pending += size
             # A clock that was set back must not stop the flushing.
             if abs(log_time_ns - self._flushed_ns) >= FLUSH_INTERVAL_NS:
@@ -189,9 +184,10 @@ class BagWriter:
 
     def _flush(self, coming: int = 0) -> None:
         """Hand over what is pending; where the room is needed to close the bag, close it without what is coming."""
-        described = sum(len(t.definition) + 2 * len(t.profiles) + 1024 for t in self._topics.values())
         chunks = (self._chunks + 1) * (CHUNK_COST + INDEX_COST * len(self._topics))
-        needed = self._pending + coming + described + chunks + FILE_COST
+        needed = self._pending + coming + chunks + FILE_COST
+        for schema, channel in self._topics.values():
+            needed += len(schema.data) + 2 * len(channel.metadata['offered_qos_profiles']) + 1024
         if reason := _shortage(self._folder, needed, self._reserve, self._whole_size):
             self._close()
             sentence = f'{self.path} is closed with all that was received before: {reason}; free some space'
@@ -216,7 +212,7 @@ class BagWriter:
         self._describe()
 
     def _information(self) -> dict[str, object]:
-        return information(self.file.name, self._topics.values(), self._counts, self._first_ns, self._last_ns)
+        return information(self.file.name, self._topics, self._counts, self._first_ns, self._last_ns)
 
     def _describe(self) -> None:
         """Write metadata.yaml, unless it says as much or more already."""
@@ -253,9 +249,7 @@ class BagWriter:
 def whole_bag(path: Path, *, overwrite: bool = False) -> Iterator[BagWriter]:
     """Write a bag whole or not at all: meanwhile it is beside its place, as ``NAME.NUMBER.partial``.
 
-    Args:
-        path: the bag's folder.
-        overwrite: replace a bag of this name, once the new one is whole. What is no bag is never touched.
+    With ``overwrite`` it replaces a bag of this name, once it is whole. What is no bag is never touched.
 
     Raises:
         BagError: the name is taken, or the system refuses to write.
@@ -297,11 +291,7 @@ def _shortage(folder: Path, needed: int, reserve: int, size: int = 0) -> str:
 
 
 def _bag_files(path: Path) -> list[Path]:
-    """Return the files of a bag that may be replaced, none where there is nothing.
-
-    Raises:
-        BagError: something else is there.
-    """
+    """Return the files of a bag that may be replaced, none where there is nothing; BagError if it is something else."""
     if not os.path.lexists(path):
         return []
     content = sorted(path.iterdir()) if path.is_dir() else []

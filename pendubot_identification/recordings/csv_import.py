@@ -36,10 +36,10 @@ def import_csv(
     zero: Zero = 'horizontal',
     elbow: Elbow = 'relative',
 ) -> Trajectory:
-    """Read a motion from a CSV file with a line of column names.
+    """Read a motion from a CSV file with a line of column names; separated by commas, semicolons or tabs.
 
     Args:
-        path: the file; separated by commas, semicolons or tabs.
+        path: the file.
         columns: the file's name for any of t [s], q1, q2, dq1, dq2, tau1, tau2 [N m] that it calls otherwise. Where
             tau2 is absent the elbow is not driven; where dq1 or dq2 is absent there are no velocities.
         degrees: angles and velocities are in degrees, not radians.
@@ -49,7 +49,7 @@ def import_csv(
     Raises:
         CsvError: the file cannot be read, a column is missing, a value is not a number, a stamp repeats or runs back.
     """
-    values = _read(Path(path), wanted(columns or {}))
+    values = _read(Path(path), columns or {})
     unit = math.pi / 180 if degrees else 1.0
     t = values['t']
     q = unit * np.column_stack([values['q1'], values['q2']])
@@ -71,8 +71,8 @@ def import_csv(
     return trajectory
 
 
-def wanted(columns: Mapping[str, str]) -> dict[str, tuple[str, bool]]:
-    """Return for every quantity its column's name and whether it must be there, given some of the names.
+def wanted(columns: Mapping[str, str]) -> dict[str, str]:
+    """Return for every quantity its column's name, given some of the names.
 
     Raises:
         CsvError: there is no such quantity, or one column is named for two.
@@ -88,10 +88,10 @@ def wanted(columns: Mapping[str, str]) -> dict[str, tuple[str, bool]]:
                 f'column {column!r} stands for both {name} and {other}; name one column for each quantity, '
                 f'such as {other}=NAME'
             )
-    return {name: (column, name in REQUIRED or name in columns) for name, column in named.items()}
+    return named
 
 
-def _read(path: Path, quantities: Mapping[str, tuple[str, bool]]) -> dict[str, NDArray[np.float64]]:
+def _read(path: Path, columns: Mapping[str, str]) -> dict[str, NDArray[np.float64]]:
     """Return the wanted columns that are there, each of shape (N,)."""
     try:
         text = path.read_text(encoding='utf-8-sig')
@@ -104,59 +104,61 @@ def _read(path: Path, quantities: Mapping[str, tuple[str, bool]]) -> dict[str, N
         raise CsvError(f'{path} is empty; a line of column names and rows of numbers are expected: export it again')
     # Excel may be told the separator, and tells it, by a line of its own.
     told = re.fullmatch(r'"?sep=(.)"?', lines[0].strip(' '), re.IGNORECASE)
-    header = lines[1] if told and len(lines) > 1 else lines[0]
-    delimiter = told[1] if told else max(',;\t', key=header.count)
+    delimiter = told[1] if told else max(',;\t', key=lines[0].count)
     reader = csv.reader(lines, delimiter=delimiter)
     if told:
         next(reader)
     names = [name.strip() for name in next(reader, [])]
-    there: dict[str, int] = {}
-    for quantity, (column, required) in quantities.items():
+    there = _places(path, names, columns)
+    rows: list[list[float]] = []
+    before = -math.inf
+    try:
+        for row in reader:
+            if not any(cell.strip() for cell in row):
+                continue
+            where = f'{path}, line {reader.line_num}'
+            # Some programs end a row with a separator; anything else means that cells are not where they belong.
+            if len(row) < len(names) or any(cell.strip() for cell in row[len(names) :]):
+                comma = delimiter == ',' and len(row) > len(names)
+                why = 'decimals may be written with commas: write them with points, or ' if comma else ''
+                raise CsvError(
+                    f'{where} has {len(row)} cells; {len(names)} are expected, one for each column name; '
+                    f'{why}mend or remove that row'
+                )
+            rows.append([_number(row[k], f'{where}, column {names[k]!r}') for k in there.values()])
+            time = rows[-1][0]
+            if not time > before:
+                raise CsvError(
+                    f'{where}: the time {time:.12g} {"repeats" if time == before else "runs back"}, after '
+                    f'{before:.12g}; every row needs a later one: export more digits, or mend or remove that row'
+                )
+            before = time
+    except csv.Error as error:
+        raise CsvError(f'{path}, line {reader.line_num}: {error}; mend or remove that row') from error
+    if not rows:
+        raise CsvError(f'{path} holds no row of numbers; export the recording again')
+    return dict(zip(there, np.array(rows).T, strict=True))
+
+
+def _places(path: Path, names: list[str], columns: Mapping[str, str]) -> dict[str, int]:
+    """Return in which cell of a row each quantity stands that the file has; t is the first."""
+    there = {}
+    for quantity, column in wanted(columns).items():
         if names.count(column) > 1:
             raise CsvError(
                 f'{path} has {names.count(column)} columns {column!r}; rename all but the one for {quantity}'
             )
         if column in names:
             there[quantity] = names.index(column)
-        elif required:
+        elif quantity in REQUIRED or quantity in columns:
             raise CsvError(
                 f'{path} has no column {column!r} for {quantity}; its columns are {", ".join(names) or "none"}: '
                 f'name the right one with --columns {quantity}=NAME'
             )
-    values: dict[str, list[float]] = {quantity: [] for quantity in there}
-    try:
-        for row in reader:
-            if not any(cell.strip() for cell in row):
-                continue
-            # Some programs end a row with a separator; anything else means that cells are not where they belong.
-            if len(row) < len(names) or any(cell.strip() for cell in row[len(names) :]):
-                comma = delimiter == ',' and len(row) > len(names)
-                why = 'decimals may be written with commas: write them with points, or ' if comma else ''
-                raise CsvError(
-                    f'{path}, line {reader.line_num} has {len(row)} cells; {len(names)} are expected, one for each '
-                    f'column name; {why}mend or remove that row'
-                )
-            for quantity, k in there.items():
-                values[quantity].append(_number(row[k], path, reader.line_num, names[k]))
-            _require_later(values['t'], path, reader.line_num)
-    except csv.Error as error:
-        raise CsvError(f'{path}, line {reader.line_num}: {error}; mend or remove that row') from error
-    if not values['t']:
-        raise CsvError(f'{path} holds no row of numbers; export the recording again')
-    return {quantity: np.array(column) for quantity, column in values.items()}
+    return there
 
 
-def _require_later(times: list[float], path: Path, line: int) -> None:
-    """Refuse a last time that is not later than the one before."""
-    if len(times) > 1 and not times[-1] > times[-2]:
-        what = 'repeats' if times[-1] == times[-2] else 'runs back'
-        raise CsvError(
-            f'{path}, line {line}: the time {times[-1]:.12g} {what}, after {times[-2]:.12g}; every row needs a later '
-            'one: export more digits, or mend or remove that row'
-        )
-
-
-def _number(cell: str, path: Path, line: int, column: str) -> float:
+def _number(cell: str, where: str) -> float:
     try:
         number = float(cell)
     except ValueError:
@@ -164,5 +166,5 @@ def _number(cell: str, path: Path, line: int, column: str) -> float:
     if not math.isfinite(number):
         what = repr(cell.strip()) if cell.strip() else 'nothing'
         do = 'write decimals with a point' if ',' in cell else 'mend or remove that row'
-        raise CsvError(f'{path}, line {line}, column {column!r}: {what} is no finite number; {do}')
+        raise CsvError(f'{where}: {what} is no finite number; {do}')
     return number

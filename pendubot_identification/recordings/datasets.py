@@ -5,18 +5,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from pathlib import Path
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from itertools import combinations
 
 from pendubot_identification.errors import TrajectoryError
 from pendubot_identification.identify.recipes import SHORTEST
 from pendubot_identification.identify.result import Source
 from pendubot_identification.trajectories.long import Long, Recording, gridded, sharing
-from pendubot_identification.trajectories.trajectory import MINIMUM_SAMPLES, Trajectory
+from pendubot_identification.trajectories.trajectory import MINIMUM_SAMPLES
 
 from .bag_reader import BagReader, BagWindow, RecordedTrajectory, read_recording
 from .joint_states import JOINT_NAMES, JOINT_STATES_TOPIC
+
+Recorded = RecordedTrajectory[Recording]
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,83 +49,75 @@ def load_datasets(
         BagError: a bag that is missing or unreadable, or lacks the topic, the joints or their effort.
         TrajectoryError: a window that is empty or too short, or samples that cannot be used.
     """
+    opened = cache(BagReader)
+
+    def read(window: BagWindow) -> Recorded:
+        return read_recording(window, topic=topic, joint_names=joint_names, reader=opened(window.path))
+
     windows = [BagWindow.parse(text) for text in bags]
-    read = _Reader(topic, joint_names)
-    recordings = [read(window) for window in windows]
-    judges = [read(BagWindow.parse(text)) for text in validate]
-    alone = not judges and len(windows) == 1 and _whole(windows[0])
-    if alone and isinstance(long := recordings[0].trajectory, Long):
-        middle, path = round((long.start + long.last) / 2, 3), windows[0].path
-        recordings, judges = [read(BagWindow(path, None, middle))], [read(BagWindow(path, middle, None))]
-    training, validation = [r.trajectory for r in recordings], [r.trajectory for r in judges]
-    if not judges:
-        if alone and isinstance(whole := training[0], Trajectory):
-            half = len(whole) // 2
-            training, validation = [whole[:half]], [whole[half:]]
-            judges = list(recordings)
-        elif not all(map(_whole, windows)):
-            judges = [r for window in _rest(windows) if (r := read.rest(window)) is not None]
-            validation = [r.trajectory for r in judges]
-    training, validation = sharing(training), sharing(validation)
-    pairs = [('training', r, t) for r, t in zip(recordings, training, strict=True)]
-    pairs += [('validation', r, t) for r, t in zip(judges, validation, strict=True)]
-    notes = [r.note for _, r, _ in pairs if r.note]
-    for k, (role, first, motion) in enumerate(pairs):
-        for _, second, other in pairs[k + 1 :]:
-            starts, ends = zip(span(motion), span(other), strict=True)
-            common = first.sha256 == second.sha256 and max(starts) <= min(ends)
-            if common and role == 'training':
-                notes.append(
-                    f'{first.window} and {second.window} share samples: they count twice, and standard errors and J on '
-                    'validation look better than they are'
-                )
+    training = [read(window) for window in windows]
+    validation = [read(BagWindow.parse(text)) for text in validate]
+    whole = [window.start is None and window.end is None for window in windows]
+    if not validation and whole == [True]:
+        training, validation = _halves(training[0], read)
+    elif not validation and not all(whole):
+        validation = [rest for window in _rest(windows) if (rest := _worth_judging(window, read)) is not None]
+    training, validation = (
+        [replace(r, trajectory=t) for r, t in zip(found, sharing([r.trajectory for r in found]), strict=True)]
+        for found in (training, validation)
+    )
+    pairs = [('training', r) for r in training] + [('validation', r) for r in validation]
+    notes = [r.note for _, r in pairs if r.note]
+    for (role, first), (_, second) in combinations(pairs, 2):
+        starts, ends = zip(span(first.trajectory), span(second.trajectory), strict=True)
+        if role == 'training' and first.sha256 == second.sha256 and max(starts) <= min(ends):
+            notes.append(
+                f'{first.window} and {second.window} share samples: they count twice, and standard errors and J on '
+                'validation look better than they are'
+            )
     sources = (
         Source(
             str(r.window),
             role,
-            len(t),
-            t.duration,
+            len(r.trajectory),
+            r.trajectory.duration,
             r.sha256,
             r.closed,
             topic,
             list(joint_names),
-            [round(float(s.t[0]), 3) for s in t.stretches] if isinstance(t, Long) else [],
+            [round(float(s.t[0]), 3) for s in r.trajectory.stretches] if isinstance(r.trajectory, Long) else [],
         )
-        for role, r, t in pairs
+        for role, r in pairs
     )
     return Datasets(
-        training=tuple(training),
-        validation=tuple(validation),
-        sources=tuple(sources),
-        notes=tuple(dict.fromkeys(notes)),
+        tuple(r.trajectory for r in training),
+        tuple(r.trajectory for r in validation),
+        tuple(sources),
+        tuple(dict.fromkeys(notes)),
     )
 
 
-class _Reader:
-    """Reads windows of bags, each of which is opened once."""
+def _halves(recorded: Recorded, read: Callable[[BagWindow], Recorded]) -> tuple[list[Recorded], list[Recorded]]:
+    whole, path = recorded.trajectory, recorded.window.path
+    if isinstance(whole, Long):
+        middle = round((whole.start + whole.last) / 2, 3)
+        return [read(BagWindow(path, None, middle))], [read(BagWindow(path, middle, None))]
+    half = len(whole) // 2
+    return [replace(recorded, trajectory=whole[:half])], [replace(recorded, trajectory=whole[half:])]
 
-    def __init__(self, topic: str, joint_names: Sequence[str]) -> None:
-        self._topic, self._joint_names = topic, joint_names
-        self._opened: dict[Path, BagReader] = {}
 
-    def __call__(self, window: BagWindow) -> RecordedTrajectory[Recording]:
-        if window.path not in self._opened:
-            self._opened[window.path] = BagReader(window.path)
-        reader = self._opened[window.path]
-        return read_recording(window, topic=self._topic, joint_names=self._joint_names, reader=reader)
+def _worth_judging(window: BagWindow, read: Callable[[BagWindow], Recorded]) -> Recorded | None:
+    """Return what lies outside the windows, or None where that is too little to judge by, or has gaps.
 
-    def rest(self, window: BagWindow) -> RecordedTrajectory[Recording] | None:
-        """Return what lies outside the windows, or None where that is too little to judge by, or has gaps.
-
-        Nobody chose it: what is too short for one of the criteria must not cost the result of all.
-        """
-        try:
-            recording = self(window)
-            gridded(recording.trajectory)
-        except TrajectoryError:
-            return None
-        found = recording.trajectory
-        return recording if len(found) >= MINIMUM_SAMPLES and found.duration >= SHORTEST else None
+    Nobody chose it: what is too short for one of the criteria must not cost the result of all.
+    """
+    try:
+        recorded = read(window)
+        gridded(recorded.trajectory)
+    except TrajectoryError:
+        return None
+    found = recorded.trajectory
+    return recorded if len(found) >= MINIMUM_SAMPLES and found.duration >= SHORTEST else None
 
 
 def span(recording: Recording) -> tuple[float, float]:
@@ -130,10 +125,6 @@ def span(recording: Recording) -> tuple[float, float]:
     if isinstance(recording, Long):
         return recording.start, recording.last
     return float(recording.t[0]), float(recording.t[-1])
-
-
-def _whole(window: BagWindow) -> bool:
-    return window.start is None and window.end is None
 
 
 def _rest(windows: Sequence[BagWindow]) -> list[BagWindow]:

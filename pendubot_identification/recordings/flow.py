@@ -19,14 +19,10 @@ SCARCE = 2
 
 @dataclass
 class Flow:
-    """One topic's messages.
+    """One topic's messages: how many came, and how many were published in between and never came.
 
     A publisher numbers its messages from 1 on. Whose number it is nobody says, so that with several publishers each
     number is counted for the one whose last number is just below.
-
-    Attributes:
-        count: messages that came.
-        lost: messages that were published in between and never came.
     """
 
     count: int = 0
@@ -63,23 +59,20 @@ class Flow:
 def diagnose(
     flows: Mapping[str, Flow], elapsed: float, *, troubles: tuple[str, ...], free: int, reserve: int
 ) -> Diagnosis:
-    """Return how a recording is doing.
+    """Return how a recording is doing, ``elapsed`` seconds after the last time; ``troubles`` are worth a warning, too.
 
-    Args:
-        flows: by topic.
-        elapsed: since the last time [s].
-        troubles: what else is worth a warning.
-        free: room left on the disk [bytes].
-        reserve: at which the recording ends [bytes].
+    ``free`` is the room left on the disk, ``reserve`` that at which the recording ends [bytes].
     """
     worries: list[str] = []
-    values: dict[str, object] = {}
+    values: dict[str, str] = {}
     for topic, flow in flows.items():
         rate, lag = flow.report(elapsed)
-        values[f'{topic} messages'] = flow.count
-        values[f'{topic} rate [Hz]'] = f'{rate:.1f}'
-        values[f'{topic} lag [s]'] = f'{lag:.4f}'
-        values[f'{topic} lost'] = flow.lost
+        values |= {
+            f'{topic} messages': str(flow.count),
+            f'{topic} rate [Hz]': f'{rate:.1f}',
+            f'{topic} lag [s]': f'{lag:.4f}',
+            f'{topic} lost': str(flow.lost),
+        }
         if flow.lost:
             worries.append(f'{topic}: {flow.lost} messages lost')
         if lag > LATE:
@@ -89,7 +82,5 @@ def diagnose(
     if free < SCARCE * reserve:
         worries.append(f'{free / 1e6:.0f} MB left on the disk; the bag is closed at {reserve / 1e6:.0f}')
     worries += troubles
-    values['free [MB]'] = f'{free / 1e6:.1f}'
-    values['reserve [MB]'] = f'{reserve / 1e6:.1f}'
-    level = Level.WARN if worries else Level.OK
-    return Diagnosis(level, '; '.join(worries) or 'recording', {name: str(value) for name, value in values.items()})
+    values |= {'free [MB]': f'{free / 1e6:.1f}', 'reserve [MB]': f'{reserve / 1e6:.1f}'}
+    return Diagnosis(Level.WARN if worries else Level.OK, '; '.join(worries) or 'recording', values)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,7 +17,7 @@ from pendubot_identification.errors import BagError
 from pendubot_identification.trajectories.trajectory import Trajectory
 
 from .bag_writer import whole_bag
-from .mcap_records import FIELDS, Messages
+from .mcap_file import FIELDS, Messages
 from .message_types import typestore
 
 JOINT_STATE = 'sensor_msgs/msg/JointState'
@@ -52,15 +52,10 @@ def encode_joint_state(
 ) -> bytes:
     """Return a JointState as CDR, with its encapsulation header; units and shapes as in :class:`JointState`."""
     types = typestore().types
-    sec, nanosec = divmod(int(stamp_ns), 1_000_000_000)
-    stamp = types['builtin_interfaces/msg/Time'](sec=sec, nanosec=nanosec)
-    message = types[JOINT_STATE](
-        header=types['std_msgs/msg/Header'](stamp=stamp, frame_id=frame),
-        name=list(names),
-        position=np.asarray(position, dtype=np.float64),
-        velocity=np.asarray(velocity, dtype=np.float64),
-        effort=np.asarray(effort, dtype=np.float64),
-    )
+    stamp = types['builtin_interfaces/msg/Time'](*divmod(int(stamp_ns), 1_000_000_000))
+    header = types['std_msgs/msg/Header'](stamp, frame)
+    numbers = (np.asarray(values, dtype=np.float64) for values in (position, velocity, effort))
+    message = types[JOINT_STATE](header, list(names), *numbers)
     return bytes(typestore().serialize_cdr(message, JOINT_STATE, little_endian=True))
 
 
@@ -71,29 +66,19 @@ def decode_joint_state(data: bytes) -> JointState:
         BagError: the bytes are no JointState.
     """
     try:
-        message: object = typestore().deserialize_cdr(data, JOINT_STATE)
+        message: Any = typestore().deserialize_cdr(data, JOINT_STATE)
     except SerdeError as error:
         raise BagError(f'a message is no {JOINT_STATE} ({error}); record it again') from error
-    stamp = message.header.stamp  # type: ignore[attr-defined]
-    return JointState(
-        stamp_ns=stamp.sec * 1_000_000_000 + stamp.nanosec,
-        names=tuple(message.name),  # type: ignore[attr-defined]
-        position=message.position,  # type: ignore[attr-defined]
-        velocity=message.velocity,  # type: ignore[attr-defined]
-        effort=message.effort,  # type: ignore[attr-defined]
-        frame=message.header.frame_id,  # type: ignore[attr-defined]
-    )
+    stamp_ns = message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
+    numbers = message.position, message.velocity, message.effort
+    return JointState(stamp_ns, tuple(message.name), *numbers, message.header.frame_id)
 
 
 class JointDecoder:
-    """Reads two joints from many JointStates at once.
+    """Reads two joints from many JointStates at once; ``source`` is named in errors.
 
     A JointState whose joints and frame keep their names differs from the others in its stamp and numbers alone. So one
     that rosbags has read says where the others hold theirs, until one comes that is laid out in another way.
-
-    Args:
-        joint_names: the shoulder's and the elbow's.
-        source: from where the messages are, to be said of one that cannot be used.
     """
 
     def __init__(self, joint_names: Sequence[str], source: str) -> None:
@@ -131,12 +116,12 @@ class _Layout(NamedTuple):
     Attributes:
         own: one of them, shape (bytes,).
         shared: 255 where all of them are the same, else 0, shape (bytes,).
-        numbers: their stamp as ``sec`` and ``nanosec``, their numbers by place in what the decoder returns, 0 to 5.
+        places: where the numbers begin that the decoder returns: positions, efforts and, where there are, velocities.
     """
 
     own: NDArray[np.uint8]
     shared: NDArray[np.uint8]
-    numbers: np.dtype[np.void]
+    places: list[int]
 
     @classmethod
     def of(cls, data: bytes, state: JointState, joints: list[int]) -> _Layout | None:
@@ -148,26 +133,24 @@ class _Layout(NamedTuple):
             return None
         # Where this one differs from what is encoded here there is padding, in which anything may stand.
         shared = np.where((clear == full) & (clear == own), 255, 0).astype(np.uint8)
-        shared[4:12] = 0
-        n, places = len(state.names), np.flatnonzero(clear != full)[::8]
-        velocities = places[n:-n][joints] if len(state.velocity) == n else ()
-        offsets = [*places[:n][joints], *places[-n:][joints], *velocities]
-        fields = {'sec': ('<i4', 4), 'nanosec': ('<u4', 8), **{str(k): ('<f8', at) for k, at in enumerate(offsets)}}
-        formats, at = zip(*fields.values(), strict=True)
-        return cls(own, shared, np.dtype({'names': [*fields], 'formats': formats, 'offsets': at, 'itemsize': len(own)}))
+        shared[4:12] = 0  # the stamp
+        n, numbers = len(state.names), np.flatnonzero(clear != full)[::8]
+        velocities = numbers[n:-n][joints] if len(state.velocity) == n else ()
+        return cls(own, shared, [*numbers[:n][joints], *numbers[-n:][joints], *velocities])
 
     def read(
         self, messages: Messages, which: NDArray[np.intp], stamps: NDArray[np.int64], values: NDArray[np.float64]
     ) -> NDArray[np.bool_]:
         """Read some messages into their places, as far as they are laid out like this; return which of them are."""
-        found = messages.heads['length'][which] == FIELDS + len(self.own)
-        records = messages.part(which[found]).contents(self.numbers)
-        rows = records.view(np.uint8).reshape(-1, len(self.own))
+        size = len(self.own)
+        found = messages.heads['length'][which] == FIELDS + size
+        rows = messages.part(which[found]).contents(f'V{size}').view(np.uint8).reshape(-1, size)
         found[found] = alike = ~((rows ^ self.own) & self.shared).any(axis=1)
-        records, which = records[alike], which[found]
-        stamps[which] = records['sec'].astype(np.int64) * 1_000_000_000 + records['nanosec']
-        for k in range(len(self.numbers.fields or ()) - 2):
-            values.reshape(-1, 6)[which, k] = records[str(k)]
+        rows, which = rows[alike], which[found]
+        sec, nanosec = rows[:, 4:8].view('<i4')[:, 0], rows[:, 8:12].view('<u4')[:, 0]
+        stamps[which] = sec.astype(np.int64) * 1_000_000_000 + nanosec
+        for k, at in enumerate(self.places):
+            values.reshape(-1, 6)[which, k] = rows[:, at : at + 8].view('<f8')[:, 0]
         return found
 
 
@@ -202,12 +185,7 @@ def write_trajectory(
 ) -> None:
     """Write a motion as a bag with the topic ``/joint_states``, whole or not at all.
 
-    Args:
-        path: the bag's folder.
-        trajectory: the motion; where it has no velocities, the messages have none.
-        joint_names: of the two joints, shoulder first.
-        start_ns: the stamp that stands for t = 0 [ns since the epoch].
-        overwrite: replace a bag of this name.
+    Where it has no velocities, the messages have none. ``start_ns`` is the stamp of t = 0 [ns since the epoch].
 
     Raises:
         BagError: the name is taken, or the system refuses to write.

@@ -3,8 +3,9 @@
 
 """One .mcap file: its topics and its messages; of one that was never closed, or is damaged, all that is whole.
 
-A closed file ends with an index of its chunks. Where there is none, one is made of every chunk whose checksum is right,
-wherever it stands. Messages may also stand outside of chunks, one by one.
+The mcap library parses the records (https://mcap.dev/spec), but for messages, which numpy reads many at once. A closed
+file ends with an index of its chunks. Where there is none, one is made of every chunk whose checksum is right. Messages
+may also stand outside of chunks. What a length claims is held against a bound before it is believed.
 """
 
 from __future__ import annotations
@@ -20,26 +21,41 @@ from collections import Counter
 from collections.abc import Collection, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import IO, Any, NamedTuple
 
+import lz4.frame
 import numpy as np
 import zstandard
+from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
-from mcap.records import Channel, Schema, Statistics
-from numpy.typing import NDArray
+from mcap.records import Channel, Chunk, Footer, Message, Schema, Statistics
+from numpy.typing import DTypeLike, NDArray
 
 from pendubot_identification.errors import BagError
 
-from .mcap_records import DEFINITIONS, HEAD, IN_CHUNKS, Messages, parsed, records, understood, unpacked
-
 MAGIC = b'\x89MCAP0\r\n'
-#: The last record, the footer: opcode, length, where the summary and where its offsets begin, its CRC (0: none).
-FOOTER = struct.Struct('<BQQQL')
+#: Opcode and length of a record.
+HEAD = struct.Struct('<BQ')
+#: A message's record up to its data.
+MESSAGE = np.dtype('u1, <u8, <u2, <u4, <i8, <i8')
+MESSAGE.names = ('opcode', 'length', 'channel', 'sequence', 'logged', 'published')
+#: What a message's length counts beside its data.
+FIELDS = MESSAGE.itemsize - HEAD.size
+#: The record before the last magic.
+FOOTER_SIZE = HEAD.size + 20
 #: How the index of a chunk begins: first and last log time, where its record stands, how long that is.
 INDEX = struct.Struct('<qqqq')
-#: The kinds of records that there are; beyond those opcodes are anybody's.
-KINDS, FREE = frozenset(map(int, Opcode)), 0x80
+DEFINITIONS: dict[int, Any] = {Opcode.SCHEMA: Schema, Opcode.CHANNEL: Channel}
+#: What may stand in a chunk.
+IN_CHUNKS = (*DEFINITIONS, Opcode.MESSAGE)
+#: The kinds of records that there are; opcodes from 128 on are anybody's.
+KINDS = frozenset(map(int, Opcode)) | frozenset(range(128, 256))
+#: With what a message begins that rosbag2 compressed by itself; no CDR does.
+ZSTD = b'\x28\xb5\x2f\xfd'
+#: Nothing that is decompressed at once is longer than this [bytes].
+LARGEST = 1 << 27
 #: No bag becomes so many times as long when it is decompressed.
 RATIO = 1000
 #: Bytes of records that are looked at together: enough for numpy, and still in a processor's cache.
@@ -55,14 +71,46 @@ class Damage:
     size: int
 
 
+@dataclass(frozen=True, slots=True)
+class Messages:
+    """Messages that stand together.
+
+    Attributes:
+        data: their records, perhaps with others in between.
+        starts: where each record begins, shape (N,).
+        heads: the records up to the data, each a :data:`MESSAGE`, shape (N,).
+    """
+
+    data: bytes
+    starts: NDArray[np.int64]
+    heads: NDArray[np.void]
+
+    def __len__(self) -> int:
+        return len(self.starts)
+
+    def __iter__(self) -> Iterator[Message]:
+        for start, head in zip(self.starts.tolist(), self.heads.tolist(), strict=True):
+            _, length, channel, sequence, logged, published = head
+            data = self.data[start + MESSAGE.itemsize : start + HEAD.size + length]
+            yield Message(channel, logged, data, published, sequence)
+
+    def part(self, which: NDArray[Any]) -> Messages:
+        """Return some of them."""
+        return Messages(self.data, self.starts[which], self.heads[which])
+
+    def contents(self, kind: DTypeLike) -> NDArray[Any]:
+        """Return the beginning of each message's data, read as one type, shape (N,)."""
+        return _gathered(self.data, self.starts + MESSAGE.itemsize, np.dtype(kind))
+
+
 class Part(NamedTuple):
-    """A whole chunk, for which a checksum vouches, or records outside of chunks: where, how long [bytes], and what."""
+    """A chunk, for which a checksum vouches, or records outside of chunks: where, how long [bytes], and what."""
 
     offset: int
     size: int
+    vouched: bool
     definitions: list[Schema | Channel]
     messages: Messages
-    vouched: bool
 
 
 class McapFile:
@@ -89,8 +137,9 @@ class McapFile:
         self.last_ns: int | None = None
         self._counts: Counter[int] = Counter()
         try:
-            self._descriptor = _opened(path)
-            weakref.finalize(self, os.close, self._descriptor)
+            file = _opened(path)
+            weakref.finalize(self, file.close)
+            self._descriptor = file.fileno()
             self._size = os.fstat(self._descriptor).st_size
             if not self._size:
                 raise BagError(f'{path} is empty: its recording ended before anything was written; record it again')
@@ -123,22 +172,27 @@ class McapFile:
         within = (self._index[:, 1] >= start_ns) & (self._index[:, 0] < end_ns)
         for found in self._indexed(self._index[within]):
             logged, wanted = found.heads['logged'], np.isin(found.heads['channel'], channels, kind='table')
-            yield found.part(wanted & (start_ns <= logged) & (logged < end_ns))
+            wanted &= (start_ns <= logged) & (logged < end_ns)
+            if wanted.any():
+                yield found.part(wanted)
 
     def _indexed(self, rows: NDArray[np.int64]) -> Iterator[Messages]:
         """Return the messages of parts of the index; what is short is looked at together with what follows."""
         waiting, size = list[bytes](), 0
-        for k, row in enumerate(rows):
-            first_ns, _, offset, length = row.tolist()
+        for k, (first_ns, _, offset, length) in enumerate(map(np.ndarray.tolist, rows)):
             try:
-                waiting.append(unpacked(self._read(offset, length)))
+                waiting.append(_unpacked(self._read(offset, length)))
                 size += len(waiting[-1])
                 found = understood(b''.join(waiting))[1] if size >= TOGETHER or k + 1 == len(rows) else None
             except Exception as error:
-                # What is whole before it comes first.
                 with suppress(Exception):
                     yield understood(b''.join(waiting))[1]
-                raise self._damaged(offset, first_ns) from error
+                after = (first_ns - (self.first_ns or 0)) / 1e9
+                raise BagError(
+                    f'{self.path} is damaged {offset} bytes from its start, {after:.3f} s after its first message, or '
+                    'is not any more what it was when it was opened; copy it again from where it was recorded, choose '
+                    f'a window without that time, or save what is whole with pendubot repair {self.path.parent}'
+                ) from error
             if found is not None:
                 yield found
                 waiting, size = [], 0
@@ -146,24 +200,23 @@ class McapFile:
     def whole_parts(self, damages: list[Damage]) -> Iterator[Part]:
         """Return what is whole from the beginning of the file to its end, whatever an index says.
 
-        Args:
-            damages: to which what is not whole is added, as it is passed.
+        What is not whole is added to ``damages`` as it is passed.
 
         Raises:
             OSError: the system refuses to read.
         """
         tail = os.pread(self._descriptor, len(MAGIC), max(self._size - len(MAGIC), len(MAGIC)))
         end = self._size - len(MAGIC) * (tail == MAGIC)
-        at = passed = len(MAGIC)
+        at = checked = len(MAGIC)
         while at < end:
             size, part = self._part(at, end)
             if part is not None:
-                passed = at + size
                 yield part
+                checked = at + size
             elif not size:
-                # A wrong length leads past what is whole: so that is searched for from the last whole part on.
-                found = self._next_chunk(passed + 1, end)
-                at = passed if found < at else at
+                # A wrong length leads past what is whole, so that is searched for from the last part on.
+                found = self._next_chunk(checked + 1, end)
+                at = checked if found < at else at
                 size = found - at
                 damages.append(Damage(at, size))
             at += size
@@ -173,14 +226,14 @@ class McapFile:
         try:
             opcode, length = HEAD.unpack(self._read(at, HEAD.size))
             size = HEAD.size + length
-            if at + size > end or (opcode < FREE and opcode not in KINDS):
+            if at + size > end or opcode not in KINDS:
                 return 0, None
             if opcode in IN_CHUNKS:
                 # Outside of chunks, mostly among others.
                 size = _end_of_run(self._read(at, max(size, min(TOGETHER, end - at))))
             elif opcode != Opcode.CHUNK:
                 return size, None
-            part = Part(at, size, *understood(unpacked(self._read(at, size))), vouched=opcode == Opcode.CHUNK)
+            part = Part(at, size, opcode == Opcode.CHUNK, *understood(_unpacked(self._read(at, size))))
             # Of a channel that was never heard of: it may well be a chunk whose first byte is damaged.
             known = {*self.channels, *(each.id for each in part.definitions if isinstance(each, Channel))}
             if part.vouched or known.issuperset(part.messages.heads['channel'].tolist()):
@@ -196,34 +249,32 @@ class McapFile:
         while start < end:
             block = self._read(start, min(TOGETHER, end - start))
             for found in re.finditer(bytes([Opcode.CHUNK]), block):
-                if (part := self._part(start + found.start(), end)[1]) is not None and part.vouched:
-                    return part.offset
+                if self._part(start + found.start(), end)[1] is not None:
+                    return start + found.start()
             start += len(block)
         return end
 
     def _read_summary(self) -> NDArray[np.int64]:
-        """Take what the end of the file says of the rest; return its index of chunks.
-
-        Raises:
-            Exception: it says nothing, or what makes no sense.
-        """
-        at = self._size - len(MAGIC) - FOOTER.size
-        *head, start, _, crc = FOOTER.unpack(self._read(at, FOOTER.size))
-        if head != [Opcode.FOOTER, FOOTER.size - HEAD.size] or self._read(at + FOOTER.size, len(MAGIC)) != MAGIC:
+        """Take what the end of the file says of the rest; return its index of chunks, or raise anything."""
+        at = self._size - len(MAGIC) - FOOTER_SIZE
+        record = self._read(at, FOOTER_SIZE + len(MAGIC))
+        footer = _parsed(Footer, record[HEAD.size : FOOTER_SIZE])
+        if record[0] != Opcode.FOOTER or record[FOOTER_SIZE:] != MAGIC:
             raise ValueError('there is no footer')
-        summary = self._read(start or at, at + FOOTER.size - (start or at))
+        start = footer.summary_start or at
+        summary = self._read(start, at + FOOTER_SIZE - start)
         # An index with a wrong time would hide messages.
-        if crc and zlib.crc32(summary[:-4]) != crc:
+        if footer.summary_crc and zlib.crc32(summary[:-4]) != footer.summary_crc:
             raise ValueError('the summary is damaged')
         numbers, statistics = array('q'), None
-        for opcode, begin, content_end in records(summary):
+        for opcode, begin, content_end in _records(summary):
             # The library would take longer for these than for all else that a window needs.
             if opcode == Opcode.CHUNK_INDEX:
                 numbers.extend(INDEX.unpack_from(summary, begin))
             elif opcode == Opcode.STATISTICS:
-                statistics = parsed(Statistics, summary[begin:content_end])
+                statistics = _parsed(Statistics, summary[begin:content_end])
             elif opcode in DEFINITIONS:
-                self._learn(parsed(DEFINITIONS[opcode], summary[begin:content_end]))
+                self._learn(_parsed(DEFINITIONS[opcode], summary[begin:content_end]))
         index = np.array(numbers, np.int64).reshape(-1, 4)
         if statistics is not None and statistics.message_count and statistics.chunk_count == len(index) > 0:
             self.first_ns, self.last_ns = statistics.message_start_time, statistics.message_end_time
@@ -234,13 +285,13 @@ class McapFile:
         """Learn by reading everything what no index says; return the index."""
         damages: list[Damage] = []
         numbers = array('q')
-        for offset, size, definitions, messages, vouched in self.whole_parts(damages):
-            for each in definitions:
-                self._learn(each, vouched)
-            if len(messages):
-                logged = messages.heads['logged']
-                numbers.extend((int(logged.min()), int(logged.max()), offset, size))
-                self._counts.update(messages.heads['channel'].tolist())
+        for part in self.whole_parts(damages):
+            for each in part.definitions:
+                self._learn(each, part.vouched)
+            if part.messages:
+                logged = part.messages.heads['logged']
+                numbers.extend((int(logged.min()), int(logged.max()), part.offset, part.size))
+                self._counts.update(part.messages.heads['channel'].tolist())
         index = np.array(numbers, np.int64).reshape(-1, 4)
         if len(index):
             self.first_ns, self.last_ns = int(index[:, 0].min()), int(index[:, 1].max())
@@ -262,26 +313,122 @@ class McapFile:
         if vouched or each.id not in known:
             known[each.id] = each
 
-    def _damaged(self, offset: int, first_ns: int) -> BagError:
-        after = (first_ns - (self.first_ns or 0)) / 1e9
-        return BagError(
-            f'{self.path} is damaged {offset} bytes from its start, {after:.3f} s after its first message, or is not '
-            'any more what it was when it was opened; copy it again from where it was recorded, choose a window '
-            f'without that time, or save what is whole with pendubot repair {self.path.parent}'
-        )
-
     def _read(self, at: int, size: int) -> bytes:
         data = os.pread(self._descriptor, size, at) if 0 <= size <= self._size - at else b''
-        if len(data) < size or size < 0:
+        if len(data) != size:
             raise ValueError('the file has no such part')
         return data
 
 
-def _opened(path: Path) -> int:
-    """Return a descriptor to read an .mcap file by; where rosbag2 compressed it, one of a copy without a name."""
+def understood(data: bytes) -> tuple[list[Schema | Channel], Messages]:
+    """Return the definitions and the messages in the bytes of records that may stand in a chunk, or raise anything."""
+    definitions: list[Schema | Channel] = []
+    size = HEAD.size + int.from_bytes(data[1 : HEAD.size], 'little')
+    if _alike(data, size):
+        starts = np.arange(0, len(data), size)
+    else:
+        places = array('q')
+        for opcode, begin, end in _records(data):
+            if opcode == Opcode.MESSAGE:
+                places.append(begin - HEAD.size)
+            else:
+                definitions.append(_parsed(DEFINITIONS[opcode], data[begin:end]))
+        starts = np.array(places, np.int64)
+    heads = _gathered(data, starts, MESSAGE)
+    if (heads['length'] < FIELDS).any():
+        raise ValueError('a message is too short')
+    messages = Messages(data, starts, heads)
+    if len(starts) and data.startswith(ZSTD, int(starts[0]) + MESSAGE.itemsize):
+        messages = understood(_each_decompressed(messages))[1]
+    return definitions, messages
+
+
+def _alike(data: bytes, size: int) -> bool:
+    """Tell whether all are messages of one size, as mostly they are."""
+    if data[:1] != bytes([Opcode.MESSAGE]) or len(data) % size:
+        return False
+    rows = np.frombuffer(data, np.uint8).reshape(-1, size)[:, : HEAD.size]
+    return bool((rows == rows[0]).all())
+
+
+def _records(data: bytes) -> Iterator[tuple[int, int, int]]:
+    """Return opcode, begin and end of each record's content; ValueError or struct.error where there is none."""
+    end = 0
+    while end < len(data):
+        opcode, length = HEAD.unpack_from(data, end)
+        begin = end + HEAD.size
+        end = begin + length
+        if end > len(data):
+            raise ValueError('a record reaches beyond the end')
+        yield opcode, begin, end
+
+
+def _end_of_run(data: bytes) -> int:
+    """Return where the whole records end that may stand in a chunk."""
+    at = 0
+    with suppress(ValueError, struct.error):
+        for opcode, _, end in _records(data):
+            if opcode not in IN_CHUNKS:
+                break
+            at = end
+    return at
+
+
+def _parsed(kind: Any, content: bytes) -> Any:
+    """Return what the library reads in a record's content; all of it, or it is damaged."""
+    stream = ReadDataStream(BytesIO(content))
+    record = kind.read(stream)
+    if stream.count != len(content):
+        raise ValueError('the lengths in a record do not belong together')
+    return record
+
+
+def _gathered(data: bytes, places: NDArray[np.int64], kind: np.dtype[Any]) -> NDArray[Any]:
+    """Return what stands at some places of bytes, each read as the same type, shape (N,)."""
+    everywhere = np.ndarray((max(len(data) - kind.itemsize + 1, 0), kind.itemsize), np.uint8, data, 0, (1, 1))
+    return everywhere[places].view(kind)[:, 0]
+
+
+def _unpacked(record: bytes) -> bytes:
+    """Return the records in a chunk, decompressed and checked, or raise anything; what is no chunk, as it is."""
+    if record[0] != Opcode.CHUNK:
+        return record
+    chunk = _parsed(Chunk, record[HEAD.size :])
+    data = _decompressed(chunk.compression, chunk.data, chunk.uncompressed_size) if chunk.compression else chunk.data
+    if len(data) != chunk.uncompressed_size or chunk.uncompressed_crc not in (0, zlib.crc32(data)):
+        raise ValueError('a chunk is damaged')
+    return bytes(data)
+
+
+def _each_decompressed(messages: Messages) -> bytes:
+    """Return the records of messages as they were before rosbag2's compression mode ``message``."""
+    parts, room = list[bytes](), LARGEST
+    for message, head in zip(messages, messages.heads.copy(), strict=True):
+        data = message.data
+        if data.startswith(ZSTD):
+            data = _decompressed('zstd', data, room)
+            room -= len(data)
+            head['length'] = FIELDS + len(data)
+        parts += [head.tobytes(), data]
+    return b''.join(parts)
+
+
+def _decompressed(compression: str, data: bytes, limit: int) -> bytes:
+    if limit > LARGEST:
+        raise ValueError('far too long')
+    if compression == 'lz4':
+        return bytes(lz4.frame.LZ4FrameDecompressor().decompress(data, limit + 1))
+    if compression != 'zstd' or zstandard.frame_content_size(data) > limit:
+        raise ValueError('compressed in a way that is not known, or too long')
+    return zstandard.ZstdDecompressor().decompress(data, max_output_size=limit)
+
+
+def _opened(path: Path) -> IO[bytes]:
+    """Return an .mcap file, opened to be read; where rosbag2 compressed it, a copy without a name."""
     if path.suffix != '.zstd':
-        return os.open(path, os.O_RDONLY)
-    with path.open('rb') as packed, tempfile.TemporaryFile() as plain:
+        return path.open('rb')
+    plain = tempfile.TemporaryFile()  # noqa: SIM115
+    with path.open('rb') as packed:
         limit = RATIO * os.fstat(packed.fileno()).st_size
         # What is cut or damaged is taken as far as it goes.
         with suppress(zstandard.ZstdError):
@@ -289,18 +436,7 @@ def _opened(path: Path) -> int:
                 plain.write(block)
                 if plain.tell() > limit:
                     raise BagError(f'{path} is no bag: it would be over {RATIO} times as long when it is decompressed')
-        if not plain.tell():
-            raise BagError(f'{path} cannot be decompressed: it is cut or damaged; copy it again from its recorder')
-        plain.flush()
-        return os.dup(plain.fileno())
-
-
-def _end_of_run(data: bytes) -> int:
-    """Return where the whole records end that may stand in a chunk."""
-    at = 0
-    with suppress(ValueError, struct.error):
-        for opcode, _, end in records(data):
-            if opcode not in IN_CHUNKS:
-                break
-            at = end
-    return at
+    if not plain.tell():
+        raise BagError(f'{path} cannot be decompressed: it is cut or damaged; copy it again from its recorder')
+    plain.flush()
+    return plain

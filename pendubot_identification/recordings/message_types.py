@@ -9,7 +9,7 @@ import os
 import sys
 from functools import cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
@@ -19,11 +19,9 @@ from pendubot_identification.errors import BagError
 
 
 class MessageDefinition(NamedTuple):
-    """What a bag says of a message type."""
+    """A type's ``.msg`` text followed by that of every type it uses (``ros2msg``), and its hash, ``RIHS01_...``."""
 
-    #: The ``.msg`` text followed by that of every type it uses (schema encoding ``ros2msg``).
     text: str
-    #: The type's hash, ``RIHS01_...``.
     type_hash: str
 
 
@@ -58,18 +56,12 @@ def _register(store: Typestore, type_name: str) -> None:
         return
     definitions = get_types_from_msg(_installed_definition(type_name), type_name)
     for _, fields in definitions.values():
-        for _, description in fields:
-            if used := _message_in(description):
-                _register(store, used)
+        for _, (kind, detail) in fields:
+            if kind in (Nodetype.ARRAY, Nodetype.SEQUENCE):
+                kind, detail = detail[0]
+            if kind == Nodetype.NAME:
+                _register(store, detail)
     store.register(definitions)
-
-
-def _message_in(description: Any) -> str | None:
-    """Return the type of message that a field holds, or an array's elements; None where it holds none."""
-    kind, detail = description
-    if kind in (Nodetype.ARRAY, Nodetype.SEQUENCE):
-        kind, detail = detail[0]
-    return detail if kind == Nodetype.NAME else None
 
 
 def _installed_definition(type_name: str) -> str:

@@ -19,27 +19,16 @@ MINIMUM_INTERVALS = 10
 
 @dataclass(frozen=True, slots=True)
 class Regularity:
-    """What the times of a series of samples say.
+    """What the times of a series of samples say; what is not known, as there are too few, is NaN."""
 
-    Attributes:
-        period: the median interval [s]; NaN where there are too few.
-        jitter: by how much 99 of 100 intervals differ from it at most [s]; NaN where there are too few.
-        longest: interval [s]; 0 where there is none.
-        gaps: intervals longer than 1.5 periods.
-        missing: samples that would fill the gaps.
-        first_gap: when the first of them begins, from the first time on [s]; NaN where there is none.
-        repeated: times equal to the one before.
-        backwards: times earlier than the one before.
-    """
-
-    period: float
-    jitter: float
-    longest: float
-    gaps: int
-    missing: int
-    first_gap: float
-    repeated: int
-    backwards: int
+    period: float  #: the median interval [s]
+    jitter: float  #: by how much 99 of 100 intervals differ from it at most [s]
+    longest: float  #: interval [s]; 0 where there is none
+    gaps: int  #: intervals longer than 1.5 periods
+    missing: int  #: samples that would fill the gaps
+    first_gap: float  #: when the first of them begins, from the first time on [s]; NaN where there is none
+    repeated: int  #: times equal to the one before
+    backwards: int  #: times earlier than the one before
 
 
 def regularity(times_ns: NDArray[np.int64]) -> Regularity:

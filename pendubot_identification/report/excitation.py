@@ -31,13 +31,8 @@ def excitation_table(
 ) -> Table:
     """Return a row a parameter: its standard error now, after the paper's pulses, and after those found.
 
-    In % of its value or, where that is 0, in its unit. What is 0 and is not identifiable is left out.
-
-    Args:
-        parameters: of the rig.
-        std_error: of the present estimate, shape (D,); None where it is not known.
-        paper: what is predicted of the paper's pulses.
-        found: the same of the others.
+    In % of its value or, where that is 0, in its unit. What is 0 and is not identifiable is left out. ``std_error`` is
+    that of the present estimate, shape (D,); None where it is not known.
     """
     theta = parameters.vector()
     nothing = theta == 0

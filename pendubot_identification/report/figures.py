@@ -19,10 +19,11 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from pendubot_identification.identify.evidence import Excitation, Residuals, Simulation
-from pendubot_identification.identify.result import Convergence, CriterionValue, Given, Result
+from pendubot_identification.identify.result import Convergence, CriterionValue, Result
 from pendubot_identification.trajectories.trajectory import Trajectory
 
 from .style import rendered, style
+from .tables import Beside
 
 Array = NDArray[np.float64]
 
@@ -42,14 +43,7 @@ drawn = style(
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """A figure; what is said of it stands in ``page.html.jinja``.
-
-    Attributes:
-        name: of its files.
-        svg: the figure.
-        png: the same for programs that show no SVG.
-        about: what its caption needs to know.
-    """
+    """A figure: the name of its files, their contents, and what its caption in ``page.html.jinja`` needs to know."""
 
     name: str
     svg: str
@@ -69,7 +63,7 @@ def draw_recordings(training: Sequence[Trajectory], validation: Sequence[Traject
     motions = [*training, *validation]
     recordings = [motion.name.rpartition('@')[0] or motion.name for motion in motions]
     driven = any(motion.tau[:, 1].any() for motion in motions)
-    figure, axes = _panels(4.2, 3)
+    figure, axes = _panels(4.2, 3, sharex=True)
     colours = [ESTIMATION] * len(training) + [VALIDATION] * len(validation)
     for motion, place, colour in zip(motions, _places(recordings, [m.t for m in motions]), colours, strict=True):
         t = motion.t + place
@@ -90,7 +84,7 @@ def draw_recordings(training: Sequence[Trajectory], validation: Sequence[Traject
 def draw_simulation(simulation: Simulation, *, validation: bool) -> Picture:
     """Draw what was measured and what was simulated from measured states on."""
     t, pieces = simulation.simulated_t, simulation.simulated
-    figure, axes = _panels(5.6, 4)
+    figure, axes = _panels(5.6, 4, sharex=True)
     for k, axis in enumerate(axes):
         measured = simulation.measured[k]
         axis.plot(*envelope(simulation.t, measured), color=MEASURED, linewidth=1.6, label='measured')
@@ -150,7 +144,7 @@ def draw_convergence(criterion: str, J: CriterionValue, convergence: Convergence
 
 
 @drawn
-def draw_parameters(result: Result, beside: tuple[Result | Given, str] | None = None) -> Picture:
+def draw_parameters(result: Result, beside: Beside | None = None) -> Picture:
     """Draw every parameter with its 95 % interval: the published one, each criterion's, and what stands beside them."""
     published = result.criterion
     rows = [(f'{published}, published', result.parameters, COLOURS[1])]
@@ -158,8 +152,7 @@ def draw_parameters(result: Result, beside: tuple[Result | Given, str] | None = 
     rows += [(beside[1], beside[0].parameters, MEASURED)] if beside else []
     names = list(result.parameters)
     lines = -(-len(names) // 2)
-    figure = Figure(figsize=(WIDTH, 0.55 + lines * (0.62 + 0.17 * len(rows))), layout='constrained')
-    axes = figure.subplots(lines, 2, sharey=True, squeeze=False).ravel()
+    figure, axes = _panels(0.55 + lines * (0.62 + 0.17 * len(rows)), lines, 2, sharey=True)
     for axis, name in zip(axes, names, strict=False):
         for k, (_, parameters, colour) in enumerate(rows):
             entry = parameters.get(name)
@@ -186,17 +179,17 @@ def draw_correlation(result: Result) -> Picture | None:
     matrix = np.array(result.criteria[result.criterion].correlation, dtype=float)
     if not np.isfinite(matrix).any():
         return None
-    small, smaller = (8, 8) if len(names) < 11 else (7, 6)
+    few = len(names) < 11
     figure, (axis,) = _panels(4.6, 1)
     axis.imshow(matrix, cmap='RdBu_r', vmin=-1, vmax=1)
     for row, column in np.argwhere(np.isfinite(matrix)):
         value = matrix[row, column]
         shown = f'{value:.2f}'.replace('0.', '.').replace('1.00', '1').replace('-.00', '.00')
         colour = 'white' if abs(value) > 0.6 else 'black'
-        axis.text(column, row, shown, ha='center', va='center', fontsize=smaller, color=colour)
+        axis.text(column, row, shown, ha='center', va='center', fontsize=8 if few else 6, color=colour)
     axis.set_xticks(range(len(names)), names)
     axis.set_yticks(range(len(names)), names)
-    axis.tick_params(length=0, labelsize=small)
+    axis.tick_params(length=0, labelsize=8 if few else 7)
     axis.grid(False)
     return _picture(figure, 'correlation')
 
@@ -204,8 +197,7 @@ def draw_correlation(result: Result) -> Picture | None:
 @drawn
 def draw_excitation(names: Sequence[str], excitation: Excitation) -> Picture:
     """Draw what each parameter does in the equation of each joint, and what no other could do in its place."""
-    figure = Figure(figsize=(WIDTH, 1.4 + 0.26 * len(names)), layout='constrained')
-    axes = figure.subplots(1, 2, sharey=True)
+    figure, axes = _panels(1.4 + 0.26 * len(names), 1, 2, sharey=True)
     at = np.arange(len(names))
     for k, (axis, joint) in enumerate(zip(axes, ('shoulder', 'elbow'), strict=True)):
         term, own, residual = excitation.term[:, k], excitation.own[:, k], excitation.residual[k]
@@ -224,15 +216,9 @@ def draw_excitation(names: Sequence[str], excitation: Excitation) -> Picture:
 
 
 def envelope(t: Array, y: Array, most: int = MOST_POINTS) -> tuple[Array, Array]:
-    """Return a line of at most ``most`` points that covers what the line through all points covers.
+    """Return at most ``most`` points of a line, shapes (N,), that cover what all of it covers.
 
-    Of each interval of time the lowest and the highest point are kept, in their order; lines that are short already
-    stay as they are.
-
-    Args:
-        t: shape (N,).
-        y: shape (N,).
-        most: points to return.
+    Of each interval of time the lowest and the highest point are kept, in their order.
     """
     if len(t) <= most:
         return t, y
@@ -244,10 +230,10 @@ def envelope(t: Array, y: Array, most: int = MOST_POINTS) -> tuple[Array, Array]
     return t[kept], y[kept]
 
 
-def _panels(height: float, rows: int) -> tuple[Figure, NDArray[Any]]:
-    """Return a figure, ``height`` inches high, and its axes, one above the other, which share the axis of time."""
+def _panels(height: float, rows: int, columns: int = 1, **shared: Any) -> tuple[Figure, NDArray[Any]]:
+    """Return a figure, ``height`` inches high, and its axes, row by row."""
     figure = Figure(figsize=(WIDTH, height), layout='constrained')
-    return figure, figure.subplots(rows, 1, sharex=True, squeeze=False)[:, 0]
+    return figure, figure.subplots(rows, columns, squeeze=False, **shared).ravel()
 
 
 def _picture(figure: Figure, name: str, **about: Any) -> Picture:
@@ -269,15 +255,12 @@ def _legend(axis: Axes, handles: Sequence[Any]) -> None:
 def _places(recordings: Sequence[Hashable], times: Sequence[Array]) -> list[float]:
     """Return what to add to each part's times [s] so that different recordings stand one after the other.
 
-    Args:
-        recordings: by part, of which recording it is; parts of one recording keep their distance in time.
-        times: by part, its times [s].
+    ``recordings`` says by part of which recording it is; parts of one recording keep their distance in time.
     """
     places: dict[Hashable, float] = {}
     end = None
-    for recording in recordings:
-        if recording not in places:
-            own = [t for r, t in zip(recordings, times, strict=True) if r == recording]
-            places[recording] = 0.0 if end is None else end - min(float(t[0]) for t in own)
-            end = places[recording] + max(float(t[-1]) for t in own)
+    for recording in dict.fromkeys(recordings):
+        own = [t for r, t in zip(recordings, times, strict=True) if r == recording]
+        places[recording] = 0.0 if end is None else end - min(float(t[0]) for t in own)
+        end = places[recording] + max(float(t[-1]) for t in own)
     return [places[recording] for recording in recordings]

@@ -9,13 +9,12 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from pendubot_identification.errors import PendubotError
 from pendubot_identification.files import OutputFolder
 from pendubot_identification.identify.evidence import excitation, residuals, simulate_beside
 from pendubot_identification.identify.prediction import state_scale
-from pendubot_identification.identify.result import Given, Result
+from pendubot_identification.identify.result import Result
 from pendubot_identification.results.provenance import answers, hold, settings
 from pendubot_identification.results.result_file import result_text
 from pendubot_identification.trajectories.motion import Motion
@@ -24,28 +23,27 @@ from pendubot_identification.trajectories.trajectory import Trajectory
 from . import figures
 from .figures import Picture
 from .page import failure_page, result_page
+from .tables import Beside
 
 #: The motions that estimate, and those that validate.
 Recordings = tuple[Sequence[Trajectory], Sequence[Trajectory]]
-#: What a figure is of, and what draws it.
-Wanted = tuple[str, Callable[[], 'Picture | None']]
 
 
 def write_report(
     folder: OutputFolder,
     result: Result,
     motions: Recordings | None,
-    beside: tuple[Result | Given, str] | None,
+    beside: Beside | None,
     notes: Sequence[str],
     progress: Callable[[str, int, int, float], None],
 ) -> Path:
-    """Draw all that there is to draw of a result, write it, and return where the page is.
+    """Draw all that there is to draw of a result, write it, all or nothing, and return where the page is.
 
     Args:
-        folder: what is written to, all or nothing.
+        folder: to be written to.
         result: of an identification.
         motions: the recordings; None where they cannot be read, and nothing is drawn of them.
-        beside: another result, or parameters alone, to be shown beside it, and what to call it.
+        beside: what stands beside the result.
         notes: what the page says that it does not show.
         progress: told what is being done, how much of it is done, and of how much.
 
@@ -53,11 +51,12 @@ def write_report(
         ResultError: the system refuses to write.
     """
     wanted = list(_wanted(result, motions, beside))
-    pictures, notes = [], list(notes)
+    drawn, notes = [], list(notes)
     for k, (what, draw) in enumerate(wanted):
         progress('drawing', k, len(wanted), math.nan)
         try:
-            pictures.append(draw())
+            if (picture := draw()) is not None:
+                drawn.append(picture)
         except PendubotError as error:
             notes.append(f'{what}; {error}')
     notes += [
@@ -66,9 +65,7 @@ def write_report(
         for source in result.bags
         if source.stretches
     ]
-    drawn = [picture for picture in pictures if picture is not None]
-    page = result_page(result, drawn, beside, notes)
-    return _write(folder, {'result.yaml': result_text(result), **_files(drawn)}, page)
+    return _write(folder, {'result.yaml': result_text(result)}, drawn, result_page(result, drawn, beside, notes))
 
 
 def write_failure(folder: OutputFolder, reason: str, asked: Sequence[str], motions: Recordings | None) -> Path:
@@ -77,12 +74,14 @@ def write_failure(folder: OutputFolder, reason: str, asked: Sequence[str], motio
     Raises:
         ResultError: the system refuses to write.
     """
-    pictures = [figures.draw_recordings(*motions)] if motions else []
-    return _write(folder, _files(pictures), failure_page(reason, asked, pictures))
+    drawn = [figures.draw_recordings(*motions)] if motions else []
+    return _write(folder, {}, drawn, failure_page(reason, asked, drawn))
 
 
-def _wanted(result: Result, motions: Recordings | None, beside: tuple[Result | Given, str] | None) -> Iterator[Wanted]:
-    """Yield all figures of a result."""
+def _wanted(
+    result: Result, motions: Recordings | None, beside: Beside | None
+) -> Iterator[tuple[str, Callable[[], Picture | None]]]:
+    """Yield of all figures of a result what they are of, and what draws them."""
     yield 'the parameters', partial(figures.draw_parameters, result, beside)
     yield 'the correlations', partial(figures.draw_correlation, result)
     if motions is not None:
@@ -115,15 +114,8 @@ def _wanted(result: Result, motions: Recordings | None, beside: tuple[Result | G
             yield f'the convergence of {criterion}', drawn
 
 
-def _files(pictures: Iterable[Picture]) -> dict[str, str | bytes]:
-    return {
-        f'{picture.name}.{ending}': content
-        for picture in pictures
-        for ending, content in (('svg', picture.svg), ('png', picture.png))
-    }
-
-
-def _write(folder: OutputFolder, files: Mapping[str, Any], page: str) -> Path:
+def _write(folder: OutputFolder, files: Mapping[str, str], pictures: Iterable[Picture], page: str) -> Path:
     """Write the page last: where it is, all of it is."""
-    folder.write_together({**files, 'report.html': page})
+    drawn = {f'{p.name}.{ending}': content for p in pictures for ending, content in (('svg', p.svg), ('png', p.png))}
+    folder.write_together({**files, **drawn, 'report.html': page})
     return (folder.path / 'report.html').absolute()

@@ -17,7 +17,7 @@ from typing import Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
-from pendubot_identification.identify.result import Given, Result, plain
+from pendubot_identification.identify.result import Result, plain
 from pendubot_identification.model.parameters import SPECIFICATIONS
 
 from . import tables
@@ -26,43 +26,27 @@ from .table import parts
 
 
 def result_page(
-    result: Result,
-    pictures: Iterable[Picture],
-    beside: tuple[Result | Given, str] | None = None,
-    notes: Sequence[str] = (),
+    result: Result, pictures: Iterable[Picture], beside: tables.Beside | None = None, notes: Sequence[str] = ()
 ) -> str:
-    """Return the page of a result.
-
-    Args:
-        result: of an identification.
-        pictures: its figures, as far as they could be drawn.
-        beside: another result, or of parameters alone, to stand beside it, and what that is called.
-        notes: what else its reader should know, such as why a figure is missing.
-    """
+    """Return the page of a result; ``notes``: what else its reader should know, such as why a figure is missing."""
     return _page(
+        pictures,
         result=result,
         entry=lambda path: plain(tables.entry(result, path)),
         number=partial(tables.number, result),
         tables=tables,
         meanings={f'{s.name} [{s.unit}]': s.meaning for s in SPECIFICATIONS},
-        pictures={picture.name: picture for picture in pictures},
         beside=beside,
         notes=notes,
     )
 
 
 def failure_page(reason: str, asked: Sequence[str], pictures: Iterable[Picture] = ()) -> str:
-    """Return the page of an identification that failed.
-
-    Args:
-        reason: why, in a sentence: what was found, what was expected, what to do.
-        asked: what was asked for, as it was typed.
-        pictures: of the data, as far as they could be read.
-    """
-    return _page(result=None, reason=reason, asked=asked, pictures={picture.name: picture for picture in pictures})
+    """Return the page of an identification that failed: why, what was asked for, and the data as far as they go."""
+    return _page(pictures, result=None, reason=reason, asked=asked)
 
 
-def _page(**context: Any) -> str:
+def _page(pictures: Iterable[Picture], **context: Any) -> str:
     environment = Environment(
         loader=FileSystemLoader(Path(__file__).parent),
         autoescape=True,
@@ -70,9 +54,7 @@ def _page(**context: Any) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters['parts'], environment.filters['base64'] = parts, _base64
-    return environment.get_template('page.html.jinja').render(context)
-
-
-def _base64(text: str) -> str:
-    return base64.b64encode(text.encode()).decode()
+    environment.filters['parts'] = parts
+    environment.filters['base64'] = lambda text: base64.b64encode(text.encode()).decode()
+    shown = {picture.name: picture for picture in pictures}
+    return environment.get_template('page.html.jinja').render(context, pictures=shown)

@@ -16,10 +16,9 @@ WIDTH = 120
 
 @dataclass(frozen=True, slots=True)
 class Number:
-    """A number as its reader sees it, and which entry of a result file it is.
+    """A number as its reader sees it, None as a dash, and which entry of a result file it is.
 
     Attributes:
-        value: the number in full; None where there is none, which is shown as a dash.
         format: how it is rounded, as Python's ``format`` takes it; empty: in full.
         entry: the path of its entry, such as ``parameters.P1.interval.0``.
         of: whose result file that is: empty for the one that is shown, else ``reference``.
@@ -40,13 +39,7 @@ Cell: TypeAlias = 'str | Number | tuple[Cell, ...]'
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """A table.
-
-    Attributes:
-        head: what stands above each column.
-        rows: a cell a column; the first names the row.
-        notes: paragraphs below the table.
-    """
+    """A head above columns, rows whose first cells name them, and paragraphs below."""
 
     head: Sequence[Cell]
     rows: Sequence[Sequence[Cell]]

@@ -23,6 +23,9 @@ VERDICTS = {
 HOLDS = {'zero': 'held from sample to sample', 'linear': 'changing linearly from sample to sample'}
 STATES = {'q1': 'angle of link 1', 'q2': 'angle of link 2', 'dq1': 'velocity of link 1', 'dq2': 'velocity of link 2'}
 
+#: Another result, or parameters alone, to be shown beside a result, and what to call it.
+Beside = tuple[Result | Given, str]
+
 
 def entry(result: Result | Given, path: str) -> Any:
     """Return an entry of a result by its path, such as ``parameters.P1.interval.0``."""
@@ -40,89 +43,102 @@ def number(result: Result | Given, path: str, format: str = '', of: str = '') ->
     return Number(entry(result, path), format, path, of)
 
 
-def parameter_table(result: Result, beside: tuple[Result | Given, str] | None = None) -> Table:
-    """Return a row a published parameter: estimate, 95 % interval, what stands beside it, and doubts.
+def _with_error(result: Result, path: str, format: str, error: str = '') -> Cell:
+    """Return the number at a path with, where it is known, its standard error, which is at ``error`` or beside it."""
+    value, known = number(result, path, format), number(result, error or f'{path}_std_error', format)
+    return value if known.value is None else (value, ' ± ', known)
 
-    Args:
-        result: whose parameters they are.
-        beside: another result, or parameters alone, to be shown beside them, and what to call it.
-    """
+
+def _joined(separator: str, numbers: Iterable[Number]) -> Cell:
+    return tuple(part for each in numbers for part in (separator, each))[1:]
+
+
+def rounding(entries: Iterable[Parameter]) -> str:
+    """Return the format that shows three digits of the smallest estimate, or of its standard error if that is more."""
+    sizes = [max(abs(e.value), e.std_error or 0.0) for e in entries if e.value and not e.on_bound]
+    return f'.{min(max(2 - math.floor(math.log10(min(sizes, default=1.0))), 4), 7)}f'
+
+
+def parameter_table(result: Result, beside: Beside | None = None) -> Table:
+    """Return a row a published parameter: estimate, 95 % interval, what stands beside it, and doubts."""
     entries = result.parameters
-    exact, doubts = rounding(entries.values()), [doubt(entry) for entry in entries.values()]
+    exact, doubts = rounding(entries.values()), [_doubt(entry) for entry in entries.values()]
+
+    def interval(of: Result | Given, name: str, label: str = '') -> Cell:
+        low, high = (number(of, f'parameters.{name}.interval.{k}', exact, label) for k in (0, 1))
+        return low, ' to ', high
+
+    def reference(of: Result | Given, name: str) -> Cell:
+        if name not in of.parameters:
+            return '-'
+        value = number(of, f'parameters.{name}.value', exact, 'reference')
+        known = of.parameters[name].interval[0] is not None
+        return (value, ' (', interval(of, name, 'reference'), ')') if known else value
+
     columns: list[tuple[str, Sequence[Cell]]] = [
         ('', [f'{name} [{entry.unit}]' for name, entry in entries.items()]),
         ('estimate', [number(result, f'parameters.{name}.value', exact) for name in entries]),
-        ('95 % interval', [_interval(result, name, exact) for name in entries]),
+        ('95 % interval', [interval(result, name) for name in entries]),
     ]
-    columns += [(beside[1], [_beside(beside[0], name, exact) for name in entries])] if beside else []
+    columns += [(beside[1], [reference(beside[0], name) for name in entries])] if beside else []
     columns += [('', doubts)] if any(doubts) else []
     head, cells = zip(*columns, strict=True)
-    note = f'95 % intervals: {result.criteria[result.criterion].uncertainty}'
-    absent = [f'not in the model: {which}' for which in result.not_in_model]
-    return Table(head, list(zip(*cells, strict=True)), [note, *absent])
+    notes = [f'95 % intervals: {result.criteria[result.criterion].uncertainty}']
+    return Table(
+        head, list(zip(*cells, strict=True)), notes + [f'not in the model: {which}' for which in result.not_in_model]
+    )
 
 
-def _interval(result: Result | Given, name: str, exact: str, of: str = '') -> Cell:
-    low, high = (number(result, f'parameters.{name}.interval.{k}', exact, of) for k in (0, 1))
-    return low, ' to ', high
-
-
-def _beside(reference: Given | Result, name: str, exact: str) -> Cell:
-    """Return a parameter of a reference, which may lack it or know nothing but its value."""
-    found = reference.parameters.get(name)
-    if found is None:
-        return '-'
-    value = number(reference, f'parameters.{name}.value', exact, 'reference')
-    known = found.interval[0] is not None
-    return (value, ' (', _interval(reference, name, exact, 'reference'), ')') if known else value
+def _doubt(entry: Parameter) -> str:
+    return 'on its bound' if entry.on_bound else 'undetermined' if entry.determined is False else ''
 
 
 def comparison_table(result: Result, truth: Mapping[str, float] | None = None) -> Table:
     """Return a column a criterion: its parameters with their standard errors or, where known, their true errors."""
-    criteria = {name: entry.parameters for name, entry in result.criteria.items()}
-    exact = rounding(entry for parameters in criteria.values() for entry in parameters.values())
+    exact = rounding(found for answer in result.criteria.values() for found in answer.parameters.values())
 
     def cell(criterion: str, name: str) -> Cell:
         at = f'criteria.{criterion}.parameters.{name}'
         if truth is None:
             return _with_error(result, f'{at}.value', exact, f'{at}.std_error')
-        return number(result, f'{at}.value', exact), f' {_error(criteria[criterion][name].value, truth[name]):>9}'
+        value, true = number(result, f'{at}.value', exact), truth[name]
+        found = entry(result, f'{at}.value')
+        off = f'{100 * (found / true - 1):+.1f} %' if true else f'{found:+.1e}'
+        return value, f' {off:>9}'
 
     rows = [
         [
-            f'{name} [{entry.unit}]',
-            *(cell(criterion, name) for criterion in criteria),
+            f'{name} [{published.unit}]',
+            *(cell(criterion, name) for criterion in result.criteria),
             *([] if truth is None else [Number(truth[name], exact)]),
         ]
-        for name, entry in result.parameters.items()
+        for name, published in result.parameters.items()
     ]
-    return Table(['', *criteria, *([] if truth is None else ['true value'])], rows)
+    return Table(['', *result.criteria, *([] if truth is None else ['true value'])], rows)
+
+
+def _by_horizon(result: Result, label: str, columns: Mapping[str, str], format: str, notes: Sequence[Cell]) -> Table:
+    """Return a row a horizon of lists of numbers, whose paths stand by the columns' heads."""
+    rows: list[list[Cell]] = [
+        [
+            (label, number(result, f'prediction.horizons.{k}', 'g'), ' s'),
+            *(number(result, f'{path}.{k}', format) for path in columns.values()),
+        ]
+        for k in range(len(result.prediction.horizons))
+    ]
+    return Table(['', *columns], rows, notes)
 
 
 def prediction_table(result: Result) -> Table:
     """Return a row a horizon and a column a criterion: how far simulation ends from what was measured."""
-    rows: list[list[Cell]] = [
-        [
-            ('error after ', number(result, f'prediction.horizons.{k}', 'g'), ' s'),
-            *(number(result, f'criteria.{name}.prediction.error.{k}', '.3f') for name in result.criteria),
-            number(result, f'prediction.standing_still.{k}', '.3f'),
-        ]
-        for k in range(len(result.prediction.horizons))
-    ]
+    columns = {head: f'criteria.{name}.prediction.error' for name, head in _heads(result).items()}
     note = f'errors of simulated states in their standard deviations, {result.prediction.method}'
-    return Table(['', *_criteria(result), 'persistence'], rows, [note])
+    return _by_horizon(result, 'error after ', columns | {'persistence': 'prediction.standing_still'}, '.3f', [note])
 
 
 def fit_table(result: Result) -> Table:
     """Return a row a horizon and a column a state: the fit in per cent by the published parameters."""
-    rows: list[list[Cell]] = [
-        [
-            ('after ', number(result, f'prediction.horizons.{k}', 'g'), ' s'),
-            *(number(result, f'prediction.fit.{state}.{k}', '.1f') for state in STATES),
-        ]
-        for k in range(len(result.prediction.horizons))
-    ]
-    return Table(['', *STATES.values()], rows)
+    return _by_horizon(result, 'after ', {head: f'prediction.fit.{s}' for s, head in STATES.items()}, '.1f', [])
 
 
 def criterion_table(result: Result) -> Table:
@@ -136,12 +152,12 @@ def criterion_table(result: Result) -> Table:
         ['condition number', *(number(result, f'{at}.condition_number', '.4g') for at in paths)],
         ['level', *(entry(result, f'{at}.level') for at in paths)],
     ]
-    return Table(['', *_criteria(result)], rows)
+    return Table(['', *_heads(result).values()], rows)
 
 
-def _criteria(result: Result) -> list[str]:
-    """Return the names of the criteria, one of them marked as published, to stand above columns."""
-    return [f'{name}, published' if name == result.criterion else name for name in result.criteria]
+def _heads(result: Result) -> dict[str, str]:
+    """Return what stands above each criterion's column."""
+    return {name: f'{name}, published' if name == result.criterion else name for name in result.criteria}
 
 
 def run_table(result: Result) -> Table | None:
@@ -149,17 +165,18 @@ def run_table(result: Result) -> Table | None:
     energy = result.criteria.get('energy')
     if energy is None or energy.mde is None:
         return None
+
+    def spread(values: Sequence[float | None]) -> list[str]:
+        known = [value for value in values if value is not None]
+        return [f'{v:.3e}' for v in (min(known), max(known), sum(known) / len(known))] if known else ['-'] * 3
+
     J = energy.J
-    rows = [['training', *_spread(J.training_runs)]]
+    rows = [['training', *spread(J.training_runs)]]
     if J.validation is not None:
-        runs = J.validation_runs
-        rows.append(['validation', *(_spread(runs) if runs else ['', '', f'{J.validation:.3e}'])])
+        rows.append(
+            ['validation', *(spread(J.validation_runs) if J.validation_runs else ['', '', f'{J.validation:.3e}'])]
+        )
     return Table([f'energy: J [{J.unit}]', 'best', 'worst', 'average'], rows)
-
-
-def _spread(values: Sequence[float | None]) -> list[str]:
-    known = [value for value in values if value is not None]
-    return [f'{value:.3e}' for value in (min(known), max(known), sum(known) / len(known))] if known else ['-'] * 3
 
 
 def zero_table(result: Result) -> Table | None:
@@ -176,12 +193,11 @@ def model_table(result: Result) -> Table | None:
     compared = result.models.compared
     if not compared:
         return None
-    horizons = range(len(compared[0].error))
     rows = [
         [
             score.model,
             number(result, f'models.compared.{k}.parameters'),
-            _joined(' ', (number(result, f'models.compared.{k}.error.{h}', '.4f') for h in horizons)),
+            _joined(' ', (number(result, f'models.compared.{k}.error.{h}', '.4f') for h in range(len(score.error)))),
             _with_error(result, f'models.compared.{k}.behind', '.1%'),
         ]
         for k, score in enumerate(compared)
@@ -189,7 +205,7 @@ def model_table(result: Result) -> Table | None:
     why = 'the smallest model that predicts the training data within one standard error of the best'
     if compared[-1].exact:
         why = "the smallest model that leaves nothing but the encoders' rounding; larger ones were not tried"
-    after = _joined(', ', (number(result, f'prediction.horizons.{h}', 'g') for h in horizons))
+    after = _joined(', ', (number(result, f'prediction.horizons.{h}', 'g') for h in range(len(compared[0].error))))
     note = f'{result.model} was chosen: {why} ({result.models.by})'
     return Table(['model', 'parameters', ('error after ', after, ' s'), 'above the best by'], rows, [note])
 
@@ -214,42 +230,21 @@ def data_sentences(result: Result) -> list[Cell]:
     return sentences
 
 
-def _with_error(result: Result, path: str, format: str, error: str = '') -> Cell:
-    """Return the number at a path and, where it is known, its standard error, which is at ``error``."""
-    value, known = number(result, path, format), number(result, error or f'{path}_std_error', format)
-    return value if known.value is None else (value, ' ± ', known)
-
-
-def _joined(separator: str, numbers: Iterable[Number]) -> Cell:
-    return tuple(part for each in numbers for part in (separator, each))[1:]
-
-
-def sources(result: Result) -> list[str]:
-    """Return the recordings, a line each."""
-    return [f'{b.role}: {b.bag}, {b.samples} samples, {b.duration:.2f} s' for b in result.bags]
-
-
 def steps(result: Result) -> str:
     """Return what the optimiser did, a paragraph a criterion."""
-    return '\n'.join(wrapped(f'{name}: {"; ".join(entry.steps)}') for name, entry in result.criteria.items())
-
-
-def not_covered(result: Result) -> Mapping[str, str]:
-    """Return by name the parameters that the level says nothing of, and why."""
-    if result.not_covered is not None:
-        return result.not_covered
-    # Results of earlier versions only mark them.
-    doubts = {name: doubt(entry) for name, entry in result.parameters.items()}
-    return {name: doubt for name, doubt in doubts.items() if doubt}
+    return '\n'.join(wrapped(f'{name}: {"; ".join(answer.steps)}') for name, answer in result.criteria.items())
 
 
 def verdict(result: Result) -> str:
     """Return what the level of a result means, in a sentence; one of OK names the parameters that it does not cover."""
     if result.level is not Level.OK:
         return VERDICTS[result.level]
-    doubts = [f'{name} ({why})' for name, why in not_covered(result).items()]
+    doubts = result.not_covered
+    if doubts is None:  # results of earlier versions only mark them
+        doubts = {name: doubt for name, entry in result.parameters.items() if (doubt := _doubt(entry))}
     if doubts:
-        return f'use these parameters, but do not rely on {", ".join(doubts)}'
+        named = ', '.join(f'{name} ({why})' for name, why in doubts.items())
+        return f'use these parameters, but do not rely on {named}'
     return VERDICTS[Level.OK]
 
 
@@ -269,8 +264,8 @@ def judgement(result: Result) -> str:
 def own_warnings(result: Result) -> dict[str, list[str]]:
     """Return by criterion the warnings that what is published does not have; without criteria that have none."""
     found = {
-        name: [warning for warning in entry.warnings if warning not in result.warnings]
-        for name, entry in result.criteria.items()
+        name: [warning for warning in answer.warnings if warning not in result.warnings]
+        for name, answer in result.criteria.items()
     }
     return {name: warnings for name, warnings in found.items() if warnings}
 
@@ -284,23 +279,17 @@ def headline(result: Result) -> str:
 
 def consequences(result: Result) -> list[str]:
     """Return what follows from a grave fault of the recordings, by criterion; empty where there is none."""
-    return [f'{name}: {sentence}' for name, entry in result.criteria.items() for sentence in entry.consequences]
-
-
-def advice(result: Result) -> str:
-    """Return what motion would help to identify the parameters; empty where all are known well."""
-    if not result.advice:
-        return ''
-    design = 'pendubot excite --design proposes an excitation that identifies all parameters as well as can be'
-    return '\n'.join(map(wrapped, [*result.advice, design]))
+    return [f'{name}: {sentence}' for name, answer in result.criteria.items() for sentence in answer.consequences]
 
 
 def summary(result: Result) -> str:
     """Return all that a terminal shows of a result."""
+    sources = [f'{b.role}: {b.bag}, {b.samples} samples, {b.duration:.2f} s' for b in result.bags]
     published = f'published: the answer of {result.criterion}, {result.model} model'
-    shown: list[str | Table | None] = ['\n'.join(sources(result)), f'{published}\n{parameter_table(result).text()}']
+    shown: list[str | Table | None] = ['\n'.join(sources), f'{published}\n{parameter_table(result).text()}']
     # Where a fault of the recordings explains all that is odd, the rest would only hide it.
     if not result.consequences:
+        design = 'pendubot excite --design proposes an excitation that identifies all parameters as well as can be'
         shown += [
             comparison_table(result) if len(result.criteria) > 1 else None,
             prediction_table(result),
@@ -310,60 +299,32 @@ def summary(result: Result) -> str:
             model_table(result),
             run_table(result),
             steps(result),
-            advice(result),
+            '\n'.join(map(wrapped, [*result.advice, design])) if result.advice else None,
         ]
     shown.append(judgement(result))
     return '\n\n'.join(part.text() if isinstance(part, Table) else part for part in shown if part)
 
 
 def comparison(compared: Mapping[str, Any]) -> str:
-    """Return results beside each other, as ``pendubot compare`` found them."""
+    """Return results beside each other, as ``pendubot compare --json`` prints them."""
     letters = [chr(ord('A') + k) if k < 26 else f'A{k}' for k in range(len(compared['results']))]
     legend = [f'{letter}  {name}' for letter, name in zip(letters, compared['results'], strict=True)]
-    exact = rounding(
-        Parameter(value=value or 0.0, std_error=error)
-        for row in compared['parameters'].values()
-        for value, error in zip(row['value'], row['std_error'], strict=True)
-    )
+    found = compared['parameters'].values()
+    pairs = [list(zip(row['value'], row['std_error'], strict=True)) for row in found]
+    exact = rounding(Parameter(value=value or 0.0, std_error=error) for row in pairs for value, error in row)
     rows: list[list[Cell]] = [
         [
             f'{name} [{row["unit"]}]',
-            *(
-                (Number(value, exact), '' if error is None else f' ± {error:{exact}}')
-                for value, error in zip(row['value'], row['std_error'], strict=True)
-            ),
+            *((Number(value, exact), '' if error is None else f' ± {error:{exact}}') for value, error in pair),
             *(Number(z, '+.1f') for z in row['apart'][1:]),
         ]
-        for name, row in compared['parameters'].items()
+        for (name, row), pair in zip(compared['parameters'].items(), pairs, strict=True)
     ]
     note = 'z: the difference from A in standard errors of both together'
     tables = [Table(['', *letters, *(f'z of {letter} - A' for letter in letters[1:])], rows, [note])]
     if 'on' in compared:
-        tables.append(
-            Table(
-                ['', *letters, 'persistence'],
-                [
-                    [f'error after {horizon:g} s', *(Number(value, '.3f') for value in (*errors, still))]
-                    for horizon, still, *errors in zip(
-                        compared['horizons'], compared['standing_still'], *compared['error'], strict=True
-                    )
-                ],
-                [f'errors of simulated states in their standard deviations, on {compared["on"]}'],
-            )
-        )
+        columns = zip(compared['horizons'], *compared['error'], compared['standing_still'], strict=True)
+        rows = [[f'error after {horizon:g} s', *(Number(e, '.3f') for e in errors)] for horizon, *errors in columns]
+        note = f'errors of simulated states in their standard deviations, on {compared["on"]}'
+        tables.append(Table(['', *letters, 'persistence'], rows, [note]))
     return '\n\n'.join(['\n'.join(legend), *(table.text() for table in tables), *map(wrapped, compared['notes'])])
-
-
-def doubt(entry: Parameter) -> str:
-    """Return what stands beside a parameter that is not known; empty for others."""
-    return 'on its bound' if entry.on_bound else 'undetermined' if entry.determined is False else ''
-
-
-def rounding(entries: Iterable[Parameter]) -> str:
-    """Return the format that shows three digits of the smallest estimate, or of its standard error if that is more."""
-    sizes = [max(abs(e.value), e.std_error or 0.0) for e in entries if e.value and not e.on_bound]
-    return f'.{min(max(2 - math.floor(math.log10(min(sizes, default=1.0))), 4), 7)}f'
-
-
-def _error(value: float, truth: float) -> str:
-    return f'{100 * (value / truth - 1):+.1f} %' if truth else f'{value:+.1e}'

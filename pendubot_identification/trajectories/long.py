@@ -42,14 +42,10 @@ def is_long(samples: float, duration: float) -> bool:
 
 
 class Piece(NamedTuple):
-    """A part of a recording, and what it shares with its neighbours.
+    """A part of a recording, and what it shares with its neighbours: as recorded, and on the recording's uniform grid.
 
-    Attributes:
-        recorded: its samples.
-        at: the number of the first of them in the recording.
-        even: the same on the uniform grid of the whole recording.
-        first: the number of its first place on that grid.
-        begin, end: from which to which place, that one not included, the grid is the piece's own.
+    ``at`` is the number of its first sample in the recording, ``first`` that of its first place on the grid. The places
+    from ``begin`` on and before ``end`` are its own.
     """
 
     recorded: Trajectory
@@ -61,47 +57,32 @@ class Piece(NamedTuple):
 
 
 class Grid(NamedTuple):
-    """A recording on a uniform grid.
-
-    Attributes:
-        name: of the recording.
-        interval: from one place to the next [s].
-        size: how many there are.
-        pieces: gives the recording piece by piece when told how much [s] neighbours share.
-    """
+    """A held recording on a uniform grid of ``size`` places, ``interval`` [s] apart."""
 
     name: str
     interval: float
     size: int
-    pieces: Callable[[float], Iterator[Piece]]
+    whole: Piece
+
+    def pieces(self, reach: float) -> Iterator[Piece]:
+        """Return all of it in one piece."""
+        yield self.whole
 
 
 @dataclass(frozen=True, slots=True)
 class Long:
-    """A recording that is read again and again, and never held.
+    """A recording that is read again and again, and never held; with what :class:`Grid` has."""
 
-    Attributes:
-        name: of the recording.
-        read: gives its samples from the first on, some thousands at a time.
-        samples: how many there are.
-        start, last: the first stamp and the last [s].
-        interval: of the uniform grid on which it is taken [s].
-        size: places of that grid.
-        near: whether the stamps lie on it but for their jitter; else positions are interpolated.
-        lost: about how many samples are missing.
-        stretches: in which most work was done, spread as far as it was.
-    """
-
-    name: str
-    read: Read
-    samples: int
-    start: float
-    last: float
-    interval: float
-    size: int
-    near: bool
-    lost: int
-    stretches: tuple[Trajectory, ...]
+    name: str  #: of the recording.
+    read: Read  #: gives its samples from the first on, some thousands at a time.
+    samples: int  #: how many there are.
+    start: float  #: the first stamp [s].
+    last: float  #: the last one [s].
+    interval: float  #: of the uniform grid on which it is taken [s].
+    size: int  #: places of that grid.
+    near: bool  #: whether the stamps lie on it but for their jitter; else positions are interpolated.
+    lost: int  #: about how many samples are missing.
+    stretches: tuple[Trajectory, ...]  #: in which most work was done, spread as far as it was.
 
     def __len__(self) -> int:
         return self.samples
@@ -126,39 +107,41 @@ class Long:
 
     @classmethod
     def survey(cls, name: str, read: Read, duration: float, part: Callable[[float, float], str]) -> Long | None:
-        """Read a recording once.
+        """Read a recording of about ``duration`` [s] once; None where it does not even hold one stretch.
 
-        Args:
-            name: of the recording.
-            read: see :class:`Long`.
-            duration: about how long it lasts [s].
-            part: what the part of it between two times [s] is called.
-
-        Returns:
-            None where it does not even hold one stretch: then it was not so long.
+        ``part`` tells what the part of it between two times [s] is called.
 
         Raises:
             TrajectoryError: samples too far apart, a gap, or stamps that repeat or run backwards.
         """
-        stamps, choice = _Stamps(), _Choice(duration)
+        stamps = _Stamps(name)
+        best: dict[int, tuple[float, Trajectory]] = {}  # in each twelfth the stretch in which most work was done
+        most = list[tuple[float, Trajectory]]()  # and those of all
         for stretch in _cut(read(), STRETCH):
-            stamps.add(name, stretch.t)
-            choice.add(stretch, stretch.t[0] - stamps.start)
-        stretches = choice.stretches()
-        if not stretches:
+            stamps.add(stretch.t)
+            if len(stretch) < 2 or stretch.duration < STRETCH - 2 * stretch.interval:
+                continue
+            # Without any torque, what moves more.
+            work = float((np.abs(np.diff(stretch.q, axis=0)) * (np.abs(stretch.tau[:-1]) + 1e-9)).sum())
+            twelfth = min(int((stretch.t[0] - stamps.start) / duration * STRETCHES), STRETCHES - 1)
+            if twelfth not in best or work > best[twelfth][0]:
+                best[twelfth] = work, stretch
+            most = sorted([*most, (work, stretch)], key=lambda each: -each[0])[:STRETCHES]
+        if not most:
             return None
-        interval, size, near = stamps.grid(name)
+        enough = DRIVEN * most[0][0]
+        found = {float(stretch.t[0]): stretch for work, stretch in best.values() if work >= enough}
+        # Where nothing much was done in a twelfth, the best of others take its place.
+        for work, stretch in most:
+            if len(found) < STRETCHES and work >= enough:
+                found[float(stretch.t[0])] = stretch
+        stretches = [
+            replace(stretch, name=part(round(begin, 3), round(begin, 3) + STRETCH))
+            for begin, stretch in sorted(found.items())
+        ]
+        interval, size, near = stamps.grid()
         return cls(
-            name=name,
-            read=read,
-            samples=stamps.count,
-            start=stamps.start,
-            last=stamps.last,
-            interval=interval,
-            size=size,
-            near=near,
-            lost=stamps.lost,
-            stretches=tuple(_named(stretch, part) for stretch in stretches),
+            name, read, stamps.count, stamps.start, stamps.last, interval, size, near, stamps.lost, tuple(stretches)
         )
 
     def pieces(self, reach: float) -> Iterator[Piece]:
@@ -193,17 +176,17 @@ class Long:
 Recording = Trajectory | Long
 
 
-def gridded(recording: Recording) -> Grid:
+def gridded(recording: Recording) -> Grid | Long:
     """Return a recording on a uniform grid; what is not long is one piece.
 
     Raises:
         TrajectoryError: samples too far apart, or a gap too long to be bridged.
     """
     if isinstance(recording, Long):
-        return Grid(recording.name, recording.interval, recording.size, recording.pieces)
+        return recording
     even = resample(recording)
     size = len(even)
-    return Grid(recording.name, even.interval, size, lambda _: iter([Piece(recording, 0, even, 0, 0, size)]))
+    return Grid(recording.name, even.interval, size, Piece(recording, 0, even, 0, 0, size))
 
 
 def held_parts(recordings: Sequence[Recording]) -> list[Trajectory]:
@@ -217,68 +200,31 @@ def sharing(recordings: Sequence[Recording]) -> list[Recording]:
     return [replace(r, stretches=r.stretches[::several]) if isinstance(r, Long) else r for r in recordings]
 
 
-class _Choice:
-    """The stretches that stand for a recording: of each twelfth the one in which most work was done.
-
-    Where nothing much was done in a twelfth, the best of others take its place.
-
-    Args:
-        duration: of the recording [s].
-    """
-
-    def __init__(self, duration: float) -> None:
-        self._duration = duration
-        self._of_each: dict[int, tuple[float, Trajectory]] = {}
-        self._of_all: list[tuple[float, Trajectory]] = []
-
-    def add(self, stretch: Trajectory, elapsed: float) -> None:
-        """Take what begins so long [s] after the recording."""
-        if len(stretch) < 2 or stretch.duration < STRETCH - 2 * stretch.interval:
-            return
-        moved = np.abs(np.diff(stretch.q, axis=0))
-        # Without any torque, what moves more.
-        worth = float((moved * (np.abs(stretch.tau[:-1]) + 1e-9)).sum())
-        place = min(int(elapsed / self._duration * STRETCHES), STRETCHES - 1)
-        if place not in self._of_each or worth > self._of_each[place][0]:
-            self._of_each[place] = worth, stretch
-        self._of_all = sorted([*self._of_all, (worth, stretch)], key=lambda each: -each[0])[:STRETCHES]
-
-    def stretches(self) -> list[Trajectory]:
-        """Return the chosen ones in the order of time."""
-        if not self._of_all:
-            return []
-        enough = DRIVEN * self._of_all[0][0]
-        found = {float(stretch.t[0]): stretch for worth, stretch in self._of_each.values() if worth >= enough}
-        for worth, stretch in self._of_all:
-            if len(found) < STRETCHES and worth >= enough:
-                found[float(stretch.t[0])] = stretch
-        return [found[begin] for begin in sorted(found)]
-
-
 class _Stamps:
-    """The stamps of a recording, of which little is kept."""
+    """The stamps of a recording as they pass: of intervals and lateness little is kept."""
 
-    def __init__(self) -> None:
+    def __init__(self, name: str) -> None:
+        self._name = name
         self.count, self.start, self.last = 0, np.nan, np.nan
         self._nominal = np.nan
         self._steps: list[tuple[Array, NDArray[np.intp]]] = []
         self._widest, self._widest_at = 0.0, 0.0
         self._extremes: list[Array] = []
 
-    def add(self, name: str, t: Array) -> None:
+    def add(self, t: Array) -> None:
         """Take the stamps [s] that follow."""
         if not self.count:
             self.start, self._nominal = float(t[0]), float(t[-1] - t[0]) / max(len(t) - 1, 1)
-            steps = np.diff(t)
+            joined = t
         else:
+            joined, nothing = np.append(self.last, t), np.zeros((2, 2))
             # Stamps that repeat or run back are refused as those of any motion.
-            both, nothing = np.array([self.last, t[0]]), np.zeros((2, 2))
-            Trajectory(both, nothing, nothing, name=f'{name}, from {self.last:.3f} s on')
-            steps = np.diff(t, prepend=self.last)
+            Trajectory(joined[:2], nothing, nothing, name=f'{self._name}, from {self.last:.3f} s on')
+        steps = np.diff(joined)
         if len(steps):
             k = int(np.argmax(steps))
             if steps[k] > self._widest:
-                self._widest, self._widest_at = float(steps[k]), float(t[k - len(steps)] - steps[k])
+                self._widest, self._widest_at = float(steps[k]), float(joined[k])
             self._steps.append(np.unique(steps, return_counts=True))
         if len(self._steps) > TOGETHER:
             self._steps = [self._counted()]
@@ -290,6 +236,7 @@ class _Stamps:
         self.count, self.last = self.count + len(t), float(t[-1])
 
     def _counted(self) -> tuple[Array, NDArray[np.intp]]:
+        """Return which intervals there are, and how many of each."""
         values, place = np.unique(np.concatenate([v for v, _ in self._steps]), return_inverse=True)
         counts = np.bincount(place.ravel(), np.concatenate([c for _, c in self._steps]))
         return values, counts.astype(np.intp)
@@ -310,21 +257,16 @@ class _Stamps:
         longer = max(np.rint((steps * counts).sum()) - counts.sum(), 0)
         return int(min(((np.rint(steps) - 1) * counts)[steps > 1.9].sum(), longer))
 
-    def grid(self, name: str) -> tuple[float, int, bool]:
+    def grid(self) -> tuple[float, int, bool]:
         """Return interval [s] and size of a uniform grid, and whether the stamps lie on it but for their jitter."""
         step = self.interval
-        require_dense(name, step, self._widest, self._widest_at - self.start)
+        require_dense(self._name, step, self._widest, self._widest_at - self.start)
         spacing = (self.last - self.start) / (self.count - 1)
         number, early, late = np.concatenate(self._extremes, axis=1)
         off = (spacing - self._nominal) * number
         if not strays(max(float((late - off).max()), float((off - early).max())), step):
             return spacing, self.count, True
         return step, int((self.last - self.start) / step + 1e-6) + 1, False
-
-
-def _named(stretch: Trajectory, part: Callable[[float, float], str]) -> Trajectory:
-    begin = round(float(stretch.t[0]), 3)
-    return replace(stretch, name=part(begin, begin + STRETCH))
 
 
 def _cut(parts: Iterable[Trajectory], length: float) -> Iterator[Trajectory]:

@@ -22,35 +22,22 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """States and torques of one recording at any time.
+    """States and torques of one recording at any time."""
 
-    Attributes:
-        name: of the recording.
-        start: time of its first sample [s].
-        end: time of its last one [s].
-        interval: its sampling interval [s].
-        smoothed: q1, q2, q1', q2' [rad, rad/s] as a spline of time.
-        impulse: integral of both torques [N m s] since the start, as a piecewise polynomial of time.
-        recorded: what all this was made of.
-    """
-
-    name: str
-    start: float
-    end: float
-    interval: float
-    smoothed: CubicSpline
-    impulse: PPoly
-    recorded: Trajectory
+    name: str  #: of the recording.
+    start: float  #: time of its first sample [s].
+    end: float  #: time of its last one [s].
+    interval: float  #: its sampling interval [s].
+    smoothed: CubicSpline  #: q1, q2, q1', q2' [rad, rad/s] as a spline of time.
+    impulse: PPoly  #: integral of both torques [N m s] since the start, as a piecewise polynomial of time.
+    recorded: Trajectory  #: what all this was made of.
 
     @classmethod
     def prepare(cls, trajectory: Trajectory, smoothing: float, hold: str = 'zero') -> Motion:
-        """Smooth the positions and integrate the torques.
+        """Smooth the positions by a window of so many seconds and integrate the torques; velocities are not used.
 
-        Args:
-            trajectory: the recording; its own velocities are not used.
-            smoothing: the differentiator's window [s].
-            hold: ``zero``: a torque is applied from its sample until the next one, as this package's bridge records
-                it. ``linear``: it was measured at its sample and changes linearly until the next one.
+        ``hold``: ``zero``: a torque is applied from its sample until the next one, as this package's bridge records it.
+        ``linear``: it was measured at its sample and changes linearly until the next one.
         """
         even = resample(trajectory)
         return cls.of(trajectory, even, even.interval, smoothing, hold)
@@ -60,8 +47,7 @@ class Motion:
         """Do so with the recording on a uniform grid, of a given interval [s]."""
         q, qd = differentiate(even.q, interval, smoothing)
         if q is even.q:
-            # Samples too far apart to be smoothed: a spline through them knows their speed ten times better than
-            # differences do.
+            # Samples too far apart to be smoothed: a spline knows their speed ten times better than differences.
             qd = CubicSpline(even.t, q)(even.t, 1)
         t, tau = trajectory.t, trajectory.tau
         pieces = [tau[:-1]] if hold == 'zero' else [np.diff(tau, axis=0) / np.diff(t)[:, None], tau[:-1]]
@@ -101,17 +87,11 @@ class Motion:
 
 @dataclass(frozen=True, slots=True)
 class LongMotion:
-    """A long recording, made ready piece by piece.
+    """A long recording, made ready piece by piece."""
 
-    Attributes:
-        recorded: the recording.
-        smoothing: the differentiator's window [s].
-        hold: how the torque behaves between its samples, see :meth:`Motion.prepare`.
-    """
-
-    recorded: Long
-    smoothing: float
-    hold: str
+    recorded: Long  #: the recording.
+    smoothing: float  #: the differentiator's window [s].
+    hold: str  #: how the torque behaves between its samples, see :meth:`Motion.prepare`.
 
     @property
     def name(self) -> str:

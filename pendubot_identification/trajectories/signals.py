@@ -34,26 +34,21 @@ DEGREE = 3
 ROUGHER, STRETCH, FEWEST = 1.1, 7, 50
 
 
-def resample(trajectory: Trajectory, interval: float | None = None) -> Trajectory:
-    """Return the trajectory on a uniform grid.
+def resample(trajectory: Trajectory) -> Trajectory:
+    """Return the trajectory, of at least two samples, on a uniform grid.
 
     Stamps that jitter by little more than a clock's mapping does are moved onto the grid and nothing else changes.
     Otherwise positions and velocities are interpolated by cubic splines, and torques held, as the board holds them.
 
-    Args:
-        trajectory: any trajectory of at least two samples.
-        interval: the grid's spacing [s]; by default what the stamps themselves suggest.
-
     Raises:
         TrajectoryError: samples too far apart, or a gap too long to be bridged.
     """
-    t = trajectory.t
-    step = trajectory.interval if interval is None else interval
+    t, step = trajectory.t, trajectory.interval
     gaps = np.diff(t)
     widest = int(np.argmax(gaps))
-    require_dense(trajectory.name, trajectory.interval, gaps[widest], t[widest] - t[0], step)
+    require_dense(trajectory.name, step, gaps[widest], t[widest] - t[0])
     even = np.linspace(t[0], t[-1], len(t))
-    if interval is None and not strays(np.abs(even - t).max(), step):
+    if not strays(np.abs(even - t).max(), step):
         return replace(trajectory, t=even)
     return on_grid(trajectory, t[0] + step * np.arange(int((t[-1] - t[0]) / step + 1e-6) + 1))
 
@@ -61,12 +56,11 @@ def resample(trajectory: Trajectory, interval: float | None = None) -> Trajector
 def evenly_stamped(trajectory: Trajectory) -> Trajectory:
     """Return the trajectory with even stamps where its own jitter and its samples did not; otherwise as it is.
 
-    A board samples by its timer, and a stamp may be given later, when the sample arrives. What is smoother, the motion
-    through the stamps or through even ones, tells which of them are true. Where stamps also wander, as they do where
-    samples are missing, even ones cannot be known, and they stay.
+    A board samples by its timer, and a stamp may be given later, when the sample arrives. Where stamps also wander, as
+    they do where samples are missing, even ones cannot be known, and they stay.
     """
     t, number = trajectory.t, np.arange(len(trajectory), dtype=float)
-    if len(t) < FEWEST * STRETCH or not falsely_stamped(trajectory):
+    if not falsely_stamped(trajectory):
         return trajectory
     slope, start = np.polyfit(number, t, 1)
     even = start + slope * number
@@ -103,15 +97,10 @@ def strays(distance: float, interval: float) -> bool:
     return bool(distance >= JITTER * interval)
 
 
-def require_dense(name: str, interval: float, widest: float, at: float, step: float | None = None) -> None:
-    """Refuse samples between which the motion is unknown.
+def require_dense(name: str, interval: float, widest: float, at: float) -> None:
+    """Refuse a recording, usually sampled every ``interval`` [s], between whose samples the motion is unknown.
 
-    Args:
-        name: of the recording.
-        interval: its usual interval [s].
-        widest: its longest one [s].
-        at: when that begins, from the first sample on [s].
-        step: the interval of the grid that is wanted [s]; by default the usual one.
+    ``widest`` is its longest interval [s], which begins at ``at`` [s] from the first sample on.
 
     Raises:
         TrajectoryError: samples too far apart, or a gap too long to be bridged.
@@ -121,11 +110,10 @@ def require_dense(name: str, interval: float, widest: float, at: float, step: fl
             f'{name}: its samples are {interval:g} s apart and at most {LONGEST_GAP:g} s is '
             'expected; are its stamps in seconds? record at a higher rate'
         )
-    step = interval if step is None else step
-    if widest > max(LONGEST_GAP, 5 * step):
+    if widest > max(LONGEST_GAP, 5 * interval):
         raise TrajectoryError(
             f'{name}: {widest:.3f} s without a sample begin at {at:.3f} s, where '
-            f'{step:.4g} s is the usual interval; choose a window on one side of the gap'
+            f'{interval:.4g} s is the usual interval; choose a window on one side of the gap'
         )
 
 
@@ -149,14 +137,9 @@ def held(t: Array, at: Array, interval: float | None = None) -> NDArray[np.intp]
 def differentiate(q: Array, interval: float, window: float) -> tuple[Array, Array]:
     """Return positions and velocities from uniformly sampled positions, without phase shift.
 
-    Args:
-        q: positions [rad], shape (N, 2).
-        interval: sampling interval [s].
-        window: length [s] of the Savitzky-Golay window. One that spans fewer than 5 samples smooths nothing: then the
-            positions stay as they are and the velocities are central differences.
-
-    Returns:
-        Smoothed positions and velocities [rad/s], each of shape (N, 2).
+    ``interval`` [s] is that of the samples, ``window`` [s] that of the Savitzky-Golay filter. One that spans fewer than
+    5 samples smooths nothing: then the positions stay as they are and the velocities are central differences. All
+    arrays have shape (N, 2) [rad, rad/s].
 
     Raises:
         TrajectoryError: fewer samples than the window holds.
@@ -181,9 +164,7 @@ def differentiate(q: Array, interval: float, window: float) -> tuple[Array, Arra
 def _filtered(q: Array, fit: Array) -> Array:
     """Return what a window makes of the samples in it: of its middle, and at both ends of its other places.
 
-    Args:
-        q: samples, shape (N, 2).
-        fit: value at each place of the window by the window's samples, shape (length, length).
+    ``fit``: the value at each place of the window by the window's samples, shape (length, length).
     """
     length = len(fit)
     half = length // 2
@@ -192,11 +173,7 @@ def _filtered(q: Array, fit: Array) -> Array:
 
 
 def encoder_step(q: Array) -> Array:
-    """Return the step [rad] in which each joint's positions were read, shape (2,); 0 where they have none.
-
-    Args:
-        q: positions as recorded [rad], shape (N, 2).
-    """
+    """Return the step [rad] in which each joint's recorded positions were read, shape (2,); 0 where they have none."""
     steps = np.zeros(q.shape[1])
     for joint, moved in enumerate(np.abs(np.diff(q, axis=0)).T):
         moved = moved[moved > 1e-9]

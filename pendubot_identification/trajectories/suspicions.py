@@ -36,13 +36,12 @@ def suspicions(recordings: Sequence[Recording]) -> list[str]:
         for text in (
             *_missing(recording),
             *_false_stamps(recording),
-            *(said for motion in held_parts([recording]) for said in (*_saturated(motion), *_clipped(motion))),
+            *(said for part in held_parts([recording]) for said in (*_saturated(part), *_clipped(part))),
         )
     ]
 
 
 def _missing(motion: Recording) -> list[str]:
-    """Say where samples are missing."""
     lost = motion.lost
     if lost <= MISSING * len(motion):
         return []

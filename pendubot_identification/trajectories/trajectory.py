@@ -22,23 +22,16 @@ MINIMUM_SAMPLES = 50
 class Trajectory:
     """Samples of one motion, in the order of time.
 
-    Attributes:
-        t: time [s], shape (N,), strictly increasing.
-        q: joint positions [rad], shape (N, 2): q1 from the horizontal, q2 relative to link 1.
-        tau: joint torques [N m], shape (N, 2); tau[k] is applied from sample k until sample k+1.
-        qd: joint velocities [rad/s], shape (N, 2), or None where none were recorded.
-        name: where it came from, for messages.
-
     Raises:
         TrajectoryError: shapes that do not belong together, values that are not finite, stamps that repeat or
             run backwards.
     """
 
-    t: Array
-    q: Array
-    tau: Array
-    qd: Array | None = None
-    name: str = 'trajectory'
+    t: Array  #: time [s], shape (N,), strictly increasing.
+    q: Array  #: joint positions [rad], shape (N, 2): q1 from the horizontal, q2 relative to link 1.
+    tau: Array  #: joint torques [N m], shape (N, 2); tau[k] is applied from sample k until sample k+1.
+    qd: Array | None = None  #: joint velocities [rad/s], shape (N, 2), or None where none were recorded.
+    name: str = 'trajectory'  #: where it came from, for messages.
 
     def __post_init__(self) -> None:
         n = len(self.t)
@@ -86,25 +79,10 @@ class Trajectory:
         steps = np.diff(self.t) / self.interval
         return int(min(np.rint(steps[steps > 1.9] - 1).sum(), max(np.rint(steps.sum()) - len(steps), 0)))
 
-    def window(self, start: float | None = None, end: float | None = None) -> Trajectory:
-        """Return the samples with start <= t - t[0] < end, in seconds from the first sample; None leaves a side open.
-
-        Raises:
-            TrajectoryError: the window is reversed, empty, or holds no sample.
-        """
-        low = 0.0 if start is None else start
-        high = np.inf if end is None else end
-        if not low < high:
-            raise TrajectoryError(
-                f'{self.name}: the window {low:g}:{high:g} is empty or reversed; give START:END in seconds, START first'
-            )
+    def window(self, start: float, end: float) -> Trajectory:
+        """Return the samples with start <= t - t[0] < end, in seconds from the first sample."""
         elapsed = self.t - self.t[0]
-        part = self[(elapsed >= low - 1e-9) & (elapsed < high - 1e-9)]
-        if not len(part):
-            raise TrajectoryError(
-                f'{self.name}: the window {low:g}:{high:g} holds no sample; the recording lasts {self.duration:.3f} s'
-            )
-        return part
+        return self[(elapsed >= start - 1e-9) & (elapsed < end - 1e-9)]
 
     def __getitem__(self, index: slice | NDArray[np.bool_]) -> Trajectory:
         qd = None if self.qd is None else self.qd[index]

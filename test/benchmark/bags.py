@@ -4,7 +4,6 @@
 """A long bag: a window of it, and all of it, beside rosbags; each in a process of its own, whose memory is measured."""
 
 import json
-import os
 import statistics
 import struct
 import subprocess
@@ -33,56 +32,45 @@ CHUNKS = {'768 kB': 786_432, '0.1 s': 18_000}
 #: What rosbags reads of it, from which all of it is extrapolated.
 SHARE = 30
 
-#: The largest memory [MB] of a process itself; getrusage's is that of its parent too.
-MEMORY = """
-import json, sys, time
-def memory():
-    return int(open('/proc/self/status').read().split('VmHWM:')[1].split()[0]) / 1024
-"""
-OURS = (
-    MEMORY
-    + """
+#: What runs in a process of its own: imports, the work, and what of it is said beside seconds and the largest memory
+#: [MB], which getrusage would give of the parent too.
+PROGRAM = """
+import contextlib, io, json, sys, time
 from pathlib import Path
-from pendubot_identification.recordings.bag_reader import BagReader, Stream
-clock = time.process_time if sys.argv.pop() == 'cpu' else time.perf_counter
+{0}
+clock = {{'wall': time.perf_counter, 'cpu': time.process_time}}[sys.argv.pop()]
 begin = clock()
+{1}
+spent, status = clock() - begin, Path('/proc/self/status').read_text()
+print(json.dumps([spent, int(status.split('VmHWM:')[1].split()[0]) / 1024, {2}]))
+"""
+OURS = PROGRAM.format(
+    'from pendubot_identification.recordings.bag_reader import BagReader, Stream',
+    """
 window = [float(x) for x in sys.argv[2:]]
-reader = BagReader(Path(sys.argv[1]))
-t, values = Stream(reader, '/joint_states', ('shoulder', 'elbow'), *window).samples()
-end = clock()
-print(json.dumps([end - begin, memory(), len(t)]))
-"""
+t, _ = Stream(BagReader(Path(sys.argv[1])), '/joint_states', ('shoulder', 'elbow'), *window).samples()
+""",
+    'len(t)',
 )
-THEIRS = (
-    MEMORY
-    + """
-from pathlib import Path
-from rosbags.highlevel import AnyReader
-clock = time.process_time if sys.argv.pop() == 'cpu' else time.perf_counter
-begin = clock()
+THEIRS = PROGRAM.format(
+    'from rosbags.highlevel import AnyReader',
+    """
 count = 0
 with AnyReader([Path(sys.argv[1])]) as reader:
     first = reader.start_time
     for connection, _, data in reader.messages(start=first, stop=first + int(float(sys.argv[2]) * 1e9)):
         reader.deserialize(data, connection.msgtype)
         count += 1
-end = clock()
-print(json.dumps([end - begin, memory(), count]))
-"""
+""",
+    'count',
 )
-
-
-IDENTIFY = (
-    MEMORY
-    + """
-import contextlib, io
-from pendubot_identification.cli.main import main
-clock = time.process_time if sys.argv.pop() == 'cpu' else time.perf_counter
-begin = clock()
+IDENTIFY = PROGRAM.format(
+    'from pendubot_identification.cli.main import main',
+    """
 with contextlib.redirect_stdout(io.StringIO()) as out:
     main(['identify', *sys.argv[1:], '--json'])
-print(json.dumps([clock() - begin, memory(), json.loads(out.getvalue())['parameters']]))
-"""
+""",
+    "json.loads(out.getvalue())['parameters']",
 )
 
 
@@ -120,6 +108,8 @@ def write(path, columns, chunk_size):
                 message[first : first + 16] = column[k].tobytes()
             writer.add_message(channel, stamp, bytes(message), stamp, k)
         writer.finish()
+    topic = {'name': '/joint_states', 'type': JOINT_STATE, 'serialization_format': 'cdr', 'offered_qos_profiles': []}
+    topic['type_description_hash'] = message_definition(JOINT_STATE).type_hash
     metadata = {
         'version': 9,
         'storage_identifier': 'mcap',
@@ -130,35 +120,20 @@ def write(path, columns, chunk_size):
         'compression_mode': '',
         'relative_file_paths': [path.name],
         'files': [],
-        'topics_with_message_count': [
-            {
-                'message_count': count,
-                'topic_metadata': {
-                    'name': '/joint_states',
-                    'type': JOINT_STATE,
-                    'serialization_format': 'cdr',
-                    'offered_qos_profiles': [],
-                    'type_description_hash': message_definition(JOINT_STATE).type_hash,
-                },
-            }
-        ],
+        'topics_with_message_count': [{'message_count': count, 'topic_metadata': topic}],
     }
     (path.parent / 'metadata.yaml').write_text(json.dumps({'rosbag2_bagfile_information': metadata}))
 
 
 def run(program, *arguments):
     """Return what a program says in a process of its own."""
-    command = [sys.executable, '-c', program, *map(str, arguments)]
-    answer = subprocess.run(command, cwd=ROOT, stdout=subprocess.PIPE, text=True, check=True)
-    return json.loads(answer.stdout)
+    command = [sys.executable, '-c', program, *map(str, arguments), measure.clock.__name__]
+    return json.loads(subprocess.run(command, cwd=ROOT, stdout=subprocess.PIPE, text=True, check=True).stdout)
 
 
 def measured(program, *arguments):
     """Return median seconds, largest memory [MB] and messages of several runs of a program."""
-    runs = []
-    for _ in range(REPETITIONS):
-        runs.append(run(program, *arguments, measure.clock.__name__))
-    times, memory, counts = zip(*runs, strict=True)
+    times, memory, counts = zip(*(run(program, *arguments) for _ in range(REPETITIONS)), strict=True)
     return statistics.median(times), max(memory), counts[0]
 
 
@@ -167,7 +142,7 @@ def hour(duration=SECONDS):
     with tempfile.TemporaryDirectory() as folder:
         for name, size in CHUNKS.items():
             bag = Path(folder, name.replace(' ', ''))
-            os.mkdir(bag)
+            bag.mkdir()
             write(bag / 'bag_0.mcap', sines(duration * RATE), size)
             theirs, _, count = measured(THEIRS, bag, duration / SHARE)
             for what, window in (('10 s from the middle', (duration / 2, duration / 2 + 10)), ('all of it', ())):
@@ -187,7 +162,7 @@ def identified(duration=SECONDS):
     with tempfile.TemporaryDirectory() as folder:
         write(Path(folder, 'bag_0.mcap'), motion(duration * RATE), CHUNKS['0.1 s'])
         for criterion in ('energy', 'weak', 'energy,weak,trajectory'):
-            spent, memory, found = run(IDENTIFY, folder, '--criterion', criterion, measure.clock.__name__)
+            spent, memory, found = run(IDENTIFY, folder, '--criterion', criterion)
             off = {name: found[name]['value'] / value - 1 for name, value in zip(NAMES, PAPER.vector(), strict=False)}
             worst = max(off, key=lambda name: abs(off[name]))
             rows.append(f'| {criterion} | {spent:.0f} s | {memory:.0f} MB | {worst}, by {100 * off[worst]:.2g} % |')

@@ -27,9 +27,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pendubot_identification.control.closed_loop import HELD, deviation, simulate_closed_loop
 from pendubot_identification.control.controller import UPRIGHT, Controller, Design, Loop, SafetyLimits
-from pendubot_identification.control.linear_control import Weights, design, equilibrium
+from pendubot_identification.control.linear_control import design
+from pendubot_identification.control.plan import HELD, deviation, simulate_closed_loop
 from pendubot_identification.errors import ControlError
 from pendubot_identification.excitation.excitation import PulseTrain
 from pendubot_identification.identify.identification import identify
@@ -76,39 +76,42 @@ def simulated(known, rate, start, seed):
     place, spread, begin = STARTS[start]
     rng = np.random.default_rng(seed)
     q1, q2 = (q + rng.uniform(-spread, spread) for q in place)
-    loop = Loop(1 / rate, 1, known.lag, LIMIT)
-    controller = Controller(Design.make(known.parameters, loop), loop)
-    run = simulate_closed_loop(controller, LatePlant(BALANCE, LAG, (q1, q2)), loop, begin + TIME + 2, enough=TIME + 2)
+    loop = Loop(1 / rate, known.lag, LIMIT)
+    controller = Controller(Design.make(known.parameters, loop))
+    run = simulate_closed_loop(controller, LatePlant(BALANCE, LAG, (q1, q2)), begin + TIME + 2, enough=TIME + 2)
     return judged(run.motion.t, run.motion.q, run.motion.tau[:, 0], begin)
 
 
 def live_trials(known, rate, start, seeds):
     """Run trials over pty, bridge and DDS; the board is another one each time, bridge and balancer go on."""
-    from test.live import ARMED, LiveRig
-    from test.processes import spin_until
+    from test.live import LiveRig
+    from test.processes import parameters, spin_until
+    from test.rig import ARMED
 
     _, spread, begin = STARTS[start]
     with tempfile.TemporaryDirectory() as folder:
         rig = LiveRig(Path(folder), rate)
+
+        def stopped():
+            return any(status.message.startswith('stopped') for status in rig.said())
+
         try:
             rig.publish(known.parameters, delay=known.lag)
-            rig.start('balancer', accept_warn='true')
+            rig.start('balancer', *parameters(accept_warn='true'))
             rig.start_bridge()
             for seed in range(seeds):
                 board = rig.start_board(start=start, spread=spread, delay=LAG, seed=seed)
                 rig.begin()
-                rig.diagnoses.clear()
+                rig.statuses.clear()
                 deadline = time.monotonic() + begin + TIME + 5
-                while time.monotonic() < deadline and rig.held()[1] < TIME + 0.1:
-                    spin_until(rig.node, lambda: any(d.message.startswith('stopped') for d in rig.diagnoses), 0.5)
-                    if any(d.message.startswith('stopped') for d in rig.diagnoses):
-                        break
+                while time.monotonic() < deadline and rig.held()[1] < TIME + 0.1 and not stopped():
+                    spin_until(rig.node, stopped, 0.5)
                 rig.call('/balancer/stop')
-                t, q, tau, status = rig.trace()
+                t, q, tau, status = rig.motion()
                 armed = (status & ARMED).astype(bool)
                 trial = judged(t[armed] - t[armed][0], q[armed], tau[armed], begin)
                 if not math.isfinite(trial.held):
-                    last = rig.diagnoses[-1].message if rig.diagnoses else 'nothing'
+                    last = rig.said()[-1].message if rig.said() else 'nothing'
                     print(f'<!-- {start}, {rate} Hz, seed {seed}: the balancer says: {last} -->', flush=True)
                 yield trial
                 board.stop()
@@ -165,11 +168,11 @@ def compare(options):
                 print(f'| {source} | {rate} Hz | {start} | {len(good)} of {len(trials)} {figures} {peak:.3f} N m |')
 
 
-def falls(plan, loop, lag, gain):
+def falls(plan, lag, gain):
     """Tell whether a rig that is almost upright is lost, in 10 s."""
     bounds = SafetyLimits(swing_up=0.0)
     rig = LatePlant(plan.parameters, lag, (UPRIGHT + 0.01, 0.0))
-    run = simulate_closed_loop(Controller(plan, loop, bounds), rig, loop, TIME, motor=gain)
+    run = simulate_closed_loop(Controller(plan, bounds), rig, TIME, motor=gain)
     return bool(run.stopped) or bool(deviation(run.motion.q).max() > HELD)
 
 
@@ -183,14 +186,13 @@ def edge(good, bad, lost):
 def meet_margins(rates):
     print('\n| rate | margin | computed | met in simulation |\n|---|---|---|---|')
     for rate in rates:
-        loop = Loop(1 / rate, 1, LAG, LIMIT)
-        plan = Design.make(BALANCE, loop)
+        plan = Design.make(BALANCE, Loop(1 / rate, LAG, LIMIT))
         m = plan.margins
-        met = edge(0.0, 3 * m.delay, lambda more: falls(plan, loop, LAG + more, 1.0))  # noqa: B023
+        met = edge(0.0, 3 * m.delay, lambda more: falls(plan, LAG + more, 1.0))  # noqa: B023
         print(f'| {rate} Hz | delay | {1e3 * m.delay:.1f} ms | {1e3 * met:.1f} ms |')
-        met = edge(1.0, 0.0, lambda gain: falls(plan, loop, LAG, gain))  # noqa: B023
+        met = edge(1.0, 0.0, lambda gain: falls(plan, LAG, gain))  # noqa: B023
         print(f'| {rate} Hz | gain, down | {m.gain_down:.2f} | {met:.2f} |')
-        met = edge(1.0, 3 * m.gain_up, lambda gain: falls(plan, loop, LAG, gain))  # noqa: B023
+        met = edge(1.0, 3 * m.gain_up, lambda gain: falls(plan, LAG, gain))  # noqa: B023
         print(f'| {rate} Hz | gain, up | {m.gain_up:.2f} | {met:.2f} |')
         print(f'| {rate} Hz | phase | {math.degrees(m.phase):.0f} degrees | |', flush=True)
 
@@ -200,19 +202,19 @@ def paper(rates, seeds):
     print('|---|---|---|---|---|---|')
     for rate in rates:
         for lag in (0.0, LAG):
-            loop = Loop(1 / rate, 1, lag, LIMIT)
+            loop = Loop(1 / rate, lag, LIMIT)
             try:
                 plan = Design.make(PAPER, loop)
             except ControlError as error:
-                K = design(PAPER, equilibrium(PAPER), loop.period, loop.delay, Weights()).K
+                K = design(PAPER, loop.period, loop.delay).K
                 print(f'| {rate} Hz | {1e3 * lag:g} ms | {K.round(1)} | {error} | | |')
                 continue
             m, held = plan.margins, 0
             for seed in range(seeds):
                 q1, q2 = np.random.default_rng(seed).uniform(-0.02, 0.02, 2)
                 rig = LatePlant(PAPER, lag, (UPRIGHT + q1, q2))
-                controller = Controller(plan, loop, SafetyLimits(swing_up=0.0))
-                run = simulate_closed_loop(controller, rig, loop, 1 + TIME + 0.1)
+                controller = Controller(plan, SafetyLimits(swing_up=0.0))
+                run = simulate_closed_loop(controller, rig, 1 + TIME + 0.1)
                 held += math.isfinite(judged(run.motion.t, run.motion.q, run.motion.tau[:, 0], 1.0).held)
             print(
                 f'| {rate} Hz | {1e3 * lag:g} ms | {plan.regulator.K.round(1)} | {1e3 * m.delay:.2f} ms '
@@ -226,13 +228,7 @@ def main():
     parser.add_argument('--live', action='store_true', help='over pty, bridge and DDS, and the comparison alone')
     parser.add_argument('--seeds', type=int, default=20)
     parser.add_argument('--rates', type=int, nargs='+', default=[200, 500])
-    parser.add_argument(
-        '--from',
-        dest='sources',
-        nargs='+',
-        default=SOURCES,
-        choices=SOURCES,
-    )
+    parser.add_argument('--from', dest='sources', nargs='+', default=SOURCES, choices=SOURCES)
     options = parser.parse_args()
     if options.live:
         import rclpy

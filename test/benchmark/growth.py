@@ -10,20 +10,10 @@ from pendubot_identification.criteria.energy import energy_regression
 from pendubot_identification.criteria.quadratic import Penalised, Quadratic
 from pendubot_identification.model.parameters import Bounds, default_bounds
 from pendubot_identification.trajectories.trajectory import Trajectory
-from test.benchmark import measure
-from test.benchmark.measure import on
+from test.benchmark.measure import interleaved, on
 from test.benchmark.optimisers import energy_criterion, mde
 
 GENERATIONS = 400
-
-
-def least(work, repetitions=5):
-    spent = []
-    for _ in range(repetitions):
-        begin = measure.clock()
-        work()
-        spent.append(measure.clock() - begin)
-    return float(np.median(spent))
 
 
 def samples():
@@ -37,7 +27,7 @@ def samples():
             regression = energy_regression(motion)
             Quadratic.reduce(regression.phi, regression.y)
 
-        yield count, least(reduce, 5 if count < 10**6 else 1)
+        yield count, interleaved({'': reduce}, 5 if count < 10**6 else 1)['']
 
 
 def searches(kind):
@@ -70,7 +60,9 @@ def figure(path):
     rows = [('samples', at, spent)]
     for axis, kind in zip(axes[1:], ('population', 'runs', 'dimension'), strict=True):
         for name, compiled in (('kernel', True), ('numpy', False)):
-            at, spent = zip(*((n, least(on(compiled, work))) for n, work in searches(kind)), strict=True)
+            at, spent = zip(
+                *((n, interleaved({'': on(compiled, work)})['']) for n, work in searches(kind)), strict=True
+            )
             axis.loglog(at, spent, 'o-', label=name)
             rows.append((f'{kind}, {name}', at, spent))
         axis.set_xlabel(f'{kind}, {GENERATIONS} generations')

@@ -9,7 +9,6 @@ import resource
 import statistics
 import subprocess
 import time
-from contextlib import contextmanager
 
 import numpy as np
 import scipy
@@ -45,22 +44,15 @@ def interleaved(works, repetitions=REPETITIONS):
     return {name: statistics.median(seconds) for name, seconds in spent.items()}
 
 
-@contextmanager
-def path(compiled):
-    """Take the compiled kernel, or numpy."""
-    before, kernel.wanted = kernel.wanted, compiled
-    try:
-        yield
-    finally:
-        kernel.wanted = before
-
-
 def on(compiled, work):
-    """Return the work on one of the two paths."""
+    """Return the work with the compiled kernel, or with numpy."""
 
     def run():
-        with path(compiled):
+        before, kernel.wanted = kernel.wanted, compiled
+        try:
             return work()
+        finally:
+            kernel.wanted = before
 
     return run
 

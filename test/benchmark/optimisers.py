@@ -44,12 +44,12 @@ def mde(objective, bounds, population=POPULATION, runs=RUNS, **settings):
     return lambda: optimizer.mde(objective, bounds, chosen, runs=runs)
 
 
-def scipys(value, bounds, population=POPULATION, runs=RUNS, target=None):
+def scipys(value, bounds, target=None):
     limits = list(zip(bounds.lower, bounds.upper, strict=True))
 
     def run():
-        for seed in range(runs):
-            start = np.random.default_rng(seed).random((population, len(limits)))
+        for seed in range(RUNS):
+            start = np.random.default_rng(seed).random((POPULATION, len(limits)))
             differential_evolution(
                 lambda x: value(x.T),
                 limits,
@@ -69,24 +69,10 @@ def scipys(value, bounds, population=POPULATION, runs=RUNS, target=None):
     return run
 
 
-def pygmos(problem, population=POPULATION, runs=RUNS, target=None):
+def pygmos(criterion, bounds, target=None):
+    """It asks for one vector at a time: the quickest way that numpy knows."""
     import pygmo
 
-    def run():
-        for seed in range(runs):
-            start = pygmo.population(pygmo.problem(problem), size=population, seed=seed)
-            step = GENERATIONS if target is None else 100
-            for _ in range(GENERATIONS // step):
-                how = pygmo.de(gen=step, F=WEIGHT, CR=CROSSOVER, ftol=0, xtol=0, seed=seed)
-                start = pygmo.algorithm(how).evolve(start)
-                if target is not None and start.champion_f[0] <= target:
-                    break
-
-    return run
-
-
-def pygmos_problem(criterion, bounds):
-    """The criterion for one vector at a time, as pygmo asks for it; the quickest way that numpy knows."""
     phi, y, count, floor = np.ascontiguousarray(criterion.phi), criterion.y, criterion.count, criterion.floor
 
     class Problem:
@@ -97,23 +83,33 @@ def pygmos_problem(criterion, bounds):
         def get_bounds(self):
             return bounds.lower, bounds.upper
 
-    return Problem()
+    def run():
+        for seed in range(RUNS):
+            start = pygmo.population(pygmo.problem(Problem()), size=POPULATION, seed=seed)
+            step = GENERATIONS if target is None else 100
+            for _ in range(GENERATIONS // step):
+                how = pygmo.de(gen=step, F=WEIGHT, CR=CROSSOVER, ftol=0, xtol=0, seed=seed)
+                start = pygmo.algorithm(how).evolve(start)
+                if target is not None and start.champion_f[0] <= target:
+                    break
+
+    return run
 
 
-def minions(value, bounds, population=POPULATION, runs=RUNS, target=None):
+def minions(value, bounds, target=None):
     import minionpy
 
     def run():
-        for seed in range(runs):
+        for seed in range(RUNS):
             minionpy.Minimizer(
                 lambda x: value(np.asarray(x)).tolist(),
                 list(zip(bounds.lower, bounds.upper, strict=True)),
                 algo='DE',
-                maxevals=population * (GENERATIONS + 1),
+                maxevals=POPULATION * (GENERATIONS + 1),
                 callback=None if target is None else lambda state: state.fun <= target,
                 seed=seed,
                 options={
-                    'population_size': population,
+                    'population_size': POPULATION,
                     'mutation_strategy': 'rand1bin',
                     'mutation_rate': WEIGHT,
                     'crossover_rate': CROSSOVER,
@@ -124,7 +120,7 @@ def minions(value, bounds, population=POPULATION, runs=RUNS, target=None):
     return run
 
 
-def pymoos(value, bounds, population=POPULATION, runs=RUNS):
+def pymoos(value, bounds):
     from pymoo.algorithms.soo.nonconvex.de import DE
     from pymoo.core.problem import Problem
     from pymoo.optimize import minimize as pymoo_minimize
@@ -138,47 +134,36 @@ def pymoos(value, bounds, population=POPULATION, runs=RUNS):
 
     # One run and the tenth part of its generations: it is far behind, and its time is proportional to them.
     def run():
-        pymoo_minimize(Vectorised(), DE(pop_size=population), ('n_gen', GENERATIONS // 10), seed=1)
+        pymoo_minimize(Vectorised(), DE(pop_size=POPULATION), ('n_gen', GENERATIONS // 10), seed=1)
 
     return run
 
 
+def peers(criterion, bounds, **until):
+    """MDE on both paths, and what others call differential evolution, until the budget or a target is reached."""
+    objective, value = Penalised.of(criterion), by_blas(criterion)
+    return {
+        'kernel': on(True, mde(objective, bounds, **until)),
+        'kernel, per vector': on(True, mde(objective, bounds, per_component=False, **until)),
+        'numpy': on(False, mde(objective, bounds, **until)),
+        'numpy, per vector': on(False, mde(objective, bounds, per_component=False, **until)),
+        'scipy DE, vectorised': scipys(value, bounds, **until),
+        'pygmo DE': pygmos(criterion, bounds, **until),
+        'minionpy DE': minions(value, bounds, **until),
+    }
+
+
 def full_budget():
     criterion, bounds = energy_criterion(), default_bounds().of(7)
-    objective, value = Penalised.of(criterion), by_blas(criterion)
-    spent = interleaved(
-        {
-            'kernel': on(True, mde(objective, bounds)),
-            'kernel, per vector': on(True, mde(objective, bounds, per_component=False)),
-            'numpy': on(False, mde(objective, bounds)),
-            'numpy, per vector': on(False, mde(objective, bounds, per_component=False)),
-            'scipy DE, vectorised': scipys(value, bounds),
-            'pygmo DE': pygmos(pygmos_problem(criterion, bounds)),
-            'minionpy DE': minions(value, bounds),
-            'pymoo DE (from a 100th of the work)': pymoos(value, bounds),
-            'exact bounded least squares (no MDE at all)': lambda: criterion.minimum(bounds),
-        }
-    )
+    works = peers(criterion, bounds)
+    works['pymoo DE (from a 100th of the work)'] = pymoos(by_blas(criterion), bounds)
+    works['exact bounded least squares (no MDE at all)'] = lambda: criterion.minimum(bounds)
+    spent = interleaved(works)
     spent['pymoo DE (from a 100th of the work)'] *= 10 * RUNS
     return table(spent, ('kernel', 'numpy'))
 
 
 def to_the_minimum():
     criterion, bounds = energy_criterion(), default_bounds().of(7)
-    value = by_blas(criterion)
     target = float(criterion(criterion.minimum(bounds))) * (1 + 1e-6)
-    objective = Penalised.of(criterion)
-    return table(
-        interleaved(
-            {
-                'kernel': on(True, mde(objective, bounds, target=target)),
-                'kernel, per vector': on(True, mde(objective, bounds, target=target, per_component=False)),
-                'numpy': on(False, mde(objective, bounds, target=target)),
-                'numpy, per vector': on(False, mde(objective, bounds, target=target, per_component=False)),
-                'scipy DE, vectorised': scipys(value, bounds, target=target),
-                'pygmo DE': pygmos(pygmos_problem(criterion, bounds), target=target),
-                'minionpy DE': minions(value, bounds, target=target),
-            }
-        ),
-        ('kernel', 'kernel, per vector'),
-    )
+    return table(interleaved(peers(criterion, bounds, target=target)), ('kernel', 'kernel, per vector'))

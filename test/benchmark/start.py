@@ -9,7 +9,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from test.benchmark.measure import interleaved, seconds
+from test.benchmark.measure import interleaved, table
 from test.conftest import ROOT
 
 PENDUBOT = [sys.executable, '-m', 'pendubot_identification.cli.main']
@@ -36,6 +36,4 @@ def whole():
                 'pendubot identify, three criteria, numpy': command(identify, 'off'),
             }
         )
-    rows = ['| | time | over python -c pass |', '|---|---|---|']
-    nothing = spent['python -c pass']
-    return '\n'.join([*rows, *(f'| {n} | {seconds(t)} | {t / nothing:.3g} |' for n, t in spent.items())])
+    return table(spent, ('python -c pass',))

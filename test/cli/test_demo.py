@@ -12,7 +12,6 @@ import time
 
 import pytest
 
-from pendubot_identification.cli.main import main
 from pendubot_identification.cli.programs import Programs
 from pendubot_identification.errors import PendubotError
 from test.processes import Program
@@ -65,15 +64,6 @@ def test_a_domain_where_somebody_is_or_that_was_exported_is_never_used(taken):
     refused = own((taken,))
     assert refused.returncode == 1
     assert re.search(rf'other ROS programs are in each of the domains {taken}, .* nothing was armed', refused.stderr)
-
-
-@pytest.mark.parametrize('seed', ['-1', '2147483648', 'one'])
-def test_a_seed_that_no_exciter_takes_is_refused_at_once(tmp_path, capsys, seed):
-    with pytest.raises(SystemExit) as stopped:
-        main(['demo', '--output', str(tmp_path / 'new'), f'--seed={seed}'])
-    assert stopped.value.code == 2
-    assert f"'{seed}' is no seed; a whole number from 0 to 2147483647 is expected" in capsys.readouterr().err
-    assert not (tmp_path / 'new').exists()
 
 
 def test_a_program_that_ends_early_is_named_with_its_last_words(tmp_path):

@@ -96,6 +96,13 @@ def test_the_exciter_takes_a_written_file(tmp_path):
         (['--check', 'taken.yaml'], 1, 'no parameters of the node exciter'),
         (['--check', 'wrong.yaml'], 1, 'numbers are expected'),
         (['--check', 'noise.yaml'], 1, 'is no YAML file'),
+        (['--design', *QUICK, '--output', 'nowhere/out.yaml'], 1, 'nowhere/out.yaml cannot be written (No such file'),
+        (
+            ['--design', *QUICK, '--from', 'result.yaml', '--output', 'result.yaml', '--force'],
+            1,
+            'is read, so it cannot',
+        ),
+        (['--check', 'noise.yaml', '--output', 'noise.yaml', '--force'], 1, 'so it cannot be written as well'),
     ],
 )
 def test_what_a_user_can_do_wrong_is_explained(tmp_path, monkeypatch, capsys, arguments, status, sentence):
@@ -103,10 +110,14 @@ def test_what_a_user_can_do_wrong_is_explained(tmp_path, monkeypatch, capsys, ar
     (tmp_path / 'taken.yaml').write_text('bridge: {}\n')
     (tmp_path / 'wrong.yaml').write_text('exciter: {ros__parameters: {period: often}}\n')
     (tmp_path / 'noise.yaml').write_text('{{{')
+    (tmp_path / 'result.yaml').write_text(yaml.safe_dump(plain(('weak',))))
+    before = {path: path.read_text() for path in tmp_path.iterdir()}
     assert main(['excite', *arguments]) == status
-    error = capsys.readouterr().err
-    assert sentence in error
-    assert 'Traceback' not in error
+    said = capsys.readouterr()
+    assert said.out == ''
+    assert sentence in said.err
+    assert 'Traceback' not in said.err
+    assert before == {path: path.read_text() for path in tmp_path.iterdir()}
 
 
 def test_what_is_checked_is_held_against_the_limits_that_are_given(tmp_path, capsys):
@@ -136,28 +147,3 @@ def test_what_is_checked_is_held_against_the_limits_that_are_given(tmp_path, cap
     status, out, said = check('--speed', '-1')
     assert (status, out) == (2, '')
     assert 'limit of the speed is -1' in said
-
-
-def test_what_is_read_is_never_written_over(tmp_path, capsys):
-    result, exciter = tmp_path / 'result.yaml', tmp_path / 'exciter.yaml'
-    result.write_text(yaml.safe_dump(plain(('weak',))))
-    exciter.write_text((ROOT / 'config' / 'exciter.yaml').read_text())
-    before = result.read_text(), exciter.read_text()
-    for what, output in ((['--design', *QUICK, '--from', result], result), (['--check', exciter], exciter)):
-        assert main(['excite', *map(str, what), '--output', str(output), '--force']) == 1
-        assert 'is read, so it cannot be written as well' in capsys.readouterr().err
-    assert (result.read_text(), exciter.read_text()) == before
-
-
-def test_a_folder_that_cannot_be_written_is_refused_before_anything_is_computed(tmp_path, capsys):
-    output = tmp_path / 'nowhere' / 'exciter.yaml'
-    assert main(['excite', *map(str, ['--design', *QUICK, '--output', output])]) == 1
-    said = capsys.readouterr()
-    assert said.out == ''
-    assert f'{output} cannot be written (No such file or directory); choose a folder that can be' in said.err
-
-
-def test_design_or_check_must_be_chosen(capsys):
-    with pytest.raises(SystemExit) as ended:
-        main(['excite', '--torque', '1'])
-    assert ended.value.code == 2

@@ -3,6 +3,7 @@
 
 """The bar: on a terminal what is done, how long it still takes and the best J; in a pipe or a file nothing."""
 
+import contextlib
 import fcntl
 import os
 import pty
@@ -29,24 +30,20 @@ def on_a_terminal(*arguments):
     drawn = []
 
     def read():
-        while True:
-            try:
-                chunk = os.read(ours, 4096)
-            except OSError:  # the other end was closed
-                return
-            drawn.append(chunk)
+        with contextlib.suppress(OSError):  # the other end was closed
+            while True:
+                drawn.append(os.read(ours, 4096))
 
     reader = threading.Thread(target=read)
     reader.start()
     command = [sys.executable, '-m', 'pendubot_identification.cli.main', *map(str, arguments)]
     env = {**os.environ, 'COLUMNS': '120', 'PENDUBOT_KERNEL': 'off'}
     done = subprocess.run(
-        command, stdout=subprocess.PIPE, stderr=theirs, stdin=subprocess.DEVNULL, timeout=120, env=env
+        command, stdout=subprocess.PIPE, stderr=theirs, stdin=subprocess.DEVNULL, timeout=120, env=env, check=True
     )
     os.close(theirs)
     reader.join(10)
     os.close(ours)
-    assert done.returncode == 0
     return b''.join(drawn).decode(), done.stdout.decode()
 
 

@@ -3,6 +3,7 @@
 
 """What the balancer needs before it begins, and when it stops; it never begins again on its own."""
 
+import functools
 import math
 from dataclasses import replace
 
@@ -17,6 +18,7 @@ from pendubot_identification.level import Level
 from pendubot_identification.model.parameters import BALANCE, NAMES, PAPER
 
 THETA = [float(value) for value in BALANCE.vector()]
+BETTER = [1.02 * value for value in THETA]
 PERIOD = 0.005
 
 
@@ -24,8 +26,8 @@ def values(theta=THETA, delay='0.004'):
     return {name: str(value) for name, value in zip(NAMES, theta, strict=False)} | {'effort.delay': delay}
 
 
-def informed(limit=2.0, level=Level.OK, motor_delay=None):
-    readiness = Readiness(limit, motor_delay)
+def informed(level=Level.OK, motor_delay=None):
+    readiness = Readiness(2.0, motor_delay)
     for k in range(150):
         readiness.sample(k * PERIOD)
     readiness.offer(THETA)
@@ -33,19 +35,16 @@ def informed(limit=2.0, level=Level.OK, motor_delay=None):
     return readiness
 
 
-def test_everything_known_is_the_parameters_and_the_loop():
-    assert informed().ready(False) == (BALANCE, Loop(PERIOD, 1, 0.004, 2.0))
-    assert informed(motor_delay=0.01).ready(False)[1].lag == 0.01
-    readiness = informed()
+@pytest.mark.parametrize(
+    ('delay', 'motor_delay', 'lag'),
+    [('0.004', None, 0.004), ('0.004', 0.01, 0.01), *((d, None, 0.0) for d in ('None', 'nan', '', '-0.002'))],
+)
+def test_everything_known_is_the_parameters_and_the_loop(delay, motor_delay, lag):
+    readiness = informed(motor_delay=motor_delay)
+    readiness.judge(Level.OK, '', values(delay=delay))
+    assert readiness.ready(False) == (BALANCE, Loop(PERIOD, lag, 2.0))
     readiness.board_limit(0.5)
     assert readiness.ready(False)[1].limit == 0.5
-
-
-@pytest.mark.parametrize('delay', ['None', 'nan', '', '-0.002'])
-def test_a_delay_that_nobody_found_is_none(delay):
-    readiness = informed()
-    readiness.judge(Level.OK, '', values(delay=delay))
-    assert readiness.ready(False)[1].lag == 0.0
 
 
 def test_skipped_samples_do_not_hide_the_rate():
@@ -63,34 +62,32 @@ def test_skipped_samples_do_not_hide_the_rate():
 
 
 def test_what_is_missing_or_not_good_enough_is_said():
-    with pytest.raises(ControlError, match='no parameters have come'):
-        Readiness(2.0).ready(True)
-    readiness = Readiness(2.0)
-    readiness.offer(THETA)
-    with pytest.raises(ControlError, match='says how good the parameters'):
-        readiness.ready(False)
-    with pytest.raises(ControlError, match='too few samples'):
-        readiness.ready(True)
-    with pytest.raises(ControlError, match=r'level WARN \(said so\); set the parameter accept_warn'):
-        informed(level=Level.WARN).ready(False)
+    unsampled, other = Readiness(2.0), informed()
+    unsampled.offer(THETA)
+    other.offer([1.01 * value for value in THETA])
+    for readiness, accept_warn, words in (
+        (Readiness(2.0), True, 'no parameters have come'),
+        (unsampled, False, 'says how good the parameters'),
+        (unsampled, True, 'too few samples'),
+        (informed(level=Level.WARN), False, r'level WARN \(said so\); set the parameter accept_warn'),
+        (informed(level=Level.ERROR), True, r'level ERROR \(said so\)'),
+        (other, False, 'says how good'),
+    ):
+        with pytest.raises(ControlError, match=words):
+            readiness.ready(accept_warn)
     assert informed(level=Level.WARN).ready(True)
-    with pytest.raises(ControlError, match=r'level ERROR \(said so\)'):
-        informed(level=Level.ERROR).ready(True)
 
 
-def test_a_judgement_of_other_parameters_counts_for_nothing():
-    readiness = informed()
-    readiness.offer([1.01 * value for value in THETA])
-    with pytest.raises(ControlError, match='says how good'):
-        readiness.ready(False)
+@functools.cache
+def planned(parameters, loop):
+    """A plan that was not simulated."""
+    return Plan.make(parameters, loop, simulate_closed_loop=False)
 
 
-def prepared(bounds=None, limit=2.0, swing_up=1.9):
-    balancing = Balancing(limit, bounds=bounds)
-    balancing.readiness = informed(limit)
-    wanted = balancing.to_prepare(False)
-    plan = Plan.make(*wanted, simulate_closed_loop=False)
-    balancing.prepared(replace(plan, swing_up=swing_up))
+def prepared(bounds=None, swing_up=1.9):
+    balancing = Balancing(2.0, bounds=bounds)
+    balancing.readiness = informed()
+    balancing.prepared(replace(planned(*balancing.to_prepare(False)), swing_up=swing_up))
     assert balancing.to_prepare(False) is None
     return balancing
 
@@ -152,14 +149,13 @@ def test_a_bridge_that_does_not_answer_is_not_waited_for_for_ever():
 
 def test_better_parameters_come_in_while_it_moves_and_worse_ones_do_not():
     balancing = running()
-    theta = [1.02 * value for value in THETA]
-    balancing.readiness.offer(theta)
+    balancing.readiness.offer(BETTER)
     assert balancing.to_prepare(False) is None, 'they are not judged yet'
     assert balancing.phase is Phase.RUNNING
-    balancing.readiness.judge(Level.OK, '', values(theta))
-    balancing.prepared(Plan.make(*balancing.to_prepare(False), simulate_closed_loop=False))
+    balancing.readiness.judge(Level.OK, '', values(BETTER))
+    balancing.prepared(planned(*balancing.to_prepare(False)))
     upright(balancing, 1.015)
-    assert balancing.plan.design.parameters.vector().tolist() == theta
+    assert balancing.plan.design.parameters.vector().tolist() == BETTER
     assert balancing.to_prepare(False) is None
 
 
@@ -169,23 +165,22 @@ def test_better_parameters_come_in_while_it_moves_and_worse_ones_do_not():
         lambda b, plan: (b.prepared(plan), upright(b, 1.015), b.stop()),
         lambda b, plan: (b.prepared(plan), b.stop()),
         lambda b, plan: (b.stop(), b.prepared(plan)),
-        lambda b, plan: (b.not_prepared((plan.design.parameters, plan.loop), 'too slow'), b.stop()),
+        lambda b, plan: (b.not_prepared((plan.design.parameters, plan.design.loop), 'too slow'), b.stop()),
     ],
     ids=['taken over', 'about to be', 'too late', 'refused'],
 )
 def test_what_came_while_it_moved_is_looked_at_anew_before_the_next_start(end):
     balancing = running()
-    theta = [1.02 * value for value in THETA]
-    balancing.readiness.offer(theta)
-    balancing.readiness.judge(Level.OK, '', values(theta))
+    balancing.readiness.offer(BETTER)
+    balancing.readiness.judge(Level.OK, '', values(BETTER))
     wanted = balancing.to_prepare(False)
-    end(balancing, Plan.make(*wanted, simulate_closed_loop=False))
+    end(balancing, planned(*wanted))
     assert balancing.to_prepare(False) == wanted
     if balancing.plan is None:
         with pytest.raises(ControlError, match='preparing itself'):
             balancing.begin()
     assert balancing.plan is None or balancing.plan.swing_up == 1.9, 'what it may start by was simulated'
-    balancing.prepared(replace(Plan.make(*wanted, simulate_closed_loop=False), swing_up=math.inf))
+    balancing.prepared(replace(planned(*wanted), swing_up=math.inf))
     balancing.sample(1.02, 1.02, (-UPRIGHT, 0.0), 0.0, 0.1)
     with pytest.raises(ControlError, match='do not swing this rig up'):
         balancing.begin()
@@ -196,7 +191,7 @@ def test_it_starts_by_what_was_simulated_though_more_came_while_it_was_arming():
     simulated = balancing.plan
     upright(balancing, 1.0)
     balancing.begin()
-    balancing.prepared(Plan.make(simulated.design.parameters, simulated.loop, simulate_closed_loop=False))
+    balancing.prepared(planned(simulated.design.parameters, simulated.design.loop))
     balancing.armed()
     assert balancing.plan is simulated
 
@@ -204,7 +199,7 @@ def test_it_starts_by_what_was_simulated_though_more_came_while_it_was_arming():
 def test_a_rig_that_leaves_no_room_for_error_is_refused_by_computation():
     """The paper's own values: link 1 would be 3 cm long."""
     with pytest.raises(ControlError, match=r'can hardly be balanced: the gain may be 0\.7. to 1\.1. times'):
-        Plan.make(PAPER, Loop(0.01, 1, 0.004, 2.0))
+        Plan.make(PAPER, Loop(0.01, 0.004, 2.0))
 
 
 def test_it_does_not_begin_unprepared_nor_twice():

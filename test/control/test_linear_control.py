@@ -1,91 +1,41 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Linearisation against the equations of motion, gains against their optimality, margins against the closed loop."""
+"""Linearisation against the equations of motion, margins against the closed loop and against a simulated rig."""
 
 import math
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-from scipy.integrate import solve_ivp
 
-from pendubot_identification.control.closed_loop import HELD, deviation, simulate_closed_loop
 from pendubot_identification.control.controller import Controller, Design, Loop, SafetyLimits
-from pendubot_identification.control.linear_control import (
-    Weights,
-    closed_loop_matrix,
-    design,
-    equilibrium,
-    linearise,
-    margins,
-    sampled,
-)
+from pendubot_identification.control.linear_control import closed_loop, design, linearise, margins
+from pendubot_identification.control.plan import HELD, deviation, simulate_closed_loop
 from pendubot_identification.errors import ControlError
 from pendubot_identification.model.dynamics import forward_dynamics
 from pendubot_identification.model.parameters import BALANCE, PAPER
 from pendubot_identification.model.simulation import LatePlant
 
-LAG = 0.004
 
+@pytest.mark.parametrize('rig', [PAPER, BALANCE])
+def test_upright_nothing_moves_and_the_slope_is_that_of_the_equations_of_motion(rig):
+    def rates(x):
+        return np.concatenate([x[2:4], forward_dynamics(rig.vector(), x[:2], x[2:4], x[4:])])
 
-@given(st.floats(-3.0, 3.0), st.booleans(), st.sampled_from([PAPER, BALANCE]))
-def test_at_every_equilibrium_nothing_moves_and_the_slope_is_that_of_the_equations_of_motion(q1, standing, rig):
-    at = equilibrium(rig, q1, standing)
-    theta = rig.vector()
-
-    def rates(x, tau):
-        return np.concatenate([x[2:], forward_dynamics(theta, x[:2], x[2:], np.array([tau, 0.0]))])
-
-    rest = np.array([at.q1, at.q2, 0.0, 0.0])
-    np.testing.assert_allclose(rates(rest, at.tau), 0.0, atol=1e-9)
-    h = 1e-6
-    slopes = [(rates(rest + h * e, at.tau) - rates(rest - h * e, at.tau)) / (2 * h) for e in np.eye(4)]
-    A, B = linearise(rig, at)
-    np.testing.assert_allclose(A, np.array(slopes).T, rtol=1e-5, atol=1e-4)
-    by_torque = (rates(rest, at.tau + h) - rates(rest, at.tau - h)) / (2 * h)
-    np.testing.assert_allclose(B[:, 0], by_torque, rtol=1e-5, atol=1e-4)
-
-
-def test_a_sampled_model_is_the_integral_of_the_continuous_one():
-    A, B = linearise(BALANCE, equilibrium(BALANCE))
-    x = np.array([0.01, -0.02, 0.1, 0.3])
-    exact = solve_ivp(lambda _, y: A @ y + 0.3 * B[:, 0], (0, 0.02), x, rtol=1e-10, atol=1e-12).y[:, -1]
-    Phi, Gamma = sampled(A, B, 0.02)
-    np.testing.assert_allclose(Phi @ x + 0.3 * Gamma[:, 0], exact, rtol=1e-7)
-
-
-def test_no_other_gain_costs_less():
-    """The cost of a start under K, summed sample by sample, is x' S x, and grows whichever way K is changed."""
-    weights = Weights()
-    r = design(BALANCE, equilibrium(BALANCE), 0.005, 0.005, weights)
-    Phi, Gamma = sampled(r.A, r.B, r.period)
-    weight = (BALANCE.P4 + BALANCE.P5) * 9.81
-
-    def cost(K):
-        x, total = np.array([0.02, -0.01, 0.1, 0.0]), 0.0
-        for _ in range(3000):
-            u = -K @ x
-            total += (x[:2] ** 2).sum() / weights.angle**2 + (u / (weights.torque * weight)) ** 2
-            x = Phi @ x + Gamma[:, 0] * u
-        return total
-
-    best = cost(r.K)
-    x = np.array([0.02, -0.01, 0.1, 0.0])
-    assert best == pytest.approx(x @ r.S @ x, rel=1e-6)
-    for k in range(4):
-        for factor in (0.97, 1.03):
-            assert cost(r.K * np.where(np.arange(4) == k, factor, 1.0)) > best
+    rest, h = np.array([math.pi / 2, 0, 0, 0, 0, 0]), 1e-6
+    np.testing.assert_allclose(rates(rest), 0.0, atol=1e-9)
+    slopes = np.array([(rates(rest + h * e) - rates(rest - h * e)) / (2 * h) for e in np.eye(6)]).T
+    np.testing.assert_allclose(np.hstack(linearise(rig)), slopes, rtol=1e-5, atol=1e-4)
 
 
 @pytest.mark.parametrize(('rate', 'lag'), [(200, 0.0013), (500, 0.011)])
 def test_margins_are_where_the_closed_loop_ceases_to_be_stable(rate, lag):
-    r = design(BALANCE, equilibrium(BALANCE), 1 / rate, 1 / rate + lag, Weights())
+    r = design(BALANCE, 1 / rate, 1 / rate + lag)
     m = margins(r)
 
-    def radius(**changed):
-        return abs(np.linalg.eigvals(closed_loop_matrix(r, **changed))).max()
+    def radius(gain=1.0, delay=None):
+        fixed, moved = closed_loop(r, delay)
+        return abs(np.linalg.eigvals(fixed + gain * moved)).max()
 
     assert radius() < 1
     for inside, outside in (
@@ -99,12 +49,12 @@ def test_margins_are_where_the_closed_loop_ceases_to_be_stable(rate, lag):
 
 def test_the_simulated_rig_falls_at_the_computed_margins():
     """Within 20 %, with encoder counts, the torque's limit and all that is not linear."""
-    loop = Loop(1 / 200, 1, LAG, 2.0)
-    plan = Design.make(BALANCE, loop)
+    lag = 0.004
+    plan = Design.make(BALANCE, Loop(1 / 200, lag, 2.0))
 
     def falls(more=0.0, gain=1.0):
-        rig = LatePlant(BALANCE, LAG + more, (math.pi / 2 + 0.01, 0.0))
-        run = simulate_closed_loop(Controller(plan, loop, SafetyLimits(swing_up=0.0)), rig, loop, 3.0, motor=gain)
+        rig = LatePlant(BALANCE, lag + more, (math.pi / 2 + 0.01, 0.0))
+        run = simulate_closed_loop(Controller(plan, SafetyLimits(swing_up=0.0)), rig, 3.0, motor=gain)
         return bool(run.stopped) or bool(deviation(run.motion.q).max() > HELD)
 
     m = plan.margins
@@ -116,4 +66,4 @@ def test_the_simulated_rig_falls_at_the_computed_margins():
 
 def test_what_is_too_slow_to_balance_is_said():
     with pytest.raises(ControlError, match='too slow to hold this rig upright'):
-        margins(design(BALANCE, equilibrium(BALANCE), 0.05, 3.0, Weights()))
+        margins(design(BALANCE, 0.05, 3.0))

@@ -13,7 +13,7 @@ from pendubot_identification.criteria.quadratic import Quadratic
 from pendubot_identification.errors import TrajectoryError
 from pendubot_identification.excitation.excitation import PulseTrain
 from pendubot_identification.model.dynamics import energy
-from pendubot_identification.model.parameters import MODELS, PAPER, Parameters, default_bounds
+from pendubot_identification.model.parameters import MODELS, PAPER, Parameters
 from pendubot_identification.model.simulation import simulate
 from pendubot_identification.trajectories.trajectory import Trajectory
 
@@ -23,16 +23,6 @@ def swing(interval=0.001, n=3000, elbow=0.0, seed=1):
     t = np.arange(n) * interval
     tau = np.column_stack([0.15 * np.sin(4 * t + seed), elbow * np.sin(7 * t)])
     return simulate(PAPER, t, tau)
-
-
-@pytest.mark.parametrize('elbow', [0.0, 0.02])
-@pytest.mark.parametrize('window', [None, 0.3])
-def test_true_parameters_balance_the_energy_of_a_fine_recording(elbow, window):
-    regression = energy_regression(swing(elbow=elbow), window)
-    residual = regression.y - regression.phi @ PAPER.vector()
-    assert np.abs(residual).max() < 1e-3 * np.abs(regression.y).max()
-    estimate = Quadratic.reduce(regression.phi, regression.y).minimum(default_bounds().of(7))
-    np.testing.assert_allclose(estimate, PAPER.vector(), rtol=0.02)
 
 
 @pytest.mark.parametrize('model', MODELS)
@@ -91,22 +81,8 @@ def test_jitter_of_the_stamps_does_not_move_a_pulse(jitter):
         assert np.sqrt(np.mean(residual**2)) < 0.2 * np.sqrt(np.mean(regression.y**2))
 
 
-def test_logged_velocities_are_not_used():
-    motion = swing(interval=0.01, n=100)
-    wrong = Trajectory(motion.t, motion.q, motion.tau, motion.qd * 3 + 1)
-    np.testing.assert_array_equal(energy_regression(motion).phi, energy_regression(wrong).phi)
-
-
-def test_a_recording_shorter_than_the_sliding_window_is_refused():
-    with pytest.raises(TrajectoryError, match='shorter than the sliding window of 5 s'):
-        energy_regression(swing(n=500), 5.0)
-    with pytest.raises(TrajectoryError, match='window of 1e-09 s is shorter than the sampling interval'):
-        energy_regression(swing(n=500), 1e-9)
-
-
-@pytest.mark.parametrize('rate', [50, 100, 1000])
-def test_degrees_wrapped_angles_and_jumps_are_refused(rate):
-    t = np.arange(2 * rate) / rate
+def test_degrees_wrapped_angles_and_jumps_are_refused():
+    t = np.arange(200) / 100
     q, tau = np.column_stack([t, np.sin(3 * t)]), np.ones((len(t), 2))
     energy_regression(Trajectory(t, q, tau))
     wrapped = q + np.where(t > 1, -2 * np.pi, 0)[:, None] * [1, 0]
@@ -129,3 +105,15 @@ def test_pulses_are_reproducible_bounded_and_as_wide_as_told():
     assert tau.max() <= 1.0
     assert pulses.torque(-0.1) == 0.0
     assert pulses.torque(0.0) != pulses.torque(1.0), 'every pulse is drawn anew'
+
+
+@pytest.mark.parametrize(
+    ('window', 'sentence'),
+    [
+        (5.0, 'shorter than the sliding window of 5 s'),
+        (1e-9, '1e-09 s is shorter than the sampling interval'),
+    ],
+)
+def test_a_sliding_window_that_does_not_fit_is_refused(window, sentence):
+    with pytest.raises(TrajectoryError, match=sentence):
+        energy_regression(swing(n=500), window)

@@ -44,7 +44,7 @@ def few():
 
 
 def of(against, segments):
-    return AgainstStates(segments, SCALE) if against == 'states' else AgainstPositions(segments, NOISE, 0.025)
+    return AgainstStates(segments, SCALE) if against == 'states' else AgainstPositions(segments, NOISE)
 
 
 @pytest.mark.parametrize(('model', 'against'), [*((model, 'states') for model in MODELS), ('viscous', 'positions')])
@@ -154,28 +154,6 @@ def test_no_step_leaves_the_bounds_or_makes_the_mass_matrix_indefinite(few, seed
     assert (np.diff(costs) <= 0).all()
 
 
-def test_fixed_moves_initial_states_alone(few):
-    comparison, theta = of('states', few), vector('viscous') * 1.05
-    fit = levenberg_marquardt(comparison, theta, 0.003, box('viscous'), DELAYS, fixed=True)
-    np.testing.assert_allclose(fit.theta, theta, rtol=1e-12)
-    assert fit.delay == 0.003
-    assert not fit.free.any()
-    start = comparison.initial(0.003)
-    before = (comparison.residuals(roll(theta, start, few.tau, few.step), 0.003) ** 2).sum(axis=1)
-    assert (fit.costs < before).all()
-    for state in range(4):
-        for size in (-1e-3, 1e-3):
-            x = fit.initial + size * np.eye(4)[:, [state]]
-            near = (comparison.residuals(roll(theta, x, few.tau, few.step), 0.003) ** 2).sum(axis=1)
-            assert (near > fit.costs).all(), 'the least that there is'
-
-
-def test_a_delay_without_room_stays_where_it_is(few):
-    fit = levenberg_marquardt(of('states', few), vector('viscous'), 0.0, box('viscous'), (0.004, 0.004))
-    assert fit.delay == 0.004
-    assert np.flatnonzero(~fit.free).tolist() == [7]
-
-
 def test_segments_that_something_else_has_moved_hardly_move_the_robust_estimate():
     """In one of twenty somebody has touched the rig."""
     truth = vector('viscous')
@@ -199,8 +177,7 @@ HOPELESS = {'endless': [1, 1, 1, 1, 1, 1e6, 1e6], 'stiff': [1, 1, 1, 1, 1, 1e4, 
 
 
 @pytest.mark.parametrize('what', HOPELESS)
-@pytest.mark.parametrize('against', ['states', 'positions'])
-@pytest.mark.parametrize('robust', [False, True])
+@pytest.mark.parametrize(('against', 'robust'), [('states', True), ('positions', False)])
 def test_a_hopeless_start_is_no_error_and_no_result(few, what, against, robust):
     wide = Bounds(np.zeros(7), np.full(7, 1e5), NAMES[:7])
     with warnings.catch_warnings():

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from pendubot_identification.criteria.trajectory_fit import fit_positions, fit_states, search, segment_cost
-from pendubot_identification.identify.covariance import estimated_zeros, trajectory_covariance
+from pendubot_identification.identify.covariance import trajectory_covariance
 from pendubot_identification.identify.prediction import state_scale
-from pendubot_identification.model.parameters import BALANCE, MODELS, PAPER, default_bounds
+from pendubot_identification.model.parameters import MODELS, PAPER, default_bounds
 from pendubot_identification.optimizers.mde import MDESettings
 from pendubot_identification.trajectories.motion import Motion
 from test.virtual import C1, CHAOTIC, recording
@@ -34,10 +34,9 @@ def wrong(found):
     return np.abs(found.fit.theta / TRUTH - 1).max()
 
 
-@pytest.mark.parametrize('seed', [0, 5])
-def test_finds_the_virtual_rig_from_parameters_wrong_by_a_factor_of_three(seed):
-    motions, scale = prepared(recording(seed=seed))
-    start = TRUTH * 3.0 ** np.random.default_rng(seed).choice([-1, 1], 7)
+def test_finds_the_virtual_rig_from_parameters_wrong_by_a_factor_of_three():
+    motions, scale = prepared(recording(seed=5))
+    start = TRUTH * 3.0 ** np.random.default_rng(5).choice([-1, 1], 7)
     costs = []
     rough = fit_states(motions, start, 0.0, box(), DELAYS, scale, progress=costs.append)
     assert costs
@@ -54,28 +53,6 @@ def test_finds_the_virtual_rig_from_parameters_wrong_by_a_factor_of_three(seed):
     assert sharp.fit.converged
 
 
-@pytest.mark.parametrize('delay', [0.023, -0.012])
-def test_an_effort_that_is_late_or_early_does_not_spoil_it(delay):
-    motions, scale = prepared(recording(500, delay=delay, seed=2))
-    rough = fit_states(motions, TRUTH * 1.3, 0.0, box(), DELAYS, scale)
-    assert rough.fit.delay == pytest.approx(delay, abs=1e-3)
-    sharp = fit_positions(motions, rough.fit.theta, rough.fit.delay, box(), DELAYS)
-    assert sharp.fit.delay == pytest.approx(delay, abs=1e-4)
-    assert wrong(sharp) < 0.005
-
-
-def test_recordings_of_different_rates_lengths_and_starts_are_explained_together():
-    late = recording(400, seed=3)
-    motions, scale = prepared(replace(late, t=late.t + 100), recording(1000, 0.005, seed=4, counts=8192))
-    rough = fit_states(motions, TRUTH * 1.3, 0.0, box(), DELAYS, scale)
-    assert set(rough.group) == {0, 1}
-    assert (rough.start[rough.group == 0] >= 100).all()
-    assert len(rough.fit.costs) == len(rough.group) == len(rough.start)
-    sharp = fit_positions(motions, rough.fit.theta, rough.fit.delay, box(), DELAYS)
-    assert sharp.white
-    assert wrong(sharp) < 0.005
-
-
 @pytest.mark.parametrize('noise', [0.0, 3e-4])
 def test_positions_that_no_encoder_has_read_will_do(noise):
     motion = recording(400, counts=0, seed=2)
@@ -89,7 +66,7 @@ def test_positions_that_no_encoder_has_read_will_do(noise):
     assert wrong(sharp) < (0.005 if noise else 1e-5)
 
 
-@pytest.mark.parametrize(('counts', 'seed'), [(0, 1), (0, 2), (4000, 1), (1 << 20, 1)])
+@pytest.mark.parametrize(('counts', 'seed'), [(0, 1), (4000, 1)])
 def test_a_chaotic_motion_is_followed_for_seconds(counts, seed):
     """From smoothed states as they are at 100 Hz it could not be, for two seconds."""
     motions, scale = prepared(recording(seed=seed, counts=counts, **CHAOTIC))
@@ -101,13 +78,6 @@ def test_a_chaotic_motion_is_followed_for_seconds(counts, seed):
     off = sharp.fit.theta / C1.vector('rotor') - 1
     assert np.abs(off).max() < (0.05 if counts == 4000 else 0.005)
     assert np.abs((sharp.fit.theta - C1.vector('rotor')) / trajectory_covariance(sharp)[1][:-1]).max() < 4
-
-
-def test_a_delay_that_states_at_a_low_rate_tell_badly_is_found_from_positions():
-    motions, _ = prepared(recording(300, 0.03, seed=1, strength=0.8, width=0.5, hold=0.1, rig=BALANCE))
-    sharp = fit_positions(motions, BALANCE.vector(), 0.008, box(), DELAYS)
-    assert sharp.exact
-    assert sharp.fit.delay == pytest.approx(0, abs=1e-4)
 
 
 def test_a_model_without_the_rigs_dry_friction_is_not_taken_for_exact():
@@ -137,14 +107,6 @@ def test_neither_pulses_shorter_than_a_step_nor_dry_friction_bend_it(model, fric
     assert np.abs(off).max() < 4
 
 
-def test_lengths_of_segments_may_be_given():
-    motions, _ = prepared(recording(300))
-    fit = fit_positions(motions, TRUTH, 0.0, box(), DELAYS, ladder=(0.2, 0.5))
-    assert fit.length == 0.5
-    assert len(fit.group) == 5
-    assert fit_positions(motions, TRUTH, 0.0, box(), DELAYS, ladder=(0.2,)) is None, 'too short to say more than states'
-
-
 def test_the_criterion_is_small_for_the_truth_only_and_averages():
     motions, scale = prepared(recording(500))
     J, count = segment_cost(motions, TRUTH, 0.0, box(), scale)
@@ -171,24 +133,3 @@ def test_a_search_anywhere_within_the_bounds_ends_in_the_basin():
     assert ((box().lower <= theta) & (theta <= box().upper)).all()
     assert theta[2] ** 2 < theta[0] * theta[1]
     assert wrong(fit_states(motions, theta, 0.0, box(), DELAYS, scale)) < 0.1
-
-
-def test_a_search_with_the_same_seed_finds_the_same():
-    motions, scale = prepared(recording(300))
-    settings = MDESettings(population=10, generations=5, per_component=False)
-    first, again, other = (search(motions, box(), scale, settings, 2, seed) for seed in (1, 1, 2))
-    np.testing.assert_array_equal(first.x, again.x)
-    assert (first.x != other.x).any()
-
-
-@pytest.mark.parametrize('seed', [2, 3])
-def test_zeros_that_are_off_are_told(seed):
-    rig, bounds, angles = replace(PAPER, Fc1=0.05, Fc2=0.005), box('coulomb'), np.radians([[2, -1], [-4, 3]])
-    right = [recording(700, rig=rig, seed=s, strength=1.5) for s in (seed, seed + 10)]
-    wrong = [replace(r, q=r.q + a, qd=None) for r, a in zip(right, angles.T, strict=True)]
-    for recordings, expected in ((right, 0 * angles), (wrong, angles)):
-        motions, scale = prepared(*recordings)
-        found = fit_states(motions, rig.vector('coulomb') * 1.1, 0.0, bounds, DELAYS, scale)
-        off, std_error = estimated_zeros(found, 2)
-        np.testing.assert_allclose(off, expected, atol=np.radians(0.8))
-        assert (np.abs(off - expected) < 4 * std_error).all()

@@ -9,26 +9,32 @@ import numpy as np
 import pytest
 
 from pendubot_identification.errors import ExcitationError, ParameterError
-from pendubot_identification.excitation.design import Experiment, Limits, design, paper_pulses, predict
+from pendubot_identification.excitation.design import Experiment, Limits, design, predict
 from pendubot_identification.excitation.excitation import PulseTrain
 from pendubot_identification.model.parameters import PAPER, Parameters
 from pendubot_identification.model.simulation import HANGING, simulate
 from test.virtual import GEARED
 
 SHORT = Experiment(duration=2.0)
-LIMITS = Limits(torque=1.0, speed=20.0)
+
+
+def paper_pulses(torque):
+    return PulseTrain(amplitude_min=-torque, amplitude_max=torque)
+
+
+def moving(parameters, train, experiment, *start):
+    """Return the motion of the virtual rig."""
+    t = np.arange(round(experiment.duration / experiment.interval)) * experiment.interval
+    return simulate(parameters, t, np.column_stack([train.torques(t), np.zeros(len(t))]), *start)
 
 
 def expected_errors(parameters, train, experiment):
     """Standard errors by central differences of the virtual rig itself, for a motion of a single segment."""
-    t = np.arange(round(experiment.duration / experiment.interval)) * experiment.interval
-    tau = np.column_stack([train.torques(t), np.zeros(len(t))])
     theta = parameters.vector()
 
     def motion(change):
         p = Parameters.from_vector(theta * (1 + change[5:]))
-        q, qd = tuple(HANGING + change[:2]), tuple(change[2:4])
-        moved = simulate(p, t, tau, q, qd)
+        moved = moving(p, train, experiment, tuple(HANGING + change[:2]), tuple(change[2:4]))
         return moved.q - change[4] * moved.qd
 
     size = 5 + len(theta)
@@ -45,13 +51,7 @@ def test_predicts_the_standard_errors_that_simulated_differences_give(interval):
     train = PulseTrain(period=0.5, width=0.2, amplitude_min=-0.6, amplitude_max=0.6, hold=0.05, seed=3)
     (found,) = predict(PAPER, [train], experiment)
     np.testing.assert_allclose(found.std_error, expected_errors(PAPER, train, experiment), rtol=0.03)
-
-
-def test_predicts_the_motion_of_the_virtual_rig():
-    train = PulseTrain(seed=4)
-    t = np.arange(200) * 0.01
-    moved = simulate(PAPER, t, np.column_stack([train.torques(t), np.zeros(200)]))
-    (found,) = predict(PAPER, [train], SHORT)
+    moved = moving(PAPER, train, experiment)
     np.testing.assert_allclose(found.speed, np.abs(moved.qd).max(axis=0), rtol=0.03)
     np.testing.assert_allclose(found.angle, np.abs(moved.q - HANGING).max(axis=0), rtol=0.01)
 
@@ -71,12 +71,11 @@ def test_a_design_tells_more_than_the_papers_pulses_and_keeps_the_limits():
     (paper,) = predict(PAPER, [paper_pulses(0.8)], SHORT)
     assert found.log_information > paper.log_information
     assert max(-found.train.amplitude_min, found.train.amplitude_max) <= 0.8
-    t = np.arange(200) * 0.01
-    moved = simulate(PAPER, t, np.column_stack([found.train.torques(t), np.zeros(200)]))
+    moved = moving(PAPER, found.train, SHORT)
     assert np.abs(moved.qd).max() <= 18.0
     assert (np.abs(moved.q - HANGING).max(axis=0) <= (2.0, 5.0)).all()
-    assert sorted({done for done, _, _ in seen}) == [1, 2, 3]
-    assert np.diff([best for _, _, best in seen]).min() >= 0
+    assert sorted({done for done, _ in seen}) == [1, 2, 3]
+    assert np.diff([best for _, best in seen]).min() >= 0
     assert design(PAPER, limits, SHORT, generations=3).train == found.train, 'same seed, same design'
 
 
@@ -89,17 +88,13 @@ def test_designs_for_a_rig_with_dry_friction_and_a_rotor():
     assert found.speed.max() <= 25.0
 
 
+@pytest.mark.parametrize('limits', [{'speed': 0.0}, {'angle': (-1.0, 1.0)}, {'torque': math.nan}])
+def test_a_limit_is_a_number_above_0(limits):
+    with pytest.raises(ParameterError, match=f'limit of the {next(iter(limits))} is'):
+        Limits(**limits)
+
+
 def test_refuses_what_makes_no_sense():
-    with pytest.raises(ParameterError, match='limit of the speed is 0'):
-        Limits(speed=0.0)
-    with pytest.raises(ParameterError, match='limit of the angle is -1'):
-        Limits(angle=(-1.0, 1.0))
-    with pytest.raises(ParameterError, match='limit of the torque is nan'):
-        Limits(torque=math.nan)
-    with pytest.raises(ParameterError, match='cannot be designed'):
-        Experiment(duration=0.1)
-    with pytest.raises(ParameterError, match='counts'):
-        Experiment(counts=0)
     with pytest.raises(ExcitationError, match='allow a greater speed or angle'):
         design(PAPER, Limits(torque=1.0, speed=1e-3), SHORT, generations=2)
     with pytest.raises(ParameterError, match='no rig moves like this'):
@@ -112,3 +107,15 @@ def test_torques_that_throw_the_rig_out_of_all_floats_are_no_design_and_no_warni
     assert limits.used(np.full(2, np.inf), np.full(2, np.inf)) == np.inf
     with pytest.raises(ExcitationError, match='no pulses up to 10000 N m were found'):
         design(PAPER, limits, Experiment(), generations=1)
+
+
+def test_pulses_begin_with_each_period_and_hold_each_torque():
+    train = PulseTrain(period=0.5, width=0.1, amplitude_min=-0.5, amplitude_max=1.0, hold=0.02, seed=3)
+    torques = train.torques(np.arange(-10, 150) * 0.01)
+    assert not torques[:10].any(), 'before the start'
+    pulses = torques[10:].reshape(3, 50)
+    assert (pulses[:, :5] != 0).all()
+    assert not pulses[:, 5:].any()
+    np.testing.assert_array_equal(pulses[:, :4:2], pulses[:, 1:4:2])
+    assert len(np.unique(pulses[:, :5:2])) == 9
+    assert train.torque(0.53) == pulses[1, 3]

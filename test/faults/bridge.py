@@ -27,7 +27,7 @@ from pendubot_identification.model.simulation import Plant
 from test.processes import Program, call, parameters, spin_until
 from test.rig import ARMED, WATCHDOG, Rig
 
-from .table import Figure, Trial
+from .table import Trial, ros_node
 from .wire import CPR, Line, Receiver, damage, hello, numbered_state, scrambled
 from .witness import Witness
 
@@ -40,33 +40,34 @@ WATCHDOG_MS = 100
 
 
 @contextlib.contextmanager
-def live_rig(folder, *options, rate=1000):
-    """A rig with a node of its own."""
-    import rclpy
-
-    begun = not rclpy.ok()
-    if begun:
-        rclpy.init()
-    rig = Rig(folder, rate, *options)
-    try:
-        yield rig
-    finally:
-        rig.close()
-        if begun:
-            rclpy.try_shutdown()
+def live_rig(folder):
+    """A rig at 1 kHz with a node of its own."""
+    with ros_node():
+        rig = Rig(folder, 1000)
+        try:
+            yield rig
+        finally:
+            rig.close()
 
 
 @contextlib.contextmanager
-def bridge_on_a_line(folder, *bridge_parameters):
-    """A line, a bridge that has opened it, and a rig's node to listen and command."""
-    with live_rig(folder) as rig:
-        line = Line(rig.port)
-        try:
-            bridge = rig.start_bridge(*bridge_parameters)
-            line.wait_for_request()
-            yield rig, line, bridge
-        finally:
-            line.close()
+def numbered_line(folder):
+    """A rig's node, a line that has begun to play numbered samples, and a bridge that publishes them."""
+    with live_rig(folder) as rig, contextlib.closing(Line(rig.port)) as line:
+        bridge = rig.start_bridge()
+        line.wait_for_request()
+        line.write(encode(hello(0xFFFF, 0)))
+        sent = line.play(0, 500)
+        rig.until(lambda: len(rig.samples) > 100)
+        yield rig, line, bridge, sent
+
+
+def meanwhile(rig, work, timeout=600):
+    """Do something in a thread while what the bridge publishes is taken; return its result."""
+    thread = threading.Thread(target=lambda: setattr(thread, 'result', work()))
+    thread.start()
+    rig.until(lambda: not thread.is_alive(), timeout)
+    return thread.result
 
 
 def drive(rig, torque, expected=None):
@@ -99,11 +100,6 @@ def holds(pid):
     return len(os.listdir(f'/proc/{pid}/fd')), len(os.listdir(f'/proc/{pid}/task'))
 
 
-def counts_of(q):
-    """Encoder counts of positions [rad], shape (N, 2)."""
-    return np.round((q - [-np.pi / 2, 0]) / RADIAN).astype(np.int64)
-
-
 def listened(path):
     """What the listener wrote: arrivals and stamps [ns], positions, efforts."""
     with open(path, 'rb') as file:
@@ -111,58 +107,58 @@ def listened(path):
     return times[:, 0], times[:, 1], values[:, :2], values[:, 2]
 
 
-def trace_rows(path):
-    """The board's own account, shape (N, 5): t_us, enc1, enc2, torque, status."""
-    return np.loadtxt(path, delimiter=',', skiprows=1, dtype=np.int64, ndmin=2)
+def number_of(q):
+    """Which of the numbered samples has these positions."""
+    return round((q[0] + np.pi / 2) / RADIAN)
+
+
+def is_numbered(q, effort):
+    """Tell whether positions and effort are those of one numbered sample."""
+    n = number_of(q)
+    return abs(q[1] + 2 * n * RADIAN) < 1e-6 and round(effort * 1e6) == scrambled(n)
 
 
 # Nothing wrong, and a machine that is busy
 
 
 @contextlib.contextmanager
-def commander(torques):
-    """Arms the bridge, then sends one torque after the other, 20 a second, so that something moves."""
-    import rclpy
+def commander(rng):
+    """Arms the bridge, then sends random torques, 20 a second, so that something moves."""
     from std_msgs.msg import Float64
     from std_srvs.srv import Trigger
 
-    begun = not rclpy.ok()
-    if begun:
-        rclpy.init()
-    node = rclpy.create_node('fault_trial_commander')
-    client = node.create_client(Trigger, '/bridge/arm')
-    publisher = node.create_publisher(Float64, '/pendubot/effort_command', 1)
-    assert call(node, client, Trigger.Request()).success
-    ended = threading.Event()
+    with ros_node('fault_trial_commander') as node:
+        publisher = node.create_publisher(Float64, '/pendubot/effort_command', 1)
+        assert call(node, node.create_client(Trigger, '/bridge/arm'), Trigger.Request()).success
+        ended = threading.Event()
 
-    def command():
-        while not ended.wait(0.05):
-            publisher.publish(Float64(data=float(next(torques))))
+        def command():
+            while not ended.wait(0.05):
+                publisher.publish(Float64(data=rng.uniform(-0.4, 0.4)))
 
-    thread = threading.Thread(target=command)
-    thread.start()
-    try:
-        yield
-    finally:
-        ended.set()
-        thread.join()
-        node.destroy_node()
-        if begun:
-            rclpy.try_shutdown()
+        thread = threading.Thread(target=command)
+        thread.start()
+        try:
+            yield
+        finally:
+            ended.set()
+            thread.join()
 
 
-def stream(folder, seconds):
-    """1 kHz to a second process and the recorder, armed and moving; returns what can be told of it."""
+def stream(folder, seconds, wanted):
+    """1 kHz to a second process and the recorder, armed and moving; gives the figures that every machine meets.
+
+    Returns by how much stamps are off [us], latencies [ms] and the bridge's share of a core.
+    """
     trace, heard = folder / 'trace.csv', folder / 'heard.npy'
     board = Program('virtual_board', '--link', folder / 'board', '--rate', 1000, '--trace', trace)
     listener = Program('listener', heard)
     recorder = Program('recorder', *parameters(output=folder / 'bag'))
     bridge = Program('bridge', *parameters(port=folder / 'board'))
-    rng = np.random.default_rng(1)
     with board, listener, recorder, bridge:
         listener.wait_for('listening')
         bridge.wait_for('counts per turn')
-        with commander(iter(lambda: rng.uniform(-0.4, 0.4), None)):
+        with commander(np.random.default_rng(1)):
             time.sleep(3)  # discovery is no matter of losses; what is judged begins here
             begun_ns, begun, used = time.time_ns(), time.monotonic(), processor_time(bridge.process.pid)
             time.sleep(seconds)
@@ -174,22 +170,19 @@ def stream(folder, seconds):
         listener.stop(signal.SIGTERM, 60)
     arrival, stamp, q, effort = listened(heard)
     judged = (stamp >= begun_ns) & (stamp < ended_ns)
+    counts = np.round((q - [-np.pi / 2, 0]) / RADIAN)
+    rows = np.column_stack([counts, np.round(effort * 1e6)]).astype(np.int64)[judged]
     arrival, stamp = arrival[judged], stamp[judged]
-    rows = np.column_stack([counts_of(q), np.round(effort * 1e6).astype(np.int64)])[judged]
-    truth = trace_rows(trace)
+    truth = np.loadtxt(trace, delimiter=',', skiprows=1, dtype=np.int64, ndmin=2)
     start = place(truth[:, 1:4], rows)
-    whole = start is not None
-    offset = stamp - 1000 * truth[start : start + len(stamp), 0] if whole else np.full(1, np.nan)
+    moving = len(np.unique(rows, axis=0)) > len(rows) // 20
+    delivered = 'lost, doubled or altered' if start is None else 'all of them'
     recorded = recorded_stamps(folder / 'bag')
-    return {
-        'samples': len(stamp),
-        'whole': whole,
-        'moving': len(np.unique(rows, axis=0)) > len(rows) // 20,
-        'recorded': np.array_equal(recorded[(recorded >= begun_ns) & (recorded < ended_ns)], stamp),
-        'error': np.abs(offset - np.median(offset)) / 1e3,
-        'latency': (arrival - stamp) / 1e6,
-        'share': share,
-    }
+    same = np.array_equal(recorded[(recorded >= begun_ns) & (recorded < ended_ns)], stamp)
+    yield wanted, f'{len(stamp)} samples, {delivered}', start is not None and moving
+    yield 'the recorder has the same', 'yes' if same else 'no', same
+    offset = np.full(1, np.nan) if start is None else stamp - 1000 * truth[start : start + len(stamp), 0]
+    return np.abs(offset - np.median(offset)) / 1e3, (arrival - stamp) / 1e6, share
 
 
 def place(truth, heard):
@@ -215,20 +208,12 @@ def recorded_stamps(bag):
 
 
 def quiet(folder, long):
-    m = stream(folder, 600 if long else 6)
-    error, latency = np.percentile(m['error'], 99), np.percentile(m['latency'], [50, 99])
-    return [
-        Figure('0 lost, 0 doubled, 0 altered', delivered(m), m['whole'] and m['moving']),
-        Figure('the recorder has the same', 'yes' if m['recorded'] else 'no', m['recorded']),
-        Figure('stamp error p99 <= 50 us', f'{error:.0f} us, at most {m["error"].max():.0f}', error <= 50, time=True),
-        Figure('median latency <= 0.3 ms', f'{latency[0]:.2f} ms', latency[0] <= 0.3, time=True),
-        Figure('p99 of latency <= 1 ms', f'{latency[1]:.2f} ms', latency[1] <= 1, time=True),
-        Figure('bridge <= 15 % of a core', f'{100 * m["share"]:.1f} %', m['share'] <= 0.15, time=True),
-    ]
-
-
-def delivered(m):
-    return f'{m["samples"]} samples, ' + ('all of them' if m['whole'] else 'lost, doubled or altered')
+    error, latency, share = yield from stream(folder, 600 if long else 3, '0 lost, 0 doubled, 0 altered')
+    p99, (median, late) = np.percentile(error, 99), np.percentile(latency, [50, 99])
+    yield 'stamp error p99 <= 50 us', f'{p99:.0f} us, at most {error.max():.0f}', p99 <= 50, True
+    yield 'median latency <= 0.3 ms', f'{median:.2f} ms', median <= 0.3, True
+    yield 'p99 of latency <= 1 ms', f'{late:.2f} ms', late <= 1, True
+    yield 'bridge <= 15 % of a core', f'{100 * share:.1f} %', share <= 0.15, True
 
 
 def busy(folder, long):
@@ -236,17 +221,13 @@ def busy(folder, long):
     for burner in burners:
         burner.start()
     try:
-        m = stream(folder, 600 if long else 6)
+        _, latency, _ = yield from stream(folder, 600 if long else 3, '0 lost')
     finally:
         for burner in burners:
             burner.kill()
             burner.join()
-    latency = np.percentile(m['latency'], [50, 99])
-    return [
-        Figure('0 lost', delivered(m), m['whole'] and m['moving']),
-        Figure('the recorder has the same', 'yes' if m['recorded'] else 'no', m['recorded']),
-        Figure('(latency)', f'median {latency[0]:.2f} ms, p99 {latency[1]:.1f} ms', True, time=True),
-    ]
+    median, late = np.percentile(latency, [50, 99])
+    yield '(latency)', f'median {median:.2f} ms, p99 {late:.1f} ms', True, True
 
 
 def burn():
@@ -264,95 +245,58 @@ def damaged_offline(_, long):
     host, receiver = Host(HostConfig(max_speed=1e9)), Receiver()
     host.opened(0)
     host.receive(encode(hello(0xFFFF, 0)), 0)
-    wrong = published = k = longest = 0
+    wrong = published = longest = 0
     last = -1
-    for _ in range(wanted):
+    for k in range(3 * wanted):
+        frame = encode(numbered_state(k % 2**30))
         # One that is damaged, and two to see what it took along.
-        for damaged in (True, False, False):
-            frame = encode(numbered_state(k % 2**30))
-            data = damage(frame, rng) if damaged else frame
-            cut = int(rng.integers(len(data)))
-            for part in (data[:cut], data[cut:]):
-                good = receiver.feed(part)
-                for event in host.receive(part, (k + 1) * MS):
-                    if isinstance(event, Sample):
-                        n = round((event.q[0] + np.pi / 2) / RADIAN)
-                        right = abs(event.q[1] + 2 * n * RADIAN) < 1e-6 and round(event.effort * 1e6) == scrambled(n)
-                        wrong += not (right and good and k - 1 <= n <= k and n > last)
-                        longest = max(longest, n - last - 1)
-                        last = n
-                        published += 1
-            k += 1
-    counted = host.counters
-    exact = (sum(counted.damaged.values()), published, counted.published, counted.lost)
-    expected = (receiver.damaged, len(receiver.bodies), len(receiver.bodies), last + 1 - len(receiver.bodies))
-    return [
-        Figure(
-            '0 wrong samples of 1e6 damaged frames', f'{wrong} of {wanted} damaged, {published} published', not wrong
-        ),
-        Figure('at most 2 frames lost per damage', f'{longest}', longest <= 2),
-        Figure(
-            'counted exactly',
-            f'damaged {exact[0]}, lost {exact[3]}; an independent receiver: {expected[0]}, {expected[3]}',
-            exact == expected,
-        ),
-    ]
+        data = frame if k % 3 else damage(frame, rng)
+        cut = int(rng.integers(len(data)))
+        for part in (data[:cut], data[cut:]):
+            good = receiver.feed(part)
+            for event in host.receive(part, (k + 1) * MS):
+                if isinstance(event, Sample):
+                    n = number_of(event.q)
+                    wrong += not (is_numbered(event.q, event.effort) and good and k - 1 <= n <= k and n > last)
+                    longest = max(longest, n - last - 1)
+                    last = n
+                    published += 1
+    yield '0 wrong samples of 1e6 damaged frames', f'{wrong} of {wanted} damaged, {published} published', not wrong
+    yield 'at most 2 frames lost per damage', f'{longest}', longest <= 2
+    counts = host.counters
+    assert counts.published == published
+    yield counted(sum(counts.damaged.values()), counts.lost, published, receiver, last + 1)
+
+
+def counted(damaged, lost, published, receiver, sent):
+    """Whether damaged, lost and published frames are those of an independent receiver."""
+    good = len(receiver.bodies)
+    exact = (damaged, lost, published) == (receiver.damaged, sent - good, good)
+    expected = f'an independent receiver: {receiver.damaged}, {sent - good}'
+    return 'counted exactly', f'damaged {damaged}, lost {lost}; {expected}', exact
 
 
 def damaged_live(folder, long):
     wanted = 10_000 if long else 300
     rng = np.random.default_rng(3)
-    with bridge_on_a_line(folder) as (rig, line, _):
-        line.write(encode(hello(0xFFFF, 0)))
-        sent = line.play(0, 500)
-        rig.until(lambda: len(rig.samples) > 100)
-        # The rest of the way in a thread, so that what comes is taken meanwhile.
-        rest = in_thread(lambda: line.play(500, 3 * wanted, mangle=lambda n, f: f if n % 3 else damage(f, rng)))
-        rig.until(lambda: not rest.is_alive(), 60 + wanted / 100)
-        sent += rest.result
+    with numbered_line(folder) as (rig, line, _, sent):
+        sent += meanwhile(
+            rig, lambda: line.play(500, 3 * wanted, mangle=lambda n, frame: frame if n % 3 else damage(frame, rng))
+        )
         sent += line.play(500 + 3 * wanted, 2)
         last = 500 + 3 * wanted + 1
-        rig.until(lambda: number_of(rig.samples[-1]) == last)
+        rig.until(lambda: number_of(rig.samples[-1][2:4]) == last)
         values = rig.fresh_values()
-        samples = list(rig.samples)
+        samples = [(sample[2:4], sample[6]) for sample in rig.samples]
     receiver = Receiver()
     receiver.feed(sent)
     good = [struct.unpack_from('<i', body, 8)[0] for body in receiver.bodies]
-    numbers = [number_of(sample) for sample in samples]
-    wrong = sum(not is_itself(sample) for sample in samples)
-    begun = numbers[0]
-    exact = (int(values['damaged']), int(values['lost']), int(values['published']))
-    expected = (receiver.damaged, last + 1 - len(good), len(good))
-    return [
-        Figure('0 wrong samples of 1e4 damaged frames live', f'{wrong} of {wanted} damaged', wrong == 0),
-        Figure(
-            'exactly the whole frames are published',
-            f'{len(numbers)} samples',
-            numbers == [n for n in good if n >= begun],
-        ),
-        Figure(
-            'counted exactly',
-            f'damaged {exact[0]}, lost {exact[1]}; an independent receiver: {expected[0]}, {expected[1]}',
-            exact == expected,
-        ),
-    ]
-
-
-def in_thread(work):
-    """Run something in a thread; its ``result`` is there when it is no longer alive."""
-    thread = threading.Thread(target=lambda: setattr(thread, 'result', work()))
-    thread.start()
-    return thread
-
-
-def number_of(sample):
-    """Which of the numbered samples this one is."""
-    return round((sample[2] + np.pi / 2) / RADIAN)
-
-
-def is_itself(sample):
-    n = number_of(sample)
-    return abs(sample[3] + 2 * n * RADIAN) < 1e-6 and round(sample[6] * 1e6) == scrambled(n)
+    numbers = [number_of(q) for q, _ in samples]
+    wrong = sum(not is_numbered(*sample) for sample in samples)
+    yield '0 wrong samples of 1e4 damaged frames live', f'{wrong} of {wanted} damaged', wrong == 0
+    whole = numbers == [n for n in good if n >= numbers[0]]
+    yield 'exactly the whole frames are published', f'{len(numbers)} samples', whole
+    yield counted(*(int(values[name]) for name in ('damaged', 'lost', 'published')), receiver, last + 1)
 
 
 def joining(_, long):
@@ -365,15 +309,15 @@ def joining(_, long):
         noise = rng.integers(0, 256, int(rng.integers(200)), dtype=np.uint8).tobytes()
         joined = encode(numbered_state(6))[int(rng.integers(1, 33)) :]
         events = host.receive(noise + joined + encode(numbered_state(7)), MS)
-        found += [number_of((0, 0, *e.q)) for e in events if isinstance(e, Sample)] == [7]
-    return [Figure('the first whole good frame is decoded', f'{found} of {tries} times', found == tries)]
+        found += [number_of(e.q) for e in events if isinstance(e, Sample)] == [7]
+    yield 'the first whole good frame is decoded', f'{found} of {tries} times', found == tries
 
 
 # The cable
 
 
 def cable(folder, long):
-    times = 40 if long else 4
+    times = 40 if long else 3
     rng = np.random.default_rng(5)
     heard = folder / 'heard.npy'
     with live_rig(folder) as rig, Program('listener', heard) as listener:
@@ -404,13 +348,11 @@ def cable(folder, long):
         listener.stop(signal.SIGTERM, 60)
     arrival, stamp, *_ = listened(heard)
     returned = [(arrival[stamp > moment][0] - moment) / MS for moment in back]
-    return [
-        Figure(f'publishing again {times} of {times}', f'{len(returned)}, on {len(paths)} paths', alive),
-        Figure('disarmed each time', f'{disarmed} of {times}', disarmed == times),
-        Figure('no thread or descriptor leaked', f'(descriptors, threads) {before}, then {after}', before == after),
-        Figure('detected in 10 ms', f'at most {max(detected):.1f} ms', max(detected) <= 10, time=True),
-        Figure('publishing 100 ms after it', f'at most {max(returned):.0f} ms', max(returned) <= 100, time=True),
-    ]
+    yield f'publishing again {times} of {times}', f'{len(returned)}, on {len(paths)} paths', alive
+    yield 'disarmed each time', f'{disarmed} of {times}', disarmed == times
+    yield 'no thread or descriptor leaked', f'(descriptors, threads) {before}, then {after}', before == after
+    yield 'detected in 10 ms', f'at most {max(detected):.1f} ms', max(detected) <= 10, True
+    yield 'publishing 100 ms after it', f'at most {max(returned):.0f} ms', max(returned) <= 100, True
 
 
 def nanoseconds(line):
@@ -429,85 +371,70 @@ def log_time(line):
 
 def restarts(_, long):
     """Boards that reset, whose clock wraps, that lose frames and send some twice; without a port, from their seeds."""
-    lives = [Life(seed) for seed in range(200 if long else 10)]
-    n = len(lives)
-    figures = {
-        'disarmed within a frame of the reset': sum(life.disarmed for life in lives),
-        'disarmed until told again': sum(life.stays_disarmed for life in lives),
-        'stamps increase': sum(life.increasing for life in lives),
-        'gaps and duplicates counted exactly': sum(life.counted == life.expected for life in lives),
-        'duplicates not published': sum(life.published == life.different for life in lives),
-    }
-    return [Figure(wanted, f'{count} of {n} boards', count == n) for wanted, count in figures.items()]
+    lives = [life(seed) for seed in range(200 if long else 10)]
+    for wanted in lives[0]:
+        met = sum(each[wanted] for each in lives)
+        yield wanted, f'{met} of {len(lives)} boards', met == len(lives)
 
 
-class Life:
+def life(seed):
     """2.5 s of an armed board at 1 kHz: a wrap after 0.5 s, a reset after 1.2 to 2 s, and what the host made of it."""
-
-    def __init__(self, seed):
-        rng = np.random.default_rng(seed)
-        reset = 1.2 + 0.8 * rng.random()
-        faults = Faults(reset_at=reset, lose_frame=0.01, duplicate_frame=0.02)
-        board = VirtualBoard(
-            Plant(PAPER), BoardSettings(1000, clock_start_us=2**32 - 500_000, sample_period_us=1000), faults, seed
-        )
-        host, reference = Host(), Decoder()
-        now = due = 10**12
-        host.opened(now)
-        samples, boots, scaled = [], ([], []), False
-        self.disarmed = False
-        for step in range(2500):
-            board.receive(host.data_to_send())
-            if step == 700:
-                host.arm(now)
-            # In order, as bytes are, and at times late: what a smaller delay corrects must not go back.
-            due += MS
-            now = max(now, due + int(rng.exponential(MS)))
-            second = step >= reset * 1000
-            for frame in (part + b'\0' for part in board.advance().split(b'\0')[:-1]):
-                was_armed = host.armed
-                samples += [e for e in host.receive(frame, now) if isinstance(e, Sample)]
-                (message,) = reference.feed(frame)
-                if second and not boots[1]:
-                    scaled = False
-                    orders = [m.mode for m in Decoder((Command,)).feed(host.data_to_send()) if isinstance(m, Command)]
-                    self.disarmed = was_armed and not host.armed and orders[:1] == [Mode.DISARM]
-                scaled |= isinstance(message, Hello)
-                boots[second].append((message.seq, scaled and isinstance(message, State)))
-            host.poll(now)
-        counters = host.counters
-        self.stays_disarmed = not host.armed and not board.armed
-        self.increasing = all(a.stamp_ns < b.stamp_ns for a, b in pairwise(samples))
-        self.counted = counters.lost, counters.duplicates
-        self.expected = (
-            sum(boot[-1][0] - boot[0][0] + 1 - len(set(boot)) for boot in boots),
-            sum(len(boot) - len(set(boot)) for boot in boots),
-        )
-        self.published = len(samples)
-        self.different = sum(scaled for boot in boots for _, scaled in set(boot))
+    rng = np.random.default_rng(seed)
+    reset = 1.2 + 0.8 * rng.random()
+    faults = Faults(reset_at=reset, lose_frame=0.01, duplicate_frame=0.02)
+    settings = BoardSettings(1000, clock_start_us=2**32 - 500_000, sample_period_us=1000)
+    board = VirtualBoard(Plant(PAPER), settings, faults, seed)
+    host, reference = Host(), Decoder()
+    now = due = 10**12
+    host.opened(now)
+    samples, boots, scaled, disarmed = [], ([], []), False, False
+    for step in range(2500):
+        board.receive(host.data_to_send())
+        if step == 700:
+            host.arm(now)
+        # In order, as bytes are, and at times late: what a smaller delay corrects must not go back.
+        due += MS
+        now = max(now, due + int(rng.exponential(MS)))
+        second = step >= reset * 1000
+        for frame in (part + b'\0' for part in board.advance().split(b'\0')[:-1]):
+            was_armed = host.armed
+            samples += [e for e in host.receive(frame, now) if isinstance(e, Sample)]
+            (message,) = reference.feed(frame)
+            if second and not boots[1]:
+                scaled = False
+                orders = [m.mode for m in Decoder((Command,)).feed(host.data_to_send()) if isinstance(m, Command)]
+                disarmed = was_armed and not host.armed and orders[:1] == [Mode.DISARM]
+            scaled |= isinstance(message, Hello)
+            boots[second].append((message.seq, scaled and isinstance(message, State)))
+        host.poll(now)
+    lost = sum(boot[-1][0] - boot[0][0] + 1 - len(set(boot)) for boot in boots)
+    doubled = sum(len(boot) - len(set(boot)) for boot in boots)
+    return {
+        'disarmed within a frame of the reset': disarmed,
+        'disarmed until told again': not host.armed and not board.armed,
+        'stamps increase': all(a.stamp_ns < b.stamp_ns for a, b in pairwise(samples)),
+        'gaps and duplicates counted exactly': (host.counters.lost, host.counters.duplicates) == (lost, doubled),
+        'duplicates not published': len(samples) == sum(scaled for boot in boots for _, scaled in set(boot)),
+    }
 
 
 def glitches(_, long):
-    seconds = 60 if long else 4
     settings = BoardSettings(sample_period_us=1000)
-    plants = [Plant(PAPER, q=(-0.8, 0.5)) for _ in range(2)]
-    clean, faulty = (VirtualBoard(p, settings, f) for p, f in zip(plants, (None, Faults(glitch=0.01)), strict=True))
-    truth, found, sent, flagged = {}, {}, 0, 0
-    hosts, now = (Host(), Host()), 10**12
+    hosts, results, now = (Host(), Host()), ({}, {}), 10**12
+    boards = [VirtualBoard(Plant(PAPER, q=(-0.8, 0.5)), settings, Faults(glitch=chance)) for chance in (0.0, 0.01)]
     for host in hosts:
         host.opened(now)
-    for _ in range(1000 * seconds):
+    for _ in range(60_000 if long else 4_000):
         now += MS
-        for host, board, samples in zip(hosts, (clean, faulty), (truth, found), strict=True):
+        for host, board, samples in zip(hosts, boards, results, strict=True):
             samples.update({e.stamp_ns: e for e in host.receive(board.advance(), now) if isinstance(e, Sample)})
-    sent, flagged = len(truth) - len(found), hosts[1].counters.flagged
+    truth, found = results
+    missing, flagged = len(truth) - len(found), hosts[1].counters.flagged
     wrong = sum(sample.q != truth[stamp].q for stamp, sample in found.items())
     spike = max(abs(a - b) for stamp, s in found.items() for a, b in zip(s.qd, truth[stamp].qd, strict=True))
-    return [
-        Figure('flagged', f'{flagged} of {sent}', flagged == sent > 0),
-        Figure('not published', f'{wrong} wrong positions of {len(found)}', wrong == 0),
-        Figure('no velocity spike', f'at most {spike:.2f} rad/s beside the truth', spike < 1.0),
-    ]
+    yield 'flagged', f'{flagged} of {missing}', flagged == missing > 0
+    yield 'not published', f'{wrong} wrong positions of {len(found)}', wrong == 0
+    yield 'no velocity spike', f'at most {spike:.2f} rad/s beside the truth', spike < 1.0
 
 
 def flood(folder, long):
@@ -520,16 +447,11 @@ def flood(folder, long):
         host.receive(noise, 0)
     kept = tracemalloc.get_traced_memory()[1] / 1024
     tracemalloc.stop()
-    with bridge_on_a_line(folder) as (rig, line, bridge):
-        line.write(encode(hello(0xFFFF, 0)))
-        line.play(0, 500)
-        rig.until(lambda: len(rig.samples) > 100)
+    with numbered_line(folder) as (rig, line, bridge, _):
         before = resident_kib(bridge.process.pid)
-        # A thread plays, so that what the bridge publishes is taken meanwhile.
-        flooded = in_thread(lambda: line.play(500, 10_000 * seconds, hz=10_000.0))
-        rig.until(lambda: not flooded.is_alive(), 600)
+        meanwhile(rig, lambda: line.play(500, 10_000 * seconds, hz=10_000.0))
         first = 500 + 10_000 * seconds
-        rig.until(lambda: number_of(rig.samples[-1]) == first - 1, 60)
+        rig.until(lambda: number_of(rig.samples[-1][2:4]) == first - 1, 60)
         ten_times = resident_kib(bridge.process.pid) - before
         lost_in_flood = int(rig.fresh_values()['lost'])
 
@@ -539,21 +461,15 @@ def flood(folder, long):
                 line.write(noise)
             line.play(first, 100)
 
-        shouted = in_thread(shout)
-        rig.until(lambda: not shouted.is_alive(), 600)
-        rig.until(lambda: number_of(rig.samples[-1]) == first + 99)
+        meanwhile(rig, shout)
+        rig.until(lambda: number_of(rig.samples[-1][2:4]) == first + 99)
         undelimited = resident_kib(bridge.process.pid) - before
-        back = min(n for n in map(number_of, rig.samples) if n >= first)
-    return [
-        Figure('64 KiB of buffer', f'{kept:.0f} KiB held of 8 MB without a delimiter', kept <= 64),
-        Figure(
-            'memory bounded in 10 times the rate, and without delimiters',
-            f'{ten_times} and {undelimited} KiB more resident',
-            max(ten_times, undelimited) < 4096,
-        ),
-        Figure('10 times the rate: 0 lost', f'{lost_in_flood} of {10_000 * seconds}', lost_in_flood == 0),
-        Figure('back within one frame', f'{back - first} frames lost behind the noise', back - first <= 1),
-    ]
+        behind = min(n for n in (number_of(s[2:4]) for s in rig.samples) if n >= first) - first
+    yield '64 KiB of buffer', f'{kept:.0f} KiB held of 8 MB without a delimiter', kept <= 64
+    resident, bounded = f'{ten_times} and {undelimited} KiB more resident', max(ten_times, undelimited) < 4096
+    yield 'memory bounded in 10 times the rate, and without delimiters', resident, bounded
+    yield '10 times the rate: 0 lost', f'{lost_in_flood} of {10_000 * seconds}', lost_in_flood == 0
+    yield 'back within one frame', f'{behind} frames lost behind the noise', behind <= 1
 
 
 # Commands
@@ -576,7 +492,6 @@ def torques(folder, _):
     board = Overheard(Plant(PAPER), BoardSettings(sample_period_us=1000, torque_limit=1.5))
     stop = threading.Event()
     refused = reported = 0
-    values = (np.nan, np.inf, -np.inf)
     with live_rig(folder) as rig, PtyServer(board, rig.port) as server:
         serving = threading.Thread(target=server.serve, args=(stop.is_set,))
         serving.start()
@@ -584,7 +499,7 @@ def torques(folder, _):
             # A board that trips on a busy machine would seem to have been disarmed.
             rig.start_bridge('watchdog_ms:=500')
             rig.until_samples(10)
-            for value in values:
+            for value in (np.nan, np.inf, -np.inf):
                 drive(rig, 0.2)
                 rig.diagnoses.clear()
                 rig.drive_until(float(value), lambda: not board.armed)
@@ -600,11 +515,9 @@ def torques(folder, _):
         finally:
             stop.set()
             serving.join()
-    return [
-        Figure('no such torque on the wire', f'{sorted(sent)} micro-N m', sent == {0, 200_000}),
-        Figure('disarm and report', f'{refused} and {reported} of 3', refused == reported == 3),
-        Figure('ten times the limit is clamped', f'{sorted(clamped)} micro-N m', clamped <= {0, 1_500_000, -1_500_000}),
-    ]
+    yield 'no such torque on the wire', f'{sorted(sent)} micro-N m', sent == {0, 200_000}
+    yield 'disarm and report', f'{refused} and {reported} of 3', refused == reported == 3
+    yield 'ten times the limit is clamped', f'{sorted(clamped)} micro-N m', clamped <= {0, 1_500_000, -1_500_000}
 
 
 def watchdog(folder, long):
@@ -615,7 +528,7 @@ def watchdog(folder, long):
     """
     late = {'commander stops': [], 'SIGSTOP': [], 'SIGKILL': []}
     still_armed = reported = tripped = stayed = excused = 0
-    times, stops = (10, 10) if long else (2, 1)
+    times, stops = (10, 10) if long else (1, 1)
     with live_rig(folder) as rig, Witness() as witness:
         rig.start_board()
         rig.until(lambda: len(rig.trace()) > 100)
@@ -676,17 +589,13 @@ def watchdog(folder, long):
 
             rows = after('SIGKILL', lambda: bridge.kill())
             tripped += (rows[:, 4] & WATCHDOG).any()
-    return [
-        Figure('commander stops: torque 0, armed', f'{still_armed} of {times * stops}', still_armed == times * stops),
-        Figure('that is reported', f'{reported} of {times}', reported == times),
-        Figure('SIGSTOP, SIGKILL: the watchdog trips', f'{tripped} of {2 * times}', tripped == 2 * times),
-        Figure('after SIGCONT disarmed until told', f'{stayed} of {times}', stayed == times),
-        *(
-            Figure(f'{cause}: within the watchdog plus two samples', f'watchdog plus {max(n)}', max(n) <= 2, time=True)
-            for cause, n in late.items()
-        ),
-        Figure('(tried again, as the machine stood still)', f'{excused} times', True, time=True),
-    ]
+    yield 'commander stops: torque 0, armed', f'{still_armed} of {times * stops}', still_armed == times * stops
+    yield 'that is reported', f'{reported} of {times}', reported == times
+    yield 'SIGSTOP, SIGKILL: the watchdog trips', f'{tripped} of {2 * times}', tripped == 2 * times
+    yield 'after SIGCONT disarmed until told', f'{stayed} of {times}', stayed == times
+    for cause, n in late.items():
+        yield f'{cause}: within the watchdog plus two samples', f'watchdog plus {max(n)}', max(n) <= 2, True
+    yield '(tried again, as the machine stood still)', f'{excused} times', True, True
 
 
 def newest(trace):
@@ -710,45 +619,45 @@ def board_start(trace):
 
 def ports(folder, long):
     wait = 10.0 if long else 1.0
-    said, connected = {}, []
+    said, connected = {}, 0
+
+    @contextlib.contextmanager
+    def unplugged():
+        target = os.readlink(rig.port)
+        rig.port.unlink()
+        yield
+        rig.port.symlink_to(target)
+
+    @contextlib.contextmanager
+    def held():
+        with serial.Serial(str(rig.port), exclusive=True):
+            yield
+
+    @contextlib.contextmanager
+    def locked():
+        os.chmod(rig.port, 0)
+        yield
+        os.chmod(rig.port, 0o600)
+
     with live_rig(folder) as rig:
-
-        def watched(trouble, *before):
-            """A bridge that meets trouble for a while, and then does not."""
-            bridge = rig.start_bridge(before=before)
-            bridge.wait_for(trouble)
-            spin_until(rig.node, lambda: False, wait)
-            said[trouble] = [text.split(']: ')[-1] for text in bridge.lines if trouble in text]
-            return bridge
-
-        bridge = watched('missing')
-        with contextlib.closing(Line(rig.port)) as line:
-            line.wait_for_request()
-            connected.append(bridge.stop() == 0)
-        rig.port.unlink()
-
-        with contextlib.closing(Line(rig.port)) as line:
-            with serial.Serial(str(rig.port), exclusive=True):
-                bridge = watched('busy')
-            line.wait_for_request()
-            connected.append(bridge.stop() == 0)
-        rig.port.unlink()
-
-        with contextlib.closing(Line(rig.port)) as line:
-            os.chmod(rig.port, 0)
+        for trouble, present in (('missing', unplugged), ('busy', held), ('forbidden', locked)):
             # Root may open anything, unless that right is taken away.
-            bridge = watched('forbidden', *(['setpriv', '--bounding-set=-dac_override'] if os.geteuid() == 0 else []))
-            os.chmod(rig.port, 0o600)
-            line.wait_for_request()
-            connected.append(bridge.stop() == 0)
+            barred = trouble == 'forbidden' and os.geteuid() == 0
+            with contextlib.closing(Line(rig.port)) as line:
+                with present():
+                    bridge = rig.start_bridge(before=['setpriv', '--bounding-set=-dac_override'] if barred else [])
+                    bridge.wait_for(trouble)
+                    spin_until(rig.node, lambda: False, wait)
+                    said[trouble] = [text.split(']: ')[-1] for text in bridge.lines if trouble in text]
+                line.wait_for_request()
+                connected += bridge.stop() == 0
+            rig.port.unlink()
     counts = {trouble: len(lines) for trouble, lines in said.items()}
     holder, remedy = said['busy'][0], said['forbidden'][0]
-    return [
-        Figure('alive, and connected when it can', f'{sum(connected)} of {len(connected)}', all(connected)),
-        Figure('one message, and no flood', f'{counts} in {wait:g} s each', set(counts.values()) == {1}),
-        Figure('the holder is named', holder, f'process {os.getpid()}' in holder),
-        Figure('the remedy is named', remedy, 'dialout' in remedy),
-    ]
+    yield 'alive, and connected when it can', f'{connected} of {len(said)}', connected == len(said)
+    yield 'one message, and no flood', f'{counts} in {wait:g} s each', set(counts.values()) == {1}
+    yield 'the holder is named', holder, f'process {os.getpid()}' in holder
+    yield 'the remedy is named', remedy, 'dialout' in remedy
 
 
 TRIALS = [

@@ -21,19 +21,17 @@ from rclpy.serialization import deserialize_message
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 
-from pendubot_identification.nodes.steady_time import SteadyTime
-
 
 def main():
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     gc.disable()  # so many messages take long to be looked through
     # A time server may set the computer's clock in the middle of a trial.
-    steady = SteadyTime()
+    epoch = time.time_ns() - time.monotonic_ns()
     times, messages = array('q'), []
 
     def on_sample(data):
         # As it is: what a subscriber of Python's makes of a message is no part of the way to it.
-        times.append(steady.ros_time(time.monotonic_ns()))
+        times.append(time.monotonic_ns() + epoch)
         messages.append(data)
 
     node = rclpy.create_node('fault_trial_listener', enable_rosout=False, start_parameter_services=False)

@@ -22,7 +22,7 @@ from test.recordings import damage
 from test.recordings.independent import by_mcap, by_rosbags
 
 from ..processes import Program
-from .table import Figure, Trial
+from .table import Trial, ros_node
 
 RATE = 1000  #: Messages a second.
 
@@ -104,44 +104,16 @@ def kills(node, folder, count, seed=1) -> Iterator[Kill]:
         yield Kill(sent, read, len(saved), in_order)
 
 
-@contextmanager
-def ros_node():
-    import rclpy
-
-    rclpy.init()
-    node = rclpy.create_node('faults')
-    try:
-        yield node
-    finally:
-        node.destroy_node()
-        rclpy.try_shutdown()
-
-
 def killed(folder, long):
     """SIGKILL the recorder."""
     with ros_node() as node:
         found = list(kills(node, folder, 20 if long else 3))
     losses = sorted(kill.sent - kill.read for kill in found)
     whole = sum(kill.in_order and kill.saved == kill.read for kill in found)
-    return [
-        Figure(
-            f'at most {RATE // 10} messages lost, {len(found)} times',
-            f'{losses[len(losses) // 2]} in the median, {losses[-1]} at most',
-            losses[-1] <= RATE // 10,
-            time=True,
-        ),
-        Figure(
-            'all repaired, and read by rosbags and mcap as sent',
-            f'{whole} of {len(found)}',
-            whole == len(found),
-        ),
-    ]
-
-
-def fills_up(folder, *, limited):
-    """Record to a disk that fills up to the reserve, or under a limit on the size of files."""
-    with disk_of_its_own(folder) as disk:
-        return _fills_up(disk, limited)
+    median, most = losses[len(losses) // 2], losses[-1]
+    wanted = f'at most {RATE // 10} messages lost, {len(found)} times'
+    yield wanted, f'{median} in the median, {most} at most', most <= RATE // 10, True
+    yield 'all repaired, and read by rosbags and mcap as sent', f'{whole} of {len(found)}', whole == len(found)
 
 
 @contextmanager
@@ -152,6 +124,12 @@ def disk_of_its_own(folder):
         yield disk
     finally:
         shutil.rmtree(disk)
+
+
+def fills_up(folder, limited):
+    """Record to a disk that fills up to the reserve, or under a limit on the size of files."""
+    with disk_of_its_own(folder) as disk:
+        yield from _fills_up(disk, limited)
 
 
 def _fills_up(folder, limited):
@@ -173,18 +151,11 @@ def _fills_up(folder, limited):
     left = shutil.disk_usage(folder).free - reserve
     info = BagReader(path)
     same = by_mcap(path) == by_rosbags(path)
-    return [
-        Figure(
-            'closed cleanly before the reserve is gone, exit status 1',
-            f'closed: {info.closed}, {left / 1e6:.1f} MB above the reserve, exit status {status}',
-            info.closed and left >= 0 and status == 1,
-        ),
-        Figure(
-            'all before it read by rosbags and mcap',
-            f'{info.count} of {sent} sent, those on their way at the end included; the same by both: {same}',
-            same and info.count >= sent - 6,
-        ),
-    ]
+    said = f'closed: {info.closed}, {left / 1e6:.1f} MB above the reserve, exit status {status}'
+    right = info.closed and left >= 0 and status == 1
+    yield 'closed cleanly before the reserve is gone, exit status 1', said, right
+    said = f'{info.count} of {sent} sent, those on their way at the end included; the same by both: {same}'
+    yield 'all before it read by rosbags and mcap', said, same and info.count >= sent - 6
 
 
 def damaged(folder, count, alter, *, closed):
@@ -201,32 +172,24 @@ def damaged(folder, count, alter, *, closed):
                 worst = max(worst, left - outcome.saved)
     except Exception as error:
         crash = f'{type(error).__name__}: {error}'
-    return [
-        Figure(f'no crash in {count}', f'{crash} in {done}', done == count),
-        Figure('nothing wrong or missing accepted silently', f'{silent} messages', silent == 0),
-        Figure(
-            'what is whole is read: all but one chunk, of 11 messages here',
-            f'at most {worst} messages of {damage.COUNT} not saved; {refused} refused as they were, with a sentence',
-            worst <= 11,
-        ),
-    ]
+    yield f'no crash in {count}', f'{crash} in {done}', done == count
+    yield 'nothing wrong or missing accepted silently', f'{silent} messages', silent == 0
+    left = f'at most {worst} messages of {damage.COUNT} not saved; {refused} refused as they were, with a sentence'
+    yield 'what is whole is read: all but one chunk, of 11 messages here', left, worst <= 11
 
 
 TRIALS = [
     Trial('kill', 'recorder SIGKILLed at 1 kHz', killed),
-    Trial('disk', 'disk full', lambda folder, _: fills_up(folder, limited=False)),
-    Trial('quota', 'files limited in size', lambda folder, _: fills_up(folder, limited=True)),
+    Trial('disk', 'disk full', lambda folder, _: fills_up(folder, False)),
+    Trial('quota', 'files limited in size', lambda folder, _: fills_up(folder, True)),
 ]
-for each, closed in (('closed', True), ('killed', False)):
-    TRIALS += [
-        Trial(
-            f'cut-{each}',
-            f'{each} bag, cut anywhere',
-            lambda folder, long, closed=closed: damaged(folder, 100 if long else 10, damage.cut, closed=closed),
-        ),
-        Trial(
-            f'change-{each}',
-            f'{each} bag, a byte changed anywhere',
-            lambda folder, long, closed=closed: damaged(folder, 1000 if long else 25, damage.change, closed=closed),
-        ),
-    ]
+for each, alter, fault, short, long in (
+    ('cut', damage.cut, 'cut anywhere', 10, 100),
+    ('change', damage.change, 'a byte changed anywhere', 25, 1000),
+):
+    for state in ('closed', 'killed'):
+
+        def measure(folder, at_length, alter=alter, closed=state == 'closed', short=short, long=long):
+            return damaged(folder, long if at_length else short, alter, closed=closed)
+
+        TRIALS.append(Trial(f'{each}-{state}', f'{state} bag, {fault}', measure))

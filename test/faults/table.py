@@ -3,13 +3,13 @@
 
 """What a fault trial says: each figure that was wanted, what was measured, and whether that is good enough."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable
+from contextlib import contextmanager
 from pathlib import Path
+from typing import NamedTuple
 
 
-@dataclass(frozen=True)
-class Figure:
+class Figure(NamedTuple):
     """One figure of a trial; one of ``time`` is for a quiet machine, and no test depends on it."""
 
     wanted: str
@@ -18,13 +18,16 @@ class Figure:
     time: bool = False
 
 
-@dataclass(frozen=True)
-class Trial:
-    """A fault and what shows how it is survived: ``run(folder, long)`` returns the figures."""
+class Trial(NamedTuple):
+    """A fault and what shows how it is survived: ``measure(folder, long)`` gives the fields of figures."""
 
     name: str
     fault: str
-    run: Callable[[Path, bool], list[Figure]]
+    measure: Callable[[Path, bool], Iterable[tuple]]
+
+    def run(self, folder, long):
+        """Return the figures."""
+        return [Figure(*fields) for fields in self.measure(folder, long)]
 
 
 HEADER = '| fault | wanted | measured | |\n|---|---|---|---|'
@@ -35,7 +38,18 @@ def row(fault, figure):
     return f'| {fault} | {figure.wanted} | {figure.measured} | {"met" if figure.met else "**missed**"} |'
 
 
-def check(figures):
-    """Fail where a figure that does not hang on the machine's speed is not met."""
-    missed = [f'{figure.wanted}: {figure.measured}' for figure in figures if not (figure.met or figure.time)]
-    assert not missed, '; '.join(missed)
+@contextmanager
+def ros_node(name='fault_trial'):
+    """A node, in ROS as it is here, or begun for it."""
+    import rclpy
+
+    begun = not rclpy.ok()
+    if begun:
+        rclpy.init()
+    node = rclpy.create_node(name)
+    try:
+        yield node
+    finally:
+        node.destroy_node()
+        if begun:
+            rclpy.try_shutdown()

@@ -113,11 +113,3 @@ def test_a_restart_takes_the_new_clock_and_stamps_still_increase():
     after = [stamp(clock, 1000 * k, 10**12 + 10**8 + 10**6 * k) for k in range(100)]
     assert after[0] > before[-1]
     assert after[-1] == 10**12 + 10**8 + 99 * 10**6
-
-
-def test_a_smaller_delay_moves_the_line_but_never_a_stamp_backwards():
-    clock = BoardClock()
-    first = stamp(clock, 0, 50_000_000)
-    second = stamp(clock, 1000, 50_500_000)
-    third = stamp(clock, 2000, 7_000_000 + 2_000_000)
-    assert first < second < third

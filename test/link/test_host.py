@@ -3,8 +3,8 @@
 
 """The host's rules, without a port or a clock.
 
-Damaged frames and their exact counts, joining in mid-frame, glitches of encoders and boards that reset under random
-losses are in test/faults.
+Damaged frames and their exact counts, joining in mid-frame, glitches of encoders, boards that reset under random losses
+and torques that are not finite are in test/faults.
 """
 
 import math
@@ -20,16 +20,7 @@ from pendubot_identification.link.clock import MS, WRAP
 from pendubot_identification.link.events import Armed, ArmingFailed, Report, Sample
 from pendubot_identification.link.health import Health
 from pendubot_identification.link.host import Host, HostConfig
-from pendubot_identification.link.protocol import (
-    Command,
-    Decoder,
-    Hello,
-    HelloRequest,
-    Mode,
-    State,
-    Status,
-    encode,
-)
+from pendubot_identification.link.protocol import Command, Decoder, Hello, HelloRequest, Mode, State, Status, encode
 from pendubot_identification.link.virtual_board import BoardSettings, Faults, VirtualBoard
 from pendubot_identification.model.parameters import PAPER
 from pendubot_identification.model.simulation import Plant
@@ -50,7 +41,6 @@ class Rig:
         self.now = 10**12
         self.events = self.host.opened(self.now)
         self.commands = []
-        self.states = []
         self.heard = Decoder(accept=(Command, HelloRequest))
         self.connected = True
 
@@ -60,7 +50,6 @@ class Rig:
         for _ in range(samples):
             self.deliver()
             data = self.board.advance()
-            self.states.append(self.board.last)
             for _ in range(5):
                 self.now += 2 * MS
                 self.events += self.host.poll(self.now)
@@ -162,16 +151,12 @@ def test_a_hello_that_makes_no_sense_is_reported_once_asked_for_again_and_change
         wire.wait(0)
     assert len(wire.sent()) == 1
     wire.hear(good := replace(HELLO, seq=24))
-    (report,) = wire.hear(replace(HELLO, seq=25, cpr2=0))
+    assert wire.hear(replace(HELLO, seq=25)) == [], 'it introduces itself once'
+    (report,) = wire.hear(replace(HELLO, seq=26, cpr2=0))
     assert 'counts per turn' in report.text
-    assert wire.host.hello == good
-    assert len(only(wire.state(26, 260_000), Sample)) == 1
-
-
-def test_a_board_that_says_something_else_of_itself_introduces_itself_again():
-    wire = Wire()
-    assert wire.hear(replace(HELLO, seq=1)) == []
-    (report,) = wire.hear(replace(HELLO, seq=2, cpr1=8000))
+    assert replace(wire.host.hello, seq=24) == good
+    assert len(only(wire.state(27, 270_000), Sample)) == 1
+    (report,) = wire.hear(replace(HELLO, seq=28, cpr1=8000))
     assert '8000' in report.text
 
 
@@ -196,24 +181,53 @@ def test_velocity_at_1_khz_is_taken_over_ten_samples():
     assert sample.qd[0] == pytest.approx(2 * math.pi * 4 * 10 / 4000 / 10e-3)
 
 
-def test_no_frame_is_published_twice_or_out_of_order():
-    wire = Wire()
-    published = [seq for seq in (1, 2, 2, 4, 3, 5) if only(wire.state(seq, 10_000 * seq), Sample)]
-    assert published == [1, 2, 4, 5]
+def steady(first, count, t_us=0, step=10):
+    """Frames every 10 ms: number, board's clock [us], and how long after the last one they come [ms]."""
+    return [((first + k) % 65_536, (t_us + 10_000 * k) % WRAP, step) for k in range(count)]
+
+
+#: As after a process stood still: a wrap among what waited.
+WAITED = [*steady(1000, 100, WRAP - 1_050_000), (1100, WRAP - 50_000, 60_000), *steady(1101, 7, WRAP - 40_000, step=0)]
+
+
+@pytest.mark.parametrize(
+    ('frames', 'published', 'counted'),
+    [
+        (
+            [(seq, 10_000 * seq, 10) for seq in (1, 2, 2, 4, 3, 5)],
+            [1, 2, 4, 5],
+            {'lost': 1, 'duplicates': 1, 'out_of_order': 1},
+        ),
+        (steady(65_500, 100), [(65_500 + k) % 65_536 for k in range(100)], {}),
+        # The program was stopped for 40 s at 1 kHz: numbers go more than half round, unheard.
+        (
+            [(100, 0, 1), (40_000, 40_000_000, 40_000), (40_001, 40_001_000, 1), (39_999, 39_999_000, 1)],
+            [100, 40_000, 40_001],
+            {'lost': 39_899, 'out_of_order': 1},
+        ),
+        # A frame that comes again after a silence, and the next when numbers and clock are more than half round.
+        (
+            [(1, 10_000, 10), None, (1, 10_000, 10), (40_000, 2_400_000_000, 2_400_000)],
+            [1, 40_000],
+            {'lost': 39_998, 'duplicates': 1, 'link_losses': 1},
+        ),
+        (WAITED, [seq for seq, *_ in WAITED], {}),
+        ([*WAITED, (7099, 59_940_000, 0)], [*(seq for seq, *_ in WAITED), 7099], {'lost': 5991}),
+    ],
+)
+def test_frames_are_published_once_in_order_and_what_is_missing_is_counted(frames, published, counted):
+    wire, found = Wire(hello=replace(HELLO, seq=frames[0][0] - 1)), []
+    for each in frames:
+        if each is None:
+            wire.wait(200)
+            wire.wait(10)
+        else:
+            seq, t_us, step = each
+            found += [seq] * len(only(wire.state(seq, t_us, step=step * MS), Sample))
+    assert found == published
     c = wire.host.counters
-    assert (c.lost, c.duplicates, c.out_of_order, c.restarts, c.published) == (1, 1, 1, 0, 4)
-
-
-def test_numbers_wrap_and_may_go_more_than_half_round_unheard():
-    """As after a program was stopped for 40 s at 1 kHz, and reads what the kernel kept before what is new."""
-    wire = Wire(hello=replace(HELLO, seq=65_500))
-    for k in range(1, 101):
-        assert only(wire.state((65_500 + k) % 65_536, 1000 * k), Sample)
-    assert wire.host.counters.lost == 0
-    assert only(wire.state(40_000, 40_000_000, step=40_000 * MS), Sample)
-    assert only(wire.state(40_001, 40_001_000), Sample)
-    assert not only(wire.state(39_999, 39_999_000), Sample)
-    assert (wire.host.counters.lost, wire.host.counters.out_of_order) == (39_935, 1)
+    wanted = {'lost': 0, 'duplicates': 0, 'out_of_order': 0, 'restarts': 0, 'link_losses': 0} | counted
+    assert {name: getattr(c, name) for name in wanted} == wanted
 
 
 def test_five_in_a_row_are_believed_and_reported():
@@ -296,14 +310,6 @@ def test_at_least_two_commands_for_each_watchdog_period_the_boards_or_the_config
     assert rig.host.armed
 
 
-def test_a_torque_is_sent_at_once_and_reaches_the_motor():
-    rig = Rig().armed()
-    rig.effort(0.1234567)
-    rig.step(2)
-    assert rig.board.last.torque == 123457
-    assert only(rig.events, Sample)[-1].effort == pytest.approx(0.123457)
-
-
 @pytest.mark.parametrize(('configured', 'limit'), [(0.3, 300_000), (5.0, 1_200_000)])
 def test_torque_is_clamped_to_the_smaller_limit_and_that_is_reported_once_while_it_goes_on(configured, limit):
     rig, health = Rig(HostConfig(torque_limit=configured), BoardSettings(torque_limit=1.2)).armed(), Health()
@@ -312,42 +318,23 @@ def test_torque_is_clamped_to_the_smaller_limit_and_that_is_reported_once_while_
         assert rig.commands[-1][1].torque == (-1) ** k * limit
         rig.effort(-0.1)
         rig.step(1)
-        assert health.diagnose(rig.host, rig.now).level == Level.WARN
+        diagnosis = health.diagnose(rig.host, rig.now)
+        assert diagnosis.level == Level.WARN
     assert rig.host.counters.clamped == 200
+    assert diagnosis.values['clamped'] == '200'
+    assert diagnosis.values['torque limit [N m]'] == f'{limit / 1e6:g}'
     assert rig.reports() == [f'an effort command of 10 N m came; at most {limit / 1e6:g} N m are sent']
     rig.step(101)
     rig.effort(10.0)
     assert len([text for text in rig.reports() if 'at most' in text]) == 2
 
 
-@pytest.mark.parametrize('torque', [math.nan, -math.inf])
-def test_a_torque_that_is_not_finite_is_never_sent_disarms_and_is_reported_once(torque):
-    rig, health = Rig().armed(), Health()
-    rig.effort(0.5)
-    for event in [event for _ in range(3) for event in rig.effort(torque)]:
-        health.note(event)
-    assert (rig.commands[-1][1].mode, rig.commands[-1][1].torque) == (Mode.DISARM, 0)
-    first = health.diagnose(rig.host, rig.now)
-    assert (first.level, first.message.count('only finite')) == (Level.ERROR, 1)
-    rig.step(5)
-    assert not rig.host.armed
-    assert not rig.board.armed
-    assert rig.host.counters.not_finite == 3
-    assert len([text for text in rig.reports() if 'finite' in text]) == 1
-    # What was reported is in one diagnosis only.
-    second = health.diagnose(rig.host, rig.now)
-    assert (second.level, second.message) == (Level.OK, 'disarmed')
-    assert (second.values['rate [Hz]'], second.values['not_finite']) == ('100.0', '3')
-    rig.effort(0.5)
-    rig.step(5)
-    assert rig.board.last.torque == 0
-
-
-def test_when_effort_commands_stop_the_torque_is_0_still_armed_and_reported():
+def test_a_torque_is_sent_at_once_and_when_commands_stop_it_is_0_still_armed_and_reported():
     rig = Rig().armed()
-    rig.effort(0.5)
+    rig.effort(0.1234567)
     rig.step(9)
-    assert rig.board.last.torque == 500_000
+    assert rig.board.last.torque == 123_457
+    assert only(rig.events, Sample)[-1].effort == pytest.approx(0.123457)
     rig.step(5)
     assert rig.board.last.torque == 0
     assert rig.host.armed
@@ -389,29 +376,65 @@ def test_one_who_polls_only_when_told_takes_the_torque_back_at_its_moment(timeou
 # What disarms
 
 
-def test_a_silent_link_is_lost_after_100_ms_disarms_and_stays_so():
-    rig, health = Rig().armed(), Health()
-    health.diagnose(rig.host, rig.now)
-    rig.connected = False
-    rig.step(9)
-    assert rig.host.armed
-    rig.step(3)
-    assert not rig.host.armed
-    assert rig.host.link == 'silent'
-    rig.step(50)
-    rig.connected = True
-    published = len(only(rig.events, Sample))
-    rig.step(30)
-    assert len(only(rig.events, Sample)) == published + 30
+def unheard(samples):
+    """Let the board go on without the host, for so many samples."""
+
+    def happens(rig):
+        rig.connected = False
+        rig.step(samples)
+        rig.connected = True
+
+    return happens
+
+
+def trips(rig):
+    """The board, which the host does not hear: it is back before the link is lost."""
+    unheard(9)(rig)
+    for _ in range(2):
+        rig.board.advance()
+
+
+@pytest.mark.parametrize(
+    ('faults', 'happens', 'told', 'counted'),
+    [
+        ({}, unheard(12), 'link lost', {'link_losses': 1, 'lost': 12}),
+        ({}, unheard(62), 'link lost', {'link_losses': 1, 'lost': 62}),
+        ({}, trips, "the board's watchdog tripped", {'trips': 1}),
+        ({'over_current_at': 0.2}, lambda rig: rig.step(50), 'the board reports a fault: over current', {}),
+        ({}, lambda rig: [rig.effort(math.nan) for _ in range(3)], 'an effort command of nan', {'not_finite': 3}),
+        ({}, lambda rig: rig.effort(-math.inf), 'an effort command of -inf', {'not_finite': 1}),
+        ({'reset_at': 0.5}, lambda rig: rig.step(60), 'the board restarted', {'restarts': 1, 'lost': 0}),
+    ],
+)
+def test_it_disarms_reports_once_and_stays_disarmed_until_told_again(faults, happens, told, counted):
+    rig = Rig(faults=Faults(**faults)).armed()
+    happens(rig)
+    rig.step(60)
     assert not rig.host.armed
     assert not rig.board.armed
-    assert (rig.host.counters.link_losses, rig.host.counters.lost) == (1, 62)
-    for event in only(rig.events, Report):
-        health.note(event)
-    diagnosis = health.diagnose(rig.host, rig.now)
-    assert diagnosis.level == Level.ERROR
-    assert 'lost: 62 more' in diagnosis.message
-    assert 'heard again' not in diagnosis.message
+    assert len([text for text in rig.reports() if text.startswith(told)]) == 1
+    assert {name: getattr(rig.host.counters, name) for name in counted} == counted
+    stamps = [sample.stamp_ns for sample in only(rig.events, Sample)]
+    assert all(a < b for a, b in pairwise(stamps))
+    assert rig.now - stamps[-1] <= 20 * MS
+    rig.armed()
+
+
+@pytest.mark.parametrize(
+    ('config', 'hello', 'longest_ms'),
+    [
+        (HostConfig(), HELLO, 100),
+        (HostConfig(), replace(HELLO, sample_period_us=100_000), 500),
+        (HostConfig(link_timeout=1.0), HELLO, 1000),
+    ],
+)
+def test_a_link_may_be_silent_for_100_ms_five_periods_or_as_configured(config, hello, longest_ms):
+    wire = Wire(config, hello)
+    for _ in range(longest_ms // 10):
+        wire.wait(10)
+    assert wire.host.link == 'up'
+    wire.wait(10)
+    assert wire.host.link == 'silent'
 
 
 def test_a_board_that_answers_but_does_not_sample_is_lost_once():
@@ -427,38 +450,6 @@ def test_a_board_that_answers_but_does_not_sample_is_lost_once():
     events = wire.state(22, 20_000)
     assert [report.text for report in only(events, Report)] == ['the board is heard again']
     assert wire.host.link == 'up'
-
-
-def test_a_frame_that_comes_again_after_a_silence_is_not_published_twice():
-    wire = Wire()
-    wire.state(1, 10_000)
-    wire.wait(200)
-    wire.wait(10)
-    assert wire.host.link == 'silent'
-    assert only(wire.state(1, 10_000), Sample) == []
-    # The next one comes after so long that numbers and clock are more than half round.
-    assert len(only(wire.state(40_000, 2_400_000_000, step=2_400_000 * MS), Sample)) == 1
-    c = wire.host.counters
-    assert (c.published, c.duplicates, c.lost) == (2, 1, 39_998)
-
-
-def test_a_slow_board_may_be_silent_for_five_periods():
-    wire = Wire(hello=replace(HELLO, sample_period_us=100_000))
-    for _ in range(49):
-        wire.wait(10)
-    assert wire.host.link == 'up'
-    for _ in range(3):
-        wire.wait(10)
-    assert wire.host.link == 'silent'
-
-
-def test_a_virtual_rig_may_be_silent_for_as_long_as_its_host_is_told():
-    rig = Rig(HostConfig(watchdog_ms=2000, link_timeout=1.0)).armed()
-    rig.connected = False
-    rig.step(99)
-    assert rig.host.armed
-    rig.step(3)
-    assert not rig.host.armed
 
 
 def test_a_program_that_was_held_up_reads_first_before_it_calls_the_link_lost():
@@ -528,33 +519,6 @@ def test_a_port_that_fails_again_and_again_is_said_once():
     assert only(wire.host.closed('it was lost', wire.now), Report)
 
 
-def test_a_watchdog_trip_disarms_until_told_again():
-    rig = Rig().armed()
-    rig.connected = False
-    rig.step(9)
-    rig.board.advance()
-    rig.board.advance()
-    rig.connected = True
-    rig.step(51)
-    assert not rig.host.armed
-    assert not rig.board.armed
-    assert rig.host.counters.trips == 1
-    wire = Wire()
-    for k in range(1, 4):
-        wire.state(k, 10_000 * k, status=Status.WATCHDOG)
-    assert wire.host.counters.trips == 1
-    assert any('watchdog' in text for text in rig.reports())
-    rig.armed()
-
-
-def test_a_fault_disarms_until_told_again():
-    rig = Rig(faults=Faults(over_current_at=0.2)).armed()
-    rig.step(50)
-    assert not rig.host.armed
-    assert any('over current' in text for text in rig.reports(Level.ERROR))
-    rig.armed()
-
-
 def test_a_fault_that_comes_and_goes_is_reported_once():
     wire = Wire()
     reports = []
@@ -568,29 +532,6 @@ def test_a_fault_that_comes_and_goes_is_reported_once():
     assert len(reports) == 3
 
 
-@pytest.mark.parametrize('hello_arrives', [True, False])
-def test_a_restart_disarms_asks_for_hello_and_begins_anew(hello_arrives):
-    rig = Rig(faults=Faults(reset_at=0.5)).armed()
-    while rig.board.last.t_us < 490_000:
-        rig.step()
-    data = rig.board.advance()
-    frames = [part + b'\0' for part in data.split(b'\0')[:-1]]
-    assert len(frames) == 2
-    rig.now += 10 * MS
-    rig.events += rig.host.receive(data if hello_arrives else frames[1], rig.now)
-    assert not rig.host.armed
-    assert only(Decoder((Command, HelloRequest)).feed(rig.host.data_to_send()), HelloRequest)
-    rig.step(30)
-    c = rig.host.counters
-    assert (c.restarts, c.lost, c.duplicates, c.out_of_order) == (1, 0, 0, 0)
-    assert len([text for text in rig.reports() if text.startswith('the board restarted')]) == 1
-    stamps = [sample.stamp_ns for sample in only(rig.events, Sample)]
-    assert all(a < b for a, b in pairwise(stamps))
-    assert rig.now - stamps[-1] <= 20 * MS
-    assert not rig.board.armed
-    rig.armed()
-
-
 @pytest.mark.parametrize('before_us', [50_000, 9_000_000, WRAP - 2_400_000_000])
 def test_a_restart_is_no_wrap_however_near_the_clock_was_to_it(before_us):
     wire = Wire(hello=replace(HELLO, seq=39_999))
@@ -601,16 +542,3 @@ def test_a_restart_is_no_wrap_however_near_the_clock_was_to_it(before_us):
     # The counts began anew, too.
     wire.hear(replace(HELLO, seq=2))
     assert len(only(wire.state(3, 20_100), Sample)) == 1
-
-
-@pytest.mark.parametrize('held_up_ms', [400, 60_000])
-def test_a_wrap_among_samples_that_waited_and_were_lost_is_no_restart(held_up_ms):
-    """A process that stood still reads what its buffer took, and then what comes now."""
-    wire = Wire(hello=replace(HELLO, seq=999))
-    for k in range(100):
-        wire.state(1000 + k, WRAP - 1_050_000 + 10_000 * k)
-    wire.now += held_up_ms * MS
-    for k in range(100, 105):
-        wire.state(1000 + k, (WRAP - 1_050_000 + 10_000 * k) % WRAP, step=0)
-    wire.state(1099 + held_up_ms // 10, held_up_ms * 1000 - 60_000, step=0)
-    assert wire.host.counters.restarts == 0

@@ -14,7 +14,6 @@ from hypothesis import strategies as st
 from pendubot_identification.model.dynamics import (
     acceleration_derivatives,
     accelerations,
-    dry_friction_terms,
     energy,
     forward_dynamics,
     mass_matrix,
@@ -125,25 +124,3 @@ def test_roll_and_sensitivities_do_runge_kutta_steps_of_lagranges_equations(comp
             x, X = step(rig, x, X, tau[:, k, lane], h)
             assert_near(states[k + 1, :, lane], x, 1e-9)
             assert_near(by_rig(derivatives[k, :, :, lane], P_by), X, 1e-8)
-
-
-@given(rigs('geared'), velocities, torques)
-def test_dry_friction_terms_are_what_multiplies_its_parameters(rig, v, tau):
-    """As a change of the accelerations by Fc, Fs and k, from which M takes away the sign."""
-    P, q = np.array(theta(*rig)), np.array([0.3, -0.8])
-    derivatives = acceleration_derivatives(P, q[:, None], v[:, None], tau[:, None])[1][:, 4:, 0]
-    terms = dry_friction_terms(v, tau)
-    for joint in range(2):
-        columns = derivatives[:, [7 + joint, 10 + joint, 12 + joint]]
-        assert_near((-mass_matrix(P, q) @ columns)[joint], terms[joint], 1e-9)
-
-
-def test_many_states_and_rigs_at_once_agree_with_one_at_a_time():
-    rng = np.random.default_rng(1)
-    q, v, tau = rng.normal(size=(3, 4, 2))
-    P = np.array([0.06, 0.05, 0.032, 0.23, 0.16, 0.01, 0.005, 0.25, 0.19, 0.0026, 0.1, 0.05, 0.15, 0.2])
-    many = np.array([P, 2 * P])[:, None]
-    expected = [[forward_dynamics(each, *x) for x in zip(q, v, tau, strict=True)] for each in many[:, 0]]
-    np.testing.assert_array_equal(forward_dynamics(many, q, v, tau), expected)
-    expected = [[energy(each, *x) for x in zip(q, v, strict=True)] for each in many[:, 0]]
-    np.testing.assert_array_equal(energy(many, q, v), expected)

@@ -10,13 +10,13 @@ import pytest
 
 from pendubot_identification.model import kernel
 from pendubot_identification.model.parameters import MODELS
-from pendubot_identification.model.rollout import CHUNK, roll, sensitivities
+from pendubot_identification.model.rollout import roll, sensitivities
 from test.model.paths import both_paths, path
 from test.virtual import GEARED, vector
 
 models = pytest.mark.parametrize('model', MODELS)
 #: Fewer and more than numpy needs for arrays to pay; no whole number of the kernel's blocks; many blocks.
-LANES = (1, 3, 42, 1500)
+LANES = (1, 3, 42, 300)
 
 
 def motion(lanes, steps, seed=1):
@@ -58,17 +58,6 @@ def test_many_parameter_vectors_at_once_give_the_same_numbers_as_one_at_a_time(c
             np.testing.assert_allclose(together[:, :, k], roll(theta, x, tau, 1e-3), rtol=1e-12, atol=1e-12)
 
 
-def test_what_numpy_does_in_pieces_is_what_the_kernel_does_in_one():
-    x, tau = motion(1, 2 * CHUNK + 100)
-    with path(True):
-        states = roll(GEARED, x, 0.3 * tau, 1e-3)
-        expected = sensitivities(GEARED, states, 0.3 * tau, 1e-3)
-    with path(False):
-        found = sensitivities(GEARED, states, 0.3 * tau, 1e-3)
-    scale = np.abs(expected).max(axis=(1, 2), keepdims=True)
-    np.testing.assert_allclose(found / scale, expected / scale, atol=1e-9)
-
-
 @pytest.mark.parametrize('lanes', [1, 90, 203])
 def test_no_number_depends_on_the_threads(monkeypatch, lanes):
     x, tau = motion(lanes, 900)
@@ -93,14 +82,6 @@ def test_the_kernels_own_elementary_functions_hold_from_rest_to_absurd_speeds(sp
         with path(compiled):
             found.append(roll(GEARED, x, np.array([[[0.3]], [[-0.1]]]), 1e-6))
     np.testing.assert_allclose(*found, rtol=1e-12, atol=1e-15)
-
-
-def test_arrays_of_any_layout_are_understood():
-    x, tau = motion(40, 10)
-    x, tau = x[:, ::-2], np.asfortranarray(tau)[:, :, ::-2]
-    with path(True):
-        found = roll(GEARED, x, tau, 1e-3)
-        np.testing.assert_array_equal(found, roll(GEARED, x.copy(), tau.copy(), 1e-3))
 
 
 #: Too long a step for its friction; a mass matrix that is singular at the start; one with no inverse anywhere.
@@ -128,29 +109,3 @@ def test_a_motion_that_cannot_be_followed_becomes_nan_or_infinite_in_silence(com
     assert not np.isfinite(together[-1]).all(axis=0).any()
     assert not np.isfinite(derivatives[-1]).all(axis=(0, 1)).any()
     np.testing.assert_array_equal(states[0], x)
-
-
-@both_paths
-@pytest.mark.parametrize('lanes', [3, 40])
-def test_a_motion_that_cannot_be_followed_leaves_the_others_alone(compiled, lanes):
-    x, tau = motion(lanes, 30)
-    broken = x.copy()
-    broken[2, 1] = 1e200
-    with path(compiled):
-        expected = roll(GEARED, x, tau, 1e-3)
-        states = roll(GEARED, broken, tau, 1e-3)
-        derivatives = sensitivities(GEARED, states, tau, 1e-3)
-    others = np.arange(lanes) != 1
-    np.testing.assert_array_equal(states[..., others], expected[..., others])
-    assert not np.isfinite(states[-1, :, 1]).all()
-    assert np.isfinite(derivatives[..., others]).all()
-
-
-@both_paths
-@pytest.mark.parametrize('lanes', [1, 40])
-def test_no_step_is_no_motion(compiled, lanes):
-    x, tau = motion(lanes, 0)
-    with path(compiled):
-        states = roll(GEARED, x, tau, 1e-3)
-        np.testing.assert_array_equal(states, x[None])
-        assert sensitivities(GEARED, states, tau, 1e-3).shape == (0, 4, 18, lanes)

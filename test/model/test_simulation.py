@@ -11,24 +11,9 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from pendubot_identification.errors import ParameterError
-from pendubot_identification.model.dynamics import energy, forward_dynamics, mass_matrix
+from pendubot_identification.model.dynamics import forward_dynamics
 from pendubot_identification.model.parameters import PAPER, Parameters
 from pendubot_identification.model.simulation import HANGING, LatePlant, Plant, quantised, simulate
-from test.strategies import physical_parameters
-
-
-@settings(max_examples=20)
-@given(physical_parameters(), st.floats(-3, 3), st.floats(-3, 3))
-def test_energy_is_constant_without_torque_and_friction(parameters, q1, q2):
-    free = Parameters(*parameters.vector()[:5], 0, 0, J2=parameters.J2)
-    plant = Plant(free, (q1, q2))
-    theta = free.vector()
-    before = energy(theta, plant.q, plant.qd)
-    for _ in range(50):
-        plant.advance((0.0, 0.0), 0.01)
-    swing = 9.81 * (free.P4 + free.P5)
-    assert energy(theta, plant.q, plant.qd) == pytest.approx(before, abs=1e-5 * swing)
-
 
 #: The paper's rig; the same with a geared motor at each joint; a heavier one, whose friction stops it in 2 ms.
 RIGS = {
@@ -62,32 +47,6 @@ def test_agrees_with_an_adaptive_integrator(name):
     count = 2 * math.pi / 4000
     np.testing.assert_allclose(motion.q[-1], x[:2], atol=0.1 * count if rig.Fc1 else 1e-6)
     np.testing.assert_allclose(motion.qd[-1], x[2:], atol=3 * count if rig.Fc1 else 1e-6)
-
-
-@pytest.mark.parametrize('joint', [0, 1])
-def test_dry_friction_however_stiff_holds_but_for_the_creep_of_its_smooth_sign(joint):
-    # Lying flat, so that nothing else holds; the other joint moves freely.
-    flat = replace(Parameters(2e-3, 4e-4, 0.0, 0.0, 0.0, 0.0, 0.0, J2=1e-2), **{f'Fc{joint + 1}': 1.0})
-    plant, M = Plant(flat), mass_matrix(flat.vector(), HANGING)
-    push = np.eye(2)[joint]
-    plant.advance(tuple(0.5 * push), 0.5)
-    assert plant.qd[joint] == pytest.approx(0.05 * math.atanh(0.5), rel=1e-6)
-    assert (M @ plant.qd)[1 - joint] == pytest.approx(0, abs=1e-9)
-    # What moves fast is braked by Coulomb friction alone; the rest of the torque becomes momentum.
-    plant.advance(tuple(1.5 * push), 0.5)
-    np.testing.assert_allclose(M @ plant.qd, 0.5 * 0.5 * push, rtol=0.01, atol=1e-9)
-
-
-def test_friction_in_proportion_to_a_large_torque_is_followed_however_stiff():
-    # The torque lifts the links to where they balance it but for its friction, which stops them there within 0.1 ms.
-    heavy = Parameters(0.02, 0.02, 0.0, 3.0, 0.0, 0.0, 0.0, k1=0.5)
-    plant = Plant(heavy)
-    for _ in range(100):
-        plant.advance((25.0, 0.0), 0.01)
-        assert abs(plant.qd[0]) < 20
-    weight = 9.81 * heavy.P4 * math.cos(plant.q[0])
-    creep = math.tanh(plant.qd[0] / 0.05)
-    assert 25 * (1 - 0.5 * creep) == pytest.approx(weight, rel=0.01)
 
 
 def test_a_rig_that_cannot_be_is_refused():

@@ -10,113 +10,77 @@ import pytest
 from test.rig import ARMED
 
 pytestmark = pytest.mark.ros
+TOPIC = '/pendubot/effort_command'
 #: In micro-N m, as the board's trace has them: what the driver wants, and the other.
 DRIVER, OTHER = 100_000, 400_000
-
-
-class Pair:
-    """A rig that is armed and driven by the listener, and another node that commands, too."""
-
-    def __init__(self, rig, ros, *parameters, name='intruder'):
-        from std_msgs.msg import Float64
-
-        self.rig, self.message = rig, Float64
-        rig.start_board()
-        self.bridge = rig.start_bridge(*parameters)
-        rig.until_samples()
-        self.node = ros.create_node(name, namespace='elsewhere')
-        self.other = self.node.create_publisher(Float64, '/pendubot/effort_command', 1)
-        rig.until(lambda: self.other.get_subscription_count() and rig.effort_publisher.get_subscription_count())
-
-    def other_commands(self, torque=OTHER / 1e6):
-        self.other.publish(self.message(data=torque))
-
-    def both_until(self, condition, torque=OTHER / 1e6):
-        """The driver first, each time."""
-
-        def command():
-            self.rig.effort(DRIVER / 1e6)
-            self.other_commands(torque)
-            return condition()
-
-        self.rig.until(command, 20.0)
-
-    def values(self):
-        return {pair.key: pair.value for pair in self.rig.diagnoses[-1].values}
-
-
-@pytest.fixture
-def pair(rig, ros):
-    pairs = []
-
-    def make(*parameters):
-        pairs.append(Pair(rig(), ros, *parameters))
-        return pairs[-1]
-
-    yield make
-    for each in pairs:
-        each.node.destroy_node()
-
-
-#: A driver that a busy machine holds up for so long still drives.
-PATIENT = 'command_timeout:=5.0'
 REFUSED = 'effort commands of /elsewhere/intruder are refused, for /listener drives; end one'
 
 
-def test_only_the_driver_moves_the_motor_and_the_other_is_named_once(pair):
-    p = pair(PATIENT)
-    r = p.rig
+@pytest.fixture
+def intruder(ros):
+    node = ros.create_node('intruder', namespace='elsewhere')
+    yield node
+    node.destroy_node()
+
+
+def both_until(rig, other, condition, torque=OTHER / 1e6):
+    """Both command, the driver first each time, until a condition holds."""
+
+    def command():
+        rig.effort(DRIVER / 1e6)
+        other.publish(rig.float64(data=torque))
+        return condition()
+
+    rig.until(command, 20.0)
+
+
+def started(rig, timeout, other):
+    rig.start_board()
+    bridge = rig.start_bridge(f'command_timeout:={timeout}')
+    rig.until_samples()
+    rig.until(lambda: other.get_subscription_count() and rig.effort_publisher.get_subscription_count())
+    return bridge
+
+
+def test_only_the_driver_moves_the_motor_until_it_is_gone_and_the_other_is_named_once(rig, intruder):
+    r = rig()
+    other = intruder.create_publisher(r.float64, TOPIC, 1)
+    # Even one that a busy machine holds up for long still drives.
+    bridge = started(r, 600.0, other)
     assert r.call('arm').success
     r.drive_until(DRIVER / 1e6, lambda: r.samples[-1][6] == DRIVER / 1e6)
-    p.both_until(lambda: sum(d.level == b'\x01' and REFUSED in d.message for d in r.diagnoses) >= 3)
-    assert int(p.values()['refused']) > 0
+    both_until(r, other, lambda: sum(d.level == b'\x01' and REFUSED in d.message for d in r.diagnoses) >= 3)
+    assert bridge.output.count(REFUSED) == 1, 'once while it lasts'
     # Nor does the other disarm by a command that would.
-    p.both_until(lambda: r.diagnoses.clear() or True, math.nan)
-    p.both_until(lambda: any(REFUSED in d.message for d in r.diagnoses), math.nan)
-    assert p.values()['not_finite'] == '0'
+    r.diagnoses.clear()
+    both_until(r, other, lambda: r.diagnosed(1, REFUSED), math.nan)
+    values = r.fresh_values()
+    assert int(values['refused']) > 0
+    assert values['not_finite'] == '0'
+    # Two of the same name are told apart.
+    twin = r.node.create_publisher(r.float64, TOPIC, 1)
+    r.until(twin.get_subscription_count)
+    said = 'effort commands of another /listener are refused, for /listener drives'
+    both_until(r, twin, lambda: r.diagnosed(1, said))
     assert set(r.trace()[:, 3]) == {0, DRIVER}
     assert r.trace()[-1, 4] == ARMED
-    assert p.bridge.output.count(REFUSED) == 1, 'once while it lasts'
-
-
-def test_it_is_not_armed_while_two_command(pair):
-    p = pair(PATIENT)
-    r = p.rig
-    r.drive_until(DRIVER / 1e6, lambda: r.diagnoses and int(p.values()['discarded']))
-    p.both_until(lambda: any(REFUSED in d.message for d in r.diagnoses))
-    answer = r.call('arm')
-    assert (answer.success, answer.message) == (False, REFUSED)
-    assert not (r.trace()[:, 4] & ARMED).any()
-
-
-def test_another_drives_once_the_first_is_silent(pair):
-    p = pair('command_timeout:=0.3')
-    r = p.rig
-    assert r.call('arm').success
-    r.drive_until(DRIVER / 1e6, lambda: r.samples[-1][6] == DRIVER / 1e6)
-    r.until(lambda: p.other_commands() or r.samples[-1][6] == OTHER / 1e6)
-    # Silent for so long, the first had lost its right: the torque was 0 in between.
-    torques = list(dict.fromkeys(r.trace()[:, 3].tolist()[::-1]))[::-1]
-    assert torques[-2:] == [0, OTHER] or torques == [0, DRIVER, OTHER]
-
-
-def test_another_drives_as_soon_as_the_first_is_gone(pair):
-    """Long before its last command is too old."""
-    p = pair('command_timeout:=600.0')
-    r = p.rig
-    assert r.call('arm').success
-    r.drive_until(DRIVER / 1e6, lambda: r.samples[-1][6] == DRIVER / 1e6)
     r.node.destroy_publisher(r.effort_publisher)
-    r.until(lambda: p.other_commands() or r.samples[-1][6] == OTHER / 1e6)
+    r.until(lambda: other.publish(r.float64(data=OTHER / 1e6)) or r.samples[-1][6] == OTHER / 1e6)
 
 
-def test_two_of_the_same_name_are_told_apart(pair):
-    p = pair(PATIENT)
-    r = p.rig
-    p.other = r.node.create_publisher(p.message, '/pendubot/effort_command', 1)
-    r.until(p.other.get_subscription_count)
-    assert r.call('arm').success
+def test_it_is_not_armed_while_two_command_and_another_drives_once_the_first_is_silent(rig, intruder):
+    r = rig()
+    other = intruder.create_publisher(r.float64, TOPIC, 1)
+    started(r, 1.0, other)
+    client = r.node.create_client(r.trigger, '/bridge/arm')
+    assert client.wait_for_service(10)
+    # The first from whom a command comes drives.
+    r.drive_until(DRIVER / 1e6, lambda: r.diagnoses and int(r.values()['discarded']))
+    both_until(r, other, lambda: r.diagnosed(1, REFUSED))
+    asked = client.call_async(r.trigger.Request())
+    both_until(r, other, asked.done)
+    assert (asked.result().success, asked.result().message) == (False, REFUSED)
+    assert not (r.trace()[:, 4] & ARMED).any()
+    r.drive_until(DRIVER / 1e6, lambda: r.call('arm').success)
     r.drive_until(DRIVER / 1e6, lambda: r.samples[-1][6] == DRIVER / 1e6)
-    said = 'effort commands of another /listener are refused, for /listener drives'
-    p.both_until(lambda: any(said in d.message for d in r.diagnoses))
-    assert set(r.trace()[:, 3]) == {0, DRIVER}
+    r.until(lambda: other.publish(r.float64(data=OTHER / 1e6)) or r.samples[-1][6] == OTHER / 1e6)

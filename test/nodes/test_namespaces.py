@@ -8,39 +8,43 @@ from contextlib import ExitStack
 
 import pytest
 import yaml
+from diagnostic_msgs.msg import DiagnosticArray
+from std_msgs.msg import Float64MultiArray
+from std_srvs.srv import Trigger
 
+from pendubot_identification.model.parameters import PAPER
+from pendubot_identification.nodes.messages import LATCHED
 from pendubot_identification.resources import resource
 from test.processes import Program, call, parameters, spin_until
 
 pytestmark = pytest.mark.ros
+PULSES = {'arm': 'true', 'width': 0.5, 'amplitude_min': 0.05, 'amplitude_max': 0.1}
 
 
-@pytest.fixture
-def rigs(tmp_path):
-    """Starts virtual rigs, each with its bridge in a namespace; gives what each board did, as rows of its trace."""
+@pytest.fixture(scope='module')
+def traces(tmp_path_factory):
+    """Virtual rigs in /lab1, by a file, and in /lab2, by a bridge of another name; gives what their boards did."""
+    folder = tmp_path_factory.mktemp('rigs')
+    file = folder / 'bridge.yaml'
+    file.write_text(resource('config/bridge.yaml').read_text().replace('torque_limit: 2.0', 'torque_limit: 0.123'))
     with ExitStack() as programs:
 
-        def start(namespace, *options):
-            folder = tmp_path / f'rig{namespace.replace("/", "_")}'
-            folder.mkdir()
-            trace = folder / 'trace.csv'
-            board = Program('virtual_board', '--link', folder / 'board', '--trace', trace)
+        def start(name, *options):
+            link, trace = folder / name, folder / f'{name}.csv'
+            board = Program('virtual_board', '--link', link, '--trace', trace)
             programs.enter_context(board).wait_for('virtual board on')
             # Of two values of a parameter the later one counts.
-            named = ['--ros-args', '-r', f'__ns:={namespace}', *options, '-p', f'port:={folder / "board"}']
-            bridge = programs.enter_context(Program('bridge', *named))
-            bridge.wait_for('counts per turn')
+            named = ['--ros-args', '-r', f'__ns:=/{name}', *options, '-p', f'port:={link}']
+            programs.enter_context(Program('bridge', *named)).wait_for('counts per turn')
             return lambda: list(csv.DictReader(trace.open()))
 
-        yield start
+        yield start('lab1', '--params-file', file), start('lab2', '-r', '__node:=my_bridge')
 
 
 class Heard:
     """A node that hears what all programs say on /diagnostics: the last values of each status, by its name."""
 
     def __init__(self, ros):
-        from diagnostic_msgs.msg import DiagnosticArray
-
         self.node, self.statuses = ros.create_node('listener'), {}
         self.node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
 
@@ -63,26 +67,17 @@ def armed_or_moved(rows):
     return any(int(row['torque']) or int(row['status']) & 1 for row in rows)
 
 
-def test_a_bridge_takes_its_limits_from_the_file_in_every_namespace(rigs, heard, tmp_path):
-    file = tmp_path / 'bridge.yaml'
-    file.write_text(resource('config/bridge.yaml').read_text().replace('torque_limit: 2.0', 'torque_limit: 0.123'))
-    rigs('/lab1', '--params-file', file)
-    rigs('/', '--params-file', file)
-    for name in ('lab1/bridge', 'bridge'):
-        heard.until(lambda name=name: heard.statuses.get(name, {}).get('torque limit [N m]') == '0.123')
-
-
-def test_an_exciter_moves_the_rig_of_its_own_namespace_alone(rigs, heard, tmp_path):
-    first, second = rigs('/lab1'), rigs('/lab2')
+def test_programs_move_record_and_identify_the_rig_of_their_own_namespace_alone(traces, heard, tmp_path):
+    first, second = traces
     bag = tmp_path / 'bag'
-    pulses = {'arm': 'true', 'duration': 4.0, 'width': 0.5, 'amplitude_min': 0.1, 'amplitude_max': 0.3}
     with (
         Program('recorder', *parameters(output=bag), '-r', '__ns:=/lab1') as recorder,
-        Program('exciter', *parameters(**pulses), '-r', '__ns:=/lab1') as exciter,
+        Program('exciter', *parameters(duration=3.0, **PULSES), '-r', '__ns:=/lab1') as exciter,
     ):
         recorder.wait_for('recording /lab1/joint_states')
         exciter.wait_for('exciting')
         heard.until(lambda: heard.statuses.get('lab1/bridge', {}).get('armed') == 'True')
+        assert heard.statuses['lab1/bridge']['torque limit [N m]'] == '0.123', "not the file's"
         # The other rig says the whole time that it is disarmed: that is not said of this one.
         heard.until(lambda: exciter.process.poll() is not None)
         assert exciter.process.returncode == 0, exciter.output
@@ -90,23 +85,15 @@ def test_an_exciter_moves_the_rig_of_its_own_namespace_alone(rigs, heard, tmp_pa
         assert recorder.stop() == 0
     assert armed_or_moved(first())
     assert not armed_or_moved(second())
-    assert heard.statuses['lab2/bridge']['armed'] == 'False'
-    assert heard.statuses['lab2/bridge']['discarded'] == '0', 'it heard no effort command'
+    assert heard.statuses['lab2/my_bridge']['armed'] == 'False'
+    assert heard.statuses['lab2/my_bridge']['discarded'] == '0', 'it heard no effort command'
     assert 'lab1/recorder' in heard.statuses
     recorded = yaml.safe_load((bag / 'metadata.yaml').read_text())['rosbag2_bagfile_information']
     names = {entry['topic_metadata']['name'] for entry in recorded['topics_with_message_count']}
     assert names == {'/lab1/joint_states', '/lab1/pendubot/effort_command'}
-    _identified_in_its_namespace(heard, bag)
-
-
-def _identified_in_its_namespace(heard, bag):
-    """The identifier reads the topic of its namespace, and publishes there."""
-    from rclpy.qos import DurabilityPolicy, QoSProfile
-    from std_msgs.msg import Float64MultiArray
-
+    # The identifier reads the topic of its namespace, and publishes there.
     params = []
-    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-    heard.node.create_subscription(Float64MultiArray, '/lab1/pendubot/params', params.append, latched)
+    heard.node.create_subscription(Float64MultiArray, '/lab1/pendubot/params', params.append, LATCHED)
     quick = {'criterion': 'energy', 'optimizer': 'lsq', 'model': 'viscous'}
     with Program('identifier', *parameters(bags=f"['{bag}']", **quick), '-r', '__ns:=/lab1'):
         heard.until(lambda: params)
@@ -114,15 +101,8 @@ def _identified_in_its_namespace(heard, bag):
         heard.until(lambda: 'lab1/identifier: progress' in heard.statuses)
 
 
-def test_a_balancer_is_ready_by_the_parameters_and_samples_of_its_namespace(rigs, ros, heard):
+def test_a_balancer_is_ready_by_the_parameters_and_samples_of_its_namespace(traces, heard):
     """What it says of the parameters shows that it has taken them; the other rig's are no rig's."""
-    from std_msgs.msg import Float64MultiArray
-    from std_srvs.srv import Trigger
-
-    from pendubot_identification.model.parameters import PAPER
-    from pendubot_identification.nodes.messages import LATCHED
-
-    rigs('/lab2')
     own = heard.node.create_publisher(Float64MultiArray, '/lab2/pendubot/params', LATCHED)
     others = heard.node.create_publisher(Float64MultiArray, '/lab1/pendubot/params', LATCHED)
     own.publish(Float64MultiArray(data=PAPER.vector().tolist()))
@@ -135,12 +115,12 @@ def test_a_balancer_is_ready_by_the_parameters_and_samples_of_its_namespace(rigs
     assert 'no rig has' not in balancer.output
 
 
-def test_a_bridge_of_another_name_is_asked_for_and_driven_once_its_services_are_remapped(rigs, ros):
-    trace = rigs('/lab1', '-r', '__node:=my_bridge')
-    options = [*parameters(arm='true', duration=3.0, width=1.0, amplitude_min=0.1), '-r', '__ns:=/lab1']
+def test_a_bridge_of_another_name_is_asked_for_and_driven_once_its_services_are_remapped(traces):
+    _, trace = traces
+    options = [*parameters(duration=1.0, **PULSES), '-r', '__ns:=/lab2']
     with Program('exciter', *options) as exciter:
         exciter.wait_for(
-            'waiting for /lab1/bridge/arm, which nobody serves: start the bridge or, if its node has another name, '
+            'waiting for /lab2/bridge/arm, which nobody serves: start the bridge or, if its node has another name, '
             'remap bridge/arm and bridge/disarm'
         )
     assert not armed_or_moved(trace())

@@ -1,8 +1,9 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What every node shares, in real processes: parameters that there are not, and signals at every moment."""
+"""What every node shares, in real processes: parameters without sense, and signals at every moment."""
 
+import json
 import signal
 import subprocess
 import sys
@@ -11,61 +12,82 @@ from contextlib import ExitStack, suppress
 
 import pytest
 import yaml
+from diagnostic_msgs.msg import DiagnosticArray
+from rcl_interfaces.msg import Parameter as ParameterMessage
+from rclpy.parameter import Parameter, get_parameter_value, parameter_dict_from_yaml_file, parameter_value_to_python
+from rclpy.parameter_client import AsyncParameterClient
+from rosgraph_msgs.msg import Clock
 
 from test.conftest import ROOT
-from test.processes import Program, parameters, run_program, spin_until
+from test.processes import Program, parameters, spin_until
 
 pytestmark = pytest.mark.ros
-#: As the console scripts start a node, said when it is about to import ROS.
-STARTED = """
-import sys
-from pendubot_identification import programs
-class Tell:
-    def find_spec(self, name, *_):
-        if name == 'rclpy':
-            print('importing', flush=True)
-sys.meta_path.insert(0, Tell())
-sys.exit(programs.bridge())
+BAG = ROOT / 'bags' / 'paper_experiment'
+
+#: Settings that make no sense: a program, its parameters, and what of its sentence says why.
+REFUSED = [
+    ('bridge', {'prt': 1.0}, 'bridge: bridge has no parameter prt; is port meant? --help lists them all'),
+    ('recorder', {'quite_else': 1.0}, 'recorder has no parameter quite_else; which is meant? --help lists them all'),
+    # Degrees are no radians.
+    ('bridge', {'zero': '[-90.0, 0.0]'}, 'zero is -90.0; a list of numbers with decimal points from -7 to 7 rad is'),
+    ('bridge', {'zero': '[0.0]'}, 'zero has 1 values'),
+    ('bridge', {'sign': '[1, 0]'}, 'sign holds a 0'),
+    ('bridge', {'torque_limit': -1.0}, 'torque_limit'),
+    ('bridge', {'watchdog_ms': 3}, 'watchdog_ms'),
+    ('bridge', {'port': "''"}, 'port is empty'),
+    ('bridge', {'joint_names': '[a, a]'}, 'two different names'),
+    ('balancer', {'max_age': 0.0}, 'max_age'),
+    ('exciter', {'amplitude_min': 1.0, 'amplitude_max': -1.0}, 'amplitude_min 1 is not below amplitude_max -1'),
+    ('exciter', {'width': 2.0}, 'width is 2.0; a number with a decimal point from 0.001 to 1 is expected'),
+    ('exciter', {'period': 'soon'}, 'period is soon'),
+    ('exciter', {'period': '.nan'}, 'period is nan'),
+    ('identifier', {'criterion': 'energy,magic'}, 'criterion is magic; one of energy, weak, trajectory'),
+    ('identifier', {'population': 4}, 'population is 4; a whole number from 5'),
+    ('recorder', {'output': '/dev/null/bag'}, 'cannot be written'),
+    ('recorder', {'output': '/'}, 'exists already; give another name'),
+    ('recorder', {'topics': '["two words"]'}, 'a name such as joint_states is expected'),
+    ('recorder', {'topics': '[""]'}, 'name at least one topic'),
+    ('recorder', {'reserve': 2**60}, 'is not begun: its disk has'),
+    ('recorder', {'max_messages': -1}, 'a whole number of at least 0 is expected'),
+    ('player', {'bag': "''"}, 'bag is empty; give the folder of a bag'),
+    ('player', {'bag': '/nowhere'}, 'there is no bag /nowhere'),
+    ('player', {'bag': f'{BAG}@50:60'}, '@50:60: the bag lasts 17.988 s; give a START within it'),
+    ('player', {'bag': f'{BAG}@5'}, 'names no window of a bag'),
+    ('player', {'bag': BAG, 'topics': '[/other]'}, 'holds nothing on /other; its topics are /joint_states'),
+    ('player', {'bag': BAG, 'rate': 0.0}, 'rate is 0.0; a number with a decimal point from 0.001 to 1000 is expected'),
+]
+#: Runs them one after the other in one process, for most of the time Python would take to start; and says of each how
+#: it ended.
+RUN_ALL = """
+import contextlib, importlib, io, json, sys
+for program, arguments in json.loads(sys.argv[1]):
+    node = importlib.import_module(f'pendubot_identification.nodes.{program}')
+    sys.argv, said = [program, *arguments], io.StringIO()
+    with contextlib.redirect_stderr(said):
+        status = node.main()
+    print(json.dumps([status, said.getvalue()]))
 """
 
 
-@pytest.mark.parametrize(
-    ('program', 'name', 'meant'),
-    [('bridge', 'prt', 'port'), ('exciter', 'amplitude_maximum', 'amplitude_max'), ('recorder', 'quite_else', None)],
-)
-def test_a_parameter_that_there_is_not_is_refused_and_the_one_that_is_meant_is_named(program, name, meant):
-    ended = run_program(program, *parameters(**{name: 1.0}))
-    assert ended.returncode == 1
-    (sentence,) = ended.stderr.splitlines()
-    asked = f'is {meant} meant' if meant else 'which is meant'
-    assert sentence == f'{program}: {program} has no parameter {name}; {asked}? --help lists them all'
-
-
-def test_degrees_are_no_radians():
-    ended = run_program('bridge', *parameters(zero='[-90.0, 0.0]'))
-    assert ended.returncode == 1
-    assert ended.stderr == (
-        'bridge: zero is -90.0; a list of numbers with decimal points from -7 to 7 rad is expected\n'
-    )
-
-
-def test_the_same_in_a_parameter_file(tmp_path):
+def test_settings_that_make_no_sense_are_refused_in_a_sentence(tmp_path):
     file = tmp_path / 'mine.yaml'
     file.write_text('bridge:\n  ros__parameters:\n    torque_limt: 0.1\n')
-    ended = run_program('bridge', '--ros-args', '--params-file', file)
-    assert ended.returncode == 1
-    assert 'has no parameter torque_limt; is torque_limit meant' in ended.stderr
-
-
-def test_parameters_that_ros_itself_knows_are_none_of_these(tmp_path):
-    with Program('bridge', *parameters(port=tmp_path / 'board', use_sim_time='false')) as bridge:
-        bridge.wait_for('missing')
-        assert bridge.stop() == 0
+    runs = [(program, parameters(**values)) for program, values, _ in REFUSED]
+    runs.append(('bridge', ['--ros-args', '--params-file', str(file)]))
+    command = [sys.executable, '-c', RUN_ALL, json.dumps(runs)]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=120)
+    sentences = [*(sentence for *_, sentence in REFUSED), 'has no parameter torque_limt; is torque_limit meant']
+    for line, (program, _), sentence in zip(done.stdout.splitlines(), runs, sentences, strict=True):
+        status, said = json.loads(line)
+        assert status == 1, sentence
+        assert said.startswith(f'{program}: ')
+        assert sentence in said
+        assert said.count('\n') == 1, said
+    assert list(tmp_path.iterdir()) == [file], 'no bag is begun'
 
 
 def dump(node, client):
     """The parameters of a node as ``ros2 param dump`` writes them."""
-    from rclpy.parameter import parameter_value_to_python
 
     def answer(future):
         assert spin_until(node, future.done)
@@ -78,10 +100,6 @@ def dump(node, client):
 
 def test_a_node_takes_back_the_parameters_that_ros2_dumped_and_numbers_as_they_are_typed(ros, tmp_path):
     """ROS's own tools hand on a number without a dot, 1e-09, as text."""
-    from rcl_interfaces.msg import Parameter as ParameterMessage
-    from rclpy.parameter import Parameter, get_parameter_value, parameter_dict_from_yaml_file
-    from rclpy.parameter_client import AsyncParameterClient
-
     file, node = tmp_path / 'dump.yaml', ros.create_node('operator')
     bounds = {'lower_bounds': [0.0, 1e-9, *[0.0] * 5], 'upper_bounds': [1.0] * 7}
     try:
@@ -94,10 +112,8 @@ def test_a_node_takes_back_the_parameters_that_ros2_dumped_and_numbers_as_they_a
             assert spin_until(node, loaded.done)
             answers = zip(parameter_dict_from_yaml_file(str(file), True), loaded.result().results, strict=True)
             # That one is ROS's own, and of no node can it be set.
-            refused = {name: r.reason for name, r in answers if not r.successful} | {
-                'start_type_description_service': ''
-            }
-            assert refused == {'start_type_description_service': ''}
+            refused = {name: r.reason for name, r in answers if not r.successful}
+            assert refused.keys() <= {'start_type_description_service'}
             for text, taken in (('1e-8', True), ('.nan', False), ('many', False), ('[1e-8]', False)):
                 typed = Parameter.from_parameter_msg(ParameterMessage(name='spread', value=get_parameter_value(text)))
                 asked = client.set_parameters([typed])
@@ -109,9 +125,6 @@ def test_a_node_takes_back_the_parameters_that_ros2_dumped_and_numbers_as_they_a
 
 
 def test_diagnostics_are_stamped_while_nobody_publishes_a_clock_and_by_the_clock_then(ros, tmp_path):
-    from diagnostic_msgs.msg import DiagnosticArray
-    from rosgraph_msgs.msg import Clock
-
     node, stamps = ros.create_node('operator'), {}
     node.create_subscription(
         DiagnosticArray,
@@ -136,7 +149,7 @@ def test_diagnostics_are_stamped_while_nobody_publishes_a_clock_and_by_the_clock
         node.destroy_node()
 
 
-@pytest.mark.parametrize('second', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize('second', [signal.SIGINT, signal.SIGHUP])
 def test_more_signals_than_one_change_no_exit_status(tmp_path, second):
     with Program('bridge', *parameters(port=tmp_path / 'board')) as bridge:
         bridge.wait_for('missing')
@@ -150,8 +163,7 @@ def test_more_signals_than_one_change_no_exit_status(tmp_path, second):
 
 
 def test_a_closed_terminal_is_nothing_to_who_was_started_by_nohup(tmp_path):
-    options = parameters(port=tmp_path / 'board')
-    with Program('bridge', *options, before=('nohup',)) as bridge:
+    with Program('bridge', *parameters(port=tmp_path / 'board'), before=('nohup',)) as bridge:
         bridge.wait_for('missing')
         bridge.process.send_signal(signal.SIGHUP)
         with pytest.raises(subprocess.TimeoutExpired):
@@ -159,13 +171,25 @@ def test_a_closed_terminal_is_nothing_to_who_was_started_by_nohup(tmp_path):
         assert bridge.stop(signal.SIGTERM) == 0
 
 
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_while_it_starts_is_no_failure(number):
+#: As the console scripts start a node, said when it is about to import ROS.
+STARTED = """
+import sys
+from pendubot_identification import programs
+class Tell:
+    def find_spec(self, name, *_):
+        if name == 'rclpy':
+            print('importing', flush=True)
+sys.meta_path.insert(0, Tell())
+sys.exit(programs.bridge())
+"""
+
+
+def test_a_signal_while_it_starts_is_no_failure():
     process = subprocess.Popen(
         [sys.executable, '-c', STARTED], cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )
     assert process.stdout.readline() == 'importing\n'
-    process.send_signal(number)
+    process.send_signal(signal.SIGTERM)
     _, said = process.communicate(timeout=60)
     assert process.returncode == 0
     assert said == ''

@@ -13,8 +13,7 @@ import yaml
 
 from pendubot_identification.errors import ParameterError, ResultError
 from pendubot_identification.link.protocol import Command, Mode, encode
-from pendubot_identification.model.parameters import BALANCE, PAPER
-from pendubot_identification.model.simulation import LatePlant
+from pendubot_identification.model.parameters import PAPER
 from pendubot_identification.nodes.virtual_board import make_board, parser
 from pendubot_identification.results.result_file import SCHEMA
 from test.processes import run_program
@@ -52,60 +51,62 @@ def test_parameters_that_no_pendubot_has_are_refused(tmp_path):
 
 
 def test_it_is_held_where_it_begins_until_it_is_first_armed():
-    options = ['--preset', 'balance', '--start', 'upright', '--spread', '0.1', '--delay', '0.004', '--rate', '200']
-    board = make_board(parser().parse_args([*options, '--seed', '3']))
+    options = ['--preset', 'balance', '--start', 'upright', '--spread', '0.1', '--rate', '200', '--seed', '3']
+    board = make_board(parser().parse_args(options))
     for _ in range(200):
         board.advance()
-    per_turn = 4000
     begin = board.last.enc1, board.last.enc2
-    assert abs(begin[0] - per_turn / 2) < 0.1 * per_turn / 6.28 + 1
-    assert abs(begin[1]) < 0.1 * per_turn / 6.28 + 1
-    assert begin not in ((per_turn // 2, 0), (0, 0))
-    assert make_board(parser().parse_args([*options, '--seed', '4'])).advance() != b''
+    assert np.abs(np.subtract(begin, (2000, 0))).max() < 0.1 * 4000 / 6.28 + 1
+    assert begin != (2000, 0)
     board.receive(encode(Command(1, 0, Mode.DISARM, 0, 0)) + encode(Command(2, 0, Mode.TORQUE, 500, 0)))
     for _ in range(100):
         board.advance()
     assert abs(board.last.enc1 - begin[0]) > 100, 'then it falls'
 
 
-def test_a_preset_and_a_delay_are_the_plant_s(monkeypatch):
-    made = []
-    original = LatePlant.__init__
-    monkeypatch.setattr(LatePlant, '__init__', lambda self, *args: made.append(args) or original(self, *args))
-    make_board(parser().parse_args(['--preset', 'balance', '--delay', '0.004', '--seed', '1']))
-    assert made[0][:2] == (BALANCE, 0.004)
+@pytest.mark.parametrize(
+    ('options', 'status', 'text'),
+    [
+        (['--help'], 0, 'bit_flip'),
+        (['--duration', '0.1', '--ros-args', '-r', '__node:=x'], 0, 'virtual board on /dev/pts/'),
+        (['--nonsense'], 2, 'unrecognized'),
+        (['--rate', '0'], 1, '--rate is 0 Hz'),
+        (['--spread', '-1'], 1, 'a number from 0 to 1 is expected'),
+        (['--delay', 'nan'], 1, 'a number from 0 to 1 is expected'),
+        (['--fault', 'rust=1'], 1, "no fault 'rust'"),
+        (['--fault', 'bit_flip=often'], 1, 'has no number'),
+        (['--link', __file__], 1, 'no link to a pty'),
+    ],
+)
+def test_the_virtual_board_explains_itself(options, status, text):
+    done = run_program('virtual_board', *options)
+    assert done.returncode == status
+    assert text in done.stdout + done.stderr
+    assert 'Traceback' not in done.stderr
 
 
-@pytest.mark.parametrize('option', [('--spread', '-1'), ('--delay', 'nan')])
-def test_a_start_without_sense_is_refused(option):
-    with pytest.raises(ParameterError, match='a number from 0 to 1 is expected'):
-        make_board(parser().parse_args([*option, '--seed', '1']))
-
-
-@pytest.mark.parametrize('room', [0, 8192])
-def test_a_trace_that_cannot_be_written_any_more_is_one_sentence(tmp_path, room):
+def test_a_trace_that_cannot_be_written_any_more_is_one_sentence(tmp_path):
     link, trace = tmp_path / 'board', tmp_path / 'trace.csv'
-    ended = run_program('virtual_board', '--rate', 1000, '--link', link, '--trace', trace, file_limit=room)
+    ended = run_program('virtual_board', '--rate', 1000, '--link', link, '--trace', trace, file_limit=8192)
     assert ended.returncode == 1
     assert ended.stderr == (
         f'virtual_board: the trace {trace} cannot be written (File too large); free some space or name another place\n'
     )
     assert not link.is_symlink()
-    assert trace.stat().st_size == room, 'what there was room for is there'
+    assert trace.stat().st_size == 8192, 'what there was room for is there'
 
 
 @pytest.mark.ros
-@pytest.mark.parametrize('stopped', ['board', 'bridge', 'both'])
+@pytest.mark.parametrize('stopped', ['board', 'both'])
 def test_a_patient_rig_waits_while_its_computer_pauses(rig, stopped):
     r = rig(100, '--patient')
-    programs = {'board': [r.start_board()], 'bridge': [r.start_bridge('link_timeout:=60.0')]}
-    programs['both'] = programs['board'] + programs['bridge']
+    board, bridge = r.start_board(), r.start_bridge('link_timeout:=60.0')
     r.until_samples()
     assert r.call('arm').success
     r.drive_until(0.2, lambda: r.samples[-1][6] == 0.2)
     before, begun = len(r.trace()), time.monotonic()
     for number in (signal.SIGSTOP, signal.SIGCONT):
-        for program in programs[stopped]:
+        for program in [board] if stopped == 'board' else [board, bridge]:
             program.process.send_signal(number)
         time.sleep(0.5 if number == signal.SIGSTOP else 0.0)
     r.drive_until(-0.2, lambda: r.samples[-1][6] == -0.2)

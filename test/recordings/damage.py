@@ -95,6 +95,23 @@ def change(data, random_, count=1):
     return bytes(changed)
 
 
+def change_five(data, random_):
+    """Return a file with five bytes changed."""
+    return change(data, random_, 5)
+
+
+def flip(file, at, bits=1):
+    """Change a byte of a file."""
+    data = bytearray(file.read_bytes())
+    data[at] ^= bits
+    file.write_bytes(data)
+
+
+def contents(folder):
+    """Return bytes and time of change of every file in a folder."""
+    return {file: (file.read_bytes(), file.stat().st_mtime_ns) for file in folder.rglob('*') if file.is_file()}
+
+
 def damaged_bags(folder, trials, alter, *, closed=True, seed=1):
     """Yield the outcome of each of so many damages to a bag, and how many messages stand in what is left of it."""
     random_ = random.Random(seed)

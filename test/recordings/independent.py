@@ -4,8 +4,13 @@
 """Bags read by libraries that are not ours."""
 
 from collections import Counter
+from contextlib import suppress
+from typing import NamedTuple
 
+from mcap.exceptions import EndOfFile
 from mcap.reader import make_reader
+from mcap.records import Channel, Chunk, Message
+from mcap.stream_reader import StreamReader, breakup_chunk
 from rosbags.rosbag2 import Reader
 
 
@@ -33,3 +38,27 @@ def by_mcap(path):
             assert reader.get_summary().statistics.message_count == len(of_file)
         messages += of_file
     return messages
+
+
+class Part(NamedTuple):
+    """A chunk: where its record begins and ends, and its messages as (topic, log time, bytes)."""
+
+    begin: int
+    end: int
+    messages: list
+
+
+def chunks(path):
+    """Return the chunks of a file, closed or not, as the MCAP library reads them."""
+    parts, topics, data, at = [], {}, path.read_bytes(), 0
+    with path.open('rb') as file, suppress(EndOfFile):
+        for record in StreamReader(file, emit_chunks=True).records:
+            if isinstance(record, Channel):
+                topics[record.id] = record.topic
+            if isinstance(record, Chunk):
+                inside = breakup_chunk(record, validate_crc=True)
+                topics |= {each.id: each.topic for each in inside if isinstance(each, Channel)}
+                messages = [(topics[m.channel_id], m.log_time, m.data) for m in inside if isinstance(m, Message)]
+                at = data.index(record.data, at) + len(record.data)
+                parts.append(Part(at - len(record.data) - len(record.compression) - 40 - 9, at, messages))
+    return parts

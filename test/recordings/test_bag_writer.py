@@ -2,11 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
 import os
+import re
+import resource
 import shutil
-import signal
-import subprocess
-import sys
-import textwrap
 from types import SimpleNamespace
 
 import numpy as np
@@ -56,50 +54,40 @@ def motion(n=100, step=0.01, qd=True):
     return Trajectory(t=t, q=q, tau=0.5 * q, qd=2 * q if qd else None)
 
 
-def test_rosbags_reads_back_every_message(tmp_path):
+def test_rosbags_and_mcap_read_back_every_message(tmp_path):
     path = write(tmp_path / 'bag')
-    store = get_typestore(Stores.ROS2_JAZZY)
+    assert by_rosbags(path) == by_mcap(path) == [('/joint_states', *message(k)) for k in range(100)]
+    definition = message_definition(JOINT_STATE)
     with Reader(path) as reader:
         (connection,) = reader.connections
-        messages = list(reader.messages())
-        assert connection.msgtype == JOINT_STATE
-        assert connection.digest == store.hash_rihs01(JOINT_STATE)
-        assert connection.msgdef.data == message_definition(JOINT_STATE).text
         assert (reader.start_time, reader.end_time) == (START, START + 99 * STEP + 1)
-    assert [(stamp, bytes(data)) for _, stamp, data in messages] == [message(k) for k in range(100)]
-    decoded = store.deserialize_cdr(messages[7][2], JOINT_STATE)
-    assert decoded.name == ['shoulder', 'elbow']
-    np.testing.assert_array_equal(decoded.position, [0.1 * 7, -7])
-
-
-def test_mcap_reads_back_every_message_through_its_index(tmp_path):
-    path = write(tmp_path / 'bag')
+    assert connection.msgtype == JOINT_STATE
+    assert connection.digest == get_typestore(Stores.ROS2_JAZZY).hash_rihs01(JOINT_STATE)
+    assert connection.msgdef.data == definition.text
+    assert 'MSG: std_msgs/Header' in definition.text
     with (path / 'bag_0.mcap').open('rb') as file:
         reader = make_reader(file, validate_crcs=True)
         assert reader.get_header().profile == 'ros2'
-        summary = reader.get_summary()
-        messages = list(reader.iter_messages())
-    schema, channel, first = messages[0]
+        schema, channel, first = next(reader.iter_messages())
+        assert len(reader.get_summary().chunk_indexes) >= 9
     assert (schema.name, schema.encoding, channel.message_encoding) == (JOINT_STATE, 'ros2msg', 'cdr')
-    assert 'MSG: std_msgs/Header' in schema.data.decode()
-    assert channel.metadata['topic_type_hash'].startswith('RIHS01_')
-    (profile,) = yaml.safe_load(channel.metadata['offered_qos_profiles'])
-    assert profile == Qos().profile()
+    assert channel.metadata['topic_type_hash'] == definition.type_hash
+    assert yaml.safe_load(channel.metadata['offered_qos_profiles']) == [Qos().profile()]
     assert (first.log_time, first.publish_time, first.sequence) == (START, START - 1000, 1)
-    assert [(m.log_time, m.data) for _, _, m in messages] == [message(k) for k in range(100)]
-    assert summary.statistics.message_count == 100
-    assert len(summary.chunk_indexes) >= 9
 
 
 def test_metadata_has_every_key_of_version_9(tmp_path):
     path = write(tmp_path / 'bag')
     information = yaml.safe_load((path / 'metadata.yaml').read_text())['rosbag2_bagfile_information']
-    assert information == {
-        'version': 9,
-        'storage_identifier': 'mcap',
+    span = {
         'duration': {'nanoseconds': 99 * STEP},
         'starting_time': {'nanoseconds_since_epoch': START},
         'message_count': 100,
+    }
+    assert information == {
+        'version': 9,
+        'storage_identifier': 'mcap',
+        **span,
         'topics_with_message_count': [
             {
                 'topic_metadata': {
@@ -115,14 +103,7 @@ def test_metadata_has_every_key_of_version_9(tmp_path):
         'compression_format': '',
         'compression_mode': '',
         'relative_file_paths': ['bag_0.mcap'],
-        'files': [
-            {
-                'path': 'bag_0.mcap',
-                'starting_time': {'nanoseconds_since_epoch': START},
-                'duration': {'nanoseconds': 99 * STEP},
-                'message_count': 100,
-            }
-        ],
+        'files': [{'path': 'bag_0.mcap', **span}],
         'custom_data': None,
         'ros_distro': 'jazzy',
     }
@@ -133,22 +114,23 @@ def test_metadata_has_every_key_of_version_9(tmp_path):
     assert yaml.safe_load(copy.metadata['serialized_metadata']) == information
 
 
-@pytest.mark.parametrize('overwrite', [False, True])
-@pytest.mark.parametrize('content', ['file', 'folder', 'empty folder', 'bag and more'])
-def test_nothing_but_a_bag_is_ever_overwritten(tmp_path, content, overwrite):
+@pytest.mark.parametrize(
+    'make',
+    [
+        lambda path: path.write_text('mine'),
+        lambda path: path.mkdir(),
+        lambda path: (path.mkdir(), (path / 'notes.txt').write_text('mine')),
+        lambda path: (write(path), (path / 'notes.txt').write_text('mine')),
+    ],
+    ids=['file', 'empty folder', 'folder', 'bag and more'],
+)
+def test_nothing_but_a_bag_is_ever_overwritten(tmp_path, make):
     path = tmp_path / 'taken'
-    if content == 'file':
-        path.write_text('mine')
-    elif content == 'bag and more':
-        write(path)
-        (path / 'notes.txt').write_text('mine')
-    else:
-        path.mkdir()
-        if content == 'folder':
-            (path / 'notes.txt').write_text('mine')
+    make(path)
     before = {file: file.read_bytes() for file in tmp_path.rglob('*') if file.is_file()}
-    with pytest.raises(BagError, match=r'give another name'), whole_bag(path, overwrite=overwrite):
-        pass
+    for overwrite in (False, True):
+        with pytest.raises(BagError, match=r'give another name'), whole_bag(path, overwrite=overwrite):
+            pass
     with pytest.raises(BagError, match=r'give another name'):
         BagWriter(path)
     assert {file: file.read_bytes() for file in tmp_path.rglob('*') if file.is_file()} == before
@@ -198,40 +180,17 @@ def test_a_folder_that_cannot_be_made_is_one_sentence(tmp_path):
         BagWriter(tmp_path / 'file' / 'bag')
 
 
-def in_another_process(body, tmp_path):
-    """Run a writer that cannot end well; its bag is ``tmp_path / 'bag'``."""
-    program = """
-        import os, resource, signal, sys
-        from pathlib import Path
-        from pendubot_identification.errors import BagError
-        from test.recordings.test_bag_writer import START, STEP, BagWriter, JOINT_STATE, message
-        bag = BagWriter(Path(sys.argv[1]) / 'bag')
+@pytest.mark.parametrize('jump', [0, 3600], ids=['', 'a clock that is set back'])
+def test_a_writer_that_is_killed_loses_no_more_than_the_last_tenth_of_a_second(tmp_path, jump):
+    with BagWriter(tmp_path / 'bag') as bag:
         channel = bag.add_topic('/joint_states', JOINT_STATE)
-    """
-    return subprocess.run(
-        [sys.executable, '-c', textwrap.dedent(program) + textwrap.dedent(body), str(tmp_path)],
-        capture_output=True,
-        text=True,
-        timeout=60,
-    )
-
-
-def test_sigkill_loses_no_more_than_the_last_tenth_of_a_second(tmp_path):
-    killed = in_another_process(
-        """
         for k in range(1000):
-            stamp, data = message(k)
-            bag.write(channel, data, stamp)
-        os.kill(os.getpid(), signal.SIGKILL)
-        """,
-        tmp_path,
-    )
-    assert killed.returncode == -signal.SIGKILL
-    info = BagReader(tmp_path / 'bag')
-    assert not info.closed
-    assert 'never closed' in info.note
-    assert 990 <= info.count <= 1000
-    assert len(read_trajectory(tmp_path / 'bag').trajectory) == info.count
+            bag.write(channel, message(k)[1], START + (k - jump * (k >= 500)) * STEP)
+        # What the system has by now is what a SIGKILL leaves.
+        left = BagReader(tmp_path / 'bag')
+        assert not left.closed
+        assert 'never closed' in left.note
+        assert 990 <= left.count <= 1000
 
 
 def test_sync_puts_the_file_on_the_disk_and_so_does_the_end(tmp_path, monkeypatch):
@@ -264,41 +223,46 @@ def test_metadata_says_what_is_there_while_it_is_written(tmp_path):
     with BagWriter(tmp_path / 'bag') as bag:
         assert described() == {}
         channel = bag.add_topic('/joint_states', JOINT_STATE)
-        bag.sync()
-        assert described() == {'/joint_states': 0}
-        for k in range(5):
+        for count in (0, 1):
+            bag.sync()
+            assert described() == {'/joint_states': count}
+            bag.write(channel, message(0)[1], START)
+
+
+def fill(bag):
+    """Write until the bag refuses; return what was sent until then, and the refusal."""
+    channel = bag.add_topic('/joint_states', JOINT_STATE)
+    sent = []
+    try:
+        for k in range(100_000):
+            sent.append(('/joint_states', *message(k)))
             bag.write(channel, message(k)[1], message(k)[0])
-        bag.sync()
-        assert described() == {'/joint_states': 5}
+    except BagError as error:
+        sentence = str(error)
+    with pytest.raises(BagError, match=re.escape(sentence)):
+        bag.write(channel, message(0)[1], START)
+    bag.close()
+    return sent, sentence
 
 
 @pytest.mark.parametrize('predicted', [True, False])
-def test_a_full_disk_is_one_sentence_and_leaves_what_is_whole(tmp_path, predicted):
+def test_a_full_disk_is_one_sentence_and_leaves_what_is_whole(tmp_path, monkeypatch, predicted):
     # A limit on a file's size refuses a write as a full disk does. One that the writer does not see coming is as if
     # somebody else filled the disk at this moment, or a quota.
-    full = in_another_process(
-        f"""
-        from pendubot_identification.recordings import bag_writer
-        if not {predicted}:
-            bag_writer._shortage = lambda *_: ''
-        resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))
-        try:
-            for k in range(10_000):
-                stamp, data = message(k)
-                bag.write(channel, data, stamp)
-        except BagError as error:
-            print(k, error)
-        bag.close()
-        """,
-        tmp_path,
-    )
-    assert full.stderr == ''
-    count, _, sentence = full.stdout.partition(' ')
+    if not predicted:
+        monkeypatch.setattr(bag_writer, '_shortage', lambda *_: '')
+    bag = BagWriter(tmp_path / 'bag')
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, limits[1]))
+    try:
+        sent, sentence = fill(bag)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
     closed = 'is closed with all that was received before: the system limits files to 0.100 MB'
     assert (closed if predicted else 'cannot be written (File too large); free some space') in sentence
     reader = BagReader(tmp_path / 'bag')
     assert reader.closed == predicted
-    assert int(count) - (0 if predicted else 10) <= reader.count <= int(count) + 1
+    assert len(sent) - (1 if predicted else 11) <= reader.count <= len(sent)
     assert os.path.getsize(tmp_path / 'bag' / 'bag_0.mcap') <= 100_000
     damages = []
     assert sum(1 for _ in reader.files[0].whole_parts(damages)) > 10
@@ -306,34 +270,20 @@ def test_a_full_disk_is_one_sentence_and_leaves_what_is_whole(tmp_path, predicte
 
 
 def test_the_bag_is_closed_before_the_reserve_is_gone(tmp_path, monkeypatch):
-    path = tmp_path / 'bag'
-    real = os.statvfs(tmp_path)
+    path, reserve = tmp_path / 'bag', 9_500_000
 
     def left():
         return 10_000_000 - sum(file.stat().st_size for file in path.glob('*'))
 
     # Stands for a disk that fills: each byte that the bag takes is gone.
-    disk = {'f_frsize': 1, 'f_blocks': real.f_blocks}
+    disk = {'f_frsize': 1, 'f_blocks': os.statvfs(tmp_path).f_blocks}
     monkeypatch.setattr(bag_writer.os, 'statvfs', lambda _: SimpleNamespace(**disk, f_bavail=left()))
-    reserve = 9_500_000
-    bag = BagWriter(path, reserve=reserve)
-    channel = bag.add_topic('/joint_states', JOINT_STATE)
-    sent = []
-
-    def write_until_refused():
-        for k in range(100_000):
-            stamp, data = message(k)
-            sent.append(('/joint_states', stamp, data))
-            bag.write(channel, data, stamp)
-
-    with pytest.raises(BagError, match=r'is closed with all that was received before: its disk has .* MB left'):
-        write_until_refused()
+    sent, sentence = fill(BagWriter(path, reserve=reserve))
+    assert re.search(r'is closed with all that was received before: its disk has .* MB left', sentence)
     assert reserve <= left() < reserve + 100_000, 'or closed long before it had to be'
     assert BagReader(path).closed
     assert by_mcap(path) == by_rosbags(path) == sent[: len(by_mcap(path))]
     assert len(sent) - len(by_mcap(path)) <= 1
-    with pytest.raises(BagError, match='its disk has'):
-        bag.write(channel, message(0)[1], message(0)[0])
 
 
 def test_a_bag_is_not_begun_where_the_reserve_is_gone_already(tmp_path):
@@ -343,37 +293,17 @@ def test_a_bag_is_not_begun_where_the_reserve_is_gone_already(tmp_path):
     assert not (tmp_path / 'bag').exists()
 
 
-def test_a_clock_that_is_set_back_does_not_stop_the_flushing(tmp_path):
-    in_another_process(
-        """
-        for k in range(100):
-            bag.write(channel, message(k)[1], START + (k - 3600 * (k >= 50)) * STEP)
-        os.kill(os.getpid(), signal.SIGKILL)
-        """,
-        tmp_path,
-    )
-    assert BagReader(tmp_path / 'bag').count >= 90
-
-
 @pytest.mark.parametrize('qd', [True, False])
 def test_a_trajectory_comes_back_as_it_was(tmp_path, qd):
     trajectory = motion(qd=qd)
-    write_trajectory(tmp_path / 'bag', trajectory)
-    back = read_trajectory(tmp_path / 'bag').trajectory
-    np.testing.assert_allclose(back.t, trajectory.t, rtol=0, atol=0.5e-9)
-    np.testing.assert_array_equal(back.q, trajectory.q)
-    np.testing.assert_array_equal(back.tau, trajectory.tau)
-    if qd:
-        np.testing.assert_array_equal(back.qd, trajectory.qd)
-    else:
-        assert back.qd is None
-
-
-def test_the_same_trajectory_gives_the_same_bytes(tmp_path):
     for folder in ('one', 'two'):
-        write_trajectory(tmp_path / folder / 'bag', motion())
+        write_trajectory(tmp_path / folder / 'bag', trajectory)
     for file in ('bag_0.mcap', 'metadata.yaml'):
         assert (tmp_path / 'one/bag' / file).read_bytes() == (tmp_path / 'two/bag' / file).read_bytes()
+    back = read_trajectory(tmp_path / 'one' / 'bag').trajectory
+    np.testing.assert_allclose(back.t, trajectory.t, rtol=0, atol=0.5e-9)
+    for name in ('q', 'qd', 'tau'):
+        np.testing.assert_array_equal(getattr(back, name), getattr(trajectory, name))
 
 
 def test_stamps_increase_however_close_the_samples(tmp_path):

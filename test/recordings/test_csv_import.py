@@ -1,9 +1,6 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-import csv
-import math
-
 import numpy as np
 import pytest
 
@@ -31,18 +28,25 @@ def given(tmp_path):
     return write
 
 
-def test_the_default_columns(given):
+def test_the_default_columns_and_degrees(given):
     trajectory = import_csv(given())
     np.testing.assert_allclose(trajectory.t, [0, 0.01, 0.03])
     np.testing.assert_array_equal(trajectory.q, [[0.1, 0.2], [0.3, 0.5], [0.6, 0.4]])
     np.testing.assert_array_equal(trajectory.qd, [[1, 2], [5, 6], [9, 8]])
     np.testing.assert_array_equal(trajectory.tau, [[3, 4], [7, 8], [7, 6]])
+    degrees = import_csv(given(), degrees=True)
+    np.testing.assert_allclose(degrees.q, np.deg2rad(trajectory.q))
+    np.testing.assert_allclose(degrees.qd, np.deg2rad(trajectory.qd))
+    np.testing.assert_array_equal(degrees.tau, trajectory.tau)
 
 
-def test_what_may_be_absent(given):
-    trajectory = import_csv(given('t,q1,q2,tau1\n0,1,2,3\n1,2,3,4\n'))
-    assert trajectory.qd is None
+def test_columns_can_be_named_and_some_be_absent(given):
+    trajectory = import_csv(
+        given('time,th1,q2,u,extra\n0,1,2,3,x\n1,2,3,4,y\n'), {'t': 'time', 'q1': 'th1', 'tau1': 'u'}
+    )
+    np.testing.assert_array_equal(trajectory.q, [[1, 2], [2, 3]])
     np.testing.assert_array_equal(trajectory.tau, [[3, 0], [4, 0]])
+    assert trajectory.qd is None
 
 
 @pytest.mark.parametrize(
@@ -66,74 +70,48 @@ def test_a_byte_order_mark_is_no_part_of_a_name(given):
     assert len(import_csv(given(encoding='utf-8-sig'))) == 3
 
 
-def test_columns_can_be_named(given):
-    path = given('time,th1,th2,u,extra\n0,1,2,3,x\n1,2,3,4,y\n')
-    trajectory = import_csv(path, {'t': 'time', 'q1': 'th1', 'q2': 'th2', 'tau1': 'u'})
-    np.testing.assert_array_equal(trajectory.q, [[1, 2], [2, 3]])
-
-
-def test_degrees(given):
-    plain, degrees = import_csv(given()), import_csv(given(), degrees=True)
-    np.testing.assert_allclose(degrees.q, np.deg2rad(plain.q))
-    np.testing.assert_allclose(degrees.qd, np.deg2rad(plain.qd))
-    np.testing.assert_array_equal(degrees.tau, plain.tau)
-
-
 @pytest.mark.parametrize('zero', ['horizontal', 'hanging'])
 @pytest.mark.parametrize('elbow', ['relative', 'absolute'])
-def test_the_same_pose_in_every_convention(tmp_path, zero, elbow):
-    # Link 1 at 30 degrees above the horizontal, link 2 bent by 40 degrees more; 1 and 2 rad/s.
-    q1, q2, dq1, dq2 = math.radians(30), math.radians(40), 1.0, 2.0
-    first = q1 + (math.pi / 2 if zero == 'hanging' else 0)
-    second = first + q2 if elbow == 'absolute' else q2
-    second_rate = dq1 + dq2 if elbow == 'absolute' else dq2
-    path = tmp_path / 'run.csv'
-    with path.open('w', newline='') as file:
-        rows = [
-            (t, math.degrees(first), math.degrees(second), 0, math.degrees(dq1), math.degrees(second_rate))
-            for t in (0, 1)
-        ]
-        csv.writer(file).writerows([('t', 'q1', 'q2', 'tau1', 'dq1', 'dq2'), *rows])
-    trajectory = import_csv(path, degrees=True, zero=zero, elbow=elbow)
-    np.testing.assert_allclose(trajectory.q[1], [q1, q2], atol=1e-12)
-    np.testing.assert_allclose(trajectory.qd[1], [dq1, dq2], atol=1e-12)
+def test_the_same_pose_in_every_convention(given, zero, elbow):
+    # Link 1 at 30 degrees above the horizontal, link 2 bent by 40 degrees more; 1 and 2 degrees/s.
+    first = 30 + 90 * (zero == 'hanging')
+    second, second_rate = (first + 40, 3) if elbow == 'absolute' else (40, 2)
+    rows = '\n'.join(f'{t},{first},{second},0,1,{second_rate}' for t in (0, 1))
+    trajectory = import_csv(given(f't,q1,q2,tau1,dq1,dq2\n{rows}'), degrees=True, zero=zero, elbow=elbow)
+    np.testing.assert_allclose(trajectory.q[1], np.deg2rad([30, 40]), atol=1e-12)
+    np.testing.assert_allclose(trajectory.qd[1], np.deg2rad([1, 2]), atol=1e-12)
+
+
+MINIMAL = 't,q1,q2,tau1\n'
+ONE_EACH = '7 are expected, one for each column name; mend or remove that row'
 
 
 @pytest.mark.parametrize(
     ('text', 'sentence'),
     [
         (TEXT.replace('tau1', 'torque'), r"no column 'tau1' for tau1; its columns are t, q1, .*--columns tau1=NAME"),
-        (TEXT.replace('0.5', 'open'), r"line 3, column 'q2': 'open' is no finite number"),
-        (TEXT.replace('0.5', 'nan'), r"line 3, column 'q2': 'nan' is no finite number"),
-        (TEXT.replace('0.5', ''), r"line 3, column 'q2': nothing is no finite number"),
-        (
-            TEXT.replace(',7,6', ''),
-            'line 4 has 5 cells; 7 are expected, one for each column name; mend or remove that row',
+        *(
+            (TEXT.replace('0.5', cell), f"line 3, column 'q2': {said} is no finite number")
+            for cell, said in (('open', "'open'"), ('nan', "'nan'"), ('', 'nothing'))
         ),
-        (TEXT.replace('9,8,7,6', '9,8,7'), 'line 4 has 6 cells'),
+        (TEXT.replace(',7,6', ''), f'line 4 has 5 cells; {ONE_EACH}'),
         (TEXT.replace('9,8,7,6', '9,8,7,6,5'), 'line 4 has 8 cells; 7 are expected'),
-        (
-            TEXT.replace('9,8,7,6', '9,8,7,6,5').replace(',', ';'),
-            '7 are expected, one for each column name; mend or remove that row',
-        ),
+        (TEXT.replace('9,8,7,6', '9,8,7,6,5').replace(',', ';'), ONE_EACH),
         # Decimal commas, in all columns and in the last alone.
-        (
-            't,q1,q2,tau1\n0,00,0,10,0,20,0,30\n0,01,0,10,0,20,0,30\n',
-            'line 2 has 8 cells; 4 are .*decimals .*commas: .*points',
-        ),
-        (
-            't,q1,q2,tau1\n0.00,0.1,0.2,0,30\n0.01,0.1,0.2,0,31\n',
-            'line 2 has 5 cells; 4 are .*decimals .*commas: .*points',
-        ),
-        (TEXT.splitlines()[0], 'holds no row of numbers'),
+        (MINIMAL + '0,00,0,10,0,20,0,30\n', 'line 2 has 8 cells; 4 are .*decimals .*commas: .*points'),
+        (MINIMAL + '0.00,0.1,0.2,0,30\n', 'line 2 has 5 cells; 4 are .*decimals .*commas: .*points'),
         (TEXT.replace(',', ';').replace('.', ','), "'5,00' is no finite number; write decimals with a point"),
         (TEXT.replace('dq1', 'q1'), "has 2 columns 'q1'; rename all but the one for q1"),
         (TEXT.replace('0.5', '5' * 200_000), 'line 3: field larger than field limit'),
-        ('t,q1,q2,tau1\n0,1,2,3\n10,1,2,3\n20,1,2,3\n', r'rows are 10 s apart.*divide milliseconds by 1000'),
-        ('', 'run.csv is empty; a line of column names and rows of numbers are expected'),
-        (' \n\n', 'run.csv is empty'),
+        (MINIMAL + '0,1,2,3\n10,1,2,3\n20,1,2,3\n', r'rows are 10 s apart.*divide milliseconds by 1000'),
+        (TEXT.splitlines()[0], 'holds no row of numbers'),
+        (' \n\n', 'run.csv is empty; a line of column names and rows of numbers are expected'),
         ('sep=;', "no column 't' for t"),
         ('sep=;\nt;q1;q2;tau1\n0;1;2;nan\n', "line 3, column 'tau1': 'nan'"),
+        *(
+            (TEXT.replace('5.01', stamp), rf'line 3: the time .* {what}, after 5; every row needs a later one')
+            for stamp, what in (('5.00', 'repeats'), ('4.99', 'runs back'))
+        ),
     ],
 )
 def test_a_file_that_cannot_be_used_is_one_sentence(given, text, sentence):
@@ -141,17 +119,17 @@ def test_a_file_that_cannot_be_used_is_one_sentence(given, text, sentence):
         import_csv(given(text))
 
 
-def test_a_column_that_was_named_must_be_there(given):
-    with pytest.raises(CsvError, match="no column 'u2' for tau2"):
-        import_csv(given(), {'tau2': 'u2'})
-    with pytest.raises(CsvError, match="'theta1' is no quantity"):
-        import_csv(given(), {'theta1': 'q1'})
-
-
-@pytest.mark.parametrize(('stamp', 'what'), [('5.00', 'repeats'), ('4.99', 'runs back')])
-def test_stamps_that_do_not_increase_are_one_sentence(given, stamp, what):
-    with pytest.raises(CsvError, match=rf'line 3: the time .* {what}, after 5; every row needs a later one'):
-        import_csv(given(TEXT.replace('5.01', stamp)))
+@pytest.mark.parametrize(
+    ('columns', 'sentence'),
+    [
+        ({'tau2': 'u2'}, "no column 'u2' for tau2"),
+        ({'theta1': 'q1'}, "'theta1' is no quantity"),
+        ({'q1': 'q2'}, "column 'q2' stands for both q1 and q2"),
+    ],
+)
+def test_columns_that_are_not_there_are_one_sentence(given, columns, sentence):
+    with pytest.raises(CsvError, match=sentence):
+        import_csv(given(), columns)
 
 
 def test_a_file_that_cannot_be_read_is_one_sentence(tmp_path):
@@ -163,17 +141,10 @@ def test_a_file_that_cannot_be_read_is_one_sentence(tmp_path):
 
 
 @pytest.mark.recordings
-def test_every_recording_imports_into_a_bag(tmp_path):
-    with (RECORDINGS / 'manifest.csv').open() as file:
-        entries = list(csv.DictReader(file))
-    assert len(entries) == 16
-    for entry in entries:
-        trajectory = import_csv(RECORDINGS / entry['file'])
-        bag = tmp_path / entry['file'].removesuffix('.csv')
-        write_trajectory(bag, trajectory)
-        back = read_trajectory(bag).trajectory
-        assert len(back) == int(entry['samples'])
-        np.testing.assert_allclose(back.t, trajectory.t, atol=1e-9)
-        np.testing.assert_array_equal(back.q, trajectory.q)
-        np.testing.assert_array_equal(back.qd, trajectory.qd)
-        np.testing.assert_array_equal(back.tau, trajectory.tau)
+def test_a_real_recording_comes_back_from_a_bag(tmp_path):
+    trajectory = import_csv(RECORDINGS / 'dfki_C1_sysid_143339.csv')
+    write_trajectory(tmp_path / 'bag', trajectory)
+    back = read_trajectory(tmp_path / 'bag').trajectory
+    np.testing.assert_allclose(back.t, trajectory.t, atol=1e-9)
+    for name in ('q', 'qd', 'tau'):
+        np.testing.assert_array_equal(getattr(back, name), getattr(trajectory, name))

@@ -91,6 +91,7 @@ def test_a_long_recording_is_read_in_parts_and_in_stretches(either, soon):
 
 def test_what_is_quadratic_is_that_of_all_of_it(bag, request):
     held = load_datasets([str(bag)])
+    assert all(isinstance(motion, Trajectory) for motion in (*held.training, *held.validation))
     request.getfixturevalue('soon')
     data = load_datasets([str(bag)])
     assert [source.role for source in data.sources] == ['training', 'validation']
@@ -158,7 +159,3 @@ def test_gaps_and_stamps_that_run_back_are_named(tmp_path, soon):
 def test_a_sliding_window_longer_than_a_stretch_is_one_sentence(bag, soon, capsys):
     assert main(['identify', str(bag), '--criterion', 'energy', '--sliding', '20']) == 1
     assert 'the sliding window of 20 s is too long for a long recording' in capsys.readouterr().err
-
-
-def test_a_short_recording_is_held(bag):
-    assert isinstance(read_recording(BagWindow(bag)).trajectory, Trajectory)

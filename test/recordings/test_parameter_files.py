@@ -28,15 +28,15 @@ def takes(rclpy, file, namespace):
         context.try_shutdown()
 
 
-@pytest.mark.parametrize('name', NAMES)
-def test_says_of_a_file_that_nothing_is_taken_when_that_is_so(ros, tmp_path, name):
+def test_says_of_a_file_that_nothing_is_taken_when_that_is_so(ros, tmp_path):
     file = tmp_path / 'mine.yaml'
-    file.write_text(f'{name}: {{ros__parameters: {{port: /nowhere}}}}' + '}' * name.count('{'))
-    for namespace in ('/', '/lab1', '/a/b'):
-        node = f'{namespace.rstrip("/")}/bridge'
-        sentences = unheard(['bridge', '--ros-args', '--params-file', str(file)], node)
-        assert (sentences == []) == takes(ros, file, namespace), namespace
-        assert all(f'nothing is taken from {file}: it holds parameters of /' in sentence for sentence in sentences)
+    for name in NAMES:
+        file.write_text(f'{name}: {{ros__parameters: {{port: /nowhere}}}}' + '}' * name.count('{'))
+        for namespace in ('/', '/lab1', '/a/b'):
+            node = f'{namespace.rstrip("/")}/bridge'
+            sentences = unheard(['bridge', '--ros-args', '--params-file', str(file)], node)
+            assert (sentences == []) == takes(ros, file, namespace), (name, namespace)
+            assert all(f'nothing is taken from {file}: it holds parameters of /' in sentence for sentence in sentences)
 
 
 def test_says_it_of_each_file_on_its_own(tmp_path):

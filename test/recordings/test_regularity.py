@@ -31,14 +31,6 @@ def test_jitter_is_what_99_of_100_keep_within():
     assert (found.period, found.jitter, found.longest, found.gaps) == (0.01, 0.001, 0.013, 0)
 
 
-def test_stamps_that_repeat_or_run_back_are_counted():
-    times = np.arange(100, dtype=np.int64) * MS
-    times[50] = times[49]
-    times[70] = times[60]
-    found = regularity(times)
-    assert (found.repeated, found.backwards) == (1, 1)
-
-
 def test_a_few_messages_have_no_usual_interval():
     for n in range(5):
         found = regularity(np.arange(n, dtype=np.int64))

@@ -10,8 +10,6 @@ from html.parser import HTMLParser
 
 import pytest
 
-from pendubot_identification.errors import TrajectoryError
-from pendubot_identification.identify.result import Given, Parameter
 from pendubot_identification.report.figures import draw_correlation, draw_recordings, draw_simulation
 from pendubot_identification.report.page import failure_page, result_page
 from test.identified import plain
@@ -74,6 +72,8 @@ def unit_of_last_digit(text):
 )
 def test_every_number_is_the_one_of_the_result_file(options):
     result, reference = plain(**options), plain(('weak',))
+    zero = {'recording': 'swing', 'q1': -3.26, 'q1_std_error': 0.24, 'q2': None, 'q2_std_error': None, 'unit': 'degree'}
+    result |= {'zeros': [zero], 'advice': ['move the elbow']}
     page = Page(result_page(typed(result), [], (typed(reference), 'reference')))
     assert len(page.data) > 70
     for attributes, shown in page.data:
@@ -83,33 +83,14 @@ def test_every_number_is_the_one_of_the_result_file(options):
         number, unit = (shown.rstrip('%'), 0.01) if '%' in shown else (shown, 1.0)
         rounding = 0.51 * unit * unit_of_last_digit(number)
         assert math.isclose(unit * float(number), value, rel_tol=1e-12, abs_tol=rounding), shown
+    assert {'zeros.0.q1', 'zeros.0.q1_std_error'} <= {attributes['data-entry'] for attributes, _ in page.data}
     # And no number stands anywhere else, but in what the file says in words and in names and prose.
     text = ' '.join(page.text)
+    assert 'move the elbow' in text
     for known in sorted(sentences(result), key=len, reverse=True):
         text = text.replace(known, ' ')
     text = re.sub(r'95 % interval|link [12]|\b[A-Za-z]+[0-9](\^2)?|\^2', ' ', text)
     assert re.findall(r'\d+', text) == []
-
-
-def test_zeros_that_are_off_and_advice_are_shown():
-    zeros = {
-        'recording': 'swing',
-        'q1': -3.26,
-        'q1_std_error': 0.24,
-        'q2': None,
-        'q2_std_error': None,
-        'unit': 'degree',
-    }
-    text = result_page(typed(plain() | {'zeros': [zeros], 'advice': ['move the elbow']}), [])
-    shown = {attributes['data-entry']: number for attributes, number in Page(text).data}
-    assert (shown['zeros.0.q1'], shown['zeros.0.q1_std_error']) == ('-3.3', '0.2')
-    assert 'zeros.0.q2' not in shown
-    assert 'move the elbow' in text
-
-
-def test_what_is_not_in_the_model_is_named():
-    text = result_page(typed(plain(('weak',), 'geared')), [])
-    assert 'not in the model: k2, for the effort of the elbow is zero throughout' in text
 
 
 def test_all_that_the_file_says_of_its_making_is_at_the_foot():
@@ -163,10 +144,12 @@ def test_nothing_comes_from_elsewhere_and_nothing_runs():
 
 def test_warnings_stand_at_the_top_in_words():
     result = plain()
-    result |= {'level': 'ERROR', 'warnings': ['not physical: P1 < 0', 'cut & dried']}
+    result |= {'level': 'ERROR', 'warnings': ['not physical: P1 < 0', 'cut & dried'], 'consequences': ['b1 < 0']}
+    result['criteria']['weak']['consequences'] = ['b1 < 0']
     text = result_page(typed(result), [])
     assert text.index('not physical: P1 &lt; 0') < text.index('<h2>')
     assert text.index('cut &amp; dried') < text.index('<h2>')
+    assert text.index('weak: b1 &lt; 0') < text.index('<h2>')
     assert 'do not use these parameters in a controller' in text
     others = [w for e in result['criteria'].values() for w in e['warnings'] if w not in result['warnings']]
     assert all(html.escape(warning) in text for warning in others)
@@ -177,24 +160,3 @@ def test_what_a_user_named_is_no_markup():
     result['bags'][0]['bag'] = '<script>alert(1)</script>'
     assert 'script' not in Page(result_page(typed(result), [], notes=['<script>'])).tags
     assert 'script' not in Page(failure_page('<script>', ['<script>'])).tags
-
-
-def test_a_page_of_a_failure_says_why_and_what_was_asked_for():
-    reason = str(TrajectoryError('swing: 10 samples are too few'))
-    page = Page(failure_page(reason, ['estimate from swing@0:1']))
-    text = ' '.join(page.text)
-    assert reason in text
-    assert 'estimate from swing@0:1' in text
-    assert 'the identification failed' in text
-
-
-def test_parameters_by_hand_stand_beside_a_result():
-    by_hand = Given(parameters={'P1': Parameter(value=0.5)})
-    page = Page(result_page(typed(plain()), [], (by_hand, 'reference')))
-    there = [(a['data-entry'], a['value']) for a, _ in page.data if a.get('data-of')]
-    assert there == [('parameters.P1.value', '0.5')]
-
-
-def test_nothing_is_said_of_motors_that_may_not_be_there():
-    """A recording may have torques at both joints, and then shows them."""
-    assert 'motor' not in ' '.join(Page(result_page(typed(plain()), [])).text)

@@ -33,7 +33,3 @@ def test_markdown_of_a_table_and_its_notes():
         '| friction | - | 1 ± 2 |',
     ]
     assert (note, words) == ('a note of 50%', ' '.join(['words'] * 30))
-
-
-def test_a_table_without_rows_still_has_its_head():
-    assert Table(['a', 'b'], []).text() == 'a  b'

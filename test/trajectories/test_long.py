@@ -89,17 +89,6 @@ def test_pieces_share_what_they_are_told_and_leave_nothing_out(jitter):
     assert end == recorded.size
 
 
-def test_stretches_are_taken_where_there_is_motion():
-    motion = MOTIONS[0.0]
-    rests = (motion.t < 60) | (motion.t > 130)
-    q = np.where(rests[:, None], motion.q[0], motion.q)
-    stretches = long(replace(motion, q=q, tau=np.where(rests[:, None], 0, motion.tau)), 300).stretches
-    assert 8 <= len(stretches) <= 10
-    assert all(np.ptp(stretch.q[:, 0]) > 0.2 for stretch in stretches)
-    starts = [stretch.t[0] for stretch in stretches]
-    assert starts == sorted(set(starts))
-
-
 def test_stretches_are_those_in_which_the_rig_is_driven():
     motion = MOTIONS[0.0]
     quiet = np.abs(motion.t % 15 - 6) > 3
@@ -113,26 +102,13 @@ def test_stretches_are_those_in_which_the_rig_is_driven():
         assert stretch.tau.any()
 
 
-class Backwards:
-    """A recording whose parts are each in order, and which is not."""
-
-    def __init__(self, motion):
-        self._motion, self.name, self.duration = motion, motion.name, motion.duration
-
-    def __len__(self):
-        return len(self._motion)
-
-    def __getitem__(self, part):
-        motion = self._motion[part]
-        return replace(motion, t=motion.t - 0.01 * (part.start >= 2500))
-
-
 def test_what_is_wrong_with_a_long_recording_is_named():
     motion = MOTIONS[0.0]
     hole = (motion.t < 70) | (motion.t > 71)
     with pytest.raises(TrajectoryError, match=r'virtual rig: 1\.0\d\d s without a sample begin at (69\.99|70\.0)'):
         long(motion[hole], 500)
+    parts = motion[:2500], replace(motion[2500:], t=motion.t[2500:] - 0.01)
     with pytest.raises(TrajectoryError, match=r'virtual rig.*: the stamp of sample \d+ runs backwards by 0\.006 s'):
-        long(Backwards(motion), 500)
+        Long.survey(motion.name, lambda: iter(parts), motion.duration, '{}:{}'.format)
     some = np.random.default_rng(1).random(len(motion)) > 0.1
     assert long(motion[some], 500).lost == pytest.approx((~some).sum(), rel=0.05)

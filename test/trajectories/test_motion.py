@@ -49,34 +49,6 @@ def test_states_and_rates_are_near_the_truth(rig, rate):
     assert np.median(error) < 0.01 * np.abs(qdd).max()
 
 
-def test_times_of_any_shape_are_answered():
-    t = np.arange(200) * 0.002
-    prepared = Motion.prepare(recording(t, drive(t)), smoothing=0.012)
-    at = np.linspace(0.05, 0.35, 12).reshape(3, 4)
-    for function in (prepared.states, prepared.rates):
-        assert function(at).shape == (4, 3, 4)
-        np.testing.assert_array_equal(function(at).reshape(4, 12), function(at.ravel()))
-    assert prepared.torques(np.array([0.1, 0.2, 0.3]), 0.003, 5).shape == (2, 5, 3)
-
-
-def test_logged_velocities_are_not_believed():
-    t = np.arange(200) * 0.002
-    motion = recording(t, drive(t))
-    silent = Trajectory(t, motion.q, motion.tau)
-    np.testing.assert_array_equal(Motion.prepare(motion, 0.012).states(t), Motion.prepare(silent, 0.012).states(t))
-
-
-def test_stamps_that_jitter_do_not_shake_the_states():
-    rng = np.random.default_rng(1)
-    t = 10.0 + np.arange(1000) * 0.001 + rng.uniform(-4e-4, 4e-4, 1000)
-    motion = recording(t, drive(t))
-    prepared = Motion.prepare(motion, smoothing=0.012)
-    inside = slice(30, -30)
-    states = prepared.states(t[inside])
-    np.testing.assert_allclose(states[:2], motion.q[inside].T, atol=1e-4)
-    np.testing.assert_allclose(states[2:], motion.qd[inside].T, atol=0.05)
-
-
 @st.composite
 def stamped_torques(draw):
     """Stamps that are even or jitter, and torques at random."""
@@ -115,24 +87,6 @@ def test_mean_torques_over_steps_conserve_the_impulse_whatever_the_step_and_wher
         for last in {1, steps}:
             expected = impulse(trajectory, hold, start, start + last * step)
             np.testing.assert_allclose(torques[:, :last, lane].sum(axis=1) * step, expected, atol=1e-11)
-
-
-@pytest.mark.parametrize('hold', ['zero', 'linear'])
-def test_steps_from_sample_to_sample_give_the_torques_themselves_or_their_trapezoids(hold):
-    tau = np.random.default_rng(1).normal(size=(100, 2))
-    trajectory = Trajectory(np.arange(100) * 0.01, np.zeros((100, 2)), tau)
-    torques = Motion.prepare(trajectory, 0.0, hold).torques(np.array([0.0, 0.2]), 0.01, 50)
-    expected = tau if hold == 'zero' else (tau + np.roll(tau, -1, axis=0)) / 2
-    np.testing.assert_allclose(torques[:, :, 0], expected[:50].T, atol=1e-12)
-    np.testing.assert_allclose(torques[:, :, 1], expected[20:70].T, atol=1e-12)
-
-
-def test_a_torque_is_held_until_the_next_sample_and_no_longer():
-    tau = np.zeros((100, 2))
-    tau[50] = [1.0, -2.0]
-    trajectory = Trajectory(np.arange(100) * 0.01, np.zeros((100, 2)), tau)
-    torques = Motion.prepare(trajectory, 0.0).torques(np.array([0.495]), 0.005, 4)[:, :, 0]
-    np.testing.assert_allclose(torques, [[0, 1, 1, 0], [0, -2, -2, 0]], atol=1e-12)
 
 
 def test_a_part_is_the_same_motion_between_other_ends():

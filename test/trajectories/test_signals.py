@@ -23,40 +23,6 @@ def wave(t):
     return np.column_stack([np.sin(3 * t), np.cos(5 * t)]), np.column_stack([3 * np.cos(3 * t), -5 * np.sin(5 * t)])
 
 
-@given(st.lists(st.floats(-2, 2), min_size=4, max_size=4), st.sampled_from([0.02, 0.05, 0.1]))
-def test_cubics_are_differentiated_exactly(coefficients, window):
-    t = np.arange(200) * 0.002
-    q = np.column_stack([np.polyval(coefficients, t)] * 2)
-    smooth, qd = differentiate(q, 0.002, window)
-    np.testing.assert_allclose(smooth, q, atol=1e-9)
-    np.testing.assert_allclose(qd[:, 0], np.polyval(np.polyder(coefficients), t), atol=1e-8)
-
-
-@pytest.mark.parametrize('window', [0.0, 0.02, 0.06])
-def test_no_phase_shift_either_way(window):
-    t = np.arange(1000) * 0.002
-    q, qd = wave(t)
-    np.testing.assert_allclose(differentiate(q, 0.002, window)[1][20:-20], qd[20:-20], atol=5e-3)
-    backwards = differentiate(q[::-1].copy(), 0.002, window)[1]
-    np.testing.assert_allclose(backwards[::-1], -differentiate(q, 0.002, window)[1], atol=1e-9)
-
-
-def test_a_window_under_five_samples_means_central_differences():
-    t = np.arange(50) * 0.01
-    q, _ = wave(t)
-    same, qd = differentiate(q, 0.01, 0.02)
-    np.testing.assert_array_equal(same, q)
-    np.testing.assert_allclose(qd[1:-1], (q[2:] - q[:-2]) / 0.02)
-
-
-def test_smoothing_lowers_the_noise_of_encoder_counts():
-    t = np.arange(2000) * 0.001
-    q, qd = wave(t)
-    counts = np.round(q * 4000 / (2 * np.pi)) * 2 * np.pi / 4000
-    rough, smooth = (np.std(differentiate(counts, 0.001, w)[1] - qd) for w in (0.0, 0.02))
-    assert smooth < rough / 5
-
-
 def test_stamps_that_hardly_jitter_are_moved_onto_the_grid_and_nothing_else_changes():
     t = np.arange(900) * 0.010001 + np.random.default_rng(1).uniform(-4e-4, 4e-4, 900)
     motion = Trajectory(t, wave(t)[0], np.arange(1800.0).reshape(900, 2))
@@ -86,23 +52,6 @@ def test_a_held_torque_is_the_one_that_was_applied(seed):
     tolerance = 0.1 * np.median(np.diff(t)) + 1e-12
     assert (t[k] <= at + tolerance).all()
     assert (at[k < 79] < t[np.minimum(k + 1, 79)][k < 79]).all()
-
-
-def test_a_long_gap_is_named():
-    t = np.r_[np.arange(100), np.arange(150, 250)] * 0.01
-    with pytest.raises(TrajectoryError, match=r'0\.510 s without a sample begin at 0.990 s'):
-        resample(Trajectory(t, *[wave(t)[0]] * 2))
-
-
-def test_samples_far_apart_are_refused():
-    t = np.arange(100) * 10.0
-    with pytest.raises(TrajectoryError, match=r'10 s apart and at most 0\.1 s is expected; are its stamps in seconds'):
-        resample(Trajectory(t, *[wave(t)[0]] * 2))
-
-
-def test_a_smoothing_window_of_any_length_is_answered():
-    with pytest.raises(TrajectoryError, match=r'100 samples, 1 s, are fewer than the smoothing window of 1e\+300 s'):
-        differentiate(np.zeros((100, 2)), 0.01, 1e300)
 
 
 def swing(duration, rate, seed):
@@ -140,14 +89,6 @@ def test_positions_that_no_encoder_has_read_have_no_step(seed, noise):
     np.testing.assert_array_equal(encoder_step(q), 0)
 
 
-def test_a_joint_that_rests_has_no_step():
-    _, q, _ = swing(5, 100, 1)
-    q = read(q, 4000)
-    q[:, 1] = 0.3
-    np.testing.assert_allclose(encoder_step(q), [2 * np.pi / 4000, 0])
-    assert encoder_step(q[:5]).tolist() == [0, 0], 'nor one in so few samples'
-
-
 @given(st.sampled_from([100, 200, 500, 1000]), st.sampled_from([None, 500, 2000, 20000]), st.integers(0, 10**6))
 def test_the_smoothing_that_is_chosen_leaves_the_motion_and_takes_noise(rate, counts, seed):
     t, q, qd = swing(4, rate, seed)
@@ -162,20 +103,6 @@ def test_the_smoothing_that_is_chosen_leaves_the_motion_and_takes_noise(rate, co
     assert np.abs(smooth - q)[inner].max() < 3 * step + 5e-3
 
 
-def test_coarser_encoders_are_smoothed_more_and_the_most_delicate_recording_decides():
-    t, q, _ = swing(4, 1000, 2)
-    fine, middle, coarse = (Trajectory(t, read(q, counts), np.zeros_like(q)) for counts in (1 << 17, 10000, 500))
-    windows = [choose_smoothing([motion]) for motion in (fine, middle, coarse)]
-    assert windows == sorted(windows)
-    assert windows[0] < windows[2]
-    assert choose_smoothing([coarse, fine, middle]) == windows[0]
-
-
-def test_the_shortest_recordings_are_smoothed_the_least():
-    t, q, _ = swing(0.025, 2000, 1)
-    assert choose_smoothing([Trajectory(t, q, np.zeros_like(q))]) == WINDOWS[0]
-
-
 @pytest.mark.parametrize(('interval', 'window', 'samples'), [(0.01, 0.06, 7), (0.001, 0.1, 500), (0.004, 0.02, 90)])
 def test_differentiates_as_scipy_does(interval, window, samples):
     q = np.cumsum(np.random.default_rng(1).normal(size=(samples, 2)), axis=0)
@@ -184,3 +111,23 @@ def test_differentiates_as_scipy_does(interval, window, samples):
     np.testing.assert_allclose(smooth, savgol_filter(q, length, 3, axis=0), atol=1e-11)
     expected = savgol_filter(q, length, 3, deriv=1, delta=interval, axis=0)
     np.testing.assert_allclose(qd, expected, atol=1e-11 * np.abs(expected).max())
+
+
+GAP = np.r_[np.arange(100), np.arange(150, 250)] * 0.01
+
+
+@pytest.mark.parametrize(
+    ('t', 'sentence'),
+    [
+        (GAP, r'0\.510 s without a sample begin at 0.990 s'),
+        (np.arange(100) * 10.0, r'10 s apart and at most 0\.1 s is expected; are its stamps in seconds'),
+    ],
+)
+def test_gaps_and_samples_far_apart_are_named(t, sentence):
+    with pytest.raises(TrajectoryError, match=sentence):
+        resample(Trajectory(t, *[wave(t)[0]] * 2))
+
+
+def test_a_smoothing_window_of_any_length_is_answered():
+    with pytest.raises(TrajectoryError, match=r'100 samples, 1 s, are fewer than the smoothing window of 1e\+300 s'):
+        differentiate(np.zeros((100, 2)), 0.01, 1e300)

@@ -1,21 +1,71 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Messages as bytes, fetched from the middleware many at once instead of waited for one by one."""
+"""Topics of any type: names, message classes, what to ask publishers for; messages fetched as bytes, many at once."""
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from importlib import import_module
 from typing import Any
 
 from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.exceptions import InvalidTopicNameException
 from rclpy.node import Node
-from rclpy.qos import QoSProfile
+from rclpy.qos import DurabilityPolicy, QoSCompatibility, QoSProfile, ReliabilityPolicy, qos_check_compatible
 from rclpy.subscription import Subscription
+from rclpy.topic_endpoint_info import TopicEndpointInfo
+from rclpy.validate_topic_name import validate_topic_name
+
+from pendubot_identification.errors import BagError, ParameterError
 
 BATCH = 500  #: Messages of one topic that are fetched before the others, and all else, have a turn.
 DEPTH = 10_000  #: Messages of a topic that may wait: ten seconds' worth at 1 kHz.
+
+
+def check_names(topics: Sequence[str], setting: str = 'topics') -> None:
+    """Refuse, by ParameterError, what is no topic's name; ``setting`` says where it was given."""
+    try:
+        for topic in topics:
+            validate_topic_name(topic)
+    except InvalidTopicNameException as error:
+        reason = ' '.join(str(error).split())
+        raise ParameterError(f'{setting}: {reason}; a name such as joint_states is expected') from error
+
+
+def message_class(topic: str, type_name: str) -> Any:
+    """Return the class of a topic's messages from their type, such as ``std_msgs/msg/Float64``.
+
+    Raises:
+        BagError: the package is not installed.
+    """
+    package, _, name = type_name.partition('/msg/')
+    try:
+        return getattr(import_module(f'{package}.msg'), name)
+    except (ImportError, AttributeError, ValueError) as error:
+        raise BagError(f'{topic} is of type {type_name}, which is not installed; source its workspace') from error
+
+
+def quality(depth: int, reliable: bool, latched: bool) -> QoSProfile:
+    """Return a quality of service."""
+    return QoSProfile(
+        depth=depth,
+        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+    )
+
+
+def matched(publishers: Sequence[TopicEndpointInfo], depth: int) -> QoSProfile:
+    """Return what to ask for: a publisher is heard that offers as much or more, so what every one of them offers."""
+    reliable = all(p.qos_profile.reliability == ReliabilityPolicy.RELIABLE for p in publishers)
+    latched = all(p.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for p in publishers)
+    return quality(depth, reliable, latched)
+
+
+def heard(publishers: Sequence[TopicEndpointInfo], qos: QoSProfile) -> int:
+    """Return how many of the publishers a subscription that asks for this hears."""
+    return sum(qos_check_compatible(p.qos_profile, qos)[0] != QoSCompatibility.ERROR for p in publishers)
 
 
 class Fetched(ReentrantCallbackGroup):
@@ -30,11 +80,8 @@ class Fetcher:
     """Subscriptions that no executor waits for: whoever made them fetches what has come, now and then.
 
     To wake up for one message costs an executor five times as much as to fetch it, a thousand times a second; and
-    every message brings the time of its coming along. May be used from any thread.
-
-    Args:
-        node: to subscribe with.
-        take: called with each message: its topic, its bytes, and what the middleware says of it.
+    every message brings the time of its coming along. May be used from any thread. ``take`` is called with each
+    message: its topic, its bytes, and what the middleware says of it.
     """
 
     def __init__(self, node: Node, take: Callable[[str, bytes, dict[str, Any]], None]) -> None:

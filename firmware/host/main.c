@@ -1,0 +1,338 @@
+/* Copyright 2026 The pendubot_identification authors
+ * SPDX-License-Identifier: Apache-2.0 */
+/* A board that is a Linux program: the firmware on a pseudo-terminal, with a simulated pendubot behind it.
+ *
+ * It takes the same options as the package's virtual_board, as far as the usage below names them, writes the same
+ * trace, and SIGUSR1 and SIGUSR2 pull the cable and put it back.
+ */
+#define _GNU_SOURCE
+#include <errno.h>
+#include <fcntl.h>
+#include <getopt.h>
+#include <math.h>
+#include <poll.h>
+#include <pty.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/prctl.h>
+#include <sys/stat.h>
+#include <time.h>
+#include <unistd.h>
+
+#include "board.h"
+#include "simulation/plant.h"
+
+#define MICRO 1e-6
+#define VBUS_10MV 2400
+#define MILLIAMPERE_PER_MICRO_NM 0.01
+#define OVER_CURRENT_US 100000
+
+static const char usage[] =
+    "usage: pendubot_board [--link PATH] [--rate HZ] [--counts N] [--torque-limit NM] [--preset paper|balance]\n"
+    "                      [--trace FILE] [--duration S] [--seed N] [--fault NAME=VALUE ...]\n"
+    "faults: bit_flip, drop_byte, double_byte, lose_frame, duplicate_frame (probability, of each sample's bytes),\n"
+    "glitch (of each sample), reset_at, emergency_stop_at, over_current_at (seconds after the start)\n";
+
+/* In the order of `fault_names`. */
+static const char *const fault_names[] = { "bit_flip", "drop_byte", "double_byte", "lose_frame", "duplicate_frame",
+    "glitch", "reset_at", "emergency_stop_at", "over_current_at" };
+enum { BIT_FLIP, DROP_BYTE, DOUBLE_BYTE, LOSE_FRAME, DUPLICATE_FRAME, GLITCH, RESET_AT, EMERGENCY_STOP_AT,
+    OVER_CURRENT_AT, FAULTS };
+
+static struct pendubot_settings settings = { 4000, 4000, 2000000, 10000, 500, "host in C" };
+
+static double faults[FAULTS] = { [RESET_AT] = INFINITY, [EMERGENCY_STOP_AT] = INFINITY, [OVER_CURRENT_AT] = INFINITY };
+static struct plant plant;
+static const char *link_path;
+static FILE *trace;
+static uint64_t elapsed_us, booted_us; /* since the start, and then */
+static int32_t origin[2], counts[2], torque_now;
+static uint8_t cause = 1;
+static char slave_path[64];
+static int master = -1;
+static bool cut; /* the last frame was not sent to its end */
+static volatile sig_atomic_t stopped, plugged_in = 1;
+
+static void fail(const char *what)
+{
+    fprintf(stderr, "pendubot_board: %s: %s\n", what, strerror(errno));
+    exit(1);
+}
+
+static int64_t now_ns(clockid_t clock)
+{
+    struct timespec t;
+    clock_gettime(clock, &t);
+    return t.tv_sec * INT64_C(1000000000) + t.tv_nsec;
+}
+
+static bool chance(double probability)
+{
+    return probability > 0 && drand48() < probability;
+}
+
+static size_t below(size_t bound)
+{
+    return (size_t)(drand48() * (double)bound);
+}
+
+/* The pseudo-terminal */
+
+static void plug(void)
+{
+    int slave;
+    struct termios raw;
+    char former[sizeof slave_path];
+    memcpy(former, slave_path, sizeof former);
+    if (openpty(&master, &slave, slave_path, NULL, NULL) != 0) {
+        fail("no pseudo-terminal");
+    }
+    if (strcmp(former, slave_path) == 0) {
+        /* A device that returns has another path: take the next. */
+        int taken[2] = { master, slave };
+        if (openpty(&master, &slave, slave_path, NULL, NULL) != 0) {
+            fail("no pseudo-terminal");
+        }
+        close(taken[0]);
+        close(taken[1]);
+    }
+    tcgetattr(slave, &raw);
+    cfmakeraw(&raw);
+    tcsetattr(slave, TCSANOW, &raw);
+    /* Closed here, so that the kernel tells whether a host is there, and keeps nothing while none is. */
+    close(slave);
+    fcntl(master, F_SETFL, O_NONBLOCK);
+    cut = false;
+    if (link_path != NULL) {
+        struct stat there;
+        if (lstat(link_path, &there) == 0 && S_ISLNK(there.st_mode)) {
+            unlink(link_path);
+        }
+        if (symlink(slave_path, link_path) != 0) {
+            fail(link_path);
+        }
+    }
+}
+
+static void unplug(void)
+{
+    if (master >= 0) {
+        close(master);
+        master = -1;
+        if (link_path != NULL) {
+            unlink(link_path);
+        }
+    }
+}
+
+static bool host_is_there(void)
+{
+    struct pollfd hangup = { .fd = master };
+    return master >= 0 && poll(&hangup, 1, 0) >= 0 && !(hangup.revents & POLLHUP);
+}
+
+static bool write_whole(const uint8_t *data, size_t size)
+{
+    /* After a frame that was cut short a delimiter ends it: else the next one would be lost with it. */
+    if (cut && write(master, "", 1) != 1) {
+        return false;
+    }
+    ssize_t sent = write(master, data, size);
+    cut = sent > 0 && (size_t)sent < size;
+    return sent == (ssize_t)size;
+}
+
+/* What board.h asks for */
+
+const struct pendubot_settings *board_settings(void)
+{
+    return &settings;
+}
+
+uint32_t board_boot_id(void)
+{
+    return (uint32_t)mrand48() | 1;
+}
+
+uint8_t board_reset_cause(void)
+{
+    return cause;
+}
+
+uint32_t board_micros(void)
+{
+    return (uint32_t)(elapsed_us - booted_us);
+}
+
+void board_read(struct pendubot_reading *reading)
+{
+    uint32_t cpr[2] = { settings.cpr1, settings.cpr2 };
+    for (int joint = 0; joint < 2; joint++) {
+        counts[joint] = plant_counts(&plant, joint, cpr[joint]) - origin[joint];
+    }
+    reading->enc1 = counts[0] + (chance(faults[GLITCH]) ? (int32_t)cpr[0] / 2 : 0);
+    reading->enc2 = counts[1];
+    reading->current_ma = (int16_t)fmax(-32768, fmin(32767, torque_now * MILLIAMPERE_PER_MICRO_NM));
+    reading->vbus_10mv = VBUS_10MV;
+    double at = (double)elapsed_us, over = faults[OVER_CURRENT_AT] * 1e6, stop = faults[EMERGENCY_STOP_AT] * 1e6;
+    /* The button is pressed for one period; that the stop stands is the link's part. */
+    reading->faults = (at >= stop && at < stop + settings.sample_period_us ? PENDUBOT_EMERGENCY_STOP : 0u)
+                      | (at >= over && at < over + OVER_CURRENT_US ? PENDUBOT_OVER_CURRENT : 0u);
+}
+
+void board_torque(int32_t torque)
+{
+    torque_now = torque;
+}
+
+size_t board_receive(uint8_t *data, size_t room)
+{
+    /* Where a host left, reading fails once what it sent before has been read. */
+    ssize_t size = master >= 0 ? read(master, data, room) : -1;
+    return size > 0 ? (size_t)size : 0;
+}
+
+size_t board_room(void)
+{
+    return SIZE_MAX;
+}
+
+bool board_send(const uint8_t *data, size_t size)
+{
+    uint8_t bytes[600];
+    memcpy(bytes, data, size);
+    if (trace != NULL) {
+        /* Before it is sent, so that the trace holds every sample that a host has. */
+        const int status = firmware_link.status;
+        fprintf(trace, "%u,%d,%d,%d,%d\n", board_micros(), counts[0], counts[1], torque_now, status);
+        fflush(trace);
+    }
+    if (!plugged_in) {
+        if (master >= 0 && write(master, data, size / 2) >= 0) {
+            printf("cable out at %lld ns\n", (long long)now_ns(CLOCK_REALTIME));
+        }
+        unplug();
+        return true;
+    }
+    if (chance(faults[BIT_FLIP])) {
+        bytes[below(size)] ^= (uint8_t)(1u << below(8));
+    }
+    if (chance(faults[DROP_BYTE])) {
+        size_t at = below(size--);
+        memmove(bytes + at, bytes + at + 1, size - at);
+    }
+    if (chance(faults[DOUBLE_BYTE])) {
+        size_t at = below(size);
+        memmove(bytes + at + 1, bytes + at, size++ - at);
+    }
+    if (chance(faults[LOSE_FRAME])) {
+        return true;
+    }
+    if (chance(faults[DUPLICATE_FRAME])) {
+        memcpy(bytes + size, bytes, size);
+        size *= 2;
+    }
+    return host_is_there() && write_whole(bytes, size);
+}
+
+/* The program */
+
+static void on_signal(int number)
+{
+    if (number == SIGUSR1) {
+        plugged_in = 0;
+    } else if (number == SIGUSR2) {
+        plugged_in = 1;
+    } else {
+        stopped = 1;
+    }
+}
+
+static void set_fault(const char *text)
+{
+    for (int k = 0; k < FAULTS; k++) {
+        size_t size = strlen(fault_names[k]);
+        if (strncmp(text, fault_names[k], size) == 0 && text[size] == '=') {
+            faults[k] = atof(text + size + 1);
+            return;
+        }
+    }
+    fprintf(stderr, "pendubot_board: no fault %s\n%s", text, usage);
+    exit(2);
+}
+
+static double parse(int argc, char **argv)
+{
+    static const struct option options[] = { { "link", 1, NULL, 'l' }, { "rate", 1, NULL, 'r' },
+        { "counts", 1, NULL, 'c' }, { "torque-limit", 1, NULL, 't' }, { "preset", 1, NULL, 'p' },
+        { "trace", 1, NULL, 'f' }, { "duration", 1, NULL, 'd' }, { "seed", 1, NULL, 's' }, { "fault", 1, NULL, 'x' },
+        { NULL, 0, NULL, 0 } };
+    double duration = INFINITY;
+    plant = plant_of_the_paper;
+    srand48(now_ns(CLOCK_REALTIME) ^ getpid());
+    for (int c; (c = getopt_long(argc, argv, "", options, NULL)) != -1;) {
+        switch (c) {
+        case 'l': link_path = optarg; break;
+        case 'r': settings.sample_period_us = (uint32_t)lrint(1e6 / atof(optarg)); break;
+        case 'c': settings.cpr1 = settings.cpr2 = (uint32_t)atoi(optarg); break;
+        case 't': settings.torque_limit = (int32_t)lrint(atof(optarg) * 1e6); break;
+        case 'p': plant = strcmp(optarg, "balance") == 0 ? plant_to_balance : plant_of_the_paper; break;
+        case 'd': duration = atof(optarg); break;
+        case 's': srand48(atol(optarg)); break;
+        case 'x': set_fault(optarg); break;
+        case 'f':
+            trace = fopen(optarg, "wx");
+            if (trace == NULL) {
+                fail(optarg);
+            }
+            fputs("t_us,enc1,enc2,torque,status\n", trace);
+            fflush(trace);
+            break;
+        default: fputs(usage, stderr); exit(2);
+        }
+    }
+    return duration;
+}
+
+int main(int argc, char **argv)
+{
+    double duration = parse(argc, argv);
+    struct sigaction action = { .sa_handler = on_signal };
+    for (const int *n = (const int[]) { SIGINT, SIGTERM, SIGHUP, SIGUSR1, SIGUSR2, 0 }; *n != 0; n++) {
+        sigaction(*n, &action, NULL);
+    }
+    prctl(PR_SET_TIMERSLACK, 1);
+    setvbuf(stdout, NULL, _IOLBF, 0);
+    plug();
+    printf("virtual board on %s\n", link_path != NULL ? link_path : slave_path);
+    firmware_boot();
+    bool reset_due = isfinite(faults[RESET_AT]);
+    int64_t due = now_ns(CLOCK_MONOTONIC);
+    while (!stopped && (double)elapsed_us * MICRO < duration) {
+        struct timespec at = { due / 1000000000, due % 1000000000 };
+        if (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &at, NULL) != 0) {
+            continue; /* a signal came */
+        }
+        if (reset_due && (double)elapsed_us >= faults[RESET_AT] * 1e6) {
+            reset_due = false;
+            cause = 2;
+            booted_us = elapsed_us;
+            origin[0] = plant_counts(&plant, 0, settings.cpr1);
+            origin[1] = plant_counts(&plant, 1, settings.cpr2);
+            firmware_boot();
+        }
+        if (master < 0 && plugged_in) {
+            plug();
+            printf("cable in at %lld ns\n", (long long)now_ns(CLOCK_REALTIME));
+        }
+        firmware_sample();
+        /* Only now: what it takes to compute the motion delays no sample. */
+        plant_advance(&plant, torque_now * MICRO, settings.sample_period_us * MICRO);
+        elapsed_us += settings.sample_period_us;
+        due += settings.sample_period_us * INT64_C(1000);
+    }
+    unplug();
+    return 0;
+}

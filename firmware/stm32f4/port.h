@@ -1,0 +1,26 @@
+/* Copyright 2026 The pendubot_identification authors
+ * SPDX-License-Identifier: Apache-2.0 */
+/* What the files of this port give each other. */
+#ifndef PORT_H
+#define PORT_H
+
+#include "board.h"
+
+/* rig.c: clocks, encoders, analog inputs, pins. The emulated port has its own in its place. */
+void rig_start(void);
+void rig_after_sample(void); /* what can wait until the sample's bytes are on their way */
+void rig_show(void);         /* the LED */
+
+/* motor.c: the bridge. */
+void motor_start(void);
+void motor_torque(int32_t torque, uint32_t vbus_10mv);
+void motor_off(void); /* at any time, also before motor_start */
+
+/* uart.c */
+void uart_start(void);
+
+/* main.c */
+extern volatile uint32_t samples_taken;
+extern volatile uint32_t longest_sample_cycles; /* from the moment a sample was due until its bytes were on their way */
+
+#endif

@@ -1,0 +1,128 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Who gives effort commands, and who obeys them."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterable
+
+from rclpy.callback_groups import CallbackGroup
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import QoSProfile
+from rclpy.task import Future
+from rclpy.topic_endpoint_info import TopicEndpointInfo
+from std_msgs.msg import Float64
+from std_srvs.srv import Trigger
+
+from pendubot_identification.errors import PendubotError
+
+from .shutdown import Shutdown
+
+#: The nodes that make a rig move.
+DRIVERS = ('exciter', 'balancer')
+#: What rmw says of an endpoint whose node it does not know yet, and how long that may take [s].
+UNKNOWN, PATIENCE = '_NODE_NAME_UNKNOWN_', 2.0
+#: So long one looks for others before the first message; and then again, with every message [s].
+DISCOVERY = 1.0
+#: How long it is believed that nobody else has come [s].
+FRESH = 0.1
+
+
+class Driver:
+    """A node's way to a bridge: its effort commands, and the services that arm and disarm.
+
+    ``bridge`` is the full name of the bridge: ``bridge`` in the node's namespace, or as remapped.
+    """
+
+    def __init__(self, node: Node, callback_group: CallbackGroup | None = None) -> None:
+        self._node = node
+        self._effort = node.create_publisher(Float64, 'pendubot/effort_command', QoSProfile(depth=1))
+        self.bridge = node.resolve_service_name('bridge/arm').removesuffix('/arm')
+        self.arm = node.create_client(Trigger, 'bridge/arm', callback_group=callback_group)
+        self.disarm = node.create_client(Trigger, 'bridge/disarm', callback_group=callback_group)
+
+    def effort(self, torque: float) -> None:
+        """Command a torque [N m]."""
+        self._effort.publish(Float64(data=torque))
+
+    def let_go(self) -> Future:
+        """Command zero torque and disarm; return the bridge's answer to come."""
+        self.effort(0.0)
+        return self.disarm.call_async(Trigger.Request())
+
+    def let_go_and_wait(self) -> None:
+        """Command zero torque and disarm; wait, for a second at most, until the bridge has answered."""
+        answered = threading.Event()
+        self.let_go().add_done_callback(lambda _: answered.set())
+        if not (self.disarm.service_is_ready() and answered.wait(1.0)):
+            self._node.get_logger().warning('the bridge did not answer to disarm; look whether it has done so')
+
+    def rival(self) -> str:
+        """Return the name of another exciter or balancer on the topic; empty where there is none."""
+        there = self._node.get_publishers_info_by_topic(self._effort.topic_name)
+        names = [full_name(each) for each in there if each.node_name in DRIVERS]
+        if (own := self._node.get_fully_qualified_name()) in names:
+            names.remove(own)  # once: another may have the same name
+        return names[0] if names else ''
+
+
+def full_name(endpoint: TopicEndpointInfo) -> str:
+    """Return the name of the endpoint's node with its namespace."""
+    return f'{endpoint.node_namespace.rstrip("/")}/{endpoint.node_name}'
+
+
+class CommandGuard:
+    """Keeps recorded commands from a bridge that would obey them, whether it is there or comes later.
+
+    Of the ``publishers`` those of other types than commands have are left alone.
+    """
+
+    def __init__(self, node: Node, publishers: Iterable[Publisher]) -> None:
+        self._node = node
+        # Of each: how many listened when it was last looked at, and until when that is believed.
+        self._seen = {publisher: (0, 0.0) for publisher in publishers if publisher.msg_type is Float64}
+
+    def look_around(self, ended: Shutdown) -> None:
+        """Look who listens, as :meth:`check` does, once they had time to be discovered."""
+        if self._seen:
+            ended.wait(DISCOVERY)
+        for publisher in self._seen:
+            self.check(publisher)
+
+    def check(self, publisher: Publisher) -> None:
+        """Look who listens now, right before a message.
+
+        Raises:
+            PendubotError: a bridge does.
+        """
+        if publisher not in self._seen:
+            return
+        count = publisher.get_subscription_count()
+        before, until = self._seen[publisher]
+        if not count or (count == before and time.monotonic() < until):
+            return
+        topic = publisher.topic_name
+        for listener in filter(self._is_bridge, self._listeners(topic)):
+            raise PendubotError(
+                f'{full_name(listener)} obeys {topic}, which this bag holds: an armed rig would move; stop the '
+                'bridge, or name in topics what is to be played, without it (named there, it is played)'
+            )
+        self._seen[publisher] = count, time.monotonic() + FRESH
+
+    def _listeners(self, topic: str) -> list[TopicEndpointInfo]:
+        """Return them once the node of each is known: it is heard of later than the endpoint itself."""
+        deadline = time.monotonic() + PATIENCE
+        while True:
+            found = self._node.get_subscriptions_info_by_topic(topic)
+            if time.monotonic() > deadline or all(each.node_name != UNKNOWN for each in found):
+                return list(found)
+            time.sleep(0.02)
+
+    def _is_bridge(self, listener: TopicEndpointInfo) -> bool:
+        """Return whether it is a bridge by its name, or arms something as a bridge of another name does."""
+        services = [name for name, _ in self._node.get_service_names_and_types()]
+        return listener.node_name == 'bridge' or f'{full_name(listener)}/arm' in services

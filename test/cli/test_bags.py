@@ -1,0 +1,160 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The subcommands that write bags, or look at one: import-csv, simulate, info and repair."""
+
+import json
+import re
+import shutil
+from dataclasses import asdict, replace
+
+import numpy as np
+import pytest
+import yaml
+
+from pendubot_identification.model.parameters import PAPER
+from pendubot_identification.model.simulation import simulate
+from pendubot_identification.recordings.bag_reader import BagReader, read_trajectory
+from pendubot_identification.recordings.bag_writer import BagWriter
+from pendubot_identification.recordings.joint_states import JOINT_STATE, encode_joint_state
+from pendubot_identification.results.result_file import SCHEMA
+from test.cli.conftest import contents
+from test.processes import run_program
+from test.recordings import damage
+from test.recordings.independent import by_mcap
+
+START = 1_700_000_000_000_000_000
+GEARED = replace(PAPER, Fc1=0.004, Fc2=0.001, J2=1e-4, Fs1=0.002, Fs2=0.0005, k1=0.1, k2=0.1)
+
+
+@pytest.fixture(autouse=True)
+def elsewhere(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
+def damaged(file, at):
+    """Change a byte."""
+    data = bytearray(file.read_bytes())
+    data[at] ^= 1
+    file.write_bytes(data)
+
+
+def test_a_CSV_file_becomes_a_bag_and_force_replaces_one(run, tmp_path):
+    rows = [f'{0.01 * k:.2f},{k},{90 + k},{k / 2}' for k in range(101)]
+    (tmp_path / 'run.csv').write_text('\n'.join(['time,a,b,u', *rows]))
+    assert run('simulate', '--output', 'bag', '--samples', '50')[0] == 0
+    options = ('--columns', 't=time,q1=a,q2=b,tau1=u', '--degrees', '--zero', 'hanging', '--elbow', 'absolute')
+    said = run('import-csv', 'run.csv', '--output', 'bag', *options, '--force')
+    assert said == (0, 'bag: 101 samples, 1.000 s, 100.0 Hz\n', '')
+    trajectory = read_trajectory(tmp_path / 'bag').trajectory
+    np.testing.assert_allclose(trajectory.q[10], np.deg2rad([10 - 90, 90]))
+    np.testing.assert_array_equal(trajectory.tau[10], [5, 0])
+    assert trajectory.qd is None
+
+
+@pytest.mark.parametrize('rig', [PAPER, replace(PAPER, Fc1=0.004), GEARED])
+def test_the_rig_is_the_papers_or_that_of_a_result(run, tmp_path, rig):
+    """Parameters by hand need not name what is 0."""
+    values = {name: {'value': value} for name, value in asdict(rig).items() if value}
+    (tmp_path / 'rig.yaml').write_text(yaml.safe_dump({'schema': SCHEMA, 'parameters': values}))
+    options = () if rig == PAPER else ('--parameters', 'rig.yaml')
+    assert run('simulate', '--output', 'bag', '--samples', '150', '--counts', '0', *options)[0] == 0
+    motion = read_trajectory(tmp_path / 'bag').trajectory
+    np.testing.assert_allclose(motion.q, simulate(rig, np.arange(150) / 100, motion.tau).q, atol=1e-9)
+    assert f'schema: {SCHEMA}\n' in run('simulate', '--help')[1], 'how to write them'
+
+
+def test_the_same_options_simulate_the_same_bag(run, tmp_path):
+    for name in 'ab':
+        assert run('simulate', '--output', f'{name}/bag', '--samples', '300')[0] == 0
+    first, second = (next(tmp_path.glob(f'{name}/bag/*.mcap')) for name in 'ab')
+    assert first.read_bytes() == second.read_bytes()
+
+
+def test_a_bag_is_described_for_people_and_for_programs(run):
+    assert run('simulate', '--output', 'bag', '--samples', '101')[0] == 0
+    text = run('info', 'bag')[1]
+    assert 'closed    yes\nduration  1.000 s' in text
+    assert '/joint_states      101 messages    100.00 Hz  sensor_msgs/msg/JointState' in text
+    described = json.loads(run('info', 'bag', '--json')[1])
+    assert described['closed'] is True
+    (topic,) = described['topics']
+    expected = {'name': '/joint_states', 'type': 'sensor_msgs/msg/JointState', 'messages': 101, 'rate': 100.0}
+    expected |= {'period': 0.01, 'jitter': 0, 'longest': 0.01, 'gaps': 0, 'missing': 0, 'first_gap': None, 'lost': 0}
+    expected |= {'stamped': True, 'repeated': 0, 'backwards': 0, 'latency': 0, 'latency_max': 0}
+    assert topic == expected
+
+
+def test_what_is_irregular_or_missing_is_told(run, tmp_path):
+    with BagWriter(tmp_path / 'bag') as bag:
+        channel = bag.add_topic('/joint_states', JOINT_STATE)
+        for k in range(100):
+            if k in (40, 41):
+                continue
+            # Stamped 3 ms before it is received; one stamp repeats, one runs back.
+            stamp = START + {70: 69, 80: 60}.get(k, k) * 10_000_000
+            data = encode_joint_state(stamp, ('a', 'b'), [0, 0], [], [0, 0])
+            bag.write(channel, data, START + k * 10_000_000 + 3_000_000, sequence=k + 1)
+    text = run('info', 'bag')[1]
+    assert 'gaps 3, 4 messages, first after 0.390 s' in text
+    assert 'latency 3.000 ms, at most 203.000 ms' in text
+    assert 'stamps 1 repeat, 1 run back' in text
+    assert 'lost 2 messages that the recorder had numbered' in text
+
+
+def test_what_is_damaged_inside_is_told_though_the_bag_was_closed(run, tmp_path):
+    assert run('simulate', '--output', 'bag', '--samples', '101')[0] == 0
+    file = tmp_path / 'bag' / 'bag_0.mcap'
+    at = file.stat().st_size // 2
+    damaged(file, at)
+    text = run('info', 'bag')[1]
+    assert 'closed    yes' in text
+    assert 'bytes from byte' in text
+    (place,) = json.loads(run('info', 'bag', '--json')[1])['damaged']
+    assert place['offset'] < at < place['offset'] + place['size']
+
+
+def test_a_killed_bag_becomes_a_closed_copy(run, tmp_path):
+    """Without its end, and with a byte changed in the middle."""
+    sent = damage.write(tmp_path / 'swing', closed=False)
+    file = tmp_path / 'swing' / 'swing_0.mcap'
+    damaged(file, file.read_bytes().index(sent[200][2]) + 20)
+    text = run('info', 'swing')[1]
+    assert 'closed    no: pendubot repair makes a closed copy' in text
+    assert 'swing_0.mcap was never closed, or is cut or damaged: its ' in text
+    text = run('repair', 'swing/')[1]
+    assert 'swing_0.mcap: never closed, or cut' in text
+    assert ' messages saved, 5 lost' in text
+    assert 'are damaged and left out' in text
+    assert 'swing_repaired, closed; the original is as it was' in text
+    bag = BagReader(tmp_path / 'swing_repaired')
+    assert (bag.closed, bag.count) == (True, len(by_mcap(tmp_path / 'swing_repaired')))
+    assert damage.COUNT - 11 <= bag.count < damage.COUNT
+    told = json.loads(run('repair', 'swing', '--output', 'whole', '--json')[1])
+    (saved,) = told['files']
+    assert (told['output'], told['whole'], saved['closed']) == ('whole', False, False)
+    assert sum(saved['saved'].values()) + sum(saved['missing'].values()) == damage.COUNT
+    assert [set(place) for place in saved['damaged']] == [{'offset', 'size'}]
+    assert run('repair', 'swing/swing_0.mcap')[0] == 0
+    assert BagReader(tmp_path / 'swing' / 'swing_0_repaired').closed, 'of a single file, beside it'
+    # What the first repair could not save is still missing.
+    text = run('repair', 'swing_repaired', '--output', 'again')[1]
+    assert ' lost' in text
+    assert 'damaged' not in text
+
+
+@pytest.mark.parametrize('command', ['import-csv {}/run.csv', 'simulate', 'repair {}/sim'])
+def test_where_a_disk_is_full_no_bag_is_left_and_an_earlier_one_as_it_was(made, tmp_path, command):
+    """A limit on a file's size refuses a write as a full disk does."""
+    rows = (f'{0.01 * k},{np.sin(k)},{np.cos(k)},{np.sin(k)}' for k in range(2000))
+    (tmp_path / 'run.csv').write_text('\n'.join(['t,q1,q2,tau1', *rows]))
+    before = contents(shutil.copytree(made / 'sim', tmp_path / 'earlier'))
+    where = tmp_path if 'csv' in command else made
+    for name in ('new', 'earlier'):
+        output = tmp_path / name
+        words = [*command.format(where).split(), '--output', output, '--force']
+        ended = run_program('pendubot', *words, file_limit=100_000)
+        assert (ended.returncode, ended.stdout) == (1, '')
+        assert re.fullmatch(rf'pendubot: {output} is not written: .*\n', ended.stderr)
+    assert contents(tmp_path / 'earlier') == before
+    assert sorted(path.name for path in tmp_path.iterdir()) == ['earlier', 'run.csv']

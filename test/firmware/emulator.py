@@ -1,0 +1,138 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The STM32F4's program on QEMU's netduinoplus2, and a hand that reaches into its memory, as a debugger does."""
+
+import contextlib
+import os
+import re
+import select
+import socket
+import subprocess
+import time
+import tty
+
+from pendubot_identification.link.protocol import Decoder
+
+from .building import made, need
+
+#: Where QEMU's memory has the number that goes into the board's boot_id.
+SEED = 0x2001FFFC
+
+
+class Emulator:
+    """A context manager around QEMU.
+
+    Args:
+        folder: for its log of devices that it does not have (``-d unimp``) and its debugger's socket.
+        program: which of the built ones.
+        options: of QEMU, further ones.
+
+    Attributes:
+        port: its USART, a pseudo-terminal.
+    """
+
+    def __init__(self, folder, program='emulated.elf', *options):
+        need('qemu-system-arm', 'qemu-system-arm')
+        need('arm-none-eabi-gcc', 'gcc-arm-none-eabi libnewlib-arm-none-eabi')
+        self.elf = made('arm') / program
+        self._log, self._socket = folder / 'qemu.log', folder / 'debugger'
+        words = ['qemu-system-arm', '-M', 'netduinoplus2', '-nographic', '-monitor', 'none', '-serial', 'pty']
+        words += ['-kernel', self.elf, '-device', f'loader,addr={SEED},data={os.getpid()},data-len=4']
+        words += ['-d', 'unimp', '-D', self._log, '-gdb', f'unix:path={self._socket},server=on,wait=off', *options]
+        self._process = subprocess.Popen(
+            list(map(str, words)), stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+        )
+        self.port = re.search(r'/dev/pts/\d+', self._process.stdout.readline())[0]
+        while not self._socket.exists():
+            assert self._process.poll() is None
+            time.sleep(0.01)
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self._process.terminate()
+        self._process.wait(10)
+
+    def written(self, device, offset):
+        """Return the values that were written to a register of a device that QEMU does not have, in order."""
+        pattern = rf'{device}: unimplemented device write \(size 4, offset 0x0*{offset:x}, value 0x([0-9a-f]+)\)'
+        return [int(value, 16) for value in re.findall(pattern, self._log.read_text(), re.IGNORECASE)]
+
+    def place(self, symbol):
+        """Return where a function or variable lies, and its size."""
+        names = subprocess.run(['arm-none-eabi-nm', '-S', self.elf], capture_output=True, text=True, check=True).stdout
+        address, size = re.search(rf'^([0-9a-f]+) ([0-9a-f]+) \w {symbol}$', names, re.MULTILINE).groups()
+        return int(address, 16) & ~1, int(size, 16)
+
+    @contextlib.contextmanager
+    def debugger(self):
+        """Yield a function that sends a command of the debugger's protocol and returns the answer; all stands still."""
+        with socket.socket(socket.AF_UNIX) as line:
+            line.settimeout(10)
+            line.connect(str(self._socket))
+
+            def ask(command):
+                line.sendall(f'${command}#{sum(command.encode()) % 256:02x}'.encode())
+                # That it stands still now is told once more, unasked, when one connects.
+                unasked = () if command in ('s', 'c') else ('T',)
+                while (answer := packet()).startswith(unasked):
+                    pass
+                return answer
+
+            def packet():
+                nonlocal said
+                while (match := re.search(rb'\$([^#]*)#..', said)) is None:
+                    said += line.recv(4096)
+                said = said[match.end() :]
+                line.sendall(b'+')
+                return match[1].decode()
+
+            said = b''
+            ask('qXfer:features:read:target.xml:0,fff')  # who has not asked may not touch single registers
+            yield ask
+            ask('D')
+
+    def patch(self, symbol, instruction):
+        """Put an instruction (16 bits) at the beginning of a function."""
+        self._put(symbol, instruction.to_bytes(2, 'little'))
+
+    def poke(self, symbol, value):
+        """Set a variable of 32 bits."""
+        self._put(symbol, value.to_bytes(4, 'little'))
+
+    def _put(self, symbol, data):
+        with self.debugger() as ask:
+            assert ask(f'M{self.place(symbol)[0]:x},{len(data)}:{data.hex()}') == 'OK'
+
+    def value(self, symbol):
+        """Return a variable of 32 bits."""
+        with self.debugger() as ask:
+            return int.from_bytes(bytes.fromhex(ask(f'm{self.place(symbol)[0]:x},4')), 'little')
+
+
+class Line:
+    """A host's end of a board's pseudo-terminal, without a bridge."""
+
+    def __init__(self, port):
+        self._file = os.open(port, os.O_RDWR | os.O_NOCTTY)
+        tty.setraw(self._file)
+        self._decoder = Decoder()
+
+    def write(self, data):
+        os.write(self._file, data)
+
+    def events(self, seconds, enough=lambda event: False):
+        """Return what comes within so many seconds, or until an event is enough."""
+        events, end = [], time.monotonic() + seconds
+        while time.monotonic() < end:
+            if select.select([self._file], [], [], 0.05)[0]:
+                for event in self._decoder.feed(os.read(self._file, 4096)):
+                    events.append(event)
+                    if enough(event):
+                        return events
+        return events
+
+    def close(self):
+        os.close(self._file)

@@ -1,0 +1,90 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The firmware's protocol in C, called in a process of its own, so that what a sanitizer finds ends only that."""
+
+import struct
+import subprocess
+
+from pendubot_identification.link.protocol import Command, Damaged, HelloRequest
+
+#: In the order of enum pendubot_event, from PENDUBOT_OVERLONG on.
+REASONS = ('overlong', 'cobs', 'length', 'crc', 'version', 'type')
+_COMMAND = struct.Struct('=HxxIBBHi')
+
+
+class LinkProbe:
+    """link_probe.c: a board's link and, apart from it, a decoder."""
+
+    def __init__(self, program):
+        self._process = subprocess.Popen(
+            [program], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=False
+        )
+
+    def close(self):
+        """End it; fails with what a sanitizer said."""
+        _, said = self._process.communicate()
+        assert self._process.returncode == 0, said.decode()
+
+    def boot(
+        self,
+        boot_id=1,
+        reset_cause=1,
+        cpr=(4000, 4000),
+        limit=2_000_000,
+        period_us=10_000,
+        watchdog_max_ms=500,
+        firmware='virtual',
+    ):
+        self._call(
+            'B', '=IIIiIHBx16s', boot_id, *cpr, limit, period_us, watchdog_max_ms, reset_cause, firmware.encode()
+        )
+
+    def receive(self, data, now=0, faults=0):
+        self._call('R', '=III', now, faults, len(data))
+        self._process.stdin.write(data)
+
+    def note_overrun(self):
+        self._call('O', '=')
+
+    def sample(self, now=0, enc1=0, enc2=0, current=0, vbus=2400, faults=0, room=65536):
+        """Return the torque and the frames of a sample."""
+        self._call('S', '=IiiIIhH', now, enc1, enc2, faults, room, current, vbus)
+        self._flush()
+        torque, size = struct.unpack('=iI', self._read(8))
+        return torque, self._read(size)
+
+    def decode(self, data):
+        """Return the events that end within these bytes, as :class:`.protocol.Decoder` does."""
+        self._call('D', '=I', len(data))
+        self._process.stdin.write(data)
+        self._flush()
+        events = []
+        while kind := self._read(1)[0]:
+            seq, t_us, mode, flags, watchdog_ms, torque = _COMMAND.unpack(self._read(_COMMAND.size))
+            if kind == 1:
+                events.append(Command(seq, t_us, mode, watchdog_ms, torque, flags))
+            else:
+                # The C code does not say which request it was: nobody needs it.
+                events.append(HelloRequest(0, 0) if kind == 2 else Damaged(REASONS[kind - 3]))
+        return events
+
+    def _call(self, name, layout, *values):
+        self._process.stdin.write(name.encode() + struct.pack(layout, *values))
+
+    def _flush(self):
+        try:
+            self._process.stdin.flush()
+        except BrokenPipeError:
+            self.close()
+
+    def _read(self, size):
+        data = self._process.stdout.read(size)
+        if len(data) < size:
+            self.close()
+        return data
+
+
+def anonymous(event):
+    """An event of Python's decoder as the C code tells it."""
+    return HelloRequest(0, 0) if isinstance(event, HelloRequest) else event

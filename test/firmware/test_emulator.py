@@ -1,0 +1,171 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The STM32F4's program in QEMU: what it does when it faults or hangs, what it writes to the bridge, what it costs.
+
+QEMU has neither TIM1 nor the independent watchdog. What the program writes to them is held against the manual here;
+what they do then, only a board can show.
+"""
+
+import re
+import time
+
+import pytest
+
+from pendubot_identification.link.protocol import Command, Hello, HelloRequest, State, encode
+
+from .building import FIRMWARE, made, need
+from .emulator import Emulator, Line
+
+#: As QEMU calls them: TIM1, the watchdog (another device's name lies over it), port B.
+TIM1, IWDG, GPIOB = r'timer\[1\]', '(?:IWDG|I2S2ext)', 'GPIOB'
+CCR1, BDTR, BSRR = 0x34, 0x44, 0x18
+#: TIM1's BDTR while the bridge may switch, and while its output is held low.
+MAY_SWITCH, OFF = 0xB400, 0x3400
+ENDLESS_LOOP, NOWHERE = 0xE7FE, 0x60000000
+FEED = 0xAAAA
+PERIOD_CYCLES = 168_000
+
+
+@pytest.fixture
+def emulator(tmp_path):
+    with Emulator(tmp_path) as emulator:
+        yield emulator
+
+
+@pytest.fixture
+def line(emulator):
+    line = Line(emulator.port)
+    yield line
+    line.close()
+
+
+def drive(line, torque=300_000, watchdog_ms=500):
+    """Arm; returns what the board said until it obeys."""
+    line.events(10, lambda e: isinstance(e, State))
+    line.write(encode(HelloRequest(1, 0)) + encode(Command(2, 0, 0, 100, 0)))
+    line.write(encode(Command(3, 0, 1, watchdog_ms, torque)))
+    return line.events(10, lambda e: isinstance(e, State) and e.torque == torque)
+
+
+def test_a_fault_of_the_processor_takes_the_voltage_away_and_begins_again_locked(emulator, line):
+    before = next(e for e in drive(line) if isinstance(e, Hello))
+    assert emulator.written(TIM1, BDTR)[-1] == MAY_SWITCH
+    with emulator.debugger() as ask:
+        assert ask(f'Pf={NOWHERE.to_bytes(4, "little").hex()}') == 'OK'
+    events = line.events(10, lambda e: isinstance(e, Hello))
+    after = events[-1]
+    assert (before.reset_cause, after.reset_cause) == (1, 4)
+    assert after.boot_id != before.boot_id
+    assert after.t_us == 0
+    line.write(encode(Command(4, 0, 1, 500, 300_000)))
+    states = [e for e in line.events(0.3) if isinstance(e, State)]
+    assert len(states) > 50
+    assert not any(s.torque or s.status for s in states)
+    assert emulator.written(TIM1, BDTR)[-1] == OFF
+    assert emulator.written(TIM1, CCR1)[-1] == 0
+
+
+@pytest.mark.parametrize('where', ['firmware_sample', 'rig_show'])
+def test_a_firmware_that_hangs_feeds_the_watchdog_no_more(emulator, line, where):
+    """In the interrupt or in the main loop; the watchdog then resets the chip, whose pins let go of the bridge."""
+    drive(line)
+    assert emulator.written(IWDG, 0)[:3] == [0xCCCC, 0x5555, FEED]
+    assert (emulator.written(IWDG, 4), emulator.written(IWDG, 8)) == ([1], [200])  # 50 ms of 32 kHz / 8
+    line.events(0.1)
+    assert emulator.written(IWDG, 0).count(FEED) > 20
+    emulator.patch(where, ENDLESS_LOOP)
+    time.sleep(0.1)
+    feeds = emulator.written(IWDG, 0).count(FEED)
+    time.sleep(0.3)
+    assert emulator.written(IWDG, 0).count(FEED) == feeds
+
+
+@pytest.mark.parametrize(('torque', 'duty', 'pin'), [(300_000, 1050, 1 << 14), (-1_500_000, 5250, 1 << 30)])
+def test_torque_becomes_duty_and_direction(emulator, line, torque, duty, pin):
+    """U = R / k * torque = 10 V per N m, of 24 V, in 8400 steps; a disarm takes it away."""
+    drive(line, torque)
+    assert emulator.written(TIM1, CCR1)[-1] == duty
+    assert emulator.written(GPIOB, BSRR)[-1] == pin
+    line.write(encode(Command(4, 0, 0, 100, 0)))
+    line.events(10, lambda e: isinstance(e, State) and e.cmd_seq == 4)
+    assert (emulator.written(TIM1, CCR1)[-1], emulator.written(TIM1, BDTR)[-1]) == (0, OFF)
+
+
+def word(data):
+    return int.from_bytes(bytes.fromhex(data), 'little')
+
+
+def instructions(emulator, symbol, then=lambda ask: None, before=lambda: None):
+    """Count those from a function's first until it returns, what it calls included, the next time it is called.
+
+    ``before`` is called while the program stands still before that, ``then`` when nothing of the function has happened.
+    """
+    begin, size = emulator.place(symbol)
+    with emulator.debugger() as ask:
+        ask(f'Z0,{begin:x},2')
+        before()
+        ask('c')
+        ask(f'z0,{begin:x},2')
+        then(ask)
+        stack, count = word(ask('pd')), 0
+        while True:
+            ask('s')
+            count += 1
+            # Returned: the stack is as it was, or as before the interrupt, and this is another function.
+            if word(ask('pd')) >= stack and word(ask('pf')) not in range(begin, begin + size):
+                return count
+
+
+def hear(emulator, data):
+    """Return what puts bytes into the ring of those that the USART has received."""
+
+    def put(ask):
+        ring, _ = emulator.place('received')
+        written = word(ask(f'm{ring + 256:x},4'))
+        for k, byte in enumerate(data):
+            ask(f'M{ring + (written + k) % 256:x},1:{byte:02x}')
+        ask(f'M{ring + 256:x},4:{(written + len(data)).to_bytes(4, "little").hex()}')
+
+    return put
+
+
+def test_a_sample_takes_less_than_a_fifth_of_its_period(emulator, line):
+    """Counted in QEMU, one by one. On the chip most take one cycle, some two or three."""
+    command, request = encode(Command(2, 0, 0, 100, 0)), encode(HelloRequest(1, 0))
+    line.events(0.2)
+    costs = {
+        'a sample': instructions(emulator, 'firmware_sample'),
+        'with a COMMAND': instructions(emulator, 'firmware_sample', hear(emulator, command)),
+        'with all that a line brings in 1 ms, 4 COMMANDs': instructions(
+            emulator, 'firmware_sample', hear(emulator, 4 * command)
+        ),
+        'with a HELLO': instructions(emulator, 'firmware_sample', hear(emulator, request)),
+        'the interrupt of a byte received': min(
+            instructions(emulator, 'USART1_IRQHandler', before=lambda: (line.write(b'x'), time.sleep(0.05)))
+            for _ in range(3)
+        ),
+    }
+    print(*(f'{name}: {cost} instructions' for name, cost in costs.items()), sep='\n')
+    # Everything at once, and an interrupt for each byte that comes or goes, half of all instructions in two cycles.
+    worst = max(costs.values()) + costs['with a HELLO'] - costs['a sample'] + 2 * 92 * 50
+    print(f'at worst {worst} instructions in {PERIOD_CYCLES} cycles')
+    assert costs['the interrupt of a byte received'] <= 50
+    assert 5 * 1.5 * worst < PERIOD_CYCLES
+
+
+def test_stack_memory_and_flash(tmp_path):
+    """The deepest chain of calls: main loop, sample and USART interrupts on top of each other, none recursive."""
+    need('arm-none-eabi-gcc', 'gcc-arm-none-eabi')
+    build = made('arm')
+    frames = {}
+    for path in build.glob('stm32f4.elf-*.su'):
+        for name, size, kind in re.findall(r':(\w+)\t(\d+)\t(\S+)$', path.read_text(), re.MULTILINE):
+            assert kind == 'static', f'{name}: its stack is {kind}'
+            frames[name] = int(size)
+    chain = ['main', 'SysTick_Handler', 'firmware_sample', 'pendubot_sample', 'USART1_IRQHandler']
+    inlined = max(frames.get(name, 0) for name in ('write_hello', 'write_frame'))
+    used = sum(frames[name] for name in chain) + inlined + 2 * 32  # what the processor pushes at an interrupt
+    print(f'stack {used} of 4096 bytes')
+    assert used * 2 < 4096
+    assert 'stack_size = 4K' in (FIRMWARE / 'stm32f4/stm32f4.ld').read_text()

@@ -1,0 +1,198 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Bags that were killed, cut or damaged: what is whole is read and repaired, and the rest is said to be lost."""
+
+import os
+import shutil
+from itertools import chain
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from mcap.writer import CompressionType
+
+from pendubot_identification.errors import BagError
+from pendubot_identification.recordings import mcap_file
+from pendubot_identification.recordings.bag_metadata import Qos
+from pendubot_identification.recordings.bag_reader import BagReader, Stream
+from pendubot_identification.recordings.bag_repair import repair
+from pendubot_identification.recordings.bag_writer import BagWriter
+from pendubot_identification.recordings.joint_states import JOINT_NAMES
+
+from . import damage
+from .independent import by_mcap, by_rosbags, chunks
+from .test_bag_reader import foreign
+from .test_bag_writer import FLOAT, START, STEP, message
+
+#: A chunk holds so many messages here.
+CHUNK = 11
+TOPIC = '/joint_states'
+
+
+@pytest.fixture(autouse=True)
+def power_that_never_fails(monkeypatch):
+    """Hundreds of bags need not be on the disk."""
+    monkeypatch.setattr(os, 'fsync', lambda _: None)
+
+
+@pytest.mark.parametrize('closed', [True, False])
+@pytest.mark.parametrize(('alter', 'trials'), [(damage.cut, 12), (damage.change, 15), (damage.change_five, 15)])
+def test_what_is_whole_is_read_and_saved_and_nothing_is_lost_silently(tmp_path, alter, trials, closed):
+    for outcome, left in damage.damaged_bags(tmp_path, trials, alter, closed=closed):
+        assert outcome.silent == 0
+        lost = {damage.cut: 1, damage.change: 1, damage.change_five: 5}[alter] * CHUNK
+        assert left - lost <= outcome.saved <= left
+        assert outcome.refused or left - lost <= outcome.read <= left
+        if alter is damage.cut:
+            assert outcome.saved == outcome.read
+
+
+@pytest.mark.parametrize('place', ['chunk', 'index behind it', 'first chunk'])
+@pytest.mark.parametrize(('at', 'flip'), [(0, 1), (1, 0x80), (2, 1), (5, 0xFF), (8, 0x80), (60, 1)])
+def test_a_damaged_chunk_costs_its_own_messages(tmp_path, place, at, flip):
+    """The bytes 1 to 8 are a length, which leads past what is whole."""
+    sent = damage.write(tmp_path / 'bag', closed=False)
+    file = tmp_path / 'bag' / 'bag_0.mcap'
+    found = chunks(file)
+    chunk = found[0 if place == 'first chunk' else len(found) // 2]
+    damage.flip(file, (chunk.end if place == 'index behind it' else chunk.begin) + at, flip)
+    outcome = damage.examine(tmp_path / 'bag', tmp_path / 'copy', sent)
+    assert (outcome.silent, outcome.refused) == (0, False)
+    assert min(outcome.read, outcome.saved) >= damage.COUNT - CHUNK
+
+
+def test_a_repaired_bag_says_all_that_the_original_said(tmp_path):
+    path = tmp_path / 'bag'
+    with BagWriter(path) as bag:
+        latched = bag.add_topic('/latched', 'std_msgs/msg/Float64', Qos(durability='transient_local', depth=1))
+        for k in range(5):
+            bag.write(latched, FLOAT + bytes([k] * 8), START + 500 * k, START + 7, sequence=k + 1)
+    before = damage.contents(path)
+    (saved,) = repair(path, tmp_path / 'copy')
+    assert damage.contents(path) == before
+    assert saved.whole
+    assert saved.saved == {'/latched': 5}
+    metadata = (path / 'metadata.yaml').read_bytes()
+    assert (tmp_path / 'copy' / 'metadata.yaml').read_bytes() == metadata.replace(b'bag_', b'copy_')
+    assert by_mcap(tmp_path / 'copy') == by_mcap(path) == by_rosbags(tmp_path / 'copy')
+
+
+@pytest.mark.parametrize(
+    ('output', 'overwrite', 'left', 'sentence'),
+    [
+        ('bag', True, None, 'is the bag itself, or in or around it'),
+        ('bag/inside', True, None, 'is the bag itself, or in or around it'),
+        ('.', True, None, 'is the bag itself, or in or around it'),
+        ('taken', False, None, 'exists already'),
+        ('copy', False, 40, 'no message that is whole'),
+    ],
+)
+def test_what_cannot_be_repaired_is_one_sentence_and_touches_nothing(tmp_path, output, overwrite, left, sentence):
+    damage.write(tmp_path / 'bag')
+    shutil.copytree(tmp_path / 'bag', tmp_path / 'taken')
+    file = tmp_path / 'bag' / 'bag_0.mcap'
+    file.write_bytes(file.read_bytes()[:left])
+    before = damage.contents(tmp_path)
+    with pytest.raises(BagError, match=sentence):
+        repair(tmp_path / 'bag', tmp_path / output, overwrite=overwrite)
+    assert damage.contents(tmp_path) == before
+
+
+def unclosed(folder, data):
+    folder.mkdir(exist_ok=True)
+    (folder / 'bag_0.mcap').write_bytes(data)
+    return folder
+
+
+def of_topic(reader, topic):
+    """Return every message of a topic as (topic, log time, bytes)."""
+    return [(topic, message.log_time, message.data) for part in reader.messages([topic]) for message in part]
+
+
+def check(reader, messages):
+    """Hold what a reader says and gives against the messages that must be in the bag."""
+    times = [at for _, at, _ in messages]
+    assert not reader.closed
+    assert f'{len(messages)} messages' in reader.note
+    assert (reader.first_ns, reader.last_ns) == (min(times), max(times))
+    for topic, (_, count) in reader.topics.items():
+        expected = [each for each in messages if each[0] == topic]
+        assert count == len(expected)
+        assert of_topic(reader, topic) == expected
+
+
+def times_of(reader, *window):
+    """Return the times of a window's samples [ns], and their first effort."""
+    times, values = Stream(reader, TOPIC, JOINT_NAMES, *window).samples()
+    return times, values[:, 1, 0]
+
+
+@pytest.fixture(scope='module')
+def closed(tmp_path_factory):
+    """A closed bag's file, its bytes and its chunks."""
+    path = tmp_path_factory.mktemp('recorded') / 'bag'
+    damage.write(path)
+    return path / 'bag_0.mcap', (path / 'bag_0.mcap').read_bytes(), chunks(path / 'bag_0.mcap')
+
+
+@settings(max_examples=30)
+@given(st.tuples(*[st.none() | st.floats(0, 4)] * 2).filter(lambda w: None in w or w[0] < w[1]))
+def test_a_window_holds_what_it_holds_in_the_closed_bag(closed, tmp_path_factory, window):
+    file, data, found = closed
+    folder = unclosed(tmp_path_factory.getbasetemp() / 'open', data[: found[-1].end])
+    for one, other in zip(times_of(BagReader(folder), *window), times_of(BagReader(file), *window), strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+def test_a_window_reads_the_chunks_of_the_window(closed, tmp_path, monkeypatch):
+    file, data, found = closed
+    readers = BagReader(unclosed(tmp_path / 'bag', data[:-100])), BagReader(file)
+    read = []
+    unpacked = mcap_file._unpacked
+    monkeypatch.setattr(mcap_file, '_unpacked', lambda record: read.append(record) or unpacked(record))
+    monkeypatch.setattr(mcap_file, 'TOGETHER', 1)
+    for reader in readers:
+        read.clear()
+        times, _ = times_of(reader, 3.8, None)
+        assert len(times) == 10
+        assert len(read) < len(found) / 2
+
+
+def test_a_file_that_grows_is_what_it_was_when_it_was_opened(closed, tmp_path):
+    _, data, found = closed
+    reader = BagReader(unclosed(tmp_path / 'bag', data[: found[20].end + 100]))
+    messages = list(chain.from_iterable(chunk.messages for chunk in found[:21]))
+    check(reader, messages)
+    unclosed(tmp_path / 'bag', data)
+    check(reader, messages)
+
+
+def test_a_file_that_became_another_one_is_one_sentence(closed, tmp_path):
+    _, data, found = closed
+    reader = BagReader(unclosed(tmp_path / 'bag', data[:-100]))
+    for other in (data[: found[20].begin + 50], bytes(len(data))):
+        unclosed(tmp_path / 'bag', other)
+        with pytest.raises(BagError, match=r'is damaged \d+ bytes from its start, .* or is not any more what it was'):
+            of_topic(reader, TOPIC)
+
+
+def test_without_checksums_a_chunk_is_whole_as_far_as_its_records_make_sense(tmp_path):
+    data = bytearray(foreign(tmp_path / 'file', compression=CompressionType.NONE, enable_crcs=False))
+    found = chunks(tmp_path / 'file')
+    hit = found.pop(len(found) // 2)
+    data[hit.end - len(message(0)[1]) - 30] ^= 0x40  # the length of its last message
+    check(BagReader(unclosed(tmp_path / 'bag', data)), list(chain.from_iterable(chunk.messages for chunk in found)))
+
+
+@pytest.mark.parametrize('chunked', [0, 50])
+def test_messages_outside_of_chunks_are_read_too(tmp_path, chunked):
+    outside = foreign(tmp_path / 'outside', range(100), use_chunking=False)
+    inside = foreign(tmp_path / 'inside', range(100, 100 + chunked), compression=CompressionType.NONE)
+    for chunk in chunks(tmp_path / 'inside'):
+        outside += inside[chunk.begin : chunk.end]
+    reader = BagReader(unclosed(tmp_path / 'bag', outside))
+    check(reader, [(TOPIC, *message(k)) for k in range(100 + chunked)])
+    times, _ = times_of(reader, 0.9, 1.2)
+    np.testing.assert_array_equal(times, np.arange(90, min(120, 100 + chunked)) * STEP)
