@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline, PPoly
 from scipy.special import fdtrc
 
-from pendubot_identification.criteria.weak import weak_regression
+from pendubot_identification.criteria.weak import WIDTH, weak_regression
 from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.signals import encoder_step
 from pendubot_identification.trajectories.trajectory import MINIMUM_SAMPLES, Trajectory
@@ -30,8 +30,8 @@ from .effects import MEANINGS, Effect, Read, Seen, catalogue
 
 Array = NDArray[np.float64]
 
-#: The bumps' width and stride [s], and the points at which what is integrated under them is evaluated.
-WIDTH, STRIDE, POINTS = 0.2, 0.02, 24
+#: The bumps' stride [s], and the points at which what is integrated under them is evaluated.
+STRIDE, POINTS = 0.02, 30
 #: The model beside which effects are sought; one without elbow torque has no k2.
 MODEL = 'geared'
 #: Residuals beyond so many robust standard deviations, and beyond this part of the effort, are a burst.
@@ -212,7 +212,7 @@ class _Balances:
 
     @classmethod
     def of(cls, motions: Sequence[Motion], delay: float) -> _Balances:
-        made = [weak_regression(m, MODEL, delay, weights=(1, 1, 1), width=WIDTH, stride=STRIDE) for m in motions]
+        made = [weak_regression(m, MODEL, delay, weights=(1, 1, 1), stride=STRIDE) for m in motions]
         phi, y = np.concatenate([r.phi for r in made]), np.concatenate([r.y for r in made])
         # Of shoulder, elbow and energy the third says nothing new. Without an elbow motor there is no k2.
         phi = phi.reshape(-1, 3, phi.shape[1])[:, :2]
