@@ -21,10 +21,12 @@ from .agreement import contradictions
 from .diagnosis import Fault, diagnose, link_length
 from .estimate import Estimate, Progress
 from .judgement import judge, require_excitation
+from .linear import linear
 from .prediction import Prediction, predict
-from .recipes import Data, estimate, prepared
+from .recipes import SHORTEST, Data, estimate, prepared
 from .selection import TRUST, Comparison, ModelScore
 from .settings import Settings
+from .unexplained import Unexplained, allowing_for, unexplained
 
 Array = NDArray[np.float64]
 
@@ -47,6 +49,7 @@ class Identification:
         smoothing: the window [s] that made the states.
         validation: what the predictions are of, in words.
         link_length: P3 / P5 [m] of the elbow's own equation, and its standard error.
+        unexplained: the torque that no parameters explain; None where it was not looked at.
     """
 
     settings: Settings
@@ -59,6 +62,7 @@ class Identification:
     smoothing: float
     validation: str
     link_length: tuple[float, float]
+    unexplained: Unexplained | None
 
     @property
     def best(self) -> Estimate:
@@ -122,6 +126,17 @@ def identify(
     data = Data.prepare(training, settings)
     groups, whole_judges = prepared(validation, data.smoothing, data.hold)
     judges = sum(groups, ())
+    progress('checking signs, zeros and stamps', 0, 0, np.nan)
+    low, high = settings.delays
+    known = 'rotor' if settings.model == 'auto' else settings.model
+    faults = diagnose(held, data.smoothing, data.hold, known, low if low == high else 0.0, settings.link_length)
+    left = _unexplained(data) if not faults else None
+    if left is not None:
+        notes += left.sentences
+        if not data.long:
+            data = data.without(left.bursts).allowing_for(left.effects, left.delay)
+            judges = tuple(allowing_for(motion, left.effects, left.delay) for motion in judges)
+            whole_judges = judges
     comparison = Comparison(data, progress)
     model, scores = comparison.choose() if settings.model == 'auto' else (settings.model, [])
 
@@ -133,10 +148,7 @@ def identify(
         estimates.append(replace(answer, prediction=Prediction.pool(parts)))
     published = _best(estimates)
 
-    progress('checking signs, zeros and stamps', 0, 0, estimates[published].J)
     length = link_length(data.motions, model, estimates[published].effort.delay)
-    low, high = settings.delays
-    faults = diagnose(held, data.smoothing, data.hold, model, low if low == high else 0.0, settings.link_length)
     # Recordings that have a grave fault in common seem to contradict each other, too; but not for a delay, which is
     # estimated along.
     spoiled = any(f.level is Level.ERROR and f.name not in ('delay', 'motion') for f in faults)
@@ -164,7 +176,18 @@ def identify(
         smoothing=data.smoothing,
         validation='on data that was not used for estimation' if judges else comparison.method,
         link_length=length,
+        unexplained=left,
     )
+
+
+def _unexplained(data: Data) -> Unexplained | None:
+    """Return what no parameters explain of the recordings that are long enough; None by energy alone."""
+    settings = data.settings
+    if settings.criteria == ('energy',):
+        return None
+    delay = linear('weak', data.motions, 'rotor', settings).delay
+    long = [m.recorded for m in data.motions if m.end - m.start >= SHORTEST]
+    return unexplained(long, data.smoothing, data.hold, delay) if long else None
 
 
 def _best(estimates: Sequence[Estimate]) -> int:

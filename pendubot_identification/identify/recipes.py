@@ -32,6 +32,7 @@ from .estimate import Effort, Estimate, Progress, Zeros
 from .linear import Linear, estimate_linear, linear
 from .prediction import state_scale
 from .settings import Settings
+from .unexplained import Burst, Found, allowing_for, between_bursts
 
 Array = NDArray[np.float64]
 Groups = tuple[tuple[Motion, ...], ...]
@@ -128,6 +129,17 @@ class Data:
     def only(self, motions: Sequence[Motion]) -> Data:
         """Return some of the motions, measured by the same scale."""
         return replace(self, groups=tuple((motion,) for motion in motions), whole=tuple(motions))
+
+    def allowing_for(self, found: Sequence[Found], delay: float) -> Data:
+        """Return the motions with what is left of their torques without effects that the models lack."""
+        groups = tuple(tuple(allowing_for(m, found, delay) for m in group) for group in self.groups)
+        return replace(self, groups=groups, whole=tuple(group[0] for group in groups))
+
+    def without(self, bursts: Sequence[Burst]) -> Data:
+        """Return the parts of the recordings that lie between bursts."""
+        parts = [part for m in self.motions for part in between_bursts(m.recorded, bursts)]
+        groups, whole = prepared(parts, self.smoothing, self.hold)
+        return replace(self, groups=groups, whole=whole)
 
     def solve_linear(self, criterion: str, model: str, like: Linear | None = None) -> tuple[Array, float]:
         """Return a quadratic criterion's exact theta, and the delay [s], which may be that of ``like``."""

@@ -53,6 +53,38 @@ class FaultFound:
 
 
 @dataclass(frozen=True, kw_only=True)
+class EffectFound:
+    """An effect that the models lack, see :class:`.unexplained.Found`; ``moved``: P1 to P5 beside it, in parts."""
+
+    name: str
+    where: str
+    share: Number
+    moved: list[Number]
+    sizes: list[Number]
+
+
+@dataclass(frozen=True, kw_only=True)
+class BurstFound:
+    """A torque from nowhere, see :class:`.unexplained.Burst`; times [s] since the recording's start."""
+
+    recording: str
+    begin: float
+    end: float
+    joint: str
+    torque: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class UnexplainedTorque:
+    """What no parameters explain at shoulder and elbow, and what rounded angles make of it, as parts of the effort."""
+
+    share: list[Number]
+    rounding: list[Number]
+    effects: list[EffectFound]
+    bursts: list[BurstFound]
+
+
+@dataclass(frozen=True, kw_only=True)
 class EffortTaken:
     """How the effort was taken [s]; ``linear_lag`` is the delay for who interpolates it linearly between samples."""
 
@@ -254,6 +286,7 @@ class Result(_Vector):
     warnings: list[str]
     consequences: list[str] = field(default_factory=list)
     faults: list[FaultFound] = field(default_factory=list)
+    unexplained_torque: UnexplainedTorque | None = None
     advice: list[str] = field(default_factory=list)
     criterion: str
     model: str

@@ -44,6 +44,7 @@ def result_of(found: Identification, sources: Sequence[Source]) -> Result:
         **answers[best.criterion],
         'not_covered': best.not_covered,
         'faults': found.faults,
+        'unexplained_torque': _unexplained_torque(found),
         'advice': best.advice,
         'criterion': best.criterion,
         'model': best.model,
@@ -80,6 +81,17 @@ def result_of(found: Identification, sources: Sequence[Source]) -> Result:
     }
     result: Result = structured(Result, plain(data), 'this identification')
     return result
+
+
+def _unexplained_torque(found: Identification) -> dict[str, Any] | None:
+    left = found.unexplained
+    if left is None:
+        return None
+    effects = [
+        {'name': e.effect.name, 'where': e.effect.where, 'share': e.share, 'moved': e.moved, 'sizes': e.sizes}
+        for e in left.effects
+    ]
+    return {'share': left.share, 'rounding': left.noise, 'effects': effects, 'bursts': left.bursts}
 
 
 def _answer(e: Estimate, found: Identification) -> dict[str, Any]:
