@@ -23,8 +23,9 @@ os.environ.setdefault('ROS_LOG_DIR', tempfile.mkdtemp(prefix='pendubot-test-log-
 for name in ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE'):
     os.environ.setdefault(name, str(Path(__file__).with_name('discovery.xml')))
 
-# Where the tests themselves were started by nohup, the programs that they start are not.
+# Where the tests themselves were started by nohup or in the background, the programs that they start are not.
 signal.signal(signal.SIGHUP, lambda *_: None)
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # The same examples at every run where nobody watches; new ones at every run by hand. Speed is not a property.
 hypothesis.settings.register_profile('ci', derandomize=True, deadline=None)
@@ -33,7 +34,7 @@ hypothesis.settings.register_profile('thorough', deadline=None, max_examples=200
 hypothesis.settings.load_profile(os.environ.get('HYPOTHESIS_PROFILE', 'ci' if os.environ.get('CI') else 'hand'))
 
 #: These import it.
-collect_ignore_glob = [] if importlib.util.find_spec('rclpy') else ['nodes/test_*', 'cli/test_named_faults.py']
+collect_ignore_glob = [] if importlib.util.find_spec('rclpy') else ['nodes/test_*']
 
 ROOT = Path(__file__).resolve().parent.parent
 RECORDINGS = ROOT.parent / 'shared' / 'recordings'
