@@ -50,6 +50,8 @@ MUCH, MOST_SAID = 0.05, 5
 NOISIEST = 0.15
 #: One that explains so many times more where the encoders round twice is made by their rounding.
 GROWS = 1.5
+#: One that changes a parameter by more than this part of it is not told from the parameters by this motion.
+TOO_FAR = 0.5
 #: An effect of fewer columns is preferred where it explains less by no more than this; no more effects are named.
 ALIKE, MOST_EFFECTS = 0.02, 3
 #: Fewer recordings than this are cut into so many parts, each of which is left out in turn.
@@ -107,7 +109,7 @@ class Unexplained:
     Attributes:
         times: the bumps' centres in each recording [s], shapes (K,).
         torque: of both joints about which the weak form's residuals speak [N m], shapes (K, 2).
-        share: its root mean square over that of the shoulder's effort, of each joint, shape (2,), without bursts.
+        share: its root mean square over that of the effort, of each joint, shape (2,), without bursts.
         noise: what of this the encoders' rounding makes, shape (2,).
         bursts: in the order of time.
         effects: the greatest first.
@@ -164,7 +166,7 @@ def unexplained(trajectories: Sequence[Trajectory], smoothing: float, hold: str,
     balances = _Balances.of(motions, delay)
     again = _Balances.of([_read_again(m, smoothing, hold, seed) for seed, m in enumerate(motions)], delay)
     base, y = balances.phi, balances.y
-    effort = float(np.sqrt((y[:, 0] ** 2).mean()))
+    effort = float(np.sqrt((y**2).sum(axis=1).mean())) + np.finfo(float).tiny
     states = np.concatenate([m.smoothed(m.smoothed.x)[:, :2] for m in motions])
     greatest = max(float(np.abs(m.recorded.tau[:, 0]).max()) for m in motions)
     effects = list(catalogue(greatest, tuple(np.ptp(states, axis=0))))
@@ -172,10 +174,11 @@ def unexplained(trajectories: Sequence[Trajectory], smoothing: float, hold: str,
     for _ in range(2):  # an effect may look like bursts, and bursts hide effects
         columns = np.concatenate([base, *beside], axis=2)
         noise = again.left(_solved(base, y)) - balances.left(_solved(base, y))
-        kept, weight = _without_bursts(columns, y, np.sqrt((noise**2).mean(axis=0)), LEAST_BURST * effort)
+        size = np.sqrt((noise**2).mean(axis=0))
+        kept, weight = _without_bursts(columns, y, size, LEAST_BURST * effort, balances.recordings)
         theta = _solved((base * weight)[kept], (y * weight[:, 0])[kept])
         of_one, of_other = ([each.columns(effect, theta) for effect in effects] for each in (balances, again))
-        clear = np.sqrt((noise**2).mean(axis=0)).max() < NOISIEST * effort
+        clear = size.max() < NOISIEST * effort
         named = list(_named(balances, effects, of_one, weight, kept)) if clear else []
         true = _not_noise([(balances, of_one), (again, of_other)], [number for number, _ in named], weight, kept)
         named = named[:true]
@@ -256,10 +259,15 @@ class _Balances:
         return np.split(rows, np.cumsum([len(centres) for centres in self.t])[:-1])
 
     @property
+    def recordings(self) -> NDArray[np.intp]:
+        """The number of each bump's recording, shape (K,)."""
+        return np.repeat(np.arange(len(self.t)), [len(centres) for centres in self.t])
+
+    @property
     def folds(self) -> NDArray[np.intp]:
         """The number of what is left out in turn, shape (K,): a recording or, of few, a part of the time."""
         if len(self.t) >= FEWEST_RECORDINGS:
-            return np.repeat(np.arange(len(self.t)), [len(centres) for centres in self.t])
+            return self.recordings
         return np.arange(len(self.y)) * FOLDS // len(self.y)
 
 
@@ -312,19 +320,27 @@ def _read_again(motion: Motion, smoothing: float, hold: str, seed: int) -> Motio
     return Motion.prepare(replace(recorded, q=recorded.q + error), smoothing, hold)
 
 
-def _without_bursts(base: Array, y: Array, noise: Array, least: float) -> tuple[NDArray[np.bool_], Array]:
+def _without_bursts(
+    phi: Array, y: Array, noise: Array, least: float, recordings: NDArray[np.intp]
+) -> tuple[NDArray[np.bool_], Array]:
     """Return which bumps are no bursts, shape (K,), and the weights of both joints, shape (2, 1)."""
     kept, weight = np.ones(len(y), dtype=bool), np.ones((2, 1))
     for _ in range(ROUNDS):
-        theta = _solved((base * weight)[kept], (y * weight[:, 0])[kept])
-        residual = np.abs(y - base @ theta)
-        sigma = np.maximum(1.4826 * np.median(residual, axis=0), noise) + np.finfo(float).tiny
-        weight = (sigma[0] / sigma)[:, None]
-        outlying = (residual > np.maximum(OUTLYING * sigma, least)).any(axis=1)
+        left = np.abs(y - phi @ _solved((phi * weight)[kept], (y * weight[:, 0])[kept]))
+        spread = np.maximum(1.4826 * np.median(left, axis=0), noise) + np.finfo(float).tiny
+        weight = (spread[0] / spread)[:, None]
+        limit = np.maximum(OUTLYING * spread, least)
+        outlying = (left > limit).any(axis=1)
         around = np.convolve(outlying, np.ones(2 * round(WIDTH / STRIDE / 2) + 1), 'same') > 0
         if (around == ~kept).all() or around.mean() > MOST_BURSTS:
             break
         kept = ~around
+    # Where recordings contradict each other, the rest of one explains what seemed to come from nowhere in it.
+    for number in np.unique(recordings[~kept]):
+        own = recordings == number
+        theta = _solved((phi * weight)[own & kept], (y * weight[:, 0])[own & kept])
+        if not (np.abs(y - phi @ theta)[own & ~kept] > limit).any():
+            kept |= own
     return kept, weight
 
 
@@ -372,12 +388,11 @@ def _named(
         found = []
         for c in left:
             size, freedom = len(places[c]), independent - len(taken) - len(places[c])
-            rest = _squares(whole, taken + places[c])
-            if (
-                freedom > 0
-                and fdtrc(size, freedom, (alone / rest - 1) * freedom / size) * len(candidates) < SIGNIFICANT
-            ):
-                found.append((1 - _left_out(of_fold, taken + places[c]) / left_out, c))
+            better = alone / max(_squares(whole, taken + places[c]), np.finfo(float).tiny) - 1
+            if freedom > 0 and fdtrc(size, freedom, better * freedom / size) * len(candidates) < SIGNIFICANT:
+                rest = _left_out(of_fold, taken + places[c])
+                if (rest < left_out).all():  # else it tells a recording from others, or one time from another
+                    found.append((1 - rest.sum() / left_out.sum(), c))
         if not found or max(found)[0] < pays:
             return
         # Of those that explain nearly as much, the simplest.
@@ -385,8 +400,10 @@ def _named(
         taken = taken + places[best]
         left = [c for c in left if effects[c].name != effects[best].name]
         solution = _least(whole, taken)
-        sizes = solution[-len(places[best]) :] * scale[-1] / scale[places[best]]
         now = solution[:5]
+        if np.abs(now / physical - 1).max() > TOO_FAR:
+            return
+        sizes = solution[-len(places[best]) :] * scale[-1] / scale[places[best]]
         yield best, Found(effects[best], sizes, float(share), (now - physical) / physical)
 
 
@@ -418,17 +435,16 @@ def _least(products: Array, which: list[int]) -> Array:
     return np.asarray(np.linalg.lstsq(products[np.ix_(which, which)], products[which, -1], rcond=1e-12)[0])
 
 
+def _left_out(of_fold: Array, which: list[int]) -> Array:
+    """Return the sum of squares that is left of each fold by what the others are explained with, shape (F,)."""
+    whole, left = of_fold.sum(axis=0), []
+    for products in of_fold:
+        x = np.append(_least(whole - products, which), -1.0)
+        left.append(float(x @ products[np.ix_([*which, -1], [*which, -1])] @ x))
+    return np.array(left)
+
+
 def _squares(products: Array, which: list[int]) -> float:
     """Return the sum of squares that some columns leave."""
     x = np.append(_least(products, which), -1.0)
     return float(x @ products[np.ix_([*which, -1], [*which, -1])] @ x)
-
-
-def _left_out(of_fold: Array, which: list[int]) -> float:
-    """Return the sum of squares that is left of each fold by what the others are explained with."""
-    whole, total = of_fold.sum(axis=0), 0.0
-    for products in of_fold:
-        x = np.append(_least(whole - products, which), -1.0)
-        own = products[np.ix_([*which, -1], [*which, -1])]
-        total += float(x @ own @ x)
-    return total
