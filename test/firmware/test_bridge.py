@@ -145,7 +145,7 @@ def test_1_khz_reaches_the_bridge_whole_and_its_watchdog_outlasts_the_bridge(boa
     # QEMU's time may run behind, with samples from before.
     stopped = events[next(k for k, e in enumerate(events) if e.status & Status.WATCHDOG) :]
     assert all(e.torque == 0 and e.status & Status.WATCHDOG for e in stopped), f'{away:.2f} s after the kill'
-    assert len(events) > 500
+    assert len(stopped) > 100
 
 
 @both
