@@ -22,7 +22,7 @@ class TrajectoryError(PendubotError):
 
 
 class ExcitationError(PendubotError):
-    """A motion from which some parameters cannot be told."""
+    """A motion from which some parameters are not identifiable."""
 
 
 class BagError(PendubotError):

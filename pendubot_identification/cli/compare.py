@@ -137,8 +137,8 @@ def _predictions(
         motions = [Motion.prepare(part, smoothing, result.effort.hold) for part in parts]
         prediction = predict(motions, result.theta.vector(), result.effort.delay, state_scale(motions))
         errors.append(prediction.error)
-        still = prediction.standing_still
+        still = prediction.persistence
         if _common([(recorded.sha256, *span(recorded.trajectory))], used[name]):
             notes.append(f'{name} was estimated from a part of {recorded.window}: of that it knows more than it should')
-    found = {'on': str(recorded.window), 'horizons': HORIZONS, 'error': errors, 'standing_still': still}
+    found = {'on': str(recorded.window), 'horizons': HORIZONS, 'error': errors, 'persistence': still}
     return dict(plain(found))

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The torque that makes a rig move so that its parameters can be told: the paper's pulse train (its Section 4.4)."""
+"""The torque that makes the parameters identifiable: the paper's pulse train (its Section 4.4)."""
 
 from __future__ import annotations
 

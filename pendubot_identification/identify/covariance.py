@@ -75,12 +75,12 @@ def trajectory_covariance(found: TrajectoryFit, groups: str = 'recordings') -> t
             moved, _ = _freed(found)
             covariance += np.outer(moved, moved)
             words += "; the recordings' zeros too"
-    untold = _untold(information, free)
-    covariance[untold, untold] = np.inf
+    unidentifiable = _unidentifiable(information, free)
+    covariance[unidentifiable, unidentifiable] = np.inf
     std_error = np.sqrt(np.diag(covariance))
-    told = free & ~untold
-    if told.any():
-        inflation = np.median(std_error[told] / np.sqrt(np.diag(inverse))[told])
+    identifiable = free & ~unidentifiable
+    if identifiable.any():
+        inflation = np.median(std_error[identifiable] / np.sqrt(np.diag(inverse))[identifiable])
         everything = np.sqrt(np.diag(_inverse(information, np.ones_like(free))))
         std_error = np.where(free, std_error, inflation * everything)
     covariance[~free], covariance[:, ~free] = np.nan, np.nan
@@ -93,7 +93,7 @@ def correlations(information: Array, free: NDArray[np.bool_]) -> Array:
     They are NaN in the rows and columns of what is not free, and of what has a part in a direction that nothing tells.
     """
     covariance = _inverse(information, free)
-    deviation = np.sqrt(np.where(free & ~_untold(information, free), np.diag(covariance), np.nan))
+    deviation = np.sqrt(np.where(free & ~_unidentifiable(information, free), np.diag(covariance), np.nan))
     return np.asarray(covariance / deviation / deviation[:, None])
 
 
@@ -120,9 +120,9 @@ def estimated_zeros(found: TrajectoryFit, recordings: int) -> tuple[Array, Array
     blocks, _ = _blocks(found, ZEROS_BLOCK)
     without = [_freed(found, blocks != k)[1].ravel() for k in range(blocks.max() + 1)]
     angles, std_error = np.full((2, 2, recordings), np.nan)
-    told = np.unique(found.group)
-    angles[:, told] = _freed(found)[1]
-    std_error[:, told] = np.sqrt(np.diag(_jackknife(np.array(without))[0])).reshape(2, -1)
+    identifiable = np.unique(found.group)
+    angles[:, identifiable] = _freed(found)[1]
+    std_error[:, identifiable] = np.sqrt(np.diag(_jackknife(np.array(without))[0])).reshape(2, -1)
     return angles, std_error
 
 
@@ -164,29 +164,29 @@ def _blocks(found: TrajectoryFit, longest: float) -> tuple[NDArray[np.intp], str
     return np.unique(labels, axis=0, return_inverse=True)[1].ravel(), f'blocks of {block:.2g} s'
 
 
-def _untold(information: Array, free: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _unidentifiable(information: Array, free: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Return which free unknowns have a part in a direction that nothing tells, shape (G,)."""
-    untold = free & (np.diag(information) <= 0)
-    _, vectors = _told(_scaled(information[np.ix_(free, free)])[0])
-    untold[free] |= (vectors**2).sum(axis=1) < 1 - 1e-6
-    return untold
+    unidentifiable = free & (np.diag(information) <= 0)
+    _, vectors = _identifiable(_scaled(information[np.ix_(free, free)])[0])
+    unidentifiable[free] |= (vectors**2).sum(axis=1) < 1 - 1e-6
+    return unidentifiable
 
 
-def _told(scaled: Array) -> tuple[Array, Array]:
-    """Return the eigenvalues and eigenvectors of the directions that are told.
+def _identifiable(scaled: Array) -> tuple[Array, Array]:
+    """Return the eigenvalues and eigenvectors of the identifiable directions.
 
     Rounding makes those of a singular matrix a little positive or negative: a variance below 0 is none.
     """
     values, vectors = np.linalg.eigh(scaled)
-    told = values > len(values) * np.finfo(float).eps * values.max(initial=0.0)
-    return values[told], vectors[:, told]
+    identifiable = values > len(values) * np.finfo(float).eps * values.max(initial=0.0)
+    return values[identifiable], vectors[:, identifiable]
 
 
 def _inverse(information: Array, free: NDArray[np.bool_]) -> Array:
     """Return the pseudo-inverse of what is free; the rest is 0."""
     result = np.zeros_like(information)
     scaled, scale = _scaled(information[np.ix_(free, free)])
-    values, vectors = _told(scaled)
+    values, vectors = _identifiable(scaled)
     result[np.ix_(free, free)] = (vectors / values) @ vectors.T / scale / scale[:, None]
     return result
 

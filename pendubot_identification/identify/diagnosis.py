@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What is wrong with the conventions of a recording: signs, order, zeros and stamps, told from the motion itself.
+"""What is wrong with the conventions of a recording: signs, order, zeros and stamps, from the motion itself.
 
 A recording that breaks a convention is poorly explained by any physical parameters, and well explained once it is put
 right. So every known fault is put right on trial, and named where that makes the weak criterion fall markedly, to what

@@ -163,7 +163,7 @@ class Estimate:
             if not self.free[k]:
                 found[NAMES[k]] = 'on its bound'
             elif not np.isfinite(reach):
-                found[NAMES[k]] = 'not told by this motion'
+                found[NAMES[k]] = 'not identifiable from this motion'
             elif reach >= value:
                 found[NAMES[k]] = 'its 95 % interval reaches 0'
             elif reach > WIDE * value:

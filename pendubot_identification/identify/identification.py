@@ -103,7 +103,7 @@ def identify(
 
     Raises:
         TrajectoryError: a motion that is too short or has gaps.
-        ExcitationError: a motion from which some parameters cannot be told.
+        ExcitationError: a motion from which some parameters are not identifiable.
     """
     settings = settings or Settings()
     progress = progress or (lambda what, done, of, best: None)

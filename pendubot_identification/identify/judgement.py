@@ -30,7 +30,7 @@ Array = NDArray[np.float64]
 SEVEN = NAMES[: MODELS['viscous']]
 #: Motion of either joint below this [rad] is noise.
 STILL = 0.02
-#: Parameters to which the residuals respond this much less than to the strongest are not told by the motion.
+#: Parameters to which the residuals respond this much less than to the strongest are not identifiable.
 SILENT = 1e-6
 #: J above this fraction of what zero parameters leave: energy and work have little to do with each other.
 UNBALANCED = 0.5
@@ -47,7 +47,7 @@ NEARLY_SINGULAR = 0.999
 
 
 def require_excitation(training: Sequence[Trajectory], settings: Settings) -> None:
-    """Refuse motions from which some parameters cannot be told.
+    """Refuse motions from which some parameters are not identifiable.
 
     Raises:
         ExcitationError: it names the parameters.
@@ -57,7 +57,7 @@ def require_excitation(training: Sequence[Trajectory], settings: Settings) -> No
     if (moved < STILL).all():
         raise ExcitationError(
             f'{names}: the joints moved by only {moved[0]:.3g} and {moved[1]:.3g} rad, so none of {", ".join(SEVEN)} '
-            'can be told; excite the rig and record again, or choose a window in which it moves'
+            'is identifiable; excite the rig and record again, or choose a window in which it moves'
         )
     smoothing = SMOOTHING if settings.smoothing is None else settings.smoothing
     regressions = [energy_regression(motion, settings.sliding, smoothing) for motion in training]
@@ -67,7 +67,7 @@ def require_excitation(training: Sequence[Trajectory], settings: Settings) -> No
         joints = zip(('shoulder', 'elbow'), moved, strict=True)
         still = next((f' (the {joint} moved by only {m:.3g} rad)' for joint, m in joints if m < STILL), '')
         raise ExcitationError(
-            f'{names}: {", ".join(np.array(SEVEN)[silent])} cannot be told apart from this motion{still}; excite both '
+            f'{names}: {", ".join(np.array(SEVEN)[silent])} are not identifiable from this motion{still}; excite both '
             'joints at changing speeds, or choose another window'
         )
     if not criterion(np.zeros(len(SEVEN))):
@@ -137,7 +137,7 @@ def _failures(e: Estimate, settings: Settings) -> Iterator[str]:
             f'energy and work do not balance: J is {100 * e.unexplained:.0f} % of what it is with all parameters zero; '
             'look at the signs of angles and torque, at the zero of q1, and at their units'
         )
-    worse = e.prediction.error[:JUDGED] > e.prediction.standing_still[:JUDGED]
+    worse = e.prediction.error[:JUDGED] > e.prediction.persistence[:JUDGED]
     if worse.any():
         ahead = ', '.join(f'{h:g} s' for h, w in zip(HORIZONS, worse, strict=False) if w)
         yield (
@@ -149,10 +149,10 @@ def _failures(e: Estimate, settings: Settings) -> Iterator[str]:
 def _doubts(e: Estimate, settings: Settings) -> Iterator[str]:
     """Say what speaks against trusting the result."""
     theta, bounds, names = e.theta, settings.box(e.model), np.array(NAMES)
-    untold = np.isinf(e.std_error)
-    if untold.any():
+    unidentifiable = np.isinf(e.std_error)
+    if unidentifiable.any():
         yield (
-            f'cannot be told: {", ".join(names[: len(theta)][untold])}; the residuals do not depend on them '
+            f'not identifiable: {", ".join(names[: len(theta)][unidentifiable])}; the residuals do not depend on them '
             '(the information matrix is singular): excite both joints more, or choose another window'
         )
     elif e.condition_number > ILL_CONDITIONED:
@@ -166,7 +166,7 @@ def _doubts(e: Estimate, settings: Settings) -> Iterator[str]:
     for k in np.flatnonzero(~e.free & (matters | high_half)):
         nearest = _nearest_bound(theta, bounds)[k]
         yield f'{NAMES[k]} lies on its bound {nearest:g} {UNITS[k]}: the data ask for a value beyond'
-    poor = e.free & ~e.determined & ~untold & matters
+    poor = e.free & ~e.determined & ~unidentifiable & matters
     if poor.any():
         poorest = ', '.join(names[: len(theta)][poor])
         yield f'poorly determined: the standard error of {poorest} exceeds half the value'

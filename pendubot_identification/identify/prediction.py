@@ -47,7 +47,7 @@ class Prediction:
         return np.asarray(np.sqrt((self.errors**2).mean(axis=1)))
 
     @property
-    def standing_still(self) -> Array:
+    def persistence(self) -> Array:
         """The same of a rig that keeps its state, shape (H,)."""
         return np.asarray(np.sqrt((self.still**2).mean(axis=1)))
 

@@ -223,10 +223,10 @@ def _estimate_trajectory(data: Data, judges: Sequence[Motion], model: str, progr
     if settings.optimizer == 'mde':
         mde, several = settings.search('trajectory', model)
 
-        def told(generation: int, best: float) -> None:
+        def report(generation: int, best: float) -> None:
             progress('trajectory: MDE', generation, mde.generations, best)
 
-        runs = search(motions, bounds, scale, mde, several, settings.seed, told)
+        runs = search(motions, bounds, scale, mde, several, settings.seed, report)
         theta, delay = runs.x[runs.best], settings.least_delay
         steps = [
             f'MDE from anywhere within the bounds: {several} runs, up to {int(runs.generations.max())} '

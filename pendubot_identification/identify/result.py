@@ -127,7 +127,7 @@ class Predicted:
 
     horizons: list[float]
     error: list[Number]
-    standing_still: list[Number]
+    persistence: list[Number]
     fit: dict[str, list[Number]]
     starts: list[int]
 

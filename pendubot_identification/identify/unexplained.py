@@ -50,7 +50,7 @@ MUCH, MOST_SAID = 0.05, 5
 NOISIEST = 0.15
 #: One that explains so many times more where the encoders round twice is made by their rounding.
 GROWS = 1.5
-#: One that changes a parameter by more than this part of it is not told from the parameters by this motion.
+#: One that changes a parameter by more than this part of it is not identifiable beside the parameters.
 TOO_FAR = 0.5
 #: An effect of fewer columns is preferred where it explains less by no more than this; no more effects are named.
 ALIKE, MOST_EFFECTS = 0.02, 3

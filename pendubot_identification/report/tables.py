@@ -133,7 +133,7 @@ def prediction_table(result: Result) -> Table:
     """Return a row a horizon and a column a criterion: how far simulation ends from what was measured."""
     columns = {head: f'criteria.{name}.prediction.error' for name, head in _heads(result).items()}
     note = f'errors of simulated states in their standard deviations, {result.prediction.method}'
-    return _by_horizon(result, 'error after ', columns | {'persistence': 'prediction.standing_still'}, '.3f', [note])
+    return _by_horizon(result, 'error after ', columns | {'persistence': 'prediction.persistence'}, '.3f', [note])
 
 
 def fit_table(result: Result) -> Table:
@@ -323,7 +323,7 @@ def comparison(compared: Mapping[str, Any]) -> str:
     note = 'z: the difference from A in standard errors of both together'
     tables = [Table(['', *letters, *(f'z of {letter} - A' for letter in letters[1:])], rows, [note])]
     if 'on' in compared:
-        columns = zip(compared['horizons'], *compared['error'], compared['standing_still'], strict=True)
+        columns = zip(compared['horizons'], *compared['error'], compared['persistence'], strict=True)
         rows = [[f'error after {horizon:g} s', *(Number(e, '.3f') for e in errors)] for horizon, *errors in columns]
         note = f'errors of simulated states in their standard deviations, on {compared["on"]}'
         tables.append(Table(['', *letters, 'persistence'], rows, [note]))

@@ -35,7 +35,7 @@ def provenance(result: Exported) -> list[str]:
 def as_yaml(result: Exported) -> str:
     """Return parameters for ``--params-file`` of any node: P1, P2, ... under ``/**``."""
     parameters = _vector(result)
-    comments = [*provenance(result), *(f'{name}: {_told(name, entry)}' for name, entry in parameters.items())]
+    comments = [*provenance(result), *(f'{name}: {_described(name, entry)}' for name, entry in parameters.items())]
     values = {name: entry.value for name, entry in parameters.items()}
     content = yaml.safe_dump({'/**': {'ros__parameters': values}}, sort_keys=False)
     return ''.join(f'# {line}\n' for line in comments) + content
@@ -51,7 +51,7 @@ def as_matlab(result: Exported) -> str:
     parameters = _vector(result)
     lines = [
         *(f'% {line}' for line in provenance(result)),
-        *(f'pendubot.{name} = {_number(e.value)};  % {_told(name, e)}' for name, e in parameters.items()),
+        *(f'pendubot.{name} = {_number(e.value)};  % {_described(name, e)}' for name, e in parameters.items()),
         f'pendubot.theta = [{" ".join(_number(entry.value) for entry in parameters.values())}];',
         f'pendubot.std_error = [{" ".join(_number(entry.std_error) for entry in parameters.values())}];',
         f'pendubot.names = {{{", ".join(repr(name) for name in parameters)}}};',
@@ -69,7 +69,10 @@ def as_c(result: Exported) -> str:
         '#ifndef PENDUBOT_PARAMETERS_H',
         '#define PENDUBOT_PARAMETERS_H',
         '',
-        *(f'#define PENDUBOT_{name} ({_number(e.value)})  /* {_told(name, e)} */' for name, e in parameters.items()),
+        *(
+            f'#define PENDUBOT_{name} ({_number(e.value)})  /* {_described(name, e)} */'
+            for name, e in parameters.items()
+        ),
         '',
         f'#define PENDUBOT_COUNT {len(parameters)}',
         f'#define PENDUBOT_THETA {{{", ".join(f"PENDUBOT_{name}" for name in parameters)}}}',
@@ -90,7 +93,7 @@ def _vector(result: Exported) -> dict[str, Parameter]:
     return {name: result.parameters.get(name, Parameter(value=0.0)) for name in NAMES[:size]}
 
 
-def _told(name: str, entry: Parameter) -> str:
+def _described(name: str, entry: Parameter) -> str:
     """Return unit, meaning, and how certain."""
     unit, meaning = MEANINGS[name]
     error = entry.std_error

@@ -32,6 +32,8 @@ Array = NDArray[np.float64]
 #: Generations of which a result file tells the best values.
 SHOWN_GENERATIONS = 30
 REQUIRED = NAMES[: MODELS['viscous']]
+#: A name of the first files of this schema, and what it is called now.
+EARLIER = ('standing_still:', 'persistence:')
 
 
 def result_of(found: Identification, sources: Sequence[Source]) -> Result:
@@ -142,7 +144,7 @@ def _answer(e: Estimate, found: Identification) -> dict[str, Any]:
         'prediction': {
             'horizons': HORIZONS,
             'error': prediction.error,
-            'standing_still': prediction.standing_still,
+            'persistence': prediction.persistence,
             'fit': dict(zip(('q1', 'q2', 'dq1', 'dq2'), prediction.fit.T, strict=True)),
             'starts': prediction.starts,
         },
@@ -177,7 +179,7 @@ def _read(path: Path) -> dict[str, Any]:
         ResultError: there is no such file, it is no result of this schema, or it names no parameter vector.
     """
     try:
-        data = yaml.safe_load(path.read_text(encoding='utf-8'))
+        data = yaml.safe_load(path.read_text(encoding='utf-8').replace(*EARLIER))
     except OSError as error:
         raise ResultError(
             f'{path} cannot be read ({error.strerror}); name a file that pendubot identify wrote'

@@ -212,7 +212,7 @@ def real(job):
             told.append(f'{name}: train and test agree but for {[NAMES[k] for k in np.flatnonzero(off)]} of {off.size}')
     published = [predicted(role, replace(found, theta=PUBLISHED[group])) for role in roles]
     errors['published'] = [error for prediction in published for error in prediction.error]
-    errors['standing still'] = [error for prediction in published for error in prediction.standing_still]
+    errors['persistence'] = [error for prediction in published for error in prediction.persistence]
     return group, estimates, errors, told
 
 

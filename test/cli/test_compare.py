@@ -66,7 +66,7 @@ def test_they_stand_side_by_side_with_what_each_predicts_of_a_bag(compared, run)
     assert 'error after 0.5 s' in out
     assert 'persistence' in out
     found = compared('a.yaml', 'b.yaml', '--on', f'{SAMPLE}@9:18')
-    assert all(w < e < s for e, w, s in zip(*found['error'], found['standing_still'], strict=True))
+    assert all(w < e < s for e, w, s in zip(*found['error'], found['persistence'], strict=True))
 
 
 @pytest.mark.parametrize(('window', 'shared'), [('0:4', True), ('3:7', True), ('4:8', False)])

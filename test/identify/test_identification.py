@@ -334,7 +334,7 @@ def test_the_one_recording_whose_elbow_is_turned_round_is_named():
 
 
 @pytest.mark.parametrize('what', ['torque at random', 'angles at random', 'in quarter turns'])
-def test_what_is_not_physical_or_worse_than_standing_still_is_never_ok(what):
+def test_what_is_not_physical_or_worse_than_persistence_is_never_ok(what):
     motion, rng = recording(300, seed=2), np.random.default_rng(1)
     broken = {
         'torque at random': replace(motion, tau=rng.permutation(motion.tau)),
@@ -345,7 +345,7 @@ def test_what_is_not_physical_or_worse_than_standing_still_is_never_ok(what):
     assert result.level > Level.OK
     assert result.warnings
     for estimate in result.estimates:
-        worse = (estimate.prediction.error[:3] > estimate.prediction.standing_still[:3]).any()
+        worse = (estimate.prediction.error[:3] > estimate.prediction.persistence[:3]).any()
         if Parameters.from_vector(estimate.theta).unphysical() or worse:
             assert estimate.level is Level.ERROR
         assert abs(estimate.theta[2]) <= np.sqrt(estimate.theta[0] * estimate.theta[1])
@@ -427,7 +427,7 @@ AT_REST = np.tile(HANGING, (300, 1))
         (replace(MOTION, q=AT_REST, tau=0 * MOTION.tau), 'moved by only 0 and 0 rad, so none of P1'),
         (
             replace(MOTION, q=np.column_stack([MOTION.q[:, 0], AT_REST[:, 1]])),
-            r'P1, P2, P3.* cannot be told apart.*elbow moved by only 0 rad',
+            r'P1, P2, P3.* are not identifiable.*elbow moved by only 0 rad',
         ),
         (replace(MOTION, tau=0 * MOTION.tau), 'the torque does no work'),
         (MOTION[(MOTION.t < 1.5) | (MOTION.t > 1.8)], r'without a sample begin at 1\.490 s'),
@@ -481,7 +481,7 @@ PUBLISHED = np.array([0.0596, 0.0505, 0.0320, 0.2298, 0.1600, 0.001, 0.001, 0.25
 
 
 @pytest.mark.recordings
-def test_a_real_rig_is_predicted_better_than_by_standing_still_and_by_what_is_published():
+def test_a_real_rig_is_predicted_better_than_by_persistence_and_by_what_is_published():
     motions = [motion.window(0, 4) for motion in recorded('dfki_C1_sysid', 'train')[:2]]
     result = identify(motions, motions[:1], Settings(('trajectory',), 'rotor', hold='zero'))
     prepared = [Motion.prepare(m, result.smoothing, result.best.effort.hold) for m in motions]
@@ -489,7 +489,7 @@ def test_a_real_rig_is_predicted_better_than_by_standing_still_and_by_what_is_pu
     own, published = (
         predict(prepared, theta, result.best.effort.delay, scale).error[:3] for theta in (result.best.theta, PUBLISHED)
     )
-    assert (own < predict(prepared, PUBLISHED, 0.0, scale).standing_still[:3] / 2).all()
+    assert (own < predict(prepared, PUBLISHED, 0.0, scale).persistence[:3] / 2).all()
     assert (own < 0.8 * published).all()
     assert not Parameters.from_vector(result.best.theta).unphysical()
     assert not result.best.exact

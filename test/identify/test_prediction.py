@@ -33,7 +33,7 @@ def test_the_truth_predicts_exactly_and_nothing_else_does(model, delay):
     assert (prediction.starts > 20).all()
     assert (predict(motions, vector(model), 0.004 * delay + 0.02, scale).error > 0.005).all()
     assert (predict(motions, vector(model) * 1.5, 0.004 * delay, scale).error[1:] > 0.001).all()
-    assert (prediction.standing_still > 0.05).all()
+    assert (prediction.persistence > 0.05).all()
 
 
 def accelerations(P1, P2, P3, P4, P5, b1, b2, q1, q2, v1, v2, torque):
@@ -69,10 +69,10 @@ def test_errors_are_those_of_an_integration_by_other_means():
     np.testing.assert_allclose(prediction.errors[row], np.sqrt(np.mean(np.square(off), axis=0)), rtol=1e-4)
     np.testing.assert_allclose(prediction.still[row], np.sqrt(np.mean(np.square(still), axis=0)), rtol=1e-4)
     np.testing.assert_allclose(prediction.error[row], np.sqrt(np.mean(np.square(off))), rtol=1e-4)
-    np.testing.assert_allclose(prediction.standing_still[row], np.sqrt(np.mean(np.square(still))), rtol=1e-4)
+    np.testing.assert_allclose(prediction.persistence[row], np.sqrt(np.mean(np.square(still))), rtol=1e-4)
 
 
-def test_standing_still_is_the_change_of_the_states_themselves():
+def test_persistence_is_the_change_of_the_states_themselves():
     t = np.arange(300) * 0.01
     q = np.column_stack([0.3 * t, -2 * t])
     motion = Motion.prepare(Trajectory(t, q, np.zeros_like(q)), 0.0)

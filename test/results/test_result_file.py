@@ -285,9 +285,11 @@ def test_a_result_of_an_earlier_version_is_read(tmp_path):
     for bag in data['bags']:
         del bag['topic'], bag['joint_names'], bag['stretches']
     del data['not_covered'], data['faults']
-    (tmp_path / 'r.yaml').write_text(yaml.safe_dump(data, sort_keys=False))
+    text = yaml.safe_dump(data, sort_keys=False).replace('persistence:', 'standing_still:')
+    (tmp_path / 'r.yaml').write_text(text)
     result = read_whole_result(tmp_path / 'r.yaml')
     assert (result.parameters, result.J, result.made_by) == ((now := made()).parameters, now.J, now.made_by)
+    assert result.prediction == now.prediction
     assert result.not_covered is None
     assert result.bags[0].topic == '/joint_states'
 
