@@ -40,6 +40,8 @@ OUTLYING, LEAST_BURST = 8.0, 0.05
 MOST_BURSTS, ROUNDS = 0.3, 5
 #: An effect is named that explains this part of what was unexplained, on data that did not fit it too, ...
 PAYS = 0.04
+#: ... and this part of what is beyond rounding: on real rigs anything explains a little of all that is unexplained, ...
+MAIN = 0.25
 #: ... or this one, where samples are farther apart than this [s] and do not show all of a fast motion, ...
 PAYS_COARSE, COARSE = 0.3, 0.02
 #: ... at this level of significance, of all effects that are tried together.
@@ -179,7 +181,8 @@ def unexplained(trajectories: Sequence[Trajectory], smoothing: float, hold: str,
         theta = _solved((base * weight)[kept], (y * weight[:, 0])[kept])
         of_one, of_other = ([each.columns(effect, theta) for effect in effects] for each in (balances, again))
         clear = size.max() < NOISIEST * effort
-        named = list(_named(balances, effects, of_one, weight, kept)) if clear else []
+        rounding = float(((noise * weight[:, 0])[kept] ** 2).sum())
+        named = list(_named(balances, effects, of_one, weight, kept, rounding)) if clear else []
         true = _not_noise([(balances, of_one), (again, of_other)], [number for number, _ in named], weight, kept)
         named = named[:true]
         beside = [of_one[number] for number, _ in named]
@@ -364,7 +367,12 @@ def _bursts(balances: _Balances, kept: NDArray[np.bool_], left: Array) -> Iterat
 
 
 def _named(
-    balances: _Balances, effects: list[Effect], candidates: list[Array], weight: Array, kept: NDArray[np.bool_]
+    balances: _Balances,
+    effects: list[Effect],
+    candidates: list[Array],
+    weight: Array,
+    kept: NDArray[np.bool_],
+    rounding: float,
 ) -> Iterator[tuple[int, Found]]:
     """Return the effects that are significant and pay on data that did not fit them, and which candidates they are.
 
@@ -393,7 +401,8 @@ def _named(
                 rest = _left_out(of_fold, taken + places[c])
                 if (rest < left_out).all():  # else it tells a recording from others, or one time from another
                     found.append((1 - rest.sum() / left_out.sum(), c))
-        if not found or max(found)[0] < pays:
+        beyond = 1 - rounding / (alone * scale[-1] ** 2)
+        if not found or max(found)[0] < max(pays, MAIN * beyond):
             return
         # Of those that explain nearly as much, the simplest.
         share, best = min((f for f in found if f[0] > max(found)[0] - ALIKE), key=lambda f: len(places[f[1]]))
