@@ -10,9 +10,11 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --constr
 demo: $(VENV)/.ros
 	$(BIN)/pendubot demo
 
-# Two processes, each of one thread, so that live programs run beside what computes.
+# Two processes, each of one thread, so that live programs run beside what computes; the fault trials by themselves.
 test: $(VENV)/.test
-	PENDUBOT_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses 2 --dist loadfile --no-loadscope-reorder
+	PENDUBOT_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses 2 --dist loadfile \
+		--no-loadscope-reorder --ignore test/faults
+	$(BIN)/python -m pytest test/faults
 
 lint: $(VENV)/.test
 	$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/mypy && $(BIN)/lint-imports
