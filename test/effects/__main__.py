@@ -46,7 +46,11 @@ def trial(job):
         'level': found.level.name,
         'criterion': best.criterion,
         'model': best.model,
-        'named': [*(fault.name for fault in found.faults)],
+        'named': [
+            *(fault.name for fault in found.faults),
+            *(each.effect.name for each in (found.unexplained.effects if found.unexplained else ())),
+            *(['burst'] if found.unexplained and found.unexplained.bursts else ()),
+        ],
         'warnings': list(found.warnings),
         'error': {n: float(values[n] / truth[n] - 1) for n in truth if n in values},
         'held': {n: bool(intervals[n][0] <= truth[n] <= intervals[n][1]) for n in truth if n in values},
