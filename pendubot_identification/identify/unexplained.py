@@ -172,6 +172,7 @@ def unexplained(trajectories: Sequence[Trajectory], smoothing: float, hold: str,
     states = np.concatenate([m.smoothed(m.smoothed.x)[:, :2] for m in motions])
     greatest = max(float(np.abs(m.recorded.tau[:, 0]).max()) for m in motions)
     effects = list(catalogue(greatest, tuple(np.ptp(states, axis=0))))
+    named: list[tuple[int, Found]] = []
     beside: list[Array] = []
     for _ in range(2):  # an effect may look like bursts, and bursts hide effects
         columns = np.concatenate([base, *beside], axis=2)
@@ -179,13 +180,17 @@ def unexplained(trajectories: Sequence[Trajectory], smoothing: float, hold: str,
         size = np.sqrt((noise**2).mean(axis=0))
         kept, weight = _without_bursts(columns, y, size, LEAST_BURST * effort, balances.recordings)
         theta = _solved((base * weight)[kept], (y * weight[:, 0])[kept])
-        of_one, of_other = ([each.columns(effect, theta) for effect in effects] for each in (balances, again))
-        clear = size.max() < NOISIEST * effort
+        if size.max() >= NOISIEST * effort:
+            break
+        candidates = balances.columns(effects, theta)
         rounding = float(((noise * weight[:, 0])[kept] ** 2).sum())
-        named = list(_named(balances, effects, of_one, weight, kept, rounding)) if clear else []
-        true = _not_noise([(balances, of_one), (again, of_other)], [number for number, _ in named], weight, kept)
-        named = named[:true]
-        beside = [of_one[number] for number, _ in named]
+        named = list(_named(balances, effects, candidates, weight, kept, rounding))
+        beside = [candidates[number] for number, _ in named]
+        if not named:
+            break
+        twice = again.columns([effects[number] for number, _ in named], theta)
+        true = _not_noise([(balances, beside), (again, twice)], weight, kept)
+        named, beside = named[:true], beside[:true]
     left, noise = balances.left(theta), again.left(theta) - balances.left(theta)
     return Unexplained(
         times=tuple(balances.t),
@@ -228,20 +233,23 @@ class _Balances:
         """Return the unexplained torque [N m], shape (K, 2)."""
         return np.asarray(self.y - self.phi @ theta)
 
-    def columns(self, effect: Effect, theta: Array) -> Array:
-        """Return what an effect of unit size takes from the balances, shape (K, 2, C)."""
-        if effect.read:
-            return np.stack([self._read(read, theta) for read in effect.read], axis=2)
+    def columns(self, effects: Sequence[Effect], theta: Array) -> list[Array]:
+        """Return what each effect of unit size takes from the balances, shape (K, 2, C)."""
         u = (np.arange(POINTS) + 0.5) / POINTS * 2 - 1
         bump = (1 - u**2) ** 3 / ((1 - u**2) ** 3).sum()
         seen = [
             seen_of(motion, centres[:, None] + WIDTH / 2 * u, self.delay, passed)
             for motion, centres, passed in zip(self.motions, self.t, self._passed, strict=True)
         ]
-        columns = np.zeros((len(self.y), 2, len(effect.acting)))
-        for k, (joint, torque) in enumerate(effect.acting):
-            columns[:, joint, k] = np.concatenate([torque(s) @ bump for s in seen])
-        return columns
+        made = []
+        for effect in effects:
+            columns = np.zeros((len(self.y), 2, len(effect.acting) + len(effect.read)))
+            for k, (joint, torque) in enumerate(effect.acting):
+                columns[:, joint, k] = np.concatenate([torque(s) @ bump for s in seen])
+            for k, read in enumerate(effect.read):
+                columns[:, :, k] = self._read(read, theta)
+            made.append(columns)
+        return made
 
     def _read(self, read: Read, theta: Array) -> Array:
         changed = []
@@ -416,22 +424,20 @@ def _named(
         yield best, Found(effects[best], sizes, float(share), (now - physical) / physical)
 
 
-def _not_noise(
-    readings: list[tuple[_Balances, list[Array]]], numbers: list[int], weight: Array, kept: NDArray[np.bool_]
-) -> int:
+def _not_noise(readings: list[tuple[_Balances, list[Array]]], weight: Array, kept: NDArray[np.bool_]) -> int:
     """Return how many of the effects, the greatest first, are none that the encoders' rounding makes.
 
     Noise in angles and speeds makes parameters too small, and what they then leave may look like an effect. That grows
     with the noise: where angles are rounded once more such an effect explains more, while a true one explains the same.
     """
     explained = []
-    for balances, candidates in readings:
-        parts = [balances.phi, *(candidates[n] for n in numbers), balances.y[:, :, None]]
+    for balances, columns in readings:
+        parts = [balances.phi, *columns, balances.y[:, :, None]]
         products = _products((np.concatenate(parts, axis=2) * weight)[kept])
         ends = np.cumsum([part.shape[2] for part in parts[:-1]])
         explained.append(-np.diff([_squares(products, list(range(end))) for end in ends]))
     made = explained[1] > GROWS * explained[0]
-    return int(made.argmax()) if made.any() else len(numbers)
+    return int(made.argmax()) if made.any() else len(made)
 
 
 def _products(columns: Array) -> Array:
