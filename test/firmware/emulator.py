@@ -119,6 +119,7 @@ class Line:
         self._file = os.open(port, os.O_RDWR | os.O_NOCTTY)
         tty.setraw(self._file)
         self._decoder = Decoder()
+        self._waiting = []
 
     def write(self, data):
         os.write(self._file, data)
@@ -127,11 +128,12 @@ class Line:
         """Return what comes within so many seconds, or until an event is enough."""
         events, end = [], time.monotonic() + seconds
         while time.monotonic() < end:
+            while self._waiting:
+                events.append(self._waiting.pop(0))
+                if enough(events[-1]):
+                    return events
             if select.select([self._file], [], [], 0.05)[0]:
-                for event in self._decoder.feed(os.read(self._file, 4096)):
-                    events.append(event)
-                    if enough(event):
-                        return events
+                self._waiting += self._decoder.feed(os.read(self._file, 4096))
         return events
 
     def close(self):
