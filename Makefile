@@ -10,10 +10,12 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --constr
 demo: $(VENV)/.ros
 	$(BIN)/pendubot demo
 
-# Two processes, each of one thread, so that live programs run beside what computes; the fault trials by themselves.
+# Two processes, each of one thread, so that live programs run beside what computes. What fails there, where a live
+# program may be kept waiting for seconds, is run once more by itself, as the fault trials are.
 test: $(VENV)/.test
 	PENDUBOT_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses 2 --dist loadfile \
-		--no-loadscope-reorder --ignore test/faults
+		--no-loadscope-reorder --ignore test/faults \
+		|| $(BIN)/python -m pytest --last-failed --last-failed-no-failures none --ignore test/faults
 	$(BIN)/python -m pytest test/faults
 
 lint: $(VENV)/.test

@@ -81,9 +81,12 @@ def test_every_message_of_every_quality_of_service_comes_back_and_diagnostics_sa
             for message in messages if topic != '/latched' else ():
                 publishers[topic].publish(message)
         wait(lambda: recorded(path) == 822)
-        assert spin_until(node, lambda: diagnostics[-1][2]['/effort messages'] == '300')
-        level, text, said = diagnostics[-1]
-        assert (level, text, said['/effort lost']) == (0, 'recording', '0')
+        # What came late while the machine was busy elsewhere is worth a warning, which passes.
+        assert spin_until(
+            node, lambda: diagnostics[-1][2]['/effort messages'] == '300' and diagnostics[-1][:2] == (0, 'recording')
+        )
+        said = diagnostics[-1][2]
+        assert said['/effort lost'] == '0'
         assert float(said['free [MB]']) > 0
         assert any(float(each[2]['/effort rate [Hz]']) > 0 for each in diagnostics)
         assert program.stop(signal.SIGINT) == 0
