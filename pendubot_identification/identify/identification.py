@@ -138,13 +138,15 @@ def identify(
             judges = tuple(allowing_for(motion, left.effects, left.delay) for motion in judges)
             whole_judges = judges
     comparison = Comparison(data, progress)
-    model, scores = comparison.choose() if settings.model == 'auto' else (settings.model, [])
+    models, scores = comparison.choose() if settings.model == 'auto' else ((settings.model,), [])
+    model = models[-1]
 
     estimates = []
     for criterion in settings.criteria:
-        answer = estimate(criterion, data, (judges, whole_judges), model, progress)
+        weights = comparison.weights(criterion, models)
+        answer = estimate(criterion, data, (judges, whole_judges), weights, progress)
         parts = [predict([j], answer.theta, answer.effort.delay, data.scale) for j in judges]
-        parts = parts or comparison.predicted(criterion, model)
+        parts = parts or comparison.predicted(criterion, weights)
         estimates.append(replace(answer, prediction=Prediction.pool(parts)))
     published = _best(estimates)
 

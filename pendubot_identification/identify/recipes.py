@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import count
 
@@ -28,7 +28,7 @@ from pendubot_identification.trajectories.motion import AnyMotion, LongMotion, M
 from pendubot_identification.trajectories.signals import choose_smoothing
 
 from .covariance import correlations, estimated_zeros, scaled_condition_number, trajectory_covariance
-from .estimate import Effort, Estimate, Progress, Zeros
+from .estimate import Effort, Estimate, Progress, Zeros, averaged
 from .linear import Linear, estimate_linear, linear
 from .prediction import state_scale
 from .settings import Settings
@@ -190,12 +190,22 @@ def prepared(recordings: Sequence[Recording], smoothing: float, hold: str) -> tu
 
 
 def estimate(
-    criterion: str, data: Data, judges: tuple[Sequence[Motion], Sequence[AnyMotion]], model: str, progress: Progress
+    criterion: str,
+    data: Data,
+    judges: tuple[Sequence[Motion], Sequence[AnyMotion]],
+    models: Mapping[str, float],
+    progress: Progress,
 ) -> Estimate:
-    """Return one criterion's answer, with its J on the motions that judge: what is held of them, and the whole."""
+    """Return one criterion's answer, with its J on the motions that judge: what is held of them, and the whole.
+
+    Of several models, the largest last, it is the average of their answers by these weights.
+    """
     spans = ', '.join(f'{m.name}, {m.end - m.start:.0f} s' for m in data.long)
     stretches = f'from {len(data.motions)} stretches of {STRETCH:g} s'
+    *smaller, model = models
+    quick = replace(data, settings=replace(data.settings, optimizer='lsq'))
     if criterion == 'trajectory':
+        others = [_estimate_trajectory(quick, (), m, progress) for m in smaller]
         found = _estimate_trajectory(data, judges[0], model, progress)
         said = f'{stretches}, spread over {spans}'
     else:
@@ -204,8 +214,25 @@ def estimate(
             progress(f'{criterion}: reading {spans}', 0, 0, np.nan)
             made = linear(criterion, data.whole, model, data.settings, like=made)
         judge = linear(criterion, judges[1], model, data.settings, like=made) if judges[1] else None
+        # With the same delay and weights; the smaller models' criterion is that of some columns alone.
+        others = [
+            estimate_linear(criterion, made.first(MODELS[m]), m, quick.settings, data.hold, progress, None)
+            for m in smaller
+        ]
         found = estimate_linear(criterion, made, model, data.settings, data.hold, progress, judge)
         said = f'from all of {spans}' + (f'; delay and weights {stretches}' if criterion == 'weak' else '')
+    if others:
+        found = averaged([*others, found], list(models.values()))
+        if criterion == 'trajectory':
+            J, J_validation = (
+                segment_cost(motions, found.theta, found.effort.delay, data.settings.box(model), data.scale)[0]
+                if motions
+                else np.nan
+                for motions in (data.motions, judges[0])
+            )
+        else:
+            J, J_validation = (np.nan if each is None else float(each.criterion(found.theta)) for each in (made, judge))
+        found = replace(found, J=J, J_validation=J_validation)
     return replace(found, steps=(said, *found.steps)) if data.long else found
 
 

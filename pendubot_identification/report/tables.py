@@ -202,11 +202,15 @@ def model_table(result: Result) -> Table | None:
         ]
         for k, score in enumerate(compared)
     ]
-    why = 'the smallest model that predicts the training data within one standard error of the best'
+    why = f'{result.model} was chosen: the smallest model that '
     if compared[-1].exact:
-        why = "the smallest model that leaves nothing but the encoders' rounding; larger ones were not tried"
+        why += "leaves nothing but the encoders' rounding; larger ones were not tried"
+    elif len(compared) == 2:
+        why = 'none leaves but the rounding of the encoders: their answers are averaged, weighted by how they predict'
+    else:
+        why += 'predicts the training data within one standard error of the best'
     after = _joined(', ', (number(result, f'prediction.horizons.{h}', 'g') for h in range(len(compared[0].error))))
-    note = f'{result.model} was chosen: {why} ({result.models.by})'
+    note = f'{why} ({result.models.by})'
     return Table(['model', 'parameters', ('error after ', after, ' s'), 'above the best by'], rows, [note])
 
 
