@@ -98,6 +98,8 @@ class Estimate:
         zeros: of the recordings' positions; None where the criterion does not tell them.
         exact: whether the residuals are those of the encoders alone.
         absent: the parameters that are not in the model of this rig; theta has them as 0.
+        resized: what is added to the sizes of the effects' torques that were allowed for, where the criterion estimates
+            them along, shape (E,).
         level: how far to trust it.
         warnings: why, in sentences for the user.
         consequences: what follows from a grave fault of the recordings that the warnings name.
@@ -127,6 +129,7 @@ class Estimate:
     zeros: Zeros | None = None
     exact: bool = False
     absent: tuple[str, ...] = ()
+    resized: Array = field(default_factory=lambda: np.empty(0))
     level: Level = Level.OK
     warnings: tuple[str, ...] = ()
     consequences: tuple[str, ...] = ()
@@ -225,6 +228,7 @@ def averaged(answers: Sequence[Estimate], weights: Sequence[float]) -> Estimate:
         std_error=np.sqrt(np.dot(weights, np.array(errors) ** 2) + np.diag(spread)),
         uncertainty=f'{largest.uncertainty}; and how models differ',
         effort=replace(largest.effort, delay=delay),
+        resized=average([e.resized for e in answers], weights),
         converged=all(e.converged for e in answers),
         steps=(*largest.steps, f'average of models, weighted by how they predict: {said}'),
     )
