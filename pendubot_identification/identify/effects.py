@@ -110,7 +110,7 @@ class Found:
     Attributes:
         effect: which.
         sizes: of its torques or changes, in the catalogue's order [N m, rad and their quotients], shape (C,).
-        share: of the unexplained torque's square, what it explains of data that did not fit it.
+        share: of the square of what was unexplained, what it explains of data that did not fit it.
         moved: by how much each of P1 to P5 changes beside it, as a fraction, shape (5,).
     """
 
@@ -118,6 +118,7 @@ class Found:
     sizes: Array
     share: float
     moved: Array
+    of: str = 'unexplained torque'  #: what was unexplained.
 
     @property
     def sentence(self) -> str:
@@ -127,7 +128,7 @@ class Found:
         allowed = f'; P1 to P5, which change by up to {moved:.2g} %, allow for it' if self.effect.acting else ''
         if not self.effect.acting:
             allowed = f', and may change P1 to P5 by {moved:.2g} %'
-        return f'{found} ({self.effect.where}): {100 * self.share:.0f} % of the unexplained torque{allowed}; {remedy}'
+        return f'{found} ({self.effect.where}): {100 * self.share:.2g} % of the {self.of}{allowed}; {remedy}'
 
 
 def catalogue(greatest: float, spans: tuple[float, float]) -> Iterator[Effect]:
@@ -164,6 +165,13 @@ def catalogue(greatest: float, spans: tuple[float, float]) -> Iterator[Effect]:
             yield Effect(
                 'cogging', f'{joint}, {number} a turn', ((j, _turn(j, number, np.sin)), (j, _turn(j, number, np.cos)))
             )
+
+
+def catalogue_of(motions: Sequence[Motion]) -> list[Effect]:
+    """Return every effect that is looked for in some motions."""
+    positions = np.concatenate([m.smoothed(m.smoothed.x)[:, :2] for m in motions])
+    greatest = max(float(np.abs(m.recorded.tau[:, 0]).max()) for m in motions)
+    return list(catalogue(greatest, tuple(np.ptp(positions, axis=0))))
 
 
 def _steady(s: Seen) -> Array:

@@ -23,17 +23,19 @@ from pendubot_identification.model.rollout import roll
 from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.signals import encoder_step
 
-from .effects import Effect, Found, catalogue, passed_by, seen_of, with_unit_torques
+from .effects import Effect, Found, catalogue_of, passed_by, seen_of, with_unit_torques
 from .hypotheses import select
 
 Array = NDArray[np.float64]
 
 #: Length of the segments [s] whose errors are explained.
 LENGTH = 0.5
-#: An effect must explain this part of what is beyond rounding.
-PAYS = 0.25
+#: An effect must explain this part of what is beyond rounding, and this part of everything.
+PAYS, LEAST = 0.25, 0.005
 #: Where errors are far greater than rounding, one of two readings nearer than this [s] is independent.
 CORRELATED = 0.15
+#: What an effect explains a share of.
+ERRORS = 'errors of simulated segments'
 #: Segments whose error exceeds the median by this factor count by the error, not by its square.
 BEND = 3.0
 #: Fewer recordings than this are cut into so many parts, each of which is left out in turn.
@@ -67,11 +69,13 @@ def found_by_trajectory(
     residuals = comparison.residuals(states, delay)
     jacobian = comparison.jacobian(states, segments.sensitivities(theta, states), delay)
     finite = np.isfinite(residuals).all(axis=1) & np.isfinite(jacobian).all(axis=(1, 2))
+    group = segments.group[finite]
+    folds = group if len(motions) >= FEWEST_RECORDINGS else np.arange(len(group)) * FOLDS // max(len(group), 1)
+    if len(np.unique(folds)) < 2:
+        return ()
 
-    positions = np.concatenate([m.smoothed(m.smoothed.x)[:, :2] for m in motions])
-    greatest = max(float(np.abs(m.recorded.tau[:, 0]).max()) for m in motions)
-    effects = list(catalogue(greatest, tuple(np.ptp(positions, axis=0))))
-    columns = _columns(AgainstPositions(coarse, rounding, delay=delay), effects, theta, delay, fit.initial)
+    effects = catalogue_of(motions)
+    columns = _columns(AgainstPositions(coarse, rounding, delay=near.fit.delay), effects, theta, delay, fit.initial)
 
     # What the segments' initial states explain is explained.
     local = np.linalg.qr(jacobian[finite, :, :4])[0]
@@ -86,8 +90,6 @@ def found_by_trajectory(
     count, unknowns = y.size - 4 * len(y), len(free)
     variance = float((y**2).sum()) / max(count - unknowns, 1)
     independent = count if variance < NOISIEST else 2 * len(y) * length / CORRELATED
-    group = segments.group[finite]
-    folds = group if len(motions) >= FEWEST_RECORDINGS else np.arange(len(group)) * FOLDS // len(group)
     chosen = select(
         effects,
         base,
@@ -95,10 +97,10 @@ def found_by_trajectory(
         [apart(c) for c in columns],
         folds,
         independent=independent,
-        pays=PAYS * max(1 - 1 / variance, 0.0),
+        pays=max(PAYS * (1 - 1 / max(variance, 1.0)), LEAST),
         physical=theta[:5],
     )
-    return tuple(Found(effects[c.number], c.sizes, c.share, c.moved / theta[:5]) for c in chosen)
+    return tuple(Found(effects[c.number], c.sizes, c.share, c.moved / theta[:5], ERRORS) for c in chosen)
 
 
 def _columns(

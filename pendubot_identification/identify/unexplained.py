@@ -24,7 +24,7 @@ from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.signals import encoder_step
 from pendubot_identification.trajectories.trajectory import MINIMUM_SAMPLES, Trajectory
 
-from .effects import Effect, Found, Read, catalogue, passed_by, seen_of
+from .effects import Effect, Found, Read, catalogue_of, passed_by, seen_of
 from .hypotheses import products, select, solved, squares
 
 Array = NDArray[np.float64]
@@ -75,6 +75,7 @@ class Unexplained:
     Attributes:
         times: the bumps' centres in each recording [s], shapes (K,).
         torque: of both joints about which the weak form's residuals speak [N m], shapes (K, 2).
+        rest: what of it the effects leave that the weak form names, shapes (K, 2).
         share: its root mean square over that of the effort, of each joint, shape (2,), without bursts.
         noise: what of this the encoders' rounding makes, shape (2,).
         bursts: in the order of time.
@@ -84,6 +85,7 @@ class Unexplained:
 
     times: tuple[Array, ...]
     torque: tuple[Array, ...]
+    rest: tuple[Array, ...]
     share: Array
     noise: Array
     bursts: tuple[Burst, ...]
@@ -132,10 +134,8 @@ def unexplained(trajectories: Sequence[Trajectory], smoothing: float, hold: str,
     again = _Balances.of([_read_again(m, smoothing, hold, seed) for seed, m in enumerate(motions)], delay)
     base, y = balances.phi, balances.y
     effort = float(np.sqrt((y**2).sum(axis=1).mean())) + np.finfo(float).tiny
-    states = np.concatenate([m.smoothed(m.smoothed.x)[:, :2] for m in motions])
-    greatest = max(float(np.abs(m.recorded.tau[:, 0]).max()) for m in motions)
     # A lag's torques are too short for what bumps are evaluated at.
-    effects = [e for e in catalogue(greatest, tuple(np.ptp(states, axis=0))) if e.name != 'lag']
+    effects = [e for e in catalogue_of(motions) if e.name != 'lag']
     named: list[tuple[int, Found]] = []
     beside: list[Array] = []
     for _ in range(2):  # an effect may look like bursts, and bursts hide effects
@@ -156,9 +156,12 @@ def unexplained(trajectories: Sequence[Trajectory], smoothing: float, hold: str,
         true = _not_noise([(balances, beside), (again, twice)], weight, kept)
         named, beside = named[:true], beside[:true]
     left, noise = balances.left(theta), again.left(theta) - balances.left(theta)
+    columns = np.concatenate([base, *beside], axis=2)
+    rest = y - columns @ solved((columns * weight)[kept], (y * weight[:, 0])[kept])
     return Unexplained(
         times=tuple(balances.t),
         torque=tuple(balances.by_motion(left)),
+        rest=tuple(balances.by_motion(rest)),
         share=np.sqrt((left[kept] ** 2).mean(axis=0)) / effort,
         noise=np.sqrt((noise[kept] ** 2).mean(axis=0)) / effort,
         bursts=tuple(_bursts(balances, kept, left)),

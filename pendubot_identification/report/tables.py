@@ -179,6 +179,23 @@ def run_table(result: Result) -> Table | None:
     return Table([f'energy: J [{J.unit}]', 'best', 'worst', 'average'], rows)
 
 
+def unexplained_table(result: Result) -> Table | None:
+    """Return the unexplained torque as a part of the effort, and the effects that were named; None without."""
+    left = result.unexplained_torque
+    if left is None:
+        return None
+    at = 'unexplained_torque'
+    rows: list[list[Cell]] = [
+        ['left unexplained', *(number(result, f'{at}.share.{k}', '.2%') for k in (0, 1))],
+        ['of which rounded angles explain', *(number(result, f'{at}.rounding.{k}', '.2%') for k in (0, 1))],
+    ]
+    notes = [
+        f'{e.name} ({e.where}): P1 to P5 change by up to {max(abs(m or 0.0) for m in e.moved):.2g} of themselves'
+        for e in left.effects
+    ]
+    return Table(['torque, in parts of the effort', 'shoulder', 'elbow'], rows, notes)
+
+
 def zero_table(result: Result) -> Table | None:
     """Return how far off the zeros of every recording are by the published criterion; None where it knows of none."""
     rows = [
@@ -299,6 +316,7 @@ def summary(result: Result) -> str:
             prediction_table(result),
             criterion_table(result),
             '\n'.join(map(wrapped, data_sentences(result))),
+            unexplained_table(result),
             zero_table(result),
             model_table(result),
             run_table(result),
