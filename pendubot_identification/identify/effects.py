@@ -218,6 +218,14 @@ def _wave(j: int, wave: Callable[[Array], Array]) -> Read:
     return lambda s: (wave(s.q[0]), 0 * s.q[0]) if j == 0 else (0 * s.q[1], wave(s.q[1]))
 
 
+def together(found: Sequence[Found], more: Sequence[Found]) -> tuple[Found, ...]:
+    """Return all of them; what was found again has both sizes."""
+    again = {(m.effect.name, m.effect.where): m for m in more}
+    keys = [(f.effect.name, f.effect.where) for f in found]
+    grown = [replace(f, sizes=f.sizes + again[k].sizes) if k in again else f for f, k in zip(found, keys, strict=True)]
+    return (*grown, *(m for key, m in again.items() if key not in keys))
+
+
 def passed_by(motions: Sequence[Motion]) -> list[tuple[float, float]]:
     """Return how much of all data has passed at the start and at the end of each motion, from -0.5 to 0.5."""
     ends = np.cumsum([0.0, *(motion.end - motion.start for motion in motions)])

@@ -19,7 +19,7 @@ from pendubot_identification.trajectories.suspicions import suspicions
 
 from .agreement import contradictions
 from .diagnosis import Fault, diagnose, link_length
-from .effects import allowing_for
+from .effects import allowing_for, together
 from .estimate import Estimate, Progress
 from .judgement import judge, require_excitation
 from .linear import linear
@@ -206,7 +206,7 @@ def _rid_of_effects(data: Data, progress: Progress, look: bool) -> tuple[Unexpla
     comparison = Comparison(data, progress)
     for _ in range(LOOKS if comparison.deciding == 'trajectory' else 0):
         more = found_by_trajectory(data.motions, comparison.fit('geared'), settings.box('geared'), settings.delays)
-        left = replace(left, effects=(*left.effects, *more))
+        left = replace(left, effects=together(left.effects, more))
         if not any(found.effect.acting for found in more):
             break
         data = data.allowing_for(more, delay)

@@ -28,7 +28,7 @@ from pendubot_identification.trajectories.motion import AnyMotion, LongMotion, M
 from pendubot_identification.trajectories.signals import choose_smoothing
 
 from .covariance import correlations, estimated_zeros, scaled_condition_number, trajectory_covariance
-from .effects import Found, allowing_for, passed_by, with_unit_torques
+from .effects import Found, allowing_for, passed_by, together, with_unit_torques
 from .estimate import Effort, Estimate, Progress, Zeros, averaged
 from .linear import Linear, estimate_linear, linear
 from .prediction import state_scale
@@ -141,7 +141,7 @@ class Data:
         """Return the motions with what is left of their torques without effects that the models lack."""
         passed = iter(passed_by(self.motions))
         groups = tuple(tuple(allowing_for(m, found, delay, next(passed)) for m in group) for group in self.groups)
-        whole, effects = tuple(group[0] for group in groups), (*self.effects, *found)
+        whole, effects = tuple(group[0] for group in groups), together(self.effects, found)
         return replace(self, groups=groups, whole=whole, effects=effects, delay=delay)
 
     @property
