@@ -38,6 +38,7 @@ setup(
         (SHARE, ['package.xml']),
         (f'{SHARE}/config', sorted(glob('config/*.*'))),
         (f'{SHARE}/launch', sorted(glob('launch/*.launch.py'))),
+        (f'{SHARE}/examples', sorted(glob('examples/*.*'))),
         *BAGS,
     ],
     python_requires='>=3.10',
@@ -57,6 +58,8 @@ setup(
         'ros': ['ros-rclpy[fastrtps]==7.1.6', 'ros-jazzy-rclpy', 'ros-jazzy-common-interfaces'],
         # What test/benchmark measures itself against.
         'benchmark': ['minionpy', 'numba', 'pygmo', 'pymoo'],
+        # What test/formats holds exported rigs against; 1 GB, so they are skipped where they are not.
+        'engines': ['drake', 'mujoco', 'pin'],
         'test': [
             'colcon-common-extensions',
             'hypothesis',

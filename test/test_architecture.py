@@ -19,7 +19,7 @@ from test.conftest import ROOT
 PYPI = {'serial': 'pyserial', 'yaml': 'PyYAML'}
 ROSDEP = {'mcap': 'mcap-ros2-support', 'rosbags': 'python3-rosbags-pip', 'urdf_parser_py': 'urdfdom_py'}
 #: Of no rosdep key: the tests that import it are skipped.
-NO_ROSDEP = {'swarmops'}
+NO_ROSDEP = {'mujoco', 'pinocchio', 'swarmops'}
 #: What mcap brings along under its key.
 BROUGHT = {'lz4', 'zstandard'}
 
