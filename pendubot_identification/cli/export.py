@@ -11,7 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from pendubot_identification.errors import UsageError
+from pendubot_identification.errors import UsageError, wrong_usage
 
 #: Those of formats/export.py, again: importing it takes time, which no --help is worth.
 FORMATS = ('mjcf', 'urdf', 'sdf', 'yaml', 'json', 'm', 'h', 'py')
@@ -72,7 +72,7 @@ def add_parser(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     """Read, convert, write."""
     from pendubot_identification.files import refuse_input, write_whole
-    from pendubot_identification.formats.export import ROBOTS, SUFFIXES, export
+    from pendubot_identification.formats.export import ROBOTS, SUFFIXES, export, require_limit
     from pendubot_identification.level import Level
     from pendubot_identification.results.result_file import read_result
 
@@ -85,6 +85,8 @@ def run(args: argparse.Namespace) -> int:
             raise UsageError(
                 f'--{option.replace("_", "-")} is of {", ".join(ROBOTS)}, and {name} does without; leave it out'
             )
+    with wrong_usage():
+        require_limit(args.torque_limit)
     if args.output is not None:
         refuse_input(args.output, [args.result])
     result = read_result(args.result)

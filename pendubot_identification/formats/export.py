@@ -42,8 +42,7 @@ def export(
     """
     if format not in FORMATS:
         raise ParameterError(f'there is no format {format!r}; one of {", ".join(FORMATS)} is expected')
-    if torque_limit is not None and not 0 < torque_limit < float('inf'):
-        raise ParameterError(f'the torque limit is {torque_limit:g} N m; a number above 0 is expected')
+    require_limit(torque_limit)
     parameters = _vector(result)
     if format in ROBOTS:
         rig = rig_of(result.theta, link_length)
@@ -56,6 +55,16 @@ def export(
         return _yaml(parameters, provenance(result)), []
     entries = [Entry(name, e.value, e.std_error, _described(name, e)) for name, e in parameters.items()]
     return LANGUAGES[format](entries, [*provenance(result), *_late(result)]), _late(result)
+
+
+def require_limit(torque: float | None) -> None:
+    """Refuse a torque limit [N m] that is none.
+
+    Raises:
+        ParameterError: it is no number above 0.
+    """
+    if torque is not None and not 0 < torque < float('inf'):
+        raise ParameterError(f'the torque limit is {torque:g} N m; a number above 0 is expected')
 
 
 def provenance(result: Exported) -> list[str]:

@@ -49,7 +49,7 @@ def rig_of(parameters: Parameters, link_length: float | None = None) -> Rig:
     """
     p = Parameters(*map(float, astuple(parameters)))
     if problems := p.unphysical():
-        raise ParameterError(f'no real masses give these parameters: {problems[0]}; identify the rig again')
+        raise ParameterError(f'no rig moves like this: {problems[0]}; identify it again')
     if link_length is None:
         if not p.P3 * p.P5 > 0:
             raise ParameterError(
