@@ -14,7 +14,7 @@ from . import identify
 from .model import kernel
 
 __version__ = '0.1.0'
-#: Those of api.py, again: importing it takes time, which only who uses it waits for.
+#: Names of api.py: importing it takes time, which only who uses it waits for.
 __all__ = [
     'HANGING',
     'UPRIGHT',

@@ -30,27 +30,11 @@ from .level import Level
 from .model import dynamics, simulation
 from .model.parameters import SPECIFICATIONS, Parameters, default_bounds
 from .model.simulation import HANGING
-from .recordings.joint_states import JOINT_NAMES, JOINT_STATES_TOPIC
 from .results.result_file import read_parameters, read_whole_result, write_result
 from .trajectories.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from pandas import DataFrame
-
-__all__ = [
-    'HANGING',
-    'UPRIGHT',
-    'Identified',
-    'Level',
-    'Parameters',
-    'Pendubot',
-    'PendubotError',
-    'Trajectory',
-    'accelerations',
-    'identify',
-    'read',
-    'simulate',
-]
 
 Array = NDArray[np.float64]
 File = str | Path
@@ -63,8 +47,8 @@ accelerations = dynamics.accelerations
 def read(
     path: File,
     *,
-    topic: str = JOINT_STATES_TOPIC,
-    joint_names: Sequence[str] = JOINT_NAMES,
+    topic: str = '/joint_states',
+    joint_names: Sequence[str] = ('shoulder', 'elbow'),
     columns: Mapping[str, str] | None = None,
     degrees: bool = False,
     zero: Literal['horizontal', 'hanging'] = 'horizontal',
@@ -97,8 +81,8 @@ def identify(
     *recordings: Trajectory | File,
     validate: Sequence[Trajectory | File] = (),
     bounds: Mapping[str, tuple[float, float]] | None = None,
-    topic: str = JOINT_STATES_TOPIC,
-    joint_names: Sequence[str] = JOINT_NAMES,
+    topic: str = '/joint_states',
+    joint_names: Sequence[str] = ('shoulder', 'elbow'),
     **options: Any,
 ) -> Identified:
     """Estimate the parameters of a rig, as ``pendubot identify`` does, which says more of each option.

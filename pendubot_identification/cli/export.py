@@ -21,7 +21,7 @@ EARLIER = {'matlab': 'm', 'c': 'h'}
 DESCRIPTION = """\
 Write the published parameters of a result, every digit of them, in another format:
   mjcf    the rig for MuJoCo
-  urdf    the rig for RViz, Gazebo, Pinocchio, Drake ...
+  urdf    the rig for RViz, Pinocchio, Drake, MATLAB ...; fix its base_link to the world
   sdf     the rig for Gazebo
   yaml    parameters P1, P2, ... for --params-file of a controller node, whatever its name
   json    the whole result

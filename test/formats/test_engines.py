@@ -19,6 +19,7 @@ from pendubot_identification.model.parameters import BALANCE, MODELS, Parameters
 from pendubot_identification.model.rollout import roll
 
 RIGS, STEP, STEPS = 100, 0.002, 500
+NEEDED = "needs pip install --editable '.[engines]' --constraint .ci/constraints.txt"
 #: Of the accelerations' factors, relative to their largest; of the states [rad, rad/s] within a second.
 CLOSE = 1e-6
 
@@ -29,10 +30,10 @@ def links(rng):
     return length, mass, length * rng.uniform(0.2, 1.1), mass * (length * rng.uniform(0.15, 0.5)) ** 2
 
 
-def thetas(model, seed=1, count=RIGS):
-    """Vectors of random links of that model, shape (count, D)."""
-    rng, found = np.random.default_rng(seed), []
-    for _ in range(count):
+def thetas(model):
+    """Vectors of random links of that model, shape (100, D)."""
+    rng, found = np.random.default_rng(1), []
+    for _ in range(RIGS):
         (l1, m1, d1, I1), (_, m2, d2, I2) = links(rng), links(rng)
         P = [m1 * d1**2 + m2 * l1**2 + I1, m2 * d2**2 + I2, m2 * l1 * d2, m1 * d1 + m2 * l1, m2 * d2]
         friction = rng.uniform(0, [0.02, 0.005, 0.05, 0.01, 0.2 * P[1], 0.02, 0.005, 0.1, 0.0])
@@ -65,7 +66,7 @@ class Mujoco:
     """A file in MuJoCo: mass matrix, bias, and a second of motion by its own integrator."""
 
     def __init__(self, text, parameters):
-        self.engine = pytest.importorskip('mujoco')
+        self.engine = pytest.importorskip('mujoco', reason=NEEDED)
         self.model = model = self.engine.MjModel.from_xml_string(text)
         p = parameters
         np.testing.assert_array_equal(model.dof_damping, [p.b1, p.b2])
@@ -97,7 +98,7 @@ class Pinocchio:
     """A file in Pinocchio; its accelerations are integrated here."""
 
     def __init__(self, text, parameters):
-        self.engine = pytest.importorskip('pinocchio')
+        self.engine = pytest.importorskip('pinocchio', reason=NEEDED)
         if '<mujoco' in text:
             with tempfile.NamedTemporaryFile('w', suffix='.xml') as file:
                 file.write(text)
@@ -127,7 +128,9 @@ class Drake:
     """A file in Drake, which reads SDF by Gazebo's own library."""
 
     def __init__(self, text, parameters):
-        multibody, parsing = (pytest.importorskip(f'pydrake.multibody.{name}') for name in ('plant', 'parsing'))
+        multibody, parsing = (
+            pytest.importorskip(f'pydrake.multibody.{name}', reason=NEEDED) for name in ('plant', 'parsing')
+        )
         self.plant = plant = multibody.MultibodyPlant(0.0)
         parsing.Parser(plant).AddModelsFromString(text, 'sdf' if '<sdf' in text else 'urdf')
         if '<sdf' not in text:
@@ -198,7 +201,7 @@ def test_a_hundred_rigs_move_in_other_engines_as_our_equations_say(engine, write
 
 
 def test_the_file_begins_hanging_and_its_motor_keeps_the_limit():
-    engine = pytest.importorskip('mujoco')
+    engine = pytest.importorskip('mujoco', reason=NEEDED)
     model = engine.MjModel.from_xml_string(mjcf(rig_of(BALANCE), torque_limit=0.5))
     data = engine.MjData(model)
     engine.mj_resetDataKeyframe(model, data, model.key('hanging').id)
