@@ -58,8 +58,8 @@ setup(
         'ros': ['ros-rclpy[fastrtps]==7.1.6', 'ros-jazzy-rclpy', 'ros-jazzy-common-interfaces'],
         # What test/benchmark measures itself against.
         'benchmark': ['minionpy', 'numba', 'pygmo', 'pymoo'],
-        # What test/formats holds exported rigs against; 1 GB, so they are skipped where they are not.
-        'engines': ['drake', 'mujoco', 'pin'],
+        # What exported rigs are held against, and an example needs; 1 GB, so these tests are skipped without them.
+        'engines': ['casadi', 'drake', 'mujoco', 'pin'],
         'test': [
             'colcon-common-extensions',
             'hypothesis',
