@@ -58,12 +58,13 @@ setup(
         'ros': ['ros-rclpy[fastrtps]==7.1.6', 'ros-jazzy-rclpy', 'ros-jazzy-common-interfaces'],
         # What test/benchmark measures itself against.
         'benchmark': ['minionpy', 'numba', 'pygmo', 'pymoo'],
-        # What exported rigs are held against, and an example needs; 1 GB, so these tests are skipped without them.
-        'engines': ['casadi', 'drake', 'mujoco', 'pin'],
+        # What else exported rigs are held against, and an example needs; 1 GB, so these tests are skipped without them.
+        'engines': ['casadi', 'drake', 'pin'],
         'test': [
             'colcon-common-extensions',
             'hypothesis',
             'import-linter',
+            'mujoco',
             'mypy',
             'pytest',
             'pytest-timeout',
