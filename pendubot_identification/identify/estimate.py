@@ -190,6 +190,8 @@ class Estimate:
     @property
     def runs_at_minimum(self) -> int:
         """How many runs of MDE reached the exact minimum, or each other where none is known, to a relative 1e-6."""
+        if self.runs is None:
+            return 1
         least = self.J_runs.min() if np.isnan(self.J_exact) else self.J_exact
         return int((self.J_runs <= least * (1 + REACHED)).sum())
 
