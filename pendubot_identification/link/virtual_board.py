@@ -141,7 +141,8 @@ class VirtualBoard:
             self._reset_due_us = math.inf
             self._origin = self._encoders()
             self._boot(2)
-        out = b''
+        # First a delimiter, or the frame that a restart cut short would take the first one along.
+        out, self._first = self._first, b''
         while self._hellos_due:
             self._hellos_due -= 1
             out += self._transmit(self._hello())
@@ -172,6 +173,7 @@ class VirtualBoard:
         self._holds_until_us = 0
         self._notes = Status(0)
         self._hellos_due = 1
+        self._first = b'\0'
 
     def _obey(self, command: Command) -> None:
         if command.mode == Mode.DISARM:
@@ -199,7 +201,9 @@ class VirtualBoard:
         faults = self._standing_faults()
         if self.armed and self._clock_us >= self._holds_until_us:
             self.armed, self._tripped = False, True
-        self.armed = self.armed and not faults & FAULTS
+        if self.armed and faults & FAULTS:
+            # Or one that comes and goes would leave the motor on in between.
+            self.armed, self._locked = False, True
         wanted = self._torque if self.armed else 0
         limit = round(self.settings.torque_limit * 1e6)
         torque = max(-limit, min(limit, wanted))

@@ -396,7 +396,7 @@ def life(seed):
         due += MS
         now = max(now, due + int(rng.exponential(MS)))
         second = step >= reset * 1000
-        for frame in (part + b'\0' for part in board.advance().split(b'\0')[:-1]):
+        for frame in (part + b'\0' for part in board.advance().split(b'\0') if part):
             was_armed = host.armed
             samples += [e for e in host.receive(frame, now) if isinstance(e, Sample)]
             (message,) = reference.feed(frame)

@@ -86,7 +86,7 @@ def test_the_frames_of_the_page(probe):
     assert probe.decode(request) == [HelloRequest(0, 0)]
     assert probe.decode(command) == [Command(7, 250_000, 1, 100, -500_000)]
     probe.boot(3405643777, firmware='my board 1')
-    assert probe.sample(0)[1].startswith(hello)
+    assert probe.sample(0)[1].startswith(b'\0' + hello)
     for _ in range(256):
         probe.sample(0)
     probe.receive(encode(Command(6, 0, 0, 0, 0)) + encode(Command(7, 0, 1, 500, 500_000)), 999_999)
@@ -210,6 +210,15 @@ def test_it_says_hello_at_boot_and_when_asked(probe):
     assert [type(event) for event in bench.events()] == [Hello, Hello, State]
 
 
+def test_a_frame_that_a_restart_cut_short_takes_none_along(probe):
+    bench = Bench(probe)
+    _, frames = probe.sample()
+    assert bench.decoder.feed(frames[:-5])
+    probe.boot(boot_id=2)
+    damaged, hello, state = bench.events()
+    assert (type(damaged), hello.boot_id, state.seq) == (Damaged, 2, 1)
+
+
 def test_mode_1_without_mode_0_is_ignored(probe):
     bench = Bench(probe)
     bench.send(1, 500_000)
@@ -278,6 +287,17 @@ def test_a_fault_switches_off_and_mode_1_is_ignored_while_it_stands(probe, fault
     bench.send(0, faults=fault)
     bench.send(1, 100_000, faults=fault)
     assert (bench.step(faults=fault).status, bench.step().status) == (fault, 0)
+    bench.armed()
+
+
+def test_a_fault_of_one_sample_keeps_the_motor_off_until_mode_0(probe):
+    """An encoder that jumps now and then, and a host that goes on commanding as if nothing had happened."""
+    bench = Bench(probe).armed()
+    assert bench.step(faults=Status.ENCODER_1).status == Status.ENCODER_1
+    for _ in range(3):
+        bench.send(1, 100_000)
+        state = bench.step()
+        assert (state.status, state.torque) == (0, 0)
     bench.armed()
 
 
