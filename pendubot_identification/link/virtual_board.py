@@ -113,6 +113,7 @@ class VirtualBoard:
         self._stop_due_us = self._faults.emergency_stop_at * 1e6
         self._origin = (0, 0)
         self._held = held
+        self._first: bytes
         self._boot(1, self.settings.clock_start_us)
 
     def receive(self, data: bytes) -> None:
