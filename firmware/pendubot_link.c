@@ -25,7 +25,8 @@ static uint8_t *put32(uint8_t *at, uint32_t value)
 
 static uint16_t get16(const uint8_t *at)
 {
-    return (uint16_t)(at[0] | at[1] << 8);
+    /* Where an int has 16 bits, one that is shifted this far would overflow. */
+    return (uint16_t)(at[0] | (uint16_t)at[1] << 8);
 }
 
 static uint32_t get32(const uint8_t *at)

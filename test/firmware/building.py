@@ -33,6 +33,7 @@ def compiled(target, *sources, options=()):
 
 def made(*targets):
     """Let make build something in firmware/, and return the folder with what was built."""
+    need('make', 'make')
     with open(FIRMWARE / 'Makefile') as makefile:
         # One at a time, where several processes test.
         fcntl.flock(makefile, fcntl.LOCK_EX)

@@ -12,6 +12,7 @@ import pytest
 from pendubot_identification.link.protocol import Command, Hello, HelloRequest, State, Status, encode
 from pendubot_identification.model.parameters import PAPER
 from pendubot_identification.model.simulation import Plant
+from test.rig import PATIENT
 
 from .emulator import Emulator, Line
 
@@ -31,7 +32,7 @@ def board(tmp_path):
 def test_1_khz_reaches_the_bridge_whole_and_the_boards_watchdog_outlasts_the_bridge(board, rig):
     r = rig()
     r.port = board
-    bridge = r.start_bridge()
+    bridge = r.start_bridge(*PATIENT)
     r.until_samples(1500)  # discovery is no matter of losses; what is judged begins here
     r.until(lambda: r.diagnoses)
     before = r.values()
@@ -52,6 +53,8 @@ def test_1_khz_reaches_the_bridge_whole_and_the_boards_watchdog_outlasts_the_bri
         r.until(lambda: len(r.samples) >= 1000 * SECONDS, 3 * SECONDS + 10)
         r.diagnoses.clear()
         r.until(lambda: r.diagnoses)
+        # Again, where a machine that is busy let the watchdog trip before.
+        assert r.call('arm').success
     finally:
         bridge.kill()
         ended.set()
@@ -68,7 +71,7 @@ def test_1_khz_reaches_the_bridge_whole_and_the_boards_watchdog_outlasts_the_bri
     samples = np.array([sample[2:7] for sample in r.samples])
     q, torque = samples[:, :2], samples[:, 4]
     print(f'{len(q)} samples, lost {values["lost"]}, damaged {values["damaged"]}')
-    assert len(np.unique(torque)) > 15 * SECONDS
+    assert len(np.unique(torque)) > 10 * SECONDS
     assert all(values[count] == before[count] for count in ('lost', 'damaged', 'duplicates', 'flagged'))
     # The same torques move the package's own plant: a sample that was lost, doubled or altered would show.
     plant = Plant(PAPER)
