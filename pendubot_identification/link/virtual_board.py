@@ -107,7 +107,6 @@ class VirtualBoard:
         self._plant = plant
         self._faults = faults or Faults()
         self._rng = np.random.default_rng(seed)
-        self._decoder = Decoder(accept=(Command, HelloRequest))
         self._elapsed_us = 0
         self._reset_due_us = self._faults.reset_at * 1e6
         self._stop_due_us = self._faults.emergency_stop_at * 1e6
@@ -161,6 +160,7 @@ class VirtualBoard:
         self._elapsed_us += self.settings.sample_period_us
 
     def _boot(self, reset_cause: int, clock_us: int = 0) -> None:
+        self._decoder = Decoder(accept=(Command, HelloRequest))
         self._boot_id = int(self._rng.integers(1, WRAP))
         self._reset_cause = reset_cause
         self._clock_us = clock_us

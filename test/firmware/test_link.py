@@ -98,8 +98,12 @@ def pairs_of_frames(probe, steps, settings=None, faults=None):
     s = settings or BoardSettings()
     board = VirtualBoard(Plant(PAPER), s, faults)
     first = board.sample()
-    hello = Decoder().feed(first)[0]
-    probe.boot(hello.boot_id, 1, (s.counts,) * 2, hello.torque_limit, s.sample_period_us, s.watchdog_max_ms, 'virtual')
+
+    def boot(frames):
+        hello, units = Decoder().feed(frames)[0], (s.sample_period_us, s.watchdog_max_ms)
+        probe.boot(hello.boot_id, hello.reset_cause, (s.counts,) * 2, hello.torque_limit, *units, 'virtual')
+
+    boot(first)
     yield first, probe.sample(board.last.t_us)[1]
     for heard in steps:
         board.move()
@@ -111,7 +115,9 @@ def pairs_of_frames(probe, steps, settings=None, faults=None):
             board.receive(part)
             probe.receive(part, now, standing)
         said, last = board.sample(), board.last
-        yield said, probe.sample(now, last.enc1, last.enc2, last.current, last.vbus, standing)[1]
+        if last.t_us == 0:
+            boot(said)
+        yield said, probe.sample(last.t_us, last.enc1, last.enc2, last.current, last.vbus, standing)[1]
 
 
 torques = st.one_of(st.integers(-2_500_000, 2_500_000), st.sampled_from([-(2**31), 2**31 - 1, 2_000_001]))
@@ -139,14 +145,13 @@ heard = st.one_of(
 @given(
     steps=st.lists(st.lists(heard, max_size=4), min_size=1, max_size=25),
     clock=st.sampled_from([0, 2**32 - 55_000]),
-    stop=st.sampled_from([float('inf'), 0.1]),
-    current=st.sampled_from([float('inf'), 0.05]),
+    faults=st.sampled_from(
+        [Faults(), Faults(emergency_stop_at=0.1), Faults(over_current_at=0.05), Faults(reset_at=0.07)]
+    ),
 )
-def test_the_same_bytes_at_the_same_times_give_the_frames_of_pythons_board(probe, steps, clock, stop, current):
-    if clock and (stop, current) != (float('inf'),) * 2:
-        clock = 0
-    faults = Faults(emergency_stop_at=stop, over_current_at=current)
-    for python, c in pairs_of_frames(probe, steps, BoardSettings(clock_start_us=clock), faults):
+def test_the_same_bytes_at_the_same_times_give_the_frames_of_pythons_board(probe, steps, clock, faults):
+    settings = BoardSettings(clock_start_us=clock if faults == Faults() else 0)
+    for python, c in pairs_of_frames(probe, steps, settings, faults):
         assert c == python
 
 
