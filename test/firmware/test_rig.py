@@ -23,7 +23,7 @@ MODER, PUPDR, IDR, BSRR, AFR = 0x00, 0x0C, 0x10, 0x18, 0x20
 TIM1, TIM2, TIM3, ADC, USART1 = 0x40010000, 0x40000000, 0x40000400, 0x40012000, 0x40011000
 SR, CNT, CCR1, BDTR, BRR, JDR1, JDR2 = 0x10, 0x24, 0x34, 0x44, 0x08, 0x3C, 0x40
 RCC_CR, RCC_PLLCFGR, RCC_CFGR = 0x40023800, 0x40023804, 0x40023808
-PWR_CSR, RNG_SR = 0x40007004, 0x50060804
+PWR_CSR, RNG_SR, FLASH_ACR = 0x40007004, 0x50060804, 0x40023C00
 #: Of BDTR: the outputs are enabled; break input enabled, active high; outputs are driven low while off.
 MOE, BREAK = 1 << 15, 1 << 13 | 1 << 12 | 1 << 10
 BIF, PVDO, RXNE, ORE = 1 << 7, 1 << 2, 1 << 5, 1 << 3
@@ -141,6 +141,8 @@ def test_clocks_are_those_that_the_manual_allows(board):
     assert (core, slow, fast, vco / (pll >> 24 & 15)) == (168e6, 42e6, 84e6, 48e6)
     assert pll >> 22 & 1, 'from the crystal'
     assert board.registers[RCC_CR] >> 19 & 1, 'whose failure is noticed'
+    # Five wait states, caches; errata of revision A: no prefetch.
+    assert board.registers[FLASH_ACR] == 5 | 1 << 9 | 1 << 10
     assert abs(fast / board.registers[USART1 + BRR] / 921600 - 1) < 0.005
 
 
