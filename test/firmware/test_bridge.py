@@ -22,16 +22,15 @@ COUNT = 2 * np.pi / 4000
 
 
 @pytest.fixture
-def board(tmp_path):
-    """The path of the board's port."""
+def emulator(tmp_path):
     with Emulator(tmp_path) as emulator:
-        yield emulator.port
+        yield emulator
 
 
 @pytest.mark.ros
-def test_1_khz_reaches_the_bridge_whole_and_the_boards_watchdog_outlasts_the_bridge(board, rig):
+def test_1_khz_reaches_the_bridge_whole_and_the_boards_watchdog_outlasts_the_bridge(emulator, rig):
     r = rig()
-    r.port = board
+    r.port = emulator.port
     bridge = r.start_bridge(*PATIENT)
     r.until_samples(1500)  # discovery is no matter of losses; what is judged begins here
     r.until(lambda: r.diagnoses)
@@ -59,7 +58,7 @@ def test_1_khz_reaches_the_bridge_whole_and_the_boards_watchdog_outlasts_the_bri
         bridge.kill()
         ended.set()
         thread.join()
-    line = Line(board)
+    line = Line(emulator.port)
     # QEMU's time may run behind, with samples from before.
     last = line.events(10, lambda e: isinstance(e, State) and e.status & Status.WATCHDOG)[-1]
     states = [e for e in line.events(10, lambda e: e.t_us > last.t_us + 100_000) if isinstance(e, State)]
@@ -87,8 +86,30 @@ def test_1_khz_reaches_the_bridge_whole_and_the_boards_watchdog_outlasts_the_bri
     assert (off > 0.5).mean() < 1e-3
 
 
-def test_the_boards_own_clock_decides_when_it_trips(board):
-    line = Line(board)
+@pytest.mark.ros
+def test_a_fault_of_the_processor_disarms_until_told_and_its_samples_go_on(emulator, rig):
+    r = rig()
+    r.port = emulator.port
+    bridge = r.start_bridge(*PATIENT)
+    r.until_samples()
+    assert r.call('arm').success
+    r.drive_until(0.1, lambda: r.samples[-1][6] == 0.1)
+    with emulator.debugger() as ask:
+        assert ask('Pf=00000060') == 'OK'
+    bridge.wait_for('the board restarted')
+    heard = len(r.samples)
+
+    def torques():
+        return [sample[6] for sample in r.samples[heard:]]
+
+    r.drive_until(0.1, lambda: torques().count(0.0) > 200)
+    assert not any(torques()[torques().index(0.0) :])
+    assert r.call('arm').success
+    r.drive_until(0.1, lambda: r.samples[-1][6] == 0.1)
+
+
+def test_the_boards_own_clock_decides_when_it_trips(emulator):
+    line = Line(emulator.port)
     line.events(10, lambda e: isinstance(e, State))  # it has started, and hears
     line.write(encode(HelloRequest(1, 0)))
     hello = line.events(10, lambda e: isinstance(e, Hello))[-1]
