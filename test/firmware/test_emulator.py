@@ -8,6 +8,8 @@ what they do then, only a board can show.
 """
 
 import re
+import struct
+import subprocess
 import time
 
 import pytest
@@ -71,6 +73,19 @@ def test_a_fault_of_the_processor_takes_the_voltage_away_and_begins_again_locked
     assert not any(s.torque or s.status for s in states)
     assert emulator.written(TIM1, BDTR)[-1] == OFF
     assert emulator.written(TIM1, CCR1)[-1] == 0
+
+
+def test_every_interrupt_but_two_is_a_fault():
+    """Also the NMI (exception 2), by which a crystal that stops is told: QEMU has no crystal, and no NMI of it."""
+    need('arm-none-eabi-gcc', 'gcc-arm-none-eabi')
+    build = made('arm')
+    names = subprocess.run(['arm-none-eabi-nm', build / 'stm32f4.elf'], capture_output=True, text=True, check=True)
+    places = {name: int(place, 16) | 1 for place, _, name in map(str.split, names.stdout.splitlines())}
+    stack, *vectors = struct.unpack('<98I', (build / 'stm32f4.bin').read_bytes()[: 4 * 98])
+    fault = places['Fault_Handler']
+    expected = {1: places['Reset_Handler'], 15: places['SysTick_Handler'], 16 + 37: places['USART1_IRQHandler']}
+    assert stack == 0x20001000
+    assert vectors == [expected.get(number, fault) for number in range(1, 98)]
 
 
 @pytest.mark.parametrize('where', ['firmware_sample', 'rig_show'])
