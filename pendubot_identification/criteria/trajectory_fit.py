@@ -57,6 +57,8 @@ SHORTEST_UNKNOWN = 2.0
 #: Residuals are white where their correlation from one sample to the next is below the first, and where what the
 #: simulation errs, as half the step shows it, is below the second times their size.
 WHITE, SIMULATED = 0.15, 0.02
+#: A correlation below which those of longer lags are chance.
+UNCORRELATED = 0.05
 #: Where they are not, so many segments or more show how large the errors of the parameters are.
 FEWEST_SEGMENTS = 4
 #: What MDE simulates: so many segments of this length [s], compared at so many times.
@@ -76,6 +78,7 @@ class TrajectoryFit:
     variance: float
     white: bool = False  #: whether the residuals are white.
     rounded: bool = True  #: whether the noise of the positions is known: an encoder's rounding.
+    together: float = 1.0  #: how many residuals, one after the other, tell as much as one that is independent.
 
     @property
     def exact(self) -> bool:
@@ -205,7 +208,7 @@ def fit_positions(
     # Segments begin on samples, the next one behind the margin.
     whole = min(m.end - m.start - m.interval for m in motions) - 2 * margin
     step = min(LONGEST_STEP, *(m.interval for m in motions))
-    if len(theta) > MODELS['viscous'] or not rounded or any(strays(m) for m in motions):
+    if len(theta) > MODELS['viscous'] or not rounded or any(_strays(m) for m in motions):
         step = min(step, SHORT_STEP)
     first, best = np.nan, None
     before: tuple[Segments, Fit] | None = None
@@ -243,25 +246,29 @@ def fit_positions(
             break
         shortest = SHORTEST_EXACT if rounded or negligible else SHORTEST_UNKNOWN
         if length >= min(shortest, whole):
-            white = _is_white(comparison, fit)
+            white, together = _whiteness(comparison, fit)
             if best is not None and best.white and not white:
                 break
             if best is None or (fit.converged and (white or len(segments) >= FEWEST_SEGMENTS)):
-                best = TrajectoryFit(fit, 'positions', length, segments.group, segments.start, variance, white, rounded)
+                group, start = segments.group, segments.start
+                best = TrajectoryFit(fit, 'positions', length, group, start, variance, white, rounded, together)
         if length == whole:
             break
     return best
 
 
-def strays(motion: Motion) -> bool:
+def _strays(motion: Motion) -> bool:
     """Tell whether stamps lie between the places of the grid on which segments begin and steps end."""
     places = (motion.recorded.t - motion.start) / motion.interval
     return bool(np.abs(places - np.rint(places)).max() * motion.interval > STRAYING)
 
 
 @np.errstate(all='ignore')
-def _is_white(comparison: AgainstPositions, fit: Fit) -> bool:
-    """Tell whether residuals are those of independent readings, and not of a simulation or of a model that errs."""
+def _whiteness(comparison: AgainstPositions, fit: Fit) -> tuple[bool, float]:
+    """Return whether residuals are those of independent readings, and how many tell as much as one that is.
+
+    They are not where a simulation or a model errs; nor where a joint stays within a count for several samples.
+    """
     segments, halved = comparison.segments, comparison.segments.finer(2)
     states = segments.roll(fit.theta, fit.initial)
     finer_states = halved.roll(fit.theta, fit.initial)[::2]
@@ -270,7 +277,12 @@ def _is_white(comparison: AgainstPositions, fit: Fit) -> bool:
     )
     size = (residuals**2).mean()
     correlation = (residuals[:, 1:] * residuals[:, :-1]).mean() / size
-    return bool(abs(correlation) < WHITE and ((finer - residuals) ** 2).mean() < SIMULATED**2 * size)
+    white = bool(abs(correlation) < WHITE and ((finer - residuals) ** 2).mean() < SIMULATED**2 * size)
+    together, lag = 1.0, 1
+    while lag < residuals.shape[1] // 2 and correlation > UNCORRELATED:
+        together, lag = together + 2 * float(correlation), lag + 1
+        correlation = (residuals[:, lag:] * residuals[:, :-lag]).mean() / size
+    return white, together
 
 
 def _continued(segments: Segments, fit: Fit, others: Segments) -> Array:

@@ -52,7 +52,7 @@ def trajectory_covariance(found: TrajectoryFit, groups: str = 'recordings') -> t
     information, slopes = _information(found), fit.slopes[:, :-2]
     inverse = _inverse(information, free)
     if found.white:
-        covariance = found.variance * inverse
+        covariance = found.variance * found.together * inverse
         words = (
             f"Gauss-Newton; the residuals are white, with {found.variance:.2f} times the variance of the positions' "
             'noise'
@@ -68,8 +68,8 @@ def trajectory_covariance(found: TrajectoryFit, groups: str = 'recordings') -> t
         covariance, quantile = _jackknife(np.array(moves))
         words = f'cluster jackknife over {len(members)} {what}; Student quantile {quantile * NORMAL_95:.2f} included'
         if found.exact:
-            # What readings err, and where the simulation errs alike in all segments.
-            covariance += max(found.variance, 1.0) * inverse
+            # What readings err, as far as neighbours err alike, and where the simulation errs alike in all segments.
+            covariance += max(found.variance, 1.0) * found.together * inverse
         elif not several:
             # Blocks of a recording have its zeros in common, so that they do not show what these do.
             moved, _ = _freed(found)

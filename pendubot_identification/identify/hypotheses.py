@@ -24,6 +24,8 @@ Array = NDArray[np.float64]
 SIGNIFICANT = 0.001
 #: One that changes P1 to P5 by more than this part of them is not identifiable beside them.
 TOO_FAR = 0.5
+#: It must help more than this part of the recordings, or parts of the time, that are left out.
+HELPED = 0.8
 #: An effect of fewer columns is preferred where it explains less by no more than this; no more effects are named.
 ALIKE, MOST_EFFECTS = 0.02, 3
 
@@ -88,7 +90,8 @@ def select(
             more = len(places[c])
             if freedom > 0 and fdtrc(more, freedom, better * freedom / more) * len(effects) < SIGNIFICANT:
                 rest = _left_out(of_fold, taken + places[c])
-                if (rest < left_out).all():  # else it tells a recording from others, or one time from another
+                # Else it tells a recording from others, or one time from another.
+                if (rest < left_out).mean() > HELPED:
                     found.append((1 - rest.sum() / left_out.sum(), c))
         if not found or max(found)[0] < pays:
             return

@@ -140,7 +140,7 @@ def identify(
     if any(found.effect.name == 'offset' for found in data.effects):
         faults = tuple(replace(f, level=Level.WARN) if f.name == 'offset' else f for f in faults)
     if left is not None:
-        notes += left.sentences({fault.name for fault in faults})
+        notes += left.sentences({fault.name for fault in faults}, allowed=not data.long)
         judges = tuple(allowing_for(motion, data.effects, data.delay) for motion in judges)
         whole_judges = judges if data.effects else whole_judges
     models, scores = comparison.choose() if settings.model == 'auto' else ((settings.model,), [])
@@ -200,14 +200,15 @@ def _rid_of_effects(data: Data, progress: Progress, look: bool) -> tuple[Unexpla
     if not long_enough:
         return None, data, Comparison(data, progress)
     left = unexplained(long_enough, data.smoothing, data.hold, delay)
-    if data.long:
-        return left, data, Comparison(data, progress)
-    data = data.without(left.bursts).allowing_for(left.effects, delay)
+    if not data.long:
+        data = data.without(left.bursts).allowing_for(left.effects, delay)
     comparison = Comparison(data, progress)
-    for _ in range(LOOKS if comparison.deciding == 'trajectory' else 0):
+    if comparison.deciding != 'trajectory' or (data.long and left.effects):
+        return left, data, comparison
+    for _ in range(LOOKS):
         more = found_by_trajectory(data.motions, comparison.fit('geared'), settings.box('geared'), settings.delays)
         left = replace(left, effects=together(left.effects, more))
-        if not any(found.effect.acting for found in more):
+        if data.long or not any(found.allowable for found in more):
             break
         data = data.allowing_for(more, delay)
         comparison = Comparison(data, progress)

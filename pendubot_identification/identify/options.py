@@ -43,8 +43,7 @@ WHAT = (
     Setting(
         'model',
         'auto',
-        'which parameters there are; auto: the smallest model that predicts training data left out about as well as '
-        'any',
+        'which parameters there are; auto: the smallest model that is exact, or else the average of the two largest',
         choices=('auto', *MODELS),
     ),
 )

@@ -141,7 +141,8 @@ class Data:
         """Return the motions with what is left of their torques without effects that the models lack."""
         passed = iter(passed_by(self.motions))
         groups = tuple(tuple(allowing_for(m, found, delay, next(passed)) for m in group) for group in self.groups)
-        whole, effects = tuple(group[0] for group in groups), together(self.effects, found)
+        whole = tuple(group[0] for group in groups)
+        effects = together(self.effects, [each for each in found if each.allowable])
         return replace(self, groups=groups, whole=whole, effects=effects, delay=delay)
 
     @property

@@ -17,13 +17,13 @@ from numpy.typing import NDArray
 
 from pendubot_identification.criteria.levenberg_marquardt import levenberg_marquardt
 from pendubot_identification.criteria.shooting import SMALL, AgainstPositions, Segments
-from pendubot_identification.criteria.trajectory_fit import NOISIEST, SHORT_STEP, TrajectoryFit, longest_segment, strays
+from pendubot_identification.criteria.trajectory_fit import NOISIEST, SHORT_STEP, TrajectoryFit, longest_segment
 from pendubot_identification.model.parameters import Bounds
 from pendubot_identification.model.rollout import roll
 from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.signals import encoder_step
 
-from .effects import Effect, Found, catalogue_of, passed_by, seen_of, with_unit_torques
+from .effects import MOST, MOST_ALONE, Effect, Found, catalogue_of, passed_by, seen_of, with_unit_torques
 from .hypotheses import select
 
 Array = NDArray[np.float64]
@@ -32,6 +32,9 @@ Array = NDArray[np.float64]
 LENGTH = 0.5
 #: An effect must explain this part of what is beyond rounding, and this part of everything.
 PAYS, LEAST = 0.25, 0.005
+#: Where errors are far greater than rounding, parts of one or two recordings have more in common than with any other:
+#: then it must explain this part.
+PAYS_ALONE = 0.5
 #: Where errors are far greater than rounding, one of two readings nearer than this [s] is independent.
 CORRELATED = 0.15
 #: What an effect explains a share of.
@@ -60,10 +63,15 @@ def found_by_trajectory(
     margin = max(map(abs, delays)) + 1e-6
     length = min(LENGTH, longest_segment(motions, margin))
     coarse = Segments.cut(motions, length, length, margin)
-    # Where stamps stray, torques change within a step.
-    segments = coarse.finer(math.ceil(coarse.step / SHORT_STEP)) if any(map(strays, motions)) else coarse
-    comparison = AgainstPositions(segments, rounding, delay=delay)
-    fit = levenberg_marquardt(comparison, theta, delay, bounds, delays, robust=True, iterations=20, tolerance=1e-4)
+    rough = AgainstPositions(coarse, rounding, delay=delay)
+    fit = levenberg_marquardt(rough, theta, delay, bounds, delays, robust=True, iterations=20, tolerance=1e-3)
+    # What a simulation errs with longer steps, or where torques change within a step, looks like a lag or friction.
+    finest = min(SHORT_STEP, *(m.interval for m in motions))
+    segments = coarse.finer(math.ceil(coarse.step / finest - 1e-9))
+    comparison = AgainstPositions(segments, rounding, delay=delay, initial=fit.initial)
+    fit = levenberg_marquardt(
+        comparison, fit.theta, fit.delay, bounds, delays, robust=True, iterations=8, tolerance=1e-4
+    )
     theta, delay = fit.theta, fit.delay
     states = segments.roll(theta, fit.initial)
     residuals = comparison.residuals(states, delay)
@@ -75,7 +83,7 @@ def found_by_trajectory(
         return ()
 
     effects = catalogue_of(motions)
-    columns = _columns(AgainstPositions(coarse, rounding, delay=near.fit.delay), effects, theta, delay, fit.initial)
+    columns = _columns(rough, effects, theta, delay, fit.initial)
 
     # What the segments' initial states explain is explained.
     local = np.linalg.qr(jacobian[finite, :, :4])[0]
@@ -89,7 +97,11 @@ def found_by_trajectory(
     base, y = apart(jacobian[:, :, 4:][:, :, free]), -apart(residuals[:, :, None])[:, :, 0]
     count, unknowns = y.size - 4 * len(y), len(free)
     variance = float((y**2).sum()) / max(count - unknowns, 1)
-    independent = count if variance < NOISIEST else 2 * len(y) * length / CORRELATED
+    independent, pays, most = count, PAYS * (1 - 1 / max(variance, 1.0)), 0.0
+    if variance > NOISIEST:
+        most = MOST if len(motions) >= FEWEST_RECORDINGS else MOST_ALONE
+        independent = round(2 * len(y) * length / CORRELATED)
+        pays = PAYS if len(motions) >= FEWEST_RECORDINGS else PAYS_ALONE
     chosen = select(
         effects,
         base,
@@ -97,10 +109,12 @@ def found_by_trajectory(
         [apart(c) for c in columns],
         folds,
         independent=independent,
-        pays=max(PAYS * (1 - 1 / max(variance, 1.0)), LEAST),
+        pays=max(pays, LEAST),
         physical=theta[:5],
     )
-    return tuple(Found(effects[c.number], c.sizes, c.share, c.moved / theta[:5], ERRORS) for c in chosen)
+    return tuple(
+        Found(effects[c.number], c.sizes, c.share, c.moved / theta[:5], ERRORS, c.share >= most) for c in chosen
+    )
 
 
 def _columns(

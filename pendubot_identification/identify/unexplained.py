@@ -24,7 +24,7 @@ from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.signals import encoder_step
 from pendubot_identification.trajectories.trajectory import MINIMUM_SAMPLES, Trajectory
 
-from .effects import Effect, Found, Read, catalogue_of, passed_by, seen_of
+from .effects import MOST, MOST_ALONE, Effect, Found, Read, catalogue_of, passed_by, seen_of
 from .hypotheses import products, select, solved, squares
 
 Array = NDArray[np.float64]
@@ -35,16 +35,21 @@ STRIDE, POINTS = 0.02, 30
 MODEL = 'geared'
 #: Residuals beyond so many robust standard deviations, and beyond this part of the effort, are a burst.
 OUTLYING, LEAST_BURST = 8.0, 0.05
+#: So many times as many, where samples are farther apart than this [s] and do not show all of a fast motion.
+OUTLYING_COARSE, COARSE = 2.0, 0.02
 #: Where more than this part of the time is outlying, nothing is a burst.
 MOST_BURSTS, ROUNDS = 0.3, 5
 #: An effect is named that explains this part of what was unexplained, on data that did not fit it too, ...
 PAYS = 0.04
 #: ... and this part of what is beyond rounding: on real rigs anything explains a little of all that is unexplained, ...
 MAIN = 0.25
-#: ... or this one, where samples are farther apart than this [s] and do not show all of a fast motion.
-PAYS_COARSE, COARSE = 0.3, 0.02
+#: ... or this one, where samples are that far apart.
+PAYS_COARSE = 0.3
 #: More than this part of the effort, beyond what rounding explains, is said; so many bursts are listed.
 MUCH, MOST_SAID = 0.05, 5
+#: What is not so many times what rounding explains may be made by it: of coarse counts and slow motion it explains less
+#: than it makes.
+FAR = 3.0
 #: Nothing is named where rounding alone leaves more than this part of the effort unexplained.
 NOISIEST = 0.15
 #: One that explains so many times more where the encoders round twice is made by their rounding.
@@ -92,8 +97,8 @@ class Unexplained:
     effects: tuple[Found, ...]
     delay: float
 
-    def sentences(self, told: Collection[str] = ()) -> list[str]:
-        """Return what the user should know of it; effects by these names are told already."""
+    def sentences(self, told: Collection[str] = (), allowed: bool = True) -> list[str]:
+        """Return what the user should know of it; effects by the names ``told`` are, and ``allowed`` for or not."""
         said = []
         if self.bursts:
             some = [
@@ -104,9 +109,9 @@ class Unexplained:
                 f'torques from nowhere, left out: {", ".join(some[:MOST_SAID])}{more}; let no hand, cable or end stop '
                 'touch the links'
             )
-        said += [found.sentence for found in self.effects if found.effect.name not in told]
+        said += [found.sentence(allowed) for found in self.effects if found.effect.name not in told]
         excess = np.sqrt(np.maximum(self.share**2 - self.noise**2, 0.0))
-        if not self.effects and excess.max() > MUCH:
+        if not self.effects and (excess[self.share > FAR * self.noise] > MUCH).any():
             left, rounding = (
                 ' and '.join(f'{100 * part:.2g} %' for part in parts) for parts in (self.share, self.noise)
             )
@@ -138,11 +143,13 @@ def unexplained(trajectories: Sequence[Trajectory], smoothing: float, hold: str,
     effects = [e for e in catalogue_of(motions) if e.name != 'lag']
     named: list[tuple[int, Found]] = []
     beside: list[Array] = []
+    coarse = max(m.interval for m in motions) > COARSE
+    outlying = OUTLYING * (OUTLYING_COARSE if coarse else 1.0)
     for _ in range(2):  # an effect may look like bursts, and bursts hide effects
         columns = np.concatenate([base, *beside], axis=2)
         noise = again.left(solved(base, y)) - balances.left(solved(base, y))
         size = np.sqrt((noise**2).mean(axis=0))
-        kept, weight = _without_bursts(columns, y, size, LEAST_BURST * effort, balances.recordings)
+        kept, weight = _without_bursts(columns, y, size, (outlying, LEAST_BURST * effort), balances.recordings)
         theta = solved((base * weight)[kept], (y * weight[:, 0])[kept])
         if size.max() >= NOISIEST * effort:
             break
@@ -257,22 +264,32 @@ def between_bursts(trajectory: Trajectory, bursts: Sequence[Burst]) -> list[Traj
 
 
 def _read_again(motion: Motion, smoothing: float, hold: str, seed: int) -> Motion:
-    """Return the motion as if its encoders rounded once more."""
+    """Return the smoothed motion as encoders whose counts lie elsewhere would read it, smoothed in its turn.
+
+    So what smoothing bends is bent once more, too; and where a joint moves by less than a count from sample to sample,
+    errors of neighbours are alike as they are in what was recorded.
+    """
     recorded = motion.recorded
-    error = np.random.default_rng(seed).uniform(-0.5, 0.5, recorded.q.shape) * encoder_step(recorded.q)
-    return Motion.prepare(replace(recorded, q=recorded.q + error), smoothing, hold)
+    step, true = encoder_step(recorded.q), motion.smoothed(recorded.t)[:, :2]
+    counts = np.where(step > 0, step, 1.0)
+    elsewhere = np.random.default_rng(seed).uniform(-0.5, 0.5, 2)
+    read = (np.round(true / counts + elsewhere) - elsewhere) * counts
+    return Motion.prepare(replace(recorded, q=np.where(step > 0, read, true)), smoothing, hold)
 
 
 def _without_bursts(
-    phi: Array, y: Array, noise: Array, least: float, recordings: NDArray[np.intp]
+    phi: Array, y: Array, noise: Array, limits: tuple[float, float], recordings: NDArray[np.intp]
 ) -> tuple[NDArray[np.bool_], Array]:
-    """Return which bumps are no bursts, shape (K,), and the weights of both joints, shape (2, 1)."""
+    """Return which bumps are no bursts, shape (K,), and the weights of both joints, shape (2, 1).
+
+    ``limits``: of residuals, in robust standard deviations and in N m.
+    """
     kept, weight = np.ones(len(y), dtype=bool), np.ones((2, 1))
     for _ in range(ROUNDS):
         left = np.abs(y - phi @ solved((phi * weight)[kept], (y * weight[:, 0])[kept]))
         spread = np.maximum(1.4826 * np.median(left, axis=0), noise) + np.finfo(float).tiny
         weight = (spread[0] / spread)[:, None]
-        limit = np.maximum(OUTLYING * spread, least)
+        limit = np.maximum(limits[0] * spread, limits[1])
         outlying = (left > limit).any(axis=1)
         around = np.convolve(outlying, np.ones(2 * round(WIDTH / STRIDE / 2) + 1), 'same') > 0
         if (around == ~kept).all() or around.mean() > MOST_BURSTS:
@@ -310,6 +327,7 @@ def _named(
     base, y = (balances.phi * weight)[kept], (balances.y * weight[:, 0])[kept]
     theta = solved(base, y)
     left = float(((y - base @ theta) ** 2).sum())
+    beyond = 1 - rounding / max(left, np.finfo(float).tiny)
     pays = PAYS if max(m.interval for m in balances.motions) <= COARSE else PAYS_COARSE
     chosen = select(
         effects,
@@ -319,11 +337,15 @@ def _named(
         balances.folds[kept],
         # Bumps overlap: what is independent is every half of one, of each joint.
         independent=2 * kept.sum() * STRIDE / (WIDTH / 2),
-        pays=max(pays, MAIN * (1 - rounding / max(left, np.finfo(float).tiny))),
+        pays=max(pays, MAIN * beyond),
         physical=theta[:5],
     )
     for choice in chosen:
-        yield choice.number, Found(effects[choice.number], choice.sizes, choice.share, choice.moved / theta[:5])
+        effect, most = (
+            effects[choice.number],
+            choice.share >= beyond * (MOST if len(balances.t) >= FEWEST_RECORDINGS else MOST_ALONE),
+        )
+        yield choice.number, Found(effect, choice.sizes, choice.share, choice.moved / theta[:5], most=most)
 
 
 def _not_noise(readings: list[tuple[_Balances, list[Array]]], weight: Array, kept: NDArray[np.bool_]) -> int:

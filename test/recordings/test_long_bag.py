@@ -4,6 +4,7 @@
 """Bags that are too long to be held: read piece by piece, taken in stretches, and the same answers in the end."""
 
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from pendubot_identification.errors import TrajectoryError
 from pendubot_identification.excitation.excitation import PulseTrain
 from pendubot_identification.identify.identification import identify
 from pendubot_identification.identify.settings import Settings
+from pendubot_identification.level import Level
 from pendubot_identification.model.parameters import PAPER
 from pendubot_identification.model.rollout import roll
 from pendubot_identification.model.simulation import quantised
@@ -129,6 +131,30 @@ def test_trajectory_takes_the_stretches_and_says_so(bag, soon, tmp_path, capsys,
     assert f'from {STRETCHES} stretches of 8 s, spread over {bag}@:39.995, 40 s' in said
     page = (tmp_path / 'look' / 'report.html').read_text()
     assert f'what lies between {STRETCHES} stretches of {bag}@:39.995, 40 s' in page
+
+
+def test_a_long_day_on_which_friction_drifts_is_never_ok(tmp_path, monkeypatch):
+    """Dry and viscous friction fall by a third, in a recording of which stretches are taken."""
+    monkeypatch.setattr(long, 'LONG_SECONDS', 100.0)
+    rig = replace(PAPER, Fc1=0.01, Fc2=0.0005)
+    state, q, count = np.array([-np.pi / 2, 0.0, 0.0, 0.0]), [], 30
+    t = np.arange(count * 1000) * INTERVAL
+    tau = np.column_stack([PulseTrain().torques(t), np.zeros(len(t))])
+    for k in range(count):
+        worn = 1 - k / count / 3
+        now = replace(rig, **{name: worn * getattr(rig, name) for name in ('b1', 'b2', 'Fc1', 'Fc2')})
+        torque = np.repeat(tau[1000 * k : 1000 * (k + 1)].T, 2, axis=1)[:, :, None]
+        states = roll(now.vector(), state[:, None], torque, INTERVAL / 2)[:, :, 0]
+        q.append(states[:-1:2, :2])
+        state = states[-1]
+    path = tmp_path / 'day'
+    write_trajectory(path, quantised(Trajectory(t, np.concatenate(q), tau), 4000))
+    (recording,) = load_datasets([f'{path}@0:299']).training
+    assert isinstance(recording, Long)
+    found = identify([recording], settings=Settings(('weak', 'trajectory'), 'coulomb', 'lsq'))
+    assert found.level is Level.WARN
+    (said,) = (warning for warning in found.warnings if 'friction changes with time' in warning)
+    assert 'may change P1 to P5 by' in said, 'it is not allowed for'
 
 
 def test_a_topic_that_ended_long_before_the_bag_is_taken_as_long_as_it_is(tmp_path, soon):
