@@ -15,7 +15,7 @@ which friction holds a hanging link.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -32,6 +32,7 @@ from pendubot_identification.model.dynamics import GRAVITY, Pair
 from pendubot_identification.model.parameters import MODELS, NAMES, Bounds, default_bounds
 from pendubot_identification.model.simulation import HANGING
 from pendubot_identification.trajectories.motion import Motion
+from pendubot_identification.trajectories.reading import Affine, Reading
 from pendubot_identification.trajectories.signals import SMOOTHING
 from pendubot_identification.trajectories.trajectory import Trajectory
 
@@ -97,6 +98,9 @@ class Fault:
         unexplained: part of the squared effort that is left unexplained as recorded; NaN where nothing was tried.
         put_right: the same with the fault put right.
         delay: of the effort [s], when the fault is put right by it; None for other faults.
+        change: what is done to the motion to put it right; None where nothing is.
+        options: of reading the recordings by which they are put right, as far as that is known.
+        mended: how they are then read.
     """
 
     name: str
@@ -106,6 +110,9 @@ class Fault:
     unexplained: float = math.nan
     put_right: float = math.nan
     delay: float | None = None
+    change: Affine | None = None
+    options: tuple[str, ...] = ()
+    mended: Reading | None = None
 
     @property
     def sentence(self) -> str:
@@ -116,7 +123,7 @@ class Fault:
                 f': {100 * self.unexplained:.3g} % of the squared effort is left unexplained as recorded and '
                 f'{100 * self.put_right:.3g} % with this put right'
             )
-        return f'{self.found}{shares}; {self.remedy}'
+        return f'{self.found}{shares}; {self.remedy}' + (f': {", ".join(self.options)}' if self.options else '')
 
 
 _AS_IS, _EXCHANGED, _RELATIVE = ((1, 0), (0, 1)), ((0, 1), (1, 0)), ((1, 0), (-1, 1))
@@ -127,10 +134,14 @@ _WHAT_IS_EXPECTED = {
     'sign': 'positions and efforts of both joints must be positive in one sense of rotation',
     'order': 'shoulder first, elbow second',
     'absolute': 'it must be relative to link 1',
+    'degrees': 'positions must be in radians',
 }
 _NEGATED, _DISORDERED = 'has the wrong sign', 'are in the wrong order'
-_RELATIVELY = "subtract the shoulder's position (import-csv: --elbow absolute)"
+_RELATIVELY = "subtract the shoulder's position"
+_CONVERTED = 'convert them'
 _NO_SHIFT = (0.0, 0.0)
+_DEGREE = math.pi / 180
+_IN_RADIANS = ((_DEGREE, 0.0), (0.0, _DEGREE))
 #: Faults of sense or order: name, what is wrong, what to do, and what undoes it: matrices for angles from hanging and
 #: for efforts, and what is then added to the positions [rad] where they were turned about another zero than hanging.
 _TURNS: tuple[tuple[str, str, str, Matrix, Matrix, Pair], ...] = (
@@ -163,10 +174,19 @@ _TURNS: tuple[tuple[str, str, str, Matrix, Matrix, Pair], ...] = (
     ('order', f"the joints' efforts {_DISORDERED}", 'exchange the efforts', _AS_IS, _EXCHANGED, _NO_SHIFT),
     ('absolute', "the elbow's position is absolute", _RELATIVELY, _RELATIVE, _AS_IS, _NO_SHIFT),
     ('absolute', "the elbow's position is absolute", _RELATIVELY, _RELATIVE, _AS_IS, _LIFTED),
+    ('degrees', 'the positions are in degrees', _CONVERTED, _IN_RADIANS, _AS_IS, ((1 - _DEGREE) * math.pi / 2, 0.0)),
+    (
+        'degrees',
+        'the positions are in degrees from hanging',
+        _CONVERTED,
+        _IN_RADIANS,
+        _AS_IS,
+        (-_DEGREE * math.pi / 2, 0.0),
+    ),
 )
 #: What the zeros must be.
 _ZEROS = (
-    'q1 must be 0 where link 1 is horizontal, -90 degrees hanging (import-csv: --zero hanging if it is 0 there)',
+    'q1 must be 0 where link 1 is horizontal, -90 degrees hanging',
     'q2 must be 0 where link 2 continues link 1',
 )
 
@@ -219,6 +239,22 @@ def diagnose(
                 )
             )
     return tuple(faults)
+
+
+def with_options(faults: Iterable[Fault], reading: Reading) -> tuple[Fault, ...]:
+    """Return faults with the options that put them right, each after those before it, where recordings are read so."""
+    said = []
+    for fault in faults:
+        mended = None if fault.change is None else reading.then(fault.change)
+        if mended is not None:
+            added, gone = (
+                [option for option in one.options() if option not in other.options()]
+                for one, other in ((mended, reading), (reading, mended))
+            )
+            words = [f'add {" ".join(added)}'] * bool(added) + [f'leave out {" ".join(gone)}'] * bool(gone)
+            fault, reading = replace(fault, options=tuple(words), mended=mended), mended
+        said.append(fault)
+    return tuple(said)
 
 
 def _cured(rig: _Rig) -> tuple[_Rig, float, list[Fault]]:
@@ -319,12 +355,16 @@ class _Rig:
     def regressions(self) -> list[Regression]:
         return [weak_regression(m, MODEL, self.delay, weights=WEIGHTS, stride=STRIDE) for m in self.motions]
 
-    def changed(self, change: Callable[[Trajectory], Trajectory]) -> _Rig:
-        return replace(self, trajectories=tuple(map(change, self.trajectories)))
+    def changed(self, change: Affine) -> _Rig:
+        Q, c, T, d = change
+        return replace(
+            self,
+            trajectories=tuple(replace(t, q=t.q @ Q.T + c, tau=t.tau @ T.T + d, qd=None) for t in self.trajectories),
+        )
 
     def turned_by(self, angles: Array) -> _Rig:
         """Return the rig with angles [rad] taken from its joints' positions."""
-        return self.changed(lambda t: replace(t, q=t.q - angles, qd=None))
+        return self.changed(Affine.of(c=-angles))
 
     @cached_property
     def turned(self) -> list[Regression]:
@@ -394,18 +434,15 @@ _Remedy = tuple[Fault, _Rig]
 def _turns(rig: _Rig) -> Iterator[_Remedy]:
     hanging = np.array(HANGING)
     for name, found, remedy, positions, efforts, shift in _TURNS:
-
-        def read(t: Trajectory, to: Matrix = positions, tau: Matrix = efforts, shift: Pair = shift) -> Trajectory:
-            q = (t.q - hanging) @ np.transpose(to) + hanging + np.array(shift)
-            return replace(t, q=q, tau=t.tau @ np.transpose(tau), qd=None)
-
-        right = rig.changed(read)
+        change = Affine.of(positions, hanging + shift - np.array(positions) @ hanging, efforts)
+        right = rig.changed(change)
         try:
             after = _unexplained(_pooled(right.regressions))
         except TrajectoryError:  # read like this, the rig moves as none can
             continue
         if after * TURNED < rig.tolerated:
-            yield Fault(name, found, f'{_WHAT_IS_EXPECTED[name]}: {remedy}', put_right=after), right
+            expected = f'{_WHAT_IS_EXPECTED[name]}: {remedy}'
+            yield Fault(name, found, expected, put_right=after, change=change), right
 
 
 def _others(rig: _Rig) -> Iterator[_Remedy]:
@@ -424,14 +461,18 @@ def _zeros(rig: _Rig) -> Iterator[_Remedy]:
             degrees, error = math.degrees(angle), math.degrees(rig.std_error(joint, angles))
             found = f"q{joint + 1}'s zero is off by {degrees:.1f} +- {error:.1g} degrees"
             remedy = f'{expected}: subtract {degrees:.1f} degrees'
-            yield Fault('zero', found, remedy, put_right=after), rig.turned_by(angles)
+            # A zero that somebody chose, and not one that is off.
+            right = round(angle / (math.pi / 2)) * math.pi / 2
+            chosen = right * JOINTS[joint] if right and abs(angle - right) < rig.tolerance(joint, angles) else angles
+            change = Affine.of(c=-chosen)
+            yield Fault('zero', found, remedy, put_right=after, change=change), rig.turned_by(angles)
 
 
 def _offsets(rig: _Rig) -> Iterator[_Remedy]:
     """Yield what undoes a constant effort [N m] that was recorded at the shoulder and did not act."""
 
     def by(effort: float) -> _Rig:
-        return rig.changed(lambda t: replace(t, tau=t.tau + np.array([effort, 0.0])))
+        return rig.changed(Affine.of(d=(effort, 0.0)))
 
     most = max(float(np.abs(t.tau[:, 0]).max()) for t in rig.trajectories)
     if not most > 0 or rig.duration < LONG_ENOUGH:
@@ -448,7 +489,7 @@ def _offsets(rig: _Rig) -> Iterator[_Remedy]:
     if after * SHIFTED < rig.tolerated:
         found = f"the shoulder's effort is off by a constant {offset:.3g} N m"
         remedy = f'it must be 0 where no torque acts: subtract {offset:.3g} N m'
-        yield Fault('offset', found, remedy, put_right=after), right
+        yield Fault('offset', found, remedy, put_right=after, change=Affine.of(d=(-offset, 0.0))), right
 
 
 def _delays(rig: _Rig) -> Iterator[_Remedy]:

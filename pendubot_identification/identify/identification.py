@@ -14,11 +14,12 @@ from numpy.typing import NDArray
 from pendubot_identification.errors import TrajectoryError
 from pendubot_identification.level import Level
 from pendubot_identification.trajectories.long import STRETCH, Long, Recording, held_parts
+from pendubot_identification.trajectories.reading import Reading
 from pendubot_identification.trajectories.signals import evenly_stamped
 from pendubot_identification.trajectories.suspicions import suspicions
 
 from .agreement import contradictions
-from .diagnosis import Fault, diagnose, link_length
+from .diagnosis import Fault, diagnose, link_length, with_options
 from .estimate import Estimate, Progress
 from .judgement import judge, require_excitation
 from .linear import linear
@@ -68,6 +69,11 @@ class Identification:
     def best(self) -> Estimate:
         """The estimate that is published."""
         return self.estimates[self.published]
+
+    @property
+    def mended(self) -> Reading | None:
+        """How the recordings are to be read so that their faults are put right; None where no options do that."""
+        return next((fault.mended for fault in reversed(self.faults) if fault.mended is not None), None)
 
     @property
     def level(self) -> Level:
@@ -130,6 +136,7 @@ def identify(
     low, high = settings.delays
     known = 'rotor' if settings.model == 'auto' else settings.model
     faults = diagnose(held, data.smoothing, data.hold, known, low if low == high else 0.0, settings.link_length)
+    faults = with_options(faults, settings.reading)
     left = _unexplained(data) if not faults else None
     if left is not None:
         notes += left.sentences

@@ -50,6 +50,7 @@ class FaultFound:
     remedy: str
     unexplained: Number = None
     put_right: Number = None
+    options: list[str] = field(default_factory=list)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -216,7 +217,10 @@ class CriterionAnswer:
 
 @dataclass(frozen=True, kw_only=True)
 class MadeBy:
-    """With what it was made, see :class:`.settings.Settings`."""
+    """With what it was made, see :class:`.settings.Settings`.
+
+    ``reading`` is what was said of how the recordings are read, ``applied`` what of it was found out from them.
+    """
 
     version: str
     criteria: list[str]
@@ -231,6 +235,8 @@ class MadeBy:
     seed: int
     lower_bounds: list[float]
     upper_bounds: list[float]
+    reading: dict[str, str] = field(default_factory=dict)
+    applied: list[str] = field(default_factory=list)
 
 
 @dataclass(frozen=True)

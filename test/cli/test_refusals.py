@@ -26,7 +26,8 @@ PULSES = f'simulate --output never --excitation {ROOT}/config/exciter.yaml'
 #: Command lines, and a part of what is said. Of these, what is read or written makes no sense.
 FAILURES = {
     'identify /nowhere': 'there is no bag /nowhere',
-    'identify run.csv': 'is no MCAP file',
+    'identify run.csv': "has no column 't' for t; its columns are time, a, b, u: name",
+    'identify nowhere.csv': 'nowhere.csv cannot be read: No such file',
     f'identify {"b" * 300}': 'there is no bag bbb',
     'identify swing --topic /imu': 'holds nothing on /imu; its topics are /joint_states',
     'identify swing --joints a,b': "has no joint 'a'; its joints are shoulder, elbow",
@@ -108,7 +109,7 @@ WRONG_USAGE = {
     'export result.yaml --output parameters.txt': 'no suffix that names a format',
     **{f'import-csv run.csv --output new --columns {c}': 't=NAME,q1=NAME' for c in ('time', 't=', '=time', 't=a,t=b')},
     'import-csv run.csv --output new --columns q1=a,q2=a': "column 'a' stands for both q1 and q2; name one column for",
-    'import-csv run.csv --output new --columns q3=a': "'q3' is no quantity of a motion; columns can be named for t, q1",
+    'import-csv run.csv --output new --columns q3=a': "'q3' is no quantity of a motion that --columns knows; t, q1",
     'simulate --output never --samples 0': '0 samples at 100 Hz',
     'simulate --output never --rate nan': 'a rate from 1 to 100000 Hz',
     'simulate --output never --rate 1e-9': 'a rate from 1 to 100000 Hz',

@@ -279,7 +279,7 @@ def test_unusable_samples_are_one_sentence(tmp_path, changed, error, sentence):
 @pytest.mark.parametrize(
     ('start', 'end', 'sentence'),
     [
-        (20, 30, r'holds no sample; the bag lasts 9\.990 s'),
+        (20, 30, r'holds no sample; the recording lasts 9\.990 s'),
         (1, 1.3, '30 samples .* too few'),
         (9.995, None, 'no sample'),
     ],

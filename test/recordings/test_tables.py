@@ -4,10 +4,11 @@
 import numpy as np
 import pytest
 
-from pendubot_identification.errors import CsvError
+from pendubot_identification.errors import PendubotError, TableError
 from pendubot_identification.recordings.bag_reader import read_trajectory
-from pendubot_identification.recordings.csv_import import import_csv
 from pendubot_identification.recordings.joint_states import write_trajectory
+from pendubot_identification.recordings.table_reader import TableReader
+from pendubot_identification.trajectories.reading import Reading
 
 from ..conftest import RECORDINGS
 
@@ -16,6 +17,11 @@ TEXT = """t,q1,q2,dq1,dq2,tau1,tau2
 5.01,0.3,0.5,5,6,7,8
 5.03,0.6,0.4,9,8,7,6
 """
+
+
+def read(path, **words):
+    """The motion of a file, read as a user says."""
+    return TableReader(path, Reading.of(words)).motion
 
 
 @pytest.fixture
@@ -29,20 +35,20 @@ def given(tmp_path):
 
 
 def test_the_default_columns_and_degrees(given):
-    trajectory = import_csv(given())
+    trajectory = read(given())
     np.testing.assert_allclose(trajectory.t, [0, 0.01, 0.03])
     np.testing.assert_array_equal(trajectory.q, [[0.1, 0.2], [0.3, 0.5], [0.6, 0.4]])
     np.testing.assert_array_equal(trajectory.qd, [[1, 2], [5, 6], [9, 8]])
     np.testing.assert_array_equal(trajectory.tau, [[3, 4], [7, 8], [7, 6]])
-    degrees = import_csv(given(), degrees=True)
+    degrees = read(given(), degrees=True)
     np.testing.assert_allclose(degrees.q, np.deg2rad(trajectory.q))
     np.testing.assert_allclose(degrees.qd, np.deg2rad(trajectory.qd))
     np.testing.assert_array_equal(degrees.tau, trajectory.tau)
 
 
 def test_columns_can_be_named_and_some_be_absent(given):
-    trajectory = import_csv(
-        given('time,th1,q2,u,extra\n0,1,2,3,x\n1,2,3,4,y\n'), {'t': 'time', 'q1': 'th1', 'tau1': 'u'}
+    trajectory = read(
+        given('time,th1,q2,u,extra\n0,1,2,3,x\n.1,2,3,4,y\n'), columns={'t': 'time', 'q1': 'th1', 'tau1': 'u'}
     )
     np.testing.assert_array_equal(trajectory.q, [[1, 2], [2, 3]])
     np.testing.assert_array_equal(trajectory.tau, [[3, 0], [4, 0]])
@@ -63,11 +69,11 @@ def test_columns_can_be_named_and_some_be_absent(given):
     ],
 )
 def test_other_ways_to_write_the_same(given, text):
-    np.testing.assert_array_equal(import_csv(given(text)).q, import_csv(given()).q)
+    np.testing.assert_array_equal(read(given(text)).q, read(given()).q)
 
 
 def test_a_byte_order_mark_is_no_part_of_a_name(given):
-    assert len(import_csv(given(encoding='utf-8-sig'))) == 3
+    assert len(read(given(encoding='utf-8-sig'))) == 3
 
 
 @pytest.mark.parametrize('zero', ['horizontal', 'hanging'])
@@ -76,8 +82,8 @@ def test_the_same_pose_in_every_convention(given, zero, elbow):
     # Link 1 at 30 degrees above the horizontal, link 2 bent by 40 degrees more; 1 and 2 degrees/s.
     first = 30 + 90 * (zero == 'hanging')
     second, second_rate = (first + 40, 3) if elbow == 'absolute' else (40, 2)
-    rows = '\n'.join(f'{t},{first},{second},0,1,{second_rate}' for t in (0, 1))
-    trajectory = import_csv(given(f't,q1,q2,tau1,dq1,dq2\n{rows}'), degrees=True, zero=zero, elbow=elbow)
+    rows = '\n'.join(f'{t},{first},{second},0,1,{second_rate}' for t in (0, 0.1))
+    trajectory = read(given(f't,q1,q2,tau1,dq1,dq2\n{rows}'), degrees=True, zero=zero, elbow=elbow)
     np.testing.assert_allclose(trajectory.q[1], np.deg2rad([30, 40]), atol=1e-12)
     np.testing.assert_allclose(trajectory.qd[1], np.deg2rad([1, 2]), atol=1e-12)
 
@@ -89,7 +95,7 @@ ONE_EACH = '7 are expected, one for each column name; mend or remove that row'
 @pytest.mark.parametrize(
     ('text', 'sentence'),
     [
-        (TEXT.replace('tau1', 'torque'), r"no column 'tau1' for tau1; its columns are t, q1, .*--columns tau1=NAME"),
+        (TEXT.replace('tau1', 'torque'), r"no column 'tau1' for tau1; its columns are t, q1, .*--columns tau1=torque"),
         *(
             (TEXT.replace('0.5', cell), f"line 3, column 'q2': {said} is no finite number")
             for cell, said in (('open', "'open'"), ('nan', "'nan'"), ('', 'nothing'))
@@ -100,13 +106,16 @@ ONE_EACH = '7 are expected, one for each column name; mend or remove that row'
         # Decimal commas, in all columns and in the last alone.
         (MINIMAL + '0,00,0,10,0,20,0,30\n', 'line 2 has 8 cells; 4 are .*decimals .*commas: .*points'),
         (MINIMAL + '0.00,0.1,0.2,0,30\n', 'line 2 has 5 cells; 4 are .*decimals .*commas: .*points'),
-        (TEXT.replace(',', ';').replace('.', ','), "'5,00' is no finite number; write decimals with a point"),
-        (TEXT.replace('dq1', 'q1'), "has 2 columns 'q1'; rename all but the one for q1"),
+        (
+            TEXT.replace(',', ';').replace('.', ','),
+            "'5,00' is no finite number; decimals .* with commas: add --decimal comma",
+        ),
+        (TEXT.replace('dq1', 'q1'), "has 2 columns 'q1'; rename all but one of them"),
         (TEXT.replace('0.5', '5' * 200_000), 'line 3: field larger than field limit'),
-        (MINIMAL + '0,1,2,3\n10,1,2,3\n20,1,2,3\n', r'rows are 10 s apart.*divide milliseconds by 1000'),
+        (MINIMAL + '0,1,2,3\n10,1,2,3\n20,1,2,3\n', r'rows are 10 s apart.*: add --time-unit ms'),
         (TEXT.splitlines()[0], 'holds no row of numbers'),
         (' \n\n', 'run.csv is empty; a line of column names and rows of numbers are expected'),
-        ('sep=;', "no column 't' for t"),
+        ('sep=;', 'run.csv is empty'),
         ('sep=;\nt;q1;q2;tau1\n0;1;2;nan\n', "line 3, column 'tau1': 'nan'"),
         *(
             (TEXT.replace('5.01', stamp), rf'line 3: the time .* {what}, after 5; every row needs a later one')
@@ -115,8 +124,8 @@ ONE_EACH = '7 are expected, one for each column name; mend or remove that row'
     ],
 )
 def test_a_file_that_cannot_be_used_is_one_sentence(given, text, sentence):
-    with pytest.raises(CsvError, match=sentence):
-        import_csv(given(text))
+    with pytest.raises(TableError, match=sentence):
+        read(given(text))
 
 
 @pytest.mark.parametrize(
@@ -128,21 +137,21 @@ def test_a_file_that_cannot_be_used_is_one_sentence(given, text, sentence):
     ],
 )
 def test_columns_that_are_not_there_are_one_sentence(given, columns, sentence):
-    with pytest.raises(CsvError, match=sentence):
-        import_csv(given(), columns)
+    with pytest.raises(PendubotError, match=sentence):
+        read(given(), columns=columns)
 
 
 def test_a_file_that_cannot_be_read_is_one_sentence(tmp_path):
-    with pytest.raises(CsvError, match='No such file'):
-        import_csv(tmp_path / 'nowhere.csv')
+    with pytest.raises(TableError, match='No such file'):
+        read(tmp_path / 'nowhere.csv')
     (tmp_path / 'binary.csv').write_bytes(b'\x89MCAP0\r\n\xff')
-    with pytest.raises(CsvError, match='no text in UTF-8'):
-        import_csv(tmp_path / 'binary.csv')
+    with pytest.raises(TableError, match='no text in UTF-8'):
+        read(tmp_path / 'binary.csv')
 
 
 @pytest.mark.recordings
 def test_a_real_recording_comes_back_from_a_bag(tmp_path):
-    trajectory = import_csv(RECORDINGS / 'dfki_C1_sysid_143339.csv')
+    trajectory = read(RECORDINGS / 'dfki_C1_sysid_143339.csv')
     write_trajectory(tmp_path / 'bag', trajectory)
     back = read_trajectory(tmp_path / 'bag').trajectory
     np.testing.assert_allclose(back.t, trajectory.t, atol=1e-9)
