@@ -7,9 +7,10 @@ A recording that breaks a convention is poorly explained by any physical paramet
 right. So every known fault is put right on trial, and named where that makes the weak criterion fall markedly, to what
 a sound recording leaves. Where nothing does that, all that is said is that the motion fits no pendubot.
 
-What cannot be noticed: an effort in other units or through another gear ratio, which scales all parameters; both joints
-and both efforts turned round, which is the same rig seen from behind; and a zero that is off by less than the angle at
-which friction holds a hanging link.
+What cannot be noticed: an effort through another gear ratio or in other units, which scales all parameters (but for
+one a thousand times too large, with which no link could be so small and so heavy); both joints and both efforts
+turned round, which is the same rig seen from behind; and a zero that is off by less than the angle at which friction
+holds a hanging link.
 """
 
 from __future__ import annotations
@@ -45,7 +46,9 @@ JOINTS = np.eye(2)
 
 #: Dry friction and a rotor are allowed for; a richer model would explain faults away.
 MODEL = 'rotor'
-BOUNDS = default_bounds().of(MODELS[MODEL])
+_BOX = default_bounds().of(MODELS[MODEL])
+#: The effort may be in any units.
+BOUNDS = Bounds(_BOX.lower, 1e6 * _BOX.upper, _BOX.names)
 #: Of the balances of the shoulder, the elbow and energy: smoothing spoils energy, and elbows are small.
 WEIGHTS = (1.0, 3.0, 0.1)
 #: From bump to bump [s].
@@ -54,6 +57,10 @@ STRIDE = 0.03
 SHORTEST = 1.0
 #: By how much putting it right must lower the unexplained part: a sense or an order, and a zero or a delay.
 TURNED, SHIFTED = 2.0, 1.2
+#: A motion in degrees is as large [rad]: what is small fits any rig, and little moves as a pendulum in any unit.
+AS_DEGREES = 10.0
+#: By how much a sense must lower what is left of the elbow's own balance, where that is much.
+ELBOW = 30.0
 #: A zero or an offset that lowers it by so much had made some parameter wrong by a sixth and more, on virtual and real
 #: rigs.
 GRAVE = 5.0
@@ -66,8 +73,9 @@ FLAWLESS = 1e-6
 UNFIT = 0.3
 #: So much of a motion [s], and of either joint [rad], is needed to say that; so much time, too, to tell an offset.
 LONG_ENOUGH, FAR_ENOUGH = 3.0, 0.5
-#: Of the effort's scale, which is not told: it may be in other units.
-ANY_SCALE = 1e6
+#: Link 2 would be so dense [kg/m^3], all its mass in a cube as wide as its centre of mass is far from its joint: those
+#: of real rigs are 16 to 80, steel is 7800.
+TOO_DENSE = 5000.0
 #: Remedies that leave up to so many times as much unexplained as the best one are named beside it.
 ALIKE = 1.5
 #: Another smoothing and hold than were given must leave so many times less, for half an interval looks like a delay.
@@ -90,8 +98,8 @@ class Fault:
     """A convention that recordings break.
 
     Attributes:
-        name: ``sign``, ``order``, ``absolute``, ``zero``, ``offset``, ``delay``, ``length``, or ``motion``: none of
-            these, but that the motion fits no pendubot.
+        name: ``sign``, ``order``, ``absolute``, ``degrees``, ``unit``, ``zero``, ``offset``, ``delay``, ``length``, or
+            ``motion``: none of these, but that the motion fits no pendubot.
         found: what is wrong, in words.
         remedy: what was expected, and what to do.
         level: ERROR where parameters from such recordings are useless, else WARN.
@@ -226,6 +234,7 @@ def diagnose(
             cured, left, faults = found
     if not faults:
         faults = _unfit(rig)
+    faults += _unit(cured)
     if expected_link_length is not None:
         length, error = link_length(cured.motions, model, cured.delay)
         if abs(length - expected_link_length) > max(LENGTH_ERRORS * error, LENGTH_PART * expected_link_length):
@@ -290,12 +299,33 @@ def _cured(rig: _Rig) -> tuple[_Rig, float, list[Fault]]:
     return steps[-1][1], before, faults
 
 
+def _unit(rig: _Rig) -> list[Fault]:
+    """Return that the effort is in mN m, where otherwise no link could be as heavy for its length.
+
+    m2 is at least P5^2 / P2, and d2 at most P2 / P5.
+    """
+    criterion = _pooled(rig.regressions)
+    theta = dict(zip(NAMES, criterion.minimum_in_box(BOUNDS), strict=False))
+    P2, P5 = theta['P2'], theta['P5']
+    if not (P2 > 0 and P5 > 0) or P5**2 / P2 < TOO_DENSE * (P2 / P5) ** 3 or _unexplained(criterion) > SOUND:
+        return []
+    fault = Fault(
+        'unit',
+        f'link 2 would weigh {P5**2 / P2:.3g} kg or more, within {100 * P2 / P5:.2g} cm of its joint; the effort is as '
+        'in mN m',
+        'it must be in N m: divide it by 1000',
+        Level.ERROR,
+        change=Affine.of(T=np.eye(2) / 1000),
+    )
+    return [fault]
+
+
 def _unfit(rig: _Rig) -> list[Fault]:
     """Return that the motion is no pendubot's, whatever the units of its effort."""
     moved = np.max([np.ptp(t.q, axis=0) for t in rig.trajectories], axis=0)
     if rig.duration < LONG_ENOUGH or moved.min() < FAR_ENOUGH:
         return []
-    left = _unexplained(_pooled(rig.regressions), Bounds(BOUNDS.lower, ANY_SCALE * BOUNDS.upper, BOUNDS.names))
+    left = _unexplained(_pooled(rig.regressions))
     if left <= UNFIT:
         return []
     return [
@@ -321,17 +351,22 @@ def link_length(motions: Sequence[Motion], model: str, delay: float = 0.0) -> tu
     motions = [motion for motion in motions if motion.end - motion.start > WIDTH + abs(delay)]
     if not motions:
         return math.nan, math.nan
+    parts = _elbows_own(motions, model, delay)
+    ratios = _pooled(parts).free_minimum()
+    covariance = bootstrap_covariance(_blocks(parts), ratios, np.ones(len(ratios), dtype=bool))
+    return float(ratios[0]), math.sqrt(covariance[0, 0])
+
+
+def _elbows_own(motions: Sequence[Motion], model: str, delay: float) -> list[Regression]:
+    """Return the elbow's own balance: P3 and others over P5 from gravity's column, which nothing spoils."""
     names = NAMES[: MODELS[model]]
     others = [names.index(name) for name in ('P3', 'P2', 'b2', 'Fc2', 'J2', 'Fs2', 'k2') if name in names]
     parts = []
     for motion in motions:
         balances = weak_regression(motion, model, delay, weights=(1, 1, 1))
         phi, y, t = (values[1::3] for values in (balances.phi, balances.y, balances.t))
-        # Gravity, the column that neither smoothing nor noise spoils, in terms of all others divided by P5.
         parts.append(Regression(np.column_stack([phi[:, others], -y]), -phi[:, names.index('P5')], t))
-    ratios = _pooled(parts).free_minimum()
-    covariance = bootstrap_covariance(_blocks(parts), ratios, np.ones(len(ratios), dtype=bool))
-    return float(ratios[0]), math.sqrt(covariance[0, 0])
+    return parts
 
 
 @dataclass(frozen=True)
@@ -365,6 +400,13 @@ class _Rig:
     def turned_by(self, angles: Array) -> _Rig:
         """Return the rig with angles [rad] taken from its joints' positions."""
         return self.changed(Affine.of(c=-angles))
+
+    @cached_property
+    def elbow(self) -> float:
+        """What is left unexplained of the elbow's own balance, in which a light elbow counts as much as a heavy one."""
+        criterion = _pooled(_elbows_own(self.motions, MODEL, self.delay))
+        gravity = float(criterion(np.zeros_like(criterion.y)))
+        return float(criterion(criterion.free_minimum())) / gravity if gravity > 0 else 0.0
 
     @cached_property
     def turned(self) -> list[Regression]:
@@ -433,14 +475,19 @@ _Remedy = tuple[Fault, _Rig]
 
 def _turns(rig: _Rig) -> Iterator[_Remedy]:
     hanging = np.array(HANGING)
+    moved = max(float(np.ptp(t.q, axis=0).max()) for t in rig.trajectories)
     for name, found, remedy, positions, efforts, shift in _TURNS:
+        if name == 'degrees' and moved < AS_DEGREES:
+            continue
         change = Affine.of(positions, hanging + shift - np.array(positions) @ hanging, efforts)
         right = rig.changed(change)
         try:
             after = _unexplained(_pooled(right.regressions))
+            # Of a light elbow a wrong sense changes little of all the effort.
+            elbow = after < rig.tolerated and rig.elbow > SOUND and right.elbow * ELBOW < rig.elbow
         except TrajectoryError:  # read like this, the rig moves as none can
             continue
-        if after * TURNED < rig.tolerated:
+        if after * TURNED < rig.tolerated or elbow:
             expected = f'{_WHAT_IS_EXPECTED[name]}: {remedy}'
             yield Fault(name, found, expected, put_right=after, change=change), right
 

@@ -183,13 +183,14 @@ class Reading:
         """
         wanted, found = change.after(self.affine), list[tuple[int, Reading]]()
         signs = [some for size in range(len(SIGNED) + 1) for some in combinations(SIGNED, size)]
-        swaps = ('nothing', 'joints', 'positions', 'efforts')
-        zeros, elbows = ('horizontal', 'hanging'), ('relative', 'absolute')
         before = set(self.options())
-        for degrees, swap, negate, elbow, zero in product((False, True), swaps, signs, elbows, zeros):
-            other = replace(self, degrees=degrees, swap=swap, negate=negate, elbow=elbow, zero=zero, offset={})
+        choices = {option.name: option.choices for option in READING}
+        varied = {name: choices[name] for name in ('torque_unit', 'swap', 'elbow', 'zero')}
+        varied |= {'degrees': (False, True), 'negate': signs, 'offset': [{}]}
+        for values in product(*varied.values()):
+            other = replace(self, **dict(zip(varied, values, strict=True)))
             Q, c, T, d = other.affine
-            if not (np.allclose(Q, wanted.Q) and np.allclose(T, wanted.T)):
+            if not (np.allclose(Q, wanted.Q, atol=1e-9) and np.allclose(T, wanted.T, atol=1e-9)):
                 continue
             turns = np.remainder(c - wanted.c + math.pi, 2 * math.pi) - math.pi
             left = dict(zip(OFFSET, [*turns, *(d - wanted.d)], strict=True))

@@ -1,0 +1,165 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""One recording in many disguises: identified as from its bag by following what the program says, and by itself."""
+
+import json
+import re
+import shlex
+import sys
+
+import numpy as np
+import pytest
+import scipy.io
+
+from pendubot_identification.recordings.bag_reader import read_trajectory
+from test.conftest import ROOT
+
+BAG = ROOT / 'bags' / 'paper_experiment'
+QUICK = ('--criterion', 'weak', '--model', 'viscous', '--optimizer', 'lsq', '--hold', 'zero', '--delay', '0', '--json')
+
+
+def as_text(file, columns, delimiter=','):
+    rows = zip(*(np.asarray(values).tolist() for values in columns.values()), strict=True)
+    lines = [delimiter.join(columns), *(delimiter.join(map(repr, row)) for row in rows)]
+    file.write_text('\n'.join(lines))
+
+
+def with_decimal_commas(file, columns):
+    as_text(file, columns, ';')
+    file.write_text(file.read_text().replace('.', ','))
+
+
+def matlab_struct(file, columns):
+    scipy.io.savemat(file, {'remark': 'Monday', 'run': {**columns, 'gain': 3.0}}, oned_as='column')
+
+
+def matlab_matrices(file, columns):
+    """q with two columns, and times in a row."""
+    q = np.column_stack([columns['q1'], columns['q2']])
+    scipy.io.savemat(file, {'t': columns['t'], 'q': q, 'tau1': columns['tau1'][:, None]}, oned_as='row')
+
+
+def matlab_73(file, columns):
+    h5py = pytest.importorskip('h5py')
+    with h5py.File(file, 'w', userblock_size=512) as hdf:
+        hdf.create_group('#refs#')
+        for name, values in columns.items():
+            hdf.create_dataset(f'run/{name}', data=np.asarray(values)[None, :]).attrs['MATLAB_class'] = b'double'
+    with file.open('r+b') as stream:
+        stream.write(b'MATLAB 7.3 MAT-file'.ljust(124) + b'\0\2IM')
+
+
+def excel(file, columns):
+    book = pytest.importorskip('openpyxl').Workbook()
+    for row in (list(columns), *zip(*(values.tolist() for values in columns.values()), strict=True)):
+        book.active.append(row)
+    book.save(file)
+
+
+def parquet(file, columns):
+    pytest.importorskip('pyarrow.parquet').write_table(sys.modules['pyarrow'].table(columns), file)
+
+
+def with_missing_rows(file, columns):
+    """Rows that a logger wrote when nothing had come."""
+    as_text(file, columns)
+    lines = file.read_text().splitlines()
+    for k, row in ((700, ',,,'), (300, '{t},nan,NaN,nan'), (10, '#N/A,#N/A,#N/A,#N/A')):
+        lines.insert(k, row.format(t=3.0))
+    file.write_text('\n'.join(lines))
+
+
+HANGING = {'q1': lambda c: np.degrees(c['q1'] + np.pi / 2), 'q2': lambda c: np.degrees(c['q2'])}
+#: How the file is made, what is done to its columns before, and the options that the program names.
+DISGUISES = {
+    'matrices.mat': (matlab_matrices, {}, []),
+    'struct.mat': (matlab_struct, {}, []),
+    'version 7.3.mat': (matlab_73, {}, []),
+    'sheet.xlsx': (excel, {}, []),
+    'run.parquet': (parquet, {}, []),
+    'decimal commas.csv': (with_decimal_commas, {}, ['--decimal comma']),
+    'milliseconds.csv': (as_text, {'t': lambda c: 1000 * c['t']}, ['--time-unit ms']),
+    'degrees from hanging.csv': (as_text, HANGING, ['--degrees', '--zero hanging']),
+    'absolute elbow.csv': (as_text, {'q2': lambda c: c['q1'] + c['q2']}, ['--elbow absolute']),
+    'flipped elbow.csv': (as_text, {'q2': lambda c: -c['q2']}, ['--negate q2']),
+    'millinewtonmetres.txt': (as_text, {'tau1': lambda c: 1000 * c['tau1']}, ['--torque-unit mNm']),
+    'missing rows.csv': (with_missing_rows, {}, ['--skip-missing']),
+    # Beyond the twelve.
+    'flipped torque.csv': (as_text, {'tau1': lambda c: -c['tau1']}, ['--negate tau1,tau2']),
+    'exchanged.csv': (as_text, {'q1': lambda c: c['q2'], 'q2': lambda c: c['q1']}, ['--swap positions']),
+    'hanging.csv': (as_text, {'q1': lambda c: c['q1'] + np.pi / 2}, ['--zero hanging']),
+    'other names.tsv': (
+        lambda file, c: as_text(file, dict(zip(('Time', 'theta1', 'theta2', 'u'), c.values(), strict=True)), '\t'),
+        {},
+        ['--columns t=Time,q1=theta1,q2=theta2,tau1=u'],
+    ),
+    'all at once.csv': (
+        with_decimal_commas,
+        {**HANGING, 't': lambda c: 1e6 * c['t'], 'tau1': lambda c: 1000 * c['tau1']},
+        ['--decimal comma', '--time-unit us', '--degrees', '--torque-unit mNm', '--zero hanging'],
+    ),
+}
+
+
+@pytest.fixture(scope='module')
+def columns():
+    motion = read_trajectory(BAG).trajectory[:900]
+    return {'t': motion.t, 'q1': motion.q[:, 0], 'q2': motion.q[:, 1], 'tau1': motion.tau[:, 0]}
+
+
+@pytest.fixture
+def identified(run):
+    """Identifies; returns the result, or, where that is refused, the sentence."""
+
+    def identified(file, *options):
+        status, out, err = run('identify', file, *QUICK, *options)
+        assert (status, bool(out)) in ((0, True), (3, True), (1, False))
+        return json.loads(out) if out else err
+
+    return identified
+
+
+def theta(result):
+    return [entry['value'] for entry in result['parameters'].values()]
+
+
+@pytest.fixture(scope='module')
+def expected(columns, tmp_path_factory):
+    """Parameters from a bag."""
+    from pendubot_identification.identify.identification import identify
+    from pendubot_identification.identify.settings import Settings
+    from pendubot_identification.trajectories.trajectory import Trajectory
+
+    zeros = np.zeros(900)
+    motion = Trajectory(
+        columns['t'],
+        np.column_stack([columns['q1'], columns['q2']]),
+        np.column_stack([columns['tau1'], zeros]),
+    )
+    settings = Settings(('weak',), 'viscous', optimizer='lsq', hold='zero', delays=(0.0, 0.0))
+    return identify([motion[:450]], [motion[450:]], settings).best.theta
+
+
+@pytest.mark.parametrize('name', DISGUISES)
+def test_a_disguise_is_seen_through(columns, identified, expected, tmp_path, name):
+    write, change, options = DISGUISES[name]
+    file = tmp_path / name
+    write(file, columns | {each: made(columns) for each, made in change.items()})
+    typed, proposed = [], None
+    # As a user does who adds what is said.
+    for _ in range(len(options) + 1):
+        found = identified(file, *shlex.split(' '.join(typed)))
+        said = found if isinstance(found, str) else ' '.join(fault for f in found['faults'] for fault in f['options'])
+        proposed = re.findall(r'(?:add|with) ((?:--[\w-]+(?: \w\S*)?,? ?)+)', said)
+        if not proposed:
+            break
+        typed += [each.strip(' ,') for each in proposed]
+    assert sorted(re.findall(r'--[\w-]+(?: \w\S*)?', ' '.join(typed))) == sorted(options)
+    assert not isinstance(found, str), found
+    np.testing.assert_allclose(theta(found), expected, rtol=1e-6)
+    assert found['made_by']['applied'] == []
+    by_itself = identified(file, '--apply-remedies')
+    np.testing.assert_allclose(theta(by_itself), expected, rtol=1e-6)
+    assert sorted(by_itself['made_by']['applied']) == sorted(options)
+    assert any('applied, as the recordings ask for it' in said for said in by_itself['warnings']) == bool(options)
