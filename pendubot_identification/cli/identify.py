@@ -97,10 +97,14 @@ def add_parser(subparsers: Any) -> None:
         action='append',
         default=[],
         metavar='NAME=LOW:HIGH',
-        help='search interval of a parameter, such as P1=0:0.5; may be repeated',
+        help='search interval of a parameter, such as P1=0:0.5; equal ends hold it; may be repeated',
     )
     what.add_argument(
-        '--fix', action='append', default=[], metavar='NAME=VALUE', help='hold a parameter at a value; may be repeated'
+        '--fix',
+        action='append',
+        default=[],
+        metavar='NAME=VALUE',
+        help='hold a parameter at a value, such as b2=0; may be repeated',
     )
     _add_options(parser.add_argument_group('how the data are taken'), (*DATA, APPLY_REMEDIES))
     _add_options(parser.add_argument_group('how it is minimised'), HOW)

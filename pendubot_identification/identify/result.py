@@ -31,7 +31,10 @@ SCHEMA = 1
 
 @dataclass(frozen=True, kw_only=True)
 class Parameter:
-    """A parameter: its 95 % ``interval``, whether it lies on a bound, and whether the motion determines it."""
+    """A parameter: its 95 % ``interval``, whether it lies on a bound, and whether the motion determines it.
+
+    One that was ``held`` at its value does neither.
+    """
 
     value: float
     std_error: Number = None
@@ -39,6 +42,7 @@ class Parameter:
     unit: str = ''
     on_bound: bool | None = None
     determined: bool | None = None
+    held: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)

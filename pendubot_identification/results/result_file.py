@@ -124,8 +124,9 @@ def _answer(e: Estimate, found: Identification) -> dict[str, Any]:
                 'std_error': e.std_error[k],
                 'interval': e.intervals[k],
                 'unit': UNITS[k],
-                'on_bound': not e.free[k],
-                'determined': e.determined[k],
+                'on_bound': not (e.free[k] or e.held[k]),
+                'determined': None if e.held[k] else e.determined[k],
+                'held': e.held[k],
             }
             for k in np.flatnonzero(e.present)
         },

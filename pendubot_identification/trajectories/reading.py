@@ -185,7 +185,7 @@ class Reading:
         signs = [some for size in range(len(SIGNED) + 1) for some in combinations(SIGNED, size)]
         before = set(self.options())
         choices = {option.name: option.choices for option in READING}
-        varied = {name: choices[name] for name in ('torque_unit', 'swap', 'elbow', 'zero')}
+        varied: dict[str, Any] = {name: choices[name] for name in ('torque_unit', 'swap', 'elbow', 'zero')}
         varied |= {'degrees': (False, True), 'negate': signs, 'offset': [{}]}
         for values in product(*varied.values()):
             other = replace(self, **dict(zip(varied, values, strict=True)))

@@ -87,6 +87,8 @@ WRONG_USAGE = {
     'identify x --runs 100000000': 'runs is 100000000; a whole number from 1 to 100000 is expected',
     'identify x@9:2': 'reversed',
     'identify x@one:2': 'must be numbers of seconds',
+    'identify x --fix b2': "--fix 'b2' is not understood; NAME=VALUE is expected, such as b2=0",
+    'identify x --model viscous --fix Fc1=0': '--fix Fc1=0 is of a parameter that --model viscous does not have',
     'identify x --bounds P1=2:1': 'bounds of P1 are inverted',
     'identify x --bounds P1=2': 'NAME=LOW:HIGH is expected',
     'identify x --bounds P8=0:1': "no parameter 'P8'",

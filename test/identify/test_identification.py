@@ -374,6 +374,7 @@ def test_nothing_that_could_hurt_is_judged_ok(factors, errors):
         residuals=100,
         condition_number=10.0,
         converged=True,
+        held=np.zeros(7, dtype=bool),
         unexplained=0.01,
         J_exact=1e-6,
         prediction=Prediction(size, np.ones_like(size), np.full(len(HORIZONS), 9)),

@@ -255,7 +255,7 @@ def test_a_level_of_ok_says_what_it_does_not_cover(tmp_path, listener):
         ('start', '/nowhere.yaml', '/nowhere.yaml cannot be read'),
         ('link_length', -1.0, '-1.0'),
         ('population', 4, 'population is 4; a whole number from 5'),
-        ('upper_bounds', [0.0] * 14, 'bounds of P1 are inverted or empty'),
+        ('upper_bounds', [-1.0] * 14, 'bounds of P1 are inverted'),
         ('upper_bounds', [1.0] * 7, '14 lower and 7 upper bounds were given'),
         ('joint_names', ['a'], 'two are expected'),
     ],
