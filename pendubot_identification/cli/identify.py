@@ -171,7 +171,7 @@ def run(args: argparse.Namespace) -> int:
         try:
             if args.output is not None:
                 write_result(args.output, result, overwrite=args.force)
-            save_map(args, Reading.of(result.made_by.reading))
+            save_map(args, Reading.of(result.reading))
             if folder is not None:
                 from pendubot_identification.report.folder import write_report
 

@@ -89,8 +89,8 @@ def read_map(path: Path) -> dict[str, Any]:
         raise ParameterError(f'{path} cannot be read ({error.strerror}); name a file of --save-map') from error
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise ParameterError(f'{path} is no YAML file; name a file of --save-map') from error
-    if isinstance(said, dict) and isinstance(said.get('made_by'), dict):
-        said = said['made_by'].get('reading', {})
+    if isinstance(said, dict) and 'schema' in said:
+        said = said.get('reading', {})
     if not isinstance(said, dict):
         raise ParameterError(f'{path} names no options; such as "degrees: true" in a line each is expected')
     return said

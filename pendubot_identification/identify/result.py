@@ -223,7 +223,7 @@ class CriterionAnswer:
 class MadeBy:
     """With what it was made, see :class:`.settings.Settings`.
 
-    ``reading`` is what was said of how the recordings are read, ``applied`` what of it was found out from them.
+    ``applied``: options of reading the recordings that they asked for themselves.
     """
 
     version: str
@@ -239,7 +239,6 @@ class MadeBy:
     seed: int
     lower_bounds: list[float]
     upper_bounds: list[float]
-    reading: dict[str, str] = field(default_factory=dict)
     applied: list[str] = field(default_factory=list)
 
 
@@ -286,6 +285,7 @@ class Result(_Vector):
         not_covered: by name, parameters of which the level says nothing, and why; None in results of earlier versions.
         consequences: what follows from a grave fault.
         not_in_model: the parameters that the rig cannot have, and why.
+        reading: how the recordings were read, see :class:`.reading.Reading`.
         covariance_rank: below the number of parameters where it comes from few recordings; None in earlier results.
     """
 
@@ -313,6 +313,7 @@ class Result(_Vector):
     covariance: list[list[Number]]
     covariance_rank: int | None = None
     made_by: MadeBy
+    reading: dict[str, str] = field(default_factory=dict)
     bags: list[Source]
 
 

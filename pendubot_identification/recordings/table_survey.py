@@ -18,8 +18,8 @@ from .table_reader import TableReader
 
 #: Motions that are half of the time faster than this [rad/s], and torques beyond that [N m], are in other units.
 FAST, STRONG = 30.0, 30.0
-#: An angle [rad] and a torque's part that are nothing, over so many samples.
-LITTLE, RESTING = 0.05, 5
+#: An angle [rad] and a part of the torque that are nothing, over so many samples.
+LITTLE, RESTING = 0.05, 3
 UNITS = {'q1': 'rad', 'q2': 'rad', 'dq1': 'rad/s', 'dq2': 'rad/s', 'tau1': 'N m', 'tau2': 'N m'}
 
 
@@ -66,8 +66,8 @@ def guesses(motion: Trajectory) -> Iterator[str]:
         yield 'torques so large look like mN m: --torque-unit mNm?'
     if not torque.any():
         yield 'the torque is zero throughout: is it another column? --columns tau1=NAME'
-    at_rest = torque[:RESTING].max() <= LITTLE * torque.max() and np.ptp(motion.q[:RESTING], axis=0).max() < LITTLE
-    if at_rest and np.abs(motion.q[:RESTING, 0]).max() < LITTLE:
+    moved = np.ptp(motion.q[:RESTING], axis=0).max()
+    if torque[0] <= LITTLE * torque.max() and moved < LITTLE and abs(motion.q[0, 0]) < LITTLE:
         yield 'at rest without torque link 1 hangs, and q1 is 0 there: --zero hanging?'
 
 

@@ -13,6 +13,7 @@ from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,7 +40,7 @@ class Table:
 
     def __post_init__(self) -> None:
         if not self.names:
-            raise TableError(f'{self.path} is empty; columns of numbers are expected: export it again')
+            raise TableError(f'{self.path} holds no columns of numbers; export it again')
 
     def where(self, k: int) -> str:
         """Say where the row of number k stands."""
@@ -107,10 +108,11 @@ def read_table(path: Path) -> Table:
         TableError: it cannot be read, or holds no columns.
     """
     try:
-        return FORMATS[path.suffix.lower()](path)
+        with path.open('rb'):
+            return FORMATS[path.suffix.lower()](path)
     except OSError as error:
         why = error.strerror or str(error)
-        raise TableError(f'{path} cannot be read: {why}; check its name, its kind and permissions') from error
+        raise TableError(f'{path} cannot be read: {why}; check its name and permissions') from error
     except ImportError as error:
         extra = (error.name or '').split('.')[0]
         raise TableError(
@@ -124,7 +126,7 @@ def is_table(path: Path) -> bool:
 
 
 def _text(path: Path) -> Table:
-    """Read a line of column names and rows, separated by commas, semicolons or tabs."""
+    """Read a line of column names and rows, separated by commas, semicolons, tabs or spaces."""
     try:
         text = path.read_text(encoding='utf-8-sig')
     except UnicodeDecodeError as error:
@@ -134,8 +136,11 @@ def _text(path: Path) -> Table:
         raise TableError(f'{path} is empty; a line of column names and rows of numbers are expected: export it again')
     # Excel may be told the separator, and tells it, by a line of its own.
     told = re.fullmatch(r'"?sep=(.)"?', lines[0].strip(' '), re.IGNORECASE)
-    delimiter = told[1] if told else max(',;\t', key=lines[0].count)
-    reader = csv.reader(lines, delimiter=delimiter)
+    # numpy writes a # before the names.
+    lines[0] = lines[0].lstrip('# ')
+    separators = [each for each in ',;\t' if each in lines[0]] or [' ' if ' ' in lines[0] else ',']
+    delimiter = told[1] if told else max(separators, key=lines[0].count)
+    reader = csv.reader(lines, delimiter=delimiter, skipinitialspace=delimiter == ' ')
     if told:
         next(reader)
     names = [name.strip() for name in next(reader, [])]
@@ -165,7 +170,7 @@ def _excel(path: Path) -> Table:
 
     try:
         book = openpyxl.load_workbook(path, read_only=True, data_only=True)
-    except (ValueError, KeyError, TypeError, openpyxl.utils.exceptions.InvalidFileException) as error:
+    except (BadZipFile, ValueError, KeyError, TypeError) as error:
         raise TableError(f'{path} is no Excel file ({error}); save it as .xlsx or .csv') from error
     with closing(book):
         rows = list(book.worksheets[0].iter_rows(values_only=True))
@@ -206,11 +211,13 @@ def _matlab(path: Path) -> Table:
         held = _matlab_73(path)
     except (MatReadError, ValueError, TypeError, KeyError, EOFError, IndexError) as error:
         raise TableError(f'{path} is no MATLAB file that can be read ({error}); save it again') from error
-    columns = dict(_leaves(held))
+    leaves = list(_leaves(held))
     # Others are settings and remarks.
-    size = max((len(cells) for cells in columns.values()), default=0)
-    columns = {name: cells for name, cells in columns.items() if len(cells) == size}
-    return Table(path, list(columns), list(columns.values()))
+    size = max((len(cells) for _, cells in leaves), default=0)
+    leaves = [(at, cells) for at, cells in leaves if len(cells) == size]
+    last = [at[-1] for at, _ in leaves]
+    names = [at[-1] if last.count(at[-1]) == 1 else '.'.join(at) for at, _ in leaves]
+    return Table(path, names, [cells for _, cells in leaves])
 
 
 def _matlab_73(path: Path) -> dict[str, Any]:
@@ -229,19 +236,17 @@ def _matlab_73(path: Path) -> dict[str, Any]:
         return {name: value(item) for name, item in file.items() if not name.startswith('#')}
 
 
-def _leaves(held: Mapping[str, Any]) -> Iterator[tuple[str, Array]]:
-    """Return columns by name: of a struct by its fields' names, of q with two columns q1 and q2."""
+def _leaves(held: Mapping[str, Any], *at: str) -> Iterator[tuple[tuple[str, ...], Array]]:
+    """Return columns by where they stand; of q with two columns q1 and q2."""
     for name, value in held.items():
         if isinstance(value, Mapping):
-            yield from _leaves(value)
-        elif isinstance(value, np.ndarray) and value.dtype.kind in 'fiu':
-            if value.ndim == 1:
-                yield name, value
-            elif value.ndim == 2:
-                # The longer side is time.
-                yield from (
-                    (f'{name}{k + 1}', part) for k, part in enumerate(value.T if len(value) >= len(value.T) else value)
-                )
+            yield from _leaves(value, *at, name)
+        elif isinstance(value, np.ndarray) and value.dtype.kind in 'fiu' and value.ndim == 1:
+            yield (*at, name), value
+        elif isinstance(value, np.ndarray) and value.dtype.kind in 'fiu' and value.ndim == 2:
+            # The longer side is time.
+            columns = value.T if len(value) >= len(value.T) else value
+            yield from (((*at, f'{name}{k + 1}'), column) for k, column in enumerate(columns))
 
 
 def _opaque(path: Path) -> TableError:

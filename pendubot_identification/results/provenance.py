@@ -37,7 +37,7 @@ def recordings(result: Result, folder: Path | None = None) -> tuple[list[Traject
         TrajectoryError: what is read makes no motion.
     """
     found: dict[str, list[Trajectory]] = {'training': [], 'validation': []}
-    reading = Reading.of(result.made_by.reading)
+    reading = Reading.of(result.reading)
     for source in result.bags:
         window = BagWindow.parse(source.bag)
         if folder is not None:
@@ -70,7 +70,7 @@ def settings(result: Result) -> Settings:
     return Settings(
         criteria=tuple(made.criteria),
         sliding=made.sliding_window,
-        reading=Reading.of(made.reading),
+        reading=Reading.of(result.reading),
         bounds=Bounds(np.array(made.lower_bounds), np.array(made.upper_bounds), NAMES[: len(made.lower_bounds)]),
         **{name: getattr(made, name) for name in same},
     )

@@ -76,13 +76,13 @@ def result_of(found: Identification, sources: Sequence[Source]) -> Result:
         'made_by': {
             **plain(settings),
             'version': __version__,
-            'reading': settings.reading.words(),
             'applied': settings.applied,
             'sliding_window': settings.sliding,
             'start': None if settings.start is None else astuple(settings.start),
             'lower_bounds': settings.bounds.lower,
             'upper_bounds': settings.bounds.upper,
         },
+        'reading': settings.reading.words(),
         'bags': sources,
     }
     result: Result = structured(Result, plain(data), 'this identification')

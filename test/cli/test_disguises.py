@@ -120,6 +120,63 @@ def identified(run):
     return identified
 
 
+@pytest.fixture
+def lab(columns, tmp_path, monkeypatch):
+    """A folder with a file in the ways of a lab, entered."""
+    monkeypatch.chdir(tmp_path)
+    change = {name: made(columns) for name, made in HANGING.items()}
+    as_text(tmp_path / 'run.csv', dict(zip(('time', 'a', 'b', 'u'), (columns | change).values(), strict=True)))
+    return tmp_path
+
+
+LABS = ('--columns', 't=time,q1=a,q2=b,tau1=u', '--degrees', '--zero', 'hanging')
+
+
+def test_how_a_lab_records_is_said_once(lab, run, identified, expected):
+    assert run('info', 'run.csv', *LABS, '--save-map', 'lab.yaml')[0] == 0
+    assert run('info', 'run.csv', *LABS, '--save-map', 'lab.yaml')[0] == 1, 'nothing is overwritten'
+    np.testing.assert_allclose(theta(identified('run.csv', '--map', 'lab.yaml')), expected, rtol=1e-6)
+    assert run('import', 'run.csv', '--output', 'bag', '--map', 'lab.yaml')[0] == 0
+    np.testing.assert_allclose(theta(identified('bag')), expected, rtol=1e-6)
+    # A bag is read in other ways, too, and what is typed counts for more than what was kept.
+    bag = identified('bag', '--negate', 'q2')
+    np.testing.assert_allclose(theta(bag), theta(identified('run.csv', '--map=lab.yaml', '--negate=q2')), rtol=1e-6)
+
+
+def test_a_result_keeps_how_its_recordings_were_read(lab, run):
+    assert run('identify', 'run.csv', *LABS[:2], '--apply-remedies', '--output', 'result.yaml', *QUICK)[0] == 0
+    assert run('report', 'result.yaml')[2] == '', 'nothing is left out'
+    assert run('compare', 'result.yaml', 'result_report/result.yaml', '--on', 'run.csv', '--map', 'result.yaml')[0] == 0
+    kept = run('identify', 'run.csv', '--map', 'result.yaml', *QUICK)
+    assert json.loads(kept[1])['reading']['zero'] == 'hanging'
+
+
+def test_what_is_taken_of_a_file_is_said_and_what_looks_odd(lab, run):
+    status, out, _ = run('info', 'run.csv', *LABS[:2], '--json')
+    found = json.loads(out)
+    assert (status, found['columns']) == (0, {'t': 'time', 'q1': 'a', 'q2': 'b', 'tau1': 'u'})
+    assert (found['samples'], round(found['rate'], 1), found['gaps']) == (900, 100.0, 0)
+    assert any('--degrees?' in guess for guess in found['guesses'])
+    text = run('info', 'run.csv', *LABS)[1]
+    assert text.startswith('run.csv: 900 samples, 8.990 s, 100.0 Hz\n')
+    assert 'looks odd' not in text
+    assert '--zero hanging?' in run('info', 'run.csv', *LABS[:3])[1]
+
+
+@pytest.mark.parametrize(
+    ('command', 'sentence'),
+    [
+        (('identify', BAG, '--columns', 't=x'), '--columns t=x is of files with columns, and a bag has none'),
+        (('info', BAG, '--degrees'), 'info says what is in it, not what it means; leave out --degrees'),
+        (('info', 'run.csv', '--map', 'none.yaml'), 'none.yaml cannot be read (No such file or directory)'),
+        (('info', 'run.csv', '--map', 'run.csv'), 'run.csv names no options'),
+        (('import', BAG, '--output', 'x'), 'is no file with columns; one whose name ends in .csv'),
+    ],
+)
+def test_what_cannot_be_read_so_is_refused(lab, refused, command, sentence):
+    assert sentence in refused(*command, status=2)
+
+
 def theta(result):
     return [entry['value'] for entry in result['parameters'].values()]
 

@@ -1,13 +1,19 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
+import datetime
+import struct
+import sys
+
 import numpy as np
 import pytest
+import scipy.io
 
 from pendubot_identification.errors import PendubotError, TableError
-from pendubot_identification.recordings.bag_reader import read_trajectory
+from pendubot_identification.recordings.bag_reader import BagWindow, read_recording, read_trajectory
 from pendubot_identification.recordings.joint_states import write_trajectory
 from pendubot_identification.recordings.table_reader import TableReader
+from pendubot_identification.trajectories.long import Long
 from pendubot_identification.trajectories.reading import Reading
 
 from ..conftest import RECORDINGS
@@ -66,6 +72,8 @@ def test_columns_can_be_named_and_some_be_absent(given):
         'sep=;\n' + TEXT.replace(',', ';'),
         '"SEP=|"\n' + TEXT.replace(',', '|'),
         'sep=\t\n' + TEXT.replace(',', '\t'),
+        '# ' + TEXT.replace(',', ' '),
+        TEXT.replace(',', '   ').replace('5.0', '  5.0'),
     ],
 )
 def test_other_ways_to_write_the_same(given, text):
@@ -115,7 +123,7 @@ ONE_EACH = '7 are expected, one for each column name; mend or remove that row'
         (MINIMAL + '0,1,2,3\n10,1,2,3\n20,1,2,3\n', r'rows are 10 s apart.*: add --time-unit ms'),
         (TEXT.splitlines()[0], 'holds no row of numbers'),
         (' \n\n', 'run.csv is empty; a line of column names and rows of numbers are expected'),
-        ('sep=;', 'run.csv is empty'),
+        ('sep=;', 'holds no columns of numbers'),
         ('sep=;\nt;q1;q2;tau1\n0;1;2;nan\n', "line 3, column 'tau1': 'nan'"),
         *(
             (TEXT.replace('5.01', stamp), rf'line 3: the time .* {what}, after 5; every row needs a later one')
@@ -147,6 +155,96 @@ def test_a_file_that_cannot_be_read_is_one_sentence(tmp_path):
     (tmp_path / 'binary.csv').write_bytes(b'\x89MCAP0\r\n\xff')
     with pytest.raises(TableError, match='no text in UTF-8'):
         read(tmp_path / 'binary.csv')
+
+
+def opaque():
+    """A timetable as MATLAB writes it: an object, of which the file holds a number alone."""
+
+    def element(kind, data):
+        return struct.pack('<II', kind, len(data)) + data + b'\0' * (-len(data) % 8)
+
+    def matrix(kind, *parts):
+        return element(14, element(6, struct.pack('<II', kind, 0)) + b''.join(parts))
+
+    number = matrix(13, element(5, struct.pack('<ii', 1, 1)), element(1, b''), element(6, struct.pack('<I', 7)))
+    return matrix(17, element(1, b'T'), element(1, b'MCOS'), element(1, b'timetable'), number)
+
+
+def in_matlab(path, **variables):
+    scipy.io.savemat(path, variables)
+
+
+def in_excel(path, *rows):
+    book = pytest.importorskip('openpyxl').Workbook()
+    for row in rows:
+        book.active.append(row)
+    book.save(path)
+
+
+NAMES = ['t', 'q1', 'q2', 'tau1']
+#: What is in a file, and what is said of it.
+UNUSABLE = {
+    'text.mat': (lambda path: path.write_text('hello' * 99), 'is no MATLAB file that can be read'),
+    'text.xlsx': (lambda path: path.write_text('hello'), 'is no Excel file'),
+    'text.parquet': (lambda path: path.write_text('hello'), 'is no Parquet file'),
+    'strings.mat': (lambda path: in_matlab(path, a='text', n=3.0), 'holds no columns of numbers'),
+    'structs.mat': (
+        lambda path: in_matlab(path, a={'t': np.arange(9.0)}, b={'t': np.arange(9.0), 'x': np.arange(9.0)}),
+        "no column 't' for t; its columns are a.t, b.t, x",
+    ),
+    'timetable.mat': (
+        lambda path: path.write_bytes(b'MATLAB 5.0 MAT-file'.ljust(124) + b'\0\1IM' + opaque()),
+        r"which MATLAB alone can read; in MATLAB, writetable\(timetable2table\(T\), 'run.csv'\)",
+    ),
+    'blank.xlsx': (in_excel, 'holds no columns of numbers'),
+    'names.xlsx': (lambda path: in_excel(path, NAMES), 'holds no row of numbers'),
+    'cell.xlsx': (
+        lambda path: in_excel(path, ['Monday'], NAMES, *([k / 100, 1, 2, 3] for k in range(9))),
+        "no column 't' for t; its columns are Monday",
+    ),
+    'gap.xlsx': (
+        lambda path: in_excel(path, [], NAMES, [0, 1, 2, 3], [0.01, 1, None, 3]),
+        "row 4, column 'q2': nothing is no finite number, as of 1 of 2 rows; .*: add --skip-missing",
+    ),
+}
+
+
+@pytest.mark.parametrize('name', UNUSABLE)
+def test_a_file_of_other_programs_that_cannot_be_used_is_one_sentence(tmp_path, name):
+    if name.endswith('.parquet'):
+        pytest.importorskip('pyarrow')
+    if name.endswith('.xlsx'):
+        pytest.importorskip('openpyxl')
+    write, sentence = UNUSABLE[name]
+    write(tmp_path / name)
+    with pytest.raises(TableError, match=sentence):
+        read(tmp_path / name)
+
+
+@pytest.mark.parametrize(('name', 'package'), [('x.xlsx', 'openpyxl'), ('x.parquet', 'pyarrow'), ('x.mat', 'h5py')])
+def test_what_is_not_installed_is_named_with_what_to_do(tmp_path, monkeypatch, name, package):
+    (tmp_path / name).write_bytes(b'MATLAB 7.3 MAT-file'.ljust(124) + b'\0\2IM')
+    monkeypatch.setitem(sys.modules, package, None)
+    with pytest.raises(TableError, match=rf'pip install {package}; or without: in MATLAB, writetable\(table'):
+        read(tmp_path / name)
+
+
+def test_times_of_day_are_seconds(tmp_path):
+    start = datetime.datetime(2026, 11, 22, 23, 59, 59, 990000)
+    rows = ([start + datetime.timedelta(seconds=k / 100), 1, 2, 3] for k in range(9))
+    in_excel(tmp_path / 'x.xlsx', NAMES, *rows)
+    np.testing.assert_allclose(read(tmp_path / 'x.xlsx').t, np.arange(9) / 100)
+
+
+def test_a_long_file_is_taken_piece_by_piece(tmp_path):
+    t = np.arange(62_000) / 100
+    scipy.io.savemat(tmp_path / 'x.mat', {'t': t, 'q1': np.sin(t), 'q2': np.cos(t), 'tau1': np.sin(3 * t)})
+    window = BagWindow(tmp_path / 'x.mat', 1.0)
+    long = read_recording(window, reading=Reading.of({'negate': 'q1'})).trajectory
+    assert isinstance(long, Long)
+    together = np.concatenate([part.q[:, 0] for part in long.read()])
+    np.testing.assert_array_equal(together, -np.sin(t[100:]))
+    assert read_recording(BagWindow(tmp_path / 'x.mat', 600.0, 610.0)).trajectory.q.shape == (1000, 2)
 
 
 @pytest.mark.recordings
