@@ -55,13 +55,17 @@ setup(
     ],
     extras_require={
         'ros': ['ros-rclpy[fastrtps]==7.1.6', 'ros-jazzy-rclpy', 'ros-jazzy-common-interfaces'],
+        # MATLAB 7.3, Excel and Parquet; all else needs no more.
+        'files': ['h5py', 'openpyxl', 'pyarrow'],
         # What test/benchmark measures itself against.
         'benchmark': ['minionpy', 'numba', 'pygmo', 'pymoo'],
         'test': [
             'colcon-common-extensions',
+            'h5py',
             'hypothesis',
             'import-linter',
             'mypy',
+            'openpyxl',
             'pytest',
             'pytest-timeout',
             'pytest-xdist',
