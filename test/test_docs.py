@@ -50,7 +50,7 @@ def test_commands_work_as_printed(page, tmp_path, monkeypatch, capsys):
     shutil.copytree(ROOT / 'bags', tmp_path / 'bags')
     assert main(['simulate', '--output', 'swing']) == 0
     motion = read_trajectory(tmp_path / 'swing').trajectory
-    columns = motion.t, *np.degrees(motion.q + (np.pi / 2, 0)).T, motion.tau[:, 0]
+    columns = motion.t, *np.degrees(motion.q + np.array([np.pi / 2, 0])).T, motion.tau[:, 0]
     rows = ['t,shoulder,elbow,torque', *(','.join(map(repr, row)) for row in np.transpose(columns).tolist())]
     (tmp_path / 'matlab.csv').write_text('\n'.join(rows))
     for command in commands(page):
