@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import csv
+import datetime
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -68,14 +69,10 @@ class Table:
             TableError: a cell holds no finite number.
         """
         cells = self.cells[self.names.index(name)]
-        if len(cells) and hasattr(cells[0], 'isoformat'):
-            cells = np.array(cells, dtype='datetime64[us]')
-        if isinstance(cells, np.ndarray) and cells.dtype.kind in 'mM':
-            return np.asarray((cells - cells[0]) / np.timedelta64(1, 'ns') * 1e-9, dtype=float)
         if comma:
             cells = [cell.replace(',', '.') if isinstance(cell, str) else cell for cell in cells]
         try:
-            numbers = np.asarray(cells, dtype=float)
+            numbers = _numbers(cells)
         except (ValueError, TypeError):
             numbers = np.array([_number(cell) for cell in cells])
         bad = np.flatnonzero(~np.isfinite(numbers))
@@ -86,12 +83,29 @@ class Table:
             )
             if DECIMAL_COMMA.fullmatch(cell):
                 raise TableError(f'{found}; decimals are written with commas: add --decimal comma', decimal='comma')
+            if bad.size == len(numbers) > 1:
+                raise TableError(f'{found}, nor is any other there; is it another column? name it with --columns')
             raise TableError(
                 f'{found}, as of {bad.size} of {len(numbers)} rows; mend or remove them, or leave them out: add '
                 '--skip-missing',
                 skip_missing='true',
             )
         return numbers
+
+
+def _numbers(cells: Cells) -> Array:
+    """Return cells as numbers, NaN where there is none; times in seconds since the first.
+
+    Raises:
+        ValueError, TypeError: one of them is none.
+    """
+    first = next((cell for cell in cells if cell is not None), None)
+    for kind, name in ((datetime.datetime, 'datetime64[us]'), (datetime.timedelta, 'timedelta64[us]')):
+        if isinstance(first, kind):
+            cells = np.array(cells, dtype=name)
+    if isinstance(cells, np.ndarray) and cells.dtype.kind in 'mM':
+        return np.asarray((cells - cells[0]) / np.timedelta64(1, 'ns') * 1e-9, dtype=float)
+    return np.asarray(cells, dtype=float)
 
 
 def _number(cell: object) -> float:

@@ -230,10 +230,13 @@ def test_what_is_not_installed_is_named_with_what_to_do(tmp_path, monkeypatch, n
 
 
 def test_times_of_day_are_seconds(tmp_path):
-    start = datetime.datetime(2026, 11, 22, 23, 59, 59, 990000)
-    rows = ([start + datetime.timedelta(seconds=k / 100), 1, 2, 3] for k in range(9))
-    in_excel(tmp_path / 'x.xlsx', NAMES, *rows)
-    np.testing.assert_allclose(read(tmp_path / 'x.xlsx').t, np.arange(9) / 100)
+    for start in (datetime.datetime(2026, 11, 22, 23, 59, 59, 990000), datetime.timedelta(0)):
+        rows = ([start + datetime.timedelta(seconds=k / 100), 1, 2, 3] for k in range(9))
+        in_excel(tmp_path / 'x.xlsx', NAMES, *rows)
+        np.testing.assert_allclose(read(tmp_path / 'x.xlsx').t, np.arange(9) / 100, atol=1e-12)
+    in_excel(tmp_path / 'x.xlsx', NAMES, *([datetime.time(12, 30, k), 1, 2, 3] for k in range(9)))
+    with pytest.raises(TableError, match="column 't': '12:30:00' is no finite number, nor is any other there"):
+        read(tmp_path / 'x.xlsx')
 
 
 def test_a_long_file_is_taken_piece_by_piece(tmp_path):
