@@ -86,10 +86,10 @@ exit status: 0 success, 1 a failure explained in one line, 2 wrong usage, 3 a re
 def add_parser(subparsers: Any) -> None:
     """Add this subcommand."""
     parser = subparsers.add_parser(
-        'identify', help='estimate parameters from bags', description=DESCRIPTION, epilog=EXAMPLES
+        'identify', help='estimate parameters from recordings', description=DESCRIPTION, epilog=EXAMPLES
     )
-    parser.add_argument('bags', nargs='+', metavar='BAG[@START:END]', help='bags that estimate')
-    parser.add_argument('--validate', nargs='+', default=[], metavar='BAG[@START:END]', help='bags that only judge')
+    parser.add_argument('bags', nargs='+', metavar='BAG[@START:END]', help='bags or files that estimate')
+    parser.add_argument('--validate', nargs='+', default=[], metavar='BAG[@START:END]', help='those that only judge')
     what = parser.add_argument_group('what is minimised')
     _add_options(what, WHAT)
     what.add_argument(

@@ -21,12 +21,12 @@ from pendubot_identification.resources import resource
 from . import compare, demo, excite, export, identify, importing, info, repair, report, simulate
 
 DESCRIPTION = """\
-Identify the parameters of a pendubot from recorded bags, without ROS.
+Identify the parameters of a pendubot from its recordings, without ROS.
 
   pendubot identify BAG                  parameters from a bag: first half estimates, second half validates
+  pendubot identify RUN.csv              the same from CSV, MATLAB, Excel or Parquet
   pendubot report RESULT.yaml            a page with figures from a result
   pendubot excite --design               the excitation that tells most of the parameters
-  pendubot identify RUN.csv              the same from CSV, MATLAB, Excel or Parquet
   pendubot reproduce                     the paper's tables and figures, from this package's own runs
   pendubot demo                          the whole chain on a virtual rig (this alone needs ROS)
 """

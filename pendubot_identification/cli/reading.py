@@ -20,8 +20,9 @@ if TYPE_CHECKING:
 def add_reading(parser: Any) -> None:
     """Add options that say how recordings are read; one that is not given is None."""
     group = parser.add_argument_group('how recordings are read', 'applied in this order, to all of them alike')
+    names = {'columns': 't=NAME,...', 'negate': 'q1,...', 'offset': 'q1=ANGLE,...'}
     for option in READING:
-        add_option(group, option)
+        add_option(group, option, **({'metavar': names[option.name]} if option.name in names else {}))
     group.add_argument(
         '--map', type=Path, metavar='FILE', help='take these options from a file of --save-map, or from a result'
     )

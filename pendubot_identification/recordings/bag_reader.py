@@ -222,7 +222,9 @@ class Stream:
     def trajectories(self, name: str, reading: Reading) -> Iterator[Trajectory]:
         """Return the same as motions without velocities, of a few thousand samples each."""
         for elapsed_ns, values in self:
-            yield reading.motion(elapsed_ns / 1e9, values[:, 0], values[:, 1], None, name)
+            motion = reading.motion(elapsed_ns / 1e9, values[:, 0], values[:, 1], None, name)
+            if len(motion):
+                yield motion
 
 
 Reader = BagReader | TableReader

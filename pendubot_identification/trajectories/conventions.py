@@ -23,22 +23,27 @@ READING = (
     Setting(
         'columns',
         '',
-        f'what a file calls its columns, t=NAME,q1=NAME,..., of {", ".join(REQUIRED)} and, where they are there, '
+        f'what a file calls its columns: t=NAME,q1=NAME,... for {", ".join(REQUIRED)} and, where they are there, '
         f'{", ".join(OPTIONAL)}',
         optional=True,
     ),
     Setting('decimal', 'point', 'how a text file writes decimals', choices=('point', 'comma')),
-    Setting('time_unit', 's', "of a file's times", choices=tuple(TIME_UNITS)),
+    Setting('time_unit', 's', "the unit of a file's times", choices=tuple(TIME_UNITS)),
     Setting('skip_missing', False, 'leave out the samples of which anything is missing or no number'),
     Setting('degrees', False, 'angles are in degrees, velocities in degrees per second'),
-    Setting('torque_unit', 'Nm', 'of the torques', choices=tuple(TORQUE_UNITS)),
+    Setting('torque_unit', 'Nm', 'the unit of torques', choices=tuple(TORQUE_UNITS)),
     Setting(
         'swap',
         'nothing',
         'what stands in the wrong order: positions and efforts of both joints, or one of these',
         choices=('nothing', 'joints', 'positions', 'efforts'),
     ),
-    Setting('negate', '', 'what counts the other way round, of q1,q2,tau1,tau2', optional=True),
+    Setting(
+        'negate',
+        '',
+        'what counts the other way round, of q1,q2,tau1,tau2, velocities as their angles',
+        optional=True,
+    ),
     Setting(
         'elbow',
         'relative',
@@ -54,8 +59,7 @@ READING = (
     Setting(
         'offset',
         '',
-        'what is too much in what is read, after all else, q1=0.1,q2=5deg,tau1=0.05, in rad or deg and in N m: it is '
-        'subtracted',
+        'what is subtracted after all else: q1=0.1,q2=5deg,tau1=0.05, in rad or deg, and in N m',
         optional=True,
     ),
 )
