@@ -10,7 +10,7 @@ import datetime
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -158,6 +158,12 @@ def _text(path: Path) -> Table:
     if told:
         next(reader)
     names = [name.strip() for name in next(reader, [])]
+    body, first = lines[reader.line_num :], reader.line_num + 1
+    with suppress(ValueError):
+        # Ten times as quick, where there are numbers and nothing else; and nothing to be said of any line.
+        held = np.loadtxt(body or ['-'], delimiter=None if delimiter == ' ' else delimiter, comments=None, ndmin=2)
+        if held.shape == (len(body), len(names)):
+            return Table(path, names, list(held.T), 'line', range(first, first + len(body)))
     rows, numbers = list[list[str]](), list[int]()
     try:
         for row in reader:

@@ -119,7 +119,7 @@ ONE_EACH = '7 are expected, one for each column name; mend or remove that row'
             "'5,00' is no finite number; decimals .* with commas: add --decimal comma",
         ),
         (TEXT.replace('dq1', 'q1'), "has 2 columns 'q1'; rename all but one of them"),
-        (TEXT.replace('0.5', '5' * 200_000), 'line 3: field larger than field limit'),
+        (TEXT.replace('0.5', 'x' * 200_000), 'line 3: field larger than field limit'),
         (MINIMAL + '0,1,2,3\n10,1,2,3\n20,1,2,3\n', r'rows are 10 s apart.*: add --time-unit ms'),
         (TEXT.splitlines()[0], 'holds no row of numbers'),
         (' \n\n', 'run.csv is empty; a line of column names and rows of numbers are expected'),
