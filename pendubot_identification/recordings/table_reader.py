@@ -63,7 +63,8 @@ class TableReader:
         missing = [name for name in (*REQUIRED, *self.reading.columns) if name not in taken]
         if missing:
             likely = {name: self._alias(name) for name in missing}
-            columns = ','.join(f'{name}={likely[name] or "NAME"}' for name in dict.fromkeys(missing))
+            named = {**self.reading.columns, **{name: column or 'NAME' for name, column in likely.items()}}
+            columns = ','.join(f'{name}={column}' for name, column in named.items())
             known = all(likely.values())
             raise TableError(
                 f'{self.path} has no column {self.reading.names[missing[0]]!r} for {missing[0]}; its columns are '
@@ -107,15 +108,12 @@ class TableReader:
         qd = np.column_stack([values[name] for name in OPTIONAL[1:]]) if {'dq1', 'dq2'} <= values.keys() else None
         motion = reading.motion(t - t[0], q, tau, qd, str(self.path))
         if len(t) > 1 and motion.interval > LONGEST_INTERVAL * (1 + 1e-6):
-            unit = min(
-                TIME_UNITS,
-                key=lambda each: abs(math.log(motion.interval / reading.seconds * TIME_UNITS[each] / USUAL_INTERVAL)),
-            )
-            raise TableError(
-                f'{self.path}: its rows are {motion.interval:g} s apart, which no recording of a pendubot is; its '
-                f'times may be in {unit}: add --time-unit {unit}',
-                time_unit=unit,
-            )
+            apart = f'{self.path}: its rows are {motion.interval:g} s apart, which no recording of a pendubot is'
+            units = {unit: motion.interval / reading.seconds * size for unit, size in TIME_UNITS.items()}
+            unit = min(units, key=lambda each: abs(math.log(units[each] / USUAL_INTERVAL)))
+            if unit == reading.time_unit:
+                raise TableError(f'{apart}; record at a higher rate')
+            raise TableError(f'{apart}; its times may be in {unit}: add --time-unit {unit}', time_unit=unit)
         return motion
 
 

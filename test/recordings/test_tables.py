@@ -121,6 +121,7 @@ ONE_EACH = '7 are expected, one for each column name; mend or remove that row'
         (TEXT.replace('dq1', 'q1'), "has 2 columns 'q1'; rename all but one of them"),
         (TEXT.replace('0.5', 'x' * 200_000), 'line 3: field larger than field limit'),
         (MINIMAL + '0,1,2,3\n10,1,2,3\n20,1,2,3\n', r'rows are 10 s apart.*: add --time-unit ms'),
+        (MINIMAL + '0,1,2,3\n.12,1,2,3\n', r'rows are 0.12 s apart.*; record at a higher rate'),
         (TEXT.splitlines()[0], 'holds no row of numbers'),
         (' \n\n', 'run.csv is empty; a line of column names and rows of numbers are expected'),
         ('sep=;', 'holds no columns of numbers'),
@@ -140,6 +141,7 @@ def test_a_file_that_cannot_be_used_is_one_sentence(given, text, sentence):
     ('columns', 'sentence'),
     [
         ({'tau2': 'u2'}, "no column 'u2' for tau2"),
+        ({'t': 't', 'q2': 'x'}, "no column 'x' for q2; .* --columns t=t,q2=NAME"),
         ({'theta1': 'q1'}, "'theta1' is no quantity"),
         ({'q1': 'q2'}, "column 'q2' stands for both q1 and q2"),
     ],
