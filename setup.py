@@ -32,12 +32,13 @@ setup(
     name=NAME,
     version='0.1.0',
     packages=find_packages(include=[NAME, f'{NAME}.*']),
-    package_data={NAME: ['py.typed', 'report/page.html.jinja']},
+    package_data={NAME: ['py.typed', '__init__.pyi', 'report/page.html.jinja']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (SHARE, ['package.xml']),
         (f'{SHARE}/config', sorted(glob('config/*.*'))),
         (f'{SHARE}/launch', sorted(glob('launch/*.launch.py'))),
+        (f'{SHARE}/examples', sorted(glob('examples/*.*'))),
         *BAGS,
     ],
     python_requires='>=3.10',
@@ -59,11 +60,14 @@ setup(
         'files': ['h5py', 'openpyxl', 'pyarrow'],
         # What test/benchmark measures itself against.
         'benchmark': ['minionpy', 'numba', 'pygmo', 'pymoo'],
+        # What else exported rigs are held against, and an example needs; 1 GB, so these tests are skipped without them.
+        'engines': ['casadi', 'drake', 'pin'],
         'test': [
             'colcon-common-extensions',
             'h5py',
             'hypothesis',
             'import-linter',
+            'mujoco',
             'mypy',
             'openpyxl',
             'pytest',

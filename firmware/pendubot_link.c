@@ -25,7 +25,8 @@ static uint8_t *put32(uint8_t *at, uint32_t value)
 
 static uint16_t get16(const uint8_t *at)
 {
-    return (uint16_t)(at[0] | at[1] << 8);
+    /* Where an int has 16 bits, one that is shifted this far would overflow. */
+    return (uint16_t)(at[0] | (uint16_t)at[1] << 8);
 }
 
 static uint32_t get32(const uint8_t *at)
@@ -149,6 +150,7 @@ void pendubot_boot(
         .settings = *settings,
         .boot_id = boot_id,
         .reset_cause = reset_cause,
+        .fresh = true,
         .locked = true,
         .hellos_due = 1,
     };
@@ -235,7 +237,11 @@ size_t pendubot_sample(struct pendubot_link *link, uint32_t now_us, const struct
         link->armed = false;
         link->tripped = true;
     }
-    link->armed = link->armed && !faults;
+    if (link->armed && faults) {
+        /* Or one that comes and goes would leave the motor on in between, for commands that know nothing of it. */
+        link->armed = false;
+        link->locked = true;
+    }
     int32_t wanted = link->armed ? link->wanted : 0, limit = link->settings.torque_limit;
     *torque = wanted > limit ? limit : wanted < -limit ? -limit : wanted;
 
@@ -247,6 +253,11 @@ size_t pendubot_sample(struct pendubot_link *link, uint32_t now_us, const struct
     link->notes = 0;
 
     size_t size = 0;
+    if (link->fresh && room > 0) {
+        /* A delimiter, or the frame that the restart cut short would take the first one along. */
+        link->fresh = false;
+        out[size++] = 0;
+    }
     while (link->hellos_due > 0 && room - size >= PENDUBOT_HELLO_FRAME + PENDUBOT_STATE_FRAME) {
         link->hellos_due--;
         size += write_hello(link, now_us, out + size);

@@ -103,6 +103,7 @@ struct pendubot_link {
     uint16_t seq;     /* of the next frame */
     uint16_t cmd_seq; /* of the last command obeyed */
     uint16_t status;  /* of the last STATE */
+    bool fresh; /* nothing was sent yet */
     bool armed, locked, tripped, stopped;
     int32_t wanted; /* torque of the last command obeyed */
     uint32_t holds_until_us;

@@ -6,15 +6,21 @@
 Closing one of them ends nothing else: neither a recording nor the motion of a rig depends on who watches.
 
 ros2 launch pendubot_identification view.launch.py rviz:=true l1:=0.2 l2:=0.3
+ros2 launch pendubot_identification view.launch.py rviz:=true parameters:=result.yaml
 """
 
+from pathlib import Path
+
+from pendubot_identification.formats.export import export
+from pendubot_identification.formats.robots import drawn
 from pendubot_identification.launching import described, viewer
 from pendubot_identification.resources import resource
-from pendubot_identification.results.robot_description import robot_description
+from pendubot_identification.results.result_file import read_result
 
 ARGUMENTS = {
     'l1': (0.2, 'length of link 1, from shoulder to elbow, as it is drawn [m]'),
     'l2': (0.2, 'length of link 2, from elbow to tip, as it is drawn [m]'),
+    'parameters': ('', 'a result file: show the rig that pendubot export --format urdf makes of it, not l1 and l2'),
     'rviz': (False, 'true: start RViz (package rviz2)'),
     'plotjuggler': (False, 'true: start PlotJuggler (package plotjuggler_ros); choose Start, then OK'),
 }
@@ -27,11 +33,13 @@ def start(given):
         name = package.replace('_', '-')
         return viewer(package, f'sudo apt install ros-$ROS_DISTRO-{name}, or give {without}:=false', **options)
 
-    description = {'robot_description': robot_description(given['l1'], given['l2'])}
+    urdf = drawn(given['l1'], given['l2'])
+    if given['parameters']:
+        urdf, _ = export(read_result(Path(given['parameters'])), 'urdf')
     rviz = ['-d', str(resource('config/pendubot.rviz'))]
     plotjuggler = ['--layout', str(resource('config/plotjuggler.xml'))]
     return [
-        shown('robot_state_publisher', 'view', parameters=[description]),
+        shown('robot_state_publisher', 'view', parameters=[{'robot_description': urdf}]),
         *([shown('rviz2', 'rviz', arguments=rviz)] if given['rviz'] else []),
         *([shown('plotjuggler', 'plotjuggler', arguments=plotjuggler)] if given['plotjuggler'] else []),
     ]

@@ -1,13 +1,57 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Identification of a pendubot: from the board's bytes to a latched parameter vector."""
+"""Identification of a pendubot: from the board's bytes to a latched parameter vector.
+
+Scripts and notebooks import from here what :mod:`.api` describes; __init__.pyi lists it for editors and type checkers.
+"""
 
 from os import environ
+from types import ModuleType
+from typing import Any
 
+from . import identify
 from .model import kernel
 
 __version__ = '0.1.0'
+#: Names of api.py: importing it takes time, which only who uses it waits for.
+__all__ = [
+    'HANGING',
+    'UPRIGHT',
+    'Identified',
+    'Level',
+    'Parameters',
+    'Pendubot',
+    'PendubotError',
+    'Trajectory',
+    'accelerations',
+    'identify',
+    'read',
+    'simulate',
+]
 
 kernel.wanted = environ.get('PENDUBOT_KERNEL', 'on') != 'off'
 kernel.threads = int(given) if (given := environ.get('PENDUBOT_THREADS', '')).isdecimal() else 0
+
+
+def __getattr__(name: str) -> Any:
+    if name not in __all__:
+        raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
+    from importlib import import_module
+
+    return getattr(import_module('.api', __name__), name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})
+
+
+class _Called(ModuleType):
+    """A room of this package that is also a function of :mod:`.api`."""
+
+    def __call__(self, *recordings: Any, **options: Any) -> Any:
+        """Estimate the parameters of a rig: see ``help(pendubot_identification.api.identify)``."""
+        return __getattr__('identify')(*recordings, **options)
+
+
+identify.__class__ = _Called

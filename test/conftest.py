@@ -60,6 +60,25 @@ def ros():
     rclpy.try_shutdown()
 
 
+@pytest.fixture(params=['python', 'c'])
+def each_board(request, monkeypatch):
+    """The bridge's tests and fault trials on each board in turn; what they start as ``virtual_board`` is that one.
+
+    Only Python's begins elsewhere than hanging (--start, --spread), is late (--delay), has another rig's parameters
+    (--parameters) or waits for its computer (--patient): no test of the bridge needs that, but those of nodes that
+    swing up do. Trials that drive Python's board without a port need no second one: the same bytes at the same times
+    give the same frames (test/firmware/test_link.py).
+    """
+    from test import processes
+
+    if request.param == 'c':
+        from test.firmware.building import made, need
+
+        need('cc', 'gcc')
+        made('host')
+    monkeypatch.setitem(processes.MODULES, 'virtual_board', processes.BOARDS[request.param])
+
+
 @pytest.fixture
 def rig(ros, tmp_path):
     """Makes live rigs, and ends them."""

@@ -14,6 +14,8 @@ import time
 
 NODES = 'bridge', 'recorder', 'player', 'identifier', 'exciter', 'balancer', 'virtual_board'
 MODULES = {name: f'pendubot_identification.nodes.{name}' for name in NODES}
+#: What may be the virtual board: the package's, and the firmware as a Linux program.
+BOARDS = {'python': MODULES['virtual_board'], 'c': 'test.firmware.host_board'}
 MODULES |= {'pendubot': 'pendubot_identification.cli.main', 'listener': 'test.faults.listener'}
 
 

@@ -19,7 +19,9 @@ from test.conftest import ROOT
 PYPI = {'serial': 'pyserial', 'yaml': 'PyYAML'}
 ROSDEP = {'mcap': 'mcap-ros2-support', 'rosbags': 'python3-rosbags-pip', 'urdf_parser_py': 'urdfdom_py'}
 #: Of no rosdep key: the tests that import it are skipped.
-NO_ROSDEP = {'swarmops'}
+NO_ROSDEP = {'casadi', 'h5py', 'mujoco', 'openpyxl', 'pandas', 'pinocchio', 'pyarrow', 'swarmops'}
+#: Imported where it is installed; who asks for it elsewhere is told how to install it.
+OPTIONAL = {'h5py', 'openpyxl', 'pandas', 'pyarrow'}
 #: What mcap brings along under its key.
 BROUGHT = {'lz4', 'zstandard'}
 
@@ -62,7 +64,7 @@ def required(argument):
 def test_package_xml_and_setup_py_name_what_is_imported():
     """What colcon and rosdep, or pip, do not bring is missing on the user's machine."""
     package = ElementTree.parse(ROOT / 'package.xml').getroot()
-    code = imported('pendubot_identification') | imported('launch')
+    code = (imported('pendubot_identification') | imported('launch')) - OPTIONAL
     tests = imported('test') - code - NO_ROSDEP
     for names, kind, argument in ((code, 'exec', 'install_requires'), (tests, 'test', 'extras_require')):
         keys, on_pypi = {each.text for each in package.iter(f'{kind}_depend')}, required(argument)

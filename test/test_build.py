@@ -17,7 +17,7 @@ from test.conftest import ROOT
 PROGRAMS = ('pendubot', 'bridge', 'recorder', 'player', 'identifier', 'exciter', 'balancer', 'virtual_board')
 PARTS = (
     *('package.xml', 'setup.py', 'setup.cfg', 'pyproject.toml', 'README.md', 'LICENSE'),
-    *('resource', 'config', 'launch', 'bags', 'pendubot_identification'),
+    *('resource', 'config', 'launch', 'bags', 'examples', 'pendubot_identification'),
 )
 
 
@@ -65,10 +65,10 @@ def test_colcon_builds_and_every_program_runs_from_there(tmp_path, options):
     assert (tmp_path / 'look' / 'report.html').is_file(), 'the page needs its template'
     assert sourced(f'"{programs / "pendubot"}" --version').endswith('compiled kernel\n')
     assert (share / 'ament_index/resource_index/packages/pendubot_identification').exists()
-    for folder in ('config', 'launch'):
+    for folder in ('config', 'launch', 'examples'):
         ours = {path.name for path in (ROOT / folder).iterdir() if path.is_file()}
         assert {path.name for path in (share / 'pendubot_identification' / folder).iterdir()} == ours
-    python = 'from pendubot_identification.results import robot_description as r; r.robot_description(0.2, 0.3)'
+    python = 'from pendubot_identification.formats import robots as r; r.drawn(0.2, 0.3)'
     described = sourced(f'"{sys.executable}" -c "{python}; print(r.__file__)"')
     assert Path(described.strip()).is_relative_to(tmp_path)
 

@@ -14,6 +14,7 @@ import select
 import signal
 import sys
 import tempfile
+from dataclasses import asdict
 from itertools import pairwise
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
@@ -23,6 +24,9 @@ import pytest
 import yaml
 
 from pendubot_identification.errors import ParameterError, PendubotError
+from pendubot_identification.formats.export import export
+from pendubot_identification.model.parameters import BALANCE
+from pendubot_identification.results.result_file import read_result
 from test import processes
 from test.conftest import ROOT
 from test.processes import Program
@@ -402,9 +406,13 @@ def test_bags_are_one_or_a_list(launch, given, bags):
     assert (values['bags'], values['validate']) == (bags, ['c'])
 
 
-def test_the_view_describes_the_rig_and_shows_it_where_wanted(launch):
+def test_the_view_describes_the_rig_and_shows_it_where_wanted(launch, tmp_path):
     (only,) = launch('view').values()
-    assert only.values['robot_description'].startswith('<?xml')
+    assert '<mass' not in only.values['robot_description']
+    given = {name: {'value': value} for name, value in asdict(BALANCE).items()}
+    (tmp_path / 'rig.yaml').write_text(yaml.safe_dump({'schema': 1, 'parameters': given}))
+    (only,) = launch('view', parameters=str(tmp_path / 'rig.yaml')).values()
+    assert only.values['robot_description'] == export(read_result(tmp_path / 'rig.yaml'), 'urdf')[0]
     started = launch('view', rviz='true', plotjuggler='1')
     assert tuple(started) == OTHERS
     assert all(Path(shown.arguments[1]).is_file() for shown in launch.started[1:])

@@ -250,12 +250,23 @@ static void on_signal(int number)
     }
 }
 
+static double number(const char *name, const char *text, double low, double high)
+{
+    char *end;
+    double value = strtod(text, &end);
+    if (end == text || *end != '\0' || !(value >= low && value <= high)) {
+        fprintf(stderr, "pendubot_board: %s is %s; a number from %g to %g is expected\n", name, text, low, high);
+        exit(2);
+    }
+    return value;
+}
+
 static void set_fault(const char *text)
 {
     for (int k = 0; k < FAULTS; k++) {
         size_t size = strlen(fault_names[k]);
         if (strncmp(text, fault_names[k], size) == 0 && text[size] == '=') {
-            faults[k] = atof(text + size + 1);
+            faults[k] = number(fault_names[k], text + size + 1, 0, k < RESET_AT ? 1 : INFINITY);
             return;
         }
     }
@@ -275,12 +286,19 @@ static double parse(int argc, char **argv)
     for (int c; (c = getopt_long(argc, argv, "", options, NULL)) != -1;) {
         switch (c) {
         case 'l': link_path = optarg; break;
-        case 'r': settings.sample_period_us = (uint32_t)lrint(1e6 / atof(optarg)); break;
-        case 'c': settings.cpr1 = settings.cpr2 = (uint32_t)atoi(optarg); break;
-        case 't': settings.torque_limit = (int32_t)lrint(atof(optarg) * 1e6); break;
-        case 'p': plant = strcmp(optarg, "balance") == 0 ? plant_to_balance : plant_of_the_paper; break;
-        case 'd': duration = atof(optarg); break;
-        case 's': srand48(atol(optarg)); break;
+        case 'r': settings.sample_period_us = (uint32_t)lrint(1e6 / number("--rate", optarg, 1, 10000)); break;
+        case 'c': settings.cpr1 = settings.cpr2 = (uint32_t)number("--counts", optarg, 4, 1 << 24); break;
+        case 't': settings.torque_limit = (int32_t)lrint(1e6 * number("--torque-limit", optarg, 0, 300)); break;
+        case 'p':
+            if (strcmp(optarg, "balance") == 0) {
+                plant = plant_to_balance;
+            } else if (strcmp(optarg, "paper") != 0) {
+                fprintf(stderr, "pendubot_board: --preset is %s; paper or balance is expected\n", optarg);
+                exit(2);
+            }
+            break;
+        case 'd': duration = number("--duration", optarg, 0, INFINITY); break;
+        case 's': srand48((long)number("--seed", optarg, 0, UINT32_MAX)); break;
         case 'x': set_fault(optarg); break;
         case 'f':
             trace = fopen(optarg, "wx");

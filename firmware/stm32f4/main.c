@@ -23,14 +23,22 @@ void SysTick_Handler(void)
     rig_after_sample();
 }
 
-/* Any fault of the processor, and any interrupt that nobody expects: motor off, and begin again, disarmed and locked.
- * Where even this does not run, the independent watchdog resets. */
-void Fault_Handler(void)
+static __attribute__((used, noreturn)) void begin_again(void)
 {
     motor_off();
     SCB_AIRCR = SCB_AIRCR_RESET;
     for (;;) {
     }
+}
+
+/* Any fault of the processor, and any interrupt that nobody expects: motor off, and begin again, disarmed and locked.
+ * On an empty stack, because the fault may be that the stack has left the RAM. Where even this does not run, the
+ * independent watchdog resets. */
+__attribute__((naked)) void Fault_Handler(void)
+{
+    __asm__ volatile("ldr r0, =stack_top\n"
+                     "mov sp, r0\n"
+                     "b begin_again\n");
 }
 
 static void start_independent_watchdog(void)

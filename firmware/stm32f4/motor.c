@@ -18,6 +18,7 @@ void motor_start(void)
     TIM1->BDTR = BREAK;
     TIM1->EGR = TIM_EGR_UG;
     TIM1->CR1 = TIM_CR1_CEN;
+    TIM1->SR = 0;
 }
 
 static void set_direction(char letter, uint32_t number, bool positive)
@@ -44,4 +45,9 @@ void motor_off(void)
 {
     TIM1->BDTR = BREAK;
     TIM1->CCR1 = 0;
+}
+
+bool motor_was_stopped(void)
+{
+    return TIM1->SR & TIM_SR_BIF;
 }

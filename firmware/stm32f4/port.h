@@ -14,10 +14,12 @@ void rig_show(void);         /* the LED */
 /* motor.c: the bridge. */
 void motor_start(void);
 void motor_torque(int32_t torque, uint32_t vbus_10mv);
-void motor_off(void); /* at any time, also before motor_start */
+void motor_off(void);         /* at any time, also before motor_start */
+bool motor_was_stopped(void); /* by TIM1's break input, since motor_start */
 
 /* uart.c */
 void uart_start(void);
+void USART1_IRQHandler(void);
 
 /* main.c */
 extern volatile uint32_t samples_taken;

@@ -11,7 +11,7 @@ typedef volatile uint32_t reg;
 struct gpio {
     reg MODER, OTYPER, OSPEEDR, PUPDR, IDR, ODR, BSRR, LCKR, AFR[2];
 };
-#define GPIO(letter) ((struct gpio *)(0x40020000u + 0x400u * ((letter) - 'A')))
+#define GPIO(letter) ((struct gpio *)(0x40020000u + 0x400u * ((uint32_t)(letter) - 'A')))
 enum { GPIO_INPUT, GPIO_OUTPUT, GPIO_ALTERNATE, GPIO_ANALOG };
 enum { GPIO_FLOATING, GPIO_PULL_UP, GPIO_PULL_DOWN };
 
@@ -23,6 +23,7 @@ struct timer {
 #define TIM3 ((struct timer *)0x40000400u)
 #define TIM_CR1_CEN (1u << 0)
 #define TIM_SMCR_ENCODER 3u                     /* counts every edge of both channels */
+#define TIM_SR_BIF (1u << 7)                    /* a break came */
 #define TIM_CCMR1_INPUTS (1u << 0 | 1u << 8)    /* channels 1 and 2 are inputs */
 #define TIM_CCMR1_FILTER (3u << 4 | 3u << 12)   /* an edge counts after 8 equal samples, 0.1 us */
 #define TIM_CCMR1_PWM1 (6u << 4)                /* channel 1 is high while CNT < CCR1 */
@@ -64,6 +65,7 @@ struct rcc {
 #define RCC ((struct rcc *)0x40023800u)
 #define RCC_CR_HSEON (1u << 16)
 #define RCC_CR_HSERDY (1u << 17)
+#define RCC_CR_CSSON (1u << 19)
 #define RCC_CR_PLLON (1u << 24)
 #define RCC_CR_PLLRDY (1u << 25)
 #define RCC_PLLCFGR_HSE (1u << 22)
@@ -74,6 +76,7 @@ struct rcc {
 #define RCC_AHB1ENR_GPIOA_TO_D 15u
 #define RCC_AHB2ENR_RNG (1u << 6)
 #define RCC_APB1ENR_TIM2_TIM3 3u
+#define RCC_APB1ENR_PWR (1u << 28)
 #define RCC_APB2ENR_TIM1 (1u << 0)
 #define RCC_APB2ENR_USART1 (1u << 4)
 #define RCC_APB2ENR_ADC1 (1u << 8)
@@ -84,7 +87,14 @@ struct rcc {
 #define RCC_CSR_IWDGRSTF (1u << 29)
 
 #define FLASH_ACR (*(reg *)0x40023c00u)
-#define FLASH_ACR_168_MHZ (5u | 1u << 8 | 1u << 9 | 1u << 10) /* wait states, prefetch, caches */
+#define FLASH_ACR_168_MHZ (5u | 1u << 9 | 1u << 10) /* wait states, caches; prefetch fails in revision A */
+
+struct pwr {
+    reg CR, CSR;
+};
+#define PWR ((struct pwr *)0x40007000u)
+#define PWR_CR_PVD_LEVEL_4 (1u << 4 | 4u << 5) /* watches for 2.7 V, as 168 MHz need */
+#define PWR_CSR_PVDO (1u << 2) /* the processor's own supply is below that */
 
 struct iwdg {
     reg KR, PR, RLR, SR;

@@ -8,6 +8,8 @@
 enum { AF_TIM1_TIM2 = 1, AF_TIM3 = 2, AF_USART1 = 7 };
 enum { LARGEST_JUMP_SHOULDER = COUNTS_SHOULDER * FASTEST_TURNS_PER_S / SAMPLE_HZ + 1 };
 enum { LARGEST_JUMP_ELBOW = COUNTS_ELBOW * FASTEST_TURNS_PER_S / SAMPLE_HZ + 1 };
+_Static_assert(LARGEST_JUMP_SHOULDER < 1 << 15 && LARGEST_JUMP_ELBOW < 1 << 15,
+    "a counter of 16 bits may wrap between two samples: sample more often");
 
 static const struct pendubot_settings settings = {
     .cpr1 = COUNTS_SHOULDER,
@@ -41,19 +43,23 @@ static void start_clocks(void)
     RCC->CR |= RCC_CR_HSEON;
     while (!(RCC->CR & RCC_CR_HSERDY)) {
     }
+    /* From here on a crystal that stops is an NMI, a fault, and a break of TIM1, which would go on for a while. */
+    RCC->CR |= RCC_CR_CSSON;
+    RCC->CFGR = RCC_CFGR_PPRE1_4 | RCC_CFGR_PPRE2_2;
     RCC->PLLCFGR = CRYSTAL_MHZ | 336u << 6 | RCC_PLLCFGR_HSE | 7u << 24;
     RCC->CR |= RCC_CR_PLLON;
     while (!(RCC->CR & RCC_CR_PLLRDY)) {
     }
     FLASH_ACR = FLASH_ACR_168_MHZ;
-    RCC->CFGR = RCC_CFGR_PPRE1_4 | RCC_CFGR_PPRE2_2 | RCC_CFGR_SW_PLL;
+    RCC->CFGR |= RCC_CFGR_SW_PLL;
     while ((RCC->CFGR & 3u << 2) != RCC_CFGR_SWS_PLL) {
     }
     RCC->AHB1ENR |= RCC_AHB1ENR_GPIOA_TO_D;
     RCC->AHB2ENR |= RCC_AHB2ENR_RNG;
-    RCC->APB1ENR |= RCC_APB1ENR_TIM2_TIM3;
+    RCC->APB1ENR |= RCC_APB1ENR_TIM2_TIM3 | RCC_APB1ENR_PWR;
     RCC->APB2ENR |= RCC_APB2ENR_TIM1 | RCC_APB2ENR_USART1 | RCC_APB2ENR_ADC1;
     (void)RCC->APB2ENR; /* a clock needs two cycles before its peripheral hears */
+    PWR->CR |= PWR_CR_PVD_LEVEL_4;
 }
 
 static void set_pin(char letter, uint32_t number, uint32_t mode, uint32_t pull, uint32_t function)
@@ -163,12 +169,13 @@ void board_read(struct pendubot_reading *reading)
     reading->vbus_10mv = (uint16_t)vbus_10mv;
     reading->current_ma = (int16_t)current_ma;
     uint32_t faults = 0;
-    faults |= is_high(PIN_EMERGENCY) ? PENDUBOT_EMERGENCY_STOP : 0u;
+    /* Also one that was shorter than a sample, or a contact that bounces. */
+    faults |= is_high(PIN_EMERGENCY) || motor_was_stopped() ? PENDUBOT_EMERGENCY_STOP : 0u;
     faults |= jump1 ? PENDUBOT_ENCODER_1 : 0u;
     faults |= jump2 ? PENDUBOT_ENCODER_2 : 0u;
     faults |= current_ma > OVER_CURRENT_MA || current_ma < -OVER_CURRENT_MA ? PENDUBOT_OVER_CURRENT : 0u;
     faults |= is_high(PIN_BRIDGE_FAULT) ? 0u : PENDUBOT_OVER_TEMPERATURE;
-    faults |= vbus_10mv < UNDERVOLTAGE_10MV ? PENDUBOT_UNDERVOLTAGE : 0u;
+    faults |= vbus_10mv < UNDERVOLTAGE_10MV || PWR->CSR & PWR_CSR_PVDO ? PENDUBOT_UNDERVOLTAGE : 0u;
     reading->faults = faults;
 }
 

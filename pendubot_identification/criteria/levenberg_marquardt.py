@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pendubot_identification.model.parameters import LARGEST_COUPLING, Bounds
-from pendubot_identification.model.rollout import roll, sensitivities
 
 from .shooting import Comparison
 
@@ -128,7 +127,7 @@ def levenberg_marquardt(
 
 def _simulated(comparison: Comparison, theta: Array, delay: float, x: Array) -> tuple[Array, Array]:
     """Return simulated states and residuals, which are finite: a motion beyond floats is lost."""
-    states = roll(theta, x, comparison.segments.tau, comparison.segments.step)
+    states = comparison.segments.roll(theta, x)
     residuals, lost = comparison.residuals(states, delay), comparison.lost
     return states, np.clip(np.where(np.isfinite(residuals), residuals, lost), -lost, lost)
 
@@ -200,8 +199,7 @@ class _Normal:
     def __init__(
         self, comparison: Comparison, theta: Array, delay: float, states: Array, residuals: Array, bend: float
     ) -> None:
-        segments = comparison.segments
-        jacobian = comparison.jacobian(states, sensitivities(theta, states, segments.tau, segments.step), delay)
+        jacobian = comparison.jacobian(states, comparison.segments.sensitivities(theta, states), delay)
         jacobian = np.concatenate([jacobian, np.broadcast_to(comparison.by_zeros, (*residuals.shape, 2))], axis=2)
         # A motion whose sensitivities are beyond floats, though it is not, says nothing of where to go.
         lost = ~np.isfinite(jacobian).all(axis=(1, 2)) | (np.abs(residuals) >= comparison.lost).any(axis=1)

@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pendubot_identification.errors import TrajectoryError
+from pendubot_identification.model.rollout import roll, sensitivities
 from pendubot_identification.trajectories.motion import Motion
 
 Array = NDArray[np.float64]
@@ -37,6 +38,8 @@ SLACK = 0.01
 #: How far an initial state may lie from the smoothed one, in standard deviations of the states. Simulated segments that
 #: start anywhere would fit anything; ones that must start where the smoother says would pass its errors on.
 PRIOR = 0.12
+#: A torque [N m] that changes a motion by little enough to be linear.
+SMALL = 1e-6
 #: Between two times at which states are compared, about [s].
 SPACING = 0.012
 #: A motion is lost when a state is off by so many standard deviations, a position by so much [rad].
@@ -52,6 +55,8 @@ class Segments:
     start: Array  #: the torque time [s] at which each begins, shape (L,).
     step: float  #: length of a simulation step [s].
     tau: Array  #: torques of every step [N m], shape (2, K, L).
+    #: Unit torques of every step whose sizes are the last E of the unknowns theta, shape (E, 2, K, L).
+    unit: Array
 
     @classmethod
     def cut(
@@ -98,8 +103,10 @@ class Segments:
 
     @classmethod
     def _stepped(cls, motions: tuple[Motion, ...], group: Indices, start: Array, step: float, steps: int) -> Segments:
-        tau = [motion.torques(start[group == number], step, steps) for number, motion in enumerate(motions)]
-        return cls(motions, group, start, step, np.concatenate(tau, axis=2))
+        own = [(motion, start[group == number]) for number, motion in enumerate(motions)]
+        tau = np.concatenate([motion.torques(t, step, steps) for motion, t in own], axis=2)
+        unit = np.concatenate([motion.unit_torques(t, step, steps) for motion, t in own], axis=3)
+        return cls(motions, group, start, step, tau, unit)
 
     def __len__(self) -> int:
         return len(self.start)
@@ -109,9 +116,32 @@ class Segments:
         """Simulation steps of a segment."""
         return int(self.tau.shape[1])
 
-    def halved(self) -> Segments:
-        """Return the same with steps half as long."""
-        return self._stepped(self.motions, self.group, self.start, self.step / 2, 2 * self.steps)
+    def roll(self, theta: Array, state: Array) -> Array:
+        """Simulate all from states, shape (4, L), by theta and the unit torques' sizes, (D + E,); see :func:`.roll`."""
+        size = len(theta) - len(self.unit)
+        return roll(theta[:size], state, self._acting(theta), self.step)
+
+    def sensitivities(self, theta: Array, states: Array) -> Array:
+        """Return the states' derivative by initial state, theta and sizes, shape (K, 4, 4 + D + E, L)."""
+        size, tau = len(theta) - len(self.unit), self._acting(theta)
+        result = sensitivities(theta[:size], states, tau, self.step)
+        if not len(self.unit):
+            return result
+        moved = []
+        for unit in self.unit:
+            small = SMALL / max(float(np.abs(unit).max()), np.finfo(float).tiny)
+            up, down = (roll(theta[:size], states[0], tau + sign * small * unit, self.step) for sign in (1, -1))
+            moved.append((up - down)[1:] / (2 * small))
+        return np.concatenate([result, np.stack(moved, axis=2)], axis=2)
+
+    def _acting(self, theta: Array) -> Array:
+        return (
+            self.tau + np.tensordot(theta[len(theta) - len(self.unit) :], self.unit, 1) if len(self.unit) else self.tau
+        )
+
+    def finer(self, times: int) -> Segments:
+        """Return the same with so many steps in the place of one."""
+        return self._stepped(self.motions, self.group, self.start, self.step / times, times * self.steps)
 
     def measured(self, offset: Array, *, rates: bool = False) -> Array:
         """Return smoothed states, or their rates, at times ``offset`` [s], shape (M,), after each segment's start.
@@ -183,7 +213,7 @@ class AgainstPositions:
 
     def __init__(self, segments: Segments, noise: Array, delay: float = 0.0, initial: Array | None = None) -> None:
         self.segments = segments
-        self._noise = noise
+        self.noise = noise
         self._initial = initial
         duration = segments.steps * segments.step
         within = []
@@ -204,6 +234,11 @@ class AgainstPositions:
         """How many positions are compared."""
         return self._q.size
 
+    @property
+    def times(self) -> Array:
+        """When [s], shape (M, L)."""
+        return np.asarray(self._t + self.segments.start)
+
     def initial(self, delay: float) -> Array:
         """Return the guess that was given, or the smoothed states."""
         return self.segments.measured(np.array([delay]))[:, 0] if self._initial is None else self._initial
@@ -216,7 +251,7 @@ class AgainstPositions:
             weight[:, None] * states[k + end, kind : kind + 2, lane].transpose(0, 2, 1)
             for (end, kind), weight in zip(self._CORNERS, weights, strict=True)
         )
-        return np.asarray(((q - self._q) / self._noise[:, None]).reshape(-1, len(lane)).T)
+        return np.asarray(((q - self._q) / self.noise[:, None]).reshape(-1, len(lane)).T)
 
     def jacobian(self, states: Array, sensitivity: Array, delay: float) -> Array:
         """Return their derivative."""
@@ -232,7 +267,7 @@ class AgainstPositions:
             part = whole[k + end, kind : kind + 2, :, lane]
             result[..., :-1] += np.moveaxis(weight[..., None, None] * part, 1, 0)
             result[..., -1] -= np.moveaxis(slope[..., None] * states[k + end, kind : kind + 2, lane], 1, 0)
-        result /= self._noise[:, None]
+        result /= self.noise[:, None]
         return result.reshape(lanes, -1, size + 1)
 
     def _interpolation(self, delay: float) -> tuple[Indices, tuple[Array, ...], tuple[Array, ...]]:

@@ -156,7 +156,7 @@ def segment_errors(
     """
     comparison, fit = _initial_states(motions, theta, delay, bounds, scale)
     segments = comparison.segments
-    states = roll(fit.theta, fit.initial, segments.tau, segments.step)
+    states = segments.roll(fit.theta, fit.initial)
     rows = comparison.residuals(states, fit.delay).T.reshape(-1, 4, len(segments))
     t = segments.start + fit.delay + comparison.offset[1:, None]
     errors = rows[1:] * np.sqrt(comparison.times)
@@ -205,7 +205,7 @@ def fit_positions(
     # Segments begin on samples, the next one behind the margin.
     whole = min(m.end - m.start - m.interval for m in motions) - 2 * margin
     step = min(LONGEST_STEP, *(m.interval for m in motions))
-    if len(theta) > MODELS['viscous'] or not rounded or any(_strays(m) for m in motions):
+    if len(theta) > MODELS['viscous'] or not rounded or any(strays(m) for m in motions):
         step = min(step, SHORT_STEP)
     first, best = np.nan, None
     before: tuple[Segments, Fit] | None = None
@@ -253,7 +253,7 @@ def fit_positions(
     return best
 
 
-def _strays(motion: Motion) -> bool:
+def strays(motion: Motion) -> bool:
     """Tell whether stamps lie between the places of the grid on which segments begin and steps end."""
     places = (motion.recorded.t - motion.start) / motion.interval
     return bool(np.abs(places - np.rint(places)).max() * motion.interval > STRAYING)
@@ -262,9 +262,9 @@ def _strays(motion: Motion) -> bool:
 @np.errstate(all='ignore')
 def _is_white(comparison: AgainstPositions, fit: Fit) -> bool:
     """Tell whether residuals are those of independent readings, and not of a simulation or of a model that errs."""
-    segments, halved = comparison.segments, comparison.segments.halved()
-    states = roll(fit.theta, fit.initial, segments.tau, segments.step)
-    finer_states = roll(fit.theta, fit.initial, halved.tau, halved.step)[::2]
+    segments, halved = comparison.segments, comparison.segments.finer(2)
+    states = segments.roll(fit.theta, fit.initial)
+    finer_states = halved.roll(fit.theta, fit.initial)[::2]
     residuals, finer = (
         comparison.residuals(each, fit.delay).reshape(len(segments), -1, 2) for each in (states, finer_states)
     )
@@ -275,7 +275,7 @@ def _is_white(comparison: AgainstPositions, fit: Fit) -> bool:
 
 def _continued(segments: Segments, fit: Fit, others: Segments) -> Array:
     """Return the states that fitted segments have where others start, shape (4, L)."""
-    states = roll(fit.theta, fit.initial, segments.tau, segments.step)
+    states = segments.roll(fit.theta, fit.initial)
     times = segments.step * np.arange(segments.steps + 1)
     result = np.empty((4, len(others)))
     for lane, (group, start) in enumerate(zip(others.group, others.start, strict=True)):

@@ -5,8 +5,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -99,6 +99,8 @@ class Estimate:
         exact: whether the residuals are those of the encoders alone.
         held: which parameters were held at a value, shape (D,).
         absent: the parameters that are not in the model of this rig; theta has them as 0.
+        resized: what is added to the sizes of the effects' torques that were allowed for, where the criterion estimates
+            them along, shape (E,).
         level: how far to trust it.
         warnings: why, in sentences for the user.
         consequences: what follows from a grave fault of the recordings that the warnings name.
@@ -129,6 +131,7 @@ class Estimate:
     zeros: Zeros | None = None
     exact: bool = False
     absent: tuple[str, ...] = ()
+    resized: Array = field(default_factory=lambda: np.empty(0))
     level: Level = Level.OK
     warnings: tuple[str, ...] = ()
     consequences: tuple[str, ...] = ()
@@ -189,5 +192,47 @@ class Estimate:
     @property
     def runs_at_minimum(self) -> int:
         """How many runs of MDE reached the exact minimum, or each other where none is known, to a relative 1e-6."""
+        if self.runs is None:
+            return 1
         least = self.J_runs.min() if np.isnan(self.J_exact) else self.J_exact
         return int((self.J_runs <= least * (1 + REACHED)).sum())
+
+
+def average(vectors: Sequence[Array], weights: Sequence[float] | Array) -> Array:
+    """Return the weighted mean of parameter vectors; what a smaller model lacks is 0."""
+    size = max(map(len, vectors))
+    return np.asarray(sum(w * np.pad(v, (0, size - len(v))) for w, v in zip(weights, vectors, strict=True)))
+
+
+def averaged(answers: Sequence[Estimate], weights: Sequence[float]) -> Estimate:
+    """Return the average of several models' answers, the largest model's last.
+
+    The variance is the mean of theirs, and that of the answers: what the choice of the model leaves open is a part of
+    it. All else, J among it, is the largest model's.
+    """
+    largest, size = answers[-1], len(answers[-1].theta)
+    theta = average([e.theta for e in answers], weights)
+    delay = float(np.dot(weights, [e.effort.delay for e in answers]))
+    off = np.array([np.pad(e.theta, (0, size - len(e.theta))) - theta for e in answers])
+    spread = np.einsum('m,mi,mj->ij', weights, off, off)
+    # On its bound in one model alone, a parameter is free in the average.
+    free = np.any([np.pad(e.free, (0, size - len(e.free))) for e in answers], axis=0)
+    covariance = spread + sum(
+        w * np.pad(np.nan_to_num(e.covariance, nan=0.0, posinf=np.inf), (0, size - len(e.theta)))
+        for w, e in zip(weights, answers, strict=True)
+    )
+    covariance[~free], covariance[:, ~free] = np.nan, np.nan
+    errors = [np.pad(e.std_error, (0, size - len(e.theta))) for e in answers]
+    said = ', '.join(f'{100 * w:.0f} % {e.model}' for w, e in zip(weights, answers, strict=True))
+    return replace(
+        largest,
+        theta=theta,
+        free=free,
+        covariance=covariance,
+        std_error=np.sqrt(np.dot(weights, np.array(errors) ** 2) + np.diag(spread)),
+        uncertainty=f'{largest.uncertainty}; and how models differ',
+        effort=replace(largest.effort, delay=delay),
+        resized=average([e.resized for e in answers], weights),
+        converged=all(e.converged for e in answers),
+        steps=(*largest.steps, f'average of models, weighted by how they predict: {said}'),
+    )

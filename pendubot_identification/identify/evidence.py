@@ -18,10 +18,13 @@ from pendubot_identification.model.parameters import NAMES
 from pendubot_identification.model.rollout import roll
 from pendubot_identification.trajectories.motion import Motion
 
+from .effects import Found, catalogue_of, seen_of
 from .estimate import NORMAL_95
 from .linear import linear
 from .prediction import HORIZONS, LOST, measured_ends
+from .result import EffectFound
 from .settings import Settings
+from .unexplained import Unexplained, unexplained
 
 Array = NDArray[np.float64]
 
@@ -107,6 +110,47 @@ class Excitation:
     term: Array
     own: Array
     residual: Array
+
+
+@dataclass(frozen=True, slots=True)
+class TorqueLeft:
+    """The unexplained torque, and what the rig did when it acted.
+
+    Attributes:
+        found: it and its bursts.
+        names: of the recordings.
+        seen: what each is drawn against, in words: of shoulder and elbow, at all of its times, shape (K, 2).
+    """
+
+    found: Unexplained
+    names: tuple[str, ...]
+    seen: dict[str, Array]
+
+
+def torque_left(motions: Sequence[Motion], answer: Answer, smoothing: float, hold: str) -> TorqueLeft:
+    """Return the unexplained torque of recordings, as :func:`.unexplained.unexplained` finds it.
+
+    Raises:
+        TrajectoryError: a recording is shorter than a bump.
+    """
+    found = unexplained([m.recorded for m in motions], smoothing, hold, answer.delay)
+    seen = [seen_of(motion, t, answer.delay) for motion, t in zip(motions, found.times, strict=True)]
+    against = {
+        'its angle [rad]': np.concatenate([np.column_stack(s.q) for s in seen]),
+        'its speed [rad/s]': np.concatenate([np.column_stack(s.v) for s in seen]),
+        'torque [N m]': np.concatenate([np.column_stack([s.mean(WIDTH / 4)] * 2) for s in seen]),
+    }
+    return TorqueLeft(found, tuple(motion.name for motion in motions), against)
+
+
+def known_effects(motions: Sequence[Motion], listed: Sequence[EffectFound]) -> list[Found]:
+    """Return the effects that a result lists of these motions."""
+    by_words = {(effect.name, effect.where): effect for effect in catalogue_of(motions)}
+    return [
+        Found(by_words[each.name, each.where], np.array(each.sizes, dtype=float), np.nan, np.empty(0))
+        for each in listed
+        if (each.name, each.where) in by_words
+    ]
 
 
 def simulate_beside(motions: Sequence[Motion], answer: Answer, scale: Array) -> Simulation:

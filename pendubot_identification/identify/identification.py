@@ -20,6 +20,7 @@ from pendubot_identification.trajectories.suspicions import suspicions
 
 from .agreement import contradictions
 from .diagnosis import Fault, diagnose, link_length, with_options
+from .effects import allowing_for, together
 from .estimate import Estimate, Progress
 from .judgement import judge, require_excitation
 from .linear import linear
@@ -27,10 +28,13 @@ from .prediction import Prediction, predict
 from .recipes import SHORTEST, Data, estimate, prepared
 from .selection import TRUST, Comparison, ModelScore
 from .settings import Settings
-from .unexplained import Unexplained, allowing_for, unexplained
+from .trajectory_effects import found_by_trajectory
+from .unexplained import Unexplained, unexplained
 
 Array = NDArray[np.float64]
 
+#: How often effects are looked for once more, beside those that were found.
+LOOKS = 2
 #: How much better, in the logarithm of the error, a criterion must predict than one that is trusted more.
 BETTER = 0.02
 
@@ -137,21 +141,24 @@ def identify(
     known = 'rotor' if settings.model == 'auto' else settings.model
     faults = diagnose(held, data.smoothing, data.hold, known, low if low == high else 0.0, settings.link_length)
     faults = with_options(faults, settings.reading)
-    left = _unexplained(data) if not faults else None
+    # What is estimated along does not stand in the way.
+    look = all(f.name == 'offset' or (f.delay is not None and low <= f.delay <= high) for f in faults)
+    left, data, comparison = _rid_of_effects(data, progress, look)
+    if any(found.effect.name == 'offset' for found in data.effects):
+        faults = tuple(replace(f, level=Level.WARN) if f.name == 'offset' else f for f in faults)
     if left is not None:
-        notes += left.sentences
-        if not data.long:
-            data = data.without(left.bursts).allowing_for(left.effects, left.delay)
-            judges = tuple(allowing_for(motion, left.effects, left.delay) for motion in judges)
-            whole_judges = judges
-    comparison = Comparison(data, progress)
-    model, scores = comparison.choose() if settings.model == 'auto' else (settings.model, [])
+        notes += left.sentences({fault.name for fault in faults})
+        judges = tuple(allowing_for(motion, data.effects, data.delay) for motion in judges)
+        whole_judges = judges if data.effects else whole_judges
+    models, scores = comparison.choose() if settings.model == 'auto' else ((settings.model,), [])
+    model = models[-1]
 
     estimates = []
     for criterion in settings.criteria:
-        answer = estimate(criterion, data, (judges, whole_judges), model, progress)
+        weights = comparison.weights(criterion, models)
+        answer = estimate(criterion, data, (judges, whole_judges), weights, progress)
         parts = [predict([j], answer.theta, answer.effort.delay, data.scale) for j in judges]
-        parts = parts or comparison.predicted(criterion, model)
+        parts = parts or comparison.predicted(criterion, weights)
         estimates.append(replace(answer, prediction=Prediction.pool(parts)))
     published = _best(estimates)
 
@@ -187,14 +194,31 @@ def identify(
     )
 
 
-def _unexplained(data: Data) -> Unexplained | None:
-    """Return what no parameters explain of the recordings that are long enough; None by energy alone."""
+def _rid_of_effects(data: Data, progress: Progress, look: bool) -> tuple[Unexplained | None, Data, Comparison]:
+    """Return what no parameters explain, and the data without bursts and without effects that are torques.
+
+    It is not looked for by energy alone; of long recordings it is only told.
+    """
     settings = data.settings
-    if settings.criteria == ('energy',):
-        return None
+    if not look or settings.criteria == ('energy',):
+        return None, data, Comparison(data, progress)
     delay = linear('weak', data.motions, 'rotor', settings).delay
-    long = [m.recorded for m in data.motions if m.end - m.start >= SHORTEST]
-    return unexplained(long, data.smoothing, data.hold, delay) if long else None
+    long_enough = [m.recorded for m in data.motions if m.end - m.start >= SHORTEST]
+    if not long_enough:
+        return None, data, Comparison(data, progress)
+    left = unexplained(long_enough, data.smoothing, data.hold, delay)
+    if data.long:
+        return left, data, Comparison(data, progress)
+    data = data.without(left.bursts).allowing_for(left.effects, delay)
+    comparison = Comparison(data, progress)
+    for _ in range(LOOKS if comparison.deciding == 'trajectory' else 0):
+        more = found_by_trajectory(data.motions, comparison.fit('geared'), settings.box('geared'), settings.delays)
+        left = replace(left, effects=together(left.effects, more))
+        if not any(found.effect.acting for found in more):
+            break
+        data = data.allowing_for(more, delay)
+        comparison = Comparison(data, progress)
+    return left, data, comparison
 
 
 def _best(estimates: Sequence[Estimate]) -> int:

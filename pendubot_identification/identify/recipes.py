@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import count
 
@@ -28,11 +28,12 @@ from pendubot_identification.trajectories.motion import AnyMotion, LongMotion, M
 from pendubot_identification.trajectories.signals import choose_smoothing
 
 from .covariance import correlations, estimated_zeros, scaled_condition_number, trajectory_covariance
-from .estimate import Effort, Estimate, Progress, Zeros
+from .effects import Found, allowing_for, passed_by, together, with_unit_torques
+from .estimate import Effort, Estimate, Progress, Zeros, averaged
 from .linear import Linear, estimate_linear, linear
 from .prediction import state_scale
 from .settings import Settings
-from .unexplained import Burst, Found, allowing_for, between_bursts
+from .unexplained import Burst, between_bursts
 
 Array = NDArray[np.float64]
 Groups = tuple[tuple[Motion, ...], ...]
@@ -53,6 +54,8 @@ EXACT_LADDER = (0.2, 0.5, 1.0, 2.0)
 #: that a held one leaves. Where samples are no further apart than a simulation step, the difference is a delay of half
 #: an interval.
 LINEAR = 0.95
+#: No effect's torque is larger than so many times its unit.
+ANY_SIZE = 1e3
 #: A fit has ended in a valley of its own where its J is above so many times that of another answer.
 ELSEWHERE = 1.1
 
@@ -68,6 +71,8 @@ class Data:
         hold: how their torque behaves between samples.
         scale: the states' standard deviations, shape (4,).
         settings: what was asked for.
+        effects: that the models lack and that are allowed for.
+        delay: of the effort [s], with which they were found.
     """
 
     groups: Groups
@@ -76,6 +81,8 @@ class Data:
     hold: str
     scale: Array
     settings: Settings
+    effects: tuple[Found, ...] = ()
+    delay: float = 0.0
 
     @classmethod
     def prepare(cls, recordings: Sequence[Recording], settings: Settings) -> Data:
@@ -132,8 +139,17 @@ class Data:
 
     def allowing_for(self, found: Sequence[Found], delay: float) -> Data:
         """Return the motions with what is left of their torques without effects that the models lack."""
-        groups = tuple(tuple(allowing_for(m, found, delay) for m in group) for group in self.groups)
-        return replace(self, groups=groups, whole=tuple(group[0] for group in groups))
+        passed = iter(passed_by(self.motions))
+        groups = tuple(tuple(allowing_for(m, found, delay, next(passed)) for m in group) for group in self.groups)
+        whole, effects = tuple(group[0] for group in groups), together(self.effects, found)
+        return replace(self, groups=groups, whole=whole, effects=effects, delay=delay)
+
+    @property
+    def with_unit_torques(self) -> tuple[Motion, ...]:
+        """The motions with the torques of the effects beside their own, so that their sizes can be estimated."""
+        effects = [found.effect for found in self.effects]
+        parts = zip(self.motions, passed_by(self.motions), strict=True)
+        return tuple(with_unit_torques(motion, effects, self.delay, passed) for motion, passed in parts)
 
     def without(self, bursts: Sequence[Burst]) -> Data:
         """Return the parts of the recordings that lie between bursts."""
@@ -190,12 +206,22 @@ def prepared(recordings: Sequence[Recording], smoothing: float, hold: str) -> tu
 
 
 def estimate(
-    criterion: str, data: Data, judges: tuple[Sequence[Motion], Sequence[AnyMotion]], model: str, progress: Progress
+    criterion: str,
+    data: Data,
+    judges: tuple[Sequence[Motion], Sequence[AnyMotion]],
+    models: Mapping[str, float],
+    progress: Progress,
 ) -> Estimate:
-    """Return one criterion's answer, with its J on the motions that judge: what is held of them, and the whole."""
+    """Return one criterion's answer, with its J on the motions that judge: what is held of them, and the whole.
+
+    Of several models, the largest last, it is the average of their answers by these weights.
+    """
     spans = ', '.join(f'{m.name}, {m.end - m.start:.0f} s' for m in data.long)
     stretches = f'from {len(data.motions)} stretches of {STRETCH:g} s'
+    *smaller, model = models
+    quick = replace(data, settings=replace(data.settings, optimizer='lsq'))
     if criterion == 'trajectory':
+        others = [_estimate_trajectory(quick, (), m, progress) for m in smaller]
         found = _estimate_trajectory(data, judges[0], model, progress)
         said = f'{stretches}, spread over {spans}'
     else:
@@ -204,21 +230,47 @@ def estimate(
             progress(f'{criterion}: reading {spans}', 0, 0, np.nan)
             made = linear(criterion, data.whole, model, data.settings, like=made)
         judge = linear(criterion, judges[1], model, data.settings, like=made) if judges[1] else None
+        # With the same delay and weights; the smaller models' criterion is that of some columns alone.
+        others = [
+            estimate_linear(criterion, made.first(MODELS[m]), m, quick.settings, data.hold, progress, None)
+            for m in smaller
+        ]
         found = estimate_linear(criterion, made, model, data.settings, data.hold, progress, judge)
         said = f'from all of {spans}' + (f'; delay and weights {stretches}' if criterion == 'weak' else '')
+    if others:
+        found = averaged([*others, found], list(models.values()))
+        if criterion == 'trajectory':
+            J = _segment_cost(data, found.theta, found.resized, found.effort.delay, model)
+            J_validation = _segment_cost(data, found.theta, found.resized, found.effort.delay, model, judges[0])
+        else:
+            J, J_validation = (np.nan if each is None else float(each.criterion(found.theta)) for each in (made, judge))
+        found = replace(found, J=J, J_validation=J_validation)
     return replace(found, steps=(said, *found.steps)) if data.long else found
+
+
+def _segment_cost(
+    data: Data, theta: Array, resized: Array, delay: float, model: str, judges: Sequence[Motion] | None = None
+) -> float:
+    """Return J of the trajectory criterion on the motions that judge, or on the data themselves; NaN without any."""
+    box = data.settings.box(model)
+    if judges is None:
+        wide = box.beside(tuple(f'size {k}' for k in range(len(resized))), ANY_SIZE)
+        return segment_cost(data.with_unit_torques, np.append(theta, resized), delay, wide, data.scale)[0]
+    return segment_cost(judges, theta, delay, box, data.scale)[0] if judges else np.nan
 
 
 def _estimate_trajectory(data: Data, judges: Sequence[Motion], model: str, progress: Progress) -> Estimate:
     """Fit smoothed states from a rough start, and then recorded positions where these say more."""
-    settings, motions, scale, bounds = data.settings, data.motions, data.scale, data.settings.box(model)
-    number, runs = count(1), None
+    settings, motions, scale, bounds = data.settings, data.with_unit_torques, data.scale, data.settings.box(model)
+    size, number, runs = MODELS[model], count(1), None
+    sizes = tuple(f'{f.effect.name} {k}' for f in data.effects for k in range(len(f.effect.acting)))
+    wide = bounds.beside(sizes, ANY_SIZE)
 
     def tell(cost: float) -> None:
         progress('trajectory: Levenberg-Marquardt', next(number), 0, cost)
 
-    def cost(theta: Array, delay: float, of: Sequence[Motion] = motions) -> tuple[float, int]:
-        return segment_cost(of, theta, delay, bounds, scale)
+    def cost(theta: Array, delay: float) -> tuple[float, int]:
+        return segment_cost(motions, theta, delay, wide, scale)
 
     if settings.optimizer == 'mde':
         mde, several = settings.search('trajectory', model)
@@ -226,7 +278,7 @@ def _estimate_trajectory(data: Data, judges: Sequence[Motion], model: str, progr
         def report(generation: int, best: float) -> None:
             progress('trajectory: MDE', generation, mde.generations, best)
 
-        runs = search(motions, bounds, scale, mde, several, settings.seed, report)
+        runs = search(data.motions, bounds, scale, mde, several, settings.seed, report)
         theta, delay = runs.x[runs.best], settings.least_delay
         steps = [
             f'MDE from anywhere within the bounds: {several} runs, up to {int(runs.generations.max())} '
@@ -235,11 +287,12 @@ def _estimate_trajectory(data: Data, judges: Sequence[Motion], model: str, progr
     else:
         theta, delay = data.start(model)
         steps = ['start: ' + ("the weak criterion's answer" if settings.start is None else 'given parameters')]
+    theta = np.append(theta, np.zeros(len(sizes)))
     before, _ = cost(theta, delay)
-    found = fit_states(motions, theta, delay, bounds, settings.delays, scale, progress=tell)
+    found = fit_states(motions, theta, delay, wide, settings.delays, scale, progress=tell)
     J, residuals = cost(found.fit.theta, found.fit.delay)
     steps.append(f'Levenberg-Marquardt on states over {found.length:.2g} s: J from {before:.4g} to {J:.4g}')
-    sharper = fit_positions(motions, found.fit.theta, found.fit.delay, bounds, settings.delays, progress=tell)
+    sharper = fit_positions(motions, found.fit.theta, found.fit.delay, wide, settings.delays, progress=tell)
     zeros = None
     if sharper is None:
         zeros = Zeros(tuple(m.name for m in motions), *estimated_zeros(found, len(motions)))
@@ -250,11 +303,12 @@ def _estimate_trajectory(data: Data, judges: Sequence[Motion], model: str, progr
         if not found.rounded:
             left = f'{np.sqrt(found.variance) * FINEST:.2g} rad are left'
         steps.append(f'Levenberg-Marquardt on recorded positions over {found.length:.3g} s: {left}')
-    fit, size = found.fit, MODELS[model]
+    fit = found.fit
     converged = fit.converged
     if settings.start is not None and settings.optimizer != 'mde' and not found.exact:
         # A valley of its own may hold what began far away; that another point is lower shows it.
-        elsewhere, _ = cost(*data.weak_start(model))
+        theta, delay = data.weak_start(model)
+        elsewhere, _ = cost(np.append(theta, np.zeros(len(sizes))), delay)
         if ELSEWHERE * elsewhere < J:
             converged = False
             steps.append(f"the weak criterion's answer has J = {elsewhere:.4g}: lower, without any search")
@@ -262,20 +316,21 @@ def _estimate_trajectory(data: Data, judges: Sequence[Motion], model: str, progr
     return Estimate(
         criterion='trajectory',
         model=model,
-        theta=fit.theta,
+        theta=fit.theta[:size],
+        resized=fit.theta[size:],
         free=fit.free[:size],
         covariance=covariance[:size, :size],
         correlation=correlations(fit.informations.sum(axis=0)[:-2, :-2], fit.free)[:size, :size],
         std_error=np.where(bounds.held, 0.0, np.where(bounds.present, std_error[:size], np.nan)),
         uncertainty=uncertainty,
-        effort=Effort(data.hold, fit.delay, float(std_error[size]) if fit.free[size] else np.nan),
+        effort=Effort(data.hold, fit.delay, float(std_error[-1]) if fit.free[-1] else np.nan),
         J=J,
         residuals=residuals,
         condition_number=scaled_condition_number(found),
         converged=converged,
         steps=tuple(steps),
         runs=runs,
-        J_validation=cost(fit.theta, fit.delay, judges)[0] if judges else np.nan,
+        J_validation=_segment_cost(data, fit.theta[:size], fit.theta[size:], fit.delay, model, judges),
         zeros=zeros,
         exact=found.exact,
         absent=bounds.absent,

@@ -50,6 +50,11 @@ class Blocks:
             triangles += _reduced(r, -(-r.count * np.arange(1, number + 1) // number))
         return cls(np.array(triangles), sum(r.count for r in residuals), length)
 
+    def first(self, size: int) -> Blocks:
+        """Return the blocks of the first ``size`` parameters, the others being 0."""
+        shown = np.concatenate([self.triangles[:, :, :size], self.triangles[:, :, -1:]], axis=2)
+        return replace(self, triangles=np.asarray(np.linalg.qr(shown, mode='r')))
+
     @property
     def criterion(self) -> Quadratic:
         """The criterion of all the residuals together."""

@@ -11,22 +11,21 @@ where it is significant, whichever of all is tried, and pays on a part of the da
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline, PPoly
-from scipy.special import fdtrc
+from scipy.interpolate import CubicSpline
 
 from pendubot_identification.criteria.weak import WIDTH, weak_regression
 from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.signals import encoder_step
 from pendubot_identification.trajectories.trajectory import MINIMUM_SAMPLES, Trajectory
 
-from .effects import MEANINGS, Effect, Read, Seen, catalogue
+from .effects import Effect, Found, Read, catalogue_of, passed_by, seen_of
+from .hypotheses import products, select, solved, squares
 
 Array = NDArray[np.float64]
 
@@ -42,55 +41,20 @@ MOST_BURSTS, ROUNDS = 0.3, 5
 PAYS = 0.04
 #: ... and this part of what is beyond rounding: on real rigs anything explains a little of all that is unexplained, ...
 MAIN = 0.25
-#: ... or this one, where samples are farther apart than this [s] and do not show all of a fast motion, ...
+#: ... or this one, where samples are farther apart than this [s] and do not show all of a fast motion.
 PAYS_COARSE, COARSE = 0.3, 0.02
-#: ... at this level of significance, of all effects that are tried together.
-SIGNIFICANT = 0.001
 #: More than this part of the effort, beyond what rounding explains, is said; so many bursts are listed.
 MUCH, MOST_SAID = 0.05, 5
 #: Nothing is named where rounding alone leaves more than this part of the effort unexplained.
 NOISIEST = 0.15
 #: One that explains so many times more where the encoders round twice is made by their rounding.
 GROWS = 1.5
-#: One that changes a parameter by more than this part of it is not identifiable beside the parameters.
-TOO_FAR = 0.5
-#: An effect of fewer columns is preferred where it explains less by no more than this; no more effects are named.
-ALIKE, MOST_EFFECTS = 0.02, 3
 #: Fewer recordings than this are cut into so many parts, each of which is left out in turn.
 FEWEST_RECORDINGS, FOLDS = 3, 5
 #: Parts between bursts that are shorter [s] are left out, too.
 SHORTEST_PART = 1.0
-#: Half the time [s] over which a torque is smoothed that twists a shaft.
-TWIST = 0.02
 #: A change of angles or stamps that is small enough to be linear [rad, s].
 SMALL = 1e-5
-
-
-@dataclass(frozen=True, slots=True)
-class Found:
-    """An effect that explains some of the unexplained torque.
-
-    Attributes:
-        effect: which.
-        sizes: of its torques or changes, in the catalogue's order [N m, rad and their quotients], shape (C,).
-        share: of the unexplained torque's square, what it explains of data that did not fit it.
-        moved: by how much each of P1 to P5 changes beside it, as a fraction, shape (5,).
-    """
-
-    effect: Effect
-    sizes: Array
-    share: float
-    moved: Array
-
-    @property
-    def sentence(self) -> str:
-        """What was found, how sure that is, and what to do."""
-        found, remedy = MEANINGS[self.effect.name]
-        moved = 100 * np.abs(self.moved).max()
-        allowed = f'; P1 to P5, which change by up to {moved:.2g} %, allow for it' if self.effect.acting else ''
-        if not self.effect.acting:
-            allowed = f', and may change P1 to P5 by {moved:.2g} %'
-        return f'{found} ({self.effect.where}): {100 * self.share:.0f} % of the unexplained torque{allowed}; {remedy}'
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,6 +75,7 @@ class Unexplained:
     Attributes:
         times: the bumps' centres in each recording [s], shapes (K,).
         torque: of both joints about which the weak form's residuals speak [N m], shapes (K, 2).
+        rest: what of it the effects leave that the weak form names, shapes (K, 2).
         share: its root mean square over that of the effort, of each joint, shape (2,), without bursts.
         noise: what of this the encoders' rounding makes, shape (2,).
         bursts: in the order of time.
@@ -120,15 +85,15 @@ class Unexplained:
 
     times: tuple[Array, ...]
     torque: tuple[Array, ...]
+    rest: tuple[Array, ...]
     share: Array
     noise: Array
     bursts: tuple[Burst, ...]
     effects: tuple[Found, ...]
     delay: float
 
-    @property
-    def sentences(self) -> list[str]:
-        """What the user should know of it."""
+    def sentences(self, told: Collection[str] = ()) -> list[str]:
+        """Return what the user should know of it; effects by these names are told already."""
         said = []
         if self.bursts:
             some = [
@@ -139,7 +104,7 @@ class Unexplained:
                 f'torques from nowhere, left out: {", ".join(some[:MOST_SAID])}{more}; let no hand, cable or end stop '
                 'touch the links'
             )
-        said += [found.sentence for found in self.effects]
+        said += [found.sentence for found in self.effects if found.effect.name not in told]
         excess = np.sqrt(np.maximum(self.share**2 - self.noise**2, 0.0))
         if not self.effects and excess.max() > MUCH:
             left, rounding = (
@@ -169,17 +134,16 @@ def unexplained(trajectories: Sequence[Trajectory], smoothing: float, hold: str,
     again = _Balances.of([_read_again(m, smoothing, hold, seed) for seed, m in enumerate(motions)], delay)
     base, y = balances.phi, balances.y
     effort = float(np.sqrt((y**2).sum(axis=1).mean())) + np.finfo(float).tiny
-    states = np.concatenate([m.smoothed(m.smoothed.x)[:, :2] for m in motions])
-    greatest = max(float(np.abs(m.recorded.tau[:, 0]).max()) for m in motions)
-    effects = list(catalogue(greatest, tuple(np.ptp(states, axis=0))))
+    # A lag's torques are too short for what bumps are evaluated at.
+    effects = [e for e in catalogue_of(motions) if e.name != 'lag']
     named: list[tuple[int, Found]] = []
     beside: list[Array] = []
     for _ in range(2):  # an effect may look like bursts, and bursts hide effects
         columns = np.concatenate([base, *beside], axis=2)
-        noise = again.left(_solved(base, y)) - balances.left(_solved(base, y))
+        noise = again.left(solved(base, y)) - balances.left(solved(base, y))
         size = np.sqrt((noise**2).mean(axis=0))
         kept, weight = _without_bursts(columns, y, size, LEAST_BURST * effort, balances.recordings)
-        theta = _solved((base * weight)[kept], (y * weight[:, 0])[kept])
+        theta = solved((base * weight)[kept], (y * weight[:, 0])[kept])
         if size.max() >= NOISIEST * effort:
             break
         candidates = balances.columns(effects, theta)
@@ -192,9 +156,12 @@ def unexplained(trajectories: Sequence[Trajectory], smoothing: float, hold: str,
         true = _not_noise([(balances, beside), (again, twice)], weight, kept)
         named, beside = named[:true], beside[:true]
     left, noise = balances.left(theta), again.left(theta) - balances.left(theta)
+    columns = np.concatenate([base, *beside], axis=2)
+    rest = y - columns @ solved((columns * weight)[kept], (y * weight[:, 0])[kept])
     return Unexplained(
         times=tuple(balances.t),
         torque=tuple(balances.by_motion(left)),
+        rest=tuple(balances.by_motion(rest)),
         share=np.sqrt((left[kept] ** 2).mean(axis=0)) / effort,
         noise=np.sqrt((noise[kept] ** 2).mean(axis=0)) / effort,
         bursts=tuple(_bursts(balances, kept, left)),
@@ -239,7 +206,7 @@ class _Balances:
         bump = (1 - u**2) ** 3 / ((1 - u**2) ** 3).sum()
         seen = [
             seen_of(motion, centres[:, None] + WIDTH / 2 * u, self.delay, passed)
-            for motion, centres, passed in zip(self.motions, self.t, self._passed, strict=True)
+            for motion, centres, passed in zip(self.motions, self.t, passed_by(self.motions), strict=True)
         ]
         made = []
         for effect in effects:
@@ -253,18 +220,12 @@ class _Balances:
 
     def _read(self, read: Read, theta: Array) -> Array:
         changed = []
-        for motion, passed in zip(self.motions, self._passed, strict=True):
+        for motion, passed in zip(self.motions, passed_by(self.motions), strict=True):
             at = motion.smoothed.x
-            more = SMALL * np.column_stack(read(seen_of(motion, at, self.delay, passed, TWIST)))
+            more = SMALL * np.column_stack(read(seen_of(motion, at, self.delay, passed)))
             states = motion.smoothed(at) + np.column_stack([more, CubicSpline(at, more)(at, 1)])
             changed.append(replace(motion, smoothed=CubicSpline(at, states)))
         return (_Balances.of(changed, self.delay).left(theta) - self.left(theta)) / SMALL
-
-    @property
-    def _passed(self) -> list[tuple[float, float]]:
-        """How much of all data has passed at the start and at the end of each motion, from -0.5 to 0.5."""
-        ends = np.cumsum([0.0, *(motion.end - motion.start for motion in self.motions)])
-        return list(pairwise((ends / ends[-1] - 0.5).tolist()))
 
     def by_motion(self, rows: NDArray[Any]) -> list[NDArray[Any]]:
         return np.split(rows, np.cumsum([len(centres) for centres in self.t])[:-1])
@@ -282,21 +243,6 @@ class _Balances:
         return np.arange(len(self.y)) * FOLDS // len(self.y)
 
 
-def seen_of(
-    motion: Motion, at: Array, delay: float, passed: tuple[float, float] = (0.5, 0.5), around: float = 0.0
-) -> Seen:
-    """Return what is seen of a motion at some times [s], the torque as the mean over so much time before and after."""
-    q1, q2, v1, v2 = motion.states(at)
-    if around:
-        low, high = (
-            np.clip(at - delay + side, motion.impulse.x[0], motion.impulse.x[-1]) for side in (-around, around)
-        )
-        tau = (motion.impulse(high) - motion.impulse(low))[..., 0] / (2 * around)
-    else:
-        tau = motion.impulse(at - delay, 1)[..., 0]
-    return Seen((q1, q2), (v1, v2), tau, np.interp(at, (motion.start, motion.end), passed))
-
-
 def between_bursts(trajectory: Trajectory, bursts: Sequence[Burst]) -> list[Trajectory]:
     """Return the parts of a recording before, between and after its bursts that are long enough to tell something."""
     edges = [(burst.begin - WIDTH / 2, burst.end + WIDTH / 2) for burst in bursts if burst.recording == trajectory.name]
@@ -308,20 +254,6 @@ def between_bursts(trajectory: Trajectory, bursts: Sequence[Burst]) -> list[Traj
         if len(part) >= MINIMUM_SAMPLES and part.duration >= SHORTEST_PART:
             parts.append(replace(part, name=f'{trajectory.name}, from {part.t[0] - trajectory.t[0]:.1f} s'))
     return parts
-
-
-def allowing_for(motion: Motion, found: Sequence[Found], delay: float) -> Motion:
-    """Return the motion with what is left for the model of its torques: without those of the effects."""
-    at = motion.impulse.x
-    seen = seen_of(motion, np.clip(at + delay, motion.start, motion.end), delay)
-    braking = np.zeros((len(at), 2))
-    for each in found:
-        for (joint, torque), size in zip(each.effect.acting, each.sizes, strict=bool(each.effect.acting)):
-            braking[:, joint] += size * torque(seen)
-    taken = PPoly(np.array([np.diff(braking, axis=0) / np.diff(at)[:, None], braking[:-1]]), at).antiderivative()
-    pieces = np.zeros((3, *taken.c.shape[1:]))
-    pieces[-len(motion.impulse.c) :] += motion.impulse.c
-    return replace(motion, impulse=PPoly(pieces - taken.c, at))
 
 
 def _read_again(motion: Motion, smoothing: float, hold: str, seed: int) -> Motion:
@@ -337,7 +269,7 @@ def _without_bursts(
     """Return which bumps are no bursts, shape (K,), and the weights of both joints, shape (2, 1)."""
     kept, weight = np.ones(len(y), dtype=bool), np.ones((2, 1))
     for _ in range(ROUNDS):
-        left = np.abs(y - phi @ _solved((phi * weight)[kept], (y * weight[:, 0])[kept]))
+        left = np.abs(y - phi @ solved((phi * weight)[kept], (y * weight[:, 0])[kept]))
         spread = np.maximum(1.4826 * np.median(left, axis=0), noise) + np.finfo(float).tiny
         weight = (spread[0] / spread)[:, None]
         limit = np.maximum(OUTLYING * spread, least)
@@ -349,18 +281,10 @@ def _without_bursts(
     # Where recordings contradict each other, the rest of one explains what seemed to come from nowhere in it.
     for number in np.unique(recordings[~kept]):
         own = recordings == number
-        theta = _solved((phi * weight)[own & kept], (y * weight[:, 0])[own & kept])
+        theta = solved((phi * weight)[own & kept], (y * weight[:, 0])[own & kept])
         if not (np.abs(y - phi @ theta)[own & ~kept] > limit).any():
             kept |= own
     return kept, weight
-
-
-def _solved(phi: Array, y: Array) -> Array:
-    """Return the least-squares solution, columns scaled to one."""
-    flat = phi.reshape(-1, phi.shape[2])
-    scale = np.linalg.norm(flat, axis=0)
-    scale[scale == 0] = 1.0
-    return np.asarray(np.linalg.lstsq(flat / scale, y.ravel(), rcond=1e-9)[0] / scale)
 
 
 def _bursts(balances: _Balances, kept: NDArray[np.bool_], left: Array) -> Iterator[Burst]:
@@ -382,46 +306,24 @@ def _named(
     kept: NDArray[np.bool_],
     rounding: float,
 ) -> Iterator[tuple[int, Found]]:
-    """Return the effects that are significant and pay on data that did not fit them, and which candidates they are.
-
-    All that is asked of the data are products of columns, by fold.
-    """
-    base, y, folds = balances.phi * weight, balances.y * weight[:, 0], balances.folds
-    columns = np.concatenate([base, *(c * weight for c in candidates), y[:, :, None]], axis=2)[kept]
-    scale = np.sqrt((columns**2).sum(axis=(0, 1)))
-    columns = columns / np.where(scale > 0, scale, 1.0)
-    of_fold = np.array([_products(columns[folds[kept] == fold]) for fold in np.unique(folds[kept])])
-    whole = of_fold.sum(axis=0)
-    # Bumps overlap: what is independent is every half of one, of each joint.
-    independent = 2 * kept.sum() * STRIDE / (WIDTH / 2)
-    first = base.shape[2] + np.cumsum([0, *(c.shape[2] for c in candidates)])
-    places = [list(range(low, high)) for low, high in pairwise(first)]
-    taken, left = list(range(base.shape[2])), list(range(len(candidates)))
-    physical = _least(whole, taken)[:5]
+    """Return the effects that are significant and pay on data that did not fit them, and which candidates they are."""
+    base, y = (balances.phi * weight)[kept], (balances.y * weight[:, 0])[kept]
+    theta = solved(base, y)
+    left = float(((y - base @ theta) ** 2).sum())
     pays = PAYS if max(m.interval for m in balances.motions) <= COARSE else PAYS_COARSE
-    for _ in range(MOST_EFFECTS):
-        alone, left_out = _squares(whole, taken), _left_out(of_fold, taken)
-        found = []
-        for c in left:
-            size, freedom = len(places[c]), independent - len(taken) - len(places[c])
-            better = alone / max(_squares(whole, taken + places[c]), np.finfo(float).tiny) - 1
-            if freedom > 0 and fdtrc(size, freedom, better * freedom / size) * len(candidates) < SIGNIFICANT:
-                rest = _left_out(of_fold, taken + places[c])
-                if (rest < left_out).all():  # else it tells a recording from others, or one time from another
-                    found.append((1 - rest.sum() / left_out.sum(), c))
-        beyond = 1 - rounding / (alone * scale[-1] ** 2)
-        if not found or max(found)[0] < max(pays, MAIN * beyond):
-            return
-        # Of those that explain nearly as much, the simplest.
-        share, best = min((f for f in found if f[0] > max(found)[0] - ALIKE), key=lambda f: len(places[f[1]]))
-        taken = taken + places[best]
-        left = [c for c in left if effects[c].name != effects[best].name]
-        solution = _least(whole, taken)
-        now = solution[:5]
-        if np.abs(now / physical - 1).max() > TOO_FAR:
-            return
-        sizes = solution[-len(places[best]) :] * scale[-1] / scale[places[best]]
-        yield best, Found(effects[best], sizes, float(share), (now - physical) / physical)
+    chosen = select(
+        effects,
+        base,
+        y,
+        [(c * weight)[kept] for c in candidates],
+        balances.folds[kept],
+        # Bumps overlap: what is independent is every half of one, of each joint.
+        independent=2 * kept.sum() * STRIDE / (WIDTH / 2),
+        pays=max(pays, MAIN * (1 - rounding / max(left, np.finfo(float).tiny))),
+        physical=theta[:5],
+    )
+    for choice in chosen:
+        yield choice.number, Found(effects[choice.number], choice.sizes, choice.share, choice.moved / theta[:5])
 
 
 def _not_noise(readings: list[tuple[_Balances, list[Array]]], weight: Array, kept: NDArray[np.bool_]) -> int:
@@ -433,33 +335,8 @@ def _not_noise(readings: list[tuple[_Balances, list[Array]]], weight: Array, kep
     explained = []
     for balances, columns in readings:
         parts = [balances.phi, *columns, balances.y[:, :, None]]
-        products = _products((np.concatenate(parts, axis=2) * weight)[kept])
+        of_all = products((np.concatenate(parts, axis=2) * weight)[kept])
         ends = np.cumsum([part.shape[2] for part in parts[:-1]])
-        explained.append(-np.diff([_squares(products, list(range(end))) for end in ends]))
+        explained.append(-np.diff([squares(of_all, list(range(end))) for end in ends]))
     made = explained[1] > GROWS * explained[0]
     return int(made.argmax()) if made.any() else len(made)
-
-
-def _products(columns: Array) -> Array:
-    flat = columns.reshape(-1, columns.shape[2])
-    return np.asarray(flat.T @ flat)
-
-
-def _least(products: Array, which: list[int]) -> Array:
-    """Return the least-squares solution of some columns by products of all, the last one being y."""
-    return np.asarray(np.linalg.lstsq(products[np.ix_(which, which)], products[which, -1], rcond=1e-12)[0])
-
-
-def _left_out(of_fold: Array, which: list[int]) -> Array:
-    """Return the sum of squares that is left of each fold by what the others are explained with, shape (F,)."""
-    whole, left = of_fold.sum(axis=0), []
-    for products in of_fold:
-        x = np.append(_least(whole - products, which), -1.0)
-        left.append(float(x @ products[np.ix_([*which, -1], [*which, -1])] @ x))
-    return np.array(left)
-
-
-def _squares(products: Array, which: list[int]) -> float:
-    """Return the sum of squares that some columns leave."""
-    x = np.append(_least(products, which), -1.0)
-    return float(x @ products[np.ix_([*which, -1], [*which, -1])] @ x)

@@ -134,6 +134,8 @@ class Host:
         self._decoder = Decoder()
         self._sequence.allow_gap()
         self._output.open = True
+        # A delimiter, or a frame that another host left unfinished would take the first one along.
+        self._output.data = b'\0'
         self._up, self._fell_silent = False, False
         self._motor.board = None
         self._unanswered = 0

@@ -107,12 +107,12 @@ class VirtualBoard:
         self._plant = plant
         self._faults = faults or Faults()
         self._rng = np.random.default_rng(seed)
-        self._decoder = Decoder(accept=(Command, HelloRequest))
         self._elapsed_us = 0
         self._reset_due_us = self._faults.reset_at * 1e6
         self._stop_due_us = self._faults.emergency_stop_at * 1e6
         self._origin = (0, 0)
         self._held = held
+        self._first: bytes
         self._boot(1, self.settings.clock_start_us)
 
     def receive(self, data: bytes) -> None:
@@ -141,7 +141,8 @@ class VirtualBoard:
             self._reset_due_us = math.inf
             self._origin = self._encoders()
             self._boot(2)
-        out = b''
+        # First a delimiter, or the frame that a restart cut short would take the first one along.
+        out, self._first = self._first, b''
         while self._hellos_due:
             self._hellos_due -= 1
             out += self._transmit(self._hello())
@@ -159,6 +160,7 @@ class VirtualBoard:
         self._elapsed_us += self.settings.sample_period_us
 
     def _boot(self, reset_cause: int, clock_us: int = 0) -> None:
+        self._decoder = Decoder(accept=(Command, HelloRequest))
         self._boot_id = int(self._rng.integers(1, WRAP))
         self._reset_cause = reset_cause
         self._clock_us = clock_us
@@ -172,6 +174,7 @@ class VirtualBoard:
         self._holds_until_us = 0
         self._notes = Status(0)
         self._hellos_due = 1
+        self._first = b'\0'
 
     def _obey(self, command: Command) -> None:
         if command.mode == Mode.DISARM:
@@ -199,7 +202,9 @@ class VirtualBoard:
         faults = self._standing_faults()
         if self.armed and self._clock_us >= self._holds_until_us:
             self.armed, self._tripped = False, True
-        self.armed = self.armed and not faults & FAULTS
+        if self.armed and faults & FAULTS:
+            # Or one that comes and goes would leave the motor on in between.
+            self.armed, self._locked = False, True
         wanted = self._torque if self.armed else 0
         limit = round(self.settings.torque_limit * 1e6)
         torque = max(-limit, min(limit, wanted))

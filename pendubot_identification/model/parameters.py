@@ -196,6 +196,11 @@ class Bounds:
         """The names of the others."""
         return tuple(name for name, present in zip(self.names, self.present, strict=True) if not present)
 
+    def beside(self, names: tuple[str, ...], limit: float) -> Bounds:
+        """Return these bounds with those of other unknowns behind them: anything of a size below ``limit``."""
+        limits = np.full(len(names), limit)
+        return Bounds(np.append(self.lower, -limits), np.append(self.upper, limits), (*self.names, *names))
+
     def of(self, size: int) -> Bounds:
         """Return the bounds of the first ``size`` parameters."""
         return Bounds(self.lower[:size], self.upper[:size], self.names[:size])

@@ -32,8 +32,9 @@ def firmware() -> Path:
         raise LinkError('the firmware is not part of this install; run this in a source tree') from None
     if not program.exists():
         raise LinkError(f'{program} is missing; build it by: make -C firmware (Debian: gcc-arm-none-eabi)')
-    if shutil.which('qemu-system-arm') is None:
-        raise LinkError('qemu-system-arm is not installed (Debian: qemu-system-arm)')
+    for name, package in (('qemu-system-arm', 'qemu-system-arm'), ('setpriv', 'util-linux')):
+        if shutil.which(name) is None:
+            raise LinkError(f'{name} is not installed (Debian: {package})')
     return program
 
 
@@ -44,7 +45,20 @@ def emulate(link: Path | None, stop: Shutdown) -> None:
         LinkError: there is no firmware, no QEMU, or it did not start or ended; or the link cannot be made.
     """
     seed = f'loader,addr={SEED},data={secrets.randbits(32)},data-len=4'
-    words = ['qemu-system-arm', '-M', 'netduinoplus2', '-nographic', '-monitor', 'none', '-serial', 'pty']
+    # It ends with this program, however that ends.
+    words = [
+        'setpriv',
+        '--pdeathsig',
+        'TERM',
+        'qemu-system-arm',
+        '-M',
+        'netduinoplus2',
+        '-nographic',
+        '-monitor',
+        'none',
+        '-serial',
+        'pty',
+    ]
     words += ['-kernel', str(firmware()), '-device', seed]
     with subprocess.Popen(words, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, text=True) as qemu:
         try:

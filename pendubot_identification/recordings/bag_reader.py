@@ -270,8 +270,7 @@ def read_recording(
         return RecordedTrajectory(trajectory, window, reader.content_hash, reader.closed, reader.note)
 
     if isinstance(reader, TableReader):
-        whole = reader.motion if window == BagWindow(window.path) else _cut(reader.motion, window)
-        motion = replace(whole, name=str(window))
+        motion = _of_table(reader, window)
         long = long_one(partial(parts, motion), motion.duration) if is_long(len(motion), motion.duration) else None
         return recorded(long or motion.require_samples())
     stream = Stream(reader, topic, joint_names, window.start, window.end)
@@ -288,12 +287,19 @@ def read_recording(
 
 
 def read_trajectory(
-    window: BagWindow | Path, *, topic: str = JOINT_STATES_TOPIC, joint_names: Sequence[str] = JOINT_NAMES
+    window: BagWindow | Path,
+    *,
+    topic: str = JOINT_STATES_TOPIC,
+    joint_names: Sequence[str] = JOINT_NAMES,
+    reading: Reading | None = None,
 ) -> RecordedTrajectory[Trajectory]:
-    """Read the same of a bag, as it stands there, and hold it however long it is."""
-    window = BagWindow(window) if isinstance(window, Path) else window
-    reader = BagReader(window.path)
-    motion = _held(reader, window, Stream(reader, topic, joint_names, window.start, window.end), Reading())
+    """Read the same, and hold it however long it is."""
+    window, reading = BagWindow(window) if isinstance(window, Path) else window, reading or Reading()
+    reader = open_recording(window.path, reading)
+    if isinstance(reader, TableReader):
+        motion = _of_table(reader, window)
+    else:
+        motion = _held(reader, window, Stream(reader, topic, joint_names, window.start, window.end), reading)
     return RecordedTrajectory(motion, window, reader.content_hash, reader.closed, reader.note)
 
 
@@ -309,11 +315,12 @@ def _held(reader: BagReader, window: BagWindow, stream: Stream, reading: Reading
     return reading.motion(t, values[:, 0], values[:, 1], velocities, str(window)).require_samples()
 
 
-def _cut(motion: Trajectory, window: BagWindow) -> Trajectory:
-    part = motion[(motion.t >= (window.start or 0.0)) & (motion.t < (window.end or math.inf))]
+def _of_table(reader: TableReader, window: BagWindow) -> Trajectory:
+    t = reader.motion.t
+    part = reader.motion[(t >= (window.start or 0.0)) & (t < (window.end or math.inf))]
     if not len(part):
-        raise _nothing(window, motion.duration)
-    return part
+        raise _nothing(window, reader.motion.duration)
+    return replace(part, name=str(window))
 
 
 def _nothing(window: BagWindow, duration: float) -> TrajectoryError:

@@ -18,7 +18,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from pendubot_identification.identify.evidence import Excitation, Residuals, Simulation
+from pendubot_identification.identify.evidence import Excitation, Residuals, Simulation, TorqueLeft
 from pendubot_identification.identify.result import Convergence, CriterionValue, Result
 from pendubot_identification.trajectories.trajectory import Trajectory
 
@@ -31,6 +31,8 @@ Array = NDArray[np.float64]
 WIDTH = 5.2
 #: Points that a line may have, two for each of half as many intervals of time.
 MOST_POINTS = 2000
+#: Means of unexplained torque are drawn in so many bins, without what is so many times its median.
+BINS, OUTLYING = 24, 8.0
 MEASURED, SIMULATED, ESTIMATION, VALIDATION = '#1a1a1a', '#d55e00', '#56b4e9', '#e69f00'
 #: Colours that can be told apart by everyone (Okabe and Ito).
 COLOURS = ('#0072b2', '#d55e00', '#009e73', '#cc79a7')
@@ -125,6 +127,40 @@ def draw_residuals(residuals: Residuals) -> Picture:
     over_time.set(xlabel='time [s]', ylabel=f'[{residuals.unit}]')
     _legend(over_time, over_time.lines[:: len(places)])
     return _picture(figure, f'residuals_{residuals.criterion}', cumulative=np.isinf(residuals.shared))
+
+
+@drawn
+def draw_torque_left(left: TorqueLeft) -> Picture:
+    """Draw the unexplained torque of both joints over time, with its bursts, and its means against what the rig did."""
+    found = left.found
+    places = _places(range(len(found.times)), found.times)
+    everything, rest = np.concatenate(found.torque), np.concatenate(found.rest)
+    figure = Figure(figsize=(WIDTH, 4.4), layout='constrained')
+    top, bottom = figure.subfigures(2, 1)
+    over_time, against = top.subplots(2, 1, sharex=True), bottom.subplots(2, len(left.seen), sharey='row')
+    quiet = np.abs(everything) < OUTLYING * np.median(np.abs(everything), axis=0) + np.finfo(float).tiny
+    for joint, (axis, colour) in enumerate(zip(over_time, COLOURS, strict=False)):
+        for place, t, torque in zip(places, found.times, found.torque, strict=True):
+            axis.plot(*envelope(t + place, torque[:, joint]), color=colour, linewidth=0.7)
+        for burst in found.bursts:
+            number = left.names.index(burst.recording)
+            begin = places[number] + found.times[number][0]
+            axis.axvspan(begin + burst.begin, begin + burst.end, color=SIMULATED, alpha=0.25, linewidth=0)
+        axis.set_ylabel(f'{("shoulder", "elbow")[joint]}\n[N m]')
+        for column, (name, values) in enumerate(left.seen.items()):
+            shown, kept = against[joint, column], quiet[:, joint]
+            edges = np.unique(np.quantile(values[kept, joint], np.linspace(0, 1, BINS + 1)))
+            if len(edges) < 3:
+                continue
+            number = np.clip(np.searchsorted(edges, values[kept, joint], side='right') - 1, 0, len(edges) - 2)
+            count = np.maximum(np.bincount(number, minlength=len(edges) - 1), 1)
+            for torque, line in ((everything, '-'), (rest, ':')):
+                means = np.bincount(number, torque[kept, joint], minlength=len(edges) - 1) / count
+                shown.plot((edges[1:] + edges[:-1]) / 2, means, color=colour, linestyle=line)
+            shown.axhline(0, color='#bbbbbb', linewidth=0.6, zorder=0)
+            against[1, column].set_xlabel(name)
+    over_time[1].set_xlabel('time [s]')
+    return _picture(figure, 'torque_left', bursts=len(found.bursts), effects=[f.effect.name for f in found.effects])
 
 
 @drawn

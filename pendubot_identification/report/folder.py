@@ -12,7 +12,8 @@ from pathlib import Path
 
 from pendubot_identification.errors import PendubotError
 from pendubot_identification.files import OutputFolder
-from pendubot_identification.identify.evidence import excitation, residuals, simulate_beside
+from pendubot_identification.identify.effects import allowing_for, passed_by
+from pendubot_identification.identify.evidence import excitation, known_effects, residuals, simulate_beside, torque_left
 from pendubot_identification.identify.prediction import state_scale
 from pendubot_identification.identify.result import Result
 from pendubot_identification.results.provenance import answers, hold, settings
@@ -90,7 +91,12 @@ def _wanted(
         training, validation = (
             [Motion.prepare(motion, result.smoothing, hold(result)) for motion in recorded] for recorded in motions
         )
-        scale, asked = state_scale(training), settings(result)
+        scale, asked, whole, listed = state_scale(training), settings(result), training, result.unexplained_torque
+        if listed is not None and listed.effects:
+            known = known_effects(training, listed.effects)
+            parts = zip(training, passed_by(training), strict=True)
+            training = [allowing_for(motion, known, best.delay, passed) for motion, passed in parts]
+            validation = [allowing_for(motion, known, best.delay) for motion in validation]
 
         def simulated() -> Picture:
             shown = simulate_beside(validation or training, best, scale)
@@ -102,7 +108,12 @@ def _wanted(
         def left(criterion: str) -> Picture:
             return figures.draw_residuals(residuals(training, found[criterion], asked, result.smoothing, scale))
 
+        def unexplained() -> Picture:
+            return figures.draw_torque_left(torque_left(whole, best, result.smoothing, hold(result)))
+
         yield 'the data', partial(figures.draw_recordings, *motions)
+        if listed is not None:
+            yield 'the unexplained torque', unexplained
         yield 'the simulation', simulated
         yield 'the excitation', excited
         for criterion in found:

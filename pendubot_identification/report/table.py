@@ -1,13 +1,14 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A table that is made once and shown in three ways: as text for a terminal, on the page, and in Markdown."""
+"""A table that is made once and shown as text for a terminal, on the page, in a notebook, and in Markdown."""
 
 from __future__ import annotations
 
 import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
+from html import escape
 from typing import TypeAlias
 
 #: Columns of a terminal.
@@ -54,6 +55,14 @@ class Table:
             for first, *others in lines
         )
         return '\n'.join([*aligned, *map(wrapped, self.notes)])
+
+    def html(self) -> str:
+        """Return a table, and the notes below it, each a paragraph."""
+        lines = [[escape(text(cell)) for cell in row] for row in (self.head, *self.rows)]
+        tags = ['th'] + ['td'] * (len(lines) - 1)
+        rows = (''.join(f'<{tag}>{cell}</{tag}>' for cell in line) for tag, line in zip(tags, lines, strict=True))
+        notes = ''.join(f'<p>{escape(text(note))}</p>' for note in self.notes)
+        return f'<table>{"".join(f"<tr>{row}</tr>" for row in rows)}</table>{notes}'
 
     def markdown(self) -> str:
         """Return a table of GitHub's Markdown, and the notes below it, each a paragraph."""

@@ -187,6 +187,23 @@ def run_table(result: Result) -> Table | None:
     return Table([f'energy: J [{J.unit}]', 'best', 'worst', 'average'], rows)
 
 
+def unexplained_table(result: Result) -> Table | None:
+    """Return the unexplained torque as a part of the effort, and the effects that were named; None without."""
+    left = result.unexplained_torque
+    if left is None:
+        return None
+    at = 'unexplained_torque'
+    rows: list[list[Cell]] = [
+        ['left unexplained', *(number(result, f'{at}.share.{k}', '.2%') for k in (0, 1))],
+        ['of which rounded angles explain', *(number(result, f'{at}.rounding.{k}', '.2%') for k in (0, 1))],
+    ]
+    notes = [
+        f'{e.name} ({e.where}): P1 to P5 change by up to {max(abs(m or 0.0) for m in e.moved):.2g} of themselves'
+        for e in left.effects
+    ]
+    return Table(['torque, in parts of the effort', 'shoulder', 'elbow'], rows, notes)
+
+
 def zero_table(result: Result) -> Table | None:
     """Return how far off the zeros of every recording are by the published criterion; None where it knows of none."""
     rows = [
@@ -210,11 +227,15 @@ def model_table(result: Result) -> Table | None:
         ]
         for k, score in enumerate(compared)
     ]
-    why = 'the smallest model that predicts the training data within one standard error of the best'
+    why = f'{result.model} was chosen: the smallest model that '
     if compared[-1].exact:
-        why = "the smallest model that leaves nothing but the encoders' rounding; larger ones were not tried"
+        why += "leaves nothing but the encoders' rounding; larger ones were not tried"
+    elif len(compared) == 2:
+        why = 'none leaves but the rounding of the encoders: their answers are averaged, weighted by how they predict'
+    else:
+        why += 'predicts the training data within one standard error of the best'
     after = _joined(', ', (number(result, f'prediction.horizons.{h}', 'g') for h in range(len(compared[0].error))))
-    note = f'{result.model} was chosen: {why} ({result.models.by})'
+    note = f'{why} ({result.models.by})'
     return Table(['model', 'parameters', ('error after ', after, ' s'), 'above the best by'], rows, [note])
 
 
@@ -303,6 +324,7 @@ def summary(result: Result) -> str:
             prediction_table(result),
             criterion_table(result),
             '\n'.join(map(wrapped, data_sentences(result))),
+            unexplained_table(result),
             zero_table(result),
             model_table(result),
             run_table(result),

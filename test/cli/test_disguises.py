@@ -6,7 +6,6 @@
 import json
 import re
 import shlex
-import sys
 
 import numpy as np
 import pytest
@@ -58,7 +57,10 @@ def excel(file, columns):
 
 
 def parquet(file, columns):
-    pytest.importorskip('pyarrow.parquet').write_table(sys.modules['pyarrow'].table(columns), file)
+    pyarrow = pytest.importorskip('pyarrow')
+    from pyarrow.parquet import write_table
+
+    write_table(pyarrow.table(columns), file)
 
 
 def with_missing_rows(file, columns):

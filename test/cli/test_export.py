@@ -7,7 +7,8 @@ import pytest
 import yaml
 
 from pendubot_identification.cli.export import FORMATS as NAMED
-from pendubot_identification.results.export import FORMATS
+from pendubot_identification.formats.export import FORMATS, ROBOTS
+from pendubot_identification.model.parameters import BALANCE, NAMES
 from test.identified import plain
 
 
@@ -18,19 +19,37 @@ def result(tmp_path):
     return path
 
 
+@pytest.fixture
+def by_hand(tmp_path):
+    """Writes a file of the balancing rig's parameters but for some; returns its path."""
+
+    def by_hand(**others):
+        values = {name: getattr(BALANCE, name) for name in NAMES} | others
+        path = tmp_path / 'hand.yaml'
+        path.write_text(yaml.safe_dump({'schema': 1, 'parameters': {n: {'value': v} for n, v in values.items()}}))
+        return path
+
+    return by_hand
+
+
 def test_help_names_every_format():
-    assert tuple(FORMATS) == NAMED
+    assert FORMATS == NAMED
 
 
-@pytest.mark.parametrize(('suffix', 'name'), [('.m', 'matlab'), ('.h', 'c'), ('.json', 'json'), ('.yaml', 'yaml')])
-def test_the_suffix_says_which_format_and_force_replaces_a_file(result, tmp_path, run, suffix, name):
+@pytest.mark.parametrize(
+    ('suffix', 'name'),
+    [(f'.{name}', name) for name in NAMED if name != 'mjcf'] + [('.xml', 'mjcf'), ('.m', 'matlab'), ('.h', 'c')],
+)
+def test_the_suffix_says_which_format_and_force_replaces_a_file(result, by_hand, tmp_path, run, refused, suffix, name):
+    given = by_hand() if name in ROBOTS else result
     output = tmp_path / f'parameters{suffix}'
     output.write_text('mine')
-    assert run('export', result, '--output', output, '--force')[:2] == (0, f'written to {output}\n')
-    assert run('export', result, '--format', name)[:2] == (0, output.read_text())
+    assert 'exists already' in refused('export', given, '--output', output)
+    assert run('export', given, '--output', output, '--force')[:2] == (0, f'written to {output}\n')
+    assert run('export', given, '--format', name)[:2] == (0, output.read_text())
 
 
-@pytest.mark.parametrize('name', NAMED)
+@pytest.mark.parametrize('name', [name for name in NAMED if name not in ROBOTS])
 def test_parameters_that_no_rig_has_are_said_to_be_so(result, run, name):
     """Beside what the result says of itself; its numbers may be those of a hand, which YAML takes for words."""
     data = yaml.safe_load(result.read_text()) | {'level': 'WARN', 'warnings': ['so so']}
@@ -42,3 +61,44 @@ def test_parameters_that_no_rig_has_are_said_to_be_so(result, run, name):
     assert 'not physical: P1 = -0.0022 is not positive' in out
     if name == 'json':
         assert json.loads(out)['parameters']['P1']['value'] == -0.0022
+
+
+@pytest.mark.parametrize(
+    ('others', 'options', 'said'),
+    [
+        ({'P3': 0.02}, (), 'no rig moves like this: M(q) is not positive definite'),
+        ({'P5': -0.03}, (), 'give link 1 no length P3 / P5 above 0; measure it'),
+        ({'P5': 0.0}, (), 'give it by --link-length'),
+        ({}, ('--link-length', '0.5'), 'a length above 0 and below sqrt(P1 P2) / |P5| = 0.2867 m is expected'),
+        ({}, ('--link-length', '0'), 'a length above 0'),
+        ({}, ('--link-length', 'nan'), 'a length above 0'),
+        ({'P5': 0.0}, ('--link-length', '-1'), 'a length above 0 is expected'),
+    ],
+)
+def test_what_makes_no_simulated_rig_is_refused(by_hand, refused, tmp_path, others, options, said):
+    for name in ROBOTS:
+        assert said in refused(
+            'export', by_hand(**others), '--output', tmp_path / f'rig.{name}', '--format', name, *options
+        )
+        assert not (tmp_path / f'rig.{name}').exists()
+
+
+def test_what_was_chosen_and_what_is_left_out_is_said_beside_the_file_and_in_it(by_hand, run):
+    given = by_hand(Fc1=0.01, J2=0.001, k1=0.1)
+    for name, armature in (('mjcf', True), ('urdf', False), ('sdf', False)):
+        _, out, err = run('export', given, '--format', name, '--link-length', '0.16')
+        assert 'link 1 is 0.16 m long, as given: P3 is P5 l1 = 0.004848 kg m^2, not 0.0046' in err
+        for said in ('the rig moves alike', 'Fc tanh(v / 0.05)', 'k1 = 0.1 cannot be said there'):
+            assert said in err
+        assert ('J2 = 0.001 kg m^2 cannot be said there' in err) is not armature
+        assert all(line in out for line in err.splitlines())
+
+
+def test_options_of_simulators_and_unknown_formats_are_wrong_usage(result, refused):
+    assert '--link-length is of mjcf, urdf, sdf, and json does without' in refused(
+        'export', result, '--format', 'json', '--link-length', '0.2', status=2
+    )
+    for limit in ('0', 'inf'):
+        said = refused('export', result, '--format', 'mjcf', '--torque-limit', limit, status=2)
+        assert said == f'pendubot: the torque limit is {limit} N m; a number above 0 is expected'
+    assert "invalid choice: 'usd'" in refused('export', result, '--format', 'usd', status=2)

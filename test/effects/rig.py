@@ -126,7 +126,7 @@ def record(
     seeds, effects, *, seconds=10.0, rate=200.0, counts=4096, strength=0.35, held=(0.1, 0.5), begin=0.0, delay=0.0
 ):
     """Return one recording for each seed and its effects; ``begin`` [s] is how long each rig ran before (see drift)."""
-    samples, every = round(seconds * rate), round(1 / rate / STEP)
+    samples, every = round(seconds * rate), max(1, round(1 / rate / STEP))
     step, rngs = 1 / rate / every, [np.random.default_rng([seed, 19]) for seed in seeds]
     tau = np.array([pulses(rng, samples, rate, strength, *held) for rng in rngs])
     hands, pushed = np.zeros((2, samples * every, len(seeds))), []

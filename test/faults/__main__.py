@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Fault trials: ``python -m test.faults [--short] [NAME ...]`` prints what was wanted and what was measured.
+"""Fault trials: ``python -m test.faults [--short] [--board c] [NAME ...]`` prints what was wanted, what was measured.
 
 The long trials take about half an hour on a quiet machine with two cores; ``--short`` runs those of the tests.
 """
@@ -11,6 +11,9 @@ import os
 import sys
 import tempfile
 from pathlib import Path
+
+from test.firmware.building import made
+from test.processes import BOARDS, MODULES
 
 from . import bridge, recorder
 from .table import HEADER, row
@@ -22,9 +25,14 @@ def main():
     parser = argparse.ArgumentParser(prog='python -m test.faults', description=__doc__)
     parser.add_argument('names', nargs='*', metavar='NAME', help=f'which: {", ".join(names)} (default: all)')
     parser.add_argument('--short', action='store_true', help='seconds instead of minutes')
+    boards = 'the virtual board: of Python, or the firmware in C (default %(default)s)'
+    parser.add_argument('--board', choices=BOARDS, default='python', help=boards)
     options = parser.parse_args()
     if unknown := set(options.names) - set(names):
         parser.error(f'there is no trial {", ".join(sorted(unknown))}; the trials are {", ".join(names)}')
+    if options.board == 'c':
+        made('host')
+    MODULES['virtual_board'] = BOARDS[options.board]
     # Trials must neither hear nor disturb other ROS programs.
     os.environ.setdefault('ROS_DOMAIN_ID', str(1 + os.getpid() % 100))
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'

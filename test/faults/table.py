@@ -19,11 +19,15 @@ class Figure(NamedTuple):
 
 
 class Trial(NamedTuple):
-    """A fault and what shows how it is survived: ``measure(folder, long)`` gives the fields of figures."""
+    """A fault and what shows how it is survived: ``measure(folder, long)`` gives the fields of figures.
+
+    ``board`` says whether it starts a virtual board.
+    """
 
     name: str
     fault: str
     measure: Callable[[Path, bool], Iterable[tuple]]
+    board: bool = False
 
     def run(self, folder, long):
         """Return the figures."""

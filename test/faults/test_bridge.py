@@ -5,13 +5,22 @@
 
 import pytest
 
+from test.processes import BOARDS
+
 from .bridge import TRIALS
 
 pytestmark = [pytest.mark.ros, pytest.mark.faults]
 
 
-@pytest.mark.parametrize('trial', TRIALS, ids=lambda trial: trial.name)
-def test_it_neither_lies_nor_loses(trial, ros, tmp_path):
+CASES = [
+    pytest.param(trial, board, id=f'{trial.name}-{board}' if trial.board else trial.name)
+    for trial in TRIALS
+    for board in (BOARDS if trial.board else ['python'])
+]
+
+
+@pytest.mark.parametrize(('trial', 'each_board'), CASES, indirect=['each_board'])
+def test_it_neither_lies_nor_loses(trial, each_board, ros, tmp_path):
     figures = trial.run(tmp_path, False)
     missed = [f'{figure.wanted}: {figure.measured}' for figure in figures if not (figure.met or figure.time)]
     assert not missed, '; '.join(missed)

@@ -3,6 +3,7 @@
 
 """Compiles the firmware for tests; where a compiler or QEMU is missing, the test is skipped and says so."""
 
+import fcntl
 import shutil
 import subprocess
 
@@ -32,6 +33,10 @@ def compiled(target, *sources, options=()):
 
 def made(*targets):
     """Let make build something in firmware/, and return the folder with what was built."""
-    done = subprocess.run(['make', '-C', FIRMWARE, *targets], capture_output=True, text=True)
+    need('make', 'make')
+    with open(FIRMWARE / 'Makefile') as makefile:
+        # One at a time, where several processes test.
+        fcntl.flock(makefile, fcntl.LOCK_EX)
+        done = subprocess.run(['make', '-C', FIRMWARE, *targets], capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr
     return FIRMWARE / 'build'

@@ -96,20 +96,13 @@ class Emulator:
 
     def patch(self, symbol, instruction):
         """Put an instruction (16 bits) at the beginning of a function."""
-        self._put(symbol, instruction.to_bytes(2, 'little'))
-
-    def poke(self, symbol, value):
-        """Set a variable of 32 bits."""
-        self._put(symbol, value.to_bytes(4, 'little'))
-
-    def _put(self, symbol, data):
         with self.debugger() as ask:
-            assert ask(f'M{self.place(symbol)[0]:x},{len(data)}:{data.hex()}') == 'OK'
+            assert ask(f'M{self.place(symbol)[0]:x},2:{instruction.to_bytes(2, "little").hex()}') == 'OK'
 
-    def value(self, symbol):
-        """Return a variable of 32 bits."""
+    def stands_at(self, symbol):
+        """Tell whether the next instruction is a function's first."""
         with self.debugger() as ask:
-            return int.from_bytes(bytes.fromhex(ask(f'm{self.place(symbol)[0]:x},4')), 'little')
+            return int.from_bytes(bytes.fromhex(ask('pf')), 'little') == self.place(symbol)[0]
 
 
 class Line:

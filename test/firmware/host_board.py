@@ -5,10 +5,9 @@
 
 import os
 import sys
+from pathlib import Path
 
-from .building import FIRMWARE
-
-PROGRAM = FIRMWARE / 'build' / 'pendubot_board'
+PROGRAM = Path(__file__).parents[2] / 'firmware/build/pendubot_board'
 
 if __name__ == '__main__':
     os.execv(PROGRAM, [str(PROGRAM), *sys.argv[1:]])

@@ -3,6 +3,10 @@
 
 """``virtual_board --qemu``: the firmware at 100 Hz, where launch files and the demo look for a virtual board."""
 
+import os
+import subprocess
+import time
+
 import pytest
 
 from pendubot_identification.errors import LinkError, ParameterError
@@ -33,6 +37,14 @@ def test_it_stands_behind_its_link_until_a_signal_ends_it(tmp_path):
             line.close()
             assert board.stop() == 0
         assert not (tmp_path / 'board').is_symlink()
+    with Program('virtual_board', '--qemu', '--link', tmp_path / 'board') as board:
+        board.wait_for('virtual board on')
+        port = os.readlink(tmp_path / 'board')
+        board.kill()
+        deadline = time.monotonic() + 10
+        while os.path.exists(port):
+            assert time.monotonic() < deadline, 'QEMU goes on'
+            time.sleep(0.01)
     assert (boots[0].firmware, boots[0].sample_period_us) == ('emulated 1', 10_000)
     assert boots[0].boot_id != boots[1].boot_id
 
@@ -56,3 +68,21 @@ def test_a_launch_file_starts_it_or_says_what_is_missing(launch, tmp_path, monke
         launch('virtual', board='qemu')
     monkeypatch.setattr(emulated_board, 'firmware', lambda: None)
     assert launch('virtual', board='qemu')['virtual_board'].arguments == ['--link', '/tmp/pendubot', '--qemu']
+
+
+@pytest.mark.parametrize(
+    ('options', 'said'),
+    [
+        (['--rate', '0'], '--rate is 0; a number from 1 to 10000 is expected'),
+        (['--counts', 'many'], '--counts is many; a number from 4'),
+        (['--torque-limit', 'nan'], '--torque-limit is nan; a number from 0'),
+        (['--preset', 'rig'], '--preset is rig; paper or balance is expected'),
+        (['--fault', 'bit_flip=2'], 'bit_flip is 2; a number from 0 to 1 is expected'),
+        (['--fault', 'rust=1'], 'no fault rust=1'),
+        (['--nonsense'], 'usage: pendubot_board'),
+    ],
+)
+def test_the_program_for_linux_explains_what_it_does_not_take(options, said):
+    need('cc', 'gcc')
+    done = subprocess.run([made('host') / 'pendubot_board', *options], capture_output=True, text=True, timeout=10)
+    assert (done.returncode, said in done.stderr) == (2, True), done.stderr

@@ -3,11 +3,14 @@
 
 """What is left out in turn, and which model the predictions of that speak for."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from pendubot_identification.identify.estimate import Effort, Estimate, averaged
 from pendubot_identification.identify.prediction import HORIZONS, Prediction
 from pendubot_identification.identify.selection import compare_models, folds
 from pendubot_identification.model.parameters import MODELS
@@ -123,3 +126,44 @@ def test_a_model_that_is_exact_is_chosen_whatever_the_folds_say():
     assert chosen == 'coulomb'
     assert [s.exact for s in scores] == [False, True, False]
     assert not any(s.exact for s in compare_models({model: [predicted(loss)] for model, loss in rows.items()})[1])
+
+
+def answer(model, theta, std_error, delay=0.0):
+    size = len(theta)
+    return Estimate(
+        criterion='weak',
+        model=model,
+        theta=np.array(theta),
+        free=np.ones(size, dtype=bool),
+        covariance=np.diag(std_error) ** 2.0,
+        correlation=np.eye(size),
+        std_error=np.array(std_error),
+        uncertainty='known',
+        effort=Effort('zero', delay),
+        J=1.0,
+        residuals=1,
+        condition_number=1.0,
+        converged=True,
+    )
+
+
+def test_the_average_of_models_knows_how_they_differ():
+    small, large = answer('rotor', [1.0, 2.0], [0.1, 0.2]), answer('geared', [3.0, 2.0, 4.0], [0.1, 0.4, 1.0], 0.01)
+    found = averaged([small, large], [0.25, 0.75])
+    assert found.model == 'geared'
+    np.testing.assert_allclose(found.theta, [2.5, 2.0, 3.0])
+    assert found.effort.delay == pytest.approx(0.0075)
+    variance = [0.01 + 0.25 * 1.5**2 + 0.75 * 0.5**2, 0.25 * 0.04 + 0.75 * 0.16, 0.75 + 0.25 * 9 + 0.75 * 1]
+    np.testing.assert_allclose(found.std_error**2, variance)
+    np.testing.assert_allclose(np.diag(found.covariance), variance)
+    np.testing.assert_allclose(found.covariance[0, 2], 0.25 * -1.5 * -3 + 0.75 * 0.5 * 1)
+    assert '25 % rotor, 75 % geared' in found.steps[-1]
+
+
+def test_a_parameter_on_its_bound_in_one_model_alone_is_free_in_the_average():
+    small, large = answer('rotor', [1.0], [0.1]), answer('geared', [0.0], [0.2])
+    bound = replace(large, free=np.array([False]), covariance=np.full((1, 1), np.nan))
+    assert averaged([small, bound], [0.5, 0.5]).covariance == pytest.approx(0.25 + 0.01 / 2)
+    both = averaged([replace(bound, model='rotor'), bound], [0.5, 0.5])
+    assert not both.free.any()
+    assert np.isnan(both.covariance).all()

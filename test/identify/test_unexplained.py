@@ -28,19 +28,21 @@ NAMED = {
     ('eccentric', 0): 'eccentric',
 }
 UNNAMED = (('nothing', 0), ('tilt', 1), ('width', 0), ('push', 1), ('stop', 0))
+#: What only simulated segments show, as what it is named, and within which error [%] P1 to P5 then are.
+SUBTLE = {('lag', 0): ('lag', 0.01), ('lag', 1): ('lag', 0.02), ('stribeck', 0): ('friction', 0.02)}
 SMOOTHING, RECORDINGS = 0.04, 3
 
 
 @pytest.fixture(scope='module')
 def recorded():
     """Three recordings of 10 s at 200 Hz and 4096 counts a turn for each."""
-    lanes = [(*cell, k) for cell in (*NAMED, *UNNAMED) for k in range(RECORDINGS)]
+    lanes = [(*cell, k) for cell in (*NAMED, *UNNAMED, *SUBTLE) for k in range(RECORDINGS)]
     made = record(
         [k for *_, k in lanes],
         [EFFECTS[effect][strength] for effect, strength, _ in lanes],
         begin=np.array([10.0 * k for *_, k in lanes]),
     )
-    return {cell: made[n * RECORDINGS : (n + 1) * RECORDINGS] for n, cell in enumerate((*NAMED, *UNNAMED))}
+    return {cell: made[n * RECORDINGS : (n + 1) * RECORDINGS] for n, cell in enumerate((*NAMED, *UNNAMED, *SUBTLE))}
 
 
 def trajectories(recordings):
@@ -112,3 +114,30 @@ def test_parameters_allow_for_what_was_found_and_the_level_says_so(recorded, cel
 def test_one_recording_alone_is_left_out_by_blocks_of_time(recorded):
     assert found(recorded['cogging', 0], slice(1)).effects[0].effect.name == 'cogging'
     assert not found(recorded['nothing', 0], slice(1)).effects
+
+
+@pytest.mark.parametrize('cell', SUBTLE, ids=lambda cell: f'{cell[0]} {cell[1]}')
+def test_simulated_segments_show_what_differentiated_angles_hide(recorded, cell):
+    result = identify(trajectories(recorded[cell]), settings=Settings(('trajectory',), optimizer='lsq'))
+    name, most = SUBTLE[cell]
+    assert result.unexplained.effects[0].effect.name == name
+    assert result.level == Level.WARN
+    assert 'of the errors of simulated segments' in ' '.join(result.warnings)
+    best, truth = result.best, list(true(EFFECTS[cell[0]][cell[1]]).values())[:5]
+    assert 100 * np.abs(best.theta[:5] / truth - 1).max() < most
+    assert best.resized.size == 1, 'its size is estimated along'
+
+
+def test_a_steady_torque_is_a_fault_that_is_estimated_along(recorded):
+    result = identify(trajectories(recorded['offset', 0]), settings=Settings(('trajectory',), optimizer='lsq'))
+    assert [fault.name for fault in result.faults] == ['offset']
+    assert result.level == Level.WARN
+    assert len(result.warnings) == 1, 'said once'
+    assert 100 * np.abs(result.best.theta[:5] / list(TRUE.values())[:5] - 1).max() < 0.01
+
+
+def test_a_clean_rig_is_as_exact_as_ever(recorded):
+    result = identify(trajectories(recorded['nothing', 0]), settings=Settings(('trajectory',), optimizer='lsq'))
+    assert (result.level, result.warnings) == (Level.OK, ())
+    assert result.best.exact
+    assert 100 * np.abs(result.best.theta[:5] / list(TRUE.values())[:5] - 1).max() < 0.004

@@ -485,6 +485,13 @@ def test_a_closed_port_disarms_and_needs_a_new_hello(restarts):
     assert (rig.host.counters.restarts, rig.host.counters.lost) == ((1, 0) if restarts else (0, 3))
 
 
+def test_the_first_request_is_heard_whatever_the_host_before_left_unfinished():
+    host, heard = Host(), Decoder(accept=(Command, HelloRequest))
+    heard.feed(encode(Command(1, 0, Mode.TORQUE, 100, 0))[:-5])
+    host.opened(0)
+    assert isinstance(heard.feed(host.data_to_send())[-1], HelloRequest)
+
+
 @pytest.mark.parametrize(('boot_id', 'lost'), [(HELLO.boot_id, 498), (HELLO.boot_id + 1, 0)])
 def test_what_is_missing_after_the_port_was_closed_was_lost_if_the_board_is_the_same(boot_id, lost):
     wire = Wire()

@@ -23,9 +23,10 @@ from pendubot_identification.errors import LinkError
 from pendubot_identification.link.protocol import Decoder, State, Status, encode
 from pendubot_identification.link.pty_server import PtyServer
 from pendubot_identification.link.serial_port import FrameWriter, SerialPort
-from pendubot_identification.link.virtual_board import BoardSettings, VirtualBoard
+from pendubot_identification.link.virtual_board import VirtualBoard
 from pendubot_identification.model.parameters import PAPER
 from pendubot_identification.model.simulation import Plant
+from test.processes import Program
 
 
 class Ear:
@@ -200,8 +201,8 @@ def test_a_frame_that_was_cut_short_does_not_take_the_next_along(port):
 # The other end
 
 
-def test_a_host_that_does_not_read_is_told_of_the_overrun(port, tmp_path):
-    trace, stop = tmp_path / 'trace.csv', threading.Event()
+def test_a_host_that_does_not_read_is_told_of_the_overrun(port, tmp_path, each_board):
+    trace = tmp_path / 'trace.csv'
 
     def wait(condition):
         deadline = time.monotonic() + 10.0
@@ -212,10 +213,8 @@ def test_a_host_that_does_not_read_is_told_of_the_overrun(port, tmp_path):
     def overrun(since=0):
         return f',{Status.OVERRUN}\n' in trace.read_text()[since:]
 
-    board = VirtualBoard(Plant(PAPER), BoardSettings(sample_period_us=1000))
-    with PtyServer(board, port, trace) as server:
-        serving = threading.Thread(target=server.serve, args=(stop.is_set,))
-        serving.start()
+    with Program('virtual_board', '--link', port, '--rate', 1000, '--trace', trace) as board:
+        board.wait_for('virtual board on')
         wait(overrun)  # nobody is there
         device = os.open(port, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
         opened = len(trace.read_text())
@@ -230,8 +229,6 @@ def test_a_host_that_does_not_read_is_told_of_the_overrun(port, tmp_path):
             return [after for before, after in pairwise(states) if after.seq - before.seq > 1]
 
         wait(gaps)
-        stop.set()
-        serving.join()
         os.close(device)
     assert all(b.status & Status.OVERRUN for a, b in pairwise(states) if b.seq - a.seq > 1)
 

@@ -107,6 +107,23 @@ def test_a_fault_switches_off_and_mode_1_is_ignored_while_it_stands():
     assert bench.step().status == Status.ARMED
 
 
+def test_a_fault_keeps_the_motor_off_until_mode_0_though_a_host_goes_on_commanding():
+    bench = Bench(faults=Faults(over_current_at=0.05)).armed()
+    for _ in range(20):
+        bench.send(1, 100_000)
+        bench.step()
+    assert bench.step().status == 0
+    bench.armed()
+
+
+def test_a_frame_that_a_restart_cut_short_takes_none_along():
+    bench = Bench(faults=Faults(reset_at=0.1))
+    *_, last = [bench.board.advance() for _ in range(10)]
+    bench.decoder.feed(last[:-5])
+    _, hello, state = bench.events()
+    assert (type(hello), type(state)) == (Hello, State)
+
+
 def test_a_restart_begins_everything_anew_but_the_motion_and_ends_an_emergency_stop():
     faults = Faults(emergency_stop_at=0.05, reset_at=0.5)
     bench = Bench(faults=faults, plant=Plant(PAPER, q=(-1.0, 0.3))).armed()

@@ -18,8 +18,10 @@ from test.processes import Program, spin_until
 from test.rig import ARMED, WATCHDOG
 
 pytestmark = pytest.mark.ros
+on_each_board = pytest.mark.usefixtures('each_board')
 
 
+@on_each_board
 def test_it_is_armed_only_after_arm_obeys_until_disarm_and_disarms_at_a_signal_for_good(rig):
     r = rig(200, '--torque-limit', '0.5')
     r.start_board()
@@ -76,6 +78,7 @@ sys.exit(bridge.main())
 """
 
 
+@on_each_board
 @pytest.mark.parametrize('place', ['Host.next_poll', 'Health.diagnose'])
 def test_a_failure_of_its_housekeeping_disarms_and_ends_it_with_1(rig, tmp_path, place):
     r = rig()
@@ -94,6 +97,7 @@ def test_a_failure_of_its_housekeeping_disarms_and_ends_it_with_1(rig, tmp_path,
     assert not (r.trace()[:, 4] & WATCHDOG).any(), 'by command, not by the watchdog'
 
 
+@on_each_board
 def test_a_missing_port_is_waited_for_and_found_again_when_lost_and_diagnostics_name_every_counter(rig):
     r = rig(200, '--fault', 'bit_flip=0.05', '--fault', 'glitch=0.02', '--fault', 'duplicate_frame=0.05')
     bridge = r.start_bridge()

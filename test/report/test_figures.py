@@ -12,8 +12,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pendubot_identification.identify.evidence import Excitation, Residuals, Simulation
+from pendubot_identification.identify.evidence import Excitation, Residuals, Simulation, TorqueLeft
 from pendubot_identification.identify.result import Given, Parameter
+from pendubot_identification.identify.unexplained import Burst, Unexplained
 from pendubot_identification.report import figures
 from pendubot_identification.trajectories.trajectory import Trajectory
 from test.identified import made, plain
@@ -43,6 +44,16 @@ def left(samples=300, interval=0.01, shared=0.3, channels=3):
     return Residuals('weak', 'N m', names, ((t, values), (t, values)), interval, shared, lags, flat, 0.1)
 
 
+def torque_left():
+    t = 0.02 * np.arange(200)
+    torque = np.column_stack([np.sin(7 * t), np.zeros_like(t)])
+    burst = Burst('b', 1.0, 1.4, 0.3, 'elbow')
+    share = np.full(2, 0.1)
+    found = Unexplained((t, t), (torque, torque), (0 * torque, 0 * torque), share, share / 10, (burst,), (), 0.0)
+    seen = {'its angle [rad]': np.concatenate([torque, torque]), 'its speed [rad/s]': np.zeros((400, 2))}
+    return TorqueLeft(found, ('a', 'b'), seen)
+
+
 @functools.cache
 def every_picture():
     result = made(optimizer='mde', criteria=('energy',))
@@ -52,6 +63,7 @@ def every_picture():
         figures.draw_recordings([motion()], [motion(start=3.0)]),
         figures.draw_simulation(simulation(), validation=True),
         figures.draw_residuals(left()),
+        figures.draw_torque_left(torque_left()),
         figures.draw_convergence('energy', energy.J, energy.convergence),
         figures.draw_parameters(result, (by_hand, 'by hand')),
         figures.draw_correlation(result),

@@ -112,7 +112,7 @@ def test_all_that_the_file_says_of_its_making_is_at_the_foot():
 def test_every_figure_is_shown_with_what_a_good_one_looks_like():
     text = result_page(typed(plain()), every_picture(), (typed(plain()), 'reference'))
     shown = text.split('<figure>')[1:]
-    assert len(shown) == 7
+    assert len(shown) == 8
     for figure in shown:
         (good,) = re.findall(r'<p class="good">(.+?)</p>', figure, re.DOTALL)
         assert re.search(r'\b[Gg]ood\b', good)

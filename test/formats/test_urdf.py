@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from urdf_parser_py.urdf import URDF
 
 from pendubot_identification.errors import ParameterError
-from pendubot_identification.results.robot_description import robot_description
+from pendubot_identification.formats.robots import drawn
 from test.conftest import ROOT
 
 lengths = st.floats(0.01, 10.0)
@@ -22,7 +22,7 @@ angles = st.floats(-20.0, 20.0)
 
 
 def parsed(l1=0.2, l2=0.3):
-    return URDF.from_xml_string(robot_description(l1, l2).encode())
+    return URDF.from_xml_string(drawn(l1, l2).encode())
 
 
 def rotation(axis, angle):
@@ -79,7 +79,7 @@ def test_links_are_drawn_from_joint_to_joint_and_pass_each_other(l1, l2):
 @pytest.mark.parametrize('lengths', [(0.0, 1.0), (1.0, -1.0), (math.nan, 1.0), (1.0, math.inf)])
 def test_refuses_a_length_that_is_none(lengths):
     with pytest.raises(ParameterError, match='a number above 0 is expected'):
-        robot_description(*lengths)
+        drawn(*lengths)
 
 
 def test_rviz_and_plotjuggler_show_what_the_bridge_publishes():

@@ -1,0 +1,22 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""From a bag to parameters: python bag_to_parameters.py [BAG [RESULT.yaml]]."""
+
+import sys
+from pathlib import Path
+
+from pendubot_identification import identify
+
+bag = sys.argv[1] if len(sys.argv) > 1 else Path(__file__).parents[1] / 'bags' / 'paper_experiment'
+
+# The first half estimates, the second judges. In a notebook, `found` as a cell's last line shows a table.
+found = identify(bag, criterion='weak')
+print(found)
+
+# As arrays, in the order of found.names.
+for name, value, (low, high) in zip(found.names, found.theta, found.intervals, strict=True):
+    print(f'{name} = {value:.6f}, 95 % between {low:.6f} and {high:.6f}')
+
+if len(sys.argv) > 2:
+    found.save(sys.argv[2])

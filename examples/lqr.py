@@ -1,0 +1,37 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""From parameters to an LQR that holds the rig upright, tried in simulation: python lqr.py [RESULT.yaml]."""
+
+import sys
+
+import numpy as np
+from scipy.linalg import solve_continuous_are
+
+from pendubot_identification import UPRIGHT, Pendubot
+
+if len(sys.argv) > 1:
+    rig = Pendubot.load(sys.argv[1])
+else:
+    rig = Pendubot(P1=0.0148, P2=0.0051, P3=0.0046, P4=0.1003, P5=0.0303, b1=0.0008, b2=0.0001)
+
+# x' = A x + B tau near upright, x = [q - UPRIGHT, qd]; an angle of 0.1 rad costs as much as a torque of 0.1 N m.
+A, B = rig.linearised()
+Q, R = np.diag([1.0, 1.0, 0.0, 0.0]) / 0.1**2, np.eye(1) / 0.1**2
+K = (np.linalg.inv(R) @ B.T @ solve_continuous_are(A, B, Q, R))[0]
+print('tau = -K x with K =', K.round(3))
+print('poles of the closed loop:', np.linalg.eigvals(A - B @ K[None]).round(2))
+
+# The nonlinear rig under it, sampled every 5 ms, from 0.05 rad off.
+q, qd, period = (UPRIGHT[0] + 0.05, UPRIGHT[1]), (0.0, 0.0), 0.005
+for step in range(400):
+    tau = float(-K @ [q[0] - UPRIGHT[0], q[1] - UPRIGHT[1], *qd])
+    if step % 50 == 0:
+        print(f'{step * period:.2f} s: off by {np.subtract(q, UPRIGHT).round(4)} rad, {tau:+.3f} N m')
+    motion = rig.simulate([0.0, period], tau, q, qd)
+    q, qd = tuple(motion.q[-1]), tuple(motion.qd[-1])
+
+off = np.abs(np.subtract(q, UPRIGHT)).max()
+print(f'after 2 s: off by {off:.1e} rad')
+if not off < 1e-3:
+    raise SystemExit('it fell')

@@ -1,0 +1,109 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""A result in the format of who uses it: simulators, MATLAB, C, Python, ROS, JSON. Numbers keep every digit."""
+
+from __future__ import annotations
+
+import json
+
+import yaml
+
+from pendubot_identification.errors import ParameterError
+from pendubot_identification.identify.result import Given, Parameter, Result, plain
+from pendubot_identification.model.parameters import MODELS, NAMES, SPECIFICATIONS
+
+from .code import Entry, c, matlab, python
+from .masses import rig_of
+from .robots import limits, mjcf, sdf, urdf
+
+Exported = Result | Given
+
+ROBOTS = {'mjcf': mjcf, 'urdf': urdf, 'sdf': sdf}
+LANGUAGES = {'m': matlab, 'h': c, 'py': python}
+FORMATS = (*ROBOTS, 'yaml', 'json', *LANGUAGES)
+SUFFIXES = {f'.{name}': name for name in FORMATS if name != 'mjcf'} | {'.xml': 'mjcf', '.yml': 'yaml'}
+MEANINGS = {s.name: (s.unit, s.meaning) for s in SPECIFICATIONS}
+
+
+def export(
+    result: Exported, format: str, link_length: float | None = None, torque_limit: float | None = None
+) -> tuple[str, list[str]]:
+    """Return the text of a file, and in sentences what its user must know of it, which also stand in it.
+
+    Args:
+        result: of an identification, or parameters by hand.
+        format: one of :data:`FORMATS`.
+        link_length: for simulators, of link 1 [m], see :func:`.masses.rig_of`.
+        torque_limit: for simulators, of the motor [N m].
+
+    Raises:
+        ParameterError: there is no such format, or no real masses give these parameters, or a limit that is none.
+    """
+    if format not in FORMATS:
+        raise ParameterError(f'there is no format {format!r}; one of {", ".join(FORMATS)} is expected')
+    require_limit(torque_limit)
+    parameters = _vector(result)
+    if format in ROBOTS:
+        rig = rig_of(result.theta, link_length)
+        said = [*rig.choices, *limits(rig.parameters, armature=format == 'mjcf'), *_late(result)]
+        named = [f'{name} = {entry.value!r} {_described(name, entry)}' for name, entry in parameters.items()]
+        return ROBOTS[format](rig, [*provenance(result), *named, *said], torque_limit), said
+    if format == 'json':
+        return json.dumps(plain(result), indent=2) + '\n', []
+    if format == 'yaml':
+        return _yaml(parameters, provenance(result)), []
+    entries = [Entry(name, e.value, e.std_error, _described(name, e)) for name, e in parameters.items()]
+    return LANGUAGES[format](entries, [*provenance(result), *_late(result)]), _late(result)
+
+
+def require_limit(torque: float | None) -> None:
+    """Refuse a torque limit [N m] that is none.
+
+    Raises:
+        ParameterError: it is no number above 0.
+    """
+    if torque is not None and not 0 < torque < float('inf'):
+        raise ParameterError(f'the torque limit is {torque:g} N m; a number above 0 is expected')
+
+
+def provenance(result: Exported) -> list[str]:
+    """Return, line by line, where the numbers come from and how far to trust them; never an empty list."""
+    criterion, model = result.criterion or 'not known', result.model or 'not known'
+    lines = [
+        'Parameters of a pendubot, SI units; q1 is measured from the horizontal, q2 relative to link 1',
+        f'made by pendubot_identification {result.made_by.version}; criterion {criterion}, model {model}',
+        *(f'{bag.role}: {bag.bag}, sha256 {bag.sha256}' for bag in result.bags),
+        f'level: {"not known" if result.level is None else result.level.name}',
+        *(f'warning: {warning}' for warning in result.warnings),
+        *(f'{name} is not covered by the level: {why}' for name, why in (result.not_covered or {}).items()),
+    ]
+    return [' '.join(str(line).split()) for line in lines]
+
+
+def _late(result: Exported) -> list[str]:
+    """Return what a model without a motor does not say."""
+    delay = result.effort.delay
+    return [f'torques act {delay:.4g} s later than they are stamped, which is not in this model'] if delay else []
+
+
+def _yaml(parameters: dict[str, Parameter], comments: list[str]) -> str:
+    """Return parameters for ``--params-file`` of any node: P1, P2, ... under ``/**``."""
+    comments = [*comments, *(f'{name}: {_described(name, entry)}' for name, entry in parameters.items())]
+    values = {name: entry.value for name, entry in parameters.items()}
+    content = yaml.safe_dump({'/**': {'ros__parameters': values}}, sort_keys=False)
+    return ''.join(f'# {line}\n' for line in comments) + content
+
+
+def _vector(result: Exported) -> dict[str, Parameter]:
+    """Return the entries in the order of theta; 0 for those that a hand left out, as far as the model goes."""
+    last = max(NAMES.index(name) for name in result.parameters)
+    size = min(size for size in MODELS.values() if size > last)
+    return {name: result.parameters.get(name, Parameter(value=0.0)) for name in NAMES[:size]}
+
+
+def _described(name: str, entry: Parameter) -> str:
+    """Return unit, meaning, and how certain."""
+    unit, meaning = MEANINGS[name]
+    error = entry.std_error
+    return f'{unit}; {meaning}' + ('' if error is None else f'; standard error {error:.2g}')

@@ -1,0 +1,140 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""What the models lack, by the errors of simulated segments.
+
+The weak form sees torques through the noise of differentiated angles. Simulated segments meet the angles as they were
+read, so that an effect which moves the parameters by a part of what the weak form can see shows in their errors.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pendubot_identification.criteria.levenberg_marquardt import levenberg_marquardt
+from pendubot_identification.criteria.shooting import SMALL, AgainstPositions, Segments
+from pendubot_identification.criteria.trajectory_fit import NOISIEST, SHORT_STEP, TrajectoryFit, longest_segment, strays
+from pendubot_identification.model.parameters import Bounds
+from pendubot_identification.model.rollout import roll
+from pendubot_identification.trajectories.motion import Motion
+from pendubot_identification.trajectories.signals import encoder_step
+
+from .effects import Effect, Found, catalogue_of, passed_by, seen_of, with_unit_torques
+from .hypotheses import select
+
+Array = NDArray[np.float64]
+
+#: Length of the segments [s] whose errors are explained.
+LENGTH = 0.5
+#: An effect must explain this part of what is beyond rounding, and this part of everything.
+PAYS, LEAST = 0.25, 0.005
+#: Where errors are far greater than rounding, one of two readings nearer than this [s] is independent.
+CORRELATED = 0.15
+#: What an effect explains a share of.
+ERRORS = 'errors of simulated segments'
+#: Segments whose error exceeds the median by this factor count by the error, not by its square.
+BEND = 3.0
+#: Fewer recordings than this are cut into so many parts, each of which is left out in turn.
+FEWEST_RECORDINGS, FOLDS = 3, 5
+
+
+def found_by_trajectory(
+    motions: Sequence[Motion], near: TrajectoryFit, bounds: Bounds, delays: tuple[float, float]
+) -> tuple[Found, ...]:
+    """Return the effects that explain errors of simulated segments.
+
+    Args:
+        motions: the recordings, rid of what is known already.
+        near: a fit of them, from which the segments' starts.
+        bounds: of the fit's parameters.
+        delays: bounds of the effort's delay [s].
+    """
+    theta, delay = near.fit.theta, near.fit.delay
+    rounding = np.array([encoder_step(m.recorded.q) for m in motions]).max(axis=0) / np.sqrt(12)
+    if not (rounding > 0).all():
+        return ()
+    margin = max(map(abs, delays)) + 1e-6
+    length = min(LENGTH, longest_segment(motions, margin))
+    coarse = Segments.cut(motions, length, length, margin)
+    # Where stamps stray, torques change within a step.
+    segments = coarse.finer(math.ceil(coarse.step / SHORT_STEP)) if any(map(strays, motions)) else coarse
+    comparison = AgainstPositions(segments, rounding, delay=delay)
+    fit = levenberg_marquardt(comparison, theta, delay, bounds, delays, robust=True, iterations=20, tolerance=1e-4)
+    theta, delay = fit.theta, fit.delay
+    states = segments.roll(theta, fit.initial)
+    residuals = comparison.residuals(states, delay)
+    jacobian = comparison.jacobian(states, segments.sensitivities(theta, states), delay)
+    finite = np.isfinite(residuals).all(axis=1) & np.isfinite(jacobian).all(axis=(1, 2))
+    group = segments.group[finite]
+    folds = group if len(motions) >= FEWEST_RECORDINGS else np.arange(len(group)) * FOLDS // max(len(group), 1)
+    if len(np.unique(folds)) < 2:
+        return ()
+
+    effects = catalogue_of(motions)
+    columns = _columns(AgainstPositions(coarse, rounding, delay=near.fit.delay), effects, theta, delay, fit.initial)
+
+    # What the segments' initial states explain is explained.
+    local = np.linalg.qr(jacobian[finite, :, :4])[0]
+    weight = np.sqrt(np.minimum(1.0, BEND * np.median(fit.costs) ** 0.5 / np.maximum(fit.costs**0.5, 1e-300)))
+
+    def apart(rows: Array) -> Array:
+        rows = rows[finite]
+        return np.asarray((rows - local @ (local.transpose(0, 2, 1) @ rows)) * weight[finite, None, None])
+
+    free = np.flatnonzero(fit.free | (np.arange(len(fit.free)) < 5))
+    base, y = apart(jacobian[:, :, 4:][:, :, free]), -apart(residuals[:, :, None])[:, :, 0]
+    count, unknowns = y.size - 4 * len(y), len(free)
+    variance = float((y**2).sum()) / max(count - unknowns, 1)
+    independent = count if variance < NOISIEST else 2 * len(y) * length / CORRELATED
+    chosen = select(
+        effects,
+        base,
+        y,
+        [apart(c) for c in columns],
+        folds,
+        independent=independent,
+        pays=max(PAYS * (1 - 1 / max(variance, 1.0)), LEAST),
+        physical=theta[:5],
+    )
+    return tuple(Found(effects[c.number], c.sizes, c.share, c.moved / theta[:5], ERRORS) for c in chosen)
+
+
+def _columns(
+    comparison: AgainstPositions,
+    effects: Sequence[Effect],
+    theta: Array,
+    delay: float,
+    initial: Array,
+) -> list[Array]:
+    """Return the derivative of the residuals, shape (L, M), by the sizes of each effect, shapes (L, M, C)."""
+    segments = comparison.segments
+    residuals = comparison.residuals(segments.roll(theta, initial), delay)
+    passed = passed_by(segments.motions)
+    own = [with_unit_torques(m, effects, delay, p) for m, p in zip(segments.motions, passed, strict=True)]
+    starts = [segments.start[segments.group == k] for k in range(len(own))]
+    units = np.concatenate(
+        [m.unit_torques(t, segments.step, segments.steps) for m, t in zip(own, starts, strict=True)], axis=3
+    )
+    torques = iter(units)
+    seen = [
+        seen_of(m, comparison.times[:, segments.group == k], delay, p)
+        for k, (m, p) in enumerate(zip(segments.motions, passed, strict=True))
+    ]
+    result = []
+    for effect in effects:
+        columns = []
+        for _ in effect.acting:
+            unit = next(torques)
+            small = SMALL / max(float(np.abs(unit).max()), np.finfo(float).tiny)
+            moved = roll(theta, initial, segments.tau + small * unit, segments.step)
+            columns.append((comparison.residuals(moved, delay) - residuals) / small)
+        for read in effect.read:
+            # What is read is the position and the change: the position read, without it, is what is compared.
+            change = np.concatenate([np.stack(read(s), axis=1) for s in seen], axis=2)
+            columns.append((change / comparison.noise[:, None]).reshape(-1, len(segments)).T)
+        result.append(np.stack(columns, axis=2))
+    return result

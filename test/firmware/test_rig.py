@@ -1,0 +1,239 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The rig's own port, ``rig.c``, ``motor.c`` and ``uart.c``, on memory in the place of registers, which QEMU lacks.
+
+Addresses, bits and pins are written here once more, from RM0090 and the data sheet of the STM32F405/F407. The tests
+play the hardware: they set what it would show, and read what was written.
+"""
+
+import ctypes
+import re
+import threading
+
+import pytest
+
+from pendubot_identification.link.protocol import Command, Status, encode
+from test.conftest import ROOT
+
+from .building import FIRMWARE, compiled
+
+PORTS = {letter: 0x40020000 + 0x400 * k for k, letter in enumerate('ABCD')}
+MODER, PUPDR, IDR, BSRR, AFR = 0x00, 0x0C, 0x10, 0x18, 0x20
+TIM1, TIM2, TIM3, ADC, USART1 = 0x40010000, 0x40000000, 0x40000400, 0x40012000, 0x40011000
+SR, CNT, CCR1, BDTR, BRR, JDR1, JDR2 = 0x10, 0x24, 0x34, 0x44, 0x08, 0x3C, 0x40
+RCC_CR, RCC_PLLCFGR, RCC_CFGR = 0x40023800, 0x40023804, 0x40023808
+PWR_CSR, RNG_SR, FLASH_ACR = 0x40007004, 0x50060804, 0x40023C00
+#: Of BDTR: the outputs are enabled; break input enabled, active high; outputs are driven low while off.
+MOE, BREAK = 1 << 15, 1 << 13 | 1 << 12 | 1 << 10
+BIF, PVDO, RXNE, ORE = 1 << 7, 1 << 2, 1 << 5, 1 << 3
+PULL_UP, PULL_DOWN, ANALOG = 1, 2, 3
+#: Data sheet, tables "pin definitions" and "alternate function mapping": alternate function and pull, or the mode.
+PINS = {
+    'PA15': (1, PULL_UP), 'PB3': (1, PULL_UP), 'PB4': (2, PULL_UP), 'PB5': (2, PULL_UP), 'PA8': (1, PULL_DOWN),
+    'PB12': (1, PULL_UP), 'PB6': (7, 0), 'PB7': (7, PULL_UP), 'PB0': ANALOG, 'PB1': ANALOG,
+}  # fmt: skip
+REGIONS = (0x40000000, 0x30000), (0x50060000, 0x1000), (0xE000E000, 0x1000)
+FIXED_NOREPLACE = 0x100000
+
+
+class Memory:
+    """Registers by their addresses."""
+
+    def __getitem__(self, address):
+        return ctypes.c_uint32.from_address(address).value
+
+    def __setitem__(self, address, value):
+        ctypes.c_uint32.from_address(address).value = value
+
+    def set_pin(self, name, high):
+        address, bit = PORTS[name[1]] + IDR, 1 << int(name[2:])
+        self[address] = self[address] | bit if high else self[address] & ~bit
+
+
+class Board:
+    """A rig's board that has started, with the emergency stop closed and 24 V, and a hand that commands."""
+
+    def __init__(self, library):
+        self.registers, self.library, self._seq = Memory(), library, 0
+        for start, size in REGIONS:
+            ctypes.memset(start, 0, size)
+        self.registers[RNG_SR] = 1
+        self.quiet()
+        # The crystal and the PLL are ready at once; the processor switches over to it as soon as it is told.
+        self.registers[RCC_CR] = 1 << 17 | 1 << 25
+        starting = threading.Thread(target=library.rig_start)
+        starting.start()
+        while starting.is_alive():
+            if self.registers[RCC_CFGR] & 15 == 2:
+                self.registers[RCC_CFGR] |= 2 << 2
+        library.motor_start()
+        library.uart_start()
+        library.firmware_boot()
+        self.sample()  # of the board before, here alone, the encoders' last counts are remembered
+
+    def quiet(self):
+        """Nothing is wrong."""
+        self.registers.set_pin('PB12', False)
+        self.registers.set_pin('PB15', True)
+        self.registers[TIM1 + SR] = self.registers[PWR_CSR] = 0
+        self.registers[ADC + JDR1], self.registers[ADC + JDR2] = 2048, 2708
+
+    def hear(self, data, overrun_at=None):
+        """Bytes come; with an overrun, the one behind that place is lost."""
+        for k, byte in enumerate(data):
+            if overrun_at is None or k != overrun_at + 1:
+                self.library.probe_hear(byte, RXNE | (ORE if k == overrun_at else 0))
+
+    def command(self, mode, torque=0, **given):
+        self._seq += 1
+        self.hear(encode(Command(self._seq, 0, mode, 500, torque)), **given)
+
+    def sample(self, line_ready=True):
+        return Status(self.library.probe_sample(line_ready))
+
+    @property
+    def motor_is_on(self):
+        on = bool(self.registers[TIM1 + BDTR] & MOE)
+        assert on or self.registers[TIM1 + CCR1] == 0
+        assert self.registers[TIM1 + BDTR] & ~MOE == BREAK
+        return on
+
+    def drive(self):
+        self.command(0)
+        self.command(1, 300_000)
+        assert self.sample() == Status.ARMED
+        assert self.motor_is_on
+        return self
+
+
+@pytest.fixture(scope='module')
+def library(tmp_path_factory):
+    path = tmp_path_factory.mktemp('rig') / 'rig.so'
+    sources = [FIRMWARE / name for name in ('pendubot_link.c', 'firmware.c')]
+    sources += [FIRMWARE / 'stm32f4' / name for name in ('rig.c', 'motor.c', 'uart.c')]
+    options = '-shared', '-fPIC', '-fno-sanitize=all', '-Wno-int-to-pointer-cast', '-I', FIRMWARE / 'stm32f4'
+    compiled(path, *sources, ROOT / 'test/firmware/rig_probe.c', options=options)
+    mmap = ctypes.CDLL(None).mmap
+    mmap.restype = ctypes.c_size_t
+    for start, size in REGIONS:
+        where = mmap(ctypes.c_void_p(start), ctypes.c_size_t(size), 3, 0x22 | FIXED_NOREPLACE, -1, ctypes.c_size_t(0))
+        if where != start:
+            pytest.skip(f'this computer has no room at {start:#x}')
+    library = ctypes.CDLL(str(path))
+    library.probe_hear.argtypes = ctypes.c_uint8, ctypes.c_uint32
+    library.probe_sample.argtypes = (ctypes.c_bool,)
+    return library
+
+
+@pytest.fixture
+def board(library):
+    return Board(library)
+
+
+def test_clocks_are_those_that_the_manual_allows(board):
+    pll, buses = board.registers[RCC_PLLCFGR], board.registers[RCC_CFGR]
+    vco = 8e6 / (pll & 63) * (pll >> 6 & 511)
+    assert 1e6 <= 8e6 / (pll & 63) <= 2e6
+    assert 100e6 <= vco <= 432e6
+    core = vco / (2, 4, 6, 8)[pll >> 16 & 3]
+    slow, fast = (core / {0: 1, 4: 2, 5: 4, 6: 8, 7: 16}[buses >> at & 7] for at in (10, 13))
+    assert (core, slow, fast, vco / (pll >> 24 & 15)) == (168e6, 42e6, 84e6, 48e6)
+    assert pll >> 22 & 1, 'from the crystal'
+    assert board.registers[RCC_CR] >> 19 & 1, 'whose failure is noticed'
+    # Five wait states, caches; errata of revision A: no prefetch.
+    assert board.registers[FLASH_ACR] == 5 | 1 << 9 | 1 << 10
+    assert abs(fast / board.registers[USART1 + BRR] / 921600 - 1) < 0.005
+
+
+def test_pins_are_those_of_the_data_sheet_and_of_the_wiring_table(board):
+    wired = re.findall(
+        r'\bP[A-D]\d+\b', re.search(r'\| from \| to pin.*?\n\n', (ROOT / 'docs/rig.md').read_text(), re.S)[0]
+    )
+    assert set(wired) == {*PINS, 'PB14', 'PB15'}
+    for name, expected in PINS.items():
+        port, number = PORTS[name[1]], int(name[2:])
+        mode = board.registers[port + MODER] >> 2 * number & 3
+        if expected == ANALOG:
+            assert mode == 3, name
+        else:
+            function = board.registers[port + AFR + 4 * (number // 8)] >> 4 * (number % 8) & 15
+            pull = board.registers[port + PUPDR] >> 2 * number & 3
+            assert (mode, function, pull) == (2, *expected), name
+
+
+FAULTS = {
+    'emergency stop pressed': (Status.EMERGENCY_STOP, lambda r: r.set_pin('PB12', True)),
+    'emergency stop shorter than a sample': (Status.EMERGENCY_STOP, lambda r: r.__setitem__(TIM1 + SR, BIF)),
+    'shoulder encoder': (Status.ENCODER_1, lambda r: r.__setitem__(TIM2 + CNT, r[TIM2 + CNT] ^ 0x8000)),
+    'elbow encoder': (Status.ENCODER_2, lambda r: r.__setitem__(TIM3 + CNT, r[TIM3 + CNT] ^ 0x8000)),
+    'current': (Status.OVER_CURRENT, lambda r: r.__setitem__(ADC + JDR1, 4095)),
+    'current, negative': (Status.OVER_CURRENT, lambda r: r.__setitem__(ADC + JDR1, 0)),
+    'bridge': (Status.OVER_TEMPERATURE, lambda r: r.set_pin('PB15', False)),
+    'motor supply': (Status.UNDERVOLTAGE, lambda r: r.__setitem__(ADC + JDR2, 0)),
+    "processor's supply": (Status.UNDERVOLTAGE, lambda r: r.__setitem__(PWR_CSR, PVDO)),
+}
+
+
+@pytest.mark.parametrize(('bit', 'happen'), FAULTS.values(), ids=FAULTS)
+def test_each_fault_takes_the_voltage_away_until_the_host_begins_anew(board, bit, happen):
+    board.drive()
+    happen(board.registers)
+    assert board.sample() == bit
+    assert not board.motor_is_on
+    board.quiet()
+    stands = bit & Status.EMERGENCY_STOP
+    for _ in range(3):
+        board.command(1, 300_000)
+        assert board.sample() == stands
+        assert not board.motor_is_on
+    board.command(0)
+    board.command(1, 300_000)
+    board.sample()
+    assert board.motor_is_on == (not stands)
+
+
+def test_the_motor_is_off_until_the_first_command_is_obeyed_and_after_the_watchdog(board):
+    assert not board.motor_is_on
+    board.command(1, 300_000)
+    assert board.sample() == Status(0)
+    assert not board.motor_is_on
+    board.drive()
+    assert [board.sample() for _ in range(500)] == [Status.ARMED] * 499 + [Status.WATCHDOG]
+    assert not board.motor_is_on
+
+
+def test_an_overrun_of_the_receiver_costs_a_frame_and_one_of_the_transmitter_is_said(board):
+    board.command(0, overrun_at=3)
+    assert board.sample() == Status.DAMAGED_FRAME
+    board.drive()
+    board.command(1)
+    said = [board.sample(line_ready=False) for _ in range(9)]
+    assert said[:7] == [Status.ARMED] * 7
+    assert board.sample() & Status.OVERRUN
+    assert [board.sample() & Status.OVERRUN for _ in range(2)] == [Status.OVERRUN, Status(0)]
+
+
+def test_a_flood_fills_the_ring_and_no_more(board):
+    board.hear(bytes([7]) * 5000)
+    taken = ctypes.create_string_buffer(300)
+    assert [board.library.board_receive(taken, ctypes.c_size_t(300)) for _ in range(2)] == [256, 0]
+    assert taken.raw[:256] == bytes([7]) * 256
+    board.drive()
+
+
+def test_counters_of_16_bits_are_followed_across_their_wraps(board):
+    count = ctypes.c_int32 * 2
+
+    def read():
+        reading = (ctypes.c_uint8 * 64)()
+        board.library.board_read(reading)
+        return tuple(count.from_buffer(reading))
+
+    at = read()
+    for step in (100, -90):
+        for k in range(1, 1000):
+            board.registers[TIM2 + CNT] = (board.registers[TIM2 + CNT] + step) % 65536
+            board.registers[TIM3 + CNT] = (board.registers[TIM3 + CNT] - step) % 65536
+            assert read() == (at[0] + k * step, at[1] - k * step)
+        at = read()

@@ -1,0 +1,255 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Exported rigs in engines that others wrote: they move as our equations say, for a hundred random rigs.
+
+``python -m test.formats.test_engines`` prints how far apart they are.
+"""
+
+import tempfile
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pendubot_identification.formats.masses import rig_of
+from pendubot_identification.formats.robots import mjcf, sdf, urdf
+from pendubot_identification.model.dynamics import GRAVITY, forward_dynamics, mass_matrix
+from pendubot_identification.model.parameters import BALANCE, MODELS, Parameters
+from pendubot_identification.model.rollout import roll
+
+RIGS, STEP, STEPS = 100, 0.002, 500
+NEEDED = "needs pip install --editable '.[engines]' --constraint .ci/constraints.txt"
+#: Of the accelerations' factors, relative to their largest; of the states [rad, rad/s] within a second.
+CLOSE = 1e-6
+
+
+def links(rng):
+    """A link of a bench-top rig: its length [m], mass [kg], centre [m], inertia [kg m^2]."""
+    length, mass = rng.uniform(0.08, 0.5), rng.uniform(0.05, 1.5)
+    return length, mass, length * rng.uniform(0.2, 1.1), mass * (length * rng.uniform(0.15, 0.5)) ** 2
+
+
+def thetas(model):
+    """Vectors of random links of that model, shape (100, D)."""
+    rng, found = np.random.default_rng(1), []
+    for _ in range(RIGS):
+        (l1, m1, d1, I1), (_, m2, d2, I2) = links(rng), links(rng)
+        P = [m1 * d1**2 + m2 * l1**2 + I1, m2 * d2**2 + I2, m2 * l1 * d2, m1 * d1 + m2 * l1, m2 * d2]
+        friction = rng.uniform(0, [0.02, 0.005, 0.05, 0.01, 0.2 * P[1], 0.02, 0.005, 0.1, 0.0])
+        found.append([*P, *friction][: MODELS[model]])
+    return np.array(found)
+
+
+def states(rng):
+    """A configuration [rad], velocities [rad/s], and torques [N m]."""
+    return rng.uniform(-4, 4, 2), rng.uniform(-4, 4, 2), np.array([rng.uniform(-0.5, 0.5), 0.0])
+
+
+def integrated(acceleration, q, v):
+    """The states after each step, for engines that do not integrate."""
+
+    def slope(x):
+        return np.array([*x[2:], *acceleration(x[:2], x[2:])])
+
+    x, found = np.array([*q, *v]), []
+    for _ in range(STEPS):
+        a = slope(x)
+        b = slope(x + STEP / 2 * a)
+        c = slope(x + STEP / 2 * b)
+        x = x + STEP / 6 * (a + 2 * b + 2 * c + slope(x + STEP * c))
+        found.append(x)
+    return np.array(found)
+
+
+class Mujoco:
+    """A file in MuJoCo: mass matrix, bias, and a second of motion by its own integrator."""
+
+    def __init__(self, text, parameters):
+        self.engine = pytest.importorskip('mujoco', reason=NEEDED)
+        self.model = model = self.engine.MjModel.from_xml_string(text)
+        p = parameters
+        np.testing.assert_array_equal(model.dof_damping, [p.b1, p.b2])
+        np.testing.assert_array_equal(model.dof_frictionloss, [p.Fc1, p.Fc2])
+        model.dof_frictionloss = 0.0
+        if '<mujoco' not in text:  # what a URDF cannot say
+            model.dof_armature, model.opt.integrator = [0.0, p.J2], self.engine.mjtIntegrator.mjINT_RK4
+        self.data = self.engine.MjData(model)
+
+    def terms(self, q, v):
+        self.data.qpos, self.data.qvel = q, v
+        self.engine.mj_forward(self.model, self.data)
+        M = np.zeros((2, 2))
+        self.engine.mj_fullM(self.model, self.data, M)
+        return M, self.data.qfrc_bias.copy()
+
+    def motion(self, q, v, tau):
+        self.engine.mj_resetData(self.model, self.data)
+        self.data.qpos, self.data.qvel, self.data.qfrc_applied = q, v, tau
+        found = []
+        for _ in range(STEPS):
+            self.engine.mj_step(self.model, self.data)
+            found.append([*self.data.qpos, *self.data.qvel])
+        assert self.data.time == pytest.approx(STEPS * STEP), 'the step that the file says'
+        return np.array(found)
+
+
+class Pinocchio:
+    """A file in Pinocchio; its accelerations are integrated here."""
+
+    def __init__(self, text, parameters):
+        self.engine = pytest.importorskip('pinocchio', reason=NEEDED)
+        if '<mujoco' in text:
+            with tempfile.NamedTemporaryFile('w', suffix='.xml') as file:
+                file.write(text)
+                file.flush()
+                self.model = self.engine.buildModelFromMJCF(file.name)
+        else:
+            self.model = self.engine.buildModelFromXML(text)
+            self.model.armature = np.array([0.0, parameters.J2])
+        self.data, self.damping = self.model.createData(), np.array([parameters.b1, parameters.b2])
+
+    def at(self, q):
+        """Its own coordinates; a joint without limits has two."""
+        return self.engine.integrate(self.model, self.engine.neutral(self.model), q)
+
+    def terms(self, q, v):
+        M = self.engine.crba(self.model, self.data, self.at(q))
+        return np.triu(M) + np.triu(M, 1).T, self.engine.nonLinearEffects(self.model, self.data, self.at(q), v).copy()
+
+    def motion(self, q, v, tau):
+        def acceleration(q, v):
+            return self.engine.aba(self.model, self.data, self.at(q), v, tau - self.damping * v)
+
+        return integrated(acceleration, q, v)
+
+
+class Drake:
+    """A file in Drake, which reads SDF by Gazebo's own library."""
+
+    def __init__(self, text, parameters):
+        multibody, parsing = (
+            pytest.importorskip(f'pydrake.multibody.{name}', reason=NEEDED) for name in ('plant', 'parsing')
+        )
+        self.plant = plant = multibody.MultibodyPlant(0.0)
+        parsing.Parser(plant).AddModelsFromString(text, 'sdf' if '<sdf' in text else 'urdf')
+        if '<sdf' not in text:
+            plant.WeldFrames(plant.world_frame(), plant.GetFrameByName('base_link'))
+        plant.mutable_gravity_field().set_gravity_vector([0.0, 0.0, -GRAVITY])
+        plant.Finalize()
+        p = parameters
+        damping = [plant.GetJointByName(name).default_damping() for name in ('shoulder', 'elbow')]
+        assert damping == [p.b1, p.b2]
+        self.context, self.rotor = plant.CreateDefaultContext(), np.diag([0.0, p.J2])
+        self.damping = np.array(damping)
+
+    def terms(self, q, v):
+        self.plant.SetPositions(self.context, q)
+        self.plant.SetVelocities(self.context, v)
+        gravity = self.plant.CalcGravityGeneralizedForces(self.context)
+        return self.plant.CalcMassMatrix(self.context) + self.rotor, self.plant.CalcBiasTerm(self.context) - gravity
+
+    def motion(self, q, v, tau):
+        def acceleration(q, v):
+            M, bias = self.terms(q, v)
+            return np.linalg.solve(M, tau - bias - self.damping * v)
+
+        return integrated(acceleration, q, v)
+
+
+def smooth(theta):
+    """The same without dry friction, whose law is another one there."""
+    return replace(Parameters.from_vector(theta), Fc1=0.0, Fc2=0.0, Fs1=0.0, Fs2=0.0, k1=0.0, k2=0.0)
+
+
+def compared(engine, write, model):
+    """The largest differences of mass matrix and bias, relative to their largest, and of motions [rad, rad/s]."""
+    rng, apart = np.random.default_rng(2), np.zeros(3)
+    for theta in thetas(model):
+        parameters = Parameters.from_vector(theta)
+        there = engine(write(rig_of(parameters)), parameters)
+        q, v, tau = states(rng)
+        M, bias = there.terms(q, v)
+        vector = smooth(theta).vector('rotor')
+        M_ours = mass_matrix(vector, q)
+        bias_ours = -M_ours @ forward_dynamics(replace(smooth(theta), b1=0.0, b2=0.0).vector('rotor'), q, v, (0, 0))
+        torques = np.repeat(tau[:, None, None], STEPS, axis=1)
+        ours = roll(vector, np.array([*q, *v])[:, None], torques, STEP)[1:, :, 0]
+        errors = (
+            abs(M - M_ours).max() / abs(M_ours).max(),
+            abs(bias - bias_ours).max() / abs(bias_ours).max(),
+            abs(there.motion(q, v, tau) - ours).max(),
+        )
+        apart = np.maximum(apart, errors)
+    return apart
+
+
+CASES = [
+    *((Mujoco, mjcf, model) for model in MODELS),
+    (Pinocchio, mjcf, 'geared'),
+    (Mujoco, urdf, 'geared'),
+    (Pinocchio, urdf, 'geared'),
+    (Drake, sdf, 'geared'),
+]
+
+
+@pytest.mark.parametrize(
+    ('engine', 'write', 'model'), CASES, ids=[f'{e.__name__}-{w.__name__}-{model}' for e, w, model in CASES]
+)
+def test_a_hundred_rigs_move_in_other_engines_as_our_equations_say(engine, write, model):
+    assert max(compared(engine, write, model)) < CLOSE
+
+
+def test_the_file_begins_hanging_and_its_motor_keeps_the_limit():
+    engine = pytest.importorskip('mujoco', reason=NEEDED)
+    model = engine.MjModel.from_xml_string(mjcf(rig_of(BALANCE), torque_limit=0.5))
+    data = engine.MjData(model)
+    engine.mj_resetDataKeyframe(model, data, model.key('hanging').id)
+    for _ in range(STEPS):
+        engine.mj_step(model, data)
+    np.testing.assert_allclose([*data.qpos, *data.qvel], [-np.pi / 2, 0, 0, 0], atol=1e-9)
+    data.ctrl = 3.0
+    engine.mj_step(model, data)
+    np.testing.assert_allclose(data.qfrc_actuator, [0.5, 0.0])
+
+
+def integrators():
+    """How far MuJoCo's angles are from the exact ones after a second [rad]: by integrator, and by law of dry friction.
+
+    Returns:
+        By name, one value a rig, shape (100,).
+    """
+    import mujoco
+
+    def after(parameters, integrator, q, v, tau):
+        there = Mujoco(mjcf(rig_of(parameters)), parameters)
+        there.model.opt.integrator = integrator
+        there.model.dof_frictionloss = [parameters.Fc1, parameters.Fc2]
+        return there.motion(q, v, tau)[-1]
+
+    def exact(parameters, q, v, tau):
+        steps = 20000
+        torques = np.repeat(tau[:, None, None], steps, axis=1)
+        return roll(parameters.vector('rotor'), np.array([*q, *v])[:, None], torques, 1 / steps)[-1, :, 0]
+
+    rng, found = np.random.default_rng(2), {}
+    kinds = {name.removeprefix('mjINT_'): kind for name, kind in mujoco.mjtIntegrator.__members__.items()}
+    for theta in thetas('coulomb'):
+        at = states(rng)
+        dry, free = Parameters.from_vector(theta), smooth(theta)
+        errors = {f'{name}, no dry friction': after(free, kind, *at) - exact(free, *at) for name, kind in kinds.items()}
+        errors['RK4, dry friction'] = after(dry, kinds['RK4'], *at) - exact(dry, *at)
+        errors['what dry friction does'] = exact(dry, *at) - exact(free, *at)
+        for name, error in errors.items():
+            found.setdefault(name, []).append(abs(error[:2]).max())
+    return found
+
+
+if __name__ == '__main__':
+    print('| engine | file | model | mass matrix | bias | states of 1 s |\n|---|---|---|---|---|---|')
+    for engine, write, model in CASES:
+        errors = ' | '.join(f'{error:.0e}' for error in compared(engine, write, model))
+        print(f'| {engine.__name__} | {write.__name__} | {model} | {errors} |')
+    print('\n| angles in MuJoCo after 1 s [rad] | median | 9 of 10 within |\n|---|---|---|')
+    for name, errors in integrators().items():
+        print(f'| {name} | {np.median(errors):.1g} | {np.quantile(errors, 0.9):.1g} |')

@@ -1,0 +1,246 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Exports, read back by whoever would use them: a C compiler, Octave, Python, JSON, ROS parameter files."""
+
+import json
+import re
+import shutil
+import subprocess
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import sympy
+import yaml
+
+from pendubot_identification.formats.export import FORMATS, ROBOTS, export
+from pendubot_identification.identify.result import Given, Parameter, plain
+from pendubot_identification.level import Level
+from pendubot_identification.model.dynamics import forward_dynamics, mass_matrix
+from pendubot_identification.model.parameters import MODELS, NAMES
+from test.identified import identified, made
+
+
+@pytest.fixture(scope='module')
+def result():
+    return made(('weak',))
+
+
+@pytest.fixture(scope='module')
+def theta():
+    return identified(('weak',)).best.theta
+
+
+def written(name, result):
+    return export(result, name)[0]
+
+
+def evaluated(script):
+    """A script of assignments to fields of one struct, as MATLAB evaluates it, without functions; refuses all else."""
+    struct = {}
+    for line in script.partition('% The model')[0].splitlines():
+        code = line.split('%')[0].strip()
+        if not code:
+            continue
+        name, value = re.fullmatch(r'pendubot\.([A-Za-z]\w*) = (.*);', code).groups()
+        if value.startswith('{'):
+            struct[name] = re.findall(r"'([^']*)'", value)
+        elif value.startswith('['):
+            struct[name] = [float(v) for v in value.strip('[]').split()]
+        else:
+            struct[name] = float(value)
+    return struct
+
+
+def test_matlab_makes_a_struct_with_every_digit(result, theta):
+    struct = evaluated(written('m', result))
+    np.testing.assert_array_equal(struct['theta'], theta)
+    np.testing.assert_array_equal([struct[name] for name in struct['names']], theta)
+    assert tuple(struct['names']) == NAMES[:7]
+    assert struct['std_error'] == [entry.std_error for entry in result.parameters.values()]
+
+
+@pytest.mark.skipif(shutil.which('gcc') is None, reason='needs a C compiler')
+@pytest.mark.parametrize('standard', ['-std=c89', '-std=c17'])
+def test_c_compiles_without_a_warning_and_keeps_every_digit(result, theta, tmp_path, standard):
+    result = replace(result, bags=[replace(result.bags[0], bag='odd */ name /* of\na bag')])
+    (tmp_path / 'pendubot.h').write_text(written('h', result))
+    (tmp_path / 'main.c').write_text(
+        '#include <stdio.h>\n#include "pendubot.h"\n#include "pendubot.h"\n'
+        'int main(void) {\n  double theta[PENDUBOT_COUNT] = PENDUBOT_THETA;\n  int k;\n'
+        '  for (k = 0; k < PENDUBOT_COUNT; ++k) printf("%.17g\\n", theta[k]);\n'
+        '  return theta[0] == PENDUBOT_P1 ? 0 : 1;\n}\n'
+    )
+    flags = [standard, '-Wall', '-Wextra', '-pedantic', '-Werror']
+    subprocess.run(['gcc', *flags, 'main.c', '-o', 'main'], cwd=tmp_path, check=True)
+    run = subprocess.run([tmp_path / 'main'], capture_output=True, text=True, check=True)
+    np.testing.assert_array_equal([float(line) for line in run.stdout.split()], theta)
+
+
+def test_json_is_the_whole_result(result):
+    assert json.loads(written('json', result)) == plain(result)
+
+
+def test_yaml_holds_the_parameters_of_a_node(result, theta):
+    parameters = yaml.safe_load(written('yaml', result))['/**']['ros__parameters']
+    assert list(parameters) == list(NAMES[:7])
+    np.testing.assert_array_equal(list(parameters.values()), theta)
+
+
+@pytest.mark.ros
+def test_a_node_of_any_name_loads_the_yaml(result, theta, tmp_path):
+    import rclpy
+    from rclpy.node import Node
+
+    path = tmp_path / 'parameters.yaml'
+    path.write_text(written('yaml', result))
+    context = rclpy.Context()
+    rclpy.init(context=context)
+    node = Node('some_controller', context=context, cli_args=['--ros-args', '--params-file', str(path)])
+    try:
+        read = [node.declare_parameter(name, 0.0).value for name in NAMES[:7]]
+    finally:
+        node.destroy_node()
+        context.try_shutdown()
+    np.testing.assert_array_equal(read, theta)
+
+
+@pytest.mark.parametrize('name', [name for name in FORMATS if name != 'json'])
+def test_units_level_warnings_and_provenance_stand_in_it(result, name):
+    doubtful = replace(
+        result, level=Level.WARN, warnings=['poorly determined: the standard error of b2'], not_covered={'b2': 'so'}
+    )
+    text = written(name, doubtful)
+    for expected in (
+        'b2 is not covered by the level: so',
+        'kg m^2',
+        'N m s/rad',
+        'level: WARN',
+        'warning: poorly determined',
+        'criterion weak',
+        'swing@0:4',
+    ):
+        assert expected in text
+
+
+@pytest.mark.parametrize('name', [name for name in FORMATS if name not in (*ROBOTS, 'json')])
+def test_a_file_by_hand_with_nothing_but_values_is_enough(name):
+    text = written(name, Given(parameters={n: Parameter(value=0.5) for n in NAMES[:7]}))
+    assert '0.5' in text
+    assert 'not known' in text
+
+
+def test_what_a_hand_left_out_is_0_in_its_own_place():
+    """Whatever the order in which the hand wrote."""
+    size, left_out = 14, {'Fs2', 'k2'}
+    theta = {name: 0.5 + k for k, name in enumerate(NAMES[:size])} | dict.fromkeys(left_out, 0.0)
+    given = {name: Parameter(value=value) for name, value in reversed(theta.items()) if name not in left_out}
+    result = Given(parameters=given)
+    struct = evaluated(written('m', result))
+    assert (struct['theta'], struct['names']) == (list(theta.values()), list(theta))
+    assert yaml.safe_load(written('yaml', result))['/**']['ros__parameters'] == theta
+    header = written('h', result)
+    macros = dict(re.findall(r'#define PENDUBOT_(\w+) \((.*?)\)', header))
+    assert f'#define PENDUBOT_COUNT {size}\n' in header
+    (names,) = re.findall(r'#define PENDUBOT_THETA {(.*)}', header)
+    assert [float(macros[name.removeprefix('PENDUBOT_')]) for name in names.split(', ')] == list(theta.values())
+
+
+class Compiled:
+    """The header's functions, called from C."""
+
+    MAIN = """
+#include <stdio.h>
+#include "pendubot.h"
+int main(void) {
+  double q[2], v[2], tau[2], M[2][2], h[2], f[2], a[2];
+  while (scanf("%lf %lf %lf %lf %lf %lf", q, q + 1, v, v + 1, tau, tau + 1) == 6) {
+    pendubot_mass_matrix(q, M); pendubot_bias(q, v, h); pendubot_friction(v, tau, f);
+    pendubot_acceleration(q, v, tau, a);
+    printf("%.17g %.17g %.17g %.17g ", M[0][0], M[0][1], M[1][0], M[1][1]);
+    printf("%.17g %.17g %.17g %.17g %.17g %.17g\\n", h[0], h[1], f[0], f[1], a[0], a[1]);
+  }
+  return 0;
+}
+"""
+    name = 'h'
+
+    def __call__(self, text, points, folder):
+        (folder / 'pendubot.h').write_text(text)
+        (folder / 'main.c').write_text(self.MAIN)
+        flags = ['-std=c99', '-Wall', '-Wextra', '-pedantic', '-Werror']
+        subprocess.run(['gcc', *flags, 'main.c', '-o', 'main', '-lm'], cwd=folder, check=True)
+        given = '\n'.join(' '.join(map(repr, row)) for row in points.tolist())
+        return subprocess.run([folder / 'main'], input=given, capture_output=True, text=True, check=True).stdout
+
+
+class Octave:
+    """The script, run; its functions, called."""
+
+    name = 'm'
+
+    def __call__(self, text, points, folder):
+        (folder / 'parameters_of_a_pendubot.m').write_text(text)
+        rows = '; '.join(' '.join(map(repr, row)) for row in points.tolist())
+        script = f"""parameters_of_a_pendubot;
+for x = [{rows}]'
+  q = x(1:2); v = x(3:4); tau = x(5:6); M = pendubot.mass_matrix(q)';
+  d = pendubot.derivative(x(1:4), tau);
+  assert(d(1:2), v);
+  printf('%.17g ', M(:), pendubot.bias(q, v), pendubot.friction(v, tau), d(3:4)); printf('\\n');
+end
+"""
+        command = ['octave', '--no-gui', '--norc', '--eval', script]
+        return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=True).stdout
+
+
+class Module:
+    """The module, which imports nothing but Python's own."""
+
+    name = 'py'
+
+    def __call__(self, text, points, folder):
+        module, lines = {}, []
+        exec(compile(text, 'pendubot.py', 'exec'), module)
+        for row in points.tolist():
+            q, v, tau = row[:2], row[2:4], row[4:]
+            (a, b), (c, d) = module['mass_matrix'](q)
+            found = a, b, c, d, *module['bias'](q, v), *module['friction'](v, tau), *module['acceleration'](q, v, tau)
+            lines.append(' '.join(map(repr, found)))
+        return '\n'.join(lines)
+
+
+@pytest.mark.parametrize('model', MODELS)
+@pytest.mark.parametrize('language', [Compiled(), Octave(), Module()], ids=lambda language: language.name)
+def test_the_model_is_that_of_the_dynamics_in_every_language(language, model, tmp_path):
+    needed = {'h': 'gcc', 'm': 'octave'}.get(language.name)
+    if needed and shutil.which(needed) is None:
+        pytest.skip(f'needs {needed}')
+    rng = np.random.default_rng(3)
+    theta = (np.array([22, 4, 1, 224, 33, 66, 1, 50, 20, 3, 30, 10, 3000, 2000]) * 1e-4)[: MODELS[model]]
+    given = Given(parameters={n: Parameter(value=float(v)) for n, v in zip(NAMES, theta, strict=False)})
+    points = rng.normal(size=(20, 6)) * [3, 3, 0.3, 0.3, 1, 1]
+    found = language(written(language.name, given), points, tmp_path)
+    lines = found.splitlines()
+    frictionless = np.append(theta[:5], [0.0, 0.0, 0.0, 0.0, *theta[9:10]])
+    for line, (q, v, tau) in zip(lines, points.reshape(-1, 3, 2), strict=True):
+        M, h, f, a = np.split(np.array(line.split(), float), [4, 6, 8])
+        exact = mass_matrix(theta, q)
+        np.testing.assert_allclose(M.reshape(2, 2), exact, rtol=1e-12)
+        np.testing.assert_allclose(a, forward_dynamics(theta, q, v, tau), rtol=1e-9)
+        bias = -exact @ forward_dynamics(frictionless, q, v, [0, 0])
+        np.testing.assert_allclose(h, bias, rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(exact @ a, tau - h - f, rtol=1e-9, atol=1e-12)
+
+
+def test_the_module_takes_symbols_too():
+    """By ``lib``: sympy here, as casadi or jax.numpy elsewhere."""
+    given = Given(parameters={n: Parameter(value=0.5 - 0.05 * k) for k, n in enumerate(NAMES[:9])})
+    exec(compile(written('py', given), 'pendubot.py', 'exec'), module := {})
+    symbols = sympy.symbols('q1 q2 v1 v2 tau1 tau2')
+    at = dict(zip(symbols, (0.3, -1.2, 0.01, -0.2, 0.4, 0.1), strict=True))
+    q, v, tau = symbols[:2], symbols[2:4], symbols[4:]
+    values = [float(a.subs(at)) for a in module['acceleration'](q, v, tau, sympy)]
+    numbers = [at[s] for s in symbols]
+    np.testing.assert_allclose(values, module['acceleration'](numbers[:2], numbers[2:4], numbers[4:]), rtol=1e-12)

@@ -1,0 +1,74 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The links that stand for parameters come to these parameters, and could be made."""
+
+from dataclasses import replace
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pendubot_identification.errors import ParameterError
+from pendubot_identification.formats.masses import Link, rig_of
+from pendubot_identification.model.parameters import BALANCE, Parameters
+
+sizes = st.floats(1e-6, 1e2)
+
+
+def parameters(first, second):
+    """What links come to, by the definitions of P1 to P5."""
+    return (
+        first.mass * first.centre**2 + second.mass * first.length**2 + first.inertia,
+        second.mass * second.centre**2 + second.inertia,
+        second.mass * first.length * second.centre,
+        first.mass * first.centre + second.mass * first.length,
+        second.mass * second.centre,
+    )
+
+
+@given(sizes, sizes, st.floats(0.001, 0.999), st.floats(-10, 10), sizes, st.sampled_from([-1, 1]))
+def test_every_physical_vector_has_links(P1, P2, coupling, P4, P5, sign):
+    """Whatever their size, and on whichever side of the elbow the second centre of mass lies."""
+    P3 = coupling * np.sqrt(P1 * P2)
+    rig = rig_of(Parameters(P1, P2, sign * P3, P4, sign * P5, 0.0, 0.0))
+    for link in (rig.first, rig.second):
+        assert min(link.length, link.mass, link.inertia) > 0
+    expected = np.array([P1, P2, sign * P3, P4, sign * P5])
+    # P4 is a sum of two that may cancel.
+    rounding = 1e-9 * np.where(np.arange(5) == 3, rig.second.mass * rig.first.length, abs(expected))
+    assert (abs(parameters(rig.first, rig.second) - expected) <= rounding + 1e-9 * abs(expected)).all()
+
+
+def test_two_equal_uniform_rods_are_themselves():
+    rod = Link(0.3, 0.8, 0.15, 0.8 * 0.3**2 / 12)
+    rig = rig_of(Parameters(*parameters(rod, rod), 0.0, 0.0))
+    for link in (rig.first, rig.second):
+        np.testing.assert_allclose([link.length, link.mass, link.centre, link.inertia], [0.3, 0.8, 0.15, 0.006])
+
+
+@given(st.floats(0.01, 0.28))
+def test_a_measured_length_is_taken_and_changes_P3_alone(length):
+    rig = rig_of(BALANCE, length)
+    expected = replace(BALANCE, P3=BALANCE.P5 * length)
+    assert (rig.first.length, rig.parameters) == (length, expected)
+    p = expected
+    np.testing.assert_allclose(parameters(rig.first, rig.second), [p.P1, p.P2, p.P3, p.P4, p.P5], rtol=1e-9)
+
+
+def test_a_second_link_that_is_balanced_has_masses_too_where_the_length_is_known():
+    rig = rig_of(replace(BALANCE, P3=0.0, P5=0.0), 0.2)
+    assert rig.second.centre == 0
+    np.testing.assert_allclose(parameters(rig.first, rig.second), [BALANCE.P1, BALANCE.P2, 0, BALANCE.P4, 0], rtol=1e-9)
+
+
+def test_what_is_physical_by_rounding_alone_is_refused_where_nothing_is_left_for_inertias():
+    refused = 0
+    for P1, P2 in np.random.default_rng(1).uniform(0.01, 1.0, (200, 2)):
+        try:
+            rig = rig_of(Parameters(P1, P2, np.nextafter(np.sqrt(P1 * P2), 0), 0.1, 0.03, 0.0, 0.0))
+        except ParameterError:
+            refused += 1
+        else:
+            assert min(rig.first.inertia, rig.second.inertia) > 0
+    assert refused

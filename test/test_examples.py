@@ -1,0 +1,51 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The scripts of examples/, run as they stand; what they say is what they are for."""
+
+import os
+import re
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from pendubot_identification.model.parameters import BALANCE, PAPER
+from pendubot_identification.results.result_file import read_parameters
+from test.conftest import ROOT
+
+
+@pytest.fixture
+def example(tmp_path):
+    """Runs an example; returns what it printed."""
+
+    def example(name, *arguments):
+        command = [sys.executable, ROOT / 'examples' / name, *arguments]
+        env = {**os.environ, 'TMPDIR': str(tmp_path)}
+        done = subprocess.run(command, cwd=tmp_path, env=env, capture_output=True, text=True, timeout=240)
+        assert done.returncode == 0, done.stderr
+        return done.stdout
+
+    return example
+
+
+def test_a_bag_becomes_parameters_and_these_a_regulator(example, tmp_path):
+    said = example('bag_to_parameters.py', ROOT / 'bags' / 'paper_experiment', 'rig.yaml')
+    assert 'P5 = 0.0033' in said
+    theta = read_parameters(tmp_path / 'rig.yaml').vector()
+    np.testing.assert_allclose(theta, PAPER.vector(), rtol=0.02)
+    assert 'poles of the closed loop' in example('lqr.py', 'rig.yaml')
+
+
+def test_a_file_of_ones_own_becomes_parameters(example):
+    said = example('own_csv.py')
+    assert '1500 samples, 14.99 s; it starts at [-1.57' in said
+    (P1,) = re.findall(r'P1 \[kg m\^2\] +(\S+)', said)
+    assert float(P1) == pytest.approx(BALANCE.P1, rel=0.01)
+
+
+def test_casadi_swings_up_what_this_package_simulates(example):
+    pytest.importorskip('casadi')
+    (off,) = re.findall(r'ends (\S+) rad from upright', example('casadi_dynamics.py'))
+    assert float(off) < 0.01
