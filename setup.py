@@ -56,16 +56,20 @@ setup(
     ],
     extras_require={
         'ros': ['ros-rclpy[fastrtps]==7.1.6', 'ros-jazzy-rclpy', 'ros-jazzy-common-interfaces'],
+        # MATLAB 7.3, Excel and Parquet; all else needs no more.
+        'files': ['h5py', 'openpyxl', 'pyarrow'],
         # What test/benchmark measures itself against.
         'benchmark': ['minionpy', 'numba', 'pygmo', 'pymoo'],
         # What else exported rigs are held against, and an example needs; 1 GB, so these tests are skipped without them.
         'engines': ['casadi', 'drake', 'pin'],
         'test': [
             'colcon-common-extensions',
+            'h5py',
             'hypothesis',
             'import-linter',
             'mujoco',
             'mypy',
+            'openpyxl',
             'pytest',
             'pytest-timeout',
             'pytest-xdist',

@@ -16,7 +16,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -31,6 +31,8 @@ from .model import dynamics, simulation
 from .model.parameters import SPECIFICATIONS, Parameters, default_bounds
 from .model.simulation import HANGING
 from .results.result_file import read_parameters, read_whole_result, write_result
+from .trajectories.conventions import READING
+from .trajectories.reading import Reading
 from .trajectories.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -49,32 +51,27 @@ def read(
     *,
     topic: str = '/joint_states',
     joint_names: Sequence[str] = ('shoulder', 'elbow'),
-    columns: Mapping[str, str] | None = None,
-    degrees: bool = False,
-    zero: Literal['horizontal', 'hanging'] = 'horizontal',
-    elbow: Literal['relative', 'absolute'] = 'relative',
+    **reading: Any,
 ) -> Trajectory:
-    """Read a motion from a bag, ``BAG[@START:END]``, or a CSV file with a line of column names.
+    """Read a motion from a bag or a file with columns (.csv, .mat, .xlsx, .parquet), also of ``FILE@START:END``.
 
     Args:
-        path: of a file that ends on .csv, or else of a bag.
+        path: of the recording.
         topic: of a bag, with its JointStates.
         joint_names: of a bag, the names of shoulder and elbow.
-        columns: of a CSV file, what it calls any of t [s], q1, q2, tau1 [N m], tau2, dq1, dq2.
-        degrees: of a CSV file, that its angles are in degrees.
-        zero: of a CSV file, where its angles are zero.
-        elbow: of a CSV file, whether q2 is relative to link 1 or from the same zero as q1.
+        reading: what its numbers mean: columns (by quantity, what a file calls t [s], q1, q2, tau1 [N m], tau2, dq1,
+            dq2), degrees=True, zero='hanging', elbow='absolute', negate='q2', time_unit='ms', ...: options of the
+            command line, - written as _.
 
     Raises:
         PendubotError: it cannot be read, or is no motion.
     """
-    if str(path).lower().endswith('.csv'):
-        from .recordings.csv_import import import_csv
-
-        return import_csv(Path(path), columns, degrees=degrees, zero=zero, elbow=elbow)
     from .recordings.bag_reader import BagWindow, read_trajectory
+    from .recordings.datasets import require_files
 
-    return read_trajectory(BagWindow.parse(str(path)), topic=topic, joint_names=joint_names).trajectory
+    window, how = BagWindow.parse(str(path)), Reading.of(reading)
+    require_files(how, [window.path])
+    return read_trajectory(window, topic=topic, joint_names=joint_names, reading=how).trajectory
 
 
 def identify(
@@ -88,14 +85,15 @@ def identify(
     """Estimate the parameters of a rig, as ``pendubot identify`` does, which says more of each option.
 
     Args:
-        recordings: bags, each ``BAG[@START:END]``, or motions. Of one bag without a window, or one motion, the first
+        recordings: bags or files with columns, each ``BAG[@START:END]``, or motions. Of one without a window the first
             half estimates and the second validates.
         validate: what only judges.
-        bounds: by name, where a parameter is searched, such as ``{'P1': (0, 0.5)}``.
+        bounds: by name, where a parameter is searched, such as ``{'P1': (0, 0.5)}``; equal ends hold it.
         topic: of bags, with their JointStates.
         joint_names: of bags, the names of shoulder and elbow.
         options: criterion (``'weak'``, or several), model, optimizer, hold, delay (``0.004`` or ``(0, 0.02)`` s),
-            sliding, smoothing, start, link_length, seed, ...: those of the command line, - written as _.
+            sliding, smoothing, start, link_length, seed, ...: those of the command line, - written as _; for bags and
+            files also those of :func:`read`.
 
     Raises:
         PendubotError: what was given makes no sense, or determines no parameters.
@@ -105,8 +103,9 @@ def identify(
     from .results.result_file import result_of
     from .trajectories.long import held_parts
 
+    reading = Reading.of({o.name: options.pop(o.name) for o in READING if o.name in options})
     if unknown := options.keys() - {option.name for option in OPTIONS}:
-        names = ', '.join(option.name for option in OPTIONS)
+        names = ', '.join(option.name for option in (*OPTIONS, *READING))
         raise ParameterError(f'there is no option {min(unknown)!r}; the options are {names}')
     if isinstance(criteria := options.get('criterion'), str):
         options['criterion'] = tuple(name.strip() for name in criteria.split(','))
@@ -117,14 +116,18 @@ def identify(
     box = default_bounds()
     for name, (low, high) in (bounds or {}).items():
         box = box.replaced(name, low, high)
-    settings = Settings.of(bounds=box, **options)
-    training, validation, sources, notes = _divided(recordings, validate, topic, joint_names)
+    settings = Settings.of(bounds=box, reading=reading, **options)
+    training, validation, sources, notes = _divided(recordings, validate, topic, joint_names, reading)
     found = estimate(training, validation, settings, notes=notes)
     return Identified(result_of(found, sources), (held_parts(training), held_parts(validation)))
 
 
 def _divided(
-    recordings: Sequence[Trajectory | File], validate: Sequence[Trajectory | File], topic: str, joints: Sequence[str]
+    recordings: Sequence[Trajectory | File],
+    validate: Sequence[Trajectory | File],
+    topic: str,
+    joints: Sequence[str],
+    reading: Reading,
 ) -> tuple[Sequence[Any], Sequence[Any], Sequence[Source], Sequence[str]]:
     """Return the motions that estimate, those that validate, where they came from, and what is to be said of that."""
     given = [*recordings, *validate]
@@ -132,11 +135,13 @@ def _divided(
         from .recordings.datasets import load_datasets
 
         names = [str(each) for each in recordings], [str(each) for each in validate]
-        data = load_datasets(*names, topic=topic, joint_names=joints)
+        data = load_datasets(*names, topic=topic, joint_names=joints, reading=reading)
         return data.training, data.validation, data.sources, data.notes
     if not recordings or not all(isinstance(each, Trajectory) for each in given):
         kinds = ', '.join(dict.fromkeys(type(each).__name__ for each in given)) or 'nothing'
         raise ParameterError(f'{kinds} was given; names of bags, or motions as read() returns them, are expected')
+    if words := reading.words():
+        raise ParameterError(f'{", ".join(words)} say how files are read, and motions are read already; leave them out')
     training, validation = (
         [r for r in recordings if isinstance(r, Trajectory)],
         [r for r in validate if isinstance(r, Trajectory)],

@@ -10,7 +10,15 @@ from contextlib import contextmanager
 
 
 class PendubotError(Exception):
-    """Base of every error that a user can cause; its text is one sentence for that user."""
+    """Base of every error that a user can cause; its text is one sentence for that user.
+
+    Attributes:
+        remedy: options of reading data that mend it, by name, where the program knows them.
+    """
+
+    def __init__(self, text: str = '', **remedy: str) -> None:
+        super().__init__(text)
+        self.remedy = remedy
 
 
 class ParameterError(PendubotError):
@@ -29,8 +37,8 @@ class BagError(PendubotError):
     """A bag that is missing, unreadable, or lacks what is asked of it."""
 
 
-class CsvError(PendubotError):
-    """A CSV file that cannot be imported."""
+class TableError(PendubotError):
+    """A file with columns that cannot be read as a motion."""
 
 
 class ResultError(PendubotError):

@@ -80,6 +80,15 @@ def test_bags_and_motions_in_memory_give_the_same_parameters(found):
     assert 9 - part.interval <= part.duration + 1e-9 < 9.0
 
 
+def test_a_file_of_ones_own_is_read_as_is_said(found, tmp_path):
+    motion = read(SAMPLE)
+    columns = [motion.t * 1000, *np.degrees(motion.q - HANGING).T, motion.tau[:, 0]]
+    np.savetxt(tmp_path / 'run.txt', np.transpose(columns), header='t a b u', fmt='%.17g')
+    said = {'columns': {'q1': 'a', 'q2': 'b', 'tau1': 'u'}, 'degrees': True, 'zero': 'hanging', 'time_unit': 'ms'}
+    np.testing.assert_allclose(read(tmp_path / 'run.txt', **said).q, motion.q, atol=1e-12)
+    np.testing.assert_allclose(identify(tmp_path / 'run.txt', **said, **FAST).theta, found.theta, rtol=1e-6)
+
+
 def test_what_was_found_is_arrays_and_saved_and_read_again(found, tmp_path):
     assert found.names == ('P1', 'P2', 'P3', 'P4', 'P5', 'b1', 'b2')
     low, high = found.intervals.T
@@ -162,6 +171,8 @@ def test_exports_are_those_of_the_command_line(found):
         (lambda: identify(SAMPLE, critrion='weak'), "no option 'critrion'; the options are criterion"),
         (lambda: identify(SAMPLE, bounds={'P9': (0, 1)}), "no parameter 'P9'"),
         (lambda: read('nosuch.csv'), 'cannot be read'),
+        (lambda: read(SAMPLE, columns={'q1': 'a'}), 'is of files with columns, and a bag has none'),
+        (lambda: identify(read(SAMPLE), degrees=True), 'degrees say how files are read, and motions are read already'),
         (lambda: Pendubot.load('nosuch.yaml'), 'cannot be read'),
     ],
 )

@@ -15,6 +15,8 @@ from typing import TYPE_CHECKING, Any
 
 from pendubot_identification.errors import UsageError, wrong_usage
 
+from .reading import add_reading, reading_of, save_map
+
 if TYPE_CHECKING:
     from pendubot_identification.identify.result import Given, Result
 
@@ -39,11 +41,12 @@ def add_parser(subparsers: Any) -> None:
     """Add this subcommand."""
     parser = subparsers.add_parser('compare', help='results side by side', description=DESCRIPTION, epilog=EPILOG)
     parser.add_argument('results', nargs='+', type=Path, metavar='RESULT.yaml', help='two or more results')
-    parser.add_argument('--on', metavar='BAG[@START:END]', help='a bag whose motion each of them predicts')
+    parser.add_argument('--on', metavar='BAG[@START:END]', help='a bag or file whose motion each of them predicts')
     parser.add_argument('--topic', default='/joint_states', help='topic with the joint states (default %(default)s)')
     parser.add_argument(
         '--joints', default='shoulder,elbow', metavar='SHOULDER,ELBOW', help='their joint names (default %(default)s)'
     )
+    add_reading(parser)
     parser.add_argument('--json', action='store_true', help='print JSON, for programs')
     parser.set_defaults(run=run)
 
@@ -119,7 +122,7 @@ def _predictions(
     from pendubot_identification.identify.prediction import HORIZONS, predict, state_scale
     from pendubot_identification.identify.result import plain
     from pendubot_identification.recordings.bag_reader import BagWindow, read_recording
-    from pendubot_identification.recordings.datasets import span
+    from pendubot_identification.recordings.datasets import require_files, span
     from pendubot_identification.trajectories.long import held_parts
     from pendubot_identification.trajectories.motion import Motion
     from pendubot_identification.trajectories.signals import choose_smoothing, evenly_stamped
@@ -127,8 +130,10 @@ def _predictions(
     from .identify import joints
 
     with wrong_usage():
-        window, names = BagWindow.parse(args.on), joints(args.joints)
-    recorded = read_recording(window, topic=args.topic, joint_names=names)
+        window, names, reading = BagWindow.parse(args.on), joints(args.joints), reading_of(args)
+        require_files(reading, [window.path])
+    recorded = read_recording(window, topic=args.topic, joint_names=names, reading=reading)
+    save_map(args, reading)
     parts = [evenly_stamped(part) for part in held_parts([recorded.trajectory])]
     # States as all results are held against them; the torque as each result takes it.
     smoothing = choose_smoothing(parts)

@@ -14,8 +14,6 @@ from typing import Any
 
 from pendubot_identification.errors import PendubotError
 
-from .programs import Programs, interruptible, new_folder, once_more, own_ros, parameters, record_excitation
-
 DESCRIPTION = """\
 Run the complete job on the virtual rig: a virtual board on a pseudo-terminal, the bridge, the exciter and the recorder
 in processes of their own; then the identifier on the recorded bag; then a subscriber that joins late and receives the
@@ -70,6 +68,9 @@ def run(args: argparse.Namespace) -> int:
     from pendubot_identification.model.parameters import PAPER
     from pendubot_identification.report import tables
     from pendubot_identification.results.result_file import read_whole_result
+
+    # Of processes; --help needs none.
+    from .programs import Programs, interruptible, new_folder, once_more, own_ros, parameters, record_excitation
 
     folder = new_folder(args.output)
     bag, written = folder / BAG, folder / 'result.yaml'

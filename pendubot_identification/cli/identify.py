@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""``pendubot identify``: parameters from bags."""
+"""``pendubot identify``: parameters from recordings."""
 
 from __future__ import annotations
 
@@ -14,10 +14,21 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pendubot_identification.errors import ParameterError, PendubotError, UsageError, sentence, wrong_usage
-from pendubot_identification.identify.options import CRITERION, DATA, DELAY, HOW, MDE, OPTIONS, START, WHAT
+from pendubot_identification.identify.options import (
+    APPLY_REMEDIES,
+    CRITERION,
+    DATA,
+    DELAY,
+    HOW,
+    MDE,
+    OPTIONS,
+    START,
+    WHAT,
+)
 from pendubot_identification.setting import Setting
 
 from .progress import progress_bar
+from .reading import add_option, add_reading, flag, reading_of, save_map
 from .report import add_reference, read_beside
 
 if TYPE_CHECKING:
@@ -32,12 +43,13 @@ if TYPE_CHECKING:
 FAILED, FAILING = 3, {'warn': 1, 'error': 2, 'never': 3}
 
 DESCRIPTION = """\
-Estimate the parameters of a rig from recorded bags and write them to a result file.
+Estimate the parameters of a rig from its recordings and write them to a result file.
 
-BAG is the folder of a bag or its .mcap file, also of one that was never closed; @START:END takes a window of it, in
-seconds from its first sample. Of one bag without a window the first half estimates and the second validates, as in the
-paper; with a window, the rest of the bag validates, but for parts shorter than a second; several bags without windows
-all estimate, and each is predicted from the others.
+BAG is the folder of a bag or its .mcap file, also of one that was never closed, or a file with columns: .csv, .mat,
+.xlsx or .parquet (pendubot import --help says what must be in it, pendubot info what is taken). @START:END
+takes a window of it, in seconds from its first sample. Of one bag without a window the first half estimates and the
+second validates, as in the paper; with a window, the rest of the bag validates, but for parts shorter than a second;
+several bags without windows all estimate, and each is predicted from the others.
 
 What lasts longer than ten minutes, or has more than 200 000 samples, is read piece by piece: energy and weak take all
 of it, everything else twelve stretches of 8 s in which the rig is driven. An hour at 1 kHz takes less than 300 MB.
@@ -63,6 +75,9 @@ examples:
   pendubot identify swing --hold linear --delay 0:0.02        a torque that was measured, and late
   pendubot identify swing --delay 0.004                       a delay that is known
   pendubot identify swing --delay=-0.02:0.02                  before a minus, the = is needed
+  pendubot identify run.mat --columns q1=th1,q2=th2,tau1=u --degrees --zero hanging   your own
+  pendubot identify run.csv --apply-remedies                  read as its faults ask for, which the result says
+  pendubot identify swing --fix b2=0                          a parameter that is known
   pendubot identify swing --report look                       a page with figures, look/report.html
 exit status: 0 success, 1 a failure explained in one line, 2 wrong usage, 3 a result of level ERROR (see --fail-on)
 """
@@ -71,10 +86,10 @@ exit status: 0 success, 1 a failure explained in one line, 2 wrong usage, 3 a re
 def add_parser(subparsers: Any) -> None:
     """Add this subcommand."""
     parser = subparsers.add_parser(
-        'identify', help='estimate parameters from bags', description=DESCRIPTION, epilog=EXAMPLES
+        'identify', help='estimate parameters from recordings', description=DESCRIPTION, epilog=EXAMPLES
     )
-    parser.add_argument('bags', nargs='+', metavar='BAG[@START:END]', help='bags that estimate')
-    parser.add_argument('--validate', nargs='+', default=[], metavar='BAG[@START:END]', help='bags that only judge')
+    parser.add_argument('bags', nargs='+', metavar='BAG[@START:END]', help='bags or files that estimate')
+    parser.add_argument('--validate', nargs='+', default=[], metavar='BAG[@START:END]', help='those that only judge')
     what = parser.add_argument_group('what is minimised')
     _add_options(what, WHAT)
     what.add_argument(
@@ -82,10 +97,18 @@ def add_parser(subparsers: Any) -> None:
         action='append',
         default=[],
         metavar='NAME=LOW:HIGH',
-        help='search interval of a parameter, such as P1=0:0.5; may be repeated',
+        help='search interval of a parameter, such as P1=0:0.5; equal ends hold it; may be repeated',
     )
-    _add_options(parser.add_argument_group('how the data are taken'), DATA)
+    what.add_argument(
+        '--fix',
+        action='append',
+        default=[],
+        metavar='NAME=VALUE',
+        help='hold a parameter at a value, such as b2=0; may be repeated',
+    )
+    _add_options(parser.add_argument_group('how the data are taken'), (*DATA, APPLY_REMEDIES))
     _add_options(parser.add_argument_group('how it is minimised'), HOW)
+    add_reading(parser)
     where = parser.add_argument_group('input and output')
     where.add_argument('--topic', default='/joint_states', help='topic with the joint states (default %(default)s)')
     where.add_argument(
@@ -116,18 +139,7 @@ def _add_options(group: argparse._ArgumentGroup, options: Iterable[Setting]) -> 
         START: {'type': Path, 'metavar': 'RESULT.yaml'},
     }
     for option in options:
-        default, words = option.default, option.help()
-        if isinstance(default, bool):
-            group.add_argument(_flag(option), action='store_const', const=True, help=words)
-            continue
-        if not option.optional:
-            words += f' (default {":".join(map(str, default)) if isinstance(default, tuple) else default})'
-        how = {'type': type(default), 'choices': option.choices or None, 'metavar': option.unit.upper() or None}
-        group.add_argument(_flag(option), help=words, **(how | spelled.get(option, {})))
-
-
-def _flag(option: Setting) -> str:
-    return f'--{option.name.replace("_", "-")}'
+        add_option(group, option, **spelled.get(option, {}))
 
 
 def run(args: argparse.Namespace) -> int:
@@ -135,27 +147,31 @@ def run(args: argparse.Namespace) -> int:
     from pendubot_identification.files import OutputFolder, refuse_input, refuse_unwritable
     from pendubot_identification.identify.result import plain
     from pendubot_identification.recordings.bag_reader import BagWindow
+    from pendubot_identification.recordings.datasets import require_files
     from pendubot_identification.report.tables import summary
     from pendubot_identification.results.result_file import read_parameters, write_result
+    from pendubot_identification.trajectories.reading import Reading
 
     with wrong_usage():
-        settings = _settings(args)
+        settings = replace(_settings(args), reading=reading_of(args))
         bags = [BagWindow.parse(text).path for text in (*args.bags, *args.validate)]
         joints(args.joints)
-    for target in (args.output, args.report and args.report / 'result.yaml'):
+        require_files(settings.reading, bags)
+    for target in (args.output, args.save_map, args.report and args.report / 'result.yaml'):
         if target is not None:
-            refuse_input(target, [*bags, args.start, args.reference])
+            refuse_input(target, [*bags, args.start, args.reference, args.map])
     if args.start is not None:
         settings = replace(settings, start=read_parameters(args.start))
     beside = _beside(args)
-    written = [args.output]
+    written = [args.output, args.save_map]
     with nullcontext() if args.report is None else OutputFolder(args.report, overwrite=args.force) as folder:
-        if args.output is not None:
-            refuse_unwritable(args.output, overwrite=args.force)
+        for target in filter(None, (args.output, args.save_map)):
+            refuse_unwritable(target, overwrite=args.force)
         result, motions = _identify(args, settings, folder)
         try:
             if args.output is not None:
                 write_result(args.output, result, overwrite=args.force)
+            save_map(args, Reading.of(result.reading))
             if folder is not None:
                 from pendubot_identification.report.folder import write_report
 
@@ -172,18 +188,27 @@ def run(args: argparse.Namespace) -> int:
 
 def _identify(args: argparse.Namespace, settings: Settings, folder: OutputFolder | None) -> tuple[Result, Recordings]:
     """Return the result, and what a report shows of the motions; where it fails, a page says why."""
-    from pendubot_identification.identify.identification import identify
-    from pendubot_identification.recordings.datasets import load_datasets
+    from pendubot_identification.recordings.datasets import Datasets, load_datasets
+    from pendubot_identification.results.remedies import identify_recordings
     from pendubot_identification.results.result_file import result_of
     from pendubot_identification.trajectories.long import held_parts
+    from pendubot_identification.trajectories.reading import Reading
 
     motions = None
-    try:
-        data = load_datasets(args.bags, args.validate, topic=args.topic, joint_names=joints(args.joints))
+
+    def load(reading: Reading) -> Datasets:
+        nonlocal motions
+        motions = None
+        names = joints(args.joints)
+        data = load_datasets(args.bags, args.validate, topic=args.topic, joint_names=names, reading=reading)
         # Of long recordings a report shows stretches.
         motions = held_parts(data.training), held_parts(data.validation)
+        return data
+
+    try:
         with progress_bar(hidden=args.json) as progress:
-            found = identify(data.training, data.validation, settings, progress, data.notes)
+            found, data = identify_recordings(load, settings, progress, apply_remedies=bool(args.apply_remedies))
+        assert motions is not None
         return result_of(found, data.sources), motions
     except Exception as error:
         if folder is not None:
@@ -223,7 +248,7 @@ def _settings(args: argparse.Namespace) -> Settings:
 
     given = {option.name: value for option in OPTIONS if (value := getattr(args, option.name)) is not None}
     chosen = {name: value for name, value in given.items() if name != 'start'}
-    settings = Settings.of(bounds=_bounds(args.bounds), **chosen)
+    settings = Settings.of(bounds=_bounds(args.bounds, args.fix), **chosen)
     criteria = ','.join(settings.criteria)
     without = None
     if settings.optimizer == 'lsq':
@@ -232,7 +257,7 @@ def _settings(args: argparse.Namespace) -> Settings:
         without = '--criterion trajectory does without unless it is asked for; leave it out, or add --optimizer mde'
     for option in MDE:
         if without and option.name in given:
-            raise UsageError(f'{_flag(option)} is of MDE, and {without}')
+            raise UsageError(f'{flag(option.name)} is of MDE, and {without}')
     # Of energy, a delay would but silence what is said of stamps that are off.
     for name, users in (('sliding', ('energy',)), ('delay', ('weak', 'trajectory')), ('start', ('trajectory',))):
         if name in given and not set(users) & set(settings.criteria):
@@ -241,10 +266,10 @@ def _settings(args: argparse.Namespace) -> Settings:
                 'out'
             )
     names = NAMES[: MODELS.get(settings.model, len(NAMES))]
-    for text in args.bounds:
+    for given_as, text in [('--bounds', text) for text in args.bounds] + [('--fix', text) for text in args.fix]:
         if text.partition('=')[0] not in names:
             raise UsageError(
-                f'--bounds {text} is of a parameter that --model {settings.model} does not have; its parameters are '
+                f'{given_as} {text} is of a parameter that --model {settings.model} does not have; its parameters are '
                 f'{", ".join(names)}'
             )
     return settings
@@ -264,19 +289,21 @@ def _delays(text: str) -> tuple[float, float]:
     return low, high
 
 
-def _bounds(texts: list[str]) -> Bounds:
+def _bounds(intervals: list[str], fixed: list[str]) -> Bounds:
     from pendubot_identification.model.parameters import default_bounds
 
     bounds = default_bounds()
-    for text in texts:
-        name, _, interval = text.partition('=')
-        try:
-            low, high = map(float, interval.split(':'))
-        except ValueError:
-            raise ParameterError(
-                f'--bounds {text!r} is not understood; NAME=LOW:HIGH is expected, such as P1=0:0.5'
-            ) from None
-        bounds = bounds.replaced(name, low, high)
+    for given, expected, texts in (
+        ('--bounds', 'NAME=LOW:HIGH is expected, such as P1=0:0.5', intervals),
+        ('--fix', 'NAME=VALUE is expected, such as b2=0', fixed),
+    ):
+        for text in texts:
+            name, _, value = text.partition('=')
+            try:
+                low, high = map(float, value.split(':') if given == '--bounds' else (value, value))
+            except ValueError:
+                raise ParameterError(f'{given} {text!r} is not understood; {expected}') from None
+            bounds = bounds.replaced(name, low, high)
     return bounds
 
 

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""``pendubot info``: what is in a bag."""
+"""``pendubot info``: what is in a recording."""
 
 from __future__ import annotations
 
@@ -10,6 +10,10 @@ import json
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from pendubot_identification.errors import UsageError, wrong_usage
+
+from .reading import add_reading, reading_of, save_map
 
 if TYPE_CHECKING:
     from pendubot_identification.recordings.bag_survey import TopicTimes
@@ -26,13 +30,19 @@ Of each topic:
   latency    from the stamp to the recorder: usually, and at most
   stamps     that repeat or run back
   lost       messages that the recorder numbered and that are not there any more
-Intervals are those of header.stamp, and of the log time where a type has none."""
+Intervals are those of header.stamp, and of the log time where a type has none.
+
+Of a file with columns (pendubot import --help says which there are) it says what is taken of it, as it is read: ranges,
+first and last values, and what looks as if it were in other units."""
 
 
 def add_parser(subparsers: Any) -> None:
     """Add this subcommand."""
-    parser = subparsers.add_parser('info', help='say what is in a bag', description=DESCRIPTION)
-    parser.add_argument('bag', metavar='BAG', type=Path, help='a bag folder or a .mcap file, closed or not')
+    parser = subparsers.add_parser('info', help='say what is in a recording', description=DESCRIPTION)
+    parser.add_argument(
+        'bag', metavar='BAG', type=Path, help='a bag folder or a .mcap file, closed or not, or a file with columns'
+    )
+    add_reading(parser)
     parser.add_argument('--json', action='store_true', help='print JSON, for programs')
     parser.set_defaults(run=run)
 
@@ -45,7 +55,22 @@ def run(args: argparse.Namespace) -> int:
     """
     from pendubot_identification.recordings.bag_reader import BagReader
     from pendubot_identification.recordings.bag_survey import survey
+    from pendubot_identification.recordings.tables import is_table
 
+    with wrong_usage():
+        reading = reading_of(args)
+    if is_table(args.bag):
+        from pendubot_identification.recordings import table_survey
+        from pendubot_identification.recordings.table_reader import TableReader
+
+        found = table_survey.survey(TableReader(args.bag, reading))
+        save_map(args, reading)
+        print(json.dumps(found, indent=2) if args.json else f'{args.bag}: {table_survey.as_text(found)}')
+        return 0
+    if words := reading.options():
+        raise UsageError(
+            f'{args.bag} is a bag, of which info says what is in it, not what it means; leave out {" ".join(words)}'
+        )
     bag = BagReader(args.bag)
     topics, damages = survey(bag.files)
     summary = {

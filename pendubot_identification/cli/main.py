@@ -18,19 +18,19 @@ from pendubot_identification.model import kernel
 from pendubot_identification.paper import reproduce
 from pendubot_identification.resources import resource
 
-from . import compare, demo, excite, export, identify, import_csv, info, repair, report, simulate
+from . import compare, demo, excite, export, identify, importing, info, repair, report, simulate
 
 DESCRIPTION = """\
-Identify the parameters of a pendubot from recorded bags, without ROS.
+Identify the parameters of a pendubot from its recordings, without ROS.
 
   pendubot identify BAG                  parameters from a bag: first half estimates, second half validates
+  pendubot identify RUN.csv              the same from CSV, MATLAB, Excel or Parquet
   pendubot report RESULT.yaml            a page with figures from a result
   pendubot excite --design               the excitation that tells most of the parameters
-  pendubot import-csv FILE --output BAG  a bag from your own recording
   pendubot reproduce                     the paper's tables and figures, from this package's own runs
   pendubot demo                          the whole chain on a virtual rig (this alone needs ROS)
 """
-SUBCOMMANDS = (identify, report, compare, excite, export, import_csv, simulate, info, repair, reproduce, demo)
+SUBCOMMANDS = (identify, report, compare, excite, export, importing, simulate, info, repair, reproduce, demo)
 SAMPLE = 'bags/paper_experiment'
 EPILOG = 'exit status: 0 success, 1 a failure explained in one line, 2 wrong usage, 3 identify: a result of level ERROR'
 
@@ -43,7 +43,7 @@ def parser() -> argparse.ArgumentParser:
     for subcommand in SUBCOMMANDS:
         subcommand.add_parser(subparsers)
     top.set_defaults(debug=False)
-    for place in (top, *subparsers.choices.values()):
+    for place in dict.fromkeys((top, *subparsers.choices.values())):
         # Also after the subcommand, where it is typed to run again; a default of False there would undo the one before.
         what = 'show the traceback of a failure, and whether it is compiled'
         place.add_argument('--debug', action='store_true', default=argparse.SUPPRESS, help=what)

@@ -22,6 +22,8 @@ Array = NDArray[np.float64]
 
 #: No joint of a bench-top rig turns faster [rad/s]: an angle in degrees, wrapped at a turn, or a jump of an encoder.
 TOP_SPEED = 100.0
+#: Nor any for half of the time faster than this [rad/s], but in degrees.
+FAST = 30.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,10 +151,14 @@ def require_plausible_speed(name: str, elapsed: Array, qd: Array) -> None:
     fastest = np.abs(qd).max(axis=0)
     if fastest.max() > TOP_SPEED:
         joint = int(fastest.argmax())
+        # Angles that jump do so now and then.
+        degrees = float(np.median(np.abs(qd).max(axis=1))) > FAST
         raise TrajectoryError(
             f'{name}: the {("shoulder", "elbow")[joint]} turns at {fastest[joint]:.4g} rad/s, '
             f'{elapsed[np.abs(qd[:, joint]).argmax()]:.3f} s after its start, and at most {TOP_SPEED:g} '
             'is plausible; are its angles in radians, unwrapped and without jumps, and its stamps true?'
+            + (' They look like degrees: add --degrees' if degrees else ''),
+            **({'degrees': 'true'} if degrees else {}),
         )
 
 

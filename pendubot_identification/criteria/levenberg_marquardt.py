@@ -168,7 +168,9 @@ class _Box:
         """Return the derivative of theta and delay by z, shape (G, G)."""
         root = np.sqrt(z[0] * z[1])
         result = np.eye(len(z))
-        result[2, :3] = z[2] * root / (2 * z[0]), z[2] * root / (2 * z[1]), root
+        # Where P3 itself is held, it does not go with P1 and P2.
+        along = 0.0 if self._lower[2] == self._upper[2] else z[2] * root / 2
+        result[2, :3] = along / z[0], along / z[1], root
         return result
 
     def inside(self, z: Array) -> Array:

@@ -7,15 +7,16 @@ A recording that breaks a convention is poorly explained by any physical paramet
 right. So every known fault is put right on trial, and named where that makes the weak criterion fall markedly, to what
 a sound recording leaves. Where nothing does that, all that is said is that the motion fits no pendubot.
 
-What cannot be noticed: an effort in other units or through another gear ratio, which scales all parameters; both joints
-and both efforts turned round, which is the same rig seen from behind; and a zero that is off by less than the angle at
-which friction holds a hanging link.
+What cannot be noticed: an effort through another gear ratio or in other units, which scales all parameters (but for
+one a thousand times too large, with which no link could be so small and so heavy); both joints and both efforts
+turned round, which is the same rig seen from behind; and a zero that is off by less than the angle at which friction
+holds a hanging link.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -32,6 +33,7 @@ from pendubot_identification.model.dynamics import GRAVITY, Pair
 from pendubot_identification.model.parameters import MODELS, NAMES, Bounds, default_bounds
 from pendubot_identification.model.simulation import HANGING
 from pendubot_identification.trajectories.motion import Motion
+from pendubot_identification.trajectories.reading import Affine, Reading
 from pendubot_identification.trajectories.signals import SMOOTHING
 from pendubot_identification.trajectories.trajectory import Trajectory
 
@@ -44,7 +46,9 @@ JOINTS = np.eye(2)
 
 #: Dry friction and a rotor are allowed for; a richer model would explain faults away.
 MODEL = 'rotor'
-BOUNDS = default_bounds().of(MODELS[MODEL])
+_BOX = default_bounds().of(MODELS[MODEL])
+#: The effort may be in any units.
+BOUNDS = Bounds(_BOX.lower, 1e6 * _BOX.upper, _BOX.names)
 #: Of the balances of the shoulder, the elbow and energy: smoothing spoils energy, and elbows are small.
 WEIGHTS = (1.0, 3.0, 0.1)
 #: From bump to bump [s].
@@ -53,6 +57,10 @@ STRIDE = 0.03
 SHORTEST = 1.0
 #: By how much putting it right must lower the unexplained part: a sense or an order, and a zero or a delay.
 TURNED, SHIFTED = 2.0, 1.2
+#: A motion in degrees is as large [rad]: what is small fits any rig, and little moves as a pendulum in any unit.
+AS_DEGREES = 10.0
+#: By how much a sense must lower what is left of the elbow's own balance, where that is much.
+ELBOW = 30.0
 #: A zero or an offset that lowers it by so much had made some parameter wrong by a sixth and more, on virtual and real
 #: rigs.
 GRAVE = 5.0
@@ -65,8 +73,9 @@ FLAWLESS = 1e-6
 UNFIT = 0.3
 #: So much of a motion [s], and of either joint [rad], is needed to say that; so much time, too, to tell an offset.
 LONG_ENOUGH, FAR_ENOUGH = 3.0, 0.5
-#: Of the effort's scale, which is not told: it may be in other units.
-ANY_SCALE = 1e6
+#: Link 2 would be so dense [kg/m^3], all its mass in a cube as wide as its centre of mass is far from its joint: those
+#: of real rigs are 16 to 80, steel is 7800.
+TOO_DENSE = 5000.0
 #: Remedies that leave up to so many times as much unexplained as the best one are named beside it.
 ALIKE = 1.5
 #: Another smoothing and hold than were given must leave so many times less, for half an interval looks like a delay.
@@ -89,14 +98,17 @@ class Fault:
     """A convention that recordings break.
 
     Attributes:
-        name: ``sign``, ``order``, ``absolute``, ``zero``, ``offset``, ``delay``, ``length``, or ``motion``: none of
-            these, but that the motion fits no pendubot.
+        name: ``sign``, ``order``, ``absolute``, ``degrees``, ``unit``, ``zero``, ``offset``, ``delay``, ``length``, or
+            ``motion``: none of these, but that the motion fits no pendubot.
         found: what is wrong, in words.
         remedy: what was expected, and what to do.
         level: ERROR where parameters from such recordings are useless, else WARN.
         unexplained: part of the squared effort that is left unexplained as recorded; NaN where nothing was tried.
         put_right: the same with the fault put right.
         delay: of the effort [s], when the fault is put right by it; None for other faults.
+        change: what is done to the motion to put it right; None where nothing is.
+        options: of reading the recordings by which they are put right, as far as that is known.
+        mended: how they are then read.
     """
 
     name: str
@@ -106,6 +118,9 @@ class Fault:
     unexplained: float = math.nan
     put_right: float = math.nan
     delay: float | None = None
+    change: Affine | None = None
+    options: tuple[str, ...] = ()
+    mended: Reading | None = None
 
     @property
     def sentence(self) -> str:
@@ -116,7 +131,7 @@ class Fault:
                 f': {100 * self.unexplained:.3g} % of the squared effort is left unexplained as recorded and '
                 f'{100 * self.put_right:.3g} % with this put right'
             )
-        return f'{self.found}{shares}; {self.remedy}'
+        return f'{self.found}{shares}; {self.remedy}' + (f': {", ".join(self.options)}' if self.options else '')
 
 
 _AS_IS, _EXCHANGED, _RELATIVE = ((1, 0), (0, 1)), ((0, 1), (1, 0)), ((1, 0), (-1, 1))
@@ -127,10 +142,14 @@ _WHAT_IS_EXPECTED = {
     'sign': 'positions and efforts of both joints must be positive in one sense of rotation',
     'order': 'shoulder first, elbow second',
     'absolute': 'it must be relative to link 1',
+    'degrees': 'positions must be in radians',
 }
 _NEGATED, _DISORDERED = 'has the wrong sign', 'are in the wrong order'
-_RELATIVELY = "subtract the shoulder's position (import-csv: --elbow absolute)"
+_RELATIVELY = "subtract the shoulder's position"
+_CONVERTED = 'convert them'
 _NO_SHIFT = (0.0, 0.0)
+_DEGREE = math.pi / 180
+_IN_RADIANS = ((_DEGREE, 0.0), (0.0, _DEGREE))
 #: Faults of sense or order: name, what is wrong, what to do, and what undoes it: matrices for angles from hanging and
 #: for efforts, and what is then added to the positions [rad] where they were turned about another zero than hanging.
 _TURNS: tuple[tuple[str, str, str, Matrix, Matrix, Pair], ...] = (
@@ -163,10 +182,19 @@ _TURNS: tuple[tuple[str, str, str, Matrix, Matrix, Pair], ...] = (
     ('order', f"the joints' efforts {_DISORDERED}", 'exchange the efforts', _AS_IS, _EXCHANGED, _NO_SHIFT),
     ('absolute', "the elbow's position is absolute", _RELATIVELY, _RELATIVE, _AS_IS, _NO_SHIFT),
     ('absolute', "the elbow's position is absolute", _RELATIVELY, _RELATIVE, _AS_IS, _LIFTED),
+    ('degrees', 'the positions are in degrees', _CONVERTED, _IN_RADIANS, _AS_IS, ((1 - _DEGREE) * math.pi / 2, 0.0)),
+    (
+        'degrees',
+        'the positions are in degrees from hanging',
+        _CONVERTED,
+        _IN_RADIANS,
+        _AS_IS,
+        (-_DEGREE * math.pi / 2, 0.0),
+    ),
 )
 #: What the zeros must be.
 _ZEROS = (
-    'q1 must be 0 where link 1 is horizontal, -90 degrees hanging (import-csv: --zero hanging if it is 0 there)',
+    'q1 must be 0 where link 1 is horizontal, -90 degrees hanging',
     'q2 must be 0 where link 2 continues link 1',
 )
 
@@ -206,6 +234,7 @@ def diagnose(
             cured, left, faults = found
     if not faults:
         faults = _unfit(rig)
+    faults += _unit(cured)
     if expected_link_length is not None:
         length, error = link_length(cured.motions, model, cured.delay)
         if abs(length - expected_link_length) > max(LENGTH_ERRORS * error, LENGTH_PART * expected_link_length):
@@ -219,6 +248,22 @@ def diagnose(
                 )
             )
     return tuple(faults)
+
+
+def with_options(faults: Iterable[Fault], reading: Reading) -> tuple[Fault, ...]:
+    """Return faults with the options that put them right, each after those before it, where recordings are read so."""
+    said = []
+    for fault in faults:
+        mended = None if fault.change is None else reading.then(fault.change)
+        if mended is not None:
+            added, gone = (
+                [option for option in one.options() if option not in other.options()]
+                for one, other in ((mended, reading), (reading, mended))
+            )
+            words = [f'add {" ".join(added)}'] * bool(added) + [f'leave out {" ".join(gone)}'] * bool(gone)
+            fault, reading = replace(fault, options=tuple(words), mended=mended), mended
+        said.append(fault)
+    return tuple(said)
 
 
 def _cured(rig: _Rig) -> tuple[_Rig, float, list[Fault]]:
@@ -254,12 +299,33 @@ def _cured(rig: _Rig) -> tuple[_Rig, float, list[Fault]]:
     return steps[-1][1], before, faults
 
 
+def _unit(rig: _Rig) -> list[Fault]:
+    """Return that the effort is in mN m, where otherwise no link could be as heavy for its length.
+
+    m2 is at least P5^2 / P2, and d2 at most P2 / P5.
+    """
+    criterion = _pooled(rig.regressions)
+    theta = dict(zip(NAMES, criterion.minimum_in_box(BOUNDS), strict=False))
+    P2, P5 = theta['P2'], theta['P5']
+    if not (P2 > 0 and P5 > 0) or P5**2 / P2 < TOO_DENSE * (P2 / P5) ** 3 or _unexplained(criterion) > SOUND:
+        return []
+    fault = Fault(
+        'unit',
+        f'link 2 would weigh {P5**2 / P2:.3g} kg or more, within {100 * P2 / P5:.2g} cm of its joint; the effort is as '
+        'in mN m',
+        'it must be in N m: divide it by 1000',
+        Level.ERROR,
+        change=Affine.of(T=np.eye(2) / 1000),
+    )
+    return [fault]
+
+
 def _unfit(rig: _Rig) -> list[Fault]:
     """Return that the motion is no pendubot's, whatever the units of its effort."""
     moved = np.max([np.ptp(t.q, axis=0) for t in rig.trajectories], axis=0)
     if rig.duration < LONG_ENOUGH or moved.min() < FAR_ENOUGH:
         return []
-    left = _unexplained(_pooled(rig.regressions), Bounds(BOUNDS.lower, ANY_SCALE * BOUNDS.upper, BOUNDS.names))
+    left = _unexplained(_pooled(rig.regressions))
     if left <= UNFIT:
         return []
     return [
@@ -285,17 +351,22 @@ def link_length(motions: Sequence[Motion], model: str, delay: float = 0.0) -> tu
     motions = [motion for motion in motions if motion.end - motion.start > WIDTH + abs(delay)]
     if not motions:
         return math.nan, math.nan
+    parts = _elbows_own(motions, model, delay)
+    ratios = _pooled(parts).free_minimum()
+    covariance = bootstrap_covariance(_blocks(parts), ratios, np.ones(len(ratios), dtype=bool))
+    return float(ratios[0]), math.sqrt(covariance[0, 0])
+
+
+def _elbows_own(motions: Sequence[Motion], model: str, delay: float) -> list[Regression]:
+    """Return the elbow's own balance: P3 and others over P5 from gravity's column, which nothing spoils."""
     names = NAMES[: MODELS[model]]
     others = [names.index(name) for name in ('P3', 'P2', 'b2', 'Fc2', 'J2', 'Fs2', 'k2') if name in names]
     parts = []
     for motion in motions:
         balances = weak_regression(motion, model, delay, weights=(1, 1, 1))
         phi, y, t = (values[1::3] for values in (balances.phi, balances.y, balances.t))
-        # Gravity, the column that neither smoothing nor noise spoils, in terms of all others divided by P5.
         parts.append(Regression(np.column_stack([phi[:, others], -y]), -phi[:, names.index('P5')], t))
-    ratios = _pooled(parts).free_minimum()
-    covariance = bootstrap_covariance(_blocks(parts), ratios, np.ones(len(ratios), dtype=bool))
-    return float(ratios[0]), math.sqrt(covariance[0, 0])
+    return parts
 
 
 @dataclass(frozen=True)
@@ -319,12 +390,23 @@ class _Rig:
     def regressions(self) -> list[Regression]:
         return [weak_regression(m, MODEL, self.delay, weights=WEIGHTS, stride=STRIDE) for m in self.motions]
 
-    def changed(self, change: Callable[[Trajectory], Trajectory]) -> _Rig:
-        return replace(self, trajectories=tuple(map(change, self.trajectories)))
+    def changed(self, change: Affine) -> _Rig:
+        Q, c, T, d = change
+        return replace(
+            self,
+            trajectories=tuple(replace(t, q=t.q @ Q.T + c, tau=t.tau @ T.T + d, qd=None) for t in self.trajectories),
+        )
 
     def turned_by(self, angles: Array) -> _Rig:
         """Return the rig with angles [rad] taken from its joints' positions."""
-        return self.changed(lambda t: replace(t, q=t.q - angles, qd=None))
+        return self.changed(Affine.of(c=-angles))
+
+    @cached_property
+    def elbow(self) -> float:
+        """What is left unexplained of the elbow's own balance, in which a light elbow counts as much as a heavy one."""
+        criterion = _pooled(_elbows_own(self.motions, MODEL, self.delay))
+        gravity = float(criterion(np.zeros_like(criterion.y)))
+        return float(criterion(criterion.free_minimum())) / gravity if gravity > 0 else 0.0
 
     @cached_property
     def turned(self) -> list[Regression]:
@@ -393,19 +475,21 @@ _Remedy = tuple[Fault, _Rig]
 
 def _turns(rig: _Rig) -> Iterator[_Remedy]:
     hanging = np.array(HANGING)
+    moved = max(float(np.ptp(t.q, axis=0).max()) for t in rig.trajectories)
     for name, found, remedy, positions, efforts, shift in _TURNS:
-
-        def read(t: Trajectory, to: Matrix = positions, tau: Matrix = efforts, shift: Pair = shift) -> Trajectory:
-            q = (t.q - hanging) @ np.transpose(to) + hanging + np.array(shift)
-            return replace(t, q=q, tau=t.tau @ np.transpose(tau), qd=None)
-
-        right = rig.changed(read)
+        if name == 'degrees' and moved < AS_DEGREES:
+            continue
+        change = Affine.of(positions, hanging + shift - np.array(positions) @ hanging, efforts)
+        right = rig.changed(change)
         try:
             after = _unexplained(_pooled(right.regressions))
+            # Of a light elbow a wrong sense changes little of all the effort.
+            elbow = after < rig.tolerated and rig.elbow > SOUND and right.elbow * ELBOW < rig.elbow
         except TrajectoryError:  # read like this, the rig moves as none can
             continue
-        if after * TURNED < rig.tolerated:
-            yield Fault(name, found, f'{_WHAT_IS_EXPECTED[name]}: {remedy}', put_right=after), right
+        if after * TURNED < rig.tolerated or elbow:
+            expected = f'{_WHAT_IS_EXPECTED[name]}: {remedy}'
+            yield Fault(name, found, expected, put_right=after, change=change), right
 
 
 def _others(rig: _Rig) -> Iterator[_Remedy]:
@@ -424,14 +508,18 @@ def _zeros(rig: _Rig) -> Iterator[_Remedy]:
             degrees, error = math.degrees(angle), math.degrees(rig.std_error(joint, angles))
             found = f"q{joint + 1}'s zero is off by {degrees:.1f} +- {error:.1g} degrees"
             remedy = f'{expected}: subtract {degrees:.1f} degrees'
-            yield Fault('zero', found, remedy, put_right=after), rig.turned_by(angles)
+            # A zero that somebody chose, and not one that is off.
+            right = round(angle / (math.pi / 2)) * math.pi / 2
+            chosen = right * JOINTS[joint] if right and abs(angle - right) < rig.tolerance(joint, angles) else angles
+            change = Affine.of(c=-chosen)
+            yield Fault('zero', found, remedy, put_right=after, change=change), rig.turned_by(angles)
 
 
 def _offsets(rig: _Rig) -> Iterator[_Remedy]:
     """Yield what undoes a constant effort [N m] that was recorded at the shoulder and did not act."""
 
     def by(effort: float) -> _Rig:
-        return rig.changed(lambda t: replace(t, tau=t.tau + np.array([effort, 0.0])))
+        return rig.changed(Affine.of(d=(effort, 0.0)))
 
     most = max(float(np.abs(t.tau[:, 0]).max()) for t in rig.trajectories)
     if not most > 0 or rig.duration < LONG_ENOUGH:
@@ -448,7 +536,7 @@ def _offsets(rig: _Rig) -> Iterator[_Remedy]:
     if after * SHIFTED < rig.tolerated:
         found = f"the shoulder's effort is off by a constant {offset:.3g} N m"
         remedy = f'it must be 0 where no torque acts: subtract {offset:.3g} N m'
-        yield Fault('offset', found, remedy, put_right=after), right
+        yield Fault('offset', found, remedy, put_right=after, change=Affine.of(d=(-offset, 0.0))), right
 
 
 def _delays(rig: _Rig) -> Iterator[_Remedy]:

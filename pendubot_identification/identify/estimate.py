@@ -74,7 +74,7 @@ class Estimate:
         criterion: ``energy``, ``weak`` or ``trajectory``.
         model: the name of one of :data:`.parameters.MODELS`.
         theta: the estimate, shape (D,).
-        free: which parameters lie on no bound, shape (D,).
+        free: which parameters lie on no bound, nor are held, shape (D,).
         covariance: shape (D, D); NaN in the rows and columns of parameters on a bound. Scaled so that an interval of
             1.96 standard errors to both sides holds the truth in 95 % of cases, however few the recordings.
         correlation: of the errors by the information matrix at theta, shape (D, D): which parameters the motion tells
@@ -97,6 +97,7 @@ class Estimate:
         prediction: of validation data.
         zeros: of the recordings' positions; None where the criterion does not tell them.
         exact: whether the residuals are those of the encoders alone.
+        held: which parameters were held at a value, shape (D,).
         absent: the parameters that are not in the model of this rig; theta has them as 0.
         resized: what is added to the sizes of the effects' torques that were allowed for, where the criterion estimates
             them along, shape (E,).
@@ -119,6 +120,7 @@ class Estimate:
     residuals: int
     condition_number: float
     converged: bool
+    held: NDArray[np.bool_]
     steps: tuple[str, ...] = ()
     unexplained: float = np.nan
     J_exact: float = np.nan
@@ -161,7 +163,7 @@ class Estimate:
     def not_covered(self) -> dict[str, str]:
         """By name, the parameters of which too little is known for the level to say anything of them, and why."""
         found = {}
-        for k in np.flatnonzero(self.present):
+        for k in np.flatnonzero(self.present & ~self.held):
             value, reach = abs(self.theta[k]), NORMAL_95 * self.std_error[k]
             if not self.free[k]:
                 found[NAMES[k]] = 'on its bound'

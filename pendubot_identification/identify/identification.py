@@ -14,11 +14,12 @@ from numpy.typing import NDArray
 from pendubot_identification.errors import TrajectoryError
 from pendubot_identification.level import Level
 from pendubot_identification.trajectories.long import STRETCH, Long, Recording, held_parts
+from pendubot_identification.trajectories.reading import Reading
 from pendubot_identification.trajectories.signals import evenly_stamped
 from pendubot_identification.trajectories.suspicions import suspicions
 
 from .agreement import contradictions
-from .diagnosis import Fault, diagnose, link_length
+from .diagnosis import Fault, diagnose, link_length, with_options
 from .effects import allowing_for, together
 from .estimate import Estimate, Progress
 from .judgement import judge, require_excitation
@@ -72,6 +73,11 @@ class Identification:
     def best(self) -> Estimate:
         """The estimate that is published."""
         return self.estimates[self.published]
+
+    @property
+    def mended(self) -> Reading | None:
+        """How the recordings are to be read so that their faults are put right; None where no options do that."""
+        return next((fault.mended for fault in reversed(self.faults) if fault.mended is not None), None)
 
     @property
     def level(self) -> Level:
@@ -134,6 +140,7 @@ def identify(
     low, high = settings.delays
     known = 'rotor' if settings.model == 'auto' else settings.model
     faults = diagnose(held, data.smoothing, data.hold, known, low if low == high else 0.0, settings.link_length)
+    faults = with_options(faults, settings.reading)
     # What is estimated along does not stand in the way.
     look = all(f.name == 'offset' or (f.delay is not None and low <= f.delay <= high) for f in faults)
     left, data, comparison = _rid_of_effects(data, progress, look)

@@ -62,7 +62,7 @@ def require_excitation(training: Sequence[Trajectory], settings: Settings) -> No
     smoothing = SMOOTHING if settings.smoothing is None else settings.smoothing
     regressions = [energy_regression(motion, settings.sliding, smoothing) for motion in training]
     criterion = Quadratic.pool([Quadratic.reduce(r.phi, r.y) for r in regressions])
-    silent = criterion.undetermined(SILENT)
+    silent = criterion.undetermined(SILENT) & ~settings.box('viscous').held
     if silent.any():
         joints = zip(('shoulder', 'elbow'), moved, strict=True)
         still = next((f' (the {joint} moved by only {m:.3g} rad)' for joint, m in joints if m < STILL), '')
@@ -163,7 +163,7 @@ def _doubts(e: Estimate, settings: Settings) -> Iterator[str]:
     # Friction of one kind may well be nothing where there is another.
     matters = (np.arange(len(theta)) < 5) | (len(theta) == len(SEVEN))
     high_half = theta > bounds.lower + 0.5 * (bounds.upper - bounds.lower)
-    for k in np.flatnonzero(~e.free & (matters | high_half)):
+    for k in np.flatnonzero(~e.free & ~e.held & (matters | high_half)):
         nearest = _nearest_bound(theta, bounds)[k]
         yield f'{NAMES[k]} lies on its bound {nearest:g} {UNITS[k]}: the data ask for a value beyond'
     poor = e.free & ~e.determined & ~unidentifiable & matters

@@ -100,8 +100,8 @@ def estimate_linear(
             f'J = {runs.value.min():.6e}, exact {J_exact:.6e}'
         )
     J, still = float(criterion(theta)), float(criterion(np.zeros_like(theta)))
-    free, present = ~bounds.at_bound(theta, tolerance=1e-7), bounds.present
-    covariance, off = (bootstrap_covariance(made.blocks, theta, k, seed=settings.seed) for k in (free, present))
+    free, sought = ~bounds.at_bound(theta, tolerance=1e-7), bounds.present & ~bounds.held
+    covariance, off = (bootstrap_covariance(made.blocks, theta, k, seed=settings.seed) for k in (free, sought))
     judging = None if judge is None else judge.criterion
     return Estimate(
         criterion=name,
@@ -110,12 +110,12 @@ def estimate_linear(
         free=free,
         covariance=covariance,
         correlation=correlations(criterion.phi.T @ criterion.phi, free),
-        std_error=np.sqrt(np.where(free, np.diag(covariance), np.diag(off))),
+        std_error=np.where(bounds.held, 0.0, np.sqrt(np.where(free, np.diag(covariance), np.diag(off)))),
         uncertainty=f'block bootstrap over blocks of {made.blocks.length:.3g} s',
         effort=Effort(hold if name == 'weak' else 'zero', made.delay),
         J=J,
         residuals=criterion.count,
-        condition_number=criterion.condition_number(present),
+        condition_number=criterion.condition_number(sought),
         converged=True,
         steps=(step,),
         unexplained=J / max(still, np.finfo(float).tiny),
@@ -124,4 +124,5 @@ def estimate_linear(
         J_validation=np.nan if judging is None else float(judging(theta)),
         J_validation_runs=np.empty(0) if judging is None or runs is None else judging(repaired(runs.x)),
         absent=bounds.absent,
+        held=bounds.held,
     )

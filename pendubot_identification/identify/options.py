@@ -114,4 +114,10 @@ HOW = (
     Setting('seed', 1, 'same seed, same result', '', 0),
     *MDE,
 )
+APPLY_REMEDIES = Setting(
+    'apply_remedies',
+    False,
+    'read the recordings as a fault that is named in them asks for, and identify again; the result says what was '
+    'applied',
+)
 OPTIONS = (*WHAT, *DATA, *HOW)

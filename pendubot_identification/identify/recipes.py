@@ -322,7 +322,7 @@ def _estimate_trajectory(data: Data, judges: Sequence[Motion], model: str, progr
         free=fit.free[:size],
         covariance=covariance[:size, :size],
         correlation=correlations(fit.informations.sum(axis=0)[:-2, :-2], fit.free)[:size, :size],
-        std_error=np.where(bounds.present, std_error[:size], np.nan),
+        std_error=np.where(bounds.held, 0.0, np.where(bounds.present, std_error[:size], np.nan)),
         uncertainty=uncertainty,
         effort=Effort(data.hold, fit.delay, float(std_error[-1]) if fit.free[-1] else np.nan),
         J=J,
@@ -335,4 +335,5 @@ def _estimate_trajectory(data: Data, judges: Sequence[Motion], model: str, progr
         zeros=zeros,
         exact=found.exact,
         absent=bounds.absent,
+        held=bounds.held,
     )

@@ -31,7 +31,10 @@ SCHEMA = 1
 
 @dataclass(frozen=True, kw_only=True)
 class Parameter:
-    """A parameter: its 95 % ``interval``, whether it lies on a bound, and whether the motion determines it."""
+    """A parameter: its 95 % ``interval``, whether it lies on a bound, and whether the motion determines it.
+
+    One that was ``held`` at its value does neither.
+    """
 
     value: float
     std_error: Number = None
@@ -39,6 +42,7 @@ class Parameter:
     unit: str = ''
     on_bound: bool | None = None
     determined: bool | None = None
+    held: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,6 +54,7 @@ class FaultFound:
     remedy: str
     unexplained: Number = None
     put_right: Number = None
+    options: list[str] = field(default_factory=list)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -216,7 +221,10 @@ class CriterionAnswer:
 
 @dataclass(frozen=True, kw_only=True)
 class MadeBy:
-    """With what it was made, see :class:`.settings.Settings`."""
+    """With what it was made, see :class:`.settings.Settings`.
+
+    ``applied``: options of reading the recordings that they asked for themselves.
+    """
 
     version: str
     criteria: list[str]
@@ -231,6 +239,7 @@ class MadeBy:
     seed: int
     lower_bounds: list[float]
     upper_bounds: list[float]
+    applied: list[str] = field(default_factory=list)
 
 
 @dataclass(frozen=True)
@@ -276,6 +285,7 @@ class Result(_Vector):
         not_covered: by name, parameters of which the level says nothing, and why; None in results of earlier versions.
         consequences: what follows from a grave fault.
         not_in_model: the parameters that the rig cannot have, and why.
+        reading: how the recordings were read, see :class:`.reading.Reading`.
         covariance_rank: below the number of parameters where it comes from few recordings; None in earlier results.
     """
 
@@ -303,6 +313,7 @@ class Result(_Vector):
     covariance: list[list[Number]]
     covariance_rank: int | None = None
     made_by: MadeBy
+    reading: dict[str, str] = field(default_factory=dict)
     bags: list[Source]
 
 

@@ -15,6 +15,7 @@ from pendubot_identification.errors import ParameterError
 from pendubot_identification.model.parameters import MODELS, UNDER_LOAD, Bounds, Parameters, default_bounds
 from pendubot_identification.optimizers.mde import MDESettings
 from pendubot_identification.optimizers.optimizer import require_runs
+from pendubot_identification.trajectories.reading import Reading
 from pendubot_identification.trajectories.trajectory import Trajectory
 
 from .options import CRITERIA, DELAYS, OPTIONS, SPREAD
@@ -34,7 +35,7 @@ SEARCH, SEARCH_RUNS = MDESettings(population=40, generations=120, per_component=
 class Settings:
     """What is minimised, and how.
 
-    The fields are those of :data:`.options.OPTIONS`, which says what each of them means; None leaves one open. Four
+    The fields are those of :data:`.options.OPTIONS`, which says what each of them means; None leaves one open. Some
     are given otherwise than by a user:
 
     Attributes:
@@ -42,6 +43,8 @@ class Settings:
         delays: option delay, the two ends [s].
         start: the parameters themselves.
         bounds: the search box, of all 14 parameters or the first of them; the others' are then the default ones.
+        reading: how the recordings were read, which tells by what options faults of theirs are mended.
+        applied: those of its options that were found out from the recordings themselves.
 
     Raises:
         ParameterError: a name that is not known, or a number that makes no sense.
@@ -63,6 +66,8 @@ class Settings:
     runs: int | None = None
     seed: int = 1
     bounds: Bounds = field(default_factory=default_bounds)
+    reading: Reading = field(default_factory=Reading)
+    applied: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if not self.criteria or len(set(self.criteria)) < len(self.criteria):
@@ -76,6 +81,8 @@ class Settings:
         given, size = len(self.bounds.lower), MODELS['geared' if self.model == 'auto' else self.model]
         if given < size:
             raise ParameterError(f'bounds of {given} parameters were given; the model {self.model} has up to {size}')
+        if self.bounds.of(MODELS['viscous']).held.all():
+            raise ParameterError('all of P1 to b2 are held at a value; leave some of them to be estimated')
         # Whatever is asked for, other models are tried on the way.
         object.__setattr__(self, 'bounds', self.bounds.completed())
         for criterion in self.criteria:

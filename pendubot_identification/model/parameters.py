@@ -137,10 +137,11 @@ PRESETS = {'paper': PAPER, 'balance': BALANCE}
 class Bounds:
     """A box of parameter vectors: ``lower`` and ``upper``, each of shape (D,).
 
-    Both are 0 for what is not in the model: friction under load of a joint that has no motor.
+    Equal ones hold a parameter at that value. Friction under load that is held at 0 is not in the model: that of a
+    joint which has no motor.
 
     Raises:
-        ParameterError: lengths differ, a bound is not finite, or a lower bound is not below its upper one.
+        ParameterError: lengths differ, a bound is not finite, or a lower bound is above its upper one.
     """
 
     lower: Vector
@@ -157,9 +158,9 @@ class Bounds:
         for name, low, high in zip(self.names, lower, upper, strict=True):
             if not (np.isfinite(low) and np.isfinite(high)):
                 raise ParameterError(f'the bounds of {name}, {low:g} to {high:g}, must be finite numbers')
-            if low >= high and not (low == high == 0 and name in UNDER_LOAD):
+            if low > high:
                 raise ParameterError(
-                    f'the bounds of {name} are inverted or empty: {low:g} to {high:g}; give the smaller one first'
+                    f'the bounds of {name} are inverted: {low:g} to {high:g}; give the smaller one first'
                 )
         lower.setflags(write=False)
         upper.setflags(write=False)
@@ -183,7 +184,12 @@ class Bounds:
     @property
     def present(self) -> NDArray[np.bool_]:
         """Which parameters are in the model, shape (D,)."""
-        return np.asarray(self.lower < self.upper)
+        return np.asarray((self.lower != 0) | (self.upper != 0) | ~np.isin(self.names, UNDER_LOAD))
+
+    @property
+    def held(self) -> NDArray[np.bool_]:
+        """Which of these stay at a value, shape (D,)."""
+        return np.asarray(self.present & (self.lower == self.upper))
 
     @property
     def absent(self) -> tuple[str, ...]:

@@ -21,8 +21,7 @@ from std_srvs.srv import Trigger
 
 from pendubot_identification.errors import ParameterError, PendubotError, ResultError
 from pendubot_identification.files import refuse_input, refuse_unwritable, write_whole
-from pendubot_identification.identify.identification import identify
-from pendubot_identification.identify.options import CRITERION, DELAY, DELAYS, OPTIONS, PER_VECTOR
+from pendubot_identification.identify.options import APPLY_REMEDIES, CRITERION, DELAY, DELAYS, OPTIONS, PER_VECTOR
 from pendubot_identification.identify.settings import Settings
 from pendubot_identification.level import Level
 from pendubot_identification.model.parameters import MODELS, NAMES, Bounds, default_bounds
@@ -30,8 +29,11 @@ from pendubot_identification.recordings.bag_reader import BagWindow
 from pendubot_identification.recordings.datasets import load_datasets
 from pendubot_identification.recordings.joint_states import JOINT_NAMES
 from pendubot_identification.report.tables import headline, summary
+from pendubot_identification.results.remedies import identify_recordings
 from pendubot_identification.results.result_file import read_parameters, result_of, result_text
 from pendubot_identification.setting import Setting
+from pendubot_identification.trajectories.conventions import READING
+from pendubot_identification.trajectories.reading import Reading
 
 from .diagnostics import StatusPublisher, diagnostics_message, stamp_now
 from .messages import LATCHED, identification_values, parameters_message
@@ -103,12 +105,16 @@ class Identifier(SettingsNode):
     )
     SETTINGS = (
         Setting(
-            'bags', [''], 'bags that estimate, each BAG[@START:END] in seconds from its first sample', dynamic=True
+            'bags',
+            [''],
+            'bags or files with columns that estimate, each BAG[@START:END] in seconds from its first sample',
+            dynamic=True,
         ),
         Setting('validate', [''], 'bags that only judge; by default what the windows leave', dynamic=True),
         Setting('topic', 'joint_states', 'topic with the joint states in the bags', dynamic=True),
         Setting('joint_names', list(JOINT_NAMES), 'their joint names: shoulder, elbow', dynamic=True),
         *_parameters(),
+        *(replace(option, dynamic=True) for option in (*READING, APPLY_REMEDIES)),
         Setting('lower_bounds', default_bounds().lower.tolist(), f'of {" ".join(NAMES)}, in their units', dynamic=True),
         Setting('upper_bounds', default_bounds().upper.tolist(), f'of {" ".join(NAMES)}, in their units', dynamic=True),
         Setting('output', '', 'result file to write; empty: none', dynamic=True),
@@ -163,8 +169,13 @@ class Identifier(SettingsNode):
             refuse_unwritable(output, overwrite=values['force'], force=FORCE)
         # A name in a bag: in this node's namespace if it is relative, but not remapped.
         topic = self.resolve_topic_name(values['topic'], only_expand=True)
-        data = load_datasets(bags, judges, topic=topic, joint_names=values['joint_names'])
-        found = identify(data.training, data.validation, settings, self._progress, data.notes)
+        names = values['joint_names']
+        found, data = identify_recordings(
+            lambda reading: load_datasets(bags, judges, topic=topic, joint_names=names, reading=reading),
+            settings,
+            self._progress,
+            apply_remedies=values['apply_remedies'],
+        )
         result = result_of(found, data.sources)
         unwritten = ''
         try:
@@ -211,7 +222,8 @@ def _settings(values: dict[str, Any]) -> Settings:
         chosen['start'] = read_parameters(Path(chosen['start']))
     lower, upper = values['lower_bounds'], values['upper_bounds']
     bounds = Bounds(np.array(lower), np.array(upper), NAMES[: max(len(lower), MODELS['viscous'])])
-    return Settings.of(delay=(values['delay_min'], values['delay_max']), bounds=bounds, **chosen)
+    reading = Reading.of({o.name: values[o.name] for o in READING if values.get(o.name) is not None})
+    return Settings.of(delay=(values['delay_min'], values['delay_max']), bounds=bounds, reading=reading, **chosen)
 
 
 def _named(bags: list[str]) -> list[str]:

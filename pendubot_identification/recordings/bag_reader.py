@@ -10,9 +10,9 @@ import math
 import os
 import re
 from array import array
-from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from collections.abc import Callable, Collection, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Generic, TypeVar
 
@@ -20,10 +20,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pendubot_identification.errors import BagError, TrajectoryError
+from pendubot_identification.trajectories.reading import Reading
 from pendubot_identification.trajectories.trajectory import Trajectory
 
 from .joint_states import JOINT_NAMES, JOINT_STATE, JOINT_STATES_TOPIC, JointDecoder, decode_joint_state
 from .mcap_file import FOREVER_NS, McapFile, Messages
+from .table_reader import TableReader, parts
+from .tables import is_table
 
 if TYPE_CHECKING:
     # Not for who only looks at a bag: scipy takes longer to import than the index of most to read.
@@ -216,10 +219,24 @@ class Stream:
             if not self.missed():
                 return np.frombuffer(times, dtype=np.int64), np.frombuffer(values).reshape(-1, 3, 2)
 
-    def trajectories(self, name: str) -> Iterator[Trajectory]:
+    def trajectories(self, name: str, reading: Reading) -> Iterator[Trajectory]:
         """Return the same as motions without velocities, of a few thousand samples each."""
         for elapsed_ns, values in self:
-            yield Trajectory(elapsed_ns / 1e9, values[:, 0], values[:, 1], name=name)
+            motion = reading.motion(elapsed_ns / 1e9, values[:, 0], values[:, 1], None, name)
+            if len(motion):
+                yield motion
+
+
+Reader = BagReader | TableReader
+
+
+def open_recording(path: Path, reading: Reading) -> Reader:
+    """Return what reads a bag or a file with columns.
+
+    Raises:
+        BagError: there is no such bag, it is none, or it cannot be read.
+    """
+    return TableReader(path, reading) if is_table(path) else BagReader(path)
 
 
 def read_recording(
@@ -227,59 +244,89 @@ def read_recording(
     *,
     topic: str = JOINT_STATES_TOPIC,
     joint_names: Sequence[str] = JOINT_NAMES,
-    reader: BagReader | None = None,
+    reading: Reading | None = None,
+    reader: Reader | None = None,
 ) -> RecordedTrajectory[Recording]:
-    """Read the motion of two joints from a window of a bag; what is too long to be held is read through once.
+    """Read the motion of two joints from a window of a recording; what is too long to be held is read through once.
 
-    Messages may hold the joints in any order, among others. ``reader`` is of the bag, where there is one already.
+    Messages of a bag may hold the joints in any order, among others. ``reading`` says what the numbers mean;
+    ``reader`` is of the recording, where there is one already, and read alike.
 
     Raises:
         BagError: the bag, the topic or a joint is not there, or without effort or position.
+        TableError: a file with columns cannot be read, or lacks one.
         TrajectoryError: the window holds no or too few samples; values that are not finite; stamps that repeat or
             run backwards; a long recording with gaps.
     """
     from pendubot_identification.trajectories.long import Long, is_long
 
-    reader = reader or BagReader(window.path)
+    reading = reading or Reading()
+    reader = reader or open_recording(window.path, reading)
+
+    def long_one(read: Callable[[], Iterator[Trajectory]], duration: float) -> Long | None:
+        return Long.survey(str(window), read, duration, lambda begin, end: str(BagWindow(window.path, begin, end)))
+
+    def recorded(trajectory: Recording) -> RecordedTrajectory[Recording]:
+        return RecordedTrajectory(trajectory, window, reader.content_hash, reader.closed, reader.note)
+
+    if isinstance(reader, TableReader):
+        motion = _of_table(reader, window)
+        long = long_one(partial(parts, motion), motion.duration) if is_long(len(motion), motion.duration) else None
+        return recorded(long or motion.require_samples())
     stream = Stream(reader, topic, joint_names, window.start, window.end)
     duration = min(window.end or math.inf, reader.duration) - (window.start or 0.0)
     samples = reader.topics[topic][1] * duration / reader.duration if reader.duration else 0.0
     while is_long(samples, duration):
-        long = Long.survey(
-            str(window),
-            lambda: stream.trajectories(str(window)),
-            duration,
-            lambda begin, end: str(BagWindow(window.path, begin, end)),
-        )
+        long = long_one(partial(stream.trajectories, str(window), reading), duration)
         if stream.missed():
             continue
         if long is None:
             break  # other topics lasted longer
-        return RecordedTrajectory(long, window, reader.content_hash, reader.closed, reader.note)
-    return _held(reader, window, stream)
+        return recorded(long)
+    return recorded(_held(reader, window, stream, reading))
 
 
 def read_trajectory(
-    window: BagWindow | Path, *, topic: str = JOINT_STATES_TOPIC, joint_names: Sequence[str] = JOINT_NAMES
+    window: BagWindow | Path,
+    *,
+    topic: str = JOINT_STATES_TOPIC,
+    joint_names: Sequence[str] = JOINT_NAMES,
+    reading: Reading | None = None,
 ) -> RecordedTrajectory[Trajectory]:
     """Read the same, and hold it however long it is."""
-    window = BagWindow(window) if isinstance(window, Path) else window
-    reader = BagReader(window.path)
-    return _held(reader, window, Stream(reader, topic, joint_names, window.start, window.end))
+    window, reading = BagWindow(window) if isinstance(window, Path) else window, reading or Reading()
+    reader = open_recording(window.path, reading)
+    if isinstance(reader, TableReader):
+        motion = _of_table(reader, window)
+    else:
+        motion = _held(reader, window, Stream(reader, topic, joint_names, window.start, window.end), reading)
+    return RecordedTrajectory(motion, window, reader.content_hash, reader.closed, reader.note)
 
 
-def _held(reader: BagReader, window: BagWindow, stream: Stream) -> RecordedTrajectory[Trajectory]:
+def _held(reader: BagReader, window: BagWindow, stream: Stream, reading: Reading) -> Trajectory:
     elapsed_ns, values = stream.samples()
     if not len(values):
-        raise TrajectoryError(
-            f'{window}: the window holds no sample; the bag lasts {reader.duration:.3f} s: choose a time within it'
-        )
+        raise _nothing(window, reader.duration)
     # A velocity is a convenience that not every message need hold.
     known = bool(np.isfinite(values[:, 2]).all())
     t = elapsed_ns / 1e9
     del elapsed_ns  # of an hour at 1 kHz all of this is 0.2 GB
-    trajectory = Trajectory(t, values[:, 0], values[:, 1], values[:, 2] if known else None, str(window))
-    return RecordedTrajectory(trajectory.require_samples(), window, reader.content_hash, reader.closed, reader.note)
+    velocities = values[:, 2] if known else None
+    return reading.motion(t, values[:, 0], values[:, 1], velocities, str(window)).require_samples()
+
+
+def _of_table(reader: TableReader, window: BagWindow) -> Trajectory:
+    t = reader.motion.t
+    part = reader.motion[(t >= (window.start or 0.0)) & (t < (window.end or math.inf))]
+    if not len(part):
+        raise _nothing(window, reader.motion.duration)
+    return replace(part, name=str(window))
+
+
+def _nothing(window: BagWindow, duration: float) -> TrajectoryError:
+    return TrajectoryError(
+        f'{window}: the window holds no sample; the recording lasts {duration:.3f} s: choose a time within it'
+    )
 
 
 def _require(reader: BagReader, topic: str) -> None:

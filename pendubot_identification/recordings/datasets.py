@@ -5,19 +5,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
 from itertools import combinations
+from pathlib import Path
 
-from pendubot_identification.errors import TrajectoryError
+from pendubot_identification.errors import ParameterError, TrajectoryError
 from pendubot_identification.identify.recipes import SHORTEST
 from pendubot_identification.identify.result import Source
+from pendubot_identification.trajectories.conventions import OF_FILES
 from pendubot_identification.trajectories.long import Long, Recording, gridded, sharing
+from pendubot_identification.trajectories.reading import Reading, options
 from pendubot_identification.trajectories.trajectory import MINIMUM_SAMPLES
 
-from .bag_reader import BagReader, BagWindow, RecordedTrajectory, read_recording
+from .bag_reader import BagWindow, RecordedTrajectory, open_recording, read_recording
 from .joint_states import JOINT_NAMES, JOINT_STATES_TOPIC
+from .tables import is_table
 
 Recorded = RecordedTrajectory[Recording]
 
@@ -38,8 +42,9 @@ def load_datasets(
     *,
     topic: str = JOINT_STATES_TOPIC,
     joint_names: Sequence[str] = JOINT_NAMES,
+    reading: Reading | None = None,
 ) -> Datasets:
-    """Read the bags, each ``BAG[@START:END]``, and divide them.
+    """Read the bags or files with columns, each ``BAG[@START:END]``, all of them alike, and divide them.
 
     Without ``validate``: of one bag without a window the first half estimates and the second validates; of bags with
     windows the rest validates, but for parts shorter than a second; of several bags without windows all estimate, and
@@ -47,14 +52,17 @@ def load_datasets(
 
     Raises:
         BagError: a bag that is missing or unreadable, or lacks the topic, the joints or their effort.
+        TableError: a file with columns that is missing or unreadable, or lacks one.
         TrajectoryError: a window that is empty or too short, or samples that cannot be used.
     """
-    opened = cache(BagReader)
+    reading = reading or Reading()
+    opened = cache(partial(open_recording, reading=reading))
 
     def read(window: BagWindow) -> Recorded:
-        return read_recording(window, topic=topic, joint_names=joint_names, reader=opened(window.path))
+        return read_recording(window, topic=topic, joint_names=joint_names, reading=reading, reader=opened(window.path))
 
     windows = [BagWindow.parse(text) for text in bags]
+    require_files(reading, [BagWindow.parse(text).path for text in (*bags, *validate)])
     training = [read(window) for window in windows]
     validation = [read(BagWindow.parse(text)) for text in validate]
     whole = [window.start is None and window.end is None for window in windows]
@@ -95,6 +103,20 @@ def load_datasets(
         tuple(sources),
         tuple(dict.fromkeys(notes)),
     )
+
+
+def require_files(reading: Reading, paths: Iterable[Path]) -> None:
+    """Refuse to read bags alone by what is of files with columns.
+
+    Raises:
+        ParameterError: so it is asked for.
+    """
+    only = {name: word for name, word in reading.words().items() if name in OF_FILES}
+    if only and not any(map(is_table, paths)):
+        raise ParameterError(
+            f'{options(only)[0]} is of files with columns, and a bag has none: its stamps are in nanoseconds, and its '
+            'joints have names (--joints); leave it out'
+        )
 
 
 def _halves(recorded: Recorded, read: Callable[[BagWindow], Recorded]) -> tuple[list[Recorded], list[Recorded]]:

@@ -90,7 +90,15 @@ def parameter_table(result: Result, beside: Beside | None = None) -> Table:
 
 
 def _doubt(entry: Parameter) -> str:
-    return 'on its bound' if entry.on_bound else 'undetermined' if entry.determined is False else ''
+    return (
+        'held'
+        if entry.held
+        else 'on its bound'
+        if entry.on_bound
+        else 'undetermined'
+        if entry.determined is False
+        else ''
+    )
 
 
 def comparison_table(result: Result, truth: Mapping[str, float] | None = None) -> Table:

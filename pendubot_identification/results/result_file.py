@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import astuple
+from dataclasses import astuple, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from pendubot_identification import __version__
 from pendubot_identification.errors import ResultError
 from pendubot_identification.files import write_whole
-from pendubot_identification.identify.result import SCHEMA, Given, Result, Source, plain, structured
+from pendubot_identification.identify.result import SCHEMA, FaultFound, Given, Result, Source, plain, structured
 from pendubot_identification.model.parameters import MODELS, NAMES, UNDER_LOAD, UNITS, Parameters
 
 if TYPE_CHECKING:
@@ -32,6 +32,8 @@ Array = NDArray[np.float64]
 #: Generations of which a result file tells the best values.
 SHOWN_GENERATIONS = 30
 REQUIRED = NAMES[: MODELS['viscous']]
+#: What is told of a fault.
+FAULT = [f.name for f in fields(FaultFound)]
 #: A name of the first files of this schema, and what it is called now.
 EARLIER = ('standing_still:', 'persistence:')
 
@@ -45,7 +47,7 @@ def result_of(found: Identification, sources: Sequence[Source]) -> Result:
     data = {
         **answers[best.criterion],
         'not_covered': best.not_covered,
-        'faults': found.faults,
+        'faults': [{name: getattr(f, name) for name in FAULT} for f in found.faults],
         'unexplained_torque': _unexplained_torque(found),
         'advice': best.advice,
         'criterion': best.criterion,
@@ -74,11 +76,13 @@ def result_of(found: Identification, sources: Sequence[Source]) -> Result:
         'made_by': {
             **plain(settings),
             'version': __version__,
+            'applied': settings.applied,
             'sliding_window': settings.sliding,
             'start': None if settings.start is None else astuple(settings.start),
             'lower_bounds': settings.bounds.lower,
             'upper_bounds': settings.bounds.upper,
         },
+        'reading': settings.reading.words(),
         'bags': sources,
     }
     result: Result = structured(Result, plain(data), 'this identification')
@@ -120,8 +124,9 @@ def _answer(e: Estimate, found: Identification) -> dict[str, Any]:
                 'std_error': e.std_error[k],
                 'interval': e.intervals[k],
                 'unit': UNITS[k],
-                'on_bound': not e.free[k],
-                'determined': e.determined[k],
+                'on_bound': not (e.free[k] or e.held[k]),
+                'determined': None if e.held[k] else e.determined[k],
+                'held': e.held[k],
             }
             for k in np.flatnonzero(e.present)
         },

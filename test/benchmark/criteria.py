@@ -37,8 +37,9 @@ from pendubot_identification.identify.settings import Settings
 from pendubot_identification.level import Level
 from pendubot_identification.model.parameters import BALANCE, NAMES, PAPER, Parameters, default_bounds
 from pendubot_identification.model.simulation import quantised, simulate
-from pendubot_identification.recordings.csv_import import import_csv
+from pendubot_identification.recordings.table_reader import TableReader
 from pendubot_identification.trajectories.motion import Motion
+from pendubot_identification.trajectories.reading import Reading
 from pendubot_identification.trajectories.suspicions import suspicions
 from test.conftest import RECORDINGS
 
@@ -177,7 +178,7 @@ def real(job):
     group, roles = job
     rows = list(csv.DictReader((RECORDINGS / 'manifest.csv').open()))
     files = {role: [r['file'] for r in rows if (r['group'], r['role']) == (group, role)] for role in roles}
-    recorded = {role: [import_csv(RECORDINGS / file) for file in files[role]] for role in roles}
+    recorded = {role: [TableReader(RECORDINGS / file, Reading()).motion for file in files[role]] for role in roles}
     motions = {role: [Motion.prepare(t, *JUDGING) for t in recorded[role]] for role in roles}
     scales = {role: state_scale(motions[role]) for role in roles}
 

@@ -44,8 +44,8 @@ def test_a_CSV_file_becomes_a_bag_and_force_replaces_one(run, tmp_path):
     (tmp_path / 'run.csv').write_text('\n'.join(['time,a,b,u', *rows]))
     assert run('simulate', '--output', 'bag', '--samples', '50')[0] == 0
     options = ('--columns', 't=time,q1=a,q2=b,tau1=u', '--degrees', '--zero', 'hanging', '--elbow', 'absolute')
-    said = run('import-csv', 'run.csv', '--output', 'bag', *options, '--force')
-    assert said == (0, 'bag: 101 samples, 1.000 s, 100.0 Hz\n', '')
+    status, out, err = run('import-csv', 'run.csv', '--output', 'bag', *options, '--force')
+    assert (status, out.splitlines()[0], err) == (0, 'bag: 101 samples, 1.000 s, 100.0 Hz', '')
     trajectory = read_trajectory(tmp_path / 'bag').trajectory
     np.testing.assert_allclose(trajectory.q[10], np.deg2rad([10 - 90, 90]))
     np.testing.assert_array_equal(trajectory.tau[10], [5, 0])

@@ -79,6 +79,30 @@ def test_options_arrive_and_json_is_the_result_and_nothing_else(run, made, tmp_p
     assert run(*command, '--fail-on', 'warn')[0] == 3
 
 
+@pytest.mark.parametrize(
+    ('criterion', 'optimizer'), [('energy', 'mde'), ('energy', 'lsq'), ('weak', 'lsq'), ('trajectory', 'lsq')]
+)
+def test_a_parameter_is_held_at_a_value_and_the_others_are_the_best_beside_it(run, made, criterion, optimizer):
+    """Held where they are best, nothing moves, but for the weights of weak; held elsewhere, J of energy is higher."""
+    command = ('identify', f'{made / "swing"}@0:4', '--criterion', criterion, '--model', 'viscous', '--hold', 'zero')
+    command += ('--json',) if criterion == 'energy' else ('--json', '--delay', '0')
+
+    def identified(*options):
+        return json.loads(run(*command, *options)[1])
+
+    free = identified('--optimizer', 'lsq')
+    best = {name: entry['value'] for name, entry in free['parameters'].items()}
+    held = identified('--optimizer', optimizer, '--fix', f'P3={best["P3"]!r}', '--fix', f'b2={best["b2"]!r}')
+    tolerance = {'energy': 1e-4, 'weak': 0.05, 'trajectory': 1e-3}[criterion]
+    for name, entry in held['parameters'].items():
+        assert entry['held'] == (name in ('P3', 'b2'))
+        assert entry['value'] == pytest.approx(best[name], rel=1e-12 if entry['held'] else tolerance)
+        assert (entry['std_error'] == 0, entry['on_bound']) == (entry['held'], False)
+    elsewhere = identified('--optimizer', optimizer, '--bounds', 'b2=2e-4:2e-4')
+    assert elsewhere['parameters']['b2']['value'] == 2e-4
+    assert criterion != 'energy' or elsewhere['J']['training'] > free['J']['training']
+
+
 def test_trajectory_starts_where_it_is_told(run, made):
     options = ('--criterion', 'trajectory', '--model', 'viscous', '--hold', 'zero', '--delay', '0', '--json')
     status, out, _ = run('identify', f'{made / "swing"}@0:4', *options, '--start', made / 'result.yaml')

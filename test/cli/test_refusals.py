@@ -26,7 +26,8 @@ PULSES = f'simulate --output never --excitation {ROOT}/config/exciter.yaml'
 #: Command lines, and a part of what is said. Of these, what is read or written makes no sense.
 FAILURES = {
     'identify /nowhere': 'there is no bag /nowhere',
-    'identify run.csv': 'is no MCAP file',
+    'identify run.csv': "has no column 't' for t; its columns are time, a, b, u: name",
+    'identify nowhere.csv': 'nowhere.csv cannot be read: No such file',
     f'identify {"b" * 300}': 'there is no bag bbb',
     'identify swing --topic /imu': 'holds nothing on /imu; its topics are /joint_states',
     'identify swing --joints a,b': "has no joint 'a'; its joints are shoulder, elbow",
@@ -86,6 +87,8 @@ WRONG_USAGE = {
     'identify x --runs 100000000': 'runs is 100000000; a whole number from 1 to 100000 is expected',
     'identify x@9:2': 'reversed',
     'identify x@one:2': 'must be numbers of seconds',
+    'identify x --fix b2': "--fix 'b2' is not understood; NAME=VALUE is expected, such as b2=0",
+    'identify x --model viscous --fix Fc1=0': '--fix Fc1=0 is of a parameter that --model viscous does not have',
     'identify x --bounds P1=2:1': 'bounds of P1 are inverted',
     'identify x --bounds P1=2': 'NAME=LOW:HIGH is expected',
     'identify x --bounds P8=0:1': "no parameter 'P8'",
@@ -108,7 +111,7 @@ WRONG_USAGE = {
     'export result.yaml --output parameters.txt': 'no suffix that names a format',
     **{f'import-csv run.csv --output new --columns {c}': 't=NAME,q1=NAME' for c in ('time', 't=', '=time', 't=a,t=b')},
     'import-csv run.csv --output new --columns q1=a,q2=a': "column 'a' stands for both q1 and q2; name one column for",
-    'import-csv run.csv --output new --columns q3=a': "'q3' is no quantity of a motion; columns can be named for t, q1",
+    'import-csv run.csv --output new --columns q3=a': "'q3' is no quantity of a motion that --columns knows; t, q1",
     'simulate --output never --samples 0': '0 samples at 100 Hz',
     'simulate --output never --rate nan': 'a rate from 1 to 100000 Hz',
     'simulate --output never --rate 1e-9': 'a rate from 1 to 100000 Hz',

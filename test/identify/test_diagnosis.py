@@ -87,7 +87,11 @@ def test_a_fault_of_the_papers_rig_is_named(fault):
 def test_of_good_recordings_nothing_is_said(rate, seed):
     motion = pulses(rate, seed)
     assert diagnose([motion], 0.02, 'zero', 'viscous', expected_link_length=PAPER.P3 / PAPER.P5) == ()
-    assert diagnose([replace(motion, tau=1000 * motion.tau)], 0.02, 'zero', 'viscous') == (), 'in other units'
+    (unit,) = diagnose([replace(motion, tau=1000 * motion.tau)], 0.02, 'zero', 'viscous')
+    assert (unit.name, unit.level) == ('unit', Level.ERROR)
+    assert unit.found.endswith('the effort is as in mN m')
+    for scale in (0.1, 10):
+        assert diagnose([replace(motion, tau=scale * motion.tau)], 0.02, 'zero', 'viscous') == ()
 
 
 def test_two_faults_are_named_one_after_the_other():

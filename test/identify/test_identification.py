@@ -20,8 +20,9 @@ from pendubot_identification.identify.settings import Settings
 from pendubot_identification.level import Level
 from pendubot_identification.model.parameters import MODELS, NAMES, PAPER, Parameters, default_bounds
 from pendubot_identification.model.simulation import HANGING, quantised, simulate
-from pendubot_identification.recordings.csv_import import import_csv
+from pendubot_identification.recordings.table_reader import TableReader
 from pendubot_identification.trajectories.motion import Motion
+from pendubot_identification.trajectories.reading import Reading
 from test.conftest import RECORDINGS
 from test.virtual import C1, CHAOTIC, GEARED, exact_motion, recording
 
@@ -38,7 +39,7 @@ def recorded(group, role):
     """The motions of a rig's real recordings."""
     rows = csv.DictReader((RECORDINGS / 'manifest.csv').open())
     files = [row['file'] for row in rows if (row['group'], row['role']) == (group, role)]
-    return [import_csv(RECORDINGS / file) for file in files]
+    return [TableReader(RECORDINGS / file, Reading()).motion for file in files]
 
 
 def wrong(estimate, truth=TRUTH):
@@ -373,6 +374,7 @@ def test_nothing_that_could_hurt_is_judged_ok(factors, errors):
         residuals=100,
         condition_number=10.0,
         converged=True,
+        held=np.zeros(7, dtype=bool),
         unexplained=0.01,
         J_exact=1e-6,
         prediction=Prediction(size, np.ones_like(size), np.full(len(HORIZONS), 9)),

@@ -144,6 +144,7 @@ def answer(model, theta, std_error, delay=0.0):
         residuals=1,
         condition_number=1.0,
         converged=True,
+        held=np.zeros(len(theta), dtype=bool),
     )
 
 

@@ -27,7 +27,7 @@ pytestmark = pytest.mark.ros
 
 #: What costs little, and what else the tests change.
 FAST = {'criterion': 'energy', 'model': 'viscous', 'optimizer': 'lsq', 'hold': 'zero', 'sliding': 0.0}
-FAST |= {'validate': [''], 'output': '', 'force': False, 'start': ''}
+FAST |= {'columns': '', 'apply_remedies': False, 'validate': [''], 'output': '', 'force': False, 'start': ''}
 OK, WARN, ERROR = b'\x00', b'\x01', b'\x02'
 
 
@@ -196,6 +196,19 @@ def test_identifies_again_with_the_parameters_of_the_moment(bag, listener):
     assert status.level == OK
 
 
+def test_a_file_with_columns_is_identified_and_remedies_are_applied(bag, tmp_path, listener):
+    motion = read_trajectory(bag).trajectory
+    rows = np.column_stack([1000 * motion.t, motion.q[:, 0], -motion.q[:, 1], motion.tau[:, 0]])
+    np.savetxt(tmp_path / 'run.csv', rows, delimiter=',', header='time,q1,q2,tau1', comments='', fmt='%.17g')
+    _, plain, _ = listener.identified(bag, criterion='weak')
+    as_it_is, *_ = listener.identified(tmp_path / 'run.csv', criterion='weak', columns='t=time')
+    assert as_it_is.message.endswith('add --time-unit ms')
+    _, values, _ = listener.identified(tmp_path / 'run.csv', criterion='weak', columns='t=time', apply_remedies=True)
+    assert [values[f'made_by.applied.{k}'] for k in (0, 1)] == ['--time-unit ms', '--negate q2']
+    for name in NAMES[:7]:
+        assert float(values[name]) == pytest.approx(float(plain[name]), rel=1e-6)
+
+
 def test_what_is_read_is_never_written_over(bag, tmp_path, listener):
     swing, judge, start = (tmp_path / name for name in ('swing', 'judge', 'start.yaml'))
     shutil.copytree(bag, swing)
@@ -255,7 +268,7 @@ def test_a_level_of_ok_says_what_it_does_not_cover(tmp_path, listener):
         ('start', '/nowhere.yaml', '/nowhere.yaml cannot be read'),
         ('link_length', -1.0, '-1.0'),
         ('population', 4, 'population is 4; a whole number from 5'),
-        ('upper_bounds', [0.0] * 14, 'bounds of P1 are inverted or empty'),
+        ('upper_bounds', [-1.0] * 14, 'bounds of P1 are inverted'),
         ('upper_bounds', [1.0] * 7, '14 lower and 7 upper bounds were given'),
         ('joint_names', ['a'], 'two are expected'),
     ],

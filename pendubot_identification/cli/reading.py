@@ -1,0 +1,97 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The options of all subcommands that read recordings: what their numbers mean."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pendubot_identification.errors import ParameterError
+from pendubot_identification.setting import Setting
+from pendubot_identification.trajectories.conventions import READING
+
+if TYPE_CHECKING:
+    from pendubot_identification.trajectories.reading import Reading
+
+
+def add_reading(parser: Any) -> None:
+    """Add options that say how recordings are read; one that is not given is None."""
+    group = parser.add_argument_group('how recordings are read', 'applied in this order, to all of them alike')
+    names = {'columns': 't=NAME,...', 'negate': 'q1,...', 'offset': 'q1=ANGLE,...'}
+    for option in READING:
+        add_option(group, option, **({'metavar': names[option.name]} if option.name in names else {}))
+    group.add_argument(
+        '--map', type=Path, metavar='FILE', help='take these options from a file of --save-map, or from a result'
+    )
+    group.add_argument('--save-map', type=Path, metavar='FILE', help='keep them in a file, to be given again')
+
+
+def add_option(group: Any, option: Setting, **spelled: Any) -> None:
+    """Add an option that is None where it is not given."""
+    words = option.help()
+    if isinstance(option.default, bool):
+        group.add_argument(flag(option.name), action='store_const', const=True, help=words)
+        return
+    if not option.optional:
+        default = option.default
+        words += f' (default {":".join(map(str, default)) if isinstance(default, tuple) else default})'
+    how = {'type': type(option.default), 'choices': option.choices or None, 'metavar': option.unit.upper() or None}
+    group.add_argument(flag(option.name), help=words, **(how | spelled))
+
+
+def flag(name: str) -> str:
+    """Return how an option is written."""
+    return f'--{name.replace("_", "-")}'
+
+
+def reading_of(args: argparse.Namespace) -> Reading:
+    """Return how recordings are to be read, and keep that where it is asked for.
+
+    Raises:
+        ParameterError: an option makes no sense, or there is no such file.
+        ResultError: the file cannot be written, or is there already.
+    """
+    from pendubot_identification.trajectories.reading import Reading
+
+    given = {option.name: value for option in READING if (value := getattr(args, option.name)) is not None}
+    return Reading.of((read_map(args.map) if args.map else {}) | given)
+
+
+def save_map(args: argparse.Namespace, reading: Reading) -> None:
+    """Keep how recordings were read, where that is asked for.
+
+    Raises:
+        ResultError: the file cannot be written, or is there already.
+    """
+    if args.save_map is not None:
+        import yaml
+
+        from pendubot_identification.files import write_whole
+
+        write_whole(
+            args.save_map, yaml.safe_dump(reading.words(), sort_keys=False), overwrite=getattr(args, 'force', False)
+        )
+
+
+def read_map(path: Path) -> dict[str, Any]:
+    """Return what a file says of how recordings are read: options by name, or what a result was made with.
+
+    Raises:
+        ParameterError: there is no such file, or it says nothing of the kind.
+    """
+    import yaml
+
+    try:
+        said = yaml.safe_load(path.read_text(encoding='utf-8'))
+    except OSError as error:
+        raise ParameterError(f'{path} cannot be read ({error.strerror}); name a file of --save-map') from error
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise ParameterError(f'{path} is no YAML file; name a file of --save-map') from error
+    if isinstance(said, dict) and 'schema' in said:
+        said = said.get('reading', {})
+    if not isinstance(said, dict):
+        raise ParameterError(f'{path} names no options; such as "degrees: true" in a line each is expected')
+    return said

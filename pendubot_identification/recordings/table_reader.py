@@ -1,0 +1,124 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""A motion from a file with columns, as from a bag."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Iterator
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from pendubot_identification.errors import TableError
+from pendubot_identification.trajectories.conventions import OPTIONAL, REQUIRED, TIME_UNITS
+from pendubot_identification.trajectories.reading import Reading
+from pendubot_identification.trajectories.trajectory import Trajectory
+
+from .tables import Table, read_table
+
+#: Rows further apart [s] have a time in some other unit, in which a usual interval [s] is likely.
+LONGEST_INTERVAL, USUAL_INTERVAL = 0.1, 0.005
+#: Samples of a part of a recording that is long.
+PART = 5000
+#: By what name, in small letters, files call their columns.
+ALIASES = {
+    't': ('t', 'time', 'times', 'timestamp', 'stamp', 'sec', 'seconds', 'time_s', 't_s', 'zeit', 'tout'),
+    'q1': ('q1', 'q_1', 'theta1', 'theta_1', 'th1', 'phi1', 'alpha', 'shoulder', 'shoulder_angle', 'angle1', 'pos1'),
+    'q2': ('q2', 'q_2', 'theta2', 'theta_2', 'th2', 'phi2', 'beta', 'elbow', 'elbow_angle', 'angle2', 'pos2'),
+    'tau1': ('tau1', 'tau_1', 'tau', 'torque', 'torque1', 'u', 'u1', 'effort', 'effort1', 'shoulder_torque'),
+}
+
+
+class TableReader:
+    """A file with columns; the fields are those of :class:`.bag_reader.BagReader` that a result needs."""
+
+    closed, note = True, ''
+
+    def __init__(self, path: Path, reading: Reading) -> None:
+        self.path, self.reading = path, reading
+
+    @cached_property
+    def content_hash(self) -> str:
+        """The SHA-256 of the file in hexadecimal."""
+        return hashlib.sha256(self.path.read_bytes()).hexdigest()
+
+    @cached_property
+    def table(self) -> Table:
+        """What is in the file."""
+        return read_table(self.path)
+
+    @cached_property
+    def taken(self) -> dict[str, str]:
+        """The columns that are taken, by quantity.
+
+        Raises:
+            TableError: one is missing that is needed, or that was named.
+        """
+        table = self.table
+        taken = {name: column for name, column in self.reading.names.items() if table.has(column)}
+        missing = [name for name in (*REQUIRED, *self.reading.columns) if name not in taken]
+        if missing:
+            likely = {name: self._alias(name) for name in missing}
+            named = {**self.reading.columns, **{name: column or 'NAME' for name, column in likely.items()}}
+            columns = ','.join(f'{name}={column}' for name, column in named.items())
+            known = all(likely.values())
+            raise TableError(
+                f'{self.path} has no column {self.reading.names[missing[0]]!r} for {missing[0]}; its columns are '
+                f'{", ".join(table.names)}: name the right one with --columns {columns}',
+                **({'columns': columns} if known else {}),
+            )
+        return taken
+
+    def _alias(self, name: str) -> str | None:
+        """Return the one column that is likely to be a quantity."""
+        found = [
+            c for c in self.table.names if c.lower() in ALIASES.get(name, ()) and c not in self.reading.names.values()
+        ]
+        return found[0] if len(found) == 1 else None
+
+    @cached_property
+    def motion(self) -> Trajectory:
+        """All of it, t from the first sample.
+
+        Raises:
+            TableError: the file cannot be read, a column is missing, a value is no number, stamps do not increase.
+        """
+        table, reading = self.table, self.reading
+        comma, skip = reading.decimal == 'comma', reading.skip_missing
+        values = {n: table.numbers(column, comma=comma, skip=skip) for n, column in self.taken.items()}
+        whole = np.isfinite(np.column_stack(list(values.values()))).all(axis=1)
+        if not whole.any():
+            raise TableError(f'{self.path} holds no row of numbers; export the recording again')
+        values = {name: numbers[whole] for name, numbers in values.items()}
+        t = values['t'] * reading.seconds
+        wrong = np.flatnonzero(np.diff(t) <= 0)
+        if wrong.size:
+            before, time = values['t'][wrong[0] : wrong[0] + 2]
+            raise TableError(
+                f'{table.where(int(np.flatnonzero(whole)[wrong[0] + 1]))}: the time {time:.12g} '
+                f'{"repeats" if time == before else "runs back"}, after {before:.12g}; every row needs a later one: '
+                'export more digits, or mend or remove that row'
+            )
+        zeros = np.zeros_like(t)
+        q, tau = (np.column_stack([values[a], values.get(b, zeros)]) for a, b in (('q1', 'q2'), ('tau1', 'tau2')))
+        qd = np.column_stack([values[name] for name in OPTIONAL[1:]]) if {'dq1', 'dq2'} <= values.keys() else None
+        motion = reading.motion(t - t[0], q, tau, qd, str(self.path))
+        if len(t) > 1 and motion.interval > LONGEST_INTERVAL * (1 + 1e-6):
+            apart = f'{self.path}: its rows are {motion.interval:g} s apart, which no recording of a pendubot is'
+            units = {unit: motion.interval / reading.seconds * size for unit, size in TIME_UNITS.items()}
+            unit = min(units, key=lambda each: abs(math.log(units[each] / USUAL_INTERVAL)))
+            if unit == reading.time_unit:
+                raise TableError(f'{apart}; record at a higher rate')
+            raise TableError(f'{apart}; its times may be in {unit}: add --time-unit {unit}', time_unit=unit)
+        return motion
+
+
+def parts(motion: Trajectory) -> Iterator[Trajectory]:
+    """Return a motion as a bag is read, some thousand samples at a time."""
+    for k in range(0, len(motion), PART):
+        part = motion[k : k + PART]
+        yield Trajectory(part.t, part.q, part.tau, name=part.name)

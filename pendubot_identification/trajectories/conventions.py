@@ -1,0 +1,66 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""What a user can say of how a recording is to be read: names, defaults and help, for the command line and ROS alike.
+
+Nothing heavy is imported here: ``--help`` needs no numpy.
+"""
+
+from __future__ import annotations
+
+from pendubot_identification.setting import Setting
+
+#: The columns that a motion needs, and those that it may have.
+REQUIRED = ('t', 'q1', 'q2', 'tau1')
+OPTIONAL = ('tau2', 'dq1', 'dq2')
+
+#: In seconds and in N m.
+TIME_UNITS = {'s': 1.0, 'ms': 1e-3, 'us': 1e-6, 'ns': 1e-9}
+TORQUE_UNITS = {'Nm': 1.0, 'mNm': 1e-3, 'Ncm': 1e-2, 'kgfcm': 0.0980665, 'ozfin': 0.00706155}
+
+#: In the order in which they are applied; the first three are of files with columns, which bags are not.
+READING = (
+    Setting(
+        'columns',
+        '',
+        f'what a file calls its columns: t=NAME,q1=NAME,... for {", ".join(REQUIRED)} and, where they are there, '
+        f'{", ".join(OPTIONAL)}',
+        optional=True,
+    ),
+    Setting('decimal', 'point', 'how a text file writes decimals', choices=('point', 'comma')),
+    Setting('time_unit', 's', "the unit of a file's times", choices=tuple(TIME_UNITS)),
+    Setting('skip_missing', False, 'leave out the samples of which anything is missing or no number'),
+    Setting('degrees', False, 'angles are in degrees, velocities in degrees per second'),
+    Setting('torque_unit', 'Nm', 'the unit of torques', choices=tuple(TORQUE_UNITS)),
+    Setting(
+        'swap',
+        'nothing',
+        'what stands in the wrong order: positions and efforts of both joints, or one of these',
+        choices=('nothing', 'joints', 'positions', 'efforts'),
+    ),
+    Setting(
+        'negate',
+        '',
+        'what counts the other way round, of q1,q2,tau1,tau2, velocities as their angles',
+        optional=True,
+    ),
+    Setting(
+        'elbow',
+        'relative',
+        'whether q2 is the angle to link 1, or measured from the same zero as q1',
+        choices=('relative', 'absolute'),
+    ),
+    Setting(
+        'zero',
+        'horizontal',
+        'where q1 is zero: with link 1 horizontal, or hanging straight down',
+        choices=('horizontal', 'hanging'),
+    ),
+    Setting(
+        'offset',
+        '',
+        'what is subtracted after all else: q1=0.1,q2=5deg,tau1=0.05, in rad or deg, and in N m',
+        optional=True,
+    ),
+)
+OF_FILES = ('columns', 'decimal', 'time_unit')

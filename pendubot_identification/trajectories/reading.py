@@ -1,0 +1,242 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""How the numbers of a recording are read as a motion: its units, order, signs and zeros, and how to mend them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
+from itertools import combinations, product
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pendubot_identification.errors import ParameterError
+
+from .conventions import OPTIONAL, READING, REQUIRED, TIME_UNITS, TORQUE_UNITS
+from .trajectory import Trajectory
+
+Array = NDArray[np.float64]
+
+#: What can be negated, and what can be off.
+SIGNED, OFFSET = ('q1', 'q2', 'tau1', 'tau2'), ('q1', 'q2', 'tau1', 'tau2')
+_EXCHANGED = np.array([[0.0, 1.0], [1.0, 0.0]])
+
+
+class Affine(NamedTuple):
+    """Positions become Q q + c, velocities Q qd, and efforts T tau + d."""
+
+    Q: Array  #: shape (2, 2).
+    c: Array  #: [rad], shape (2,).
+    T: Array  #: shape (2, 2).
+    d: Array  #: [N m], shape (2,).
+
+    @classmethod
+    def of(cls, Q: Any = None, c: Any = (0, 0), T: Any = None, d: Any = (0, 0)) -> Affine:
+        """Return the map of these numbers; what is not given changes nothing."""
+        matrices = (np.eye(2) if M is None else np.array(M, dtype=float) for M in (Q, T))
+        return cls(next(matrices), np.array(c, dtype=float), next(matrices), np.array(d, dtype=float))
+
+    def after(self, first: Affine) -> Affine:
+        """Return the map that does first another one, and then this."""
+        return Affine(self.Q @ first.Q, self.Q @ first.c + self.c, self.T @ first.T, self.T @ first.d + self.d)
+
+
+@dataclass(frozen=True)
+class Reading:
+    """What a recording's numbers mean; the fields are those of :data:`.conventions.READING`.
+
+    Raises:
+        ParameterError: a value that makes no sense.
+    """
+
+    columns: Mapping[str, str] = field(default_factory=dict)
+    decimal: str = 'point'
+    time_unit: str = 's'
+    skip_missing: bool = False
+    degrees: bool = False
+    torque_unit: str = 'Nm'
+    swap: str = 'nothing'
+    negate: tuple[str, ...] = ()
+    elbow: str = 'relative'
+    zero: str = 'horizontal'
+    offset: Mapping[str, float] = field(default_factory=dict)  #: [rad] and [N m].
+
+    def __post_init__(self) -> None:
+        for setting in READING:
+            if setting.choices:
+                setting.check(getattr(self, setting.name))
+        for option, given, known in (
+            ('columns', self.columns, REQUIRED + OPTIONAL),
+            ('negate', self.negate, SIGNED),
+            ('offset', self.offset, OFFSET),
+        ):
+            if unknown := [name for name in given if name not in known]:
+                raise ParameterError(
+                    f'{unknown[0]!r} is no quantity of a motion that --{option} knows; {", ".join(known)} are expected'
+                )
+        names = self.names
+        for name, column in self.columns.items():
+            if other := next((other for other in names if other != name and names[other] == column), None):
+                raise ParameterError(
+                    f'column {column!r} stands for both {name} and {other}; name one column for each quantity, '
+                    f'such as {other}=NAME'
+                )
+
+    @classmethod
+    def of(cls, given: Mapping[str, Any]) -> Reading:
+        """Return what is said in a user's words: texts, or what YAML makes of them; the rest has its default.
+
+        Raises:
+            ParameterError: a name that is not known, or a value that makes no sense.
+        """
+        known = {option.name: option for option in READING}
+        chosen: dict[str, Any] = {}
+        for name, value in given.items():
+            if name not in known:
+                raise ParameterError(f'{name!r} says nothing of how data are read; {", ".join(known)} do')
+            if name in ('columns', 'offset'):
+                value = _pairs(name, value)
+            if name == 'offset':
+                value = {each: _amount(each, text) for each, text in value.items()}
+            elif name == 'negate':
+                value = tuple(_words(value))
+            elif isinstance(known[name].default, bool):
+                if str(value).lower() not in ('true', 'false'):
+                    raise known[name].refusal(value)
+                value = str(value).lower() == 'true'
+            chosen[name] = value
+        return cls(**chosen)
+
+    def words(self) -> dict[str, str]:
+        """Return what is not as by default, in a user's words; :meth:`of` takes it back."""
+        said = {}
+        for each in fields(self):
+            value = getattr(self, each.name)
+            if each.name == 'offset':
+                value = {name: _amount_text(name, amount) for name, amount in value.items()}
+            if isinstance(value, Mapping):
+                value = ','.join(f'{name}={text}' for name, text in value.items())
+            elif isinstance(value, tuple):
+                value = ','.join(value)
+            elif isinstance(value, bool):
+                value = 'true' if value else ''
+            if value and value != each.default:
+                said[each.name] = value
+        return said
+
+    def options(self) -> list[str]:
+        """Return the same as options of the command line."""
+        return options(self.words())
+
+    @property
+    def names(self) -> dict[str, str]:
+        """For every quantity the name of its column."""
+        return {name: self.columns.get(name, name) for name in REQUIRED + OPTIONAL}
+
+    @property
+    def seconds(self) -> float:
+        """The unit of a file's times."""
+        return TIME_UNITS[self.time_unit]
+
+    @property
+    def affine(self) -> Affine:
+        """What is done to positions, velocities and efforts."""
+        signs = [-1.0 if name in self.negate else 1.0 for name in SIGNED]
+        Q, T = np.diag(signs[:2]), np.diag(signs[2:])
+        if self.swap in ('joints', 'positions'):
+            Q = Q @ _EXCHANGED
+        if self.swap in ('joints', 'efforts'):
+            T = T @ _EXCHANGED
+        if self.elbow == 'absolute':
+            # Both angles are from the same zero, so it must not be shifted first.
+            Q = np.array([[1.0, 0.0], [-1.0, 1.0]]) @ Q
+        if self.degrees:
+            Q = Q * (math.pi / 180)
+        off = np.array([self.offset.get(name, 0.0) for name in OFFSET])
+        c = np.array([-math.pi / 2 if self.zero == 'hanging' else 0.0, 0.0])
+        return Affine(Q, c - off[:2], T * TORQUE_UNITS[self.torque_unit], -off[2:])
+
+    def motion(self, t: Array, q: Array, tau: Array, qd: Array | None, name: str) -> Trajectory:
+        """Return samples, t in seconds, as the motion that they are.
+
+        Raises:
+            TrajectoryError: values that are not finite, stamps that repeat or run backwards.
+        """
+        if self.skip_missing:
+            values = np.column_stack([t, q, tau] if qd is None else [t, q, tau, qd])
+            whole = np.isfinite(values).all(axis=1)
+            t, q, tau, qd = t[whole], q[whole], tau[whole], None if qd is None else qd[whole]
+        Q, c, T, d = self.affine
+        if self.words():
+            # Where nothing is said, nothing is copied: it may be an hour.
+            q, tau, qd = q @ Q.T + c, tau @ T.T + d, None if qd is None else qd @ Q.T
+        return Trajectory(t, q, tau, qd, name)
+
+    def then(self, change: Affine) -> Reading | None:
+        """Return how to read the same recording so that the motion is changed like this; None where no options do.
+
+        Of several ways the one with fewest options that are new or gone.
+        """
+        wanted, found = change.after(self.affine), list[tuple[int, Reading]]()
+        signs = [some for size in range(len(SIGNED) + 1) for some in combinations(SIGNED, size)]
+        before = set(self.options())
+        choices = {option.name: option.choices for option in READING}
+        varied: dict[str, Any] = {name: choices[name] for name in ('torque_unit', 'swap', 'elbow', 'zero')}
+        varied |= {'degrees': (False, True), 'negate': signs, 'offset': [{}]}
+        for values in product(*varied.values()):
+            other = replace(self, **dict(zip(varied, values, strict=True)))
+            Q, c, T, d = other.affine
+            if not (np.allclose(Q, wanted.Q, atol=1e-9) and np.allclose(T, wanted.T, atol=1e-9)):
+                continue
+            turns = np.remainder(c - wanted.c + math.pi, 2 * math.pi) - math.pi
+            left = dict(zip(OFFSET, [*turns, *(d - wanted.d)], strict=True))
+            other = replace(other, offset={name: float(value) for name, value in left.items() if abs(value) > 1e-9})
+            found.append((len(other.offset) + len(before.symmetric_difference(other.options())), other))
+        return min(found, key=lambda each: each[0])[1] if found else None
+
+
+def options(words: Mapping[str, str]) -> list[str]:
+    """Return words of :meth:`Reading.words` as options of the command line."""
+    return [f'--{n.replace("_", "-")}' + ('' if value == 'true' else f' {value}') for n, value in words.items()]
+
+
+def _words(value: Any) -> list[str]:
+    parts = value if isinstance(value, (list, tuple)) else str(value).split(',')
+    return [str(part).strip() for part in parts if str(part).strip()]
+
+
+def _pairs(option: str, value: Any) -> dict[str, str]:
+    """Return what ``q1=NAME,q2=NAME`` says.
+
+    Raises:
+        ParameterError: it says nothing of the kind.
+    """
+    if isinstance(value, Mapping):
+        return {str(name): str(text) for name, text in value.items()}
+    named: dict[str, str] = {}
+    example = 't=NAME,q1=NAME,...' if option == 'columns' else 'q1=0.1,tau1=0.05,...'
+    for part in _words(value):
+        name, _, text = (word.strip() for word in part.partition('='))
+        if not (name and text) or name in named:
+            raise ParameterError(f'--{option} {part!r} is not understood; {example} is expected, each once')
+        named[name] = text
+    return named
+
+
+def _amount(name: str, text: str) -> float:
+    number, degrees = text.removesuffix('deg'), text.endswith('deg') and name.startswith('q')
+    try:
+        amount = float(number if degrees else text)
+    except ValueError:
+        amount = math.nan
+    if not math.isfinite(amount):
+        raise ParameterError(f'--offset {name}={text} is not understood; a number is expected, such as q1=5deg')
+    return math.radians(amount) if degrees else amount
+
+
+def _amount_text(name: str, amount: float) -> str:
+    return f'{math.degrees(amount):.9g}deg' if name.startswith('q') else f'{amount:.9g}'

@@ -1,0 +1,262 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+import datetime
+import struct
+import sys
+
+import numpy as np
+import pytest
+import scipy.io
+
+from pendubot_identification.errors import PendubotError, TableError
+from pendubot_identification.recordings.bag_reader import BagWindow, read_recording, read_trajectory
+from pendubot_identification.recordings.joint_states import write_trajectory
+from pendubot_identification.recordings.table_reader import TableReader
+from pendubot_identification.trajectories.long import Long
+from pendubot_identification.trajectories.reading import Reading
+
+from ..conftest import RECORDINGS
+
+TEXT = """t,q1,q2,dq1,dq2,tau1,tau2
+5.00,0.1,0.2,1,2,3,4
+5.01,0.3,0.5,5,6,7,8
+5.03,0.6,0.4,9,8,7,6
+"""
+
+
+def read(path, **words):
+    """The motion of a file, read as a user says."""
+    return TableReader(path, Reading.of(words)).motion
+
+
+@pytest.fixture
+def given(tmp_path):
+    def write(text=TEXT, encoding='utf-8'):
+        path = tmp_path / 'run.csv'
+        path.write_text(text, encoding=encoding)
+        return path
+
+    return write
+
+
+def test_the_default_columns_and_degrees(given):
+    trajectory = read(given())
+    np.testing.assert_allclose(trajectory.t, [0, 0.01, 0.03])
+    np.testing.assert_array_equal(trajectory.q, [[0.1, 0.2], [0.3, 0.5], [0.6, 0.4]])
+    np.testing.assert_array_equal(trajectory.qd, [[1, 2], [5, 6], [9, 8]])
+    np.testing.assert_array_equal(trajectory.tau, [[3, 4], [7, 8], [7, 6]])
+    degrees = read(given(), degrees=True)
+    np.testing.assert_allclose(degrees.q, np.deg2rad(trajectory.q))
+    np.testing.assert_allclose(degrees.qd, np.deg2rad(trajectory.qd))
+    np.testing.assert_array_equal(degrees.tau, trajectory.tau)
+
+
+def test_columns_can_be_named_and_some_be_absent(given):
+    trajectory = read(
+        given('time,th1,q2,u,extra\n0,1,2,3,x\n.1,2,3,4,y\n'), columns={'t': 'time', 'q1': 'th1', 'tau1': 'u'}
+    )
+    np.testing.assert_array_equal(trajectory.q, [[1, 2], [2, 3]])
+    np.testing.assert_array_equal(trajectory.tau, [[3, 0], [4, 0]])
+    assert trajectory.qd is None
+
+
+@pytest.mark.parametrize(
+    'text',
+    [
+        TEXT.replace(',', ';'),
+        TEXT.replace(',', ' , '),
+        TEXT.replace(',', '\t'),
+        TEXT + '\n,,\n',
+        TEXT.replace('7,6', '7,6,'),
+        'sep=;\n' + TEXT.replace(',', ';'),
+        '"SEP=|"\n' + TEXT.replace(',', '|'),
+        'sep=\t\n' + TEXT.replace(',', '\t'),
+        '# ' + TEXT.replace(',', ' '),
+        TEXT.replace(',', '   ').replace('5.0', '  5.0'),
+    ],
+)
+def test_other_ways_to_write_the_same(given, text):
+    np.testing.assert_array_equal(read(given(text)).q, read(given()).q)
+
+
+def test_a_byte_order_mark_is_no_part_of_a_name(given):
+    assert len(read(given(encoding='utf-8-sig'))) == 3
+
+
+@pytest.mark.parametrize('zero', ['horizontal', 'hanging'])
+@pytest.mark.parametrize('elbow', ['relative', 'absolute'])
+def test_the_same_pose_in_every_convention(given, zero, elbow):
+    # Link 1 at 30 degrees above the horizontal, link 2 bent by 40 degrees more; 1 and 2 degrees/s.
+    first = 30 + 90 * (zero == 'hanging')
+    second, second_rate = (first + 40, 3) if elbow == 'absolute' else (40, 2)
+    rows = '\n'.join(f'{t},{first},{second},0,1,{second_rate}' for t in (0, 0.1))
+    trajectory = read(given(f't,q1,q2,tau1,dq1,dq2\n{rows}'), degrees=True, zero=zero, elbow=elbow)
+    np.testing.assert_allclose(trajectory.q[1], np.deg2rad([30, 40]), atol=1e-12)
+    np.testing.assert_allclose(trajectory.qd[1], np.deg2rad([1, 2]), atol=1e-12)
+
+
+MINIMAL = 't,q1,q2,tau1\n'
+ONE_EACH = '7 are expected, one for each column name; mend or remove that row'
+
+
+@pytest.mark.parametrize(
+    ('text', 'sentence'),
+    [
+        (TEXT.replace('tau1', 'torque'), r"no column 'tau1' for tau1; its columns are t, q1, .*--columns tau1=torque"),
+        *(
+            (TEXT.replace('0.5', cell), f"line 3, column 'q2': {said} is no finite number")
+            for cell, said in (('open', "'open'"), ('nan', "'nan'"), ('', 'nothing'))
+        ),
+        (TEXT.replace(',7,6', ''), f'line 4 has 5 cells; {ONE_EACH}'),
+        (TEXT.replace('9,8,7,6', '9,8,7,6,5'), 'line 4 has 8 cells; 7 are expected'),
+        (TEXT.replace('9,8,7,6', '9,8,7,6,5').replace(',', ';'), ONE_EACH),
+        # Decimal commas, in all columns and in the last alone.
+        (MINIMAL + '0,00,0,10,0,20,0,30\n', 'line 2 has 8 cells; 4 are .*decimals .*commas: .*points'),
+        (MINIMAL + '0.00,0.1,0.2,0,30\n', 'line 2 has 5 cells; 4 are .*decimals .*commas: .*points'),
+        (
+            TEXT.replace(',', ';').replace('.', ','),
+            "'5,00' is no finite number; decimals .* with commas: add --decimal comma",
+        ),
+        (TEXT.replace('dq1', 'q1'), "has 2 columns 'q1'; rename all but one of them"),
+        (TEXT.replace('0.5', 'x' * 200_000), 'line 3: field larger than field limit'),
+        (MINIMAL + '0,1,2,3\n10,1,2,3\n20,1,2,3\n', r'rows are 10 s apart.*: add --time-unit ms'),
+        (MINIMAL + '0,1,2,3\n.12,1,2,3\n', r'rows are 0.12 s apart.*; record at a higher rate'),
+        (TEXT.splitlines()[0], 'holds no row of numbers'),
+        (' \n\n', 'run.csv is empty; a line of column names and rows of numbers are expected'),
+        ('sep=;', 'holds no columns of numbers'),
+        ('sep=;\nt;q1;q2;tau1\n0;1;2;nan\n', "line 3, column 'tau1': 'nan'"),
+        *(
+            (TEXT.replace('5.01', stamp), rf'line 3: the time .* {what}, after 5; every row needs a later one')
+            for stamp, what in (('5.00', 'repeats'), ('4.99', 'runs back'))
+        ),
+    ],
+)
+def test_a_file_that_cannot_be_used_is_one_sentence(given, text, sentence):
+    with pytest.raises(TableError, match=sentence):
+        read(given(text))
+
+
+@pytest.mark.parametrize(
+    ('columns', 'sentence'),
+    [
+        ({'tau2': 'u2'}, "no column 'u2' for tau2"),
+        ({'t': 't', 'q2': 'x'}, "no column 'x' for q2; .* --columns t=t,q2=q2"),
+        ({'theta1': 'q1'}, "'theta1' is no quantity"),
+        ({'q1': 'q2'}, "column 'q2' stands for both q1 and q2"),
+    ],
+)
+def test_columns_that_are_not_there_are_one_sentence(given, columns, sentence):
+    with pytest.raises(PendubotError, match=sentence):
+        read(given(), columns=columns)
+
+
+def test_a_file_that_cannot_be_read_is_one_sentence(tmp_path):
+    with pytest.raises(TableError, match='No such file'):
+        read(tmp_path / 'nowhere.csv')
+    (tmp_path / 'binary.csv').write_bytes(b'\x89MCAP0\r\n\xff')
+    with pytest.raises(TableError, match='no text in UTF-8'):
+        read(tmp_path / 'binary.csv')
+
+
+def opaque():
+    """A timetable as MATLAB writes it: an object, of which the file holds a number alone."""
+
+    def element(kind, data):
+        return struct.pack('<II', kind, len(data)) + data + b'\0' * (-len(data) % 8)
+
+    def matrix(kind, *parts):
+        return element(14, element(6, struct.pack('<II', kind, 0)) + b''.join(parts))
+
+    number = matrix(13, element(5, struct.pack('<ii', 1, 1)), element(1, b''), element(6, struct.pack('<I', 7)))
+    return matrix(17, element(1, b'T'), element(1, b'MCOS'), element(1, b'timetable'), number)
+
+
+def in_matlab(path, **variables):
+    scipy.io.savemat(path, variables)
+
+
+def in_excel(path, *rows):
+    book = pytest.importorskip('openpyxl').Workbook()
+    for row in rows:
+        book.active.append(row)
+    book.save(path)
+
+
+NAMES = ['t', 'q1', 'q2', 'tau1']
+#: What is in a file, and what is said of it.
+UNUSABLE = {
+    'text.mat': (lambda path: path.write_text('hello' * 99), 'is no MATLAB file that can be read'),
+    'text.xlsx': (lambda path: path.write_text('hello'), 'is no Excel file'),
+    'text.parquet': (lambda path: path.write_text('hello'), 'is no Parquet file'),
+    'strings.mat': (lambda path: in_matlab(path, a='text', n=3.0), 'holds no columns of numbers'),
+    'structs.mat': (
+        lambda path: in_matlab(path, a={'t': np.arange(9.0)}, b={'t': np.arange(9.0), 'x': np.arange(9.0)}),
+        "no column 't' for t; its columns are a.t, b.t, x",
+    ),
+    'timetable.mat': (
+        lambda path: path.write_bytes(b'MATLAB 5.0 MAT-file'.ljust(124) + b'\0\1IM' + opaque()),
+        r"which MATLAB alone can read; in MATLAB, writetable\(timetable2table\(T\), 'run.csv'\)",
+    ),
+    'blank.xlsx': (in_excel, 'holds no columns of numbers'),
+    'names.xlsx': (lambda path: in_excel(path, NAMES), 'holds no row of numbers'),
+    'cell.xlsx': (
+        lambda path: in_excel(path, ['Monday'], NAMES, *([k / 100, 1, 2, 3] for k in range(9))),
+        "no column 't' for t; its columns are Monday",
+    ),
+    'gap.xlsx': (
+        lambda path: in_excel(path, [], NAMES, [0, 1, 2, 3], [0.01, 1, None, 3]),
+        "row 4, column 'q2': nothing is no finite number, as of 1 of 2 rows; .*: add --skip-missing",
+    ),
+}
+
+
+@pytest.mark.parametrize('name', UNUSABLE)
+def test_a_file_of_other_programs_that_cannot_be_used_is_one_sentence(tmp_path, name):
+    if name.endswith('.parquet'):
+        pytest.importorskip('pyarrow')
+    if name.endswith('.xlsx'):
+        pytest.importorskip('openpyxl')
+    write, sentence = UNUSABLE[name]
+    write(tmp_path / name)
+    with pytest.raises(TableError, match=sentence):
+        read(tmp_path / name)
+
+
+@pytest.mark.parametrize(('name', 'package'), [('x.xlsx', 'openpyxl'), ('x.parquet', 'pyarrow'), ('x.mat', 'h5py')])
+def test_what_is_not_installed_is_named_with_what_to_do(tmp_path, monkeypatch, name, package):
+    (tmp_path / name).write_bytes(b'MATLAB 7.3 MAT-file'.ljust(124) + b'\0\2IM')
+    monkeypatch.setitem(sys.modules, package, None)
+    with pytest.raises(TableError, match=rf'pip install {package}; or without: in MATLAB, writetable\(table'):
+        read(tmp_path / name)
+
+
+def test_times_of_day_are_seconds(tmp_path):
+    for start in (datetime.datetime(2026, 11, 22, 23, 59, 59, 990000), datetime.timedelta(0)):
+        rows = ([start + datetime.timedelta(seconds=k / 100), 1, 2, 3] for k in range(9))
+        in_excel(tmp_path / 'x.xlsx', NAMES, *rows)
+        np.testing.assert_allclose(read(tmp_path / 'x.xlsx').t, np.arange(9) / 100, atol=1e-12)
+    in_excel(tmp_path / 'x.xlsx', NAMES, *([datetime.time(12, 30, k), 1, 2, 3] for k in range(9)))
+    with pytest.raises(TableError, match="column 't': '12:30:00' is no finite number, nor is any other there"):
+        read(tmp_path / 'x.xlsx')
+
+
+def test_a_long_file_is_taken_piece_by_piece(tmp_path):
+    t = np.arange(62_000) / 100
+    scipy.io.savemat(tmp_path / 'x.mat', {'t': t, 'q1': np.sin(t), 'q2': np.cos(t), 'tau1': np.sin(3 * t)})
+    window = BagWindow(tmp_path / 'x.mat', 1.0)
+    long = read_recording(window, reading=Reading.of({'negate': 'q1'})).trajectory
+    assert isinstance(long, Long)
+    together = np.concatenate([part.q[:, 0] for part in long.read()])
+    np.testing.assert_array_equal(together, -np.sin(t[100:]))
+    assert read_recording(BagWindow(tmp_path / 'x.mat', 600.0, 610.0)).trajectory.q.shape == (1000, 2)
+
+
+@pytest.mark.recordings
+def test_a_real_recording_comes_back_from_a_bag(tmp_path):
+    trajectory = read(RECORDINGS / 'dfki_C1_sysid_143339.csv')
+    write_trajectory(tmp_path / 'bag', trajectory)
+    back = read_trajectory(tmp_path / 'bag').trajectory
+    np.testing.assert_allclose(back.t, trajectory.t, atol=1e-9)
+    for name in ('q', 'qd', 'tau'):
+        np.testing.assert_array_equal(getattr(back, name), getattr(trajectory, name))

@@ -1,0 +1,73 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""What a recording's numbers mean, said by options and mended by them."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pendubot_identification.errors import ParameterError
+from pendubot_identification.trajectories.conventions import TORQUE_UNITS
+from pendubot_identification.trajectories.reading import SIGNED, Affine, Reading
+
+SIGNS = st.lists(st.sampled_from(SIGNED), unique=True).map(lambda names: tuple(sorted(names)))
+READINGS = st.builds(
+    Reading,
+    degrees=st.booleans(),
+    torque_unit=st.sampled_from(list(TORQUE_UNITS)),
+    swap=st.sampled_from(['nothing', 'joints', 'positions', 'efforts']),
+    negate=SIGNS,
+    elbow=st.sampled_from(['relative', 'absolute']),
+    zero=st.sampled_from(['horizontal', 'hanging']),
+    offset=st.dictionaries(st.sampled_from(SIGNED), st.floats(0.01, 3)),
+)
+NUMBERS = np.array([[0.3, -0.2], [1.0, 2.0], [-2.5, 0.7]])
+
+
+def motion(reading):
+    return reading.motion(np.arange(3) / 100, NUMBERS, 2 * NUMBERS, 3 * NUMBERS, 'some')
+
+
+@given(READINGS)
+def test_the_words_of_a_reading_say_the_same_again(reading):
+    again = motion(Reading.of(reading.words()))
+    for name in ('q', 'qd', 'tau'):
+        np.testing.assert_allclose(getattr(again, name), getattr(motion(reading), name), rtol=1e-6, atol=1e-8)
+
+
+@settings(max_examples=25)
+@given(READINGS, READINGS)
+def test_one_reading_is_mended_into_another_where_options_say_it(one, other):
+    """What is changed between them is found again, whatever stood there before."""
+    inverse = Affine.of(np.linalg.inv(one.affine.Q), T=np.linalg.inv(one.affine.T))
+    undone = inverse._replace(c=-inverse.Q @ one.affine.c, d=-inverse.T @ one.affine.d)
+    mended = one.then(other.affine.after(undone))
+    assert mended is not None
+    expected, found = motion(other), motion(mended)
+    turns = (found.q - expected.q) / (2 * np.pi)
+    np.testing.assert_allclose(turns, np.rint(turns), atol=1e-6)
+    np.testing.assert_allclose(found.tau, expected.tau, rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(found.qd, expected.qd, rtol=1e-6, atol=1e-6)
+
+
+def test_what_no_options_say_is_not_mended():
+    assert Reading().then(Affine.of(T=3 * np.eye(2))) is None
+
+
+@pytest.mark.parametrize(
+    ('given', 'sentence'),
+    [
+        ({'negate': 'q3'}, "'q3' is no quantity of a motion that --negate knows; q1, q2, tau1, tau2"),
+        ({'offset': 'q1'}, "--offset 'q1' is not understood"),
+        ({'offset': 'q1=x'}, '--offset q1=x is not understood; a number is expected'),
+        ({'offset': 'tau1=5deg'}, '--offset tau1=5deg is not understood'),
+        ({'swap': 'elbows'}, 'swap is elbows; one of nothing, joints, positions, efforts is expected'),
+        ({'degrees': 'maybe'}, 'degrees is maybe; true or false is expected'),
+        ({'colour': 'red'}, "'colour' says nothing of how data are read"),
+    ],
+)
+def test_what_makes_no_sense_is_one_sentence(given, sentence):
+    with pytest.raises(ParameterError, match=sentence):
+        Reading.of(given)
