@@ -144,12 +144,12 @@ def torque_left(motions: Sequence[Motion], answer: Answer, smoothing: float, hol
 
 
 def known_effects(motions: Sequence[Motion], listed: Sequence[EffectFound]) -> list[Found]:
-    """Return the effects that a result lists of these motions."""
+    """Return the effects of these motions that a result allows for."""
     by_words = {(effect.name, effect.where): effect for effect in catalogue_of(motions)}
     return [
         Found(by_words[each.name, each.where], np.array(each.sizes, dtype=float), np.nan, np.empty(0))
         for each in listed
-        if (each.name, each.where) in by_words
+        if each.allowed and (each.name, each.where) in by_words
     ]
 
 

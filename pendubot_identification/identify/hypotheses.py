@@ -22,8 +22,9 @@ Array = NDArray[np.float64]
 
 #: The level of significance of all effects that are tried together.
 SIGNIFICANT = 0.001
-#: One that changes P1 to P5 by more than this part of them is not identifiable beside them.
-TOO_FAR = 0.5
+#: One that changes P1 to P5 by more than this part of them is not identifiable beside them, unless nearly everything
+#: is explained by it.
+TOO_FAR, SURE = 0.5, 0.9
 #: It must help more than this part of the recordings, or parts of the time, that are left out.
 HELPED = 0.8
 #: An effect of fewer columns is preferred where it explains less by no more than this; no more effects are named.
@@ -102,7 +103,7 @@ def select(
         left = [c for c in left if effects[c].name != effects[best].name]
         solution = _least(whole, taken)
         now = solution[:5] * to_physical
-        if (np.abs(now - before) > TOO_FAR * np.abs(physical)).any():
+        if share < SURE and (np.abs(now - before) > TOO_FAR * np.abs(physical)).any():
             return
         yield Choice(best, solution[-len(places[best]) :] * scale[-1] / scale[places[best]], float(share), now - before)
 

@@ -55,6 +55,7 @@ class Identification:
         validation: what the predictions are of, in words.
         link_length: P3 / P5 [m] of the elbow's own equation, and its standard error.
         unexplained: the torque that no parameters explain; None where it was not looked at.
+        allowed: which of its effects were allowed for, by name and where.
     """
 
     settings: Settings
@@ -68,6 +69,7 @@ class Identification:
     validation: str
     link_length: tuple[float, float]
     unexplained: Unexplained | None
+    allowed: tuple[tuple[str, str], ...]
 
     @property
     def best(self) -> Estimate:
@@ -161,6 +163,8 @@ def identify(
         parts = parts or comparison.predicted(criterion, weights)
         estimates.append(replace(answer, prediction=Prediction.pool(parts)))
     published = _best(estimates)
+    if left is not None and left.rest_sentence and not any(e.exact for e in estimates):
+        notes.append(left.rest_sentence)
 
     length = link_length(data.motions, model, estimates[published].effort.delay)
     # Recordings that have a grave fault in common seem to contradict each other, too; but not for a delay, which is
@@ -191,6 +195,7 @@ def identify(
         validation='on data that was not used for estimation' if judges else comparison.method,
         link_length=length,
         unexplained=left,
+        allowed=tuple((found.effect.name, found.effect.where) for found in data.effects),
     )
 
 
@@ -213,7 +218,9 @@ def _rid_of_effects(data: Data, progress: Progress, look: bool) -> tuple[Unexpla
     if comparison.deciding != 'trajectory' or (data.long and left.effects):
         return left, data, comparison
     for _ in range(LOOKS):
-        more = found_by_trajectory(data.motions, comparison.fit('geared'), settings.box('geared'), settings.delays)
+        # Not from a start that the user gave, which may lie far off.
+        near = comparison.fit('geared') if settings.start is None else data.started_by_weak.fit('geared')
+        more = found_by_trajectory(data.motions, near, settings.box('geared'), settings.delays)
         left = replace(left, effects=together(left.effects, more))
         if data.long or not any(found.allowable for found in more):
             break

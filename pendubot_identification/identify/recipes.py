@@ -133,6 +133,11 @@ class Data:
         """The recordings for which stretches of them stand."""
         return tuple(motion for motion in self.whole if isinstance(motion, LongMotion))
 
+    @property
+    def started_by_weak(self) -> Data:
+        """The same without parameters to start from that were given."""
+        return replace(self, settings=replace(self.settings, start=None))
+
     def only(self, motions: Sequence[Motion]) -> Data:
         """Return some of the motions, measured by the same scale."""
         return replace(self, groups=tuple((motion,) for motion in motions), whole=tuple(motions))

@@ -59,13 +59,14 @@ class FaultFound:
 
 @dataclass(frozen=True, kw_only=True)
 class EffectFound:
-    """An effect that the models lack, see :class:`.unexplained.Found`; ``moved``: P1 to P5 beside it, in parts."""
+    """An effect that the models lack, see :class:`.effects.Found`; ``moved``: P1 to P5 beside it, in parts."""
 
     name: str
     where: str
     share: Number
     moved: list[Number]
     sizes: list[Number]
+    allowed: bool = True
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -91,6 +91,8 @@ def found_by_trajectory(
 
     def apart(rows: Array) -> Array:
         rows = rows[finite]
+        if not np.isfinite(rows).all():  # of an effect that no simulation survives
+            rows = np.zeros_like(rows)
         return np.asarray((rows - local @ (local.transpose(0, 2, 1) @ rows)) * weight[finite, None, None])
 
     free = np.flatnonzero(fit.free | (np.arange(len(fit.free)) < 5))

@@ -47,9 +47,6 @@ MAIN = 0.25
 PAYS_COARSE = 0.3
 #: More than this part of the effort, beyond what rounding explains, is said; so many bursts are listed.
 MUCH, MOST_SAID = 0.05, 5
-#: What is not so many times what rounding explains may be made by it: of coarse counts and slow motion it explains less
-#: than it makes.
-FAR = 3.0
 #: Nothing is named where rounding alone leaves more than this part of the effort unexplained.
 NOISIEST = 0.15
 #: One that explains so many times more where the encoders round twice is made by their rounding.
@@ -110,16 +107,19 @@ class Unexplained:
                 'touch the links'
             )
         said += [found.sentence(allowed) for found in self.effects if found.effect.name not in told]
-        excess = np.sqrt(np.maximum(self.share**2 - self.noise**2, 0.0))
-        if not self.effects and (excess[self.share > FAR * self.noise] > MUCH).any():
-            left, rounding = (
-                ' and '.join(f'{100 * part:.2g} %' for part in parts) for parts in (self.share, self.noise)
-            )
-            said.append(
-                f'{left} of the effort are left unexplained at shoulder and elbow; rounded angles explain {rounding}: '
-                'the rig has what the models lack, and parameters may be farther off than their intervals say'
-            )
         return said
+
+    @property
+    def rest_sentence(self) -> str | None:
+        """What the user should know of a large part that looks like no effect; None where it is small."""
+        excess = np.sqrt(np.maximum(self.share**2 - self.noise**2, 0.0))
+        if self.effects or excess.max() <= MUCH:
+            return None
+        left, rounding = (' and '.join(f'{100 * part:.2g} %' for part in parts) for parts in (self.share, self.noise))
+        return (
+            f'{left} of the effort are left unexplained at shoulder and elbow; rounded angles explain {rounding}: '
+            'the rig has what the models lack, and parameters may be farther off than their intervals say'
+        )
 
 
 def unexplained(trajectories: Sequence[Trajectory], smoothing: float, hold: str, delay: float) -> Unexplained:

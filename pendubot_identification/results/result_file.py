@@ -93,8 +93,16 @@ def _unexplained_torque(found: Identification) -> dict[str, Any] | None:
     left = found.unexplained
     if left is None:
         return None
+    allowed = found.allowed
     effects = [
-        {'name': e.effect.name, 'where': e.effect.where, 'share': e.share, 'moved': e.moved, 'sizes': e.sizes}
+        {
+            'name': e.effect.name,
+            'where': e.effect.where,
+            'share': e.share,
+            'moved': e.moved,
+            'sizes': e.sizes,
+            'allowed': (e.effect.name, e.effect.where) in allowed,
+        }
         for e in left.effects
     ]
     return {'share': left.share, 'rounding': left.noise, 'effects': effects, 'bursts': left.bursts}
