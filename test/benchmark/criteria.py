@@ -99,7 +99,7 @@ def fits(job):
             settings = replace(settings, start=Parameters.from_vector(truth * off))
         begin = time.perf_counter()
         found = estimate(
-            *settings.criteria, replace(data, settings=settings), (judges, judges), 'viscous', lambda *_: None
+            *settings.criteria, replace(data, settings=settings), (judges, judges), {'viscous': 1.0}, lambda *_: None
         )
         seconds = time.perf_counter() - begin
         found = replace(found, prediction=predict(judges, found.theta, found.effort.delay, data.scale))
@@ -182,9 +182,8 @@ def real(job):
     motions = {role: [Motion.prepare(t, *JUDGING) for t in recorded[role]] for role in roles}
     scales = {role: state_scale(motions[role]) for role in roles}
 
-    def again(trajectories, found):
-        settings = Settings(criteria=(found.criterion,), model=found.model)
-        return estimate(found.criterion, Data.prepare(trajectories, settings), ([], []), found.model, lambda *_: None)
+    def again(trajectories, found, model):
+        return identify(trajectories, settings=Settings(criteria=(found.criterion,), model=model)).best
 
     def predicted(role, found, which=slice(None)):
         of = motions[role][which]
@@ -197,18 +196,18 @@ def real(job):
     for model in ('rotor', 'geared', 'auto'):
         begin = time.perf_counter()
         found = identify(train, settings=Settings(model=model)).best
-        name = f'{found.model}, {found.criterion}'
+        name = f'{model}, {found.criterion}'
         told.append(f'Model {model}: {name}, in {time.perf_counter() - begin:.0f} s')
         if name in estimates:
             continue
-        without = [again([*train[:k], *train[k + 1 :]], found) for k in range(len(train))]
+        without = [again([*train[:k], *train[k + 1 :]], found, model) for k in range(len(train))]
         apart = Prediction.pool([predicted('train', f, slice(k, k + 1)) for k, f in enumerate(without)])
         estimates[name], errors[name] = found, [*apart.error]
         if found.zeros is not None:
             told.append(f'{name}: zeros are off by [degrees] {"; ".join(zeros(found))}')
         if 'test' in roles:
             errors[name] += [*predicted('test', found).error]
-            other = again(recorded['test'], found)
+            other = again(recorded['test'], found, model)
             off = np.abs(found.theta - other.theta) > 1.96 * np.hypot(found.std_error, other.std_error)
             told.append(f'{name}: train and test agree but for {[NAMES[k] for k in np.flatnonzero(off)]} of {off.size}')
     published = [predicted(role, replace(found, theta=PUBLISHED[group])) for role in roles]
