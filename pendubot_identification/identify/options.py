@@ -43,7 +43,7 @@ WHAT = (
     Setting(
         'model',
         'auto',
-        'which parameters there are; auto: the smallest model that is exact, or else the average of the two largest',
+        'which parameters there are; auto: the smallest model that is exact, or else the largest',
         choices=('auto', *MODELS),
     ),
 )

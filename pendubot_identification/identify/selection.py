@@ -30,10 +30,8 @@ FEWEST_RECORDINGS = 3
 BLOCKS = 5
 #: In the order of trust, where criteria predict equally well.
 TRUST = ('trajectory', 'weak', 'energy')
-#: Whose answers are averaged where no model is exact, and by how much of the loss a model's weight falls to 1 / e.
-#: Leaving out each of nine recordings of two real rigs, the average predicts them as the better of the two does (median
-#: error .052 and .067 against .051 and .066), where the smallest within one standard error of the best of four models
-#: left .065 and .076; from single recordings it leaves .098 and .136, where the better of the two left .103 and .144.
+#: Whose answers are averaged where no model is exact and recordings are few; of three or more the last one's is taken.
+#: By how much of the loss a model's weight falls to 1 / e. See docs/criteria.md for the rules that were compared.
 AVERAGED, SOFTNESS = ('rotor', 'geared'), 0.2
 #: A model that holds a smaller one cannot have a larger cost: where it has so many times it, another minimum was found.
 WORSE = 1.05
@@ -130,7 +128,8 @@ class Comparison:
         """Return the model to take, or those whose answers are averaged, and what was compared.
 
         A model that leaves nothing but the encoders' rounding needs no comparison: the smallest of them is the rig's.
-        Only the trajectory criterion tells that; on rigs of which none is exact it averages the largest models.
+        Only the trajectory criterion tells that. Of rigs of which none is exact it takes the largest, or averages the
+        two largest where few recordings tell too little of its parameters.
         """
         if self.deciding != 'trajectory':
             chosen, scores = compare_models({model: self.predicted(self.deciding, {model: 1.0}) for model in MODELS})
@@ -138,7 +137,8 @@ class Comparison:
         for model in MODELS:
             if self._data.exact(model, self.fit(model)) is not None:
                 return (model,), compare_models({model: self.predicted(self.deciding, {model: 1.0})}, exact=model)[1]
-        return AVERAGED, compare_models({model: self.predicted(self.deciding, {model: 1.0}) for model in AVERAGED})[1]
+        models = AVERAGED if len(self._data.groups) < FEWEST_RECORDINGS else AVERAGED[-1:]
+        return models, compare_models({model: self.predicted(self.deciding, {model: 1.0}) for model in models})[1]
 
     def weights(self, criterion: str, models: Sequence[str]) -> dict[str, float]:
         """Return by how much each model's answer counts in a criterion's average.

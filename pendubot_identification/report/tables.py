@@ -230,6 +230,8 @@ def model_table(result: Result) -> Table | None:
     why = f'{result.model} was chosen: the smallest model that '
     if compared[-1].exact:
         why += "leaves nothing but the encoders' rounding; larger ones were not tried"
+    elif len(compared) == 1:
+        why = 'none leaves but the rounding of the encoders: the largest is taken'
     elif len(compared) == 2:
         why = 'none leaves but the rounding of the encoders: their answers are averaged, weighted by how they predict'
     else:
