@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .errors import ParameterError, PendubotError
 from .files import OutputFolder
-from .formats.export import export
+from .formats.export import MEANINGS, export
 from .identify.options import OPTIONS
 from .identify.result import Given, Parameter, Result, Source
 from .level import Level
@@ -334,8 +334,7 @@ class Identified:
         except ImportError as error:
             raise PendubotError('a frame needs pandas, which is not installed: pip install pandas') from error
         low, high = self.intervals.T
-        meanings = {s.name: (s.unit, s.meaning) for s in SPECIFICATIONS}
-        units, meaning = zip(*(meanings[name] for name in self.names), strict=True)
+        units, meaning = zip(*(MEANINGS[name] for name in self.names), strict=True)
         columns = {'value': self.theta, 'std_error': self.std_error, 'low': low, 'high': high}
         return DataFrame({**columns, 'unit': units, 'meaning': meaning}, index=list(self.names))
 

@@ -10,8 +10,30 @@ import tempfile
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
-from pendubot_identification.errors import ResultError
+from pendubot_identification.errors import PendubotError, ResultError
+
+
+def read_yaml(
+    path: Path, expected: str, refusal: type[PendubotError] = ResultError, replaced: tuple[str, str] = ('', '')
+) -> Any:
+    """Return what a YAML file holds; ``expected`` is what to do about one that is none, in words.
+
+    The first text of ``replaced`` is read as the second.
+
+    Raises:
+        PendubotError: it cannot be read, or is no YAML; as ``refusal``.
+    """
+    import yaml
+
+    try:
+        text = path.read_text(encoding='utf-8')
+        return yaml.safe_load(text.replace(*replaced) if replaced[0] else text)
+    except OSError as error:
+        raise refusal(f'{path} cannot be read ({error.strerror}); {expected}') from error
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise refusal(f'{path} is no YAML file; {expected}') from error
 
 
 def refuse_unwritable(path: Path, *, overwrite: bool = False, force: str = '--force') -> None:

@@ -82,14 +82,9 @@ def read_map(path: Path) -> dict[str, Any]:
     Raises:
         ParameterError: there is no such file, or it says nothing of the kind.
     """
-    import yaml
+    from pendubot_identification.files import read_yaml
 
-    try:
-        said = yaml.safe_load(path.read_text(encoding='utf-8'))
-    except OSError as error:
-        raise ParameterError(f'{path} cannot be read ({error.strerror}); name a file of --save-map') from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise ParameterError(f'{path} is no YAML file; name a file of --save-map') from error
+    said = read_yaml(path, 'name a file of --save-map', ParameterError)
     if isinstance(said, dict) and 'schema' in said:
         said = said.get('reading', {})
     if not isinstance(said, dict):

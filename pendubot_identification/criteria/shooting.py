@@ -123,21 +123,20 @@ class Segments:
 
     def sensitivities(self, theta: Array, states: Array) -> Array:
         """Return the states' derivative by initial state, theta and sizes, shape (K, 4, 4 + D + E, L)."""
-        size, tau = len(theta) - len(self.unit), self._acting(theta)
-        result = sensitivities(theta[:size], states, tau, self.step)
-        if not len(self.unit):
-            return result
-        moved = []
-        for unit in self.unit:
-            small = SMALL / max(float(np.abs(unit).max()), np.finfo(float).tiny)
-            up, down = (roll(theta[:size], states[0], tau + sign * small * unit, self.step) for sign in (1, -1))
-            moved.append((up - down)[1:] / (2 * small))
-        return np.concatenate([result, np.stack(moved, axis=2)], axis=2)
+        result = sensitivities(theta[: len(theta) - len(self.unit)], states, self._acting(theta), self.step)
+        moved = [self.moved_by(unit, theta, states)[1:, :, None] for unit in self.unit]
+        return np.concatenate([result, *moved], axis=2) if moved else result
+
+    def moved_by(self, unit: Array, theta: Array, states: Array) -> Array:
+        """Return the states' derivative, shape (K + 1, 4, L), by the size of torques of shape (2, K, L) beside all."""
+        small = SMALL / max(float(np.abs(unit).max()), np.finfo(float).tiny)
+        size = len(theta) - len(self.unit)
+        return (roll(theta[:size], states[0], self._acting(theta) + small * unit, self.step) - states) / small
 
     def _acting(self, theta: Array) -> Array:
-        return (
-            self.tau + np.tensordot(theta[len(theta) - len(self.unit) :], self.unit, 1) if len(self.unit) else self.tau
-        )
+        if not len(self.unit):
+            return self.tau
+        return np.asarray(self.tau + np.tensordot(theta[-len(self.unit) :], self.unit, 1))
 
     def finer(self, times: int) -> Segments:
         """Return the same with so many steps in the place of one."""

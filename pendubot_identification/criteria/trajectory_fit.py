@@ -201,7 +201,7 @@ def fit_positions(
         longest of which there are four; None where the model's errors exceed the noise of the positions within half a
         second already, as on most real rigs.
     """
-    rounding = np.array([encoder_step(m.recorded.q) for m in motions]).max(axis=0) / np.sqrt(12)
+    rounding = rounding_of(motions)
     rounded = bool((rounding > NEGLIGIBLE).all())
     noise = rounding if rounded else np.full(2, FINEST)
     margin = abs(delay) + 1e-9
@@ -255,6 +255,11 @@ def fit_positions(
         if length == whole:
             break
     return best
+
+
+def rounding_of(motions: Sequence[Motion]) -> Array:
+    """Return the standard deviation of what the coarsest encoder's rounding errs [rad], shape (2,)."""
+    return np.asarray(np.array([encoder_step(m.recorded.q) for m in motions]).max(axis=0) / np.sqrt(12))
 
 
 def _strays(motion: Motion) -> bool:

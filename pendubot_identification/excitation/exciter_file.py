@@ -11,11 +11,9 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from pendubot_identification.errors import ParameterError, ResultError
 from pendubot_identification.excitation.excitation import PulseTrain
-from pendubot_identification.files import write_whole
+from pendubot_identification.files import read_yaml, write_whole
 from pendubot_identification.parameter_files import addressed
 from pendubot_identification.resources import resource
 
@@ -45,12 +43,7 @@ def read_exciter(path: Path) -> tuple[PulseTrain, float]:
         ParameterError: pulses that make no sense.
     """
     expected = f'expected is a file like {resource(TEMPLATE)}'
-    try:
-        data = yaml.safe_load(path.read_text(encoding='utf-8'))
-    except OSError as error:
-        raise ResultError(f'{path} cannot be read ({error.strerror}); {expected}') from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise ResultError(f'{path} is no YAML file; {expected}') from error
+    data = read_yaml(path, expected)
     # In whatever namespace the file names it.
     own = [parameters for name, parameters in addressed(data) if name.rpartition('/')[2] in (NODE, '*', '**')]
     if not own:

@@ -134,6 +134,15 @@ def _urdf(l1: float, l2: float, comments: Iterable[str], inertial: list[str], dy
       <material name="{material}"><color rgba="{colour}"/></material>
     </visual>"""
 
+    def joint(name: str, parent: str, child: str, x: str, dynamics: str) -> str:
+        return f"""\
+<joint name="{name}" type="continuous">
+    <parent link="{parent}"/>
+    <child link="{child}"/>
+    <origin xyz="{x} 0 0" rpy="0 0 0"/>
+    <axis xyz="0 -1 0"/>{dynamics}
+  </joint>"""
+
     along, across = '0 1.5707963267948966 0', '1.5707963267948966 0 0'
     base = cylinder(f'0 {3.2 * radius:.6g} 0', across, 2 * radius, 4 * radius, 'steel', STEEL)
     first = cylinder(f'{l1 / 2!r} 0 0', along, radius, l1, 'blue', BLUE)
@@ -144,20 +153,10 @@ def _urdf(l1: float, l2: float, comments: Iterable[str], inertial: list[str], dy
 {_comment(comments)}<robot name="pendubot">
   <link name="base_link">{base}
   </link>
-  <joint name="shoulder" type="continuous">
-    <parent link="base_link"/>
-    <child link="link_1"/>
-    <origin xyz="0 0 0" rpy="0 0 0"/>
-    <axis xyz="0 -1 0"/>{dynamics[0]}
-  </joint>
+  {joint('shoulder', 'base_link', 'link_1', '0', dynamics[0])}
   <link name="link_1">{inertial[0]}{first}
   </link>
-  <joint name="elbow" type="continuous">
-    <parent link="link_1"/>
-    <child link="link_2"/>
-    <origin xyz="{l1!r} 0 0" rpy="0 0 0"/>
-    <axis xyz="0 -1 0"/>{dynamics[1]}
-  </joint>
+  {joint('elbow', 'link_1', 'link_2', repr(l1), dynamics[1])}
   <link name="link_2">{inertial[1]}{second}
   </link>
   <joint name="tip_joint" type="fixed">

@@ -13,12 +13,10 @@ from scipy.special import stdtrit
 
 from pendubot_identification.criteria.trajectory_fit import TrajectoryFit
 
-from .estimate import NORMAL_95
+from .estimate import FEWEST_RECORDINGS, NORMAL_95
 
 Array = NDArray[np.float64]
 
-#: With fewer recordings than this, blocks of time take their place as clusters.
-FEWEST_RECORDINGS = 3
 #: A block's length [s]: longer than what the segments of one motion have in common.
 BLOCK = 4.0
 #: Blocks at least; of short recordings they are shorter.

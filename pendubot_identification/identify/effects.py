@@ -25,10 +25,6 @@ LIMITS, SIGN_WIDTHS = np.arange(0.3, 0.99, 0.02), (0.01, 0.2, 0.5, 1.5)
 #: Below which speed [rad/s] there may be more dry friction; time constants [s] with which a torque may follow what is
 #: recorded; half the time [s] over which one twists a shaft.
 CREEPING, LAGS, TWIST = (0.1, 0.3), (0.002, 0.003, 0.005, 0.007, 0.01, 0.015, 0.02, 0.03, 0.05), 0.02
-#: An effect that explains less than this part of what is unexplained is named, but not allowed for: on real rigs, of
-#: which no effect explains most, many explain a little of the recordings at hand and spoil the prediction of others.
-#: One or two recordings must have nearly all of it explained.
-MOST, MOST_ALONE = 0.5, 0.9
 #: Between two times [s] an effect's torque is constant; a lag's is evaluated at times that are so far apart.
 FINE, FINEST = 0.0025, 0.0005
 #: Cogging repeats at most so often a turn, and is looked for where a joint moves by more than this [rad].
@@ -126,16 +122,17 @@ class Found:
     most: bool = True  #: whether it explains most of that, so that it can be relied on in other motions.
 
     @property
-    def allowable(self) -> bool:
-        """Whether it is a torque that can be allowed for."""
+    def allowed(self) -> bool:
+        """Whether it is allowed for: a torque that explains most."""
         return bool(self.effect.acting) and self.most
 
-    def sentence(self, allowed: bool = True) -> str:
-        """Say what was found, how sure that is, and what to do; whether torques were ``allowed`` for."""
+    @property
+    def sentence(self) -> str:
+        """What was found, how sure that is, and what to do."""
         found, remedy = MEANINGS[self.effect.name]
         moved = f'{100 * np.abs(self.moved).max():.2g} %'
         done = f', and may change P1 to P5 by {moved}'
-        if self.allowable and allowed:
+        if self.allowed:
             done = f'; P1 to P5, which change by up to {moved}, allow for it'
         return f'{found} ({self.effect.where}): {100 * self.share:.2g} % of the {self.of}{done}; {remedy}'
 
@@ -228,11 +225,13 @@ def _wave(j: int, wave: Callable[[Array], Array]) -> Read:
 
 
 def together(found: Sequence[Found], more: Sequence[Found]) -> tuple[Found, ...]:
-    """Return all of them; what was found again has both sizes."""
-    again = {(m.effect.name, m.effect.where): m for m in more}
-    keys = [(f.effect.name, f.effect.where) for f in found]
-    grown = [replace(f, sizes=f.sizes + again[k].sizes) if k in again else f for f, k in zip(found, keys, strict=True)]
-    return (*grown, *(m for key, m in again.items() if key not in keys))
+    """Return all of them; what was allowed for and found again has both sizes."""
+    known = {(f.effect.name, f.effect.where): f for f in found}
+    for m in more:
+        key = m.effect.name, m.effect.where
+        before = known.get(key)
+        known[key] = replace(before, sizes=before.sizes + m.sizes) if before is not None and before.allowed else m
+    return tuple(known.values())
 
 
 def passed_by(motions: Sequence[Motion]) -> list[tuple[float, float]]:
@@ -265,7 +264,7 @@ def allowing_for(
     motion: Motion, found: Sequence[Found], delay: float, passed: tuple[float, float] = (0.5, 0.5)
 ) -> Motion:
     """Return the motion with what is left for the model of its torques: without those of the effects."""
-    found = [each for each in found if each.allowable]
+    found = [each for each in found if each.allowed]
     units = [torque for each in found for torque in each.effect.acting]
     if not units:
         return motion

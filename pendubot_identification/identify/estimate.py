@@ -32,6 +32,8 @@ POOR = 0.5
 WIDE = 0.5
 #: Below this an eigenvalue of a correlation matrix is 0, but for rounding.
 INDEPENDENT = 1e-10
+#: With fewer recordings than this, parts of their time take their place.
+FEWEST_RECORDINGS = 3
 #: Of J.
 UNITS_OF_J = {'energy': 'J^2', 'weak': '(N m)^2', 'trajectory': 'variance'}
 

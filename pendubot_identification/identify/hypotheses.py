@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy.special import fdtrc
 
 from .effects import Effect
+from .estimate import FEWEST_RECORDINGS
 
 Array = NDArray[np.float64]
 
@@ -27,6 +28,12 @@ SIGNIFICANT = 0.001
 TOO_FAR, SURE = 0.5, 0.9
 #: It must help more than this part of the recordings, or parts of the time, that are left out.
 HELPED = 0.8
+#: Of one or two recordings so many parts of the time are left out in turn.
+FOLDS = 5
+#: An effect that explains less than this part of what is unexplained is named, but not allowed for: on real rigs, of
+#: which no effect explains most, many explain a little of the recordings at hand and spoil the prediction of others.
+#: One or two recordings must have nearly all of it explained.
+MOST, MOST_ALONE = 0.5, 0.9
 #: An effect of fewer columns is preferred where it explains less by no more than this; no more effects are named.
 ALIKE, MOST_EFFECTS = 0.02, 3
 
@@ -106,6 +113,17 @@ def select(
         if share < SURE and (np.abs(now - before) > TOO_FAR * np.abs(physical)).any():
             return
         yield Choice(best, solution[-len(places[best]) :] * scale[-1] / scale[places[best]], float(share), now - before)
+
+
+def folds_of(recording: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Return what is left out together, by the number of each row's recording, shape (N,): it or a part of the time."""
+    several = len(np.unique(recording)) >= FEWEST_RECORDINGS
+    return recording if several else np.arange(len(recording)) * FOLDS // max(len(recording), 1)
+
+
+def most_of(recordings: int) -> float:
+    """Return the part of what is unexplained that an effect must explain in so many recordings to be allowed for."""
+    return MOST if recordings >= FEWEST_RECORDINGS else MOST_ALONE
 
 
 def products(columns: Array) -> Array:

@@ -55,7 +55,6 @@ class Identification:
         validation: what the predictions are of, in words.
         link_length: P3 / P5 [m] of the elbow's own equation, and its standard error.
         unexplained: the torque that no parameters explain; None where it was not looked at.
-        allowed: which of its effects were allowed for, by name and where.
     """
 
     settings: Settings
@@ -69,7 +68,6 @@ class Identification:
     validation: str
     link_length: tuple[float, float]
     unexplained: Unexplained | None
-    allowed: tuple[tuple[str, str], ...]
 
     @property
     def best(self) -> Estimate:
@@ -149,7 +147,7 @@ def identify(
     if any(found.effect.name == 'offset' for found in data.effects):
         faults = tuple(replace(f, level=Level.WARN) if f.name == 'offset' else f for f in faults)
     if left is not None:
-        notes += left.sentences({fault.name for fault in faults}, allowed=not data.long)
+        notes += left.sentences({fault.name for fault in faults})
         judges = tuple(allowing_for(motion, data.effects, data.delay) for motion in judges)
         whole_judges = judges if data.effects else whole_judges
     models, scores = comparison.choose() if settings.model == 'auto' else ((settings.model,), [])
@@ -163,8 +161,8 @@ def identify(
         parts = parts or comparison.predicted(criterion, weights)
         estimates.append(replace(answer, prediction=Prediction.pool(parts)))
     published = _best(estimates)
-    if left is not None and left.rest_sentence and not any(e.exact for e in estimates):
-        notes.append(left.rest_sentence)
+    if left is not None and (said := left.rest_sentence) and not any(e.exact for e in estimates):
+        notes.append(said)
 
     length = link_length(data.motions, model, estimates[published].effort.delay)
     # Recordings that have a grave fault in common seem to contradict each other, too; but not for a delay, which is
@@ -195,7 +193,6 @@ def identify(
         validation='on data that was not used for estimation' if judges else comparison.method,
         link_length=length,
         unexplained=left,
-        allowed=tuple((found.effect.name, found.effect.where) for found in data.effects),
     )
 
 
@@ -212,7 +209,9 @@ def _rid_of_effects(data: Data, progress: Progress, look: bool) -> tuple[Unexpla
     if not long_enough:
         return None, data, Comparison(data, progress)
     left = unexplained(long_enough, data.smoothing, data.hold, delay)
-    if not data.long:
+    if data.long:
+        left = _told_alone(left)
+    else:
         data = data.without(left.bursts).allowing_for(left.effects, delay)
     comparison = Comparison(data, progress)
     if comparison.deciding != 'trajectory' or (data.long and left.effects):
@@ -222,11 +221,18 @@ def _rid_of_effects(data: Data, progress: Progress, look: bool) -> tuple[Unexpla
         near = comparison.fit('geared') if settings.start is None else data.started_by_weak.fit('geared')
         more = found_by_trajectory(data.motions, near, settings.box('geared'), settings.delays)
         left = replace(left, effects=together(left.effects, more))
-        if data.long or not any(found.allowable for found in more):
+        if data.long:
+            return _told_alone(left), data, comparison
+        if not any(found.allowed for found in more):
             break
         data = data.allowing_for(more, delay)
         comparison = Comparison(data, progress)
     return left, data, comparison
+
+
+def _told_alone(left: Unexplained) -> Unexplained:
+    """Return it with effects that are not allowed for."""
+    return replace(left, effects=tuple(replace(found, most=False) for found in left.effects))
 
 
 def _best(estimates: Sequence[Estimate]) -> int:

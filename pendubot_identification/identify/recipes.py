@@ -147,7 +147,7 @@ class Data:
         passed = iter(passed_by(self.motions))
         groups = tuple(tuple(allowing_for(m, found, delay, next(passed)) for m in group) for group in self.groups)
         whole = tuple(group[0] for group in groups)
-        effects = together(self.effects, [each for each in found if each.allowable])
+        effects = together(self.effects, [each for each in found if each.allowed])
         return replace(self, groups=groups, whole=whole, effects=effects, delay=delay)
 
     @property

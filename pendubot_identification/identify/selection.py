@@ -18,15 +18,14 @@ from pendubot_identification.errors import TrajectoryError
 from pendubot_identification.model.parameters import MODELS
 from pendubot_identification.trajectories.motion import Motion
 
-from .estimate import Progress, average
+from .estimate import FEWEST_RECORDINGS, Progress, average
 from .linear import Linear, linear
 from .prediction import JUDGED, Prediction, predict
 from .recipes import Data
 
 Array = NDArray[np.float64]
 
-#: Recordings that are left out in turn; fewer of them are cut into blocks of time.
-FEWEST_RECORDINGS = 3
+#: So many blocks of time are left out in turn where recordings are too few for that.
 BLOCKS = 5
 #: In the order of trust, where criteria predict equally well.
 TRUST = ('trajectory', 'weak', 'energy')

@@ -16,15 +16,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pendubot_identification.criteria.levenberg_marquardt import levenberg_marquardt
-from pendubot_identification.criteria.shooting import SMALL, AgainstPositions, Segments
-from pendubot_identification.criteria.trajectory_fit import NOISIEST, SHORT_STEP, TrajectoryFit, longest_segment
+from pendubot_identification.criteria.shooting import AgainstPositions, Segments
+from pendubot_identification.criteria.trajectory_fit import (
+    NOISIEST,
+    SHORT_STEP,
+    TrajectoryFit,
+    longest_segment,
+    rounding_of,
+)
 from pendubot_identification.model.parameters import Bounds
-from pendubot_identification.model.rollout import roll
 from pendubot_identification.trajectories.motion import Motion
-from pendubot_identification.trajectories.signals import encoder_step
 
-from .effects import MOST, MOST_ALONE, Effect, Found, catalogue_of, passed_by, seen_of, with_unit_torques
-from .hypotheses import select
+from .effects import Effect, Found, catalogue_of, passed_by, seen_of, with_unit_torques
+from .estimate import FEWEST_RECORDINGS
+from .hypotheses import folds_of, most_of, select
 
 Array = NDArray[np.float64]
 
@@ -41,8 +46,6 @@ CORRELATED = 0.15
 ERRORS = 'errors of simulated segments'
 #: Segments whose error exceeds the median by this factor count by the error, not by its square.
 BEND = 3.0
-#: Fewer recordings than this are cut into so many parts, each of which is left out in turn.
-FEWEST_RECORDINGS, FOLDS = 3, 5
 
 
 def found_by_trajectory(
@@ -57,7 +60,7 @@ def found_by_trajectory(
         delays: bounds of the effort's delay [s].
     """
     theta, delay = near.fit.theta, near.fit.delay
-    rounding = np.array([encoder_step(m.recorded.q) for m in motions]).max(axis=0) / np.sqrt(12)
+    rounding = rounding_of(motions)
     if not (rounding > 0).all():
         return ()
     margin = max(map(abs, delays)) + 1e-6
@@ -78,7 +81,7 @@ def found_by_trajectory(
     jacobian = comparison.jacobian(states, segments.sensitivities(theta, states), delay)
     finite = np.isfinite(residuals).all(axis=1) & np.isfinite(jacobian).all(axis=(1, 2))
     group = segments.group[finite]
-    folds = group if len(motions) >= FEWEST_RECORDINGS else np.arange(len(group)) * FOLDS // max(len(group), 1)
+    folds = folds_of(group)
     if len(np.unique(folds)) < 2:
         return ()
 
@@ -101,7 +104,7 @@ def found_by_trajectory(
     variance = float((y**2).sum()) / max(count - unknowns, 1)
     independent, pays, most = count, PAYS * (1 - 1 / max(variance, 1.0)), 0.0
     if variance > NOISIEST:
-        most = MOST if len(motions) >= FEWEST_RECORDINGS else MOST_ALONE
+        most = most_of(len(motions))
         independent = round(2 * len(y) * length / CORRELATED)
         pays = PAYS if len(motions) >= FEWEST_RECORDINGS else PAYS_ALONE
     chosen = select(
@@ -128,7 +131,8 @@ def _columns(
 ) -> list[Array]:
     """Return the derivative of the residuals, shape (L, M), by the sizes of each effect, shapes (L, M, C)."""
     segments = comparison.segments
-    residuals = comparison.residuals(segments.roll(theta, initial), delay)
+    states = segments.roll(theta, initial)
+    residuals = comparison.residuals(states, delay)
     passed = passed_by(segments.motions)
     own = [with_unit_torques(m, effects, delay, p) for m, p in zip(segments.motions, passed, strict=True)]
     starts = [segments.start[segments.group == k] for k in range(len(own))]
@@ -144,10 +148,9 @@ def _columns(
     for effect in effects:
         columns = []
         for _ in effect.acting:
-            unit = next(torques)
-            small = SMALL / max(float(np.abs(unit).max()), np.finfo(float).tiny)
-            moved = roll(theta, initial, segments.tau + small * unit, segments.step)
-            columns.append((comparison.residuals(moved, delay) - residuals) / small)
+            # Residuals are linear in the states.
+            moved = states + segments.moved_by(next(torques), theta, states)
+            columns.append(comparison.residuals(moved, delay) - residuals)
         for read in effect.read:
             # What is read is the position and the change: the position read, without it, is what is compared.
             change = np.concatenate([np.stack(read(s), axis=1) for s in seen], axis=2)

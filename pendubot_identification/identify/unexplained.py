@@ -24,8 +24,8 @@ from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.signals import encoder_step
 from pendubot_identification.trajectories.trajectory import MINIMUM_SAMPLES, Trajectory
 
-from .effects import MOST, MOST_ALONE, Effect, Found, Read, catalogue_of, passed_by, seen_of
-from .hypotheses import products, select, solved, squares
+from .effects import Effect, Found, Read, catalogue_of, passed_by, seen_of
+from .hypotheses import folds_of, most_of, products, select, solved, squares
 
 Array = NDArray[np.float64]
 
@@ -51,8 +51,6 @@ MUCH, MOST_SAID = 0.05, 5
 NOISIEST = 0.15
 #: One that explains so many times more where the encoders round twice is made by their rounding.
 GROWS = 1.5
-#: Fewer recordings than this are cut into so many parts, each of which is left out in turn.
-FEWEST_RECORDINGS, FOLDS = 3, 5
 #: Parts between bursts that are shorter [s] are left out, too.
 SHORTEST_PART = 1.0
 #: A change of angles or stamps that is small enough to be linear [rad, s].
@@ -94,8 +92,8 @@ class Unexplained:
     effects: tuple[Found, ...]
     delay: float
 
-    def sentences(self, told: Collection[str] = (), allowed: bool = True) -> list[str]:
-        """Return what the user should know of it; effects by the names ``told`` are, and ``allowed`` for or not."""
+    def sentences(self, told: Collection[str] = ()) -> list[str]:
+        """Return what the user should know of it; effects by the names ``told`` are told already."""
         said = []
         if self.bursts:
             some = [
@@ -106,7 +104,7 @@ class Unexplained:
                 f'torques from nowhere, left out: {", ".join(some[:MOST_SAID])}{more}; let no hand, cable or end stop '
                 'touch the links'
             )
-        said += [found.sentence(allowed) for found in self.effects if found.effect.name not in told]
+        said += [found.sentence for found in self.effects if found.effect.name not in told]
         return said
 
     @property
@@ -242,13 +240,6 @@ class _Balances:
         """The number of each bump's recording, shape (K,)."""
         return np.repeat(np.arange(len(self.t)), [len(centres) for centres in self.t])
 
-    @property
-    def folds(self) -> NDArray[np.intp]:
-        """The number of what is left out in turn, shape (K,): a recording or, of few, a part of the time."""
-        if len(self.t) >= FEWEST_RECORDINGS:
-            return self.recordings
-        return np.arange(len(self.y)) * FOLDS // len(self.y)
-
 
 def between_bursts(trajectory: Trajectory, bursts: Sequence[Burst]) -> list[Trajectory]:
     """Return the parts of a recording before, between and after its bursts that are long enough to tell something."""
@@ -334,17 +325,14 @@ def _named(
         base,
         y,
         [(c * weight)[kept] for c in candidates],
-        balances.folds[kept],
+        folds_of(balances.recordings)[kept],
         # Bumps overlap: what is independent is every half of one, of each joint.
         independent=2 * kept.sum() * STRIDE / (WIDTH / 2),
         pays=max(pays, MAIN * beyond),
         physical=theta[:5],
     )
     for choice in chosen:
-        effect, most = (
-            effects[choice.number],
-            choice.share >= beyond * (MOST if len(balances.t) >= FEWEST_RECORDINGS else MOST_ALONE),
-        )
+        effect, most = effects[choice.number], choice.share >= beyond * most_of(len(balances.t))
         yield choice.number, Found(effect, choice.sizes, choice.share, choice.moved / theta[:5], most=most)
 
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from pendubot_identification import __version__
 from pendubot_identification.errors import ResultError
-from pendubot_identification.files import write_whole
+from pendubot_identification.files import read_yaml, write_whole
 from pendubot_identification.identify.result import SCHEMA, FaultFound, Given, Result, Source, plain, structured
 from pendubot_identification.model.parameters import MODELS, NAMES, UNDER_LOAD, UNITS, Parameters
 
@@ -93,7 +93,6 @@ def _unexplained_torque(found: Identification) -> dict[str, Any] | None:
     left = found.unexplained
     if left is None:
         return None
-    allowed = found.allowed
     effects = [
         {
             'name': e.effect.name,
@@ -101,7 +100,7 @@ def _unexplained_torque(found: Identification) -> dict[str, Any] | None:
             'share': e.share,
             'moved': e.moved,
             'sizes': e.sizes,
-            'allowed': (e.effect.name, e.effect.where) in allowed,
+            'allowed': e.allowed,
         }
         for e in left.effects
     ]
@@ -191,14 +190,7 @@ def _read(path: Path) -> dict[str, Any]:
     Raises:
         ResultError: there is no such file, it is no result of this schema, or it names no parameter vector.
     """
-    try:
-        data = yaml.safe_load(path.read_text(encoding='utf-8').replace(*EARLIER))
-    except OSError as error:
-        raise ResultError(
-            f'{path} cannot be read ({error.strerror}); name a file that pendubot identify wrote'
-        ) from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise ResultError(f'{path} is no YAML file; name a file that pendubot identify wrote') from error
+    data = read_yaml(path, 'name a file that pendubot identify wrote', replaced=EARLIER)
     if not isinstance(data, dict) or data.get('schema') != SCHEMA:
         raise ResultError(f'{path} is no result of schema {SCHEMA}; name a file that pendubot identify wrote')
     entries = data.get('parameters')
