@@ -272,7 +272,7 @@ def excitation(motions: Sequence[Motion], answer: Answer, names: Collection[str]
     term = np.array([_by_balance(column) for column in (phi * theta).T])
     # So that the balances count alike, whatever their size: that of the largest term.
     size = np.max([_by_balance(y), *term], axis=0)
-    weight = np.tile(1 / np.maximum(size, np.finfo(float).tiny), len(y) // 3)
+    weight = np.tile(1 / np.where(size > 0, size, 1.0), len(y) // 3)
     weighted = phi * weight[:, None]
     own = np.zeros((len(theta), 3))
     for k, value in enumerate(theta):

@@ -237,7 +237,7 @@ def draw_excitation(names: Sequence[str], excitation: Excitation) -> Picture:
     at = np.arange(len(names))
     for k, (axis, joint) in enumerate(zip(axes, ('shoulder', 'elbow'), strict=True)):
         term, own, residual = excitation.term[:, k], excitation.own[:, k], excitation.residual[k]
-        largest = max(term.max(), residual)
+        largest = max(term.max(), residual) or 1.0
         least = 10.0 ** np.floor(np.log10(max(min(residual, largest * 1e-3), largest * 1e-7, 1e-300)) - 0.5)
         axis.barh(at, np.maximum(term - least, 0), left=least, color=COLOURS[0], alpha=0.35, label='all it does')
         axis.barh(at, np.maximum(own - least, 0), left=least, height=0.45, color=COLOURS[0], label='it alone')

@@ -128,3 +128,12 @@ def test_a_parameter_whose_joint_rests_has_nothing_of_its_own():
     for shown in (moving, still):
         assert (shown.own <= shown.term).all()
         assert shown.term[0, 1] == shown.own[0, 1] == 0.0, "P1 has no part in the elbow's equation"
+
+
+def test_parameters_of_nothing_are_shown_as_nothing():
+    """Of a link 2 without mass or friction all of the elbow's equation is 0."""
+    motion = Motion.prepare(recording(300), 0.02)
+    shown = excitation([motion], answer(THETA * [1, 0, 0, 1, 0, 1, 0]))
+    assert (shown.term[:, 1] == 0).all()
+    assert (shown.own[:, 1] == 0).all()
+    assert (shown.term[[0, 3], 0] > 0).all()
