@@ -280,14 +280,21 @@ def _whiteness(comparison: AgainstPositions, fit: Fit) -> tuple[bool, float]:
     residuals, finer = (
         comparison.residuals(each, fit.delay).reshape(len(segments), -1, 2) for each in (states, finer_states)
     )
-    size = (residuals**2).mean()
-    correlation = (residuals[:, 1:] * residuals[:, :-1]).mean() / size
-    white = bool(abs(correlation) < WHITE and ((finer - residuals) ** 2).mean() < SIMULATED**2 * size)
+    difference = ((finer - residuals) ** 2).mean()
+    white = abs(_correlation(residuals, 1)) < WHITE and difference < SIMULATED**2 * (residuals**2).mean()
+    return bool(white), readings_together(residuals)
+
+
+def readings_together(residuals: Array) -> float:
+    """Return how many readings tell as much as one that is independent, by residuals of shape (L, S, 2)."""
     together, lag = 1.0, 1
-    while lag < residuals.shape[1] // 2 and correlation > UNCORRELATED:
-        together, lag = together + 2 * float(correlation), lag + 1
-        correlation = (residuals[:, lag:] * residuals[:, :-lag]).mean() / size
-    return white, together
+    while lag < residuals.shape[1] // 2 and (correlation := _correlation(residuals, lag)) > UNCORRELATED:
+        together, lag = together + 2 * correlation, lag + 1
+    return together
+
+
+def _correlation(residuals: Array, lag: int) -> float:
+    return float((residuals[:, lag:] * residuals[:, :-lag]).mean() / (residuals**2).mean())
 
 
 def _continued(segments: Segments, fit: Fit, others: Segments) -> Array:

@@ -76,6 +76,9 @@ LONG_ENOUGH, FAR_ENOUGH = 3.0, 0.5
 #: Link 2 would be so dense [kg/m^3], all its mass in a cube as wide as its centre of mass is far from its joint: those
 #: of real rigs are 16 to 80, steel is 7800.
 TOO_DENSE = 5000.0
+#: A link 2 that is not so dense must leave so many times as much unexplained: of few counts the least squares alone may
+#: make P2 nothing.
+TOLD = 1.01
 #: Remedies that leave up to so many times as much unexplained as the best one are named beside it.
 ALIKE = 1.5
 #: Another smoothing and hold than were given must leave so many times less, for half an interval looks like a delay.
@@ -307,7 +310,8 @@ def _unit(rig: _Rig) -> list[Fault]:
     criterion = _pooled(rig.regressions)
     theta = dict(zip(NAMES, criterion.minimum_in_box(BOUNDS), strict=False))
     P2, P5 = theta['P2'], theta['P5']
-    if not (P2 > 0 and P5 > 0) or P5**2 / P2 < TOO_DENSE * (P2 / P5) ** 3 or _unexplained(criterion) > SOUND:
+    left, least = _unexplained(criterion), float((P5**5 / TOO_DENSE) ** 0.25)
+    if not 0 < P2 < least or left > SOUND or _unexplained(criterion, BOUNDS.replaced('P2', least, least)) < TOLD * left:
         return []
     fault = Fault(
         'unit',

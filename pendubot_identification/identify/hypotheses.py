@@ -34,6 +34,9 @@ FOLDS = 5
 #: which no effect explains most, many explain a little of the recordings at hand and spoil the prediction of others.
 #: One or two recordings must have nearly all of it explained.
 MOST, MOST_ALONE = 0.5, 0.9
+#: One that explains less than this part must show in many rows: of few counts the errors of a joint that nearly stops
+#: are alike for as long as it does, and a few such stops may look like friction.
+LITTLE = 0.04
 #: An effect of fewer columns is preferred where it explains less by no more than this; no more effects are named.
 ALIKE, MOST_EFFECTS = 0.02, 3
 
@@ -98,9 +101,11 @@ def select(
             more = len(places[c])
             if freedom > 0 and fdtrc(more, freedom, better * freedom / more) * len(effects) < SIGNIFICANT:
                 rest = _left_out(of_fold, taken + places[c])
+                share = 1 - rest.sum() / left_out.sum()
                 # Else it tells a recording from others, or one time from another.
-                if (rest < left_out).mean() > HELPED:
-                    found.append((1 - rest.sum() / left_out.sum(), c))
+                helps = (rest < left_out).mean() > HELPED
+                if helps and (share > LITTLE or _by_chance(columns, taken, places[c]) * len(effects) < SIGNIFICANT):
+                    found.append((share, c))
         if not found or max(found)[0] < pays:
             return
         # Of those that explain nearly as much, the simplest, and of these the best.
@@ -149,6 +154,23 @@ def solved(phi: Array, y: Array) -> Array:
 def _least(products: Array, which: list[int]) -> Array:
     """Return the least-squares solution of some columns by products of all, the last one being y."""
     return np.asarray(np.linalg.lstsq(products[np.ix_(which, which)], products[which, -1], rcond=1e-12)[0])
+
+
+def _by_chance(columns: Array, taken: list[int], places: list[int]) -> float:
+    """Return how likely an effect explains so much by chance, whatever the errors within a row have in common.
+
+    Wald's test with the variance by rows (White 1980, Liang and Zeger 1986), as an F test.
+    """
+    rows, more, of_all = len(columns), len(places), products(columns)
+    freedom = rows - len(taken) - more
+    if freedom <= 0:
+        return 1.0
+    imitated = np.linalg.lstsq(of_all[np.ix_(taken, taken)], of_all[np.ix_(taken, places)], rcond=1e-12)[0]
+    own, solution = columns[..., places] - columns[..., taken] @ imitated, _least(of_all, taken + places)
+    left = columns[..., -1] - columns[..., taken + places] @ solution
+    told, by_row = products(own) @ solution[-more:], (own * left[..., None]).reshape(rows, -1, more).sum(axis=1)
+    size = float(told @ np.linalg.lstsq(products(by_row) * rows / freedom, told, rcond=1e-12)[0])
+    return float(fdtrc(more, rows - more, size / more * (rows - more) / rows))
 
 
 def _left_out(of_fold: Array, which: list[int]) -> Array:

@@ -22,6 +22,7 @@ from pendubot_identification.criteria.trajectory_fit import (
     SHORT_STEP,
     TrajectoryFit,
     longest_segment,
+    readings_together,
     rounding_of,
 )
 from pendubot_identification.model.parameters import Bounds
@@ -102,7 +103,8 @@ def found_by_trajectory(
     base, y = apart(jacobian[:, :, 4:][:, :, free]), -apart(residuals[:, :, None])[:, :, 0]
     count, unknowns = y.size - 4 * len(y), len(free)
     variance = float((y**2).sum()) / max(count - unknowns, 1)
-    independent, pays, most = count, PAYS * (1 - 1 / max(variance, 1.0)), 0.0
+    together = readings_together(residuals[finite].reshape(len(y), -1, 2))
+    independent, pays, most = count / together, PAYS * (1 - 1 / max(variance, 1.0)), 0.0
     if variance > NOISIEST:
         most = most_of(len(motions))
         independent = round(2 * len(y) * length / CORRELATED)

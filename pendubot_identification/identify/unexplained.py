@@ -50,7 +50,7 @@ MUCH, MOST_SAID = 0.05, 5
 #: Nothing is named where rounding alone leaves more than this part of the effort unexplained.
 NOISIEST = 0.15
 #: One that explains so many times more where the encoders round twice is made by their rounding.
-GROWS = 1.5
+GROWS = 1.3
 #: Parts between bursts that are shorter [s] are left out, too.
 SHORTEST_PART = 1.0
 #: A change of angles or stamps that is small enough to be linear [rad, s].

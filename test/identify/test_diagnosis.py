@@ -16,7 +16,7 @@ from pendubot_identification.identify.diagnosis import diagnose, link_length
 from pendubot_identification.identify.identification import identify
 from pendubot_identification.identify.settings import Settings
 from pendubot_identification.level import Level
-from pendubot_identification.model.parameters import PAPER
+from pendubot_identification.model.parameters import PAPER, Parameters
 from pendubot_identification.model.simulation import HANGING, quantised, simulate
 from pendubot_identification.trajectories.motion import Motion
 from test.identify import test_identification
@@ -92,6 +92,15 @@ def test_of_good_recordings_nothing_is_said(rate, seed):
     assert unit.found.endswith('the effort is as in mN m')
     for scale in (0.1, 10):
         assert diagnose([replace(motion, tau=scale * motion.tau)], 0.02, 'zero', 'viscous') == ()
+
+
+def test_a_few_counts_are_no_wrong_unit():
+    """At 33 Hz and 300 counts a turn least squares make next to nothing of P2, as if the elbow's link were dense."""
+    rig = Parameters(0.01175, 0.00443, 0.00495, 0.085, 0.033, 0.003, 0.0008, Fc1=0.01, Fc2=0.004)
+    t = np.arange(330) / 33
+    tau = np.repeat(np.random.default_rng(4).uniform(-0.12, 0.12, 15), 22)
+    motion = quantised(simulate(rig, t, np.column_stack([tau, 0 * tau])), 300)
+    assert diagnose([motion], 0.05, 'zero', 'coulomb') == ()
 
 
 def test_two_faults_are_named_one_after_the_other():
