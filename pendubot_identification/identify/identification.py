@@ -219,7 +219,7 @@ def _rid_of_effects(data: Data, progress: Progress, look: bool) -> tuple[Unexpla
     for _ in range(LOOKS):
         # Not from a start that the user gave, which may lie far off.
         near = comparison.fit('geared') if settings.start is None else data.started_by_weak.fit('geared')
-        more = found_by_trajectory(data.motions, near, settings.box('geared'), settings.delays)
+        more = found_by_trajectory(data.motions, data.recordings, near, settings.box('geared'), settings.delays)
         left = replace(left, effects=together(left.effects, more))
         if data.long:
             return _told_alone(left), data, comparison

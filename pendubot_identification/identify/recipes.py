@@ -65,8 +65,9 @@ class Data:
     """Motions ready to be explained, and how they are taken.
 
     Attributes:
-        groups: of each recording itself or, of a long one, the stretches that stand for it.
-        whole: the recordings, long ones to be read piece by piece.
+        groups: of each recording itself, the parts of it between bursts or, of a long one, the stretches that stand
+            for it.
+        whole: the recordings as they were, long ones to be read piece by piece.
         smoothing: the window [s] that made their states.
         hold: how their torque behaves between samples.
         scale: the states' standard deviations, shape (4,).
@@ -129,6 +130,11 @@ class Data:
         return sum(self.groups, ())
 
     @property
+    def recordings(self) -> NDArray[np.intp]:
+        """The number of each motion's recording."""
+        return np.repeat(np.arange(len(self.groups)), [len(group) for group in self.groups])
+
+    @property
     def long(self) -> tuple[LongMotion, ...]:
         """The recordings for which stretches of them stand."""
         return tuple(motion for motion in self.whole if isinstance(motion, LongMotion))
@@ -146,9 +152,8 @@ class Data:
         """Return the motions with what is left of their torques without effects that the models lack."""
         passed = iter(passed_by(self.motions))
         groups = tuple(tuple(allowing_for(m, found, delay, next(passed)) for m in group) for group in self.groups)
-        whole = tuple(group[0] for group in groups)
         effects = together(self.effects, [each for each in found if each.allowed])
-        return replace(self, groups=groups, whole=whole, effects=effects, delay=delay)
+        return replace(self, groups=groups, effects=effects, delay=delay)
 
     @property
     def with_unit_torques(self) -> tuple[Motion, ...]:
@@ -159,9 +164,12 @@ class Data:
 
     def without(self, bursts: Sequence[Burst]) -> Data:
         """Return the parts of the recordings that lie between bursts."""
-        parts = [part for m in self.motions for part in between_bursts(m.recorded, bursts)]
-        groups, whole = prepared(parts, self.smoothing, self.hold)
-        return replace(self, groups=groups, whole=whole)
+        if not bursts:
+            return self
+        parts = ([part for m in group for part in between_bursts(m.recorded, bursts)] for group in self.groups)
+        groups = [tuple(Motion.prepare(part, self.smoothing, self.hold) for part in group) for group in parts]
+        left = [(group, recording) for group, recording in zip(groups, self.whole, strict=True) if group]
+        return replace(self, groups=tuple(group for group, _ in left), whole=tuple(recording for _, recording in left))
 
     def solve_linear(self, criterion: str, model: str, like: Linear | None = None) -> tuple[Array, float]:
         """Return a quadratic criterion's exact theta, and the delay [s], which may be that of ``like``."""

@@ -50,12 +50,17 @@ BEND = 3.0
 
 
 def found_by_trajectory(
-    motions: Sequence[Motion], near: TrajectoryFit, bounds: Bounds, delays: tuple[float, float]
+    motions: Sequence[Motion],
+    recordings: NDArray[np.intp],
+    near: TrajectoryFit,
+    bounds: Bounds,
+    delays: tuple[float, float],
 ) -> tuple[Found, ...]:
     """Return the effects that explain errors of simulated segments.
 
     Args:
-        motions: the recordings, rid of what is known already.
+        motions: the recordings, or parts of them, rid of what is known already.
+        recordings: the number of each motion's recording.
         near: a fit of them, from which the segments' starts.
         bounds: of the fit's parameters.
         delays: bounds of the effort's delay [s].
@@ -81,8 +86,7 @@ def found_by_trajectory(
     residuals = comparison.residuals(states, delay)
     jacobian = comparison.jacobian(states, segments.sensitivities(theta, states), delay)
     finite = np.isfinite(residuals).all(axis=1) & np.isfinite(jacobian).all(axis=(1, 2))
-    group = segments.group[finite]
-    folds = folds_of(group)
+    folds, several = folds_of(recordings[segments.group[finite]]), recordings[-1] + 1
     if len(np.unique(folds)) < 2:
         return ()
 
@@ -106,9 +110,9 @@ def found_by_trajectory(
     together = readings_together(residuals[finite].reshape(len(y), -1, 2))
     independent, pays, most = count / together, PAYS * (1 - 1 / max(variance, 1.0)), 0.0
     if variance > NOISIEST:
-        most = most_of(len(motions))
+        most = most_of(several)
         independent = round(2 * len(y) * length / CORRELATED)
-        pays = PAYS if len(motions) >= FEWEST_RECORDINGS else PAYS_ALONE
+        pays = PAYS if several >= FEWEST_RECORDINGS else PAYS_ALONE
     chosen = select(
         effects,
         base,

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from pendubot_identification.identify.identification import identify
+from pendubot_identification.identify.recipes import Data
 from pendubot_identification.identify.settings import Settings
 from pendubot_identification.identify.unexplained import unexplained
 from pendubot_identification.level import Level
@@ -92,6 +93,14 @@ def test_every_push_is_a_burst_and_nothing_else_is(recorded):
     overlapping = lambda burst, push: burst.recording == push[0] and burst.begin < push[2] and push[1] < burst.end  # noqa: E731
     assert all(any(overlapping(burst, push) for burst in bursts) for push in pushes)
     assert all(any(overlapping(burst, push) for push in pushes) for burst in bursts)
+
+
+def test_the_parts_of_a_recording_between_pushes_are_still_one_recording(recorded):
+    data = Data.prepare(trajectories(recorded['push', 1]), Settings())
+    rest = data.without(found(recorded['push', 1]).bursts)
+    assert len(rest.motions) > len(rest.groups) == len(rest.whole) == RECORDINGS
+    names = [rest.whole[number].name for number in rest.recordings]
+    assert all(part.name.startswith(name) for part, name in zip(rest.motions, names, strict=True))
 
 
 @pytest.mark.parametrize(
