@@ -24,6 +24,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import PPoly
 from scipy.optimize import minimize_scalar
 
 from pendubot_identification.errors import TrajectoryError
@@ -68,7 +69,7 @@ def weak_regression(
     Raises:
         TrajectoryError: the motion is shorter than the bump, or faster than a rig can be.
     """
-    return _regression(motion, _Bumps.cover(motion, stride, delay, delay), MODELS[model], delay, weights)
+    return _regression(motion, _Bumps.cover(motion, stride, delay, delay), model, delay, weights)
 
 
 def weak_residuals(motion: AnyMotion, model: str, delay: float, weights: ArrayLike) -> Residuals:
@@ -79,21 +80,15 @@ def weak_residuals(motion: AnyMotion, model: str, delay: float, weights: ArrayLi
         for piece, begin, end in motion.pieces(WIDTH + abs(delay)):
             own = bumps.between(begin, end)
             if len(own):
-                yield _regression(piece, own, MODELS[model], delay, weights)
+                yield _regression(piece, own, model, delay, weights)
 
     return Residuals(3 * len(bumps), bumps.stride * bumps.step * (len(bumps) - 1), parts)
 
 
-def _regression(motion: Motion, bumps: _Bumps, size: int, delay: float, weights: ArrayLike) -> Regression:
-    phi, y = _state_columns(motion, bumps, size), _torque_columns(motion, bumps, size, delay)
-    rows = _weighted(phi, y, weights)
-    return Regression(rows[:, :-1], rows[:, -1], np.repeat(bumps.centres, 3))
-
-
-def _weighted(phi: Array, y: Array, weights: ArrayLike) -> Array:
-    """Return all columns together, each balance times its weight, shape (3 K, D + 1)."""
-    rows = np.concatenate([phi, y], axis=2)
-    return np.asarray((rows * np.reshape(weights, (3, 1))).reshape(-1, rows.shape[2]))
+def _regression(motion: Motion, bumps: _Bumps, model: str, delay: float, weights: ArrayLike) -> Regression:
+    rows = _Balances(motion, bumps).rows(delay) * np.reshape(weights, (3, 1))
+    weighted = rows.reshape(-1, rows.shape[2])
+    return Regression(weighted[:, : MODELS[model]], weighted[:, -1], np.repeat(bumps.centres, 3))
 
 
 def balance_weights(regressions: Sequence[Regression], bounds: Bounds) -> Array:
@@ -131,13 +126,13 @@ def estimate_delay(
         TrajectoryError: a motion is shorter than the bump and the range of delays together.
     """
     size = MODELS[model]
-    bumps = [_Bumps.cover(motion, DELAY_STRIDE, lowest, highest) for motion in motions]
-    phi = [_state_columns(motion, cover, size) for motion, cover in zip(motions, bumps, strict=True)]
+    cover = DELAY_STRIDE, lowest, highest
+    balances = [m.once(cover, lambda m=m: _Balances(m, _Bumps.cover(m, *cover))) for m in motions]
 
     def unexplained(delay: float) -> float:
-        y = [_torque_columns(motion, cover, size, delay) for motion, cover in zip(motions, bumps, strict=True)]
-        rows = np.concatenate([_weighted(*part, weights) for part in zip(phi, y, strict=True)])
-        criterion = Quadratic.reduce(rows[:, :-1], rows[:, -1])
+        parts = np.stack([each.triangles(delay) for each in balances]) * np.reshape(weights, (3, 1, 1))
+        rows = parts.reshape(-1, parts.shape[-1])
+        criterion = Quadratic.reduce(rows[:, :size], rows[:, -1])
         # Of a short recording a delay may move the only pulse out of what is compared: then there is less to explain.
         effort = float(criterion(np.zeros(size)))
         return float(criterion(criterion.minimum_in_box(bounds.of(size)))) / effort if effort > 0 else 1.0
@@ -206,57 +201,70 @@ class _Bumps:
         return np.asarray((under @ self.weights).reshape(-1, *cells.shape[1:]))
 
 
-def _state_columns(motion: Motion, bumps: _Bumps, size: int) -> Array:
-    """Return the columns of theta that the torque does not change: all but k1 and k2, shape (K, 3, 7 to 12)."""
-    nodes = bumps.nodes
-    states = motion.states(nodes)
-    q, v = states[:2].T, states[2:].T
-    require_plausible_speed(motion.name, nodes - bumps.origin, v)
-    s2, c2 = np.sin(q[:, 1]), np.cos(q[:, 1])
-    v1, v2 = v.T
-    v12 = v1 + v2
-    dry = dry_friction_terms(v, np.zeros_like(v))
-    # What changes by what happens meanwhile: every balance is "change of this = integral of that".
-    change = np.zeros((len(q), 3, min(size, 12)))
-    change[:, 0, 0] = v1
-    change[:, :2, 1] = v12[:, None]
-    change[:, 0, 2] = c2 * (v1 + v12)
-    change[:, 1, 2] = c2 * v1
-    change[:, 2, :5] = energy_terms(q, v)
-    happens = np.zeros_like(change)
-    happens[:, 1, 2] = s2 * v1 * v12
-    happens[:, 0, 3] = GRAVITY * np.cos(q[:, 0])
-    happens[:, :2, 4] = GRAVITY * np.cos(q[:, :1] + q[:, 1:])
-    for first, friction in ((5, v), (7, dry[..., 0]), (10, dry[..., 1])):
-        if first < size:
-            happens[:, [0, 1], [first, first + 1]] = friction
-            happens[:, 2, first : first + 2] = friction * v
-    if size > 9:
+class _Balances:
+    """The three balances of a motion under K bumps, with all columns of the largest model, at any delay of the effort.
+
+    What no delay changes is made once.
+    """
+
+    def __init__(self, motion: Motion, bumps: _Bumps) -> None:
+        self._impulse, self._bumps, self._nodes = motion.impulse, bumps, bumps.nodes
+        self._triangles: dict[float, Array] = {}
+        nodes = self._nodes
+        states = motion.states(nodes)
+        q, v = states[:2].T, states[2:].T
+        require_plausible_speed(motion.name, nodes - bumps.origin, v)
+        s2, c2 = np.sin(q[:, 1]), np.cos(q[:, 1])
+        v1, v2 = v.T
+        v12 = v1 + v2
+        dry = dry_friction_terms(v, np.zeros_like(v))
+        # What changes by what happens meanwhile: every balance is "change of this = integral of that".
+        change = np.zeros((len(q), 3, 12))
+        change[:, 0, 0] = v1
+        change[:, :2, 1] = v12[:, None]
+        change[:, 0, 2] = c2 * (v1 + v12)
+        change[:, 1, 2] = c2 * v1
+        change[:, 2, :5] = energy_terms(q, v)
         change[:, 1, 9] = v2
         change[:, 2, 9] = v2**2 / 2
-    return bumps.integrate(np.diff(change, axis=0) + _means(happens) * bumps.step)
+        happens = np.zeros_like(change)
+        happens[:, 1, 2] = s2 * v1 * v12
+        happens[:, 0, 3] = GRAVITY * np.cos(q[:, 0])
+        happens[:, :2, 4] = GRAVITY * np.cos(q[:, :1] + q[:, 1:])
+        for first, friction in ((5, v), (7, dry[..., 0]), (10, dry[..., 1])):
+            happens[:, [0, 1], [first, first + 1]] = friction
+            happens[:, 2, first : first + 2] = friction * v
+        #: The columns that the torque does not change: all but k1 and k2, shape (K, 3, 12).
+        self._phi = bumps.integrate(np.diff(change, axis=0) + _means(happens) * bumps.step)
+        self._sense, self._sensed = _means(dry[..., 0]), _means(dry[..., 0] * v)
+        self._angles = PPoly(np.ascontiguousarray(motion.smoothed.c[:, :, :2]), motion.smoothed.x)
 
+    def triangles(self, delay: float) -> Array:
+        """Return the triangle of the QR factorisation of each balance, shape (3, 15, 15)."""
+        if delay not in self._triangles:
+            rows = self.rows(delay).swapaxes(0, 1)
+            self._triangles[delay] = np.array([Quadratic.reduce(r[:, :-1], r[:, -1]).triangle for r in rows])
+        return self._triangles[delay]
 
-def _torque_columns(motion: Motion, bumps: _Bumps, size: int, delay: float) -> Array:
-    """Return the columns of k1 and k2, where the model has them, and what the torques do, shape (K, 3, 1 or 3).
+    def rows(self, delay: float) -> Array:
+        """Return the columns of all parameters and what the torques do, shape (K, 3, 15).
 
-    Within a cell a torque may change from sample to sample. So impulse and work are summed over the parts between
-    its changes: a held torque does the work tau (q[end] - q[start]), whatever the motion in between.
-    """
-    nodes, changes = bumps.nodes, motion.impulse.x + delay
-    edges = np.union1d(nodes, changes[(changes > nodes[0]) & (changes < nodes[-1])])
-    impulse = np.diff(motion.impulse(edges - delay), axis=0)
-    work = impulse / np.diff(edges)[:, None] * np.diff(motion.states(edges)[:2].T, axis=0)
-    parts = np.concatenate([impulse, np.abs(impulse), work.sum(axis=1, keepdims=True)], axis=1)
-    cells = np.add.reduceat(parts, np.searchsorted(edges, nodes[:-1]))
-    columns = np.zeros((len(cells), 3, 1 if size < 14 else 3))
-    columns[:, :2, -1], columns[:, 2, -1] = cells[:, :2], cells[:, 4]
-    if size == 14:
-        v = motion.states(nodes)[2:].T
-        sign = dry_friction_terms(v, np.zeros_like(v))[..., 0]
-        columns[:, [0, 1], [0, 1]] = _means(sign) * cells[:, 2:4]
-        columns[:, 2, :2] = _means(sign * v) * cells[:, 2:4]
-    return bumps.integrate(columns)
+        Within a cell a torque may change from sample to sample. So impulse and work are summed over the parts between
+        its changes: a held torque does the work tau (q[end] - q[start]), whatever the motion in between.
+        """
+        nodes, impulse = self._nodes, self._impulse
+        changes = impulse.x + delay
+        edges = np.sort(np.concatenate([nodes, changes[(changes > nodes[0]) & (changes < nodes[-1])]]), kind='stable')
+        edges = edges[np.append(True, edges[1:] > edges[:-1])]
+        pushes = np.diff(impulse(edges - delay), axis=0)
+        work = pushes / np.diff(edges)[:, None] * np.diff(self._angles(edges), axis=0)
+        parts = np.concatenate([pushes, np.abs(pushes), work.sum(axis=1, keepdims=True)], axis=1)
+        cells = np.add.reduceat(parts, np.searchsorted(edges, nodes[:-1]))
+        columns = np.zeros((len(cells), 3, 3))
+        columns[:, :2, 2], columns[:, 2, 2] = cells[:, :2], cells[:, 4]
+        columns[:, [0, 1], [0, 1]] = self._sense * cells[:, 2:4]
+        columns[:, 2, :2] = self._sensed * cells[:, 2:4]
+        return np.concatenate([self._phi, self._bumps.integrate(columns)], axis=2)
 
 
 def _means(at_nodes: Array) -> Array:

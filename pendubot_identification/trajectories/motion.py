@@ -6,8 +6,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Hashable, Iterator
+from dataclasses import dataclass, field, replace
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,7 @@ from .signals import differentiate, resample
 from .trajectory import Trajectory
 
 Array = NDArray[np.float64]
+T = TypeVar('T')
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,6 +35,15 @@ class Motion:
     recorded: Trajectory  #: what all this was made of.
     #: Integrals [s] of E unit torques beside the recorded ones, whose sizes are unknown: both joints' of each in turn.
     unit_impulse: PPoly | None = None
+    #: What was made of this motion, and of no other: it is asked for again and again.
+    _made: dict[Hashable, Any] = field(default_factory=dict, init=False, repr=False, compare=False)
+
+    def once(self, what: Hashable, make: Callable[[], T]) -> T:
+        """Return what ``make`` makes of the motion; under the same name it is made once."""
+        if what not in self._made:
+            self._made[what] = make()
+        made: T = self._made[what]
+        return made
 
     @classmethod
     def prepare(cls, trajectory: Trajectory, smoothing: float, hold: str = 'zero') -> Motion:
