@@ -126,8 +126,12 @@ def estimate_delay(
         TrajectoryError: a motion is shorter than the bump and the range of delays together.
     """
     size = MODELS[model]
-    cover = DELAY_STRIDE, lowest, highest
-    balances = [m.once(cover, lambda m=m: _Balances(m, _Bumps.cover(m, *cover))) for m in motions]
+
+    def balances_of(motion: Motion) -> _Balances:
+        cover = DELAY_STRIDE, lowest, highest
+        return motion.once(cover, lambda: _Balances(motion, _Bumps.cover(motion, *cover)))
+
+    balances = [balances_of(motion) for motion in motions]
 
     def unexplained(delay: float) -> float:
         parts = np.stack([each.triangles(delay) for each in balances]) * np.reshape(weights, (3, 1, 1))

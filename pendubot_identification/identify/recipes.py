@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import count
 
 import numpy as np
@@ -83,6 +83,7 @@ class Data:
     settings: Settings
     effects: tuple[Found, ...] = ()
     delay: float = 0.0
+    _linear: dict[tuple[str, str], Linear] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     @classmethod
     def prepare(cls, recordings: Sequence[Recording], settings: Settings) -> Data:
@@ -163,9 +164,18 @@ class Data:
         groups, whole = prepared(parts, self.smoothing, self.hold)
         return replace(self, groups=groups, whole=whole)
 
+    def linear(self, criterion: str, model: str) -> Linear:
+        """Return a quadratic criterion, with the delay and the weights that suit the motions; it is made once."""
+        if (criterion, model) not in self._linear:
+            self._linear[criterion, model] = linear(criterion, self.motions, model, self.settings)
+        return self._linear[criterion, model]
+
     def solve_linear(self, criterion: str, model: str, like: Linear | None = None) -> tuple[Array, float]:
         """Return a quadratic criterion's exact theta, and the delay [s], which may be that of ``like``."""
-        made = linear(criterion, self.motions, model, self.settings, like)
+        if like is None:
+            made = self.linear(criterion, model)
+        else:
+            made = linear(criterion, self.motions, model, self.settings, like)
         return made.criterion.minimum(self.settings.box(model)), made.delay
 
     def weak_start(self, model: str, like: Linear | None = None) -> tuple[Array, float]:
@@ -231,7 +241,7 @@ def estimate(
         found = _estimate_trajectory(data, judges[0], model, progress)
         said = f'{stretches}, spread over {spans}'
     else:
-        made = linear(criterion, data.motions, model, data.settings)
+        made = data.linear(criterion, model)
         if data.long:
             progress(f'{criterion}: reading {spans}', 0, 0, np.nan)
             made = linear(criterion, data.whole, model, data.settings, like=made)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline, PPoly
 
 from .long import Long
+from .reading import Affine
 from .signals import differentiate, resample
 from .trajectory import Trajectory
 
@@ -83,6 +84,22 @@ class Motion:
         start, end = max(start, self.start), min(end, self.end)
         recorded = self.recorded
         return replace(self, start=start, end=end, recorded=recorded[(recorded.t >= start) & (recorded.t <= end)])
+
+    def changed(self, change: Affine) -> Motion:
+        """Return the motion that was recorded in other angles and torques: all that was made of it follows."""
+        Q, c, T, d = change
+        recorded, x = self.recorded, self.impulse.x
+        states = self.smoothed.c @ np.kron(np.eye(2), Q).T
+        states[-1, :, :2] += c
+        impulses = self.impulse.c @ T.T
+        impulses[-2] += d
+        impulses[-1] += (x[:-1] - x[0])[:, None] * d
+        return replace(
+            self,
+            smoothed=CubicSpline.construct_fast(states, self.smoothed.x),
+            impulse=PPoly(impulses, x),
+            recorded=replace(recorded, q=recorded.q @ Q.T + c, tau=recorded.tau @ T.T + d, qd=None),
+        )
 
     def states(self, t: Array) -> Array:
         """Return q1, q2, q1', q2' at the times t [s], shape (4, ...)."""
