@@ -121,10 +121,10 @@ class Segments:
         size = len(theta) - len(self.unit)
         return roll(theta[:size], state, self._acting(theta), self.step)
 
-    def sensitivities(self, theta: Array, states: Array) -> Array:
-        """Return the states' derivative by initial state, theta and sizes, shape (K, 4, 4 + D + E, L)."""
-        result = sensitivities(theta[: len(theta) - len(self.unit)], states, self._acting(theta), self.step)
-        moved = [self.moved_by(unit, theta, states)[1:, :, None] for unit in self.unit]
+    def sensitivities(self, theta: Array, states: Array, every: int = 1) -> Array:
+        """Return the states' derivative by initial state, theta and sizes, shape (K // every + 1, 4, 4 + D + E, L)."""
+        result = sensitivities(theta[: len(theta) - len(self.unit)], states, self._acting(theta), self.step, every)
+        moved = [self.moved_by(unit, theta, states)[::every, :, None] for unit in self.unit]
         return np.concatenate([result, *moved], axis=2) if moved else result
 
     def moved_by(self, unit: Array, theta: Array, states: Array) -> Array:
@@ -164,11 +164,10 @@ class AgainstStates:
 
     def __init__(self, segments: Segments, scale: Array) -> None:
         self.segments = segments
-        every = max(1, min(segments.steps, round(SPACING / segments.step)))
-        self._after = np.arange(every, segments.steps + 1, every)
-        self.times = len(self._after)
+        self._every = max(1, min(segments.steps, round(SPACING / segments.step)))
+        self.times = segments.steps // self._every
         #: Times from a segment's start [s] at which it is compared: 0, where its initial state is, and the rest.
-        self.offset = segments.step * np.concatenate([[0], self._after])
+        self.offset = segments.step * self._every * np.arange(self.times + 1)
         weight = 1 / (scale * np.sqrt(self.times))
         self._weights = np.vstack([1 / (scale * PRIOR), np.tile(weight, (self.times, 1))])
         #: Derivative of a segment's residuals by how far off the zeros of its recording's positions are [rad], (M, 2).
@@ -184,18 +183,21 @@ class AgainstStates:
     def residuals(self, states: Array, delay: float) -> Array:
         """Return residuals, shape (L, M), of simulated states, shape (K + 1, 4, L)."""
         measured = np.moveaxis(self.segments.measured(self.offset + delay), 1, 0)
-        errors = states[np.append(0, self._after)] - measured
+        errors = states[:: self._every] - measured
         return np.asarray((errors * self._weights[:, :, None]).reshape(-1, len(self.segments)).T)
 
-    def jacobian(self, states: Array, sensitivity: Array, delay: float) -> Array:
-        """Return the residuals' derivative by initial state, theta and delay, shape (L, M, 4 + D + 1)."""
+    def jacobian(self, theta: Array, states: Array, delay: float) -> Array:
+        """Return the residuals' derivative, shape (L, M, 4 + D + 1 + 2).
+
+        It is that by initial state, theta, delay, and the zeros of the recording's positions.
+        """
         rates = self.segments.measured(self.offset + delay, rates=True)
-        rows, lanes = len(self.offset), len(self.segments)
-        result = np.zeros((lanes, rows, 4, sensitivity.shape[2] + 1))
-        result[:, 0, range(4), range(4)] = 1.0
-        result[:, 1:, :, :-1] = np.moveaxis(sensitivity[self._after - 1], 3, 0)
-        result[:, :, :, -1] = -np.moveaxis(rates, (0, 2), (2, 0))
-        result *= self._weights[:, :, None]
+        sensitivity = self.segments.sensitivities(theta, states, self._every)
+        rows, _, size, lanes = sensitivity.shape
+        result = np.empty((lanes, rows, 4, size + 3))
+        np.multiply(np.moveaxis(sensitivity, 3, 0), self._weights[:, :, None], out=result[..., :-3])
+        np.multiply(np.moveaxis(rates, (0, 2), (2, 0)), -self._weights, out=result[..., -3])
+        result[..., -2:] = self.by_zeros.reshape(rows, 4, 2)
         return result.reshape(lanes, rows * 4, -1)
 
 
@@ -252,22 +254,26 @@ class AgainstPositions:
         )
         return np.asarray(((q - self._q) / self.noise[:, None]).reshape(-1, len(lane)).T)
 
-    def jacobian(self, states: Array, sensitivity: Array, delay: float) -> Array:
+    def jacobian(self, theta: Array, states: Array, delay: float) -> Array:
         """Return their derivative."""
         k, weights, slopes = self._interpolation(delay)
-        lanes, size = len(self.segments), sensitivity.shape[2]
-        lane = np.arange(lanes)
-        whole = np.zeros((len(sensitivity) + 1, *sensitivity.shape[1:]))
-        whole[0, range(4), range(4)] = 1.0
-        whole[1:] = sensitivity
-        result = np.zeros((lanes, len(k), 2, size + 1))
-        for (end, kind), weight, slope in zip(self._CORNERS, weights, slopes, strict=True):
-            # Two index arrays with slices between them put their common axes first: (M, L, 2, size).
-            part = whole[k + end, kind : kind + 2, :, lane]
-            result[..., :-1] += np.moveaxis(weight[..., None, None] * part, 1, 0)
-            result[..., -1] -= np.moveaxis(slope[..., None] * states[k + end, kind : kind + 2, lane], 1, 0)
+        sensitivity = self.segments.sensitivities(theta, states)
+        _, _, size, lanes = sensitivity.shape
+        lane, flat = np.arange(lanes), sensitivity.ravel()
+        first = k * (4 * size * lanes) + lane
+        result = np.zeros((lanes, len(k), 2, size + 3))
+        # Column by column: those of neighbouring lanes lie side by side.
+        for joint, column in np.ndindex(2, size):
+            result[:, :, joint, column] = sum(
+                weight * flat[((4 * end + kind + joint) * size + column) * lanes :].take(first)
+                for (end, kind), weight in zip(self._CORNERS, weights, strict=True)
+            ).T
+        for (end, kind), slope in zip(self._CORNERS, slopes, strict=True):
+            # Two index arrays with slices between them put their common axes first: (M, L, 2).
+            result[..., -3] -= np.moveaxis(slope[..., None] * states[k + end, kind : kind + 2, lane], 1, 0)
         result /= self.noise[:, None]
-        return result.reshape(lanes, -1, size + 1)
+        result[..., -2:] = self.by_zeros.reshape(-1, 2, 2)
+        return result.reshape(lanes, -1, size + 3)
 
     def _interpolation(self, delay: float) -> tuple[Indices, tuple[Array, ...], tuple[Array, ...]]:
         """Return in which step each sample lies, and the cubic Hermite polynomials of its corners and their slopes."""

@@ -78,7 +78,7 @@ def found_by_trajectory(
     theta, delay = fit.theta, fit.delay
     states = segments.roll(theta, fit.initial)
     residuals = comparison.residuals(states, delay)
-    jacobian = comparison.jacobian(states, segments.sensitivities(theta, states), delay)
+    jacobian = comparison.jacobian(theta, states, delay)
     finite = np.isfinite(residuals).all(axis=1) & np.isfinite(jacobian).all(axis=(1, 2))
     group = segments.group[finite]
     folds = folds_of(group)
