@@ -167,7 +167,7 @@ class AgainstStates:
         self._every = max(1, min(segments.steps, round(SPACING / segments.step)))
         self.times = segments.steps // self._every
         #: Times from a segment's start [s] at which it is compared: 0, where its initial state is, and the rest.
-        self.offset = segments.step * self._every * np.arange(self.times + 1)
+        self.offset: Array = segments.step * self._every * np.arange(self.times + 1.0)
         weight = 1 / (scale * np.sqrt(self.times))
         self._weights = np.vstack([1 / (scale * PRIOR), np.tile(weight, (self.times, 1))])
         #: Derivative of a segment's residuals by how far off the zeros of its recording's positions are [rad], (M, 2).
@@ -225,7 +225,7 @@ class AgainstPositions:
         count = min(map(len, within))
         within = [w[np.rint(np.linspace(0, len(w) - 1, count)).astype(np.intp)] for w in within]
         recorded = [segments.motions[g].recorded for g in segments.group]
-        self._q = np.stack([r.q[w] for r, w in zip(recorded, within, strict=True)], axis=-1)  # (M, 2, L)
+        self._q = np.stack([r.q[w] for r, w in zip(recorded, within, strict=True)])  # (L, M, 2)
         self._t = np.stack([r.t[w] for r, w in zip(recorded, within, strict=True)], axis=-1) - segments.start
         self.by_zeros = np.tile(np.diag(1 / noise), (count, 1))
         self.lost = LOST_ANGLE / float(noise.min())
@@ -247,33 +247,32 @@ class AgainstPositions:
     def residuals(self, states: Array, delay: float) -> Array:
         """Return the residuals."""
         k, weights, _ = self._interpolation(delay)
-        lane = np.arange(len(self.segments))
-        q = sum(
-            weight[:, None] * states[k + end, kind : kind + 2, lane].transpose(0, 2, 1)
-            for (end, kind), weight in zip(self._CORNERS, weights, strict=True)
-        )
-        return np.asarray(((q - self._q) / self.noise[:, None]).reshape(-1, len(lane)).T)
+        errors = self._between(states[:, :, None], k, weights)[..., 0] - self._q
+        return np.asarray((errors / self.noise).reshape(len(errors), -1))
 
     def jacobian(self, theta: Array, states: Array, delay: float) -> Array:
         """Return their derivative."""
         k, weights, slopes = self._interpolation(delay)
         sensitivity = self.segments.sensitivities(theta, states)
-        _, _, size, lanes = sensitivity.shape
-        lane, flat = np.arange(lanes), sensitivity.ravel()
-        first = k * (4 * size * lanes) + lane
-        result = np.zeros((lanes, len(k), 2, size + 3))
-        # Column by column: those of neighbouring lanes lie side by side.
-        for joint, column in np.ndindex(2, size):
-            result[:, :, joint, column] = sum(
-                weight * flat[((4 * end + kind + joint) * size + column) * lanes :].take(first)
-                for (end, kind), weight in zip(self._CORNERS, weights, strict=True)
-            ).T
-        for (end, kind), slope in zip(self._CORNERS, slopes, strict=True):
-            # Two index arrays with slices between them put their common axes first: (M, L, 2).
-            result[..., -3] -= np.moveaxis(slope[..., None] * states[k + end, kind : kind + 2, lane], 1, 0)
+        by_unknowns = self._between(sensitivity, k, weights)
+        by_delay = -self._between(states[:, :, None], k, slopes)
+        by_zeros = np.broadcast_to(np.eye(2), (*by_delay.shape[:3], 2))
+        result = np.concatenate([by_unknowns, by_delay, by_zeros], axis=3)
         result /= self.noise[:, None]
-        result[..., -2:] = self.by_zeros.reshape(-1, 2, 2)
-        return result.reshape(lanes, -1, size + 3)
+        return result.reshape(len(result), -1, result.shape[3])
+
+    def _between(self, by_step: Array, k: Indices, weights: Sequence[Array]) -> Array:
+        """Return what C values of every step and state, shape (K + 1, 4, C, L), are at the samples, (L, M, 2, C)."""
+        _, _, size, lanes = by_step.shape
+        flat, first = by_step.ravel(), k * (4 * size * lanes) + np.arange(lanes)
+        result = np.empty((lanes, len(k), 2, size))
+        # One by one: those of neighbouring lanes lie side by side.
+        for joint, column in np.ndindex(2, size):
+            total = np.zeros(k.shape)
+            for (end, kind), weight in zip(self._CORNERS, weights, strict=True):
+                total += weight * flat[((4 * end + kind + joint) * size + column) * lanes :].take(first)
+            result[:, :, joint, column] = total.T
+        return result
 
     def _interpolation(self, delay: float) -> tuple[Indices, tuple[Array, ...], tuple[Array, ...]]:
         """Return in which step each sample lies, and the cubic Hermite polynomials of its corners and their slopes."""

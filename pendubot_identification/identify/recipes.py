@@ -145,6 +145,8 @@ class Data:
 
     def allowing_for(self, found: Sequence[Found], delay: float) -> Data:
         """Return the motions with what is left of their torques without effects that the models lack."""
+        if not any(each.allowed for each in found):
+            return self
         passed = iter(passed_by(self.motions))
         groups = tuple(tuple(allowing_for(m, found, delay, next(passed)) for m in group) for group in self.groups)
         whole = tuple(group[0] for group in groups)
@@ -160,6 +162,8 @@ class Data:
 
     def without(self, bursts: Sequence[Burst]) -> Data:
         """Return the parts of the recordings that lie between bursts."""
+        if not bursts:
+            return self
         parts = [part for m in self.motions for part in between_bursts(m.recorded, bursts)]
         groups, whole = prepared(parts, self.smoothing, self.hold)
         return replace(self, groups=groups, whole=whole)
