@@ -198,11 +198,22 @@ class _Bumps:
         """The bumps' middles [s], shape (K,)."""
         return self.nodes[:: self.stride][: len(self)] + len(self.weights) * self.step / 2
 
-    def integrate(self, cells: Array) -> Array:
-        """Return what every bump makes of cells' own integrals, shape (cells, ...) to (K, ...)."""
-        flat = cells.reshape(len(cells), -1)
-        under = np.lib.stride_tricks.sliding_window_view(flat, len(self.weights), axis=0)[:: self.stride]
-        return np.asarray((under @ self.weights).reshape(-1, *cells.shape[1:]))
+    def columns(self, cells: dict[tuple[int, int], Array]) -> Array:
+        """Return what every bump makes of cells' own integrals, shapes (cells,), by balance and column: (K, 3, 15)."""
+        # Neighbouring bumps are summed together, by one matrix product.
+        under, count = len(self.weights), -(-len(self.weights) // self.stride)
+        together, reach = count * self.stride, (count - 1) * self.stride + under
+        weights = np.zeros((count, reach))
+        for k, row in enumerate(weights):
+            row[k * self.stride :][:under] = self.weights
+        padded = np.zeros((len(cells), (len(self) - 1) // count * together + reach))
+        used = min(self.cells, padded.shape[1])
+        padded[:, :used] = [values[:used] for values in cells.values()]
+        windows = np.lib.stride_tricks.sliding_window_view(padded, reach, axis=1)[:, ::together]
+        sums = (np.ascontiguousarray(windows) @ weights.T).reshape(len(cells), -1)
+        result, (balance, column) = np.zeros((len(self), 3, 15)), zip(*cells, strict=True)
+        result[:, balance, column] = sums[:, : len(self)].T
+        return result
 
 
 class _Balances:
@@ -214,33 +225,24 @@ class _Balances:
     def __init__(self, motion: Motion, bumps: _Bumps) -> None:
         self._impulse, self._bumps, self._nodes = motion.impulse, bumps, bumps.nodes
         self._triangles: dict[float, Array] = {}
-        nodes = self._nodes
-        states = motion.states(nodes)
-        q, v = states[:2].T, states[2:].T
-        require_plausible_speed(motion.name, nodes - bumps.origin, v)
-        s2, c2 = np.sin(q[:, 1]), np.cos(q[:, 1])
-        v1, v2 = v.T
-        v12 = v1 + v2
-        dry = dry_friction_terms(v, np.zeros_like(v))
-        # What changes by what happens meanwhile: every balance is "change of this = integral of that".
-        change = np.zeros((len(q), 3, 12))
-        change[:, 0, 0] = v1
-        change[:, :2, 1] = v12[:, None]
-        change[:, 0, 2] = c2 * (v1 + v12)
-        change[:, 1, 2] = c2 * v1
-        change[:, 2, :5] = energy_terms(q, v)
-        change[:, 1, 9] = v2
-        change[:, 2, 9] = v2**2 / 2
-        happens = np.zeros_like(change)
-        happens[:, 1, 2] = s2 * v1 * v12
-        happens[:, 0, 3] = GRAVITY * np.cos(q[:, 0])
-        happens[:, :2, 4] = GRAVITY * np.cos(q[:, :1] + q[:, 1:])
-        for first, friction in ((5, v), (7, dry[..., 0]), (10, dry[..., 1])):
-            happens[:, [0, 1], [first, first + 1]] = friction
-            happens[:, 2, first : first + 2] = friction * v
-        #: The columns that the torque does not change: all but k1 and k2, shape (K, 3, 12).
-        self._phi = bumps.integrate(np.diff(change, axis=0) + _means(happens) * bumps.step)
-        self._sense, self._sensed = _means(dry[..., 0]), _means(dry[..., 0] * v)
+        states = np.ascontiguousarray(motion.states(self._nodes))
+        q, v = states[:2], states[2:]
+        require_plausible_speed(motion.name, self._nodes - bumps.origin, v.T)
+        (q1, q2), (v1, v2), v12 = q, v, v.sum(axis=0)
+        c2, gravity = np.cos(q2), GRAVITY * np.cos(q1 + q2)
+        sense, stribeck, _ = np.moveaxis(dry_friction_terms(v, np.zeros_like(v)), -1, 0)
+        # By balance and column what changes by what happens meanwhile: every balance is "change of this = integral of
+        # that".
+        change = {(0, 0): v1, (0, 1): v12, (1, 1): v12, (0, 2): c2 * (v1 + v12), (1, 2): c2 * v1, (1, 9): v2}
+        change |= {(2, k): term for k, term in enumerate(energy_terms(q.T, v.T).T)} | {(2, 9): v2**2 / 2}
+        happens = {(1, 2): np.sin(q2) * v1 * v12, (0, 3): GRAVITY * np.cos(q1), (0, 4): gravity, (1, 4): gravity}
+        for first, friction in ((5, v), (7, sense), (10, stribeck)):
+            happens |= {(joint, first + joint): friction[joint] for joint in (0, 1)}
+            happens |= {(2, first + joint): friction[joint] * v[joint] for joint in (0, 1)}
+        #: All columns, as far as the torque does not change them.
+        self._still = bumps.columns({place: np.diff(values) for place, values in change.items()})
+        self._still += bumps.columns({place: _means(values) * bumps.step for place, values in happens.items()})
+        self._sense, self._sensed = _means(sense), _means(sense * v)
         self._angles = PPoly(np.ascontiguousarray(motion.smoothed.c[:, :, :2]), motion.smoothed.x)
 
     def triangles(self, delay: float) -> Array:
@@ -260,16 +262,14 @@ class _Balances:
         changes = impulse.x + delay
         edges = np.sort(np.concatenate([nodes, changes[(changes > nodes[0]) & (changes < nodes[-1])]]), kind='stable')
         edges = edges[np.append(True, edges[1:] > edges[:-1])]
-        pushes = np.diff(impulse(edges - delay), axis=0)
-        work = pushes / np.diff(edges)[:, None] * np.diff(self._angles(edges), axis=0)
-        parts = np.concatenate([pushes, np.abs(pushes), work.sum(axis=1, keepdims=True)], axis=1)
-        cells = np.add.reduceat(parts, np.searchsorted(edges, nodes[:-1]))
-        columns = np.zeros((len(cells), 3, 3))
-        columns[:, :2, 2], columns[:, 2, 2] = cells[:, :2], cells[:, 4]
-        columns[:, [0, 1], [0, 1]] = self._sense * cells[:, 2:4]
-        columns[:, 2, :2] = self._sensed * cells[:, 2:4]
-        return np.concatenate([self._phi, self._bumps.integrate(columns)], axis=2)
+        pushes = np.diff(impulse(edges - delay).T)
+        work = (pushes / np.diff(edges) * np.diff(self._angles(edges).T)).sum(axis=0)
+        cells = np.add.reduceat([*pushes, work, *np.abs(pushes)], np.searchsorted(edges, nodes[:-1]), axis=1)
+        columns = {(balance, 14): cells[balance] for balance in range(3)}
+        for joint, load in enumerate(cells[3:]):
+            columns |= {(joint, 12 + joint): self._sense[joint] * load, (2, 12 + joint): self._sensed[joint] * load}
+        return np.asarray(self._still + self._bumps.columns(columns))
 
 
 def _means(at_nodes: Array) -> Array:
-    return np.asarray((at_nodes[1:] + at_nodes[:-1]) / 2)
+    return np.asarray((at_nodes[..., 1:] + at_nodes[..., :-1]) / 2)
