@@ -40,6 +40,8 @@ SLACK = 0.01
 PRIOR = 0.12
 #: A torque [N m] that changes a motion by little enough to be linear.
 SMALL = 1e-6
+#: Over so long [s] derivatives are smooth enough to be interpolated.
+SMOOTH = 0.002
 #: Between two times at which states are compared, about [s].
 SPACING = 0.012
 #: A motion is lost when a state is off by so many standard deviations, a position by so much [rad].
@@ -228,6 +230,8 @@ class AgainstPositions:
         self._q = np.stack([r.q[w] for r, w in zip(recorded, within, strict=True)])  # (L, M, 2)
         self._t = np.stack([r.t[w] for r, w in zip(recorded, within, strict=True)], axis=-1) - segments.start
         self.by_zeros = np.tile(np.diag(1 / noise), (count, 1))
+        steps = range(1, int(SMOOTH / segments.step) + 1)
+        self._every = max((n for n in steps if segments.steps % n == 0), default=1)
         self.lost = LOST_ANGLE / float(noise.min())
 
     @property
@@ -246,16 +250,15 @@ class AgainstPositions:
 
     def residuals(self, states: Array, delay: float) -> Array:
         """Return the residuals."""
-        k, weights, _ = self._interpolation(delay)
+        k, weights, _ = self._interpolation(delay, 1)
         errors = self._between(states[:, :, None], k, weights)[..., 0] - self._q
         return np.asarray((errors / self.noise).reshape(len(errors), -1))
 
     def jacobian(self, theta: Array, states: Array, delay: float) -> Array:
         """Return their derivative."""
-        k, weights, slopes = self._interpolation(delay)
-        sensitivity = self.segments.sensitivities(theta, states)
-        by_unknowns = self._between(sensitivity, k, weights)
-        by_delay = -self._between(states[:, :, None], k, slopes)
+        k, weights, slopes = self._interpolation(delay, self._every)
+        by_unknowns = self._between(self.segments.sensitivities(theta, states, self._every), k, weights)
+        by_delay = -self._between(states[:: self._every, :, None], k, slopes)
         by_zeros = np.broadcast_to(np.eye(2), (*by_delay.shape[:3], 2))
         result = np.concatenate([by_unknowns, by_delay, by_zeros], axis=3)
         result /= self.noise[:, None]
@@ -274,11 +277,11 @@ class AgainstPositions:
             result[:, :, joint, column] = total.T
         return result
 
-    def _interpolation(self, delay: float) -> tuple[Indices, tuple[Array, ...], tuple[Array, ...]]:
-        """Return in which step each sample lies, and the cubic Hermite polynomials of its corners and their slopes."""
-        h = self.segments.step
+    def _interpolation(self, delay: float, every: int) -> tuple[Indices, tuple[Array, ...], tuple[Array, ...]]:
+        """Return in which of so many steps together each sample lies, and its corners' cubic Hermite polynomials."""
+        h = self.segments.step * every
         at = (self._t - delay) / h
-        k = np.clip(np.floor(at + 1e-6).astype(np.intp), 0, self.segments.steps - 1)
+        k = np.clip(np.floor(at + 1e-6).astype(np.intp), 0, self.segments.steps // every - 1)
         s = at - k
         blend, rise = s * s * (3 - 2 * s), 6 * s * (1 - s) / h
         weights = (1 - blend, blend, h * s * (1 - s) ** 2, h * s * s * (s - 1))
