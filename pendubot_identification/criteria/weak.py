@@ -133,20 +133,31 @@ def estimate_delay(
 
     balances = [balances_of(motion) for motion in motions]
 
-    def unexplained(delay: float) -> float:
+    def criterion_at(delay: float) -> tuple[Quadratic, float]:
+        """Return the criterion, and the effort in it."""
         parts = np.stack([each.triangles(delay) for each in balances]) * np.reshape(weights, (3, 1, 1))
         rows = parts.reshape(-1, parts.shape[-1])
         criterion = Quadratic.reduce(rows[:, :size], rows[:, -1])
+        return criterion, float(criterion(np.zeros(size)))
+
+    def unexplained(criterion: Quadratic, effort: float) -> float:
         # Of a short recording a delay may move the only pulse out of what is compared: then there is less to explain.
-        effort = float(criterion(np.zeros(size)))
         return float(criterion(criterion.minimum_in_box(bounds.of(size)))) / effort if effort > 0 else 1.0
 
     delays = np.linspace(lowest, highest, math.ceil((highest - lowest) / DELAY_STEP - 1e-9) + 1)
-    unexplained_at = np.array([unexplained(delay) for delay in delays])
-    best, none = delays[np.argmin(unexplained_at)], np.argmin(np.abs(delays))
+    criteria = [criterion_at(delay) for delay in delays]
+    # Within bounds no more is explained than without: most delays are ruled out by that.
+    without = np.array([criterion.floor / effort if effort > 0 else 1.0 for criterion, effort in criteria])
+    within = np.full(len(delays), np.inf)
+    for k in np.argsort(without):
+        if without[k] <= within.min():
+            within[k] = unexplained(*criteria[k])
+    best, none = delays[np.argmin(within)], np.argmin(np.abs(delays))
     around = max(lowest, best - DELAY_STEP), min(highest, best + DELAY_STEP)
-    found = minimize_scalar(unexplained, bounds=around, method='bounded', options={'xatol': 1e-5})
-    return float(found.x if found.fun < TELLING * unexplained_at[none] else delays[none])
+    found = minimize_scalar(
+        lambda delay: unexplained(*criterion_at(delay)), bounds=around, method='bounded', options={'xatol': 1e-5}
+    )
+    return float(found.x if found.fun < TELLING * unexplained(*criteria[none]) else delays[none])
 
 
 @dataclass(frozen=True, slots=True)

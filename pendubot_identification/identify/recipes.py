@@ -12,6 +12,7 @@ from itertools import count
 import numpy as np
 from numpy.typing import NDArray
 
+from pendubot_identification.criteria.quadratic import Quadratic
 from pendubot_identification.criteria.shooting import LONGEST_STEP
 from pendubot_identification.criteria.trajectory_fit import (
     FINEST,
@@ -176,11 +177,14 @@ class Data:
 
     def solve_linear(self, criterion: str, model: str, like: Linear | None = None) -> tuple[Array, float]:
         """Return a quadratic criterion's exact theta, and the delay [s], which may be that of ``like``."""
-        if like is None:
-            made = self.linear(criterion, model)
-        else:
-            made = linear(criterion, self.motions, model, self.settings, like)
-        return made.criterion.minimum(self.settings.box(model)), made.delay
+        made = self.linear(criterion, model) if like is None else like
+        whole = Quadratic.pool([self._reduced(motion, criterion, model, made) for motion in self.motions])
+        return whole.minimum(self.settings.box(model)), made.delay
+
+    def _reduced(self, motion: Motion, criterion: str, model: str, like: Linear) -> Quadratic:
+        """Return a motion's part of a criterion, which any others of which it is one share."""
+        what = criterion, model, like.delay, *like.weights
+        return motion.once(what, lambda: linear(criterion, [motion], model, self.settings, like).criterion)
 
     def weak_start(self, model: str, like: Linear | None = None) -> tuple[Array, float]:
         """Return the weak criterion's answer, as far as a local optimiser can start from it."""
