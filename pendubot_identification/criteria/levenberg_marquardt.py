@@ -199,16 +199,15 @@ class _Normal:
     def __init__(
         self, comparison: Comparison, theta: Array, delay: float, states: Array, residuals: Array, bend: float
     ) -> None:
-        jacobian = comparison.jacobian(states, comparison.segments.sensitivities(theta, states), delay)
-        jacobian = np.concatenate([jacobian, np.broadcast_to(comparison.by_zeros, (*residuals.shape, 2))], axis=2)
+        jacobian = comparison.jacobian(theta, states, delay)
+        transposed = jacobian.transpose(0, 2, 1)
+        matrix, gradient = transposed @ jacobian, (transposed @ residuals[:, :, None])[:, :, 0]
         # A motion whose sensitivities are beyond floats, though it is not, says nothing of where to go.
-        lost = ~np.isfinite(jacobian).all(axis=(1, 2)) | (np.abs(residuals) >= comparison.lost).any(axis=1)
+        lost = ~np.isfinite(matrix).all(axis=(1, 2)) | (np.abs(residuals) >= comparison.lost).any(axis=1)
         self.complete = not lost.any()
-        jacobian[lost] = 0.0
+        matrix[lost], gradient[lost] = 0.0, 0.0
         weights = np.minimum(1.0, bend / np.maximum(np.sqrt((residuals**2).sum(axis=1)), 1e-300))
-        transposed = jacobian.transpose(0, 2, 1) * weights[:, None, None]
-        matrix = transposed @ jacobian
-        gradient = (transposed @ residuals[:, :, None])[:, :, 0]
+        matrix, gradient = matrix * weights[:, None, None], gradient * weights[:, None]
         self._local, self._mixed, self._shared = matrix[:, :4, :4], matrix[:, :4, 4:], matrix[:, 4:, 4:]
         self._local_gradient, self._gradient = gradient[:, :4], gradient[:, 4:]
 

@@ -40,6 +40,8 @@ SLACK = 0.01
 PRIOR = 0.12
 #: A torque [N m] that changes a motion by little enough to be linear.
 SMALL = 1e-6
+#: Over so long [s] derivatives are smooth enough to be interpolated.
+SMOOTH = 0.002
 #: Between two times at which states are compared, about [s].
 SPACING = 0.012
 #: A motion is lost when a state is off by so many standard deviations, a position by so much [rad].
@@ -121,10 +123,10 @@ class Segments:
         size = len(theta) - len(self.unit)
         return roll(theta[:size], state, self._acting(theta), self.step)
 
-    def sensitivities(self, theta: Array, states: Array) -> Array:
-        """Return the states' derivative by initial state, theta and sizes, shape (K, 4, 4 + D + E, L)."""
-        result = sensitivities(theta[: len(theta) - len(self.unit)], states, self._acting(theta), self.step)
-        moved = [self.moved_by(unit, theta, states)[1:, :, None] for unit in self.unit]
+    def sensitivities(self, theta: Array, states: Array, every: int = 1) -> Array:
+        """Return the states' derivative by initial state, theta and sizes, shape (K // every + 1, 4, 4 + D + E, L)."""
+        result = sensitivities(theta[: len(theta) - len(self.unit)], states, self._acting(theta), self.step, every)
+        moved = [self.moved_by(unit, theta, states)[::every, :, None] for unit in self.unit]
         return np.concatenate([result, *moved], axis=2) if moved else result
 
     def moved_by(self, unit: Array, theta: Array, states: Array) -> Array:
@@ -164,11 +166,10 @@ class AgainstStates:
 
     def __init__(self, segments: Segments, scale: Array) -> None:
         self.segments = segments
-        every = max(1, min(segments.steps, round(SPACING / segments.step)))
-        self._after = np.arange(every, segments.steps + 1, every)
-        self.times = len(self._after)
+        self._every = max(1, min(segments.steps, round(SPACING / segments.step)))
+        self.times = segments.steps // self._every
         #: Times from a segment's start [s] at which it is compared: 0, where its initial state is, and the rest.
-        self.offset = segments.step * np.concatenate([[0], self._after])
+        self.offset: Array = segments.step * self._every * np.arange(self.times + 1.0)
         weight = 1 / (scale * np.sqrt(self.times))
         self._weights = np.vstack([1 / (scale * PRIOR), np.tile(weight, (self.times, 1))])
         #: Derivative of a segment's residuals by how far off the zeros of its recording's positions are [rad], (M, 2).
@@ -184,18 +185,21 @@ class AgainstStates:
     def residuals(self, states: Array, delay: float) -> Array:
         """Return residuals, shape (L, M), of simulated states, shape (K + 1, 4, L)."""
         measured = np.moveaxis(self.segments.measured(self.offset + delay), 1, 0)
-        errors = states[np.append(0, self._after)] - measured
+        errors = states[:: self._every] - measured
         return np.asarray((errors * self._weights[:, :, None]).reshape(-1, len(self.segments)).T)
 
-    def jacobian(self, states: Array, sensitivity: Array, delay: float) -> Array:
-        """Return the residuals' derivative by initial state, theta and delay, shape (L, M, 4 + D + 1)."""
+    def jacobian(self, theta: Array, states: Array, delay: float) -> Array:
+        """Return the residuals' derivative, shape (L, M, 4 + D + 1 + 2).
+
+        It is that by initial state, theta, delay, and the zeros of the recording's positions.
+        """
         rates = self.segments.measured(self.offset + delay, rates=True)
-        rows, lanes = len(self.offset), len(self.segments)
-        result = np.zeros((lanes, rows, 4, sensitivity.shape[2] + 1))
-        result[:, 0, range(4), range(4)] = 1.0
-        result[:, 1:, :, :-1] = np.moveaxis(sensitivity[self._after - 1], 3, 0)
-        result[:, :, :, -1] = -np.moveaxis(rates, (0, 2), (2, 0))
-        result *= self._weights[:, :, None]
+        sensitivity = self.segments.sensitivities(theta, states, self._every)
+        rows, _, size, lanes = sensitivity.shape
+        result = np.empty((lanes, rows, 4, size + 3))
+        np.multiply(np.moveaxis(sensitivity, 3, 0), self._weights[:, :, None], out=result[..., :-3])
+        np.multiply(np.moveaxis(rates, (0, 2), (2, 0)), -self._weights, out=result[..., -3])
+        result[..., -2:] = self.by_zeros.reshape(rows, 4, 2)
         return result.reshape(lanes, rows * 4, -1)
 
 
@@ -223,9 +227,11 @@ class AgainstPositions:
         count = min(map(len, within))
         within = [w[np.rint(np.linspace(0, len(w) - 1, count)).astype(np.intp)] for w in within]
         recorded = [segments.motions[g].recorded for g in segments.group]
-        self._q = np.stack([r.q[w] for r, w in zip(recorded, within, strict=True)], axis=-1)  # (M, 2, L)
+        self._q = np.stack([r.q[w] for r, w in zip(recorded, within, strict=True)])  # (L, M, 2)
         self._t = np.stack([r.t[w] for r, w in zip(recorded, within, strict=True)], axis=-1) - segments.start
         self.by_zeros = np.tile(np.diag(1 / noise), (count, 1))
+        steps = range(1, int(SMOOTH / segments.step) + 1)
+        self._every = max((n for n in steps if segments.steps % n == 0), default=1)
         self.lost = LOST_ANGLE / float(noise.min())
 
     @property
@@ -244,36 +250,38 @@ class AgainstPositions:
 
     def residuals(self, states: Array, delay: float) -> Array:
         """Return the residuals."""
-        k, weights, _ = self._interpolation(delay)
-        lane = np.arange(len(self.segments))
-        q = sum(
-            weight[:, None] * states[k + end, kind : kind + 2, lane].transpose(0, 2, 1)
-            for (end, kind), weight in zip(self._CORNERS, weights, strict=True)
-        )
-        return np.asarray(((q - self._q) / self.noise[:, None]).reshape(-1, len(lane)).T)
+        k, weights, _ = self._interpolation(delay, 1)
+        errors = self._between(states[:, :, None], k, weights)[..., 0] - self._q
+        return np.asarray((errors / self.noise).reshape(len(errors), -1))
 
-    def jacobian(self, states: Array, sensitivity: Array, delay: float) -> Array:
+    def jacobian(self, theta: Array, states: Array, delay: float) -> Array:
         """Return their derivative."""
-        k, weights, slopes = self._interpolation(delay)
-        lanes, size = len(self.segments), sensitivity.shape[2]
-        lane = np.arange(lanes)
-        whole = np.zeros((len(sensitivity) + 1, *sensitivity.shape[1:]))
-        whole[0, range(4), range(4)] = 1.0
-        whole[1:] = sensitivity
-        result = np.zeros((lanes, len(k), 2, size + 1))
-        for (end, kind), weight, slope in zip(self._CORNERS, weights, slopes, strict=True):
-            # Two index arrays with slices between them put their common axes first: (M, L, 2, size).
-            part = whole[k + end, kind : kind + 2, :, lane]
-            result[..., :-1] += np.moveaxis(weight[..., None, None] * part, 1, 0)
-            result[..., -1] -= np.moveaxis(slope[..., None] * states[k + end, kind : kind + 2, lane], 1, 0)
+        k, weights, slopes = self._interpolation(delay, self._every)
+        by_unknowns = self._between(self.segments.sensitivities(theta, states, self._every), k, weights)
+        by_delay = -self._between(states[:: self._every, :, None], k, slopes)
+        by_zeros = np.broadcast_to(np.eye(2), (*by_delay.shape[:3], 2))
+        result = np.concatenate([by_unknowns, by_delay, by_zeros], axis=3)
         result /= self.noise[:, None]
-        return result.reshape(lanes, -1, size + 1)
+        return result.reshape(len(result), -1, result.shape[3])
 
-    def _interpolation(self, delay: float) -> tuple[Indices, tuple[Array, ...], tuple[Array, ...]]:
-        """Return in which step each sample lies, and the cubic Hermite polynomials of its corners and their slopes."""
-        h = self.segments.step
+    def _between(self, by_step: Array, k: Indices, weights: Sequence[Array]) -> Array:
+        """Return what C values of every step and state, shape (K + 1, 4, C, L), are at the samples, (L, M, 2, C)."""
+        _, _, size, lanes = by_step.shape
+        flat, first = by_step.ravel(), k * (4 * size * lanes) + np.arange(lanes)
+        result = np.empty((lanes, len(k), 2, size))
+        # One by one: those of neighbouring lanes lie side by side.
+        for joint, column in np.ndindex(2, size):
+            total = np.zeros(k.shape)
+            for (end, kind), weight in zip(self._CORNERS, weights, strict=True):
+                total += weight * flat[((4 * end + kind + joint) * size + column) * lanes :].take(first)
+            result[:, :, joint, column] = total.T
+        return result
+
+    def _interpolation(self, delay: float, every: int) -> tuple[Indices, tuple[Array, ...], tuple[Array, ...]]:
+        """Return in which of so many steps together each sample lies, and its corners' cubic Hermite polynomials."""
+        h = self.segments.step * every
         at = (self._t - delay) / h
-        k = np.clip(np.floor(at + 1e-6).astype(np.intp), 0, self.segments.steps - 1)
+        k = np.clip(np.floor(at + 1e-6).astype(np.intp), 0, self.segments.steps // every - 1)
         s = at - k
         blend, rise = s * s * (3 - 2 * s), 6 * s * (1 - s) / h
         weights = (1 - blend, blend, h * s * (1 - s) ** 2, h * s * s * (s - 1))

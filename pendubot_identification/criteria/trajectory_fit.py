@@ -54,6 +54,9 @@ NEAR, ANEW = 0.003, 10
 SHORTEST_EXACT = 0.5
 #: The same where the noise is not known and more than :data:`NEGLIGIBLE` is left: a model's errors may pass for it.
 SHORTEST_UNKNOWN = 2.0
+#: Where one short segment of so many leaves so many times that, the others are not looked at; nor counts what so few
+#: segments leave.
+FEW, FAR, FEWEST_SHOWN = 5.0, 4.0, 20
 #: Residuals are white where their correlation from one sample to the next is below the first, and where what the
 #: simulation errs, as half the step shows it, is below the second times their size.
 WHITE, SIMULATED = 0.15, 0.02
@@ -210,36 +213,46 @@ def fit_positions(
     step = min(LONGEST_STEP, *(m.interval for m in motions))
     if len(theta) > MODELS['viscous'] or not rounded or any(_strays(m) for m in motions):
         step = min(step, SHORT_STEP)
-    first, best = np.nan, None
-    before: tuple[Segments, Fit] | None = None
-    for length in ladder:
-        length = min(length, whole)
-        segments = Segments.cut(motions, length, length, margin, LONGEST_STEP if np.isnan(first) else step)
-        initial = None if before is None else _continued(*before, segments)
+
+    def fitted(
+        segments: Segments, theta: Array, delay: float, tolerance: float, initial: Array | None = None
+    ) -> tuple[AgainstPositions, Fit, float] | None:
+        """Return the fit and its reduced chi-square; None of positions that are too few."""
         comparison = AgainstPositions(segments, noise, delay=delay, initial=initial)
         unknowns = 4 * len(segments) + len(theta) + 1
         if comparison.count < 2 * unknowns:
-            continue
+            return None
         for _ in range(ANEW):
             around = max(delay - NEAR, delay_bounds[0]), min(delay + NEAR, delay_bounds[1])
             fit = levenberg_marquardt(
-                comparison,
-                theta,
-                delay,
-                bounds,
-                around,
-                tolerance=1e-3 if np.isnan(first) else 1e-6,
-                least=comparison.count,
-                progress=progress,
+                comparison, theta, delay, bounds, around, tolerance=tolerance, least=comparison.count, progress=progress
             )
             moved = abs(fit.delay - delay)
             theta, delay = fit.theta, fit.delay
             if moved < 0.999 * NEAR:
                 break
             comparison = AgainstPositions(segments, noise, delay=delay, initial=fit.initial)
+        return comparison, fit, fit.cost / (comparison.count - unknowns)
+
+    if rounded:
+        few = Segments.cut(motions, min(ladder[0], whole), FEW * ladder[0], margin)
+        found = fitted(few, theta, delay, 1e-3) if len(few) >= FEWEST_SHOWN else None
+        if found is not None and found[2] > FAR * NOISIEST:
+            return None
+    first, best = np.nan, None
+    before: tuple[Segments, Fit] | None = None
+    for length in ladder:
+        length = min(length, whole)
+        rough = np.isnan(first)
+        segments = Segments.cut(motions, length, length, margin, LONGEST_STEP if rough else step)
+        initial = None if before is None else _continued(*before, segments)
+        found = fitted(segments, theta, delay, 1e-3 if rough else 1e-6, initial)
+        if found is None:
+            continue
+        comparison, fit, variance = found
+        theta, delay = fit.theta, fit.delay
         before = segments, fit
-        variance = fit.cost / (comparison.count - unknowns)
-        if np.isnan(first):
+        if rough:
             first = max(variance, 1.0)
         negligible = not rounded and np.sqrt(variance) * FINEST <= NEGLIGIBLE
         if not (variance <= GROWTH * first or negligible) or (rounded and variance > NOISIEST):

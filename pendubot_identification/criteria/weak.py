@@ -24,6 +24,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import PPoly
 from scipy.optimize import minimize_scalar
 
 from pendubot_identification.errors import TrajectoryError
@@ -68,7 +69,7 @@ def weak_regression(
     Raises:
         TrajectoryError: the motion is shorter than the bump, or faster than a rig can be.
     """
-    return _regression(motion, _Bumps.cover(motion, stride, delay, delay), MODELS[model], delay, weights)
+    return _regression(motion, _Bumps.cover(motion, stride, delay, delay), model, delay, weights)
 
 
 def weak_residuals(motion: AnyMotion, model: str, delay: float, weights: ArrayLike) -> Residuals:
@@ -79,21 +80,15 @@ def weak_residuals(motion: AnyMotion, model: str, delay: float, weights: ArrayLi
         for piece, begin, end in motion.pieces(WIDTH + abs(delay)):
             own = bumps.between(begin, end)
             if len(own):
-                yield _regression(piece, own, MODELS[model], delay, weights)
+                yield _regression(piece, own, model, delay, weights)
 
     return Residuals(3 * len(bumps), bumps.stride * bumps.step * (len(bumps) - 1), parts)
 
 
-def _regression(motion: Motion, bumps: _Bumps, size: int, delay: float, weights: ArrayLike) -> Regression:
-    phi, y = _state_columns(motion, bumps, size), _torque_columns(motion, bumps, size, delay)
-    rows = _weighted(phi, y, weights)
-    return Regression(rows[:, :-1], rows[:, -1], np.repeat(bumps.centres, 3))
-
-
-def _weighted(phi: Array, y: Array, weights: ArrayLike) -> Array:
-    """Return all columns together, each balance times its weight, shape (3 K, D + 1)."""
-    rows = np.concatenate([phi, y], axis=2)
-    return np.asarray((rows * np.reshape(weights, (3, 1))).reshape(-1, rows.shape[2]))
+def _regression(motion: Motion, bumps: _Bumps, model: str, delay: float, weights: ArrayLike) -> Regression:
+    rows = _Balances(motion, bumps).rows(delay) * np.reshape(weights, (3, 1))
+    weighted = rows.reshape(-1, rows.shape[2])
+    return Regression(weighted[:, : MODELS[model]], weighted[:, -1], np.repeat(bumps.centres, 3))
 
 
 def balance_weights(regressions: Sequence[Regression], bounds: Bounds) -> Array:
@@ -131,23 +126,38 @@ def estimate_delay(
         TrajectoryError: a motion is shorter than the bump and the range of delays together.
     """
     size = MODELS[model]
-    bumps = [_Bumps.cover(motion, DELAY_STRIDE, lowest, highest) for motion in motions]
-    phi = [_state_columns(motion, cover, size) for motion, cover in zip(motions, bumps, strict=True)]
 
-    def unexplained(delay: float) -> float:
-        y = [_torque_columns(motion, cover, size, delay) for motion, cover in zip(motions, bumps, strict=True)]
-        rows = np.concatenate([_weighted(*part, weights) for part in zip(phi, y, strict=True)])
-        criterion = Quadratic.reduce(rows[:, :-1], rows[:, -1])
+    def balances_of(motion: Motion) -> _Balances:
+        cover = DELAY_STRIDE, lowest, highest
+        return motion.once(cover, lambda: _Balances(motion, _Bumps.cover(motion, *cover)))
+
+    balances = [balances_of(motion) for motion in motions]
+
+    def criterion_at(delay: float) -> tuple[Quadratic, float]:
+        """Return the criterion, and the effort in it."""
+        parts = np.stack([each.triangles(delay) for each in balances]) * np.reshape(weights, (3, 1, 1))
+        rows = parts.reshape(-1, parts.shape[-1])
+        criterion = Quadratic.reduce(rows[:, :size], rows[:, -1])
+        return criterion, float(criterion(np.zeros(size)))
+
+    def unexplained(criterion: Quadratic, effort: float) -> float:
         # Of a short recording a delay may move the only pulse out of what is compared: then there is less to explain.
-        effort = float(criterion(np.zeros(size)))
         return float(criterion(criterion.minimum_in_box(bounds.of(size)))) / effort if effort > 0 else 1.0
 
     delays = np.linspace(lowest, highest, math.ceil((highest - lowest) / DELAY_STEP - 1e-9) + 1)
-    unexplained_at = np.array([unexplained(delay) for delay in delays])
-    best, none = delays[np.argmin(unexplained_at)], np.argmin(np.abs(delays))
+    criteria = [criterion_at(delay) for delay in delays]
+    # Within bounds no more is explained than without: most delays are ruled out by that.
+    without = np.array([criterion.floor / effort if effort > 0 else 1.0 for criterion, effort in criteria])
+    within = np.full(len(delays), np.inf)
+    for k in np.argsort(without):
+        if without[k] <= within.min():
+            within[k] = unexplained(*criteria[k])
+    best, none = delays[np.argmin(within)], np.argmin(np.abs(delays))
     around = max(lowest, best - DELAY_STEP), min(highest, best + DELAY_STEP)
-    found = minimize_scalar(unexplained, bounds=around, method='bounded', options={'xatol': 1e-5})
-    return float(found.x if found.fun < TELLING * unexplained_at[none] else delays[none])
+    found = minimize_scalar(
+        lambda delay: unexplained(*criterion_at(delay)), bounds=around, method='bounded', options={'xatol': 1e-5}
+    )
+    return float(found.x if found.fun < TELLING * unexplained(*criteria[none]) else delays[none])
 
 
 @dataclass(frozen=True, slots=True)
@@ -199,65 +209,78 @@ class _Bumps:
         """The bumps' middles [s], shape (K,)."""
         return self.nodes[:: self.stride][: len(self)] + len(self.weights) * self.step / 2
 
-    def integrate(self, cells: Array) -> Array:
-        """Return what every bump makes of cells' own integrals, shape (cells, ...) to (K, ...)."""
-        flat = cells.reshape(len(cells), -1)
-        under = np.lib.stride_tricks.sliding_window_view(flat, len(self.weights), axis=0)[:: self.stride]
-        return np.asarray((under @ self.weights).reshape(-1, *cells.shape[1:]))
+    def columns(self, cells: dict[tuple[int, int], Array]) -> Array:
+        """Return what every bump makes of cells' own integrals, shapes (cells,), by balance and column: (K, 3, 15)."""
+        # Neighbouring bumps are summed together, by one matrix product.
+        under, count = len(self.weights), -(-len(self.weights) // self.stride)
+        together, reach = count * self.stride, (count - 1) * self.stride + under
+        weights = np.zeros((count, reach))
+        for k, row in enumerate(weights):
+            row[k * self.stride :][:under] = self.weights
+        padded = np.zeros((len(cells), (len(self) - 1) // count * together + reach))
+        used = min(self.cells, padded.shape[1])
+        padded[:, :used] = [values[:used] for values in cells.values()]
+        windows = np.lib.stride_tricks.sliding_window_view(padded, reach, axis=1)[:, ::together]
+        sums = (np.ascontiguousarray(windows) @ weights.T).reshape(len(cells), -1)
+        result, (balance, column) = np.zeros((len(self), 3, 15)), zip(*cells, strict=True)
+        result[:, balance, column] = sums[:, : len(self)].T
+        return result
 
 
-def _state_columns(motion: Motion, bumps: _Bumps, size: int) -> Array:
-    """Return the columns of theta that the torque does not change: all but k1 and k2, shape (K, 3, 7 to 12)."""
-    nodes = bumps.nodes
-    states = motion.states(nodes)
-    q, v = states[:2].T, states[2:].T
-    require_plausible_speed(motion.name, nodes - bumps.origin, v)
-    s2, c2 = np.sin(q[:, 1]), np.cos(q[:, 1])
-    v1, v2 = v.T
-    v12 = v1 + v2
-    dry = dry_friction_terms(v, np.zeros_like(v))
-    # What changes by what happens meanwhile: every balance is "change of this = integral of that".
-    change = np.zeros((len(q), 3, min(size, 12)))
-    change[:, 0, 0] = v1
-    change[:, :2, 1] = v12[:, None]
-    change[:, 0, 2] = c2 * (v1 + v12)
-    change[:, 1, 2] = c2 * v1
-    change[:, 2, :5] = energy_terms(q, v)
-    happens = np.zeros_like(change)
-    happens[:, 1, 2] = s2 * v1 * v12
-    happens[:, 0, 3] = GRAVITY * np.cos(q[:, 0])
-    happens[:, :2, 4] = GRAVITY * np.cos(q[:, :1] + q[:, 1:])
-    for first, friction in ((5, v), (7, dry[..., 0]), (10, dry[..., 1])):
-        if first < size:
-            happens[:, [0, 1], [first, first + 1]] = friction
-            happens[:, 2, first : first + 2] = friction * v
-    if size > 9:
-        change[:, 1, 9] = v2
-        change[:, 2, 9] = v2**2 / 2
-    return bumps.integrate(np.diff(change, axis=0) + _means(happens) * bumps.step)
+class _Balances:
+    """The three balances of a motion under K bumps, with all columns of the largest model, at any delay of the effort.
 
-
-def _torque_columns(motion: Motion, bumps: _Bumps, size: int, delay: float) -> Array:
-    """Return the columns of k1 and k2, where the model has them, and what the torques do, shape (K, 3, 1 or 3).
-
-    Within a cell a torque may change from sample to sample. So impulse and work are summed over the parts between
-    its changes: a held torque does the work tau (q[end] - q[start]), whatever the motion in between.
+    What no delay changes is made once.
     """
-    nodes, changes = bumps.nodes, motion.impulse.x + delay
-    edges = np.union1d(nodes, changes[(changes > nodes[0]) & (changes < nodes[-1])])
-    impulse = np.diff(motion.impulse(edges - delay), axis=0)
-    work = impulse / np.diff(edges)[:, None] * np.diff(motion.states(edges)[:2].T, axis=0)
-    parts = np.concatenate([impulse, np.abs(impulse), work.sum(axis=1, keepdims=True)], axis=1)
-    cells = np.add.reduceat(parts, np.searchsorted(edges, nodes[:-1]))
-    columns = np.zeros((len(cells), 3, 1 if size < 14 else 3))
-    columns[:, :2, -1], columns[:, 2, -1] = cells[:, :2], cells[:, 4]
-    if size == 14:
-        v = motion.states(nodes)[2:].T
-        sign = dry_friction_terms(v, np.zeros_like(v))[..., 0]
-        columns[:, [0, 1], [0, 1]] = _means(sign) * cells[:, 2:4]
-        columns[:, 2, :2] = _means(sign * v) * cells[:, 2:4]
-    return bumps.integrate(columns)
+
+    def __init__(self, motion: Motion, bumps: _Bumps) -> None:
+        self._impulse, self._bumps, self._nodes = motion.impulse, bumps, bumps.nodes
+        self._triangles: dict[float, Array] = {}
+        states = np.ascontiguousarray(motion.states(self._nodes))
+        q, v = states[:2], states[2:]
+        require_plausible_speed(motion.name, self._nodes - bumps.origin, v.T)
+        (q1, q2), (v1, v2), v12 = q, v, v.sum(axis=0)
+        c2, gravity = np.cos(q2), GRAVITY * np.cos(q1 + q2)
+        sense, stribeck, _ = np.moveaxis(dry_friction_terms(v, np.zeros_like(v)), -1, 0)
+        # By balance and column what changes by what happens meanwhile: every balance is "change of this = integral of
+        # that".
+        change = {(0, 0): v1, (0, 1): v12, (1, 1): v12, (0, 2): c2 * (v1 + v12), (1, 2): c2 * v1, (1, 9): v2}
+        change |= {(2, k): term for k, term in enumerate(energy_terms(q.T, v.T).T)} | {(2, 9): v2**2 / 2}
+        happens = {(1, 2): np.sin(q2) * v1 * v12, (0, 3): GRAVITY * np.cos(q1), (0, 4): gravity, (1, 4): gravity}
+        for first, friction in ((5, v), (7, sense), (10, stribeck)):
+            happens |= {(joint, first + joint): friction[joint] for joint in (0, 1)}
+            happens |= {(2, first + joint): friction[joint] * v[joint] for joint in (0, 1)}
+        #: All columns, as far as the torque does not change them.
+        self._still = bumps.columns({place: np.diff(values) for place, values in change.items()})
+        self._still += bumps.columns({place: _means(values) * bumps.step for place, values in happens.items()})
+        self._sense, self._sensed = _means(sense), _means(sense * v)
+        self._angles = PPoly(np.ascontiguousarray(motion.smoothed.c[:, :, :2]), motion.smoothed.x)
+
+    def triangles(self, delay: float) -> Array:
+        """Return the triangle of the QR factorisation of each balance, shape (3, 15, 15)."""
+        if delay not in self._triangles:
+            rows = self.rows(delay).swapaxes(0, 1)
+            self._triangles[delay] = np.array([Quadratic.reduce(r[:, :-1], r[:, -1]).triangle for r in rows])
+        return self._triangles[delay]
+
+    def rows(self, delay: float) -> Array:
+        """Return the columns of all parameters and what the torques do, shape (K, 3, 15).
+
+        Within a cell a torque may change from sample to sample. So impulse and work are summed over the parts between
+        its changes: a held torque does the work tau (q[end] - q[start]), whatever the motion in between.
+        """
+        nodes, impulse = self._nodes, self._impulse
+        changes = impulse.x + delay
+        edges = np.sort(np.concatenate([nodes, changes[(changes > nodes[0]) & (changes < nodes[-1])]]), kind='stable')
+        edges = edges[np.append(True, edges[1:] > edges[:-1])]
+        pushes = np.diff(impulse(edges - delay).T)
+        work = (pushes / np.diff(edges) * np.diff(self._angles(edges).T)).sum(axis=0)
+        cells = np.add.reduceat([*pushes, work, *np.abs(pushes)], np.searchsorted(edges, nodes[:-1]), axis=1)
+        columns = {(balance, 14): cells[balance] for balance in range(3)}
+        for joint, load in enumerate(cells[3:]):
+            columns |= {(joint, 12 + joint): self._sense[joint] * load, (2, 12 + joint): self._sensed[joint] * load}
+        return np.asarray(self._still + self._bumps.columns(columns))
 
 
 def _means(at_nodes: Array) -> Array:
-    return np.asarray((at_nodes[1:] + at_nodes[:-1]) / 2)
+    return np.asarray((at_nodes[..., 1:] + at_nodes[..., :-1]) / 2)

@@ -277,7 +277,7 @@ def _information(theta: Array, states: Array, tau: Array, step: float, experimen
     # Positions between samples are not seen; where a step is several samples long, each counts for all of them.
     every = max(1, round(experiment.interval / step))
     weight = max(1.0, step / experiment.interval)
-    seen = sensitivities(theta, cut, torques, step)[every - 1 :: every, :2]
+    seen = sensitivities(theta, cut, torques, step, every)[1:, :2]
     delay = -cut[every::every, 2:, None]
     jacobian = np.concatenate([seen[:, :, :4], delay, seen[:, :, 4:] * _units(theta)[:, None]], axis=2)
     jacobian *= math.sqrt(12 * weight) * experiment.counts / (2 * math.pi)

@@ -38,11 +38,15 @@ def contradictions(data: Data, model: str, together: TrajectoryFit, without: Seq
         without: for each recording, the fit of all others where it is known already.
     """
     groups, names, count = data.groups, [recording.name for recording in data.whole], len(data.groups)
-    alone = [data.only(group).fit(model) for group in groups]
+    # A delay that recordings have in common is a start for each of them; it is fitted along.
+    alone = [data.only(group).fit(model, like=data.linear('weak', model)) for group in groups]
     if count == 2:
         without = alone[::-1]
     elif len(without) != count:
-        without = [data.only([m for g in groups if g is not left_out for m in g]).fit(model) for left_out in groups]
+        without = [
+            data.only([m for g in groups if g is not left_out for m in g]).fit(model, near=together)
+            for left_out in groups
+        ]
 
     def errors(fits: Sequence[TrajectoryFit]) -> Array:
         pairs = zip(groups, fits, strict=True)

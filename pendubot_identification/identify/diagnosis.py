@@ -203,7 +203,7 @@ _ZEROS = (
 
 
 def diagnose(
-    trajectories: Sequence[Trajectory],
+    motions: Sequence[Motion],
     smoothing: float,
     hold: str,
     model: str,
@@ -218,22 +218,22 @@ def diagnose(
     it is put right; all else is a warning.
 
     Args:
-        trajectories: recordings of one rig.
-        smoothing: the differentiator's window [s].
-        hold: of the effort, see :meth:`.motion.Motion.prepare`.
+        motions: of one rig.
+        smoothing: the window [s] that made their states.
+        hold: of their effort, see :meth:`.motion.Motion.prepare`.
         model: for the link's length alone; all else allows for dry friction and a rotor.
         delay: what is known of the effort's delay [s], not what was estimated from these recordings.
         expected_link_length: of link 1 [m], to be compared with the one that the elbow's motion tells.
     """
-    long = tuple(t for t in trajectories if t.duration >= SHORTEST)
-    if not any(t.tau.any() for t in long):
+    rig = _Rig(tuple(m for m in motions if m.recorded.duration >= SHORTEST), delay)
+    if not any(t.tau.any() for t in rig.trajectories):
         return ()
-    rig = _Rig(long, smoothing, hold, delay)
     cured, left, faults = _cured(rig)
     if faults or left > UNFIT:
         # Of spoiled data smoothing and hold, where these were chosen from them, are spoiled as well.
-        other = replace(rig, smoothing=min(smoothing, SMOOTHING), hold='linear' if hold == 'zero' else 'zero')
-        if (found := _cured(other))[1] * REREAD < left:
+        how = min(smoothing, SMOOTHING), 'linear' if hold == 'zero' else 'zero'
+        other = tuple(Motion.prepare(t, *how) for t in rig.trajectories)
+        if (found := _cured(_Rig(other, delay)))[1] * REREAD < left:
             cured, left, faults = found
     if not faults:
         faults = _unfit(rig)
@@ -377,29 +377,23 @@ def _elbows_own(motions: Sequence[Motion], model: str, delay: float) -> list[Reg
 class _Rig:
     """Recordings, how they are to be read, and what of their squared effort is left unexplained."""
 
-    trajectories: tuple[Trajectory, ...]
-    smoothing: float
-    hold: str
+    motions: tuple[Motion, ...]
     delay: float
+
+    @property
+    def trajectories(self) -> list[Trajectory]:
+        return [m.recorded for m in self.motions]
 
     @property
     def duration(self) -> float:
         return sum(t.duration for t in self.trajectories)
-
-    @property
-    def motions(self) -> list[Motion]:
-        return [Motion.prepare(t, self.smoothing, self.hold) for t in self.trajectories]
 
     @cached_property
     def regressions(self) -> list[Regression]:
         return [weak_regression(m, MODEL, self.delay, weights=WEIGHTS, stride=STRIDE) for m in self.motions]
 
     def changed(self, change: Affine) -> _Rig:
-        Q, c, T, d = change
-        return replace(
-            self,
-            trajectories=tuple(replace(t, q=t.q @ Q.T + c, tau=t.tau @ T.T + d, qd=None) for t in self.trajectories),
-        )
+        return replace(self, motions=tuple(m.changed(change) for m in self.motions))
 
     def turned_by(self, angles: Array) -> _Rig:
         """Return the rig with angles [rad] taken from its joints' positions."""
@@ -453,7 +447,7 @@ class _Rig:
         weight = GRAVITY * (values['P5'] + (values['P4'] if joint == 0 else 0.0))
         dry = values['Fc1' if joint == 0 else 'Fc2']
         held = math.asin(min(1.0, dry / weight)) if weight > 0 else math.pi / 2
-        return max(LEAST_ZERO, FRICTION_ANGLES * held / math.sqrt(len(self.trajectories)))
+        return max(LEAST_ZERO, FRICTION_ANGLES * held / math.sqrt(len(self.motions)))
 
     @cached_property
     def tolerated(self) -> float:

@@ -23,7 +23,6 @@ from .diagnosis import Fault, diagnose, link_length, with_options
 from .effects import allowing_for, together
 from .estimate import Estimate, Progress
 from .judgement import judge, require_excitation
-from .linear import linear
 from .prediction import Prediction, predict
 from .recipes import SHORTEST, Data, estimate, prepared
 from .selection import TRUST, Comparison, ModelScore
@@ -139,7 +138,7 @@ def identify(
     progress('checking signs, zeros and stamps', 0, 0, np.nan)
     low, high = settings.delays
     known = 'rotor' if settings.model == 'auto' else settings.model
-    faults = diagnose(held, data.smoothing, data.hold, known, low if low == high else 0.0, settings.link_length)
+    faults = diagnose(data.motions, data.smoothing, data.hold, known, low if low == high else 0.0, settings.link_length)
     faults = with_options(faults, settings.reading)
     # What is estimated along does not stand in the way.
     look = all(f.name == 'offset' or (f.delay is not None and low <= f.delay <= high) for f in faults)
@@ -204,7 +203,7 @@ def _rid_of_effects(data: Data, progress: Progress, look: bool) -> tuple[Unexpla
     settings = data.settings
     if not look or settings.criteria == ('energy',):
         return None, data, Comparison(data, progress)
-    delay = linear('weak', data.motions, 'rotor', settings).delay
+    delay = data.linear('weak', 'rotor').delay
     long_enough = [m.recorded for m in data.motions if m.end - m.start >= SHORTEST]
     if not long_enough:
         return None, data, Comparison(data, progress)

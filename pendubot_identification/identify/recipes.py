@@ -6,12 +6,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import count
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pendubot_identification.criteria.quadratic import Quadratic
 from pendubot_identification.criteria.shooting import LONGEST_STEP
 from pendubot_identification.criteria.trajectory_fit import (
     FINEST,
@@ -84,6 +85,7 @@ class Data:
     settings: Settings
     effects: tuple[Found, ...] = ()
     delay: float = 0.0
+    _linear: dict[tuple[str, str], Linear] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     @classmethod
     def prepare(cls, recordings: Sequence[Recording], settings: Settings) -> Data:
@@ -150,6 +152,8 @@ class Data:
 
     def allowing_for(self, found: Sequence[Found], delay: float) -> Data:
         """Return the motions with what is left of their torques without effects that the models lack."""
+        if not any(each.allowed for each in found):
+            return self
         passed = iter(passed_by(self.motions))
         groups = tuple(tuple(allowing_for(m, found, delay, next(passed)) for m in group) for group in self.groups)
         effects = together(self.effects, [each for each in found if each.allowed])
@@ -171,10 +175,22 @@ class Data:
         left = [(group, recording) for group, recording in zip(groups, self.whole, strict=True) if group]
         return replace(self, groups=tuple(group for group, _ in left), whole=tuple(recording for _, recording in left))
 
+    def linear(self, criterion: str, model: str) -> Linear:
+        """Return a quadratic criterion, with the delay and the weights that suit the motions; it is made once."""
+        if (criterion, model) not in self._linear:
+            self._linear[criterion, model] = linear(criterion, self.motions, model, self.settings)
+        return self._linear[criterion, model]
+
     def solve_linear(self, criterion: str, model: str, like: Linear | None = None) -> tuple[Array, float]:
         """Return a quadratic criterion's exact theta, and the delay [s], which may be that of ``like``."""
-        made = linear(criterion, self.motions, model, self.settings, like)
-        return made.criterion.minimum(self.settings.box(model)), made.delay
+        made = self.linear(criterion, model) if like is None else like
+        whole = Quadratic.pool([self._reduced(motion, criterion, model, made) for motion in self.motions])
+        return whole.minimum(self.settings.box(model)), made.delay
+
+    def _reduced(self, motion: Motion, criterion: str, model: str, like: Linear) -> Quadratic:
+        """Return a motion's part of a criterion, which any others of which it is one share."""
+        what = criterion, model, like.delay, *like.weights
+        return motion.once(what, lambda: linear(criterion, [motion], model, self.settings, like).criterion)
 
     def weak_start(self, model: str, like: Linear | None = None) -> tuple[Array, float]:
         """Return the weak criterion's answer, as far as a local optimiser can start from it."""
@@ -239,7 +255,7 @@ def estimate(
         found = _estimate_trajectory(data, judges[0], model, progress)
         said = f'{stretches}, spread over {spans}'
     else:
-        made = linear(criterion, data.motions, model, data.settings)
+        made = data.linear(criterion, model)
         if data.long:
             progress(f'{criterion}: reading {spans}', 0, 0, np.nan)
             made = linear(criterion, data.whole, model, data.settings, like=made)

@@ -19,7 +19,6 @@ from pendubot_identification.model.parameters import MODELS
 from pendubot_identification.trajectories.motion import Motion
 
 from .estimate import FEWEST_RECORDINGS, Progress, average
-from .linear import Linear, linear
 from .prediction import JUDGED, Prediction, predict
 from .recipes import Data
 
@@ -113,7 +112,6 @@ class Comparison:
         self._fits: dict[str, TrajectoryFit] = {}
         self._of_folds: dict[str, list[TrajectoryFit]] = {}
         self._answers: dict[tuple[str, str], list[tuple[Array, float] | None]] = {}
-        self._linear: dict[tuple[str, str], Linear] = {}
         self.deciding = next(c for c in TRUST if c in data.settings.criteria)
 
     @property
@@ -179,7 +177,7 @@ class Comparison:
                         self._of_folds.setdefault(model, []).append(fit)
                         found.append((fit.fit.theta, fit.fit.delay))
                     else:
-                        found.append(rest.solve_linear(criterion, model, self._made(criterion, model)))
+                        found.append(rest.solve_linear(criterion, model, self._data.linear(criterion, model)))
                 except TrajectoryError:
                     found.append(None)
         return self._answers[criterion, model]
@@ -187,7 +185,7 @@ class Comparison:
     def fit(self, model: str) -> TrajectoryFit:
         """Return the fit of all motions, from which those of the folds start."""
         if model not in self._fits:
-            found = self._data.fit(model, like=self._made('weak', 'rotor'))
+            found = self._data.fit(model, like=self._data.linear('weak', 'rotor'))
             smaller = [self._fits[m] for m in MODELS if m in self._fits and MODELS[m] < MODELS[model]]
             if smaller and WORSE * smaller[-1].fit.cost < found.fit.cost:
                 found = self._data.fit(model, near=smaller[-1])
@@ -197,9 +195,3 @@ class Comparison:
     def without(self, model: str) -> list[TrajectoryFit]:
         """Return the fits that leave out each recording, where these were the folds."""
         return self._of_folds.get(model, []) if self._folds[0].held_out is self._data.motions[0] else []
-
-    def _made(self, criterion: str, model: str) -> Linear:
-        """Return the criterion of all motions, whose delay those of the folds share."""
-        if (criterion, model) not in self._linear:
-            self._linear[criterion, model] = linear(criterion, self._data.motions, model, self._data.settings)
-        return self._linear[criterion, model]

@@ -84,7 +84,7 @@ def found_by_trajectory(
     theta, delay = fit.theta, fit.delay
     states = segments.roll(theta, fit.initial)
     residuals = comparison.residuals(states, delay)
-    jacobian = comparison.jacobian(states, segments.sensitivities(theta, states), delay)
+    jacobian = comparison.jacobian(theta, states, delay)
     finite = np.isfinite(residuals).all(axis=1) & np.isfinite(jacobian).all(axis=(1, 2))
     folds, several = folds_of(recordings[segments.group[finite]]), recordings[-1] + 1
     if len(np.unique(folds)) < 2:

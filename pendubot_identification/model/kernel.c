@@ -13,7 +13,7 @@
 #include <string.h>
 #include <unistd.h>
 
-#define VERSION 3 /* of the calls below and in mde.c; kernel.py asks for it */
+#define VERSION 4 /* of the calls below and in mde.c; kernel.py asks for it */
 
 #define EXPORT __attribute__((visibility("default")))
 #define INLINE static inline __attribute__((always_inline))
@@ -170,7 +170,7 @@ INLINE vec gather(const double *from, const int64_t *index)
 
 /* What is simulated: theta (size, vectors or 1), tau (2, steps, lanes); `state` as the two calls below have it. */
 typedef struct {
-    int64_t size, vectors, lanes, steps;
+    int64_t size, vectors, lanes, steps, every;
     double h;
     const double *theta, *state, *tau;
     double *result;
@@ -286,7 +286,7 @@ LOOP void roll(const Motions *m, int64_t begin, int64_t end)
 EXPORT void pendubot_roll(int64_t threads, int64_t size, int64_t vectors, int64_t lanes, int64_t steps, double h,
     const double *theta, const double *state, const double *tau, double *states)
 {
-    Motions what = {size, vectors, lanes, steps, h, theta, state, tau, states};
+    Motions what = {size, vectors, lanes, steps, 1, h, theta, state, tau, states};
     share(roll, &what, vectors * lanes, ROLLING * steps, threads);
 }
 
@@ -380,29 +380,31 @@ LOOP void sensitivities(const Motions *m, int64_t begin, int64_t finish)
         for (int b = 0; b < TOGETHER; b++)
             for (int i = 0; i < 4; i++)
                 chained[b][i][i] = all(1.0);
-        for (int64_t k = 0; k < steps; k++) {
+        for (int64_t k = 0; k <= steps; k++) {
             for (int64_t first = group; first < end; first += LANES) {
                 int64_t count = end - first < LANES ? end - first : LANES;
                 vec(*x)[COLUMNS] = chained[(first - group) / LANES];
+                double *out = m->result + k / m->every * 4 * columns * lanes + first;
+                for (int i = 0; i < 4 && k % m->every == 0; i++)
+                    for (int64_t c = 0; c < columns; c++)
+                        store(out + (i * columns + c) * lanes, x[i][c], count);
+                if (k == steps)
+                    continue;
                 const double *now = states + 4 * k * lanes + first, *torque = tau + k * lanes + first;
                 vec state[4], t1 = load(torque, count), t2 = load(torque + steps * lanes, count);
                 for (int i = 0; i < 4; i++)
                     state[i] = load(now + i * lanes, count);
                 step_sensitivity(&th, m->h, state, t1, t2, x);
-                double *out = m->result + k * 4 * columns * lanes + first;
-                for (int i = 0; i < 4; i++)
-                    for (int64_t c = 0; c < columns; c++)
-                        store(out + (i * columns + c) * lanes, x[i][c], count);
             }
         }
     }
 }
 
-/* result (steps, 4, 4 + size, lanes) of theta (size), states (steps + 1, 4, lanes), tau (2, steps, lanes). */
-EXPORT void pendubot_sensitivities(int64_t threads, int64_t size, int64_t lanes, int64_t steps, double h,
+/* result (steps / every + 1, 4, 4 + size, lanes) of theta (size), states (steps + 1, 4, lanes), tau (2, steps, lanes). */
+EXPORT void pendubot_sensitivities(int64_t threads, int64_t size, int64_t lanes, int64_t steps, int64_t every, double h,
     const double *theta, const double *states, const double *tau, double *result)
 {
-    Motions what = {size, 1, lanes, steps, h, theta, states, tau, result};
+    Motions what = {size, 1, lanes, steps, every, h, theta, states, tau, result};
     share(sensitivities, &what, lanes, DERIVING * steps, threads);
 }
 

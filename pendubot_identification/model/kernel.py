@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from ctypes import CDLL
 
 #: Of the kernel's functions; a library of another version is not used.
-VERSION = 3
+VERSION = 4
 
 #: Set by the package from the environment: whether to use the kernel, and on how many threads at most (0: one on each
 #: core that this process may use). Results do not depend on the threads.
@@ -52,7 +52,7 @@ def _library() -> CDLL | None:
             return None
         sizes, pointer = c_int64, c_void_p
         found.pendubot_roll.argtypes = [*[sizes] * 5, c_double, *[pointer] * 4]
-        found.pendubot_sensitivities.argtypes = [*[sizes] * 4, c_double, *[pointer] * 4]
+        found.pendubot_sensitivities.argtypes = [*[sizes] * 5, c_double, *[pointer] * 4]
         found.pendubot_mde.argtypes = [pointer, sizes, *[pointer] * 7]
         found.pendubot_mde.restype = c_int64
         found.pendubot_roll.restype = found.pendubot_sensitivities.restype = None

@@ -94,20 +94,23 @@ def advance(theta: Sequence[Any], x: Sequence[Any], tau: Any, h: float, lib: Mod
     )
 
 
-def sensitivities(theta: Array, states: Array, tau: Array, step: float) -> Array:
+def sensitivities(theta: Array, states: Array, tau: Array, step: float, every: int = 1) -> Array:
     """Return how motions depend on initial states and theta, with arguments and ``states`` as those of :func:`roll`.
 
     Returns:
-        Derivative of the state after each step by the initial state and theta, shape (K, 4, 4 + D, L).
+        Derivative of the state at the start and after every so many steps by the initial state and theta, shape
+        (K // every + 1, 4, 4 + D, L).
     """
     _, steps, lanes = tau.shape
     size = 4 + len(theta)
-    result = np.empty((steps, 4, size, lanes))
     if (kernel := compiled.library()) is not None:
+        result = np.empty((steps // every + 1, 4, size, lanes))
         arrays = [np.ascontiguousarray(a, dtype=float) for a in (theta, states, tau)]
         pointers = [a.ctypes.data for a in (*arrays, result)]
-        kernel.pendubot_sensitivities(compiled.threads, len(theta), lanes, steps, step, *pointers)
+        kernel.pendubot_sensitivities(compiled.threads, len(theta), lanes, steps, every, step, *pointers)
         return result
+    result = np.zeros((steps + 1, 4, size, lanes))
+    result[0, range(4), range(4)] = 1.0
     together = max(1, CHUNK // max(lanes, 1))
     with np.errstate(all='ignore'):
         # First the derivative of every single step by the state before it and theta, for many steps at once ...
@@ -115,13 +118,13 @@ def sensitivities(theta: Array, states: Array, tau: Array, step: float) -> Array
             part = slice(start, min(start + together, steps))
             x, torques = np.moveaxis(states[part], 1, 0).reshape(4, -1), tau[:, part].reshape(2, -1)
             single = _step_sensitivity(theta, x, torques, step)
-            result[part] = np.moveaxis(single.reshape(4, size, -1, lanes), 2, 0)
+            result[1:][part] = np.moveaxis(single.reshape(4, size, -1, lanes), 2, 0)
         # ... then the chain rule, from step to step.
         by_state = result[:, :, :4].copy()
-        result[1:, :, :4] = 0.0
-        for k in range(1, steps):
+        result[2:, :, :4] = 0.0
+        for k in range(2, steps + 1):
             result[k] += np.matmul(by_state[k], result[k - 1], axes=[(0, 1), (0, 1), (0, 1)])
-    return result
+    return result[::every]
 
 
 def _step_sensitivity(theta: Array, x: Array, tau: Array, h: float) -> Array:

@@ -6,18 +6,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Hashable, Iterator
+from dataclasses import dataclass, field, replace
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline, PPoly
 
 from .long import Long
+from .reading import Affine
 from .signals import differentiate, resample
 from .trajectory import Trajectory
 
 Array = NDArray[np.float64]
+T = TypeVar('T')
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,6 +36,15 @@ class Motion:
     recorded: Trajectory  #: what all this was made of.
     #: Integrals [s] of E unit torques beside the recorded ones, whose sizes are unknown: both joints' of each in turn.
     unit_impulse: PPoly | None = None
+    #: What was made of this motion, and of no other: it is asked for again and again.
+    _made: dict[Hashable, Any] = field(default_factory=dict, init=False, repr=False, compare=False)
+
+    def once(self, what: Hashable, make: Callable[[], T]) -> T:
+        """Return what ``make`` makes of the motion; under the same name it is made once."""
+        if what not in self._made:
+            self._made[what] = make()
+        made: T = self._made[what]
+        return made
 
     @classmethod
     def prepare(cls, trajectory: Trajectory, smoothing: float, hold: str = 'zero') -> Motion:
@@ -72,6 +84,22 @@ class Motion:
         start, end = max(start, self.start), min(end, self.end)
         recorded = self.recorded
         return replace(self, start=start, end=end, recorded=recorded[(recorded.t >= start) & (recorded.t <= end)])
+
+    def changed(self, change: Affine) -> Motion:
+        """Return the motion that was recorded in other angles and torques: all that was made of it follows."""
+        Q, c, T, d = change
+        recorded, x = self.recorded, self.impulse.x
+        states = self.smoothed.c @ np.kron(np.eye(2), Q).T
+        states[-1, :, :2] += c
+        impulses = self.impulse.c @ T.T
+        impulses[-2] += d
+        impulses[-1] += (x[:-1] - x[0])[:, None] * d
+        return replace(
+            self,
+            smoothed=CubicSpline.construct_fast(states, self.smoothed.x),
+            impulse=PPoly(impulses, x),
+            recorded=replace(recorded, q=recorded.q @ Q.T + c, tau=recorded.tau @ T.T + d, qd=None),
+        )
 
     def states(self, t: Array) -> Array:
         """Return q1, q2, q1', q2' at the times t [s], shape (4, ...)."""

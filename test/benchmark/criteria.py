@@ -91,7 +91,7 @@ def fits(job):
     data = Data.prepare([first], Settings(model='viscous'))
     preparing, result = time.perf_counter() - begin, []
     judges = [Motion.prepare(second, data.smoothing, data.hold)]
-    notes, faults = suspicions([first, second]), diagnose([first], data.smoothing, data.hold, 'viscous')
+    notes, faults = suspicions([first, second]), diagnose(data.motions, data.smoothing, data.hold, 'viscous')
     for way, options in WAYS.items():
         settings = Settings((way.replace(',', '').split()[0],), 'viscous', seed=seed + 1, **options)
         if 'start' in way:

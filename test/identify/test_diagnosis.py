@@ -26,6 +26,10 @@ LENGTHS = {'dfki_C1_sysid': 0.2, 'dfki_A0_sysid': 0.3}
 HANG = np.array(HANGING)
 
 
+def diagnosed(recordings, smoothing, hold, *known, **more):
+    return diagnose([Motion.prepare(t, smoothing, hold) for t in recordings], smoothing, hold, *known, **more)
+
+
 def pulses(rate=100, seed=1):
     t = np.arange(9 * rate) / rate
     tau = np.column_stack([[PulseTrain(seed=seed).torque(x) for x in t], np.zeros(len(t))])
@@ -76,7 +80,7 @@ def test_a_fault_of_the_papers_rig_is_named(fault):
     spoil, found = FAULTS[fault]
     if fault == 'elbow turned':
         found = "the elbow's position has the wrong sign"  # its effort is zero whatever the sign
-    (named,) = diagnose([spoil(pulses())], 0.02, 'zero', 'viscous')
+    (named,) = diagnosed([spoil(pulses())], 0.02, 'zero', 'viscous')
     assert re.match(found, named.found)
     assert re.match(r'.*: [\d.]+ % of the squared effort is left .* and [\d.]+ % with this put right; ', named.sentence)
     assert named.unexplained > 5 * named.put_right
@@ -86,12 +90,12 @@ def test_a_fault_of_the_papers_rig_is_named(fault):
 @pytest.mark.parametrize(('rate', 'seed'), [(100, 0), (500, 1)])
 def test_of_good_recordings_nothing_is_said(rate, seed):
     motion = pulses(rate, seed)
-    assert diagnose([motion], 0.02, 'zero', 'viscous', expected_link_length=PAPER.P3 / PAPER.P5) == ()
-    (unit,) = diagnose([replace(motion, tau=1000 * motion.tau)], 0.02, 'zero', 'viscous')
+    assert diagnosed([motion], 0.02, 'zero', 'viscous', expected_link_length=PAPER.P3 / PAPER.P5) == ()
+    (unit,) = diagnosed([replace(motion, tau=1000 * motion.tau)], 0.02, 'zero', 'viscous')
     assert (unit.name, unit.level) == ('unit', Level.ERROR)
     assert unit.found.endswith('the effort is as in mN m')
     for scale in (0.1, 10):
-        assert diagnose([replace(motion, tau=scale * motion.tau)], 0.02, 'zero', 'viscous') == ()
+        assert diagnosed([replace(motion, tau=scale * motion.tau)], 0.02, 'zero', 'viscous') == ()
 
 
 def test_a_few_counts_are_no_wrong_unit():
@@ -104,7 +108,7 @@ def test_a_few_counts_are_no_wrong_unit():
 
 
 def test_two_faults_are_named_one_after_the_other():
-    first, second = diagnose([late(FAULTS['effort'][0](pulses()))], 0.02, 'zero', 'viscous')
+    first, second = diagnosed([late(FAULTS['effort'][0](pulses()))], 0.02, 'zero', 'viscous')
     assert 'the effort has the wrong sign' in first.found.split(', or ')
     assert second.found == 'the effort is stamped 20 ms later than it acts'
     assert second.unexplained == first.put_right
@@ -113,7 +117,7 @@ def test_two_faults_are_named_one_after_the_other():
 @pytest.mark.parametrize(('smoothing', 'hold'), [(0.02, 'zero'), (0.05, 'linear')])
 def test_a_constant_effort_is_no_zero(smoothing, hold):
     """Also when it is read as the wrong data ask for, where a zero explains it better."""
-    (fault,) = diagnose([replace(m := pulses(), tau=m.tau + np.array([0.05, 0]))], smoothing, hold, 'viscous')
+    (fault,) = diagnosed([replace(m := pulses(), tau=m.tau + np.array([0.05, 0]))], smoothing, hold, 'viscous')
     assert fault.found == "the shoulder's effort is off by a constant 0.05 N m"
 
 
@@ -124,15 +128,15 @@ def test_a_result_with_a_wrong_sign_is_an_error():
 
 
 def test_a_motion_that_no_remedy_mends_is_said_to_fit_none():
-    (found,) = diagnose([replace(m := pulses(), tau=m.tau[::-1])], 0.02, 'zero', 'viscous')
+    (found,) = diagnosed([replace(m := pulses(), tau=m.tau[::-1])], 0.02, 'zero', 'viscous')
     assert found.sentence.startswith('the motion does not fit any pendubot: ')
     assert found.level == Level.ERROR
 
 
 def test_a_delay_that_is_known_is_no_fault():
     motion = late(pulses())
-    assert diagnose([motion], 0.02, 'zero', 'viscous', delay=-0.02) == ()
-    (fault,) = diagnose([motion], 0.02, 'zero', 'viscous')
+    assert diagnosed([motion], 0.02, 'zero', 'viscous', delay=-0.02) == ()
+    (fault,) = diagnosed([motion], 0.02, 'zero', 'viscous')
     assert 'identify with a delay of -0.020 s' in fault.remedy
     assert fault.delay == pytest.approx(-0.02, abs=1e-3)
 
@@ -150,11 +154,11 @@ def test_a_late_effort_is_grave_where_no_delay_is_estimated():
 
 def test_too_little_to_tell_is_no_fault():
     motion = pulses()
-    assert diagnose([motion.window(0, 0.7)], 0.02, 'zero', 'viscous') == ()
-    assert diagnose([replace(motion, tau=0 * motion.tau)], 0.02, 'zero', 'viscous') == ()
-    assert diagnose([motion.window(0, 1.05)], 0.02, 'zero', 'viscous') == ()
+    assert diagnosed([motion.window(0, 0.7)], 0.02, 'zero', 'viscous') == ()
+    assert diagnosed([replace(motion, tau=0 * motion.tau)], 0.02, 'zero', 'viscous') == ()
+    assert diagnosed([motion.window(0, 1.05)], 0.02, 'zero', 'viscous') == ()
     still = replace(motion, q=np.broadcast_to(HANG, motion.q.shape))
-    assert diagnose([still], 0.02, 'zero', 'viscous') == ()
+    assert diagnosed([still], 0.02, 'zero', 'viscous') == ()
 
 
 @pytest.mark.parametrize(('rate', 'smoothing'), [(100, 0.02), (500, 0.05)])
@@ -163,7 +167,7 @@ def test_the_elbow_alone_tells_the_length_of_link_1(rate, smoothing):
     assert length == pytest.approx(PAPER.P3 / PAPER.P5, rel=0.01)
     assert error < 0.01 * length
     longer = 1.2 * PAPER.P3 / PAPER.P5
-    (fault,) = diagnose([pulses(rate)], 0.02, 'zero', 'viscous', expected_link_length=longer)
+    (fault,) = diagnosed([pulses(rate)], 0.02, 'zero', 'viscous', expected_link_length=longer)
     assert fault.found == 'the elbow moves as on a link 1 of 0.030 +- 0.000 m, 0.036 m is expected'
     assert fault.level == Level.WARN
 
@@ -181,14 +185,14 @@ def test_real_rigs_have_links_of_their_length(rig):
 def test_of_real_recordings_nothing_is_said(rig):
     motions = recorded(rig, 'train')
     for some in (motions, [motions[0][::5]]):
-        assert diagnose(some, 0.02, 'linear', 'geared', expected_link_length=LENGTHS[rig]) == ()
+        assert diagnosed(some, 0.02, 'linear', 'geared', expected_link_length=LENGTHS[rig]) == ()
 
 
 @pytest.mark.recordings
 @pytest.mark.parametrize(('rig', 'fault'), list(zip(itertools.cycle(LENGTHS), FAULTS, strict=False)))
 def test_a_fault_of_a_real_rig_is_named(rig, fault):
     spoil, found = FAULTS[fault]
-    (named,) = diagnose([spoil(motion[::5]) for motion in recorded(rig, 'train')], 0.02, 'linear', 'rotor')
+    (named,) = diagnosed([spoil(motion[::5]) for motion in recorded(rig, 'train')], 0.02, 'linear', 'rotor')
     assert re.match(found, named.found)
 
 
@@ -198,5 +202,5 @@ def test_a_fault_of_a_real_rig_is_named(rig, fault):
 )
 def test_a_zero_of_a_real_rig_is_as_grave_as_it_is_large(rig, angle, level):
     """Of 3 degrees the weak criterion's parameters change by 11 % at most, of 10 degrees by 64 and 71 %."""
-    (named,) = diagnose([moved(q1=angle)(m[::5]) for m in recorded(rig, 'train')], 0.02, 'linear', 'rotor')
+    (named,) = diagnosed([moved(q1=angle)(m[::5]) for m in recorded(rig, 'train')], 0.02, 'linear', 'rotor')
     assert (named.name, named.level) == ('zero', level)

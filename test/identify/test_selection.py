@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from pendubot_identification.identify.estimate import Effort, Estimate, averaged
@@ -77,6 +77,8 @@ def test_the_smallest_model_within_one_standard_error_of_the_best_is_chosen(rows
     assert [s.model for s in scores] == list(MODELS)
     values = np.array(rows)
     best = values[np.argmin(values.mean(axis=1))]
+    # Of different models that are as good on average, rounding says which is the best.
+    assume(all((row == best).all() or row.mean() > best.mean() + 1e-9 for row in values))
     for score, row in zip(scores, values, strict=True):
         assert score.loss == pytest.approx(row.mean())
         deviation = np.std(row - best, ddof=1) / np.sqrt(len(row))

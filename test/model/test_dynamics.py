@@ -121,6 +121,7 @@ def test_roll_and_sensitivities_do_runge_kutta_steps_of_lagranges_equations(comp
     for lane in range(lanes):
         x, X = start[:, lane], np.eye(4, 4 + len(rig))
         for k in range(steps):
+            assert_near(by_rig(derivatives[k, :, :, lane], P_by), X, 1e-8)
             x, X = step(rig, x, X, tau[:, k, lane], h)
             assert_near(states[k + 1, :, lane], x, 1e-9)
-            assert_near(by_rig(derivatives[k, :, :, lane], P_by), X, 1e-8)
+        assert_near(by_rig(derivatives[steps, :, :, lane], P_by), X, 1e-8)

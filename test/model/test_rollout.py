@@ -37,7 +37,8 @@ def test_any_number_of_lanes_gives_the_same_numbers(compiled, model, lanes):
         assert states.shape == (31, 4, lanes)
         np.testing.assert_array_equal(states[0], x)
         derivatives = sensitivities(theta, states, tau, h)
-        assert derivatives.shape == (30, 4, 4 + len(theta), lanes)
+        assert derivatives.shape == (31, 4, 4 + len(theta), lanes)
+        np.testing.assert_array_equal(sensitivities(theta, states, tau, h, every=7), derivatives[::7])
         for lane in {0, lanes // 2, lanes - 1}:
             alone = slice(lane, lane + 1)
             single = roll(theta, x[:, alone], tau[:, :, alone], h)
