@@ -294,8 +294,9 @@ def _unit_torques(
 ) -> tuple[Array, Array]:
     """Return breaks [s], shape (B + 1,), and the torques between them on both joints, shape (E, B, 2)."""
     own = motion.impulse.x
-    parts = [np.linspace(a, b, max(1, round((b - a) / FINE)) + 1)[:-1] for a, b in pairwise(own)]
-    breaks = np.append(np.concatenate(parts), own[-1])
+    count = np.maximum(np.rint(np.diff(own) / FINE).astype(np.intp), 1)
+    place = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
+    breaks = np.append(np.repeat(own[:-1], count) + place * np.repeat(np.diff(own) / count, count), own[-1])
     seen = seen_of(motion, np.clip((breaks[1:] + breaks[:-1]) / 2 + delay, motion.start, motion.end), delay, passed)
     made = np.zeros((len(units), len(breaks) - 1, 2))
     for k, (joint, torque) in enumerate(units):

@@ -140,12 +140,14 @@ def _columns(
     states = segments.roll(theta, initial)
     residuals = comparison.residuals(states, delay)
     passed = passed_by(segments.motions)
-    own = [with_unit_torques(m, effects, delay, p) for m, p in zip(segments.motions, passed, strict=True)]
-    starts = [segments.start[segments.group == k] for k in range(len(own))]
-    units = np.concatenate(
-        [m.unit_torques(t, segments.step, segments.steps) for m, t in zip(own, starts, strict=True)], axis=3
-    )
-    torques = iter(units)
+    # Of one motion at a time: all effects' torques at all times are large.
+    units = [
+        with_unit_torques(m, effects, delay, p).unit_torques(
+            segments.start[segments.group == k], segments.step, segments.steps
+        )
+        for k, (m, p) in enumerate(zip(segments.motions, passed, strict=True))
+    ]
+    torques = iter(np.concatenate(units, axis=3))
     seen = [
         seen_of(m, comparison.times[:, segments.group == k], delay, p)
         for k, (m, p) in enumerate(zip(segments.motions, passed, strict=True))

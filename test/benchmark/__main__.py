@@ -23,6 +23,7 @@ PARTS = {
     'sensitivities': motions.with_sensitivities,
     'start': start.whole,
     'growth': lambda: growth.figure(FIGURE),
+    'work': growth.identifications,
     'hour': bags.hour,
     'identify': bags.identified,
 }

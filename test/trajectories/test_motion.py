@@ -4,6 +4,7 @@
 """A prepared recording against the simulation it was made of; its torques against their own integral."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from pendubot_identification.model.dynamics import forward_dynamics
 from pendubot_identification.model.parameters import PAPER, Parameters
 from pendubot_identification.model.simulation import simulate
 from pendubot_identification.trajectories.motion import Motion
+from pendubot_identification.trajectories.reading import Affine
 from pendubot_identification.trajectories.trajectory import Trajectory
 
 GEARED = Parameters(*(0.06, 0.05, 0.032, 0.23, 0.16, 0.01, 0.005, 0.25, 0.19, 0.0026), *(0.1, 0.05, 0.15, 0.2))
@@ -102,3 +104,19 @@ def test_a_part_is_the_same_motion_between_other_ends():
     np.testing.assert_array_equal(part.torques(at[:3], 0.003, 20), whole.torques(at[:3], 0.003, 20))
     clipped = whole.part(-math.inf, math.inf)
     assert (clipped.start, clipped.end, len(clipped.recorded)) == (whole.start, whole.end, 300)
+
+
+@pytest.mark.parametrize('hold', ['zero', 'linear'])
+@pytest.mark.parametrize('jitter', [0.0, 0.3])
+def test_a_motion_read_otherwise_is_that_of_the_recording_read_otherwise(hold, jitter):
+    rng = np.random.default_rng(1)
+    t = (np.arange(300) + jitter * rng.uniform(size=300)) * 0.005
+    recorded = recording(t, drive(t))
+    change = Affine(*(rng.normal(size=shape) for shape in ((2, 2), 2, (2, 2), 2)))
+    read = replace(recorded, q=recorded.q @ change.Q.T + change.c, tau=recorded.tau @ change.T.T + change.d, qd=None)
+    changed, expected = Motion.prepare(recorded, 0.03, hold).changed(change), Motion.prepare(read, 0.03, hold)
+    at = np.linspace(t[0], t[-1], 1000)
+    np.testing.assert_allclose(changed.states(at), expected.states(at), atol=1e-9)
+    np.testing.assert_allclose(changed.impulse(at), expected.impulse(at), atol=1e-12)
+    np.testing.assert_array_equal(changed.recorded.q, read.q)
+    np.testing.assert_array_equal(changed.recorded.tau, read.tau)
