@@ -77,15 +77,19 @@
     return own;
   }
 
+  function legend(head, colour, label, name = 'swatch') {
+    const item = element('span', head);
+    element('i', item, '', name).style.background = colour;
+    item.append(label);
+    return item;
+  }
+
   function addPanel(box, plot, data, last, extent) {
     const head = element('div', box, '', 'head');
     element('b', head, data.label);
-    const outputs = data.lines.filter((line) => line.label || line.style === 'line' || line.style === 'steps').map((line) => {
-      const item = element('span', head);
-      element('i', item, '', 'swatch').style.background = line.colour;
-      item.append(line.label);
-      return [line, element('output', item)];
-    });
+    const outputs = data.lines.filter((line) => line.style !== 'dots').map((line) => [
+      line, element('output', legend(head, line.colour, line.label)),
+    ]);
     const tables = [], lines = [{}], bands = [];
     for (const line of data.lines) {
       tables.push(line.upper ? [line.t, line.y, line.upper] : [line.t, line.y]);
@@ -178,6 +182,8 @@
     const tools = element('div', box, '', 'tools');
     const times = plot.panels.flatMap((panel) => panel.lines.flatMap((line) => [line.t[0], line.t.at(-1)])).filter(isFinite);
     const extent = [Math.min(...times), Math.max(...times)];
+    const kinds = new Map(plot.spans.filter(([, , , label]) => label).map(([, , colour, label]) => [label, colour]));
+    for (const [label, colour] of kinds) legend(tools, colour + '66', label, 'swatch broad');
     const panels = plot.panels.map((data, k) => addPanel(box, plot, data, k === plot.panels.length - 1, extent));
     const quarter = () => (shown(panels[0])[1] - shown(panels[0])[0]) / 4;
     const acts = [

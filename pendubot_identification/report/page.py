@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import base64
 import json
+import re
 from collections.abc import Iterable, Sequence
 from functools import partial
 from pathlib import Path
@@ -84,6 +85,7 @@ def _page(pictures: Iterable[Picture], **context: Any) -> str:
     environment.filters['parts'] = parts
     environment.filters['typeset'] = typeset
     environment.globals['file'] = lambda name: Markup((Path(__file__).parent / name).read_text(encoding='utf-8'))
+    environment.filters['minified'] = lambda svg: re.sub(r'\s+', ' ', svg)
     environment.filters['base64'] = lambda text: base64.b64encode(text.encode()).decode()
     shown = {picture.name: picture for picture in pictures}
     plots = {name: picture.plot.data() for name, picture in shown.items() if picture.plot is not None}

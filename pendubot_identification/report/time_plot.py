@@ -116,7 +116,7 @@ class TimePlot:
         """Return the same as plain data, thinned to what a screen shows: what ``page.js`` reads."""
         return {
             'axis': self.axis,
-            'spans': [[_round(s.begin), _round(s.end), s.colour] for s in self.spans],
+            'spans': [[_round(s.begin), _round(s.end), s.colour, s.label] for s in self.spans],
             'boundaries': [_round(begin) for begin in self.boundaries],
             'panels': [_panel_data(panel) for panel in self.panels],
         }
@@ -201,7 +201,7 @@ def _panel_data(panel: Panel) -> dict[str, Any]:
     for line in panel.lines:
         t, y = joined(line.pieces)
         found = {'label': line.label, 'colour': line.colour, 'width': line.width, 'style': line.style}
-        found |= {'t': _numbers(t), 'y': _numbers(y / size)}
+        found |= {'t': [_round(at) for at in t.tolist()], 'y': _numbers(y / size)}
         if line.style == 'band':
             found['upper'] = _numbers(np.interp(t, *joined(line.upper)) / size)
         lines.append(found)
@@ -209,9 +209,10 @@ def _panel_data(panel: Panel) -> dict[str, Any]:
 
 
 def _numbers(values: Array) -> list[float | None]:
-    """Return numbers to 10 us, or to five digits, as short as can be; None where there is none."""
-    return [_round(value) if math.isfinite(value) else None for value in values.tolist()]
+    """Return numbers to five digits, as short as can be; None where there is none."""
+    return [float(f'{value:.5g}') if math.isfinite(value) else None for value in values.tolist()]
 
 
-def _round(value: float) -> float:
-    return round(value, 5)
+def _round(time: float) -> float:
+    """Return a time [s] to 10 us, which tells pieces apart that follow each other."""
+    return round(time, 5)
