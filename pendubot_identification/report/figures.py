@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import itertools
 import re
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
@@ -24,19 +23,21 @@ from pendubot_identification.trajectories.trajectory import Trajectory
 
 from .style import rendered, style
 from .tables import Beside
+from .time_plot import Line, Panel, Span, TimePlot, envelope, in_powers, places, scaled
 
 Array = NDArray[np.float64]
+Timeline = Mapping[Hashable, float]
+
+NOWHERE: Timeline = {}
 
 #: Of every figure [inch]: wide enough for a column on a screen, and legible when a telephone shows it.
 WIDTH = 5.2
-#: Points that a line may have, two for each of half as many intervals of time.
-MOST_POINTS = 2000
 #: Means of unexplained torque are drawn in so many bins, without what is so many times its median.
 BINS, OUTLYING = 24, 8.0
 MEASURED, SIMULATED, ESTIMATION, VALIDATION = '#1a1a1a', '#d55e00', '#56b4e9', '#e69f00'
 #: Colours that can be told apart by everyone (Okabe and Ito).
 COLOURS = ('#0072b2', '#d55e00', '#009e73', '#cc79a7')
-STATE_LABELS = ('q1 [rad]', 'q2 [rad]', "q1' [rad/s]", "q2' [rad/s]")
+STATES = (('q1', 'rad'), ('q2', 'rad'), ("q1'", 'rad/s'), ("q2'", 'rad/s'))
 #: How all figures here are drawn, which are smaller than a page.
 drawn = style(
     {'axes.titlesize': 9, 'legend.fontsize': 8, 'lines.linewidth': 1.0, 'figure.constrained_layout.w_pad': 0.09}
@@ -45,12 +46,16 @@ drawn = style(
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """A figure: the name of its files, their contents, and what its caption in ``page.html.jinja`` needs to know."""
+    """A figure: the name of its files, their contents, and what its caption in ``page.html.jinja`` needs to know.
+
+    ``plot``: what it shows over time, for a page to explore; None where it shows something else.
+    """
 
     name: str
     svg: str
     png: bytes
     about: Mapping[str, Any]
+    plot: TimePlot | None = None
 
     @property
     def size(self) -> tuple[str, ...]:
@@ -59,63 +64,97 @@ class Picture:
         return found.groups() if found else ('4', '3')
 
 
+def timeline(motions: Sequence[Trajectory]) -> Timeline:
+    """Return what to add to the times of each recording [s] so that all stand one after the other, by name."""
+    return places([_recording(motion.name) for motion in motions], [motion.t for motion in motions])
+
+
 @drawn
 def draw_recordings(training: Sequence[Trajectory], validation: Sequence[Trajectory]) -> Picture:
     """Draw the torque and both angles, and which part estimates and which validates."""
     motions = [*training, *validation]
-    recordings = [motion.name.rpartition('@')[0] or motion.name for motion in motions]
+    at = timeline(motions)
+    times = [motion.t + at[_recording(motion.name)] for motion in motions]
     driven = any(motion.tau[:, 1].any() for motion in motions)
+
+    def line(values: Sequence[Array], label: str = '', colour: str = MEASURED, **how: Any) -> Line:
+        return Line(label, list(zip(times, values, strict=True)), colour, **how)
+
+    torques = [line([m.tau[:, 0] for m in motions], 'shoulder' if driven else '', width=0.8, style='steps')]
+    if driven:
+        torques.append(line([m.tau[:, 1] for m in motions], 'elbow', COLOURS[0], width=0.8, style='steps'))
+    panels = [Panel('tau1, tau2' if driven else 'tau1', 'N m', torques)]
+    panels += [Panel(name, 'rad', [line([m.q[:, k] for m in motions])]) for k, name in enumerate(('q1', 'q2'))]
+    kinds = [(ESTIMATION, 'estimates')] * len(training) + [(VALIDATION, 'validates')] * len(validation)
+    spans = [Span(t[0], t[-1], *kind) for t, kind in zip(times, kinds, strict=True)]
+    ordered = sorted(
+        at, key=lambda name: min(t[0] for m, t in zip(motions, times, strict=True) if _recording(m.name) == name)
+    )
+    plot = TimePlot(panels, spans, _boundaries(motions, times) if len(ordered) > 1 else ())
     figure, axes = _panels(4.2, 3, sharex=True)
-    colours = [ESTIMATION] * len(training) + [VALIDATION] * len(validation)
-    for motion, place, colour in zip(motions, _places(recordings, [m.t for m in motions]), colours, strict=True):
-        t = motion.t + place
-        for axis in axes:
-            axis.axvspan(t[0], t[-1], color=colour, alpha=0.18, linewidth=0)
-        axes[0].plot(*envelope(t, motion.tau[:, 0]), color=MEASURED, linewidth=0.8)
-        if driven:
-            axes[0].plot(*envelope(t, motion.tau[:, 1]), color=COLOURS[0], linewidth=0.8)
-        for axis, angle in zip(axes[1:], motion.q.T, strict=True):
-            axis.plot(*envelope(t, angle), color=MEASURED)
-    _label(axes, ('tau1, tau2 [N m]' if driven else 'tau1 [N m]', *STATE_LABELS[:2]))
-    kinds = {'estimates': ESTIMATION, 'validates': VALIDATION} if validation else {'estimates': ESTIMATION}
-    _legend(axes[0], [Patch(color=colour, alpha=0.4, label=kind) for kind, colour in kinds.items()])
-    return _picture(figure, 'recordings', driven=driven, several=len(set(recordings)) > 1)
+    plot.draw(axes)
+    _legend(axes[0], [Patch(color=colour, alpha=0.4, label=kind) for colour, kind in dict.fromkeys(kinds)])
+    return _picture(figure, 'recordings', plot, driven=driven, recordings=ordered)
 
 
 @drawn
-def draw_simulation(simulation: Simulation, *, validation: bool) -> Picture:
-    """Draw what was measured and what was simulated from measured states on."""
-    t, pieces = simulation.simulated_t, simulation.simulated
-    figure, axes = _panels(5.6, 4, sharex=True)
-    for k, axis in enumerate(axes):
+def draw_simulation(simulation: Simulation, at: Timeline = NOWHERE, *, validation: bool) -> Picture:
+    """Draw what was measured, what was simulated from measured states on, and below them by how much it is off."""
+    place = at.get(_recording(simulation.name), 0.0)
+    times, pieces = (simulation.simulated_t + place).T, simulation.simulated
+    panels, errors = [], []
+    for k, (name, unit) in enumerate(STATES):
         measured = simulation.measured[k]
-        axis.plot(*envelope(simulation.t, measured), color=MEASURED, linewidth=1.6, label='measured')
         middle, reach = (measured.max() + measured.min()) / 2, 0.75 * np.ptp(measured) + 1e-3
         # What has left the figure by far would only make its lines long.
         near = np.where(np.abs(pieces[:, k] - middle) < 20 * reach, pieces[:, k], np.nan)
-        for piece, at in zip(near.T, t.T, strict=True):
-            axis.plot(*envelope(at, piece), color=SIMULATED, label='simulated')
-        axis.plot(t[0], pieces[0, k], '.', color=SIMULATED, markersize=4)
-        axis.set_ylim(middle - reach, middle + reach)
-    _label(axes, STATE_LABELS)
+        truth = np.interp(simulation.simulated_t.T, simulation.t, measured)
+        starts = (times[:, 0], pieces[0, k])
+        lines = [
+            Line('measured', [(simulation.t + place, measured)], MEASURED, 1.6),
+            Line('simulated', list(zip(times, near.T, strict=True)), SIMULATED),
+            Line('', [starts], SIMULATED, style='dots'),
+        ]
+        panels.append(Panel(name, unit, lines, (middle - reach, middle + reach)))
+        errors.append(Line(name, list(zip(times, near.T - truth, strict=True)), COLOURS[k % 2]))
+    panels += [Panel('error', 'rad', errors[:2]), Panel('error', 'rad/s', errors[2:])]
+    plot = TimePlot(panels)
+    figure, axes = _panels(7.4, len(panels), sharex=True)
+    plot.draw(axes)
     _legend(axes[0], axes[0].lines[:2])
+    axes[4].legend(loc='upper left', ncols=2)
     part = '' if simulation.whole else simulation.name
-    return _picture(figure, 'simulation', validation=validation, ahead=simulation.ahead, part=part)
+    return _picture(figure, 'simulation', plot, validation=validation, ahead=simulation.ahead, part=part)
 
 
 @drawn
-def draw_residuals(residuals: Residuals) -> Picture:
-    """Draw a criterion's residuals over time, their autocorrelation, and their histogram."""
-    places = _places(range(len(residuals.parts)), [t for t, _ in residuals.parts])
-    everything = np.concatenate([values for _, values in residuals.parts])
+def draw_residuals(residuals: Residuals, names: Sequence[str] = (), at: Timeline = NOWHERE) -> list[Picture]:
+    """Draw a criterion's residuals over time, and apart their autocorrelation and histogram.
+
+    ``names``: of the recordings, as many as the residuals have parts; with others they stand on an axis of their own.
+    """
+    parts = residuals.parts
+    own = len(names) != len(parts)
+    if own:
+        found = places(range(len(parts)), [t for t, _ in parts])
+        times = [t + found[k] for k, (t, _) in enumerate(parts)]
+    else:
+        times = [t + at.get(_recording(name), 0.0) for name, (t, _) in zip(names, parts, strict=True)]
+    lines = [
+        Line(name, [(t, values[:, k]) for t, (_, values) in zip(times, parts, strict=True)], colour, 0.7)
+        for k, (name, colour) in enumerate(zip(residuals.names, COLOURS, strict=False))
+    ]
+    plot = TimePlot([Panel('', residuals.unit, lines)], axis=residuals.criterion if own else 'time')
+    figure, axes = _panels(2.2, 1)
+    plot.draw(axes)
+    _legend(axes[0], axes[0].lines)
+    cumulative = bool(np.isinf(residuals.shared))
+    over_time = _picture(figure, f'residuals_{residuals.criterion}', plot, cumulative=cumulative)
+    everything = np.concatenate([values for _, values in parts])
     sizes = np.sqrt((everything**2).mean(axis=0))
     bins = np.linspace(-4, 4, 41)
-    figure = Figure(figsize=(WIDTH, 4.4), layout='constrained')
-    top, bottom = figure.subfigures(2, 1)
-    over_time, (correlation, histogram) = top.subplots(), bottom.subplots(1, 2)
-    for k, (name, colour) in enumerate(zip(residuals.names, COLOURS, strict=False)):
-        for place, (t, values) in zip(places, residuals.parts, strict=True):
-            over_time.plot(*envelope(t + place, values[:, k]), color=colour, linewidth=0.7, label=name)
+    figure, (correlation, histogram) = _panels(2.2, 1, 2)
+    for k, (_, colour) in enumerate(zip(residuals.names, COLOURS, strict=False)):
         correlation.plot(*envelope(residuals.lags[1:], residuals.autocorrelation[1:, k]), color=colour)
         counts, _ = np.histogram(everything[:, k] / (sizes[k] or 1.0), bins, density=True)
         histogram.stairs(counts, bins, color=colour)
@@ -124,29 +163,43 @@ def draw_residuals(residuals: Residuals) -> Picture:
     correlation.axvspan(0, min(residuals.shared, residuals.lags[-1]), color='#eeeeee', zorder=0, linewidth=0)
     correlation.set(xlim=(0, residuals.lags[-1]), ylim=(-1.05, 1.05), xlabel='lag [s]', title='autocorrelation')
     histogram.set(xlabel='in its root mean square', title='histogram', yticks=[])
-    over_time.set(xlabel='time [s]', ylabel=f'[{residuals.unit}]')
-    _legend(over_time, over_time.lines[:: len(places)])
-    return _picture(figure, f'residuals_{residuals.criterion}', cumulative=np.isinf(residuals.shared))
+    return [over_time, _picture(figure, f'whiteness_{residuals.criterion}', cumulative=cumulative)]
 
 
 @drawn
-def draw_torque_left(left: TorqueLeft) -> Picture:
-    """Draw the unexplained torque of both joints over time, with its bursts, and its means against what the rig did."""
+def draw_torque_left(left: TorqueLeft, at: Timeline = NOWHERE) -> list[Picture]:
+    """Draw the unexplained torque of both joints over time, with its bursts; and its means against what the rig did."""
     found = left.found
-    places = _places(range(len(found.times)), found.times)
+    starts = [at.get(_recording(name), 0.0) for name in left.names]
+    panels = [
+        Panel(
+            joint,
+            'N m',
+            [
+                Line(
+                    '',
+                    [(t + s, y[:, k]) for s, t, y in zip(starts, found.times, found.torque, strict=True)],
+                    colour,
+                    0.7,
+                )
+            ],
+        )
+        for k, (joint, colour) in enumerate(zip(('shoulder', 'elbow'), COLOURS, strict=False))
+    ]
+    begin = {name: s + t[0] for name, s, t in zip(left.names, starts, found.times, strict=True)}
+    bursts = [Span(begin[b.recording] + b.begin, begin[b.recording] + b.end, SIMULATED) for b in found.bursts]
+    plot = TimePlot(panels, bursts)
+    figure, axes = _panels(2.6, 2, sharex=True)
+    plot.draw(axes)
+    about: dict[str, Any] = {'bursts': len(found.bursts), 'effects': [f.effect.name for f in found.effects]}
+    over_time = _picture(figure, 'torque_left', plot, **about)
     everything, rest = np.concatenate(found.torque), np.concatenate(found.rest)
-    figure = Figure(figsize=(WIDTH, 4.4), layout='constrained')
-    top, bottom = figure.subfigures(2, 1)
-    over_time, against = top.subplots(2, 1, sharex=True), bottom.subplots(2, len(left.seen), sharey='row')
+    figure, means_of = _panels(2.6, 2, len(left.seen), sharey='row')
+    against = means_of.reshape(2, -1)
     quiet = np.abs(everything) < OUTLYING * np.median(np.abs(everything), axis=0) + np.finfo(float).tiny
-    for joint, (axis, colour) in enumerate(zip(over_time, COLOURS, strict=False)):
-        for place, t, torque in zip(places, found.times, found.torque, strict=True):
-            axis.plot(*envelope(t + place, torque[:, joint]), color=colour, linewidth=0.7)
-        for burst in found.bursts:
-            number = left.names.index(burst.recording)
-            begin = places[number] + found.times[number][0]
-            axis.axvspan(begin + burst.begin, begin + burst.end, color=SIMULATED, alpha=0.25, linewidth=0)
-        axis.set_ylabel(f'{("shoulder", "elbow")[joint]}\n[N m]')
+    for joint, colour in enumerate(COLOURS[:2]):
+        power = scaled(float(np.abs(everything[quiet[:, joint], joint]).max(initial=0.0)))
+        against[joint, 0].set_ylabel(f'{("shoulder", "elbow")[joint]}\n[{in_powers("N m", power)}]')
         for column, (name, values) in enumerate(left.seen.items()):
             shown, kept = against[joint, column], quiet[:, joint]
             edges = np.unique(np.quantile(values[kept, joint], np.linspace(0, 1, BINS + 1)))
@@ -154,13 +207,12 @@ def draw_torque_left(left: TorqueLeft) -> Picture:
                 continue
             number = np.clip(np.searchsorted(edges, values[kept, joint], side='right') - 1, 0, len(edges) - 2)
             count = np.maximum(np.bincount(number, minlength=len(edges) - 1), 1)
-            for torque, line in ((everything, '-'), (rest, ':')):
-                means = np.bincount(number, torque[kept, joint], minlength=len(edges) - 1) / count
-                shown.plot((edges[1:] + edges[:-1]) / 2, means, color=colour, linestyle=line)
+            for torque, stroke in ((everything, '-'), (rest, ':')):
+                means = np.bincount(number, torque[kept, joint], minlength=len(edges) - 1) / count / 10.0**power
+                shown.plot((edges[1:] + edges[:-1]) / 2, means, color=colour, linestyle=stroke)
             shown.axhline(0, color='#bbbbbb', linewidth=0.6, zorder=0)
             against[1, column].set_xlabel(name)
-    over_time[1].set_xlabel('time [s]')
-    return _picture(figure, 'torque_left', bursts=len(found.bursts), effects=[f.effect.name for f in found.effects])
+    return [over_time, _picture(figure, 'torque_means', **about)]
 
 
 @drawn
@@ -190,19 +242,24 @@ def draw_parameters(result: Result, beside: Beside | None = None) -> Picture:
     lines = -(-len(names) // 2)
     figure, axes = _panels(0.55 + lines * (0.62 + 0.17 * len(rows)), lines, 2, sharey=True)
     for axis, name in zip(axes, names, strict=False):
+        shown = [parameters[name] for _, parameters, _ in rows if name in parameters]
+        power = scaled(max(abs(b) for entry in shown for b in (entry.value, *entry.interval) if b is not None))
+        size = 10.0**power
         for k, (_, parameters, colour) in enumerate(rows):
             entry = parameters.get(name)
             if entry is None:
                 continue
             low, high = entry.interval
             if low is not None and high is not None:
-                axis.plot([low, high], [k, k], color=colour, linewidth=2.5, alpha=0.5, solid_capstyle='butt')
-            axis.plot(entry.value, k, 'o', color=colour, markersize=4)
-        axis.set_title(f'{name} [{result.parameters[name].unit}]')
+                axis.plot(
+                    [low / size, high / size], [k, k], color=colour, linewidth=2.5, alpha=0.5, solid_capstyle='butt'
+                )
+            axis.plot(entry.value / size, k, 'o', color=colour, markersize=4)
+        axis.set_title(f'{name} [{in_powers(result.parameters[name].unit, power)}]')
         axis.set_yticks(range(len(rows)), [label for label, _, _ in rows])
         axis.set_ylim(len(rows) - 0.5, -0.5)
         axis.xaxis.set_major_locator(MaxNLocator(3))
-        axis.ticklabel_format(axis='x', style='sci', scilimits=(-2, 3), useOffset=False)
+        axis.ticklabel_format(axis='x', style='plain', useOffset=False)
     for axis in axes[len(names) :]:
         axis.set_visible(False)
     return _picture(figure, 'parameters')
@@ -251,52 +308,33 @@ def draw_excitation(names: Sequence[str], excitation: Excitation) -> Picture:
     return _picture(figure, 'excitation')
 
 
-def envelope(t: Array, y: Array, most: int = MOST_POINTS) -> tuple[Array, Array]:
-    """Return at most ``most`` points of a line, shapes (N,), that cover what all of it covers.
-
-    Of each interval of time the lowest and the highest point are kept, in their order.
-    """
-    if len(t) <= most:
-        return t, y
-    edges = np.linspace(0, len(t), most // 2 + 1).astype(int)
-    kept = []
-    for low, high in itertools.pairwise(edges):
-        part = np.nan_to_num(y[low:high])
-        kept += sorted((low + int(part.argmin()), low + int(part.argmax())))
-    return t[kept], y[kept]
-
-
 def _panels(height: float, rows: int, columns: int = 1, **shared: Any) -> tuple[Figure, NDArray[Any]]:
     """Return a figure, ``height`` inches high, and its axes, row by row."""
     figure = Figure(figsize=(WIDTH, height), layout='constrained')
     return figure, figure.subplots(rows, columns, squeeze=False, **shared).ravel()
 
 
-def _picture(figure: Figure, name: str, **about: Any) -> Picture:
+def _picture(figure: Figure, name: str, plot: TimePlot | None = None, **about: Any) -> Picture:
     files = rendered(figure, bbox_inches='tight')
-    return Picture(name, files['svg'].decode(), files['png'], about)
+    # Hundredths of a point are enough: the page holds every figure.
+    svg = re.sub(r'([ML] -?\d+\.\d\d)\d*( -?\d+\.\d\d)\d*', r'\1\2', files['svg'].decode())
+    return Picture(name, svg, files['png'], about, plot)
 
 
-def _label(axes: NDArray[Any], labels: Sequence[str]) -> None:
-    for axis, label in zip(axes, labels, strict=True):
-        axis.set_ylabel(label)
-    axes[-1].set_xlabel('time [s]')
+def _recording(name: str) -> str:
+    """Return of which recording a part is, by the part's name, ``BAG@START:END``."""
+    return name.rpartition('@')[0] or name
+
+
+def _boundaries(motions: Sequence[Trajectory], times: Sequence[Array]) -> list[float]:
+    """Return where each recording begins, in the order of time."""
+    begin: dict[str, float] = {}
+    for motion, t in zip(motions, times, strict=True):
+        name = _recording(motion.name)
+        begin[name] = min(float(t[0]), begin.get(name, np.inf))
+    return sorted(begin.values())
 
 
 def _legend(axis: Axes, handles: Sequence[Any]) -> None:
     """Put a legend above an axis, where it covers nothing."""
     axis.legend(handles=handles, loc='lower left', bbox_to_anchor=(0, 1.0), ncols=4, borderaxespad=0.2)
-
-
-def _places(recordings: Sequence[Hashable], times: Sequence[Array]) -> list[float]:
-    """Return what to add to each part's times [s] so that different recordings stand one after the other.
-
-    ``recordings`` says by part of which recording it is; parts of one recording keep their distance in time.
-    """
-    places: dict[Hashable, float] = {}
-    end = None
-    for recording in dict.fromkeys(recordings):
-        own = [t for r, t in zip(recordings, times, strict=True) if r == recording]
-        places[recording] = 0.0 if end is None else end - min(float(t[0]) for t in own)
-        end = places[recording] + max(float(t[-1]) for t in own)
-    return [places[recording] for recording in recordings]

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from datetime import datetime, timezone
 from functools import partial
 from pathlib import Path
 
@@ -16,6 +17,8 @@ from pendubot_identification.identify.effects import allowing_for, passed_by
 from pendubot_identification.identify.evidence import excitation, known_effects, residuals, simulate_beside, torque_left
 from pendubot_identification.identify.prediction import state_scale
 from pendubot_identification.identify.result import Result
+from pendubot_identification.recordings.bag_reader import BagReader, BagWindow
+from pendubot_identification.recordings.tables import is_table
 from pendubot_identification.results.provenance import answers, hold, settings
 from pendubot_identification.results.result_file import result_text
 from pendubot_identification.trajectories.motion import Motion
@@ -23,9 +26,11 @@ from pendubot_identification.trajectories.trajectory import Trajectory
 
 from . import figures
 from .figures import Picture
-from .page import failure_page, result_page
+from .page import Bag, failure_page, result_page
 from .tables import Beside
 
+#: Stamps below this count from when a computer or a simulation began: they name no day [ns].
+A_YEAR_NS = 365 * 24 * 3600 * 10**9
 #: The motions that estimate, and those that validate.
 Recordings = tuple[Sequence[Trajectory], Sequence[Trajectory]]
 
@@ -52,12 +57,13 @@ def write_report(
         ResultError: the system refuses to write.
     """
     wanted = list(_wanted(result, motions, beside))
-    drawn, notes = [], list(notes)
+    drawn: list[Picture] = []
+    notes = list(notes)
     for k, (what, draw) in enumerate(wanted):
         progress('drawing', k, len(wanted), math.nan)
         try:
-            if (picture := draw()) is not None:
-                drawn.append(picture)
+            found = draw()
+            drawn += found if isinstance(found, list) else [found] if found else []
         except PendubotError as error:
             notes.append(f'{what}; {error}')
     notes += [
@@ -66,7 +72,9 @@ def write_report(
         for source in result.bags
         if source.stretches
     ]
-    return _write(folder, {'result.yaml': result_text(result)}, drawn, result_page(result, drawn, beside, notes))
+    bags = [_bag(BagWindow.parse(source.bag)) for source in result.bags] if motions is not None else []
+    page = result_page(result, drawn, beside, notes, bags)
+    return _write(folder, {'result.yaml': result_text(result)}, drawn, page)
 
 
 def write_failure(folder: OutputFolder, reason: str, asked: Sequence[str], motions: Recordings | None) -> Path:
@@ -81,7 +89,7 @@ def write_failure(folder: OutputFolder, reason: str, asked: Sequence[str], motio
 
 def _wanted(
     result: Result, motions: Recordings | None, beside: Beside | None
-) -> Iterator[tuple[str, Callable[[], Picture | None]]]:
+) -> Iterator[tuple[str, Callable[[], Picture | list[Picture] | None]]]:
     """Yield of all figures of a result what they are of, and what draws them."""
     yield 'the parameters', partial(figures.draw_parameters, result, beside)
     yield 'the correlations', partial(figures.draw_correlation, result)
@@ -91,6 +99,7 @@ def _wanted(
         training, validation = (
             [Motion.prepare(motion, result.smoothing, hold(result)) for motion in recorded] for recorded in motions
         )
+        at = figures.timeline([*motions[0], *motions[1]])
         scale, asked, whole, listed = state_scale(training), settings(result), training, result.unexplained_torque
         if listed is not None and listed.effects:
             known = known_effects(training, listed.effects)
@@ -100,16 +109,17 @@ def _wanted(
 
         def simulated() -> Picture:
             shown = simulate_beside(validation or training, best, scale)
-            return figures.draw_simulation(shown, validation=bool(validation))
+            return figures.draw_simulation(shown, at, validation=bool(validation))
 
         def excited() -> Picture:
             return figures.draw_excitation(list(result.parameters), excitation(training, best, result.parameters))
 
-        def left(criterion: str) -> Picture:
-            return figures.draw_residuals(residuals(training, found[criterion], asked, result.smoothing, scale))
+        def left(criterion: str) -> list[Picture]:
+            shown = residuals(training, found[criterion], asked, result.smoothing, scale)
+            return figures.draw_residuals(shown, [motion.name for motion in training], at)
 
-        def unexplained() -> Picture:
-            return figures.draw_torque_left(torque_left(whole, best, result.smoothing, hold(result)))
+        def unexplained() -> list[Picture]:
+            return figures.draw_torque_left(torque_left(whole, best, result.smoothing, hold(result)), at)
 
         yield 'the data', partial(figures.draw_recordings, *motions)
         if listed is not None:
@@ -123,6 +133,16 @@ def _wanted(
         if answer.convergence:
             drawn = partial(figures.draw_convergence, criterion, answer.J, answer.convergence)
             yield f'the convergence of {criterion}', drawn
+
+
+def _bag(window: BagWindow) -> Bag:
+    """Return where a bag lies, and the day of its recording by its own stamps; a file with columns has none."""
+    path = window.path.absolute()
+    if not path.exists():  # it was found elsewhere
+        return Bag(str(window), '', '')
+    first_ns = 0 if is_table(path) else BagReader(path).first_ns
+    day = datetime.fromtimestamp(first_ns / 1e9, timezone.utc).date().isoformat() if first_ns > A_YEAR_NS else ''
+    return Bag(str(window), path.as_uri(), day)
 
 
 def _write(folder: OutputFolder, files: Mapping[str, str], pictures: Iterable[Picture], page: str) -> Path:

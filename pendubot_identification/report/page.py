@@ -1,7 +1,10 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A result as one HTML page that needs nothing beside it: no network, no script, no other file.
+"""A result as one HTML page that needs nothing beside it: no network and no other file.
+
+What can be explored is in the page as data and as static figures: without JavaScript, and on paper, these stand there.
+``page.js`` shows the data, by uPlot (``uplot/``, MIT licence).
 
 Every number of the result stands in a ``<data>`` element that names its entry in the result file and holds that entry's
 own value, so that page and file can be compared. The page itself is ``page.html.jinja``.
@@ -10,12 +13,15 @@ own value, so that page and file can be compared. The page itself is ``page.html
 from __future__ import annotations
 
 import base64
+import json
+import re
 from collections.abc import Iterable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from markupsafe import Markup
 
 from pendubot_identification.identify.result import Result, plain
 from pendubot_identification.model.parameters import SPECIFICATIONS
@@ -23,19 +29,41 @@ from pendubot_identification.model.parameters import SPECIFICATIONS
 from . import tables
 from .figures import Picture
 from .table import parts
+from .time_plot import typeset
+
+
+class Bag(NamedTuple):
+    """A bag that the page names: its name, its address where it lies here, and the day of its recording or nothing."""
+
+    name: str
+    address: str
+    day: str
 
 
 def result_page(
-    result: Result, pictures: Iterable[Picture], beside: tables.Beside | None = None, notes: Sequence[str] = ()
+    result: Result,
+    pictures: Iterable[Picture],
+    beside: tables.Beside | None = None,
+    notes: Sequence[str] = (),
+    bags: Sequence[Bag] = (),
 ) -> str:
-    """Return the page of a result; ``notes``: what else its reader should know, such as why a figure is missing."""
+    """Return the page of a result.
+
+    Args:
+        result: of an identification.
+        pictures: its figures.
+        beside: what stands beside it.
+        notes: what else its reader should know, such as why a figure is missing.
+        bags: where its bags lie, and when they were recorded.
+    """
     return _page(
         pictures,
         result=result,
         entry=lambda path: plain(tables.entry(result, path)),
         number=partial(tables.number, result),
         tables=tables,
-        meanings={f'{s.name} [{s.unit}]': s.meaning for s in SPECIFICATIONS},
+        meanings={s.name: s.meaning for s in SPECIFICATIONS},
+        bags=bags,
         beside=beside,
         notes=notes,
     )
@@ -55,6 +83,12 @@ def _page(pictures: Iterable[Picture], **context: Any) -> str:
         lstrip_blocks=True,
     )
     environment.filters['parts'] = parts
+    environment.filters['typeset'] = typeset
+    environment.globals['file'] = lambda name: Markup((Path(__file__).parent / name).read_text(encoding='utf-8'))
+    environment.filters['minified'] = lambda svg: re.sub(r'\s+', ' ', svg)
     environment.filters['base64'] = lambda text: base64.b64encode(text.encode()).decode()
     shown = {picture.name: picture for picture in pictures}
-    return environment.get_template('page.html.jinja').render(context, pictures=shown)
+    plots = {name: picture.plot.data() for name, picture in shown.items() if picture.plot is not None}
+    # Within a script element nothing is markup but what would end it.
+    data = Markup(json.dumps(plots, ensure_ascii=False, separators=(',', ':')).replace('<', '\\u003c'))
+    return environment.get_template('page.html.jinja').render(context, pictures=shown, plots=data)

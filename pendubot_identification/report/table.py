@@ -23,15 +23,17 @@ class Number:
         format: how it is rounded, as Python's ``format`` takes it; empty: in full.
         entry: the path of its entry, such as ``parameters.P1.interval.0``.
         of: whose result file that is: empty for the one that is shown, else ``reference``.
+        times: what the value is multiplied by before it is shown.
     """
 
     value: float | None
     format: str = ''
     entry: str = ''
     of: str = ''
+    times: float = 1
 
     def __str__(self) -> str:
-        return '-' if self.value is None else f'{self.value:{self.format}}'
+        return '-' if self.value is None else f'{self.value * self.times:{self.format}}'
 
 
 #: Text, a number, or several cells that stand one after the other in a place.

@@ -7,8 +7,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
+from pendubot_identification.identify.advice import TOGETHER
+from pendubot_identification.identify.estimate import NORMAL_95
 from pendubot_identification.identify.result import Given, Parameter, Result
 from pendubot_identification.level import Level
 
@@ -22,6 +25,28 @@ VERDICTS = {
 }
 HOLDS = {'zero': 'held from sample to sample', 'linear': 'changing linearly from sample to sample'}
 STATES = {'q1': 'angle of link 1', 'q2': 'angle of link 2', 'dq1': 'velocity of link 1', 'dq2': 'velocity of link 2'}
+
+
+@dataclass(frozen=True, slots=True)
+class ParameterRow:
+    """A parameter as the page shows it.
+
+    Attributes:
+        value: with the half of its 95 % interval.
+        part: what part of the value that is, at most all of it; None where it is not known.
+        beside: its value in what stands beside the result.
+        doubts: why it is not to be relied upon, and with which others it is correlated.
+        advice: what would tell more of it.
+    """
+
+    name: str
+    unit: str
+    value: Cell
+    part: float | None
+    beside: Cell
+    doubts: list[Cell]
+    advice: list[str]
+
 
 #: Another result, or parameters alone, to be shown beside a result, and what to call it.
 Beside = tuple[Result | Given, str]
@@ -44,9 +69,13 @@ def number(result: Result | Given, path: str, format: str = '', of: str = '') ->
 
 
 def _with_error(result: Result, path: str, format: str, error: str = '') -> Cell:
-    """Return the number at a path with, where it is known, its standard error, which is at ``error`` or beside it."""
-    value, known = number(result, path, format), number(result, error or f'{path}_std_error', format)
-    return value if known.value is None else (value, ' ± ', known)
+    """Return the number at a path with, where it is known, the half of its 95 % interval.
+
+    That is so many standard errors, which are at ``error`` or beside the number.
+    """
+    at = error or f'{path}_std_error'
+    value, known = number(result, path, format), entry(result, at)
+    return value if known is None else (value, ' ± ', Number(known, format, at, times=NORMAL_95))
 
 
 def _joined(separator: str, numbers: Iterable[Number]) -> Cell:
@@ -87,6 +116,45 @@ def parameter_table(result: Result, beside: Beside | None = None) -> Table:
     return Table(
         head, list(zip(*cells, strict=True)), notes + [f'not in the model: {which}' for which in result.not_in_model]
     )
+
+
+def parameter_rows(result: Result, beside: Beside | None = None) -> list[ParameterRow]:
+    """Return of every published parameter what the page's table shows of it."""
+    exact = rounding(result.parameters.values())
+    names, rows = list(result.parameters), []
+    published = result.criteria[result.criterion]
+    uncovered = result.not_covered or {}
+    for name, found in result.parameters.items():
+        doubts: list[Cell] = [doubt] if (doubt := _doubt(found)) else []
+        doubts += [why] if (why := uncovered.get(name)) and why not in doubts else []
+        doubts += [
+            (
+                f'with {other}: ',
+                number(result, f'criteria.{result.criterion}.correlation.{names.index(name)}.{k}', '.2f'),
+            )
+            for k, other in enumerate(names)
+            if other != name and abs(published.correlation[names.index(name)][k] or 0.0) > TOGETHER
+        ]
+        error, size = found.std_error, abs(found.value)
+        rows.append(
+            ParameterRow(
+                name,
+                found.unit,
+                _with_error(result, f'parameters.{name}.value', exact, f'parameters.{name}.std_error'),
+                None if error is None or not size else min(NORMAL_95 * error / size, 1.0),
+                number(beside[0], f'parameters.{name}.value', exact, 'reference')
+                if beside and name in beside[0].parameters
+                else '',
+                doubts,
+                [sentence for sentence in result.advice if f' of {name} (' in sentence],
+            )
+        )
+    return rows
+
+
+def other_advice(result: Result) -> list[str]:
+    """Return the advice that is of no parameter in particular."""
+    return [each for each in result.advice if not any(f' of {name} (' in each for name in result.parameters)]
 
 
 def _doubt(entry: Parameter) -> str:
