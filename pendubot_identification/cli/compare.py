@@ -19,6 +19,7 @@ from .reading import add_reading, reading_of, save_map
 
 if TYPE_CHECKING:
     from pendubot_identification.identify.result import Given, Result
+    from pendubot_identification.trajectories.reading import Reading
 
 Part = tuple[str, float, float]
 
@@ -62,6 +63,10 @@ def run(args: argparse.Namespace) -> int:
 
     if len(args.results) < 2:
         raise UsageError(f'{args.results[0]} is one result alone; name two or more to be compared')
+    with wrong_usage():
+        reading = reading_of(args)
+    if args.on is None and (words := reading.options()):
+        raise UsageError(f'{" ".join(words)} says how a recording is read, and none is; add --on BAG, or leave it out')
     results = {str(path): read_result(path) for path in args.results}
     if len(results) < len(args.results):
         raise UsageError('the same result is named twice; name two or more that differ')
@@ -75,7 +80,7 @@ def run(args: argparse.Namespace) -> int:
     ]
     found = {'results': list(results), 'parameters': _parameters(list(results.values())), 'notes': notes}
     if args.on is not None:
-        found |= _predictions(args, results, used, notes)
+        found |= _predictions(args, reading, results, used, notes)
     print(json.dumps(found, indent=2) if args.json else comparison(found))
     return 0
 
@@ -116,7 +121,11 @@ def _common(parts: Sequence[Part], others: Sequence[Part]) -> bool:
 
 
 def _predictions(
-    args: argparse.Namespace, results: Mapping[str, Result | Given], used: Mapping[str, list[Part]], notes: list[str]
+    args: argparse.Namespace,
+    reading: Reading,
+    results: Mapping[str, Result | Given],
+    used: Mapping[str, list[Part]],
+    notes: list[str],
 ) -> dict[str, Any]:
     """Return how far each result's simulation of a bag's motion is off, by horizon; note who knows that motion."""
     from pendubot_identification.identify.prediction import HORIZONS, predict, state_scale
@@ -130,7 +139,7 @@ def _predictions(
     from .identify import joints
 
     with wrong_usage():
-        window, names, reading = BagWindow.parse(args.on), joints(args.joints), reading_of(args)
+        window, names = BagWindow.parse(args.on), joints(args.joints)
         require_files(reading, [window.path])
     recorded = read_recording(window, topic=args.topic, joint_names=names, reading=reading)
     save_map(args, reading)

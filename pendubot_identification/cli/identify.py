@@ -127,6 +127,9 @@ def add_parser(subparsers: Any) -> None:
         help=f'from which level of the result on the exit status is {FAILED} (default %(default)s); the result is '
         'printed and written all the same',
     )
+    where.add_argument(
+        '--verbose', action='store_true', help='print every table and remark, not the shortest that helps'
+    )
     where.add_argument('--json', action='store_true', help='print the result as JSON and nothing else')
     parser.set_defaults(run=run)
 
@@ -148,7 +151,6 @@ def run(args: argparse.Namespace) -> int:
     from pendubot_identification.identify.result import plain
     from pendubot_identification.recordings.bag_reader import BagWindow
     from pendubot_identification.recordings.datasets import require_files
-    from pendubot_identification.report.tables import summary
     from pendubot_identification.results.result_file import read_parameters, write_result
     from pendubot_identification.trajectories.reading import Reading
 
@@ -179,7 +181,7 @@ def run(args: argparse.Namespace) -> int:
                     written.append(write_report(folder, result, motions, beside, (), progress))
         finally:
             # Also where they cannot be written. Only now, because whoever closes the pipe ends the program.
-            print(json.dumps(plain(result), indent=2) if args.json else summary(result))
+            print(json.dumps(plain(result), indent=2) if args.json else _shown(args, result))
     if not args.json:
         for path in filter(None, written):
             print(f'written to {path}')
@@ -220,6 +222,19 @@ def _identify(args: argparse.Namespace, settings: Settings, folder: OutputFolder
             if not args.json:
                 print(f'why is also said in {page}')
         raise
+
+
+def _shown(args: argparse.Namespace, result: Result) -> str:
+    """Return what people read of a result; in brief, with what keeps it if nothing does."""
+    if args.verbose:
+        from pendubot_identification.report.tables import summary
+
+        return summary(result)
+    from .brief import brief
+
+    files = sum(target is not None for target in (args.output, args.save_map, args.report))
+    keep = [] if args.output or args.report else ['kept nowhere: add --output RESULT.yaml, or --report DIR for figures']
+    return '\n'.join([brief(result, files + len(keep)), *keep])
 
 
 def _beside(args: argparse.Namespace) -> Beside | None:
@@ -271,6 +286,14 @@ def _settings(args: argparse.Namespace) -> Settings:
             raise UsageError(
                 f'{given_as} {text} is of a parameter that --model {settings.model} does not have; its parameters are '
                 f'{", ".join(names)}'
+            )
+    for name, low, high in zip(NAMES, settings.bounds.lower, settings.bounds.upper, strict=True):
+        # The smallest model has none of the friction that the larger ones add: there it is 0.
+        if settings.model not in MODELS and name not in NAMES[: MODELS['viscous']] and not low <= 0 <= high:
+            having = next(model for model, size in MODELS.items() if name in NAMES[:size])
+            raise UsageError(
+                f'{name} from {low:g} to {high:g} is of models that have it, and without --model the smallest that is '
+                f'exact is taken; add --model {having}, or another that has it'
             )
     return settings
 

@@ -6,12 +6,21 @@
 from __future__ import annotations
 
 import argparse
+import math
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pendubot_identification.errors import UsageError, wrong_usage
 
+from .progress import progress_bar
 from .reading import add_reading, reading_of, save_map
+from .terminal import columns, curve, shows_curves
+
+if TYPE_CHECKING:
+    from pendubot_identification.trajectories.trajectory import Trajectory
+
+#: Where the curves begin.
+MARGIN = 6
 
 DESCRIPTION = """\
 Turn a file with columns into a bag with the topic /joint_states, as the recorder writes it, and say what was taken.
@@ -72,7 +81,25 @@ def run(args: argparse.Namespace) -> int:
             f'{args.file} is no file with columns; one whose name ends in {", ".join(FORMATS)} is expected'
         )
     reader = TableReader(args.file, reading)
-    write_trajectory(args.output, reader.motion, overwrite=args.force)
+    with progress_bar() as progress:
+        progress(f'reading {args.file.name}', 0, 0, math.nan)
+        motion = reader.motion
+
+        def written(done: int) -> None:
+            progress(f'writing {args.output.name}', done, len(motion), math.nan)
+
+        write_trajectory(args.output, motion, overwrite=args.force, progress=written)
     save_map(args, reading)
     print(f'{args.output}: {as_text(survey(reader))}')
+    if shows_curves():
+        print(_sketch(motion))
     return 0
+
+
+def _sketch(motion: Trajectory) -> str:
+    """Return curves of both angles and the torque over the time."""
+    width = columns() - MARGIN
+    lines = []
+    for name, x in (('q1', motion.q[:, 0]), ('q2', motion.q[:, 1]), ('tau1', motion.tau[:, 0])):
+        lines += [f'{label:{MARGIN}}{line}' for label, line in zip(('', name), curve(x, width, 2), strict=True)]
+    return '\n'.join([*lines, f'{"":{MARGIN}}0 s{f"{motion.duration:.4g} s":>{width - 3}}'])

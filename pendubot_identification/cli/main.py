@@ -10,7 +10,7 @@ import io
 import sys
 import traceback
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NoReturn
 
 from pendubot_identification import __version__
 from pendubot_identification.errors import UsageError, sentence
@@ -18,7 +18,20 @@ from pendubot_identification.model import kernel
 from pendubot_identification.paper import reproduce
 from pendubot_identification.resources import resource
 
-from . import compare, demo, excite, export, identify, importing, info, repair, report, simulate
+from . import (
+    compare,
+    completion,
+    demo,
+    excite,
+    export,
+    help,
+    identify,
+    importing,
+    info,
+    repair,
+    report,
+    simulate,
+)
 
 DESCRIPTION = """\
 Identify the parameters of a pendubot from its recordings, without ROS.
@@ -30,7 +43,10 @@ Identify the parameters of a pendubot from its recordings, without ROS.
   pendubot reproduce                     the paper's tables and figures, from this package's own runs
   pendubot demo                          the whole chain on a virtual rig (this alone needs ROS)
 """
-SUBCOMMANDS = (identify, report, compare, excite, export, importing, simulate, info, repair, reproduce, demo)
+SUBCOMMANDS = (
+    *(identify, report, compare, excite, export, importing, simulate, info, repair, reproduce, demo),
+    *(completion, help),
+)
 SAMPLE = 'bags/paper_experiment'
 EPILOG = 'exit status: 0 success, 1 a failure explained in one line, 2 wrong usage, 3 identify: a result of level ERROR'
 
@@ -42,7 +58,7 @@ def parser() -> argparse.ArgumentParser:
     subparsers = top.add_subparsers(title='subcommands', metavar='SUBCOMMAND', required=True)
     for subcommand in SUBCOMMANDS:
         subcommand.add_parser(subparsers)
-    top.set_defaults(debug=False)
+    top.set_defaults(debug=False, top=top)
     for place in dict.fromkeys((top, *subparsers.choices.values())):
         # Also after the subcommand, where it is typed to run again; a default of False there would undo the one before.
         what = 'show the traceback of a failure, and whether it is compiled'
@@ -55,6 +71,10 @@ class _Parser(argparse.ArgumentParser):
 
     def __init__(self, **how: Any) -> None:
         super().__init__(**{'formatter_class': argparse.RawDescriptionHelpFormatter, **how})
+
+    def error(self, message: str) -> NoReturn:
+        """Say in one line what is wrong, and where the usage stands."""
+        self.exit(2, f'{self.prog}: error: {message}; {self.prog} --help says what there is\n')
 
 
 class _Version(argparse.Action):

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -182,10 +182,12 @@ def write_trajectory(
     joint_names: Sequence[str] = JOINT_NAMES,
     start_ns: int = EPOCH_NS,
     overwrite: bool = False,
+    progress: Callable[[int], None] | None = None,
 ) -> None:
     """Write a motion as a bag with the topic ``/joint_states``, whole or not at all.
 
-    Where it has no velocities, the messages have none. ``start_ns`` is the stamp of t = 0 [ns since the epoch].
+    Where it has no velocities, the messages have none. ``start_ns`` is the stamp of t = 0 [ns since the epoch];
+    ``progress`` is told now and then how many samples are written.
 
     Raises:
         BagError: the name is taken, or the system refuses to write.
@@ -205,3 +207,5 @@ def write_trajectory(
             velocity = () if trajectory.qd is None else trajectory.qd[k]
             data = encode_joint_state(stamp, joint_names, trajectory.q[k], velocity, trajectory.tau[k])
             bag.write(channel, data, stamp, sequence=k + 1)
+            if progress is not None and k % 1000 == 0:
+                progress(k)

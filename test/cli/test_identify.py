@@ -56,7 +56,6 @@ def test_by_default_all_criteria_the_model_chosen_and_the_best_published(run, ma
     np.testing.assert_allclose(theta, PAPER.vector(), rtol=0.02)
     for name in ('energy', 'weak'):
         assert result['criteria'][name]['J']['runs_at_least_squares'] == 10
-    assert 'viscous was chosen' in out
     assert all(re.search(rf'^{name} \[', out, re.MULTILINE) for name in SEVEN)
     assert out.rstrip().endswith(f'written to {output}')
 
@@ -195,7 +194,7 @@ def test_works_where_ros_cannot_be_imported_and_a_terminal_knows_but_ascii(made,
         command = [sys.executable, '-S', str(blocker), *map(str, arguments)]
         return subprocess.run(command, capture_output=True, text=True, env=env, timeout=120)
 
-    result = without_ros('identify', made / 'swing', *PAPERS)
+    result = without_ros('identify', made / 'swing', *PAPERS, '--verbose')
     assert (result.returncode, result.stderr) == (0, '')
     assert '10 of 10 runs' in result.stdout
     assert r'\xb1' in result.stdout, 'in the place of a sign that ASCII lacks'

@@ -1,0 +1,246 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Beside mujoco.sysid, of which robots are identified elsewhere: `pip install mujoco[sysid]`.
+
+    python -m test.benchmark.sysid [--test] [RIG ...]
+
+Prints a Markdown table. Both fit the same recordings and predict the same others, from the same smoothed states on,
+each by its own simulation. This package is asked by its defaults; mujoco.sysid is told what its user has to find out:
+masses, segments of 0.5 s with states smoothed beforehand, angles and velocities as signals of the state (its jointpos
+comes a step late), RK4, and a start of which all lengths are a fifth off. Recordings set apart as test are looked at
+with --test alone; without it the last of train stands for them. The sample bag's second half is held to be its test.
+"""
+
+import argparse
+import contextlib
+import inspect
+import io
+import logging
+
+import mujoco
+import numpy as np
+from mujoco import sysid
+from scipy.signal import savgol_filter
+
+import pendubot_identification as pendubot
+from pendubot_identification.identify.prediction import HORIZONS, JUDGED, STRIDE, measured_ends, predict, state_scale
+from pendubot_identification.model.parameters import NAMES, PAPER
+from pendubot_identification.trajectories.motion import Motion
+from pendubot_identification.trajectories.signals import choose_smoothing, evenly_stamped
+from test.benchmark import measure
+from test.benchmark.criteria import PUBLISHED
+from test.conftest import RECORDINGS, ROOT
+
+#: What mujoco.sysid is told to estimate: P1 to P5, b1, b2, Fc1, Fc2 and J2 follow from these.
+TEN = NAMES[:10]
+CHUNK, STEP = 0.5, 0.002
+
+
+def fit(recordings, guess, hold):
+    """Fit a rig by mujoco.sysid, from a guess: all that its user writes. Return model, ten parameters, covariance."""
+    spec = mujoco.MjSpec.from_string(guess.export('mjcf'))
+    elbow = spec.add_actuator(name='elbow', target='elbow', trntype=mujoco.mjtTrn.mjTRN_JOINT)
+    elbow.set_to_motor()
+    spec.option.timestep = STEP
+    model = spec.compile()
+
+    def centre(name):
+        return lambda spec, p: setattr(spec.body(name), 'ipos', [p.value[0], 0, 0])
+
+    def inertia(name):
+        return lambda spec, p: setattr(spec.body(name), 'inertia', 3 * [p.value[0]])
+
+    def of_joint(name, attribute):
+        def set_to(spec, p):
+            before = getattr(spec.joint(name), attribute)
+            value = p.value[0]
+            setattr(spec.joint(name), attribute, value if np.ndim(before) == 0 else [value, *before[1:]])
+
+        return set_to
+
+    first, second = spec.body('link_1'), spec.body('link_2')
+    params = sysid.ParameterDict()
+    for name, value, modifier in (
+        ('l1', second.pos[0], lambda spec, p: setattr(spec.body('link_2'), 'pos', [p.value[0], 0, 0])),
+        ('d1', first.ipos[0], centre('link_1')),
+        ('I1', first.inertia[0], inertia('link_1')),
+        ('d2', second.ipos[0], centre('link_2')),
+        ('I2', second.inertia[0], inertia('link_2')),
+    ):
+        params.add(sysid.Parameter(name, 1.2 * value, 0.05 * value, 5 * value, modifier=modifier))
+    for joint, attribute, start, most in (
+        ('shoulder', 'damping', 0.01, 0.5),
+        ('elbow', 'damping', 0.01, 0.5),
+        ('shoulder', 'frictionloss', 0.01, 1.0),
+        ('elbow', 'frictionloss', 0.01, 1.0),
+        ('elbow', 'armature', 1e-3, 0.05),
+    ):
+        params.add(sysid.Parameter(f'{joint} {attribute}', start, 0.0, most, modifier=of_joint(joint, attribute)))
+
+    states, controls, sensors = [], [], []
+    kinds = sysid.SignalType.MjStateQPos, sysid.SignalType.MjStateQVel
+    observed = [(name, kind) for kind in kinds for name in ('shoulder', 'elbow')]
+    for motion in recordings:
+        interval = STEP * max(1, round(np.median(np.diff(motion.t)) / STEP))
+        t = np.arange(motion.t[0], motion.t[-1], interval)
+        raw = np.column_stack([np.interp(t, motion.t, q) for q in motion.q.T])
+        window = max(5, 2 * round(0.02 / interval) + 1)
+        q, qd = (savgol_filter(raw, window, 3, deriv, interval, axis=0) for deriv in (0, 1))
+        fine = np.arange(t[0], t[-1], STEP)
+        tau = sysid.TimeSeries(motion.t, motion.tau).interpolate(fine, 'zoh' if hold == 'zero' else 'linear')
+        per, sub = round(CHUNK / interval), round(interval / STEP)
+        for k in range(0, len(t) - per - 2, per):
+            times, steps = interval * np.arange(per + 1), slice(k * sub, (k + per) * sub + 1)
+            data = np.column_stack([q, qd])[k : k + per + 1]
+            if np.any(np.ptp(data, axis=0) < 0.05 * np.ptp(np.column_stack([q, qd]), axis=0)):
+                continue  # residuals are divided by the signal's size, which is nothing where it rests
+            states.append(sysid.create_initial_state(model, q[k], qd[k]))
+            controls.append(sysid.TimeSeries.from_control_names(STEP * np.arange(per * sub + 1), tau[steps], model))
+            sensors.append(sysid.TimeSeries.from_names(times, data, model, observed))
+    names = [str(k) for k in range(len(states))]
+    sequences = sysid.ModelSequences('rig', spec, names, states, controls, sensors, allow_missing_sensors=True)
+    residual = sysid.build_residual_fn(models_sequences=[sequences])
+    with contextlib.redirect_stdout(io.StringIO()):
+        found, result = sysid.optimize(params, residual, verbose=False, x_scale='jac')
+    residuals, _, _ = residual(result.x, found)
+    covariance, _ = sysid.calculate_intervals(residuals, np.asarray(result.jac))
+    model = sysid.apply_param_modifiers(found, spec)
+    return model, *ten_of(found, covariance, first.mass, second.mass)
+
+
+def ten_of(params, covariance, m1, m2):
+    """Return P1 to P5, b1, b2, Fc1, Fc2, J2, shape (10,), and their standard errors by the slope."""
+
+    def ten(x):
+        l1, d1, I1, d2, I2, b1, b2, Fc1, Fc2, J2 = x
+        P = [I1 + m1 * d1**2 + m2 * l1**2, I2 + m2 * d2**2, m2 * l1 * d2, m1 * d1 + m2 * l1, m2 * d2]
+        return np.array([*P, b1, b2, Fc1, Fc2, J2])
+
+    x = params.as_vector()
+    step = np.diag(1e-6 * np.maximum(np.abs(x), 1e-6))
+    slope = np.column_stack([(ten(x + h) - ten(x - h)) / (2 * h.sum()) for h in step])
+    return ten(x), np.sqrt(np.einsum('ij,jk,ik->i', slope, covariance, slope))
+
+
+def simulated(model, motions, scale):
+    """Return the errors of a MuJoCo model's predictions, as identify.prediction has them."""
+    data, errors = mujoco.MjData(model), []
+    for horizon in HORIZONS[:JUDGED]:
+        segments, begin, end = measured_ends(motions, horizon, STRIDE, 0.0)
+        model.opt.timestep, last = segments.step, []
+        for start, tau in zip(begin.T, np.moveaxis(segments.tau, 2, 0), strict=True):
+            data.qpos, data.qvel = start[:2], start[2:]
+            for torque in tau.T:
+                data.ctrl = torque
+                mujoco.mj_step(model, data)
+            last.append([*data.qpos, *data.qvel])
+        errors.append(np.sqrt((((np.array(last).T - end) / scale[:, None]) ** 2).mean()))
+    return errors
+
+
+def ours(recordings, test, motions, scale):
+    """Return this package's parameters, standard errors, prediction errors, and the model that it chose."""
+    # Of a recording alone it would take the first half.
+    found = pendubot.identify(*recordings, validate=test if len(recordings) == 1 else ())
+    value, error = (np.zeros(len(NAMES)) for _ in range(2))
+    own = [NAMES.index(name) for name in found.names]
+    value[own], error[own] = found.theta, np.nan_to_num(found.std_error)
+    effort = found.result.effort
+    predicted = predict(motions(effort.hold), found.pendubot.theta, effort.delay, scale).error[:JUDGED]
+    return value[:10], error[:10], predicted, found.result.model
+
+
+def timed(work):
+    """Return what it returns, its processor time and its time on the wall [s]."""
+    cpu, wall = measure.cpu(), measure.wall()
+    return work(), measure.cpu() - cpu, measure.wall() - wall
+
+
+def agree(a, b):
+    """Return how many of the parameters of two fits have 95 % intervals that meet, and of how many."""
+    known = (a[1] > 0) & (b[1] > 0)
+    near = np.abs(a[0] - b[0]) <= 1.96 * (a[1] + b[1])
+    return f'{int((near & known).sum())} of {int(known.sum())}'
+
+
+def rows(rig, train, test, guess):
+    """Yield the two rows of a rig: who, errors, times, what is known of the intervals."""
+    parts = [evenly_stamped(part) for part in test]
+    smoothing = choose_smoothing(parts)
+    hold = 'zero' if rig == 'sample bag' else 'linear'
+
+    def motions(hold):
+        return [Motion.prepare(part, smoothing, hold) for part in parts]
+
+    scale = state_scale(motions(hold))
+    half = max(1, len(train) // 2)
+    halves = (train[:half], train[half:]) if len(train) > 1 else [[part] for part in cut(train[0])]
+
+    def theirs(recordings):
+        model, value, error = fit(recordings, guess, hold)
+        return value, error, simulated(model, motions(hold), scale), 'rotor'
+
+    for name, way in (
+        ('mujoco.sysid', theirs),
+        ('this package', lambda recordings: ours(recordings, test, motions, scale)),
+    ):
+        (value, error, predicted, model), cpu, wall = timed(lambda way=way: way(train))
+        first, second = (way(part) for part in halves)
+        width = np.median(1.96 * error[:5] / np.abs(value[:5]))
+        errors = ' / '.join(f'{e:.3f}' for e in predicted)
+        yield (
+            f'| {rig} | {name} | {model} | {errors} | {cpu:.0f} s | {wall:.0f} s | {100 * width:.2g} % '
+            f'| {agree(first, second)} |'
+        )
+        print('    ', name, dict(zip(TEN, np.round(value, 5).tolist(), strict=True)), flush=True)
+
+
+def cut(motion):
+    """Return both halves of a motion."""
+    half = len(motion) // 2
+    return motion[:half], motion[half:]
+
+
+def rigs(use_test):
+    """Return by name what fits, what is predicted, and the rig that is guessed."""
+    bag = pendubot.read(str(ROOT / 'bags' / 'paper_experiment'))
+    train, test = cut(bag)
+    found = {'sample bag': ([train], [test], pendubot.Pendubot(*PAPER.vector()))}
+    if RECORDINGS.exists():
+        roles = [line.split(',') for line in (RECORDINGS / 'manifest.csv').read_text().splitlines()[1:]]
+        for group, theta in PUBLISHED.items():
+            train = [pendubot.read(RECORDINGS / row[0]) for row in roles if row[1:3] == [group, 'train']]
+            if use_test:
+                test = [pendubot.read(RECORDINGS / row[0]) for row in roles if row[1:3] == [group, 'test']]
+            else:
+                *train, last = train
+                test = [last]
+            found[group] = train, test, pendubot.Pendubot(**dict(zip(TEN, theta, strict=True)))
+    return found
+
+
+def main():
+    """Print the table."""
+    parser = argparse.ArgumentParser(prog='python -m test.benchmark.sysid', description=__doc__.split('\n\n')[0])
+    parser.add_argument('rigs', nargs='*', metavar='RIG', help='of those that are there (default: all)')
+    parser.add_argument('--test', action='store_true', help='score what is set apart as test; seldom')
+    args = parser.parse_args()
+    there = rigs(args.test)
+    if unknown := set(args.rigs) - set(there):
+        parser.error(f'there is no {", ".join(unknown)}; choose of {", ".join(there)}')
+    logging.getLogger('absl').setLevel(logging.ERROR)
+    print(f'{measure.machine()}, mujoco {mujoco.__version__}')
+    lines = len(inspect.getsource(fit).splitlines())
+    print(f'lines that a user writes: {lines} for mujoco.sysid, 1 for this package\n')
+    head = ('recordings', 'by', 'model', f'error after {" / ".join(f"{h:g}" for h in HORIZONS[:JUDGED])} s')
+    head += ('processor', 'wall', 'half of 95 %, P1 to P5', 'two halves agree in')
+    table = [f'| {" | ".join(head)} |', '|' + '---|' * len(head)]
+    for name in args.rigs or there:
+        table += rows(name, *there[name])
+        print('\n'.join(table[2:]), flush=True)
+    print('\n' + '\n'.join(table))
+
+
+if __name__ == '__main__':
+    main()

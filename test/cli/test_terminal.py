@@ -1,0 +1,159 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""What a terminal shows: little, in colour where it has colours; and what a shell completes."""
+
+import os
+import pty
+import re
+import select
+import shutil
+import subprocess
+import sys
+import time
+from contextlib import suppress
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pendubot_identification.cli.brief import LINES, brief
+from pendubot_identification.cli.terminal import curve
+from pendubot_identification.identify.result import Parameter
+from pendubot_identification.level import Level
+from pendubot_identification.model.parameters import NAMES, UNITS
+from pendubot_identification.results.result_file import read_whole_result
+from test.conftest import ROOT
+
+SAMPLE = ROOT / 'bags' / 'paper_experiment'
+#: Longer than any that awaits it.
+PATIENCE = 60
+sentences = st.lists(st.text('abc de', min_size=5, max_size=400).map(lambda text: f'x{text}'), max_size=12)
+
+
+def in_a_terminal(*arguments, typed=(), until=None, **environment):
+    """Run a program with a terminal for all it reads and writes; return what it wrote, to its end or until a text."""
+    ours, theirs = pty.openpty()
+    env = {**os.environ, 'TERM': 'xterm', 'COLUMNS': '80', 'LANG': 'C.UTF-8', 'LC_ALL': 'C.UTF-8', **environment}
+    child = subprocess.Popen(list(map(str, arguments)), stdin=theirs, stdout=theirs, stderr=theirs, env=env)
+    os.close(theirs)
+    for keys in typed:
+        os.write(ours, keys.encode())
+    seen, end = b'', time.monotonic() + PATIENCE
+    with suppress(OSError):  # the other end was closed
+        while time.monotonic() < end and not (until and re.search(until.encode(), seen)):
+            if select.select([ours], [], [], 0.5)[0]:
+                seen += os.read(ours, 65536)
+    if until:
+        child.kill()
+    child.wait(PATIENCE)
+    os.close(ours)
+    return seen.decode(errors='replace')
+
+
+def pendubot(*arguments):
+    return sys.executable, '-m', 'pendubot_identification.cli.main', *arguments
+
+
+@pytest.fixture(scope='module')
+def result(made):
+    return read_whole_result(made / 'result.yaml')
+
+
+@given(sentences, sentences, sentences, st.sampled_from(Level), st.integers(0, 4), st.booleans())
+@settings(deadline=None, max_examples=40)
+def test_any_result_has_room(result, warnings, advice, consequences, level, files, large):
+    parameters = {n: Parameter(value=0.1, std_error=0.01, unit=u) for n, u in zip(NAMES, UNITS, strict=True)}
+    found = replace(result, warnings=warnings, advice=advice, consequences=consequences, level=level)
+    found = replace(found, parameters=parameters) if large else found
+    lines = brief(found, files).splitlines()
+    assert len(lines) + files <= LINES == 30
+    assert all(any(line.startswith(f'{name} [') for line in lines) for name in found.parameters)
+    assert any(line.startswith(f'{level.name}: ') for line in lines)
+
+
+def test_verbose_has_the_rest(run, made, tmp_path):
+    command = ('identify', made / 'swing', '--criterion', 'energy', '--model', 'viscous', '--optimizer', 'lsq')
+    status, short, _ = run(*command)
+    again, long, _ = run(*command, '--verbose', '--output', tmp_path / 'r.yaml')
+    assert status == again
+    assert len(short.splitlines()) <= LINES < len(long.splitlines())
+    assert 'condition number' in long
+    assert 'kept nowhere: add --output' in short
+    assert 'kept nowhere' not in long
+
+
+@pytest.mark.parametrize(
+    ('environment', 'coloured'), [({}, True), ({'NO_COLOR': '1'}, False), ({'TERM': 'dumb'}, False)]
+)
+def test_the_level_is_in_colour_where_there_are_colours(environment, coloured):
+    command = pendubot('identify', SAMPLE, '--criterion', 'weak', '--model', 'viscous', '--optimizer', 'lsq')
+    shown = in_a_terminal(*command, **environment)
+    assert ('\033[1;32mOK:\033[0m nothing speaks' in shown) == coloured
+    assert 'OK:' in shown
+    assert '\033[' not in subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, check=True).stdout
+
+
+@pytest.mark.parametrize('command', ['', 'identfy bag', 'identify', 'identify bag --colour', 'info bag --zero no'])
+def test_wrong_usage_is_one_line_that_says_where_the_usage_stands(run, command):
+    status, out, err = run(*command.split())
+    assert (status, out, len(err.splitlines())) == (2, '', 1)
+    assert re.match('pendubot.*: error: .*--help says what there is', err)
+
+
+def test_help_is_help(run):
+    assert run('help') == run('--help')
+    assert run('help', 'info') == run('info', '--help')
+    assert run('help', 'me')[0] == 2
+
+
+def test_curves_lose_nothing_and_fit_in():
+    spike = np.zeros(100_000)
+    spike[31_234] = 1.0
+    rows = np.array([[ord(sign) - 0x2800 for sign in line] for line in curve(spike, 50, 3)])
+    assert rows.shape == (3, 50)
+    assert np.flatnonzero(rows[0]).tolist() == [15], 'at its time, over the rest'
+    assert (rows[2] & (0x40 | 0x80) != 0).all(), 'the rest lies at the bottom'
+    assert curve(np.array([2.0]), 4, 1) == curve(np.full(9, -1.0), 4, 1), 'a single sample, and one that rests'
+
+
+def test_an_import_shows_the_motion_on_a_terminal_alone(tmp_path):
+    t = np.arange(300) / 100
+    table = np.column_stack([t, np.sin(5 * t) - 1.5, np.cos(7 * t), np.sign(np.sin(3 * t))])
+    np.savetxt(tmp_path / 'run ü.csv', table, delimiter=',', header='t,q1,q2,tau1', comments='')
+    command = pendubot('import', tmp_path / 'run ü.csv', '--output', tmp_path / 'bag', '--force')
+    shown = in_a_terminal(*command)
+    assert len(re.findall('[\u2800-\u28ff]{74}', shown)) == 6
+    assert 'writing bag' in shown
+    piped = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, check=True)
+    assert piped.stderr == ''
+    assert not re.search('[\u2800-\u28ff]', piped.stdout)
+
+
+START = {
+    'bash': (['bash', '--norc', '-i'], 'source script\n'),
+    'zsh': (['zsh', '-f', '-i'], 'autoload -Uz compinit && compinit -u -D && source script\n'),
+    'fish': (['fish', '--no-config', '-i'], 'source script\n'),
+}
+
+
+@pytest.mark.parametrize('shell', START)
+def test_a_shell_completes(shell, run, tmp_path):
+    pytest.importorskip('shtab')
+    if shutil.which(shell) is None:
+        pytest.skip(f'there is no {shell}')
+    status, script, _ = run('completion', shell)
+    assert status == 0
+    (tmp_path / 'script').write_text(script)
+    (tmp_path / 'run with a space.mat').touch()
+    start, source = START[shell]
+    for line, whole in (
+        ('pendubot ident\t', 'pendubot identify'),
+        ('pendubot identify --skip\t', 'identify --skip-missing'),
+        ('pendubot identify x --zero h\t', 'x --zero hanging'),
+        ('pendubot info run\t', r'run\\ with\\ a\\ space\.mat'),
+    ):
+        home = {'HOME': str(tmp_path), 'PS1': '', 'HISTFILE': '/dev/null'}
+        assert re.search(whole, in_a_terminal(*start, typed=(f'cd {tmp_path}\n', source, line), until=whole, **home))
