@@ -77,7 +77,6 @@ class Block(NamedTuple):
         begin, end: the time from which on its first bump, and until which its last one reaches [s].
         triangle: of the QR factorisation of [phi, y], its diagonal not negative, shape (D+1, D+1).
         rows: how many rows it stands for; 0 where nothing moved.
-        effort: the root mean square of y.
         saturated: whether the effort stood at one value where there was any, beyond which it never went.
     """
 
@@ -85,7 +84,6 @@ class Block(NamedTuple):
     end: float
     triangle: Array
     rows: int
-    effort: float
     saturated: bool
 
 
@@ -132,9 +130,9 @@ class Blocks:
                 kept[k] = False
             else:
                 latest = t[k]
-        if (repeated := int((finite & ~kept).sum())) :
+        if repeated := int((finite & ~kept).sum()):
             self._say('a stamp that repeats or runs back', repeated)
-        return kept
+        return np.asarray(kept)
 
     def _say(self, what: str, times: int = 1) -> None:
         self.notes[what] = self.notes.get(what, 0) + times
@@ -159,7 +157,9 @@ class Blocks:
     def _block(self, samples: Array) -> Block:
         how, begin, count = self._taking, self._next, round(BLOCK / STRIDE)
         size = MODELS[how.model] + 1
-        nothing = Block(begin, begin + BLOCK + WIDTH, np.zeros((size, size)), 0, 0.0, False)
+        nothing = Block(begin, begin + BLOCK + WIDTH, np.zeros((size, size)), 0, False)
+        if np.ptp(samples[:, 1:3], axis=0).max() < STILL:
+            return nothing
         try:
             recorded = Trajectory(samples[:, 0], samples[:, 1:3], samples[:, 3:5], name='the samples')
             motion = Motion.prepare(recorded, how.smoothing, how.hold)
@@ -173,11 +173,10 @@ class Blocks:
         rows = np.column_stack([regression.phi, regression.y])[: 3 * count][np.repeat(moving, 3)]
         if len(rows) < 2 * size:
             return nothing
-        triangle = np.linalg.qr(rows, mode='r')
+        triangle: Array = np.asarray(np.linalg.qr(rows, mode='r'))
         triangle *= np.where(np.diag(triangle) < 0, -1.0, 1.0)[:, None]
         effort = np.abs(samples[:, 3])
         self._greatest = max(self._greatest, float(effort.max()))
         some = effort > 1e-9
         at_limit = float((effort[some] > self._greatest * (1 - 1e-6)).mean()) if some.any() else 0.0
-        saturated = at_limit > SATURATED
-        return Block(begin, begin + BLOCK + WIDTH, triangle, len(rows), float(np.sqrt(np.mean(rows[:, -1] ** 2))), saturated)
+        return Block(begin, begin + BLOCK + WIDTH, triangle, len(rows), at_limit > SATURATED)

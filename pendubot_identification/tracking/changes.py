@@ -16,7 +16,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtri
 
 from pendubot_identification.model.parameters import NAMES
 
@@ -27,14 +26,17 @@ Array = NDArray[np.float64]
 #: A ratio beyond which a window speaks of a change. Were rows normal, far less would do; the noise of real rows has
 #: outliers, so the rate of false alarms is the one that docs/tracking.md tells as measured.
 CHANGED = 300.0
-#: A block that is worse foreseen than one of 1e5 is not learned from before others have confirmed it.
-DOUBTED = 1e-5
+#: A block whose ratio is above this is not learned from before others have confirmed it. One in some thousands of real
+#: ones is, without any cause; where as many in a row as a window holds are, that is no chance either.
+DOUBTED = 100.0
 #: What the step leaves of the rows under it, in the mean of their squares, where it explains them.
 EXPLAINED = 4.0
 #: A kind of change that has one more unknown must explain so much more of the ratio.
 SIMPLER = 12.0
 #: A kind is the cause where it leaves no more than this of the ratio, or no more than this part of it.
 LEAVES, PART = 40.0, 0.05
+#: The kind of what has no other name. So many blocks must agree on it: a hand may look like it for a while.
+SEVERAL, AGREEING = 'several', 4
 
 
 class Kind(NamedTuple):
@@ -64,25 +66,25 @@ class Window(NamedTuple):
     @classmethod
     def of(cls, belief: Belief, rows: Sequence[Array]) -> Window:
         """Compare what was believed, with a covariance, with blocks' rows of noise 1, each of shape (D, D+1)."""
-        together = np.concatenate(rows)
+        together: Array = np.concatenate(rows)
         size = together.shape[1] - 1
         together[:, -1] -= together[:, :-1] @ belief.mean
-        made = np.linalg.qr(together, mode='r')
+        made: Array = np.asarray(np.linalg.qr(together, mode='r'))
         phi = made[:size, :size]
         unsure = np.linalg.cholesky(np.eye(size) + phi @ belief.covariance @ phi.T)
-        whitened = np.linalg.solve(unsure, made[:size])
+        whitened: Array = np.asarray(np.linalg.solve(unsure, made[:size]), dtype=float)
         left = float(made[size, size] ** 2) / (len(together) - size) if len(together) > size else 0.0
         return cls(float(whitened[:, -1] @ whitened[:, -1]), left, whitened[:, :-1], whitened[:, -1])
 
     @property
     def doubtful(self) -> bool:
         """Whether so much is hardly chance."""
-        return self.ratio > chdtri(len(self.off), DOUBTED)
+        return self.ratio > DOUBTED
 
     @property
-    def changed(self) -> bool:
-        """Whether one step explains it."""
-        return self.ratio > CHANGED and self.left < EXPLAINED
+    def explained(self) -> bool:
+        """Whether one step explains all blocks."""
+        return self.left < EXPLAINED
 
     def jump(self, kinds: Sequence[Kind]) -> Jump:
         """Return the simplest kind of step that explains the window."""
@@ -122,7 +124,7 @@ def kinds(theta: Array) -> Iterator[Kind]:
     payload = np.zeros((size, 3))
     payload[:5] = np.array([[length**2, 0, 0, length, 0], [0, 0, length, 0, 1], [0, 1, 0, 0, 0]]).T
     yield Kind('payload on link 2', payload)
-    yield Kind('several', np.eye(size))
+    yield Kind(SEVERAL, np.eye(size))
 
 
 def _axes(name: str, names: Sequence[str], which: Sequence[str]) -> Kind:

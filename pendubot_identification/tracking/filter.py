@@ -47,14 +47,20 @@ class Belief:
     @property
     def mean(self) -> Array:
         """The parameters, shape (D,); the smallest where many are as good."""
+        if self.known:
+            return np.asarray(np.linalg.solve(self.triangle, self.right))
         return np.asarray(np.linalg.lstsq(self.triangle, self.right, rcond=1e-12)[0])
+
+    @property
+    def known(self) -> bool:
+        """Whether all of them are determined at all."""
+        return bool(np.abs(np.diag(self.triangle)).min() > 1e-12)
 
     @property
     def covariance(self) -> Array:
         """Of the parameters, shape (D, D); infinite where nothing is known."""
-        size = len(self.right)
-        if np.abs(np.diag(self.triangle)).min() < 1e-12:
-            return np.diag(np.full(size, np.inf))
+        if not self.known:
+            return np.diag(np.full(len(self.right), np.inf))
         inverse = np.linalg.inv(self.triangle)
         return np.asarray(inverse @ inverse.T)
 
@@ -62,7 +68,7 @@ class Belief:
         """Return what is believed after rows [phi, y] of noise 1, shape (N, D+1)."""
         size = len(self.right)
         whole = np.concatenate([np.column_stack([self.triangle, self.right]), rows])
-        made = np.linalg.qr(whole, mode='r')
+        made: Array = np.asarray(np.linalg.qr(whole, mode='r'))
         return Belief(made[:size, :size], made[:size, size])
 
     def drifted(self, deviation: Array) -> Belief:
@@ -70,7 +76,7 @@ class Belief:
         size, none = len(self.right), np.zeros((len(self.right), 1))
         steps = np.column_stack([np.diag(1 / deviation), np.zeros((size, size)), none])
         moved = np.column_stack([-self.triangle, self.triangle, self.right])
-        made = np.linalg.qr(np.concatenate([steps, moved]), mode='r')[size : 2 * size]
+        made: Array = np.asarray(np.linalg.qr(np.concatenate([steps, moved]), mode='r'))[size : 2 * size]
         return Belief(made[:, size:-1], made[:, -1])
 
     def opened(self, directions: Array) -> Belief:
@@ -106,7 +112,7 @@ class Noise:
     @property
     def variance(self) -> Array:
         """Of the rows so divided, shape (D,); what neighbours have in common included."""
-        return np.maximum(self._square + 2 * np.maximum(self._product, 0.0), 1e-12)
+        return np.asarray(np.maximum(self._square + 2 * np.maximum(self._product, 0.0), 1e-12))
 
     def rows(self, block: Block) -> Array:
         """Return a block's rows with noise 1, shape (D, D+1)."""

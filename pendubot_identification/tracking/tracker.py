@@ -19,23 +19,31 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pendubot_identification.criteria.quadratic import Quadratic
+from pendubot_identification.criteria.weak import WIDTH
 from pendubot_identification.errors import ParameterError, PendubotError
 from pendubot_identification.level import Level
 from pendubot_identification.model.parameters import MODELS, NAMES, Bounds, Parameters, default_bounds
 from pendubot_identification.trajectories.trajectory import Trajectory
 
-from .blocks import BLOCK, STILL, WIDTH, Block, Blocks, Taking
-from .changes import Jump, Kind, Window, kinds
+from .blocks import BLOCK, STILL, Block, Blocks, Taking
+from .changes import AGREEING, CHANGED, SEVERAL, Jump, Kind, Window, kinds
 from .filter import Belief, Noise, left_of
 
 Array = NDArray[np.float64]
 
 #: The first motion [s]: by it delay, smoothing and noise are chosen. At most so much is waited for that tells enough.
 FIRST, LONGEST_FIRST = 10.0, 30.0
+#: From one attempt to begin to the next [s].
+AGAIN = 2.0
+#: Samples that are taken at once: little is lost of them where all begins anew.
+PORTION = 256
 #: Parameters drift as random walks, by so much of their size in a second: friction, and everything else.
 FRICTION_WALK, INERTIA_WALK = 5e-3, 1e-4
 #: Consecutive blocks over which a change is looked for.
 WINDOW = 8
+#: A block that leaves so many times more unexplained than usual, in squares, has no vote in what changed; one that
+#: leaves as much as the second was moved by something else for certain.
+CLEAN, FOREIGN = 8.0, 1000.0
 #: Blocks in a row that nothing explains, after which what was believed is given up.
 LOST = 20
 #: After so long without motion it is said [s].
@@ -44,6 +52,8 @@ IDLE = 10.0
 POOR = 0.5
 #: Parameters of a file were found by another criterion, or yesterday: so much more of them is taken to be uncertain.
 CARRIED_OVER, FRICTION_CARRIED_OVER = 0.02, 0.3
+#: The ratio with which a first motion denies what was believed beforehand: among normal rows one of 1e8 does by chance.
+DENIED = 60.0
 NORMAL_95 = 1.96
 
 
@@ -101,7 +111,10 @@ class State(NamedTuple):
 
 
 class Change(NamedTuple):
-    """Parameters that jumped between ``begin`` and ``end`` [s]; ``steps``: of each that did, by how much, and +-."""
+    """Parameters that jumped between ``begin`` and ``end`` [s]; of each that did, by how much, and its standard error.
+
+    ``begin`` is infinitely early where they are not those of the file that was begun with.
+    """
 
     begin: float
     end: float
@@ -109,8 +122,11 @@ class Change(NamedTuple):
     steps: dict[str, tuple[float, float]]
 
     def __str__(self) -> str:
-        steps = ', '.join(f'{name} by {step:+.3g} +- {NORMAL_95 * error:.1g}' for name, (step, error) in self.steps.items())
-        return f'{self.kind}, at {self.begin:.1f} to {self.end:.1f} s: {steps}'
+        steps = ', '.join(
+            f'{name} by {step:+.3g} +- {NORMAL_95 * error:.1g}' for name, (step, error) in self.steps.items()
+        )
+        when = f'at {self.begin:.1f} to {self.end:.1f} s' if math.isfinite(self.begin) else 'from the beginning'
+        return f'{self.kind}, {when}: {steps}'
 
 
 class Burst(NamedTuple):
@@ -156,8 +172,14 @@ class Tracker:
     def reset(self) -> None:
         """Forget all but how it began."""
         self._first: list[Array] = []
+        self._enough = FIRST
         self._following: _Following | None = None
         self.state, self.waiting = None, f'waiting for {FIRST:g} s of motion'
+
+    @property
+    def taking(self) -> Taking | None:
+        """How samples are made balances of, once that is known."""
+        return None if self._following is None else self._following.taking
 
     @property
     def notes(self) -> dict[str, int]:
@@ -171,6 +193,10 @@ class Tracker:
         Raises:
             PendubotError: ``judge`` of the start does.
         """
+        for begin in range(0, len(samples), PORTION):
+            yield from self._take(samples[begin : begin + PORTION])
+
+    def _take(self, samples: Array) -> Iterator[State | Event]:
         if self._following is None:
             samples = self._begun(samples)
         following = self._following
@@ -204,7 +230,8 @@ class Tracker:
             held = held[breaks[-1] + 1 :]
         self._first = [held]
         span = float(held[-1, 0] - held[0, 0]) if len(held) else 0.0
-        if span < FIRST:
+        self._enough = min(self._enough, max(FIRST, span + AGAIN))
+        if span < self._enough:
             return held
         try:
             if (np.ptp(held[:, 1:3], axis=0) < STILL).all():
@@ -212,11 +239,13 @@ class Tracker:
             motion = Trajectory(held[:, 0], held[:, 1:3], held[:, 3:5], name='the first motion')
             self._following = _Following.of(motion, self._start, self._bounds)
         except PendubotError as error:
-            self.waiting = f'the first {span:.0f} s of motion do not tell enough ({error}); waiting for more'
+            self.waiting = f'the first {span:.0f} s do not tell enough ({error}); waiting for more motion'
+            self._enough = span + AGAIN
             if span > LONGEST_FIRST:
                 self._first = [held[held[:, 0] > held[-1, 0] - LONGEST_FIRST / 2]]
+                self._enough = LONGEST_FIRST / 2 + AGAIN
             return held
-        self._first, self.waiting = [], ''
+        self._first, self._enough, self.waiting = [], FIRST, ''
         return held
 
     def _count(self, what: str, times: int) -> None:
@@ -225,26 +254,35 @@ class Tracker:
 
 
 class _Step(NamedTuple):
-    """A block, its rows with noise 1, what was believed before it, and whether it was learned from."""
+    """A block, its rows with noise 1, and what was believed before it.
+
+    ``left`` is how many times more than usual it leaves unexplained, in squares, ``ratio`` that of its own window;
+    it was learned from where it was ``foreseen``.
+    """
 
     block: Block
     rows: Array
     before: Belief
+    left: float
+    ratio: float
     foreseen: bool
 
 
 class _Following:
     """What is believed, from the first motion on. In units of a scale all parameters are about 1."""
 
-    def __init__(self, taking: Taking, scale: Array, noise: Noise, belief: Belief, start: Start, bounds: Bounds) -> None:
-        self.blocks = Blocks(taking)
-        self._scale, self._noise, self._belief, self._bounds = scale, noise, belief, bounds
+    def __init__(self, taking: Taking, scale: Array, noise: Noise, bounds: Bounds) -> None:
+        self.taking, self.blocks = taking, Blocks(taking)
+        self._scale, self._noise, self._bounds = scale, noise, bounds
+        self._belief = Belief.nothing(len(scale))
+        self._opening: Change | None = None
         friction = np.array([name[0] in 'bFk' for name in bounds.names])
         self._walk = np.where(friction, FRICTION_WALK, INERTIA_WALK)
         self._steps: list[_Step] = []
         self._time, self._moved = math.nan, math.nan
         self._unexplained = math.nan
-        self.level, self.why = Level.OK, tuple[str, ...]()
+        self.level: Level = Level.OK
+        self.why: Sequence[str] = ()
 
     @classmethod
     def of(cls, motion: Trajectory, start: Start, bounds: Bounds) -> _Following:
@@ -260,6 +298,8 @@ class _Following:
             raise PendubotError(f'only {len(found) * BLOCK:.1f} s of them move')
         pooled = Quadratic.pool([Quadratic(block.triangle, block.rows) for block in found])
         theta = pooled.minimum(bounds)
+        if problems := Parameters.from_vector(theta).unphysical():
+            raise PendubotError(f'not physical: {problems[0]}')
         scale = _scale(theta, motion)
         noise = Noise([_scaled(block, scale) for block in found], theta / scale)
         belief = Belief.nothing(len(theta))
@@ -268,18 +308,28 @@ class _Following:
         poor = (np.sqrt(np.diag(belief.covariance)) > POOR)[:5]
         if poor.any():
             raise PendubotError(f'poorly determined: {", ".join(np.array(NAMES[:5])[poor])}')
-        belief = Belief.nothing(len(theta))
+        made = cls(taking, scale, noise, bounds)
         if start.theta is not None:
             error = np.zeros_like(theta) if start.std_error is None else start.std_error / scale
             more = np.where([name in NAMES[:5] for name in bounds.names], CARRIED_OVER, FRICTION_CARRIED_OVER)
-            belief = Belief.of(start.theta / scale, np.diag(error**2 + more**2))
-        made = cls(taking, scale, noise, belief, start, bounds)
-        level, why = start.judge(motion)
-        made.level, made.why = level, tuple(why)
+            made.carry_over(Belief.of(start.theta / scale, np.diag(error**2 + more**2)), found)
+        made.level, made.why = start.judge(motion)
         return made
+
+    def carry_over(self, belief: Belief, found: Sequence[Block]) -> None:
+        """Begin with what was believed beforehand, as far as the first blocks do not deny it."""
+        window = Window.of(belief, [self._noise.rows(_scaled(block, self._scale)) for block in found])
+        if window.ratio < DENIED:
+            self._belief = belief
+        else:
+            jump = window.jump([Kind('not as it was identified before', np.eye(len(self._scale)))])
+            self._opening = Change(-math.inf, found[0].begin, jump.kind.name, self._told(jump))
 
     def take(self, block: Block) -> Iterator[Event]:
         """Learn from a block, or not yet, and return what happened."""
+        if self._opening is not None:
+            yield self._opening
+            self._opening = None
         since = block.begin - self._time
         self._time = block.begin
         # A clock that began anew tells nothing of the time since.
@@ -290,52 +340,62 @@ class _Following:
         self._unexplained = math.sqrt(left_of(block))
         scaled = _scaled(block, self._scale)
         rows = self._noise.rows(scaled)
-        known = bool(np.isfinite(self._belief.covariance).all())
-        foreseen = not (known and Window.of(self._belief, [rows]).doubtful)
+        known = self._belief.known
+        alone = Window.of(self._belief, [rows]) if known else None
+        foreseen, ratio = (True, 0.0) if alone is None else (not alone.doubtful, alone.ratio)
         waited = self._waiting()
-        self._steps = [*self._steps, _Step(block, rows, self._belief, foreseen)][-max(WINDOW, len(waited) + 1) :]
-        if found := self._changed():
-            window, count = found
-            yield self._jump(window, count)
-            return
-        if not foreseen:
+        step = _Step(block, rows, self._belief, self._noise.left(scaled), ratio, foreseen)
+        self._steps = [*self._steps, step][-max(WINDOW, len(waited) + 1) :]
+        if change := self._changed():
+            yield change
+        elif not foreseen:
             if len(waited) + 1 >= LOST:
                 yield Lost(waited[0].block.begin, block.end)
-            return
-        if waited:
-            yield Burst(waited[0].block.begin, waited[-1].block.end)
-        if known:
-            self._noise.learn(scaled, self._belief)
-        self._belief = self._belief.learned(rows)
+        else:
+            if any(step.ratio > CHANGED or step.left > FOREIGN for step in waited):
+                yield Burst(waited[0].block.begin, waited[-1].block.end)
+            if known:
+                self._noise.learn(scaled, self._belief)
+            self._belief = self._belief.learned(rows)
 
     def _waiting(self) -> list[_Step]:
         """Return the last blocks that were not learned from."""
         count = next((k for k, step in enumerate(reversed(self._steps)) if step.foreseen), len(self._steps))
         return self._steps[len(self._steps) - count :]
 
-    def _changed(self) -> tuple[Window, int] | None:
-        """Return the window of two blocks or more that speaks most for one step, and of how many blocks it is."""
-        found = list[tuple[Window, int]]()
-        for count in range(2, min(WINDOW, len(self._steps)) + 1):
-            before = self._steps[-count].before
-            if np.isfinite(before.covariance).all():
-                window = Window.of(before, [step.rows for step in self._steps[-count:]])
-                if window.changed:
-                    found.append((window, count))
-        return max(found, key=lambda each: each[0].ratio, default=None)
-
-    def _jump(self, window: Window, count: int) -> Change:
-        """Believe what was believed before a window, but for a step, and learn from the window again."""
-        steps = self._steps[-count:]
+    def _changed(self) -> Change | None:
+        """Look for the window of two blocks or more that speaks most for one step; if so, believe in that."""
+        clean = [step for step in self._steps[-WINDOW:] if step.left < CLEAN]
+        waiting = sum(step.left < CLEAN for step in self._waiting())
+        best = None
+        # What is small shows in many blocks only.
+        for count in range(2 if waiting else WINDOW, len(clean) + 1):
+            steps = clean[-count:]
+            if not steps[0].before.known:
+                continue
+            window = Window.of(steps[0].before, [step.rows for step in steps])
+            sure = window.ratio > CHANGED or (waiting >= WINDOW and window.doubtful)
+            if sure and window.explained and (best is None or window.ratio > best[0].ratio):
+                best = window, steps
+        if best is None:
+            return None
+        window, steps = best
         before = steps[0].before
-        named = list(kinds(before.mean * self._scale))
-        ways = [Kind(kind.name, kind.directions / self._scale[:, None]) for kind in named]
-        jump = window.jump(ways)
+        named = kinds(before.mean * self._scale)
+        jump = window.jump([Kind(kind.name, kind.directions / self._scale[:, None]) for kind in named])
+        if jump.kind.name == SEVERAL and len(steps) < AGREEING:
+            return None
         self._belief = before.opened(jump.kind.directions / np.abs(jump.kind.directions).max(axis=0))
         for step in steps:
             self._belief = self._belief.learned(step.rows)
+        # It may have happened under the blocks before, if they are not foreseen either.
+        first = next(k for k, step in enumerate(self._steps) if step is steps[0])
+        earlier = first
+        while earlier and not self._steps[earlier - 1].foreseen:
+            earlier -= 1
+        begin = self._steps[earlier].block.begin - (BLOCK if earlier == first else 0.0)
         self._steps = []
-        return Change(steps[0].block.begin - BLOCK, steps[0].block.begin + WIDTH, jump.kind.name, self._told(jump))
+        return Change(begin, steps[0].block.begin + WIDTH, jump.kind.name, self._told(jump))
 
     def _told(self, jump: Jump) -> dict[str, tuple[float, float]]:
         """Return the parameters that moved beyond doubt."""
@@ -361,7 +421,8 @@ class _Following:
             yield f'nothing has moved for {idle:.0f} s: the parameters are of then, and ever less sure'
         poor = (std_error[:5] > POOR * np.abs(theta[:5])) | ~np.isfinite(std_error[:5])
         if poor.any():
-            yield f'poorly determined: the standard error of {", ".join(np.array(NAMES[:5])[poor])} exceeds half the value'
+            names = ', '.join(np.array(NAMES[:5])[poor])
+            yield f'poorly determined: the standard error of {names} exceeds half the value'
         if self._waiting():
             yield 'the last motion is not explained: a hand, a change, or something that the model lacks'
         if block.saturated:

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from test.effects.rig import B, C1, C2, FC, GRAVITY, I1, I2, L1, M1, M2, TRUE, pulses
+from test.effects.rig import C1, C2, FC, GRAVITY, I1, I2, L1, M1, M2, TRUE, B, pulses
 
-STEP = 0.0025
+STEP = 0.005
 WIDTH = 0.05
 
 
@@ -47,7 +47,10 @@ def record(seeds, days, *, seconds, rate=200.0, counts=4096):
     h = 1 / rate / every
     t = np.arange(samples) / rate
     tau = np.array(
-        [pulses(np.random.default_rng([s, 23]), samples, rate, d.strength, 0.1, 0.5) for s, d in zip(seeds, days, strict=True)]
+        [
+            pulses(np.random.default_rng([s, 23]), samples, rate, d.strength, 0.1, 0.5)
+            for s, d in zip(seeds, days, strict=True)
+        ]
     )
     hands = np.zeros((2, samples, len(seeds)))
     acting = tau.copy()
