@@ -18,19 +18,20 @@ from pendubot_identification.model import kernel
 from pendubot_identification.paper import reproduce
 from pendubot_identification.resources import resource
 
-from . import compare, demo, excite, export, identify, importing, info, repair, report, simulate
+from . import compare, demo, excite, export, identify, importing, info, repair, report, simulate, track
 
 DESCRIPTION = """\
 Identify the parameters of a pendubot from its recordings, without ROS.
 
   pendubot identify BAG                  parameters from a bag: first half estimates, second half validates
   pendubot identify RUN.csv              the same from CSV, MATLAB, Excel or Parquet
+  pendubot track BAG                     parameters followed through hours, and what changed when
   pendubot report RESULT.yaml            a page with figures from a result
   pendubot excite --design               the excitation that tells most of the parameters
   pendubot reproduce                     the paper's tables and figures, from this package's own runs
   pendubot demo                          the whole chain on a virtual rig (this alone needs ROS)
 """
-SUBCOMMANDS = (identify, report, compare, excite, export, importing, simulate, info, repair, reproduce, demo)
+SUBCOMMANDS = (identify, track, report, compare, excite, export, importing, simulate, info, repair, reproduce, demo)
 SAMPLE = 'bags/paper_experiment'
 EPILOG = 'exit status: 0 success, 1 a failure explained in one line, 2 wrong usage, 3 identify: a result of level ERROR'
 

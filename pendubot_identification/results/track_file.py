@@ -33,13 +33,14 @@ class Track:
 
     states: list[State] = field(default_factory=list)
     events: list[Event] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)  #: on the recordings.
     _every: int = 1
     _seen: int = 0
 
     def add(self, told: State | Event) -> None:
         """Take what a tracker tells."""
         if not isinstance(told, State):
-            self.events.append(told)
+            self.events = [*self.events, told][-KEPT:]
             return
         if self._seen % self._every == 0:
             self.states.append(told)
