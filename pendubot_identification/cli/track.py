@@ -144,13 +144,13 @@ def _follow(args: argparse.Namespace, windows: Any, names: list[str], reading: A
 def _summary(tracker: Tracker, track: Track) -> str:
     """Return what a person reads at the end."""
     from pendubot_identification.model.parameters import UNITS
-    from pendubot_identification.report.table import Number, Table, wrapped
+    from pendubot_identification.report.table import Cell, Number, Table, wrapped
     from pendubot_identification.tracking.tracker import NORMAL_95, Burst
 
     last = tracker.state or track.states[-1]
     # The first one with a band worth showing.
     first = next((s for s in track.states if s.t > track.states[0].t + BETWEEN), last)
-    rows = [
+    rows: list[list[Cell]] = [
         [
             name,
             Number(float(last.theta[k]), '.4g'),

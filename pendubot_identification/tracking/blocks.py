@@ -9,6 +9,7 @@ rows are reduced to one triangle, so that nothing later depends on how fast the 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -30,6 +31,8 @@ BLOCK, STRIDE = 0.4, 0.02
 #: Under a bump that turns no joint by more [rad], nothing moves: what holds a rig still is dry friction, which could be
 #: anything.
 STILL = 0.02
+#: Blocks at most that are made at once, where many samples come together.
+TOGETHER = 8
 #: Samples after which the end of a cubic spline is no longer felt: (2 - sqrt 3)^12 is 1e-7.
 SETTLED = 12
 #: Stamps that run back by more [s] are those of a clock that began anew; by less, of a sample that is late or repeated.
@@ -145,38 +148,51 @@ class Blocks:
             margin = SETTLED * interval + how.smoothing
             if np.isnan(self._next):
                 self._next = float(t[0]) + margin + max(how.delay, 0.0)
-            last = self._next + BLOCK + WIDTH + interval
-            if t[-1] < last + margin - min(how.delay, 0.0):
+            late = margin + interval + max(-how.delay, 0.0)
+            count = min(math.floor((t[-1] - late - WIDTH - self._next) / BLOCK + 1e-9), TOGETHER)
+            if count < 1:
                 return
-            used = int(np.searchsorted(t, last + margin - min(how.delay, 0.0), side='right'))
-            yield self._block(self._held[:used])
-            self._next += BLOCK
+            used = int(np.searchsorted(t, self._next + count * BLOCK + WIDTH + late, side='right'))
+            yield from self._blocks(self._held[:used], count)
+            self._next += count * BLOCK
             first = int(np.searchsorted(t, self._next - margin - max(how.delay, 0.0) - interval)) - 1
             self._held = self._held[max(first, 0) :]
 
-    def _block(self, samples: Array) -> Block:
-        how, begin, count = self._taking, self._next, round(BLOCK / STRIDE)
+    def _blocks(self, samples: Array, count: int) -> Iterator[Block]:
+        """Return so many blocks from :attr:`_next` on."""
+        how, begin, per_block = self._taking, self._next, round(BLOCK / STRIDE)
+        begins = begin + BLOCK * np.arange(count)
         size = MODELS[how.model] + 1
-        nothing = Block(begin, begin + BLOCK + WIDTH, np.zeros((size, size)), 0, False)
+        nothing = [Block(t, t + BLOCK + WIDTH, np.zeros((size, size)), 0, False) for t in begins.tolist()]
         if np.ptp(samples[:, 1:3], axis=0).max() < STILL:
-            return nothing
+            yield from nothing
+            return
         try:
             recorded = Trajectory(samples[:, 0], samples[:, 1:3], samples[:, 3:5], name='the samples')
             motion = Motion.prepare(recorded, how.smoothing, how.hold)
-            part = motion.part(begin - max(how.delay, 0.0), begin + BLOCK + WIDTH - min(how.delay, 0.0))
+            end = begin + count * BLOCK + WIDTH - min(how.delay, 0.0)
+            part = motion.part(begin - max(how.delay, 0.0), end)
             regression = weak_regression(part, how.model, how.delay, weights=how.weights, stride=STRIDE)
-        except TrajectoryError as error:
-            self._say(str(error))
-            return nothing
-        under = begin + STRIDE * np.arange(count)[:, None] + WIDTH * np.linspace(0, 1, 7)
+        except TrajectoryError:
+            self._say('samples that no rig gives: too fast a motion, or too far apart')
+            yield from nothing
+            return
+        under = begin + STRIDE * np.arange(count * per_block)[:, None] + WIDTH * np.linspace(0, 1, 7)
         moving = np.ptp(motion.smoothed(under)[..., :2], axis=1).max(axis=1) > STILL
-        rows = np.column_stack([regression.phi, regression.y])[: 3 * count][np.repeat(moving, 3)]
-        if len(rows) < 2 * size:
-            return nothing
-        triangle: Array = np.asarray(np.linalg.qr(rows, mode='r'))
-        triangle *= np.where(np.diag(triangle) < 0, -1.0, 1.0)[:, None]
-        effort = np.abs(samples[:, 3])
-        self._greatest = max(self._greatest, float(effort.max()))
-        some = effort > 1e-9
-        at_limit = float((effort[some] > self._greatest * (1 - 1e-6)).mean()) if some.any() else 0.0
-        return Block(begin, begin + BLOCK + WIDTH, triangle, len(rows), at_limit > SATURATED)
+        rows = np.column_stack([regression.phi, regression.y])[: 3 * len(moving)]
+        for k, none in enumerate(nothing):
+            own = slice(k * per_block, (k + 1) * per_block)
+            kept = rows[3 * own.start : 3 * own.stop][np.repeat(moving[own], 3)]
+            if len(kept) < 2 * size:
+                yield none
+                continue
+            triangle: Array = np.asarray(np.linalg.qr(kept, mode='r'))
+            triangle *= np.where(np.diag(triangle) < 0, -1.0, 1.0)[:, None]
+            now = (recorded.t >= none.begin) & (recorded.t < none.end)
+            yield none._replace(triangle=triangle, rows=len(kept), saturated=self._saturated(recorded.tau[now, 0]))
+
+    def _saturated(self, effort: Array) -> bool:
+        size = np.abs(effort)
+        self._greatest = max(self._greatest, float(size.max(initial=0.0)))
+        some = size[size > 1e-9]
+        return bool(len(some) and (some > self._greatest * (1 - 1e-6)).mean() > SATURATED)

@@ -36,7 +36,7 @@ FIRST, LONGEST_FIRST = 10.0, 30.0
 #: From one attempt to begin to the next [s].
 AGAIN = 2.0
 #: Samples that are taken at once: little is lost of them where all begins anew.
-PORTION = 256
+PORTION = 4096
 #: Parameters drift as random walks, by so much of their size in a second: friction, and everything else.
 FRICTION_WALK, INERTIA_WALK = 5e-3, 1e-4
 #: Consecutive blocks over which a change is looked for.
