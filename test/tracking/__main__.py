@@ -24,6 +24,7 @@ from .rig import Day, record, truth
 
 SECONDS, AT = 600.0, 300.0
 WALK = np.array([INERTIA_WALK] * 5 + [FRICTION_WALK] * 4)
+PUSHED = 'pushed by hand 48 times each'
 PARTS = {'P1 to P5': slice(0, 5), 'friction': slice(5, 9)}
 
 
@@ -79,16 +80,16 @@ def constant(t, q, tau, day):
         print(f'| {name} | ' + ' | '.join(f'{x:.2g}' if x < 10 else f'{x:.0f}' for x in row) + ' |', flush=True)
 
 
-def drifting(t, q, tau, day):
-    """Print errors while friction grows, beside those of the peers."""
+def beside(name, t, q, tau, day):
+    """Print errors of a rig whose truth is that of a day, beside those of the peers."""
     rows = {}
 
-    def add(name, times, found, deviation=None):
+    def add(who, times, found, deviation=None):
         true = np.moveaxis([truth(day, times)] * found.shape[1], 0, 1)
         late = times > 60
         off = relative(found, true)[late]
         hold = None if deviation is None else np.abs(found - true)[late] < 1.96 * deviation[late]
-        rows[name] = [
+        rows[who] = [
             *(f'{np.sqrt(np.mean(np.square(off[..., p]))):.3g}' for p in PARTS.values()),
             f'{off[..., PARTS["friction"]].mean():+.2g}',
             *('' if hold is None else f'{100 * hold[..., p].mean():.0f}' for p in PARTS.values()),
@@ -107,10 +108,10 @@ def drifting(t, q, tau, day):
     for memory in (5.0, 20.0, 60.0):
         add(f'RLS on inverse dynamics, {memory:.0f} s', *forgetting(t, q, tau, first, memory=memory))
     add('EKF with theta as states', *kalman(t, q, tau, first, walk=WALK))
-    print('\n| friction + 50 % in 600 s | P, rms [%] | friction, rms [%] | lag [%] | bands hold P [%] | friction |')
+    print(f'\n| {name} | P, rms [%] | friction, rms [%] | lag [%] | bands hold P [%] | friction |')
     print('|---|---|---|---|---|---|')
-    for name, row in rows.items():
-        print(f'| {name} | ' + ' | '.join(row) + ' |', flush=True)
+    for who, row in rows.items():
+        print(f'| {who} | ' + ' | '.join(row) + ' |', flush=True)
 
 
 def changes(name, t, q, tau, days):
@@ -167,13 +168,14 @@ def main():
         'payload of 20 % of link 2': [Day(payload=0.2, payload_at=AT)] * args.seeds,
         'payload of 2 %': [Day(payload=0.02, payload_at=AT)] * args.seeds,
         'motor fades by 20 %': [Day(fades_at=AT)] * args.seeds,
-        'pushed by hand 48 times each': [Day(pushes=each) for each in pushes],
+        PUSHED: [Day(pushes=each) for each in pushes],
     }
     days = [day for each in cases.values() for day in each]
     t, q, tau = record(seeds * len(cases), days, seconds=SECONDS)
     of = {name: slice(k * args.seeds, (k + 1) * args.seeds) for k, name in enumerate(cases)}
     constant(t, q[of['constant']], tau[of['constant']], Day())
-    drifting(t, q[of['drift']], tau[of['drift']], cases['drift'][0])
+    beside('friction + 50 % in 600 s', t, q[of['drift']], tau[of['drift']], cases['drift'][0])
+    beside('pushed by hand every 12 s', t, q[of[PUSHED]], tau[of[PUSHED]], Day())
     print(head)
     for name, part in of.items():
         changes(name, t, q[part], tau[part], cases[name])
