@@ -33,7 +33,7 @@ DESCRIPTION = """\
 Follow the parameters of a rig through recordings of any length, one after the other as if they were one: what they are
 at the end, how sure that is, and what changed when. Memory does not grow with the length.
 
-The first ten seconds of motion are identified; from then on every 0.4 s of motion adds to what is known. Friction may
+The first eight seconds of motion are identified; from then on every 0.4 s of motion adds to what is known. Friction may
 drift; inertias and weights stay unless they jump. A change (a payload, a motor that fades) is told from a burst (a
 hand), from which nothing is learned.
 """

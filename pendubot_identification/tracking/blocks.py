@@ -125,8 +125,9 @@ class Blocks:
         finite = np.isfinite(samples).all(axis=1)
         if not finite.all():
             self._say('a number that is not finite', int((~finite).sum()))
-        t = np.where(finite, samples[:, 0], -np.inf)
-        latest = self._held[-1, 0] if len(self._held) else -np.inf
+        t, latest = samples[:, 0], self._held[-1, 0] if len(self._held) else -np.inf
+        if finite.all() and (np.diff(t, prepend=latest) > 0).all():
+            return np.asarray(finite)
         kept = finite.copy()
         for k in np.flatnonzero(finite):
             if latest - RESTART < t[k] <= latest:

@@ -32,13 +32,13 @@ from .filter import Belief, Noise, left_of
 Array = NDArray[np.float64]
 
 #: The first motion [s]: by it delay, smoothing and noise are chosen. At most so much is waited for that tells enough.
-FIRST, LONGEST_FIRST = 10.0, 30.0
+FIRST, LONGEST_FIRST = 8.0, 30.0
 #: From one attempt to begin to the next [s].
 AGAIN = 2.0
 #: Samples that are taken at once: little is lost of them where all begins anew.
 PORTION = 4096
 #: Parameters drift as random walks, by so much of their size in a second: friction, and everything else.
-FRICTION_WALK, INERTIA_WALK = 5e-3, 1e-4
+FRICTION_WALK, INERTIA_WALK = 3e-3, 1e-4
 #: Consecutive blocks over which a change is looked for.
 WINDOW = 8
 #: A block that leaves so many times more unexplained than usual, in squares, has no vote in what changed; one that

@@ -24,7 +24,7 @@ DAYS = {
     'payload': Day(payload=0.2, payload_at=AT),
     'pushes': Day(pushes=PUSHES),
     'fading': Day(fades_at=AT),
-    'drift': Day(drift=3.0),
+    'drift': Day(drift=1.0),
 }
 
 
