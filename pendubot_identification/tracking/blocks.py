@@ -37,6 +37,8 @@ TOGETHER = 8
 SETTLED = 12
 #: Stamps that run back by more [s] are those of a clock that began anew; by less, of a sample that is late or repeated.
 RESTART = 1.0
+#: What may be wrong with a sample, in words.
+NOT_FINITE, REPEATED = 'a number that is not finite', 'a stamp that repeats or runs back'
 #: An effort is at its limit in a block where it stands there in more than this part of the samples that have any.
 SATURATED = 0.5
 
@@ -98,7 +100,6 @@ class Blocks:
         self._held = np.empty((0, 5))  # t q1 q2 tau1 tau2
         self._next = np.nan  # where the next bump begins
         self._greatest = 0.0
-        self.lost = 0.0  #: seconds without usable samples so far.
         self.notes: dict[str, int] = {}  #: what was wrong with samples, and how often.
 
     def feed(self, samples: Array) -> Iterator[Block]:
@@ -117,14 +118,13 @@ class Blocks:
             if cut < len(samples):
                 gap = float(samples[cut, 0] - self._held[-1, 0])
                 self._say('the stamps began anew' if gap < 0 else 'a gap between samples')
-                self.lost += max(gap, 0.0)
                 self._held, self._next = np.empty((0, 5)), np.nan
             samples = samples[cut:]
 
     def _usable(self, samples: Array) -> NDArray[np.bool_]:
         finite = np.isfinite(samples).all(axis=1)
         if not finite.all():
-            self._say('a number that is not finite', int((~finite).sum()))
+            self._say(NOT_FINITE, int((~finite).sum()))
         t, latest = samples[:, 0], self._held[-1, 0] if len(self._held) else -np.inf
         if finite.all() and (np.diff(t, prepend=latest) > 0).all():
             return np.asarray(finite)
@@ -135,11 +135,12 @@ class Blocks:
             else:
                 latest = t[k]
         if repeated := int((finite & ~kept).sum()):
-            self._say('a stamp that repeats or runs back', repeated)
+            self._say(REPEATED, repeated)
         return np.asarray(kept)
 
     def _say(self, what: str, times: int = 1) -> None:
-        self.notes[what] = self.notes.get(what, 0) + times
+        # As a whole, so that another thread never sees half of it.
+        self.notes = {**self.notes, what: self.notes.get(what, 0) + times}
 
     def _complete(self) -> Iterator[Block]:
         how = self._taking

@@ -25,7 +25,7 @@ from pendubot_identification.level import Level
 from pendubot_identification.model.parameters import MODELS, NAMES, Bounds, Parameters, default_bounds
 from pendubot_identification.trajectories.trajectory import Trajectory
 
-from .blocks import BLOCK, STILL, Block, Blocks, Taking
+from .blocks import BLOCK, NOT_FINITE, REPEATED, RESTART, STILL, Block, Blocks, Taking
 from .changes import AGREEING, CHANGED, SEVERAL, Jump, Kind, Window, kinds
 from .filter import Belief, Noise, left_of
 
@@ -157,7 +157,6 @@ class Tracker:
 
     Attributes:
         state: what is true now; None as long as nothing is known.
-        events: what happened, the last hundred.
         waiting: why nothing is known yet, in a sentence.
     """
 
@@ -165,7 +164,6 @@ class Tracker:
         self._start = start or Start()
         self._bounds = (bounds or default_bounds()).of(MODELS[self._start.model])
         self._notes: dict[str, int] = {}
-        self.events: list[Event] = []
         self.state: State | None = None
         self.reset()
 
@@ -204,7 +202,6 @@ class Tracker:
             return
         for block in following.blocks.feed(samples):
             for event in following.take(block):
-                self.events = [*self.events[-99:], event]
                 yield event
                 if isinstance(event, Lost):
                     self._notes = self.notes
@@ -216,17 +213,21 @@ class Tracker:
     def _begun(self, samples: Array) -> Array:
         """Begin to follow as soon as the first motion suffices; return it, to be learned from."""
         good = samples[np.isfinite(samples).all(axis=1)]
-        self._count('a number that is not finite', len(samples) - len(good))
+        self._count(NOT_FINITE, len(samples) - len(good))
         self._first.append(good)
         held = np.concatenate(self._first)
-        steps = np.diff(held[:, 0])
         if len(held) < 2:
             return held
+        latest = np.maximum.accumulate(held[:, 0])[:-1]
+        late = (held[1:, 0] <= latest) & (held[1:, 0] > latest - RESTART)
+        self._count(REPEATED, int(late.sum()))
+        held = held[~np.append(False, late)]
+        steps = np.diff(held[:, 0])
         # From the last break on.
         usual = float(np.median(np.abs(steps)))
         breaks = np.flatnonzero((steps <= 0) | (steps > max(0.1, 5 * usual)))
         if len(breaks):
-            self._count('a gap, or stamps that repeat or run back', len(breaks))
+            self._count('a gap between samples', len(breaks))
             held = held[breaks[-1] + 1 :]
         self._first = [held]
         span = float(held[-1, 0] - held[0, 0]) if len(held) else 0.0
