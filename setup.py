@@ -10,7 +10,7 @@ from setuptools import Extension, find_packages, setup
 NAME = 'pendubot_identification'
 SHARE = f'share/{NAME}'
 
-NODES = ['bridge', 'recorder', 'player', 'identifier', 'exciter', 'balancer', 'virtual_board']
+NODES = ['bridge', 'recorder', 'player', 'identifier', 'exciter', 'balancer', 'tracker', 'virtual_board']
 
 BAGS = [(f'{SHARE}/{folder}', sorted(glob(f'{folder}/*.*'))) for folder in ['bags', *sorted(glob('bags/*/'))]]
 

@@ -12,7 +12,7 @@ import sys
 import threading
 import time
 
-NODES = 'bridge', 'recorder', 'player', 'identifier', 'exciter', 'balancer', 'virtual_board'
+NODES = 'bridge', 'recorder', 'player', 'identifier', 'exciter', 'balancer', 'tracker', 'virtual_board'
 MODULES = {name: f'pendubot_identification.nodes.{name}' for name in NODES}
 #: What may be the virtual board: the package's, and the firmware as a Linux program.
 BOARDS = {'python': MODULES['virtual_board'], 'c': 'test.firmware.host_board'}

@@ -14,7 +14,7 @@ import pytest
 
 from test.conftest import ROOT
 
-PROGRAMS = ('pendubot', 'bridge', 'recorder', 'player', 'identifier', 'exciter', 'balancer', 'virtual_board')
+PROGRAMS = ('pendubot', 'bridge', 'recorder', 'player', 'identifier', 'exciter', 'balancer', 'tracker', 'virtual_board')
 PARTS = (
     *('package.xml', 'setup.py', 'setup.cfg', 'pyproject.toml', 'README.md', 'LICENSE'),
     *('resource', 'config', 'launch', 'bags', 'examples', 'pendubot_identification'),

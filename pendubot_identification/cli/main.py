@@ -31,6 +31,7 @@ from . import (
     repair,
     report,
     simulate,
+    track,
 )
 
 DESCRIPTION = """\
@@ -38,13 +39,14 @@ Identify the parameters of a pendubot from its recordings, without ROS.
 
   pendubot identify BAG                  parameters from a bag: first half estimates, second half validates
   pendubot identify RUN.csv              the same from CSV, MATLAB, Excel or Parquet
+  pendubot track BAG                     parameters followed through hours, and what changed when
   pendubot report RESULT.yaml            a page with figures from a result
   pendubot excite --design               the excitation that tells most of the parameters
   pendubot reproduce                     the paper's tables and figures, from this package's own runs
   pendubot demo                          the whole chain on a virtual rig (this alone needs ROS)
 """
 SUBCOMMANDS = (
-    *(identify, report, compare, excite, export, importing, simulate, info, repair, reproduce, demo),
+    *(identify, track, report, compare, excite, export, importing, simulate, info, repair, reproduce, demo),
     *(completion, help),
 )
 SAMPLE = 'bags/paper_experiment'

@@ -8,6 +8,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension
@@ -25,7 +27,11 @@ def parameters_message(result: Result) -> Float64MultiArray:
 
     A parameter that the rig cannot have keeps its place, with 0.
     """
-    theta = result.theta.vector(result.model)
+    return vector_message(result.theta.vector(result.model))
+
+
+def vector_message(theta: NDArray[np.float64]) -> Float64MultiArray:
+    """Return a parameter vector, shape (D,), as such a message."""
     names = ','.join(NAMES[: len(theta)])
     message = Float64MultiArray(data=theta.tolist())
     message.layout.dim = [MultiArrayDimension(label=names, size=len(theta), stride=len(theta))]
@@ -59,21 +65,22 @@ def identification_values(result: Result) -> dict[str, Any]:
     data, values = plain(result), {}
     for name, entry in data['parameters'].items():
         values[name] = entry['value']
-        values |= _flat(name, {key: value for key, value in entry.items() if key != 'value'})
+        values |= flat(name, {key: value for key, value in entry.items() if key != 'value'})
     for key, entry in data.items():
         if key not in ('parameters', 'criteria', 'covariance', 'covariance_rank', 'models'):
-            values |= _flat(key, entry)
+            values |= flat(key, entry)
     for name, answer in data['criteria'].items():
         J = {which: answer['J'][which] for which in ('training', 'validation', 'unit')}
         brief = {'level': answer['level'], 'J': J, 'error': answer['prediction']['error']}
-        values |= _flat(f'criteria.{name}', brief | {n: entry['value'] for n, entry in answer['parameters'].items()})
+        values |= flat(f'criteria.{name}', brief | {n: entry['value'] for n, entry in answer['parameters'].items()})
     return values
 
 
-def _flat(prefix: str, entry: Any) -> dict[str, Any]:
+def flat(prefix: str, entry: Any) -> dict[str, Any]:
+    """Return what is nested in an entry under flat names."""
     if isinstance(entry, Mapping):
         kept = ((key, value) for key, value in entry.items() if not key.endswith('_runs'))
-        return {k: v for key, value in kept for k, v in _flat(f'{prefix}.{key}', value).items()}
+        return {k: v for key, value in kept for k, v in flat(f'{prefix}.{key}', value).items()}
     if isinstance(entry, Sequence) and not isinstance(entry, str) and any(isinstance(e, (Mapping, str)) for e in entry):
-        return {k: v for index, value in enumerate(entry) for k, v in _flat(f'{prefix}.{index}', value).items()}
+        return {k: v for index, value in enumerate(entry) for k, v in flat(f'{prefix}.{index}', value).items()}
     return {prefix: entry}

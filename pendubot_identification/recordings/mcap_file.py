@@ -18,7 +18,7 @@ import weakref
 import zlib
 from array import array
 from collections import Counter
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from io import BytesIO
@@ -84,6 +84,16 @@ class Messages:
     data: bytes
     starts: NDArray[np.int64]
     heads: NDArray[np.void]
+
+    @classmethod
+    def of(cls, contents: Sequence[bytes]) -> Messages:
+        """Return messages that were never in a file."""
+        heads = np.zeros(len(contents), MESSAGE)
+        sizes = np.array([len(content) for content in contents], np.int64)
+        heads['length'] = FIELDS + sizes
+        ends = np.cumsum(sizes + MESSAGE.itemsize)
+        none = bytes(MESSAGE.itemsize)
+        return cls(none + none.join(contents), ends - sizes - MESSAGE.itemsize, heads)
 
     def __len__(self) -> int:
         return len(self.starts)

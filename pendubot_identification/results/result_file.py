@@ -179,7 +179,7 @@ def write_result(path: Path, result: Result, *, overwrite: bool = False) -> None
     write_whole(path, result_text(result), overwrite=overwrite)
 
 
-def result_text(result: Result) -> str:
+def result_text(result: Result | Mapping[str, Any]) -> str:
     """Return a result as YAML, the way it stands in its file."""
     return yaml.dump(plain(result), Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=100)
 

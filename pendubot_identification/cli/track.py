@@ -1,0 +1,175 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""``pendubot track``: a rig followed through recordings of any length."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+from contextlib import nullcontext
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pendubot_identification.errors import ExcitationError, wrong_usage
+from pendubot_identification.model import MODELS
+
+from .progress import progress_bar
+from .reading import add_reading, reading_of, save_map
+
+if TYPE_CHECKING:
+    from pendubot_identification.results.track_file import Track
+    from pendubot_identification.tracking.tracker import Tracker
+
+#: The exit status of a result of level ERROR, as of ``identify``.
+FAILED = 3
+#: Between two recordings of one stream [s].
+BETWEEN = 10.0
+#: Events that are printed.
+SHOWN = 20
+
+DESCRIPTION = """\
+Follow the parameters of a rig through recordings of any length, one after the other as if they were one: what they are
+at the end, how sure that is, and what changed when. Memory does not grow with the length.
+
+The first eight seconds of motion are identified; from then on every 0.4 s of motion adds to what is known. Friction may
+drift; inertias and weights stay unless they jump. A change (a payload, a motor that fades) is told from a burst (a
+hand), from which nothing is learned.
+"""
+EPILOG = """\
+examples:
+  pendubot track day                               a bag of hours
+  pendubot track morning.csv evening.csv           two recordings of one rig, one after the other
+  pendubot track day --start monday.yaml           beginning with what was identified on Monday
+  pendubot track day --output now.yaml --report look   the newest parameters, and a figure, look/track.svg
+exit status: 0 success, 1 a failure explained in one line, 2 wrong usage, 3 a result of level ERROR
+"""
+
+
+def add_parser(subparsers: Any) -> None:
+    """Add this subcommand."""
+    parser = subparsers.add_parser(
+        'track', help='follow parameters through long recordings', description=DESCRIPTION, epilog=EPILOG
+    )
+    parser.add_argument('bags', nargs='+', metavar='BAG[@START:END]', help='bags or files, in the order of time')
+    parser.add_argument('--start', type=Path, metavar='RESULT.yaml', help='parameters, delay and model to begin with')
+    parser.add_argument('--model', choices=list(MODELS), help='default: that of --start, else coulomb')
+    add_reading(parser)
+    where = parser.add_argument_group('input and output')
+    where.add_argument('--topic', default='/joint_states', help='topic with the joint states (default %(default)s)')
+    where.add_argument(
+        '--joints', default='shoulder,elbow', metavar='SHOULDER,ELBOW', help='their joint names (default %(default)s)'
+    )
+    where.add_argument('--output', type=Path, metavar='RESULT.yaml', help='write what is true at the end here')
+    where.add_argument('--report', type=Path, metavar='DIR', help='write a figure there, and the result beside it')
+    where.add_argument('--force', action='store_true', help='overwrite an existing result or report')
+    where.add_argument('--json', action='store_true', help='print the result as JSON and nothing else')
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Follow, print, write.
+
+    Raises:
+        PendubotError: a recording or a file that cannot be read, written or followed.
+    """
+    import yaml
+
+    from pendubot_identification.files import OutputFolder, refuse_input, refuse_unwritable, write_whole
+    from pendubot_identification.recordings.bag_reader import BagWindow
+    from pendubot_identification.recordings.datasets import require_files
+    from pendubot_identification.results.track_file import track_text
+
+    from .identify import joints
+
+    with wrong_usage():
+        windows, reading, names = [BagWindow.parse(text) for text in args.bags], reading_of(args), joints(args.joints)
+        require_files(reading, [window.path for window in windows])
+    for target in (args.output, args.report and args.report / 'result.yaml'):
+        if target is not None:
+            refuse_input(target, [*(window.path for window in windows), args.start, args.map])
+    with nullcontext() if args.report is None else OutputFolder(args.report, overwrite=args.force) as folder:
+        if args.output is not None:
+            refuse_unwritable(args.output, overwrite=args.force)
+        tracker, track = _follow(args, windows, names, reading)
+        if tracker.state is None and not track.states:
+            raise ExcitationError(f'{", ".join(args.bags)}: no parameters were found: {tracker.waiting}')
+        written = []
+        text = track_text(tracker, track, args.bags) if tracker.state is not None else ''
+        save_map(args, reading)
+        if args.output is not None and text:
+            write_whole(args.output, text, overwrite=args.force)
+            written.append(args.output)
+        if folder is not None:
+            from pendubot_identification.report.track_figure import draw_track
+
+            if len(track.states) > 1:
+                written += [
+                    folder.write(f'track.{kind}', made) for kind, made in draw_track(track.states, track.events).items()
+                ]
+            if text:
+                written.append(folder.write('result.yaml', text))
+    if args.json:
+        print(json.dumps(yaml.safe_load(text) if text else {'waiting': tracker.waiting}, indent=2))
+    else:
+        print(_summary(tracker, track))
+        for path in written:
+            print(f'written to {path}')
+    return FAILED if tracker.state is None or tracker.state.level.name == 'ERROR' else 0
+
+
+def _follow(args: argparse.Namespace, windows: Any, names: list[str], reading: Any) -> tuple[Tracker, Track]:
+    from pendubot_identification.recordings.bag_reader import open_recording
+    from pendubot_identification.recordings.sample_stream import stream_samples
+    from pendubot_identification.results.track_file import Track, start_of
+    from pendubot_identification.tracking.tracker import Tracker
+
+    tracker, track, base = Tracker(start_of(args.start, args.model)), Track(), 0.0
+    with progress_bar(hidden=args.json) as progress:
+        for window in windows:
+            reader, until = open_recording(window.path, reading), base
+            if reader.note:
+                track.notes.append(f'{window}: {reader.note}')
+            for samples in stream_samples(reader, window, args.topic, names, reading):
+                samples[:, 0] += base
+                until = max(until, float(samples[-1, 0]))
+                progress(f'following {window}', round(until - base), 0, math.nan)
+                for told in tracker.feed(samples):
+                    track.add(told)
+            base = until + BETWEEN
+    return tracker, track
+
+
+def _summary(tracker: Tracker, track: Track) -> str:
+    """Return what a person reads at the end."""
+    from pendubot_identification.model.parameters import UNITS
+    from pendubot_identification.report.table import Cell, Number, Table, wrapped
+    from pendubot_identification.tracking.tracker import NORMAL_95, Burst
+
+    last = tracker.state or track.states[-1]
+    # The first one with a band worth showing.
+    first = next((s for s in track.states if s.t > track.states[0].t + BETWEEN), last)
+    rows: list[list[Cell]] = [
+        [
+            name,
+            Number(float(last.theta[k]), '.4g'),
+            Number(NORMAL_95 * float(last.std_error[k]), '.2g'),
+            UNITS[k],
+            Number(float(first.theta[k]), '.4g'),
+        ]
+        for k, name in enumerate(last.names)
+    ]
+    head = ['', f'at {last.t:.0f} s', '95 % +-', 'unit', f'at {first.t:.0f} s']
+    bursts = sum(isinstance(event, Burst) for event in track.events)
+    told = [str(event) for event in track.events if not isinstance(event, Burst)]
+    notes = [
+        f'level {last.level.name}' + (f': {"; ".join(last.warnings)}' if last.warnings else ''),
+        *(told[:SHOWN] or ['no change']),
+        *([f'and {len(told) - SHOWN} changes more'] if len(told) > SHOWN else []),
+        *([f'{bursts} times a torque from nowhere, such as a hand: nothing was learned from it'] if bursts else []),
+        *(f'{what}, {times} times' for what, times in tracker.notes.items()),
+        *track.notes,
+        *([f'at the end: {tracker.waiting}'] if tracker.waiting else []),
+    ]
+    return '\n'.join([Table(head, rows).text(), *map(wrapped, notes)])

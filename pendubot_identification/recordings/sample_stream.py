@@ -1,0 +1,44 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The samples of a recording of any length as they come, good and bad, for who follows a rig."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pendubot_identification.errors import BagError
+from pendubot_identification.trajectories.reading import Reading
+
+from .bag_reader import BagWindow, Reader, Stream
+from .table_reader import PART, TableReader
+
+Array = NDArray[np.float64]
+
+
+def stream_samples(
+    reader: Reader, window: BagWindow, topic: str, joint_names: Sequence[str], reading: Reading
+) -> Iterator[Array]:
+    """Return rows of t [s] from the recording's first sample, q1, q2 [rad], tau1, tau2 [N m], some thousands at a time.
+
+    Of a bag all samples come as they are: not finite, late, or out of order. A file with columns is held.
+
+    Raises:
+        BagError: the bag, the topic or a joint is not there; the window cannot be found in it.
+        TableError: a file with columns cannot be read, or lacks one.
+    """
+    if isinstance(reader, TableReader):
+        motion = reader.motion
+        inside = (motion.t >= (window.start or 0.0)) & (motion.t < (window.end or np.inf))
+        whole = np.column_stack([motion.t, motion.q, motion.tau])[inside]
+        yield from (whole[k : k + PART] for k in range(0, len(whole), PART))
+        return
+    stream = Stream(reader, topic, joint_names, window.start, window.end)
+    Q, c, T, d = reading.affine
+    for elapsed_ns, values in stream:
+        yield np.column_stack([elapsed_ns / 1e9, values[:, 0] @ Q.T + c, values[:, 1] @ T.T + d])
+    if stream.missed():
+        raise BagError(f'{window}: its stamps are of another clock than its log times; follow the whole bag')

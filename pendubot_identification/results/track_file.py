@@ -1,0 +1,143 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""A rig that was followed, as a result file; and a result file, as where following begins."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from pendubot_identification import __version__
+from pendubot_identification.errors import ResultError
+from pendubot_identification.identify.identification import identify
+from pendubot_identification.identify.result import SCHEMA, EffortTaken, Parameter
+from pendubot_identification.identify.settings import Settings
+from pendubot_identification.level import Level
+from pendubot_identification.model.parameters import MODELS, UNITS
+from pendubot_identification.tracking.tracker import NORMAL_95, Change, Event, Start, State, Tracker
+from pendubot_identification.trajectories.trajectory import Trajectory
+
+from .result_file import read_result, result_text
+
+#: States that are kept of a track; of more, every other one is forgotten.
+KEPT = 4000
+
+
+@dataclass
+class Track:
+    """What became of the parameters: states, thinned as they become many, and what happened."""
+
+    states: list[State] = field(default_factory=list)
+    events: list[Event] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)  #: on the recordings.
+    _every: int = 1
+    _seen: int = 0
+
+    def add(self, told: State | Event) -> None:
+        """Take what a tracker tells."""
+        if not isinstance(told, State):
+            self.events = [*self.events, told][-KEPT:]
+            return
+        if self._seen % self._every == 0:
+            self.states.append(told)
+        self._seen += 1
+        if len(self.states) > KEPT:
+            self.states, self._every = self.states[::2], 2 * self._every
+
+
+def start_of(path: Path | None, model: str | None = None) -> Start:
+    """Return where following begins: with a result file, or with nothing but a model.
+
+    Without a file the first motion is identified by the criterion weak, so that nothing is published at a better level
+    than that of a file of it.
+
+    Raises:
+        ResultError: the file cannot be read, or another model is asked for than it has.
+        ParameterError: no rig has its parameters.
+    """
+    if path is None:
+        chosen = model or 'coulomb'
+        return Start(model=chosen, judge=lambda motion: _judged(motion, chosen))
+    result = read_result(path)
+    named = result.model if result.model in MODELS else result.theta.model
+    if model not in (None, named):
+        raise ResultError(f'{path} has the model {named}, and {model} is asked for; leave one of the two out')
+    size = MODELS[named]
+    names = list(result.parameters)
+    errors = {name: entry.std_error or 0.0 for name, entry in result.parameters.items()}
+    theta = result.theta.vector(named)[:size]
+    level = Level.WARN if result.level is None else result.level
+    why = [f'of {path}, with which it began: {warning}' for warning in result.warnings]
+    if result.level is None:
+        why.append(f'{path}, with which it began, was never judged')
+    return Start(
+        model=named,
+        theta=theta,
+        std_error=np.array([errors.get(name, 0.0) for name in names] + [0.0] * (size - len(names)))[:size],
+        delays=(result.effort.delay, result.effort.delay),
+        smoothing=getattr(result, 'smoothing', None),
+        hold=result.effort.hold,
+        judge=lambda motion: (level, why),
+    )
+
+
+def _judged(motion: Trajectory, model: str) -> tuple[Level, Sequence[str]]:
+    settings = Settings(criteria=('weak',), model=model, optimizer='lsq')
+    found = identify([motion], (), settings)
+    return found.level, found.warnings
+
+
+def track_text(tracker: Tracker, track: Track, bags: Sequence[str]) -> str:
+    """Return the newest state as a result file, with what happened and what became of the parameters beside it.
+
+    Raises:
+        ResultError: nothing is known.
+    """
+    state = tracker.state
+    if state is None or tracker.taking is None:
+        raise ResultError(f'there are no parameters to be written: {tracker.waiting}')
+    return result_text(
+        {
+            'schema': SCHEMA,
+            'parameters': parameters(state),
+            'level': state.level,
+            'warnings': state.warnings,
+            'criterion': 'weak, tracked',
+            'model': tracker.taking.model,
+            'effort': EffortTaken(hold=tracker.taking.hold, delay=tracker.taking.delay),
+            'made_by': {'version': __version__},
+            'tracked': {
+                'bags': bags,
+                'until': state.t,
+                'notes': tracker.notes,
+                'events': [{'kind': kind_of(event), **event._asdict(), 'text': str(event)} for event in track.events],
+                't': [s.t for s in track.states],
+                'unexplained': [s.unexplained for s in track.states],
+                'values': {n: [float(s.theta[k]) for s in track.states] for k, n in enumerate(state.names)},
+                'std_errors': {n: [float(s.std_error[k]) for s in track.states] for k, n in enumerate(state.names)},
+            },
+        }
+    )
+
+
+def parameters(state: State) -> Mapping[str, Parameter]:
+    """Return a state's parameters as they stand in a result."""
+    return {
+        name: Parameter(
+            value=float(value),
+            std_error=float(error),
+            interval=(float(value - NORMAL_95 * error), float(value + NORMAL_95 * error)),
+            unit=unit,
+            determined=bool(error < abs(value) / 2),
+        )
+        for name, value, error, unit in zip(state.names, state.theta, state.std_error, UNITS, strict=False)
+    }
+
+
+def kind_of(event: Event) -> str:
+    """Return in a word what happened."""
+    return event.kind if isinstance(event, Change) else type(event).__name__.lower()

@@ -1,0 +1,80 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""pendubot track from outside."""
+
+import json
+
+import numpy as np
+import pytest
+import yaml
+
+from pendubot_identification.recordings.joint_states import write_trajectory
+from pendubot_identification.results.result_file import read_result
+from pendubot_identification.trajectories.trajectory import Trajectory
+from test.tracking.rig import Day, record, truth
+
+DAY = Day(payload=0.2, payload_at=16.0)
+
+
+@pytest.fixture(scope='module')
+def motion():
+    t, q, tau = record([4], [DAY], seconds=26.0)
+    return Trajectory(t, q[0], np.column_stack([tau[0], 0 * t]))
+
+
+@pytest.fixture(scope='module')
+def bag(motion, tmp_path_factory):
+    path = tmp_path_factory.mktemp('bags') / 'day'
+    write_trajectory(path, motion)
+    return path
+
+
+def test_a_bag_is_followed_and_written_as_a_result_with_a_figure(run, bag, tmp_path):
+    now, look = tmp_path / 'now.yaml', tmp_path / 'look'
+    status, out, err = run('track', str(bag), '--output', str(now), '--report', str(look))
+    assert (status, err) == (0, '')
+    assert 'payload on link 2, at 15.' in out
+    assert 'level OK' in out
+    result = read_result(now)
+    assert (np.abs(result.theta.vector('coulomb') / truth(DAY, [25.0])[0] - 1) < 0.01)[:5].all()
+    assert result.level.name == 'OK'
+    told = yaml.safe_load(now.read_text())['tracked']
+    assert told['events'][0]['kind'] == 'payload on link 2'
+    assert len(told['t']) == len(told['values']['P1']) > 20
+    assert {path.name for path in look.iterdir()} == {'result.yaml', 'track.png', 'track.svg'}
+    # What was written is where the next one begins; and is read by what reads results.
+    status, out, _ = run('track', f'{bag}@17:', '--start', str(now), '--json')
+    assert status == 0
+    assert json.loads(out)['tracked']['events'] == []
+    status, out, _ = run('compare', str(now), str(look / 'result.yaml'))
+    assert status == 0
+
+
+def test_parts_one_after_the_other_are_one_stream(run, motion, tmp_path):
+    for name, part in (('a', motion[motion.t < 16]), ('b', motion[motion.t >= 16])):
+        rows = np.column_stack([part.t, part.q, part.tau[:, 0]])
+        np.savetxt(tmp_path / f'{name}.csv', rows, delimiter=',', header='t,q1,q2,tau1', comments='')
+    status, out, err = run('track', str(tmp_path / 'a.csv'), str(tmp_path / 'b.csv'))
+    assert (status, err) == (0, '')
+    assert 'payload on link 2' in out
+    assert 'a gap between samples, 1 times' in out
+
+
+@pytest.mark.parametrize(
+    ('words', 'status', 'said'),
+    [
+        (['none'], 1, 'there is no bag none'),
+        (['BAG@0:3'], 1, 'no parameters were found: waiting for 8 s of motion'),
+        (['BAG', '--joints', 'a'], 2, 'two are expected'),
+        (['BAG', '--start', 'none.yaml'], 1, 'none.yaml cannot be read'),
+        (['BAG', '--output', 'BAG/metadata.yaml', '--force'], 1, 'is read, so it cannot be written'),
+    ],
+)
+def test_what_cannot_be_followed_is_one_sentence(run, bag, tmp_path, monkeypatch, words, status, said):
+    monkeypatch.chdir(tmp_path)
+    found, out, err = run('track', *(word.replace('BAG', str(bag)) for word in words))
+    assert (found, out) == (status, '')
+    assert said in err
+    assert 'Traceback' not in err
+    assert not list(tmp_path.iterdir())

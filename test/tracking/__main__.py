@@ -1,0 +1,185 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""How well rigs are followed that change while they move, beside what else could follow them.
+
+python -m test.tracking                 the tables of docs/tracking.md, 10 seeds, with peers
+python -m test.tracking --hours 10      false alarms alone, so many hours of motion without a change
+"""
+
+import argparse
+
+import numpy as np
+
+from pendubot_identification.criteria.quadratic import Quadratic
+from pendubot_identification.criteria.weak import weak_regression
+from pendubot_identification.model.parameters import default_bounds
+from pendubot_identification.tracking.blocks import Taking
+from pendubot_identification.tracking.tracker import FRICTION_WALK, INERTIA_WALK, Burst, Change, State, Tracker
+from pendubot_identification.trajectories.motion import Motion
+from pendubot_identification.trajectories.trajectory import Trajectory
+
+from .peers import forgetting, kalman
+from .rig import Day, record, truth
+
+SECONDS, AT = 600.0, 300.0
+WALK = np.array([INERTIA_WALK] * 5 + [FRICTION_WALK] * 4)
+PUSHED = 'pushed by hand 48 times each'
+PARTS = {'P1 to P5': slice(0, 5), 'friction': slice(5, 9)}
+
+
+def batch(t, q, tau, until):
+    """Return the weak criterion's fit of the first seconds, with its defaults."""
+    now = t < until
+    motion = Trajectory(t[now], q[now], np.column_stack([tau[now], 0 * tau[now]]))
+    bounds = default_bounds().of(9)
+    taking = Taking.of(motion, 'coulomb', bounds, (0.0, 0.05))
+    made = Motion.prepare(motion, taking.smoothing)
+    regression = weak_regression(made, 'coulomb', taking.delay, weights=taking.weights)
+    return Quadratic.reduce(regression.phi, regression.y).minimum(bounds)
+
+
+def track(t, q, tau):
+    """Return all states and all events of one rig, each event with the time at which it was told."""
+    tracker, samples = Tracker(), np.column_stack([t, q, tau, 0 * t])
+    states, events = [], []
+    for k in range(0, len(t), 20):
+        for told in tracker.feed(samples[k : k + 20]):
+            if isinstance(told, State):
+                states.append(told)
+            else:
+                events.append((float(samples[min(k + 19, len(t) - 1), 0]), told))
+    return states, events
+
+
+def relative(found, true):
+    """Return errors in per cent of the truth."""
+    return 100 * (found / true - 1)
+
+
+def constant(t, q, tau, day):
+    """Print the error after 60 s beside that of the batch, and how often bands hold the truth."""
+    ratios, held, errors, of_batch = [], [], [], []
+    for k in range(len(q)):
+        states, _ = track(t, q[k], tau[k])
+        true = truth(day, [0.0])[0]
+        at = next(s for s in states if s.t > 59.5)
+        errors.append(relative(at.theta, true))
+        of_batch.append(relative(batch(t, q[k], tau[k], 60.0), true))
+        held.append([np.abs(s.theta - true) < 1.96 * s.std_error for s in states if s.t > 60])
+    rms, rms_batch = (np.sqrt(np.mean(np.square(each), axis=0)) for each in (errors, of_batch))
+    ratios = rms / rms_batch
+    held = 100 * np.mean(np.concatenate(held), axis=0)
+    print('| constant | P1 | P2 | P3 | P4 | P5 | b1 | b2 | Fc1 | Fc2 |\n|---|---|---|---|---|---|---|---|---|---|')
+    for name, row in (
+        ('error after 60 s, rms [%]', rms),
+        ('of the batch', rms_batch),
+        ('ratio', ratios),
+        ('bands hold [%]', held),
+    ):
+        print(f'| {name} | ' + ' | '.join(f'{x:.2g}' if x < 10 else f'{x:.0f}' for x in row) + ' |', flush=True)
+
+
+def beside(name, t, q, tau, day):
+    """Print errors of a rig whose truth is that of a day, beside those of the peers."""
+    rows = {}
+
+    def add(who, times, found, deviation=None):
+        true = np.moveaxis([truth(day, times)] * found.shape[1], 0, 1)
+        late = times > 60
+        off = relative(found, true)[late]
+        hold = None if deviation is None else np.abs(found - true)[late] < 1.96 * deviation[late]
+        rows[who] = [
+            *(f'{np.sqrt(np.mean(np.square(off[..., p]))):.3g}' for p in PARTS.values()),
+            f'{off[..., PARTS["friction"]].mean():+.2g}',
+            *('' if hold is None else f'{100 * hold[..., p].mean():.0f}' for p in PARTS.values()),
+        ]
+
+    tracks = [track(t, q[k], tau[k])[0] for k in range(len(q))]
+    count = min(map(len, tracks))
+    own = [
+        np.array([[getattr(s, what) for s in track[-count:]] for track in tracks]) for what in ('theta', 'std_error')
+    ]
+    add('tracker', np.array([s.t for s in tracks[0][-count:]]), *(np.moveaxis(each, 0, 1) for each in own))
+    first = np.array([batch(t, q[k], tau[k], 10.0) for k in range(len(q))])
+    minute = np.array([batch(t, q[k], tau[k], 60.0) for k in range(len(q))])
+    times = np.arange(1.0, SECONDS)
+    add('fixed, from the first 60 s', times, np.repeat(minute[None], len(times), axis=0))
+    for memory in (5.0, 20.0, 60.0):
+        add(f'RLS on inverse dynamics, {memory:.0f} s', *forgetting(t, q, tau, first, memory=memory))
+    add('EKF with theta as states', *kalman(t, q, tau, first, walk=WALK))
+    print(f'\n| {name} | P, rms [%] | friction, rms [%] | lag [%] | bands hold P [%] | friction |')
+    print('|---|---|---|---|---|---|')
+    for who, row in rows.items():
+        print(f'| {who} | ' + ' | '.join(row) + ' |', flush=True)
+
+
+def changes(name, t, q, tau, days):
+    """Print how changes are found and called, and what else was told."""
+    after, kinds, false, bursts, right = [], {}, 0, 0, 0
+    for k, day in enumerate(days):
+        _, events = track(t, q[k], tau[k])
+        at = min(day.payload_at, day.fades_at)
+        found = [(told, e) for told, e in events if isinstance(e, Change) and e.end >= at]
+        false += sum(not isinstance(e, Burst) for told, e in events) - (1 if found else 0)
+        bursts += sum(isinstance(e, Burst) for _, e in events)
+        if found:
+            told, change = found[0]
+            after.append(told - at)
+            right += change.begin <= at <= change.end
+            kinds[change.kind] = kinds.get(change.kind, 0) + 1
+    called = ', '.join(f'{kind} {count}' for kind, count in kinds.items())
+    late = f'{np.median(after):.2f}, {max(after):.2f}' if after else ''
+    print(f'| {name} | {len(after)} of {len(days)} | {late} | {right} | {called} | {false} | {bursts} |', flush=True)
+
+
+def main():
+    """Simulate, follow, print."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument('--seeds', type=int, default=10)
+    parser.add_argument('--hours', type=float, help='of motion without a change; nothing but false alarms')
+    args = parser.parse_args()
+    head = (
+        '\n| | found | after [s]: median, most | times right | called | false | bursts |\n|---|---|---|---|---|---|---|'
+    )
+    if args.hours:
+        count = round(args.hours * 3600 / SECONDS)
+        t, q, tau = record(range(1000, 1000 + count), [Day()] * count, seconds=SECONDS)
+        print(head)
+        changes(f'no change, {args.hours:g} h', t, q, tau, [Day()] * count)
+        return
+    rng = np.random.default_rng(7)
+    seeds = list(range(args.seeds))
+    pushes = [
+        tuple(
+            (
+                at + rng.uniform(0, 5),
+                int(rng.integers(2)),
+                rng.choice([-1, 1]) * rng.uniform(0.05, 0.4),
+                rng.uniform(0.1, 1),
+            )
+            for at in np.arange(20, SECONDS - 10, 12.0)
+        )
+        for _ in seeds
+    ]
+    cases = {
+        'constant': [Day()] * args.seeds,
+        'drift': [Day(drift=0.5)] * args.seeds,
+        'payload of 20 % of link 2': [Day(payload=0.2, payload_at=AT)] * args.seeds,
+        'payload of 2 %': [Day(payload=0.02, payload_at=AT)] * args.seeds,
+        'motor fades by 20 %': [Day(fades_at=AT)] * args.seeds,
+        PUSHED: [Day(pushes=each) for each in pushes],
+    }
+    days = [day for each in cases.values() for day in each]
+    t, q, tau = record(seeds * len(cases), days, seconds=SECONDS)
+    of = {name: slice(k * args.seeds, (k + 1) * args.seeds) for k, name in enumerate(cases)}
+    constant(t, q[of['constant']], tau[of['constant']], Day())
+    beside('friction + 50 % in 600 s', t, q[of['drift']], tau[of['drift']], cases['drift'][0])
+    beside('pushed by hand every 12 s', t, q[of[PUSHED]], tau[of[PUSHED]], Day())
+    print(head)
+    for name, part in of.items():
+        changes(name, t, q[part], tau[part], cases[name])
+
+
+if __name__ == '__main__':
+    main()

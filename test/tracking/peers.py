@@ -1,0 +1,105 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""What else could follow a rig: recursive least squares on inverse dynamics, and a Kalman filter with theta as states.
+
+Both take all rigs side by side, begin with the same first fit as the tracker, and know its random walks.
+"""
+
+import numpy as np
+
+from pendubot_identification.model.dynamics import GRAVITY, accelerations
+from pendubot_identification.trajectories.signals import differentiate
+
+WIDTH = 0.05
+
+
+def inverse_dynamics(t, q, window=0.05):
+    """Return the columns of both joints' equations, shape (N, 2, 9), with accelerations of smoothed velocities."""
+    q, v = differentiate(q, t[1] - t[0], window)
+    a = differentiate(v, t[1] - t[0], window)[1]
+    (q1, q2), (v1, v2), (a1, a2) = q.T, v.T, a.T
+    c2, s2, g1, g12 = np.cos(q2), np.sin(q2), GRAVITY * np.cos(q1), GRAVITY * np.cos(q1 + q2)
+    phi = np.zeros((len(t), 2, 9))
+    phi[:, 0, 0] = a1
+    phi[:, :, 1] = (a1 + a2)[:, None]
+    phi[:, 0, 2] = c2 * (2 * a1 + a2) - s2 * (2 * v1 * v2 + v2**2)
+    phi[:, 1, 2] = c2 * a1 + s2 * v1**2
+    phi[:, 0, 3] = g1
+    phi[:, :, 4] = g12[:, None]
+    for joint in range(2):
+        phi[:, joint, 5 + joint] = v[:, joint]
+        phi[:, joint, 7 + joint] = np.tanh(v[:, joint] / WIDTH)
+    return phi
+
+
+def forgetting(t, q, tau, theta, *, memory=20.0, every=1.0):
+    """Follow by recursive least squares that forgets over ``memory`` seconds; return times and theta, (M, K, 9).
+
+    ``theta``: with which it begins, shape (K, 9). It is summed over ``every`` seconds at once, which is the same.
+    """
+    block = round(every / (t[1] - t[0]))
+    count = len(t) // block
+    found = np.empty((count, len(q), 9))
+    for k in range(len(q)):
+        phi = inverse_dynamics(t, q[k])
+        y = np.column_stack([tau[k], 0 * tau[k]])
+        scale = np.abs(theta[k])
+        A, b = np.eye(9), theta[k] / scale
+        for n in range(count):
+            part = slice(n * block, (n + 1) * block)
+            rows, right = phi[part].reshape(-1, 9) * scale, y[part].ravel()
+            fade = np.exp(-every / memory)
+            A, b = fade * A + rows.T @ rows, fade * b + rows.T @ right
+            found[n, k] = np.linalg.solve(A, b) * scale
+    return t[block - 1 : count * block : block], found
+
+
+def kalman(t, q, tau, theta, *, walk, known=0.02, counts=4096, every=1.0, rate=200.0):
+    """Follow by an extended Kalman filter of q, q' and theta; return times, theta and deviations, (M, K, 9).
+
+    ``theta``: with which it begins, shape (K, 9), known to this part of it; ``walk``: as the tracker's, a part of
+    theta in a second, shape (9,). Its Jacobian is by differences.
+    """
+    size, h, scale = len(q), 1 / rate, np.abs(theta)
+    x = np.concatenate([q[:, 0], np.zeros((size, 2)), np.ones((size, 9))], axis=1)
+    unit = 2 * np.pi / counts
+    noise = unit**2 / 12
+    P = np.zeros((size, 13, 13))
+    P[:] = np.diag([noise, noise, 0.01, 0.01, *[known**2] * 5, *[0.3**2] * 4])
+    Q = np.diag([1e-12, 1e-12, 1e-6, 1e-6, *(walk**2 * h)])
+    H = np.eye(13)[:2]
+    step = np.array([1e-6] * 4 + [1e-5] * 9)
+    times, found, deviations = [], [], []
+    for n in range(1, len(t)):
+        moved = np.repeat(x[:, None], 14, axis=1)
+        moved[:, 1:] += np.diag(step)
+        after = _advance(moved, tau[:, n - 1, None], scale[:, None], h)
+        x = after[:, 0]
+        F = np.moveaxis((after[:, 1:] - after[:, :1]) / step[:, None], 1, 2)
+        P = F @ P @ np.moveaxis(F, 1, 2) + Q
+        S = P[:, :2, :2] + noise * np.eye(2)
+        gain = P[:, :, :2] @ np.linalg.inv(S)
+        x = x + (gain @ (q[:, n] - x[:, :2])[:, :, None])[:, :, 0]
+        left = np.eye(13) - gain @ H
+        P = left @ P @ np.moveaxis(left, 1, 2) + noise * gain @ np.moveaxis(gain, 1, 2)
+        if n % round(every * rate) == 0:
+            times.append(t[n])
+            found.append(x[:, 4:] * scale)
+            deviations.append(np.sqrt(np.diagonal(P, axis1=1, axis2=2))[:, 4:] * scale)
+    return np.array(times), np.array(found), np.array(deviations)
+
+
+def _advance(x, tau, scale, h):
+    theta = np.moveaxis(x[..., 4:] * scale, -1, 0)
+
+    def slope(state):
+        q1, q2, v1, v2 = np.moveaxis(state, -1, 0)
+        return np.stack([v1, v2, *accelerations(theta, q1, q2, v1, v2, tau, 0.0)], axis=-1)
+
+    begin = x[..., :4]
+    a = slope(begin)
+    b = slope(begin + h / 2 * a)
+    c = slope(begin + h / 2 * b)
+    d = slope(begin + h * c)
+    return np.concatenate([begin + h / 6 * (a + 2 * b + 2 * c + d), x[..., 4:]], axis=-1)

@@ -1,0 +1,207 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""A simulated rig is followed: what is published is true, what changes is told, and what is wrong is said."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pendubot_identification.errors import ParameterError
+from pendubot_identification.level import Level
+from pendubot_identification.model.parameters import Parameters
+from pendubot_identification.tracking.tracker import Burst, Change, Start, State, Tracker
+
+from .rig import Day, record, truth
+
+SECONDS, AT = 45.0, 25.0
+PUSHES = tuple((at, joint, 0.3, 0.4) for at, joint in ((16.0, 0), (21.0, 1), (27.0, 0), (33.0, 1)))
+DAYS = {
+    'nothing': Day(),
+    'payload': Day(payload=0.2, payload_at=AT),
+    'pushes': Day(pushes=PUSHES),
+    'fading': Day(fades_at=AT),
+    'drift': Day(drift=1.0),
+}
+
+
+@pytest.fixture(scope='module')
+def rigs():
+    """Return the samples of all rigs by name, shape (N, 5)."""
+    t, q, tau = record([5] * len(DAYS), list(DAYS.values()), seconds=SECONDS)
+    return {name: np.column_stack([t, q[k], tau[k], 0 * t]) for k, name in enumerate(DAYS)}
+
+
+def follow(samples, start=None, portion=77):
+    """Return the tracker, all its states, and all events."""
+    tracker = Tracker(start)
+    told = [o for k in range(0, len(samples), portion) for o in tracker.feed(samples[k : k + portion])]
+    return tracker, [o for o in told if isinstance(o, State)], [o for o in told if not isinstance(o, State)]
+
+
+def held(states, day):
+    """Return how often the bands hold each parameter."""
+    return np.mean([np.abs(s.theta - truth(day, [s.t])[0]) < 1.96 * s.std_error for s in states], axis=0)
+
+
+@pytest.mark.parametrize('name', ['nothing', 'drift'])
+def test_bands_hold_the_truth(rigs, name):
+    _, states, events = follow(rigs[name])
+    late = [s for s in states if s.t > 20]
+    assert held(late, DAYS[name]).mean() > 0.85
+    assert (np.abs(states[-1].theta[:5] / truth(DAYS[name], [0])[0, :5] - 1) < 0.003).all()
+    assert {s.level for s in late} == {Level.OK}
+    assert not [e for e in events if not isinstance(e, Burst)]
+
+
+def test_a_payload_is_found_within_two_seconds_and_named(rigs):
+    tracker, states, events = follow(rigs['payload'])
+    (change,) = (e for e in events if isinstance(e, Change))
+    assert change.kind == 'payload on link 2'
+    assert change.begin <= AT <= change.end <= AT + 1
+    assert set(change.steps) == {'P1', 'P2', 'P3', 'P4', 'P5'}
+    after, before = truth(DAYS['payload'], [AT, 0])[:, :5]
+    for k, (step, error) in enumerate(change.steps.values()):
+        assert abs(step - (after - before)[k]) < 5 * error
+    first = next(s for s in states if np.abs(s.theta[4] / after[4] - 1) < 0.02)
+    assert first.t < AT + 2
+    assert (np.abs(tracker.state.theta[:5] / after - 1) < 0.003).all()
+
+
+def test_a_motor_that_fades_is_not_a_payload(rigs):
+    _, _, events = follow(rigs['fading'])
+    (change,) = (e for e in events if isinstance(e, Change))
+    assert change.kind.startswith('motor')
+    assert change.begin <= AT <= change.end
+
+
+def test_a_hand_changes_nothing(rigs):
+    tracker, states, events = follow(rigs['pushes'])
+    assert all(isinstance(e, Burst) for e in events)
+    for at, *_, lasts in PUSHES:
+        assert any(e.begin < at + lasts and at < e.end for e in events), at
+    assert (np.abs(tracker.state.theta[:5] / truth(Day(), [0])[0, :5] - 1) < 0.003).all()
+    pushed = [s for s in states if any(at + 0.2 < s.t < at + 0.4 for at, *_ in PUSHES)]
+    assert any('not explained' in ' '.join(s.warnings) for s in pushed)
+
+
+@settings(max_examples=5, deadline=None)
+@given(st.data())
+def test_portions_do_not_matter(rigs, data):
+    samples = rigs['payload'][:6000]
+    cuts = sorted(data.draw(st.lists(st.integers(2000, 6000), max_size=30)))
+    tracker = Tracker(Start(delays=(0.0, 0.0), smoothing=0.04))
+    list(tracker.feed(samples[:2100]))
+    other = Tracker(Start(delays=(0.0, 0.0), smoothing=0.04))
+    list(other.feed(samples[:2100]))
+    one = [o for o in tracker.feed(samples[2100:]) if isinstance(o, State)]
+    ends = [2100, *(c for c in cuts if c > 2100), 6000]
+    many = [o for a, b in pairwise(ends) for o in other.feed(samples[a:b]) if isinstance(o, State)]
+    assert len(one) == len(many)
+    np.testing.assert_allclose([s.theta for s in one], [s.theta for s in many], rtol=1e-6)
+
+
+def test_bad_samples_are_said_and_left_out(rigs):
+    samples = rigs['nothing'].copy()
+    samples[500, 1] = np.nan
+    samples[600, 0] = samples[599, 0]
+    samples[4000:4003, 1] = np.nan
+    samples[4500, 0] = np.inf
+    samples = np.concatenate([samples[:5000], samples[4990:5000], samples[5000:]])  # repeated
+    gap = np.concatenate([samples[:6000], samples[6200:]])
+    tracker, states, events = follow(gap)
+    assert not [e for e in events if not isinstance(e, Burst)]
+    assert tracker.notes == {
+        'a number that is not finite': 5,
+        'a stamp that repeats or runs back': 11,
+        'a gap between samples': 1,
+    }
+    assert (np.abs(tracker.state.theta[:5] / truth(Day(), [0])[0, :5] - 1) < 0.003).all()
+    assert all(np.isfinite(s.theta).all() for s in states)
+
+
+@pytest.mark.parametrize('jump', [-1e4, 3600.0])
+def test_a_clock_that_jumps_is_no_change(rigs, jump):
+    samples = rigs['nothing'].copy()
+    samples[5000:, 0] += jump
+    tracker, _, events = follow(samples)
+    assert not [e for e in events if not isinstance(e, Burst)]
+    assert 'the stamps began anew' in tracker.notes or 'a gap between samples' in tracker.notes
+    assert (np.abs(tracker.state.theta[:5] / truth(Day(), [0])[0, :5] - 1) < 0.01).all()
+
+
+def test_stamps_at_twice_the_rate_are_told(rigs):
+    samples = rigs['nothing'].copy()
+    samples[5000:, 0] = samples[5000, 0] + (samples[5000:, 0] - samples[5000, 0]) / 2
+    _, states, events = follow(samples)
+    (change,) = (e for e in events if isinstance(e, Change))
+    assert change.kind.startswith('time')
+    assert all(not Parameters.from_vector(s.theta).unphysical() for s in states)
+
+
+def test_nothing_winds_up_while_nothing_moves(rigs):
+    moving = rigs['nothing'][:6000]
+    t = np.arange(moving[-1, 0] + 0.05, 3600.0, 0.05)
+    still = np.column_stack([t, np.tile(moving[-1, 1:3], (len(t), 1)), np.full(len(t), 0.1), 0 * t])
+    tracker, states, _ = follow(np.concatenate([moving, still]))
+    before = next(s for s in reversed(states) if s.moving)
+    now = tracker.state
+    np.testing.assert_allclose(now.theta, before.theta, rtol=1e-6)
+    assert (now.std_error > before.std_error).all()
+    assert (now.std_error[5:] < 2 * now.theta[5:]).all()
+    assert now.level is Level.WARN
+    assert 'nothing has moved for 35' in now.warnings[0]
+    after = rigs['nothing'][6000:]
+    after[:, 0] += 3600
+    list(tracker.feed(after))
+    assert held([tracker.state], Day()).mean() > 0.7
+    assert tracker.state.level is Level.OK
+
+
+def test_an_effort_at_its_limit_is_said(rigs):
+    samples = rigs['nothing'].copy()
+    samples[7000:, 3] = np.sign(samples[7000:, 3]) * 0.36
+    _, states, _ = follow(samples)
+    assert any('limit' in ' '.join(s.warnings) for s in states if s.t > 36)
+
+
+@settings(max_examples=5, deadline=None)
+@given(st.integers(0, 1000), st.sampled_from([0.003, 0.02, 0.1]))
+def test_what_is_published_is_physical_whatever_comes(rigs, seed, size):
+    rng = np.random.default_rng(seed)
+    samples = rigs['nothing'][:6000].copy()
+    garbage = samples[3000:]
+    garbage[:, 1:3] = garbage[0, 1:3] + np.cumsum(rng.normal(0, size, (3000, 2)), axis=0)
+    garbage[:, 3] = rng.normal(0, 0.1, 3000)
+    tracker, states, _ = follow(samples)
+    assert states
+    assert all(not Parameters.from_vector(s.theta).unphysical() for s in states)
+    late = [s for s in states if s.t > 20]
+    assert not any(s.level is Level.OK and s.moving for s in late)
+    assert tracker.waiting or tracker.state.level is not Level.OK
+
+
+def test_a_file_that_is_no_longer_true_is_found_out(rigs):
+    known = truth(DAYS['payload'], [100.0])[0]
+    tracker, _, events = follow(rigs['nothing'], Start(theta=known, std_error=0.01 * known))
+    (change,) = (e for e in events if isinstance(e, Change))
+    assert change.kind == 'not as it was identified before'
+    assert change.steps['P5'][0] < 0
+    assert (np.abs(tracker.state.theta[:5] / truth(Day(), [0])[0, :5] - 1) < 0.003).all()
+
+
+def test_parameters_that_no_rig_has_are_refused():
+    with pytest.raises(ParameterError, match='not positive definite'):
+        Start(theta=np.array([1.0, 1.0, 2.0, 0.1, 0.1, 0, 0, 0, 0]))
+    with pytest.raises(ParameterError, match='no model'):
+        Start(model='soft')
+
+
+def test_without_motion_it_waits_and_says_so():
+    t = np.arange(20000) / 200
+    tracker, states, _ = follow(np.column_stack([t, 0 * t - np.pi / 2, 0 * t, 0 * t, 0 * t]))
+    assert not states
+    assert 'nothing moves' in tracker.waiting
