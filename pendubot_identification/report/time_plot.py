@@ -187,8 +187,8 @@ def typeset(text: str) -> str:
 
 
 def _power(panel: Panel) -> int:
-    sizes = [float(np.nanmax(np.abs(y), initial=0.0)) for line in panel.lines for _, y in line.pieces if len(y)]
-    return scaled(max(np.abs(panel.reach).tolist() if panel.reach else sizes, default=0.0))
+    sizes = [np.nanmax(np.abs(y), initial=0.0) for line in panel.lines for _, y in (*line.pieces, *line.upper)]
+    return scaled(float(max(np.abs(panel.reach) if panel.reach else sizes, default=0.0)))
 
 
 def _label(panel: Panel, gap: str = ' ') -> str:
