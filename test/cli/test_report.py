@@ -40,6 +40,7 @@ def test_a_folder_with_a_page_its_figures_and_the_result(made):
     assert len([link for link in page.links if link.startswith('data:image/svg+xml;base64,')]) == len(FIGURES)
     others = {link for link in page.links if not link.startswith(('data:', '#'))}
     assert others == {'result.yaml', (made / 'swing').as_uri()}
+    assert (made / 'look' / 'report.html').stat().st_size < 2_000_000
     assert 'data that no parameter was estimated from' in text(made / 'look')
     assert 'Not shown' not in text(made / 'look')
 

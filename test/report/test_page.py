@@ -134,13 +134,12 @@ def test_captions_follow_from_what_was_drawn():
 
 def test_nothing_comes_from_elsewhere():
     result = plain()
-    bags = [Bag('swing', 'file:///data/swing', '2026-11-20'), Bag('gone', '', '')]
+    bags = [Bag('swing', 'file:///data/swing', '2026-11-20')]
     page = Page(result_page(typed(result), [draw_correlation(typed(result))], bags=bags))
     assert len([link for link in page.links if link.startswith('data:')]) == 2, 'the figure, and an icon that is none'
     others = {link for link in page.links if not link.startswith(('data:', '#'))}
     assert others == {'result.yaml', 'file:///data/swing'}
     assert 'recorded' in ' '.join(page.text)
-    assert 'gone' in ' '.join(page.text)
     assert not page.tags & {'script', 'iframe', 'object', 'form'}, 'without plots over time nothing runs'
     source = result_page(typed(result), [draw_simulation(simulation(), validation=True)])
     assert source.count('<script') == 2
