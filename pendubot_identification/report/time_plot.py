@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 #: Points that a line may have, two for each of half as many intervals of time: on a page, and in a static figure.
-MOST_POINTS, MOST_DRAWN = 2000, 1200
+MOST_POINTS, MOST_DRAWN = 1600, 1000
 #: Values below and above these are shown in thousandths and the like, which their label then says.
 SMALL, LARGE = 0.01, 1e4
 INK, PALE = '#1a1a1a', '#999999'
