@@ -142,6 +142,7 @@ def test_nothing_comes_from_elsewhere():
     assert 'recorded' in ' '.join(page.text)
     assert not page.tags & {'script', 'iframe', 'object', 'form'}, 'without plots over time nothing runs'
     source = result_page(typed(result), [draw_simulation(simulation(), validation=True)])
+    source = re.sub('src="data:[^"]*"', '', source)  # a figure refers to parts of itself
     assert source.count('<script') == 2
     assert ' src="http' not in source
     assert 'Permission is hereby granted' in source, "the library's licence"
