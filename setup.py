@@ -70,6 +70,7 @@ setup(
             'mujoco',
             'mypy',
             'openpyxl',
+            'playwright',
             'pytest',
             'pytest-timeout',
             'pytest-xdist',

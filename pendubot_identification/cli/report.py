@@ -18,7 +18,8 @@ if TYPE_CHECKING:
     from pendubot_identification.identify.result import Given, Result
 
 DESCRIPTION = """\
-Make a report of a result: one HTML page that needs no network and prints well, and its figures as SVG and PNG.
+Make a report of a result: one HTML page to explore, which needs no network and prints well, and its figures as SVG and
+PNG.
 
 It shows the data with their windows, measured beside simulated motion, the residuals of every criterion, the
 convergence of MDE, the parameters with their intervals, which of them the motion identifies, all warnings, and
@@ -85,7 +86,7 @@ def run(args: argparse.Namespace) -> int:
             notes = [f'what is drawn from the recordings; {error}']
             print(f'pendubot: left out {notes[0]}', file=sys.stderr)
         with progress_bar() as progress:
-            page = write_report(folder, result, motions, beside, notes, progress)
+            page = write_report(folder, result, motions, beside, notes, progress, args.bags)
     print(f'written to {page}')
     return 0
 

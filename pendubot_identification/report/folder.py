@@ -42,6 +42,7 @@ def write_report(
     beside: Beside | None,
     notes: Sequence[str],
     progress: Callable[[str, int, int, float], None],
+    bags: Path | None = None,
 ) -> Path:
     """Draw all that there is to draw of a result, write it, all or nothing, and return where the page is.
 
@@ -52,6 +53,7 @@ def write_report(
         beside: what stands beside the result.
         notes: what the page says that it does not show.
         progress: told what is being done, how much of it is done, and of how much.
+        bags: the folder in which the bags lie now; None: where the result says.
 
     Raises:
         ResultError: the system refuses to write.
@@ -72,8 +74,8 @@ def write_report(
         for source in result.bags
         if source.stretches
     ]
-    bags = [_bag(BagWindow.parse(source.bag)) for source in result.bags] if motions is not None else []
-    page = result_page(result, drawn, beside, notes, bags)
+    named = [_bag(BagWindow.parse(source.bag), bags) for source in result.bags] if motions is not None else []
+    page = result_page(result, drawn, beside, notes, named)
     return _write(folder, {'result.yaml': result_text(result)}, drawn, page)
 
 
@@ -135,11 +137,9 @@ def _wanted(
             yield f'the convergence of {criterion}', drawn
 
 
-def _bag(window: BagWindow) -> Bag:
+def _bag(window: BagWindow, folder: Path | None) -> Bag:
     """Return where a bag lies, and the day of its recording by its own stamps; a file with columns has none."""
-    path = window.path.absolute()
-    if not path.exists():  # it was found elsewhere
-        return Bag(str(window), '', '')
+    path = (folder / window.path.name if folder else window.path).absolute()
     first_ns = 0 if is_table(path) else BagReader(path).first_ns
     day = datetime.fromtimestamp(first_ns / 1e9, timezone.utc).date().isoformat() if first_ns > A_YEAR_NS else ''
     return Bag(str(window), path.as_uri(), day)

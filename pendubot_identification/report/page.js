@@ -141,6 +141,7 @@
         draw: [(chart) => paint(chart, (ctx, bbox, place) => plot.boundaries.forEach((begin, k) => {
           ctx.fillStyle = ctx.strokeStyle = '#777777';
           ctx.font = `${11 * devicePixelRatio}px system-ui, sans-serif`;
+          ctx.textAlign = 'left';
           ctx.setLineDash([4, 4]);
           ctx.beginPath();
           ctx.moveTo(place(begin), bbox.top);

@@ -12,7 +12,6 @@ own value, so that page and file can be compared. The page itself is ``page.html
 
 from __future__ import annotations
 
-import base64
 import json
 import re
 from collections.abc import Iterable, Sequence
@@ -85,10 +84,15 @@ def _page(pictures: Iterable[Picture], **context: Any) -> str:
     environment.filters['parts'] = parts
     environment.filters['typeset'] = typeset
     environment.globals['file'] = lambda name: Markup((Path(__file__).parent / name).read_text(encoding='utf-8'))
-    environment.filters['minified'] = lambda svg: re.sub(r'\s+', ' ', svg)
-    environment.filters['base64'] = lambda text: base64.b64encode(text.encode()).decode()
+    environment.filters['address'] = _address
     shown = {picture.name: picture for picture in pictures}
     plots = {name: picture.plot.data() for name, picture in shown.items() if picture.plot is not None}
     # Within a script element nothing is markup but what would end it.
     data = Markup(json.dumps(plots, ensure_ascii=False, separators=(',', ':')).replace('<', '\\u003c'))
     return environment.get_template('page.html.jinja').render(context, pictures=shown, plots=data)
+
+
+def _address(svg: str) -> Markup:
+    """Return a figure as the address of an image, a quarter shorter than by base64."""
+    short = re.sub(r'\s+', ' ', svg).replace('"', "'")
+    return Markup('data:image/svg+xml,' + re.sub('[%#<>&]', lambda found: f'%{ord(found[0]):02X}', short))

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 #: Points that a line may have, two for each of half as many intervals of time: on a page, and in a static figure.
-MOST_POINTS, MOST_DRAWN = 2000, 1200
+MOST_POINTS, MOST_DRAWN = 1600, 1000
 #: Values below and above these are shown in thousandths and the like, which their label then says.
 SMALL, LARGE = 0.01, 1e4
 INK, PALE = '#1a1a1a', '#999999'
@@ -187,8 +187,8 @@ def typeset(text: str) -> str:
 
 
 def _power(panel: Panel) -> int:
-    sizes = [float(np.nanmax(np.abs(y), initial=0.0)) for line in panel.lines for _, y in line.pieces if len(y)]
-    return scaled(max(np.abs(panel.reach).tolist() if panel.reach else sizes, default=0.0))
+    sizes = [np.nanmax(np.abs(y), initial=0.0) for line in panel.lines for _, y in (*line.pieces, *line.upper)]
+    return scaled(float(max(np.abs(panel.reach) if panel.reach else sizes, default=0.0)))
 
 
 def _label(panel: Panel, gap: str = ' ') -> str:

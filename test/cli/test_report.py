@@ -12,7 +12,15 @@ from test.cli.conftest import FAST, contents
 from test.processes import run_program
 from test.report.test_page import Page
 
-FIGURES = ('recordings', 'simulation', 'residuals_energy', 'convergence_energy', 'parameters', 'correlation')
+FIGURES = (
+    'recordings',
+    'simulation',
+    'residuals_energy',
+    'whiteness_energy',
+    'convergence_energy',
+    'parameters',
+    'correlation',
+)
 FIGURES = {*FIGURES, 'excitation'}
 
 
@@ -29,8 +37,10 @@ def test_a_folder_with_a_page_its_figures_and_the_result(made):
     assert names(made / 'look') == {'report.html', 'result.yaml', *files}
     assert (made / 'look' / 'result.yaml').read_bytes() == (made / 'result.yaml').read_bytes()
     page = Page((made / 'look' / 'report.html').read_text())
-    assert len([link for link in page.links if link.startswith('data:image/svg+xml;base64,')]) == len(FIGURES)
-    assert all(link.startswith('data:') for link in page.links)
+    assert len([link for link in page.links if link.startswith('data:image/svg+xml,')]) == len(FIGURES)
+    others = {link for link in page.links if not link.startswith(('data:', '#'))}
+    assert others == {'result.yaml', (made / 'swing').as_uri()}
+    assert (made / 'look' / 'report.html').stat().st_size < 2_000_000
     assert 'data that no parameter was estimated from' in text(made / 'look')
     assert 'Not shown' not in text(made / 'look')
 

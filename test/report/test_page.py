@@ -11,7 +11,7 @@ from html.parser import HTMLParser
 import pytest
 
 from pendubot_identification.report.figures import draw_correlation, draw_recordings, draw_simulation
-from pendubot_identification.report.page import failure_page, result_page
+from pendubot_identification.report.page import Bag, failure_page, result_page
 from test.identified import plain
 from test.identified import result as typed
 from test.report.test_figures import every_picture, motion, simulation
@@ -44,7 +44,7 @@ class Page(HTMLParser):
     def handle_data(self, text):
         if self._open and self._open[-1] == 'data':
             self.data[-1][1] += text
-        elif 'style' not in self._open:
+        elif not {'style', 'script'} & {*self._open}:
             self.text.append(text)
 
 
@@ -80,6 +80,7 @@ def test_every_number_is_the_one_of_the_result_file(options):
         source = reference if attributes.get('data-of') == 'reference' else result
         value = entry(source, attributes['data-entry'])
         assert attributes['value'] == repr(value)
+        value *= float(attributes.get('data-times', 1))
         number, unit = (shown.rstrip('%'), 0.01) if '%' in shown else (shown, 1.0)
         rounding = 0.51 * unit * unit_of_last_digit(number)
         assert math.isclose(unit * float(number), value, rel_tol=1e-12, abs_tol=rounding), shown
@@ -111,8 +112,8 @@ def test_all_that_the_file_says_of_its_making_is_at_the_foot():
 
 def test_every_figure_is_shown_with_what_a_good_one_looks_like():
     text = result_page(typed(plain()), every_picture(), (typed(plain()), 'reference'))
-    shown = text.split('<figure>')[1:]
-    assert len(shown) == 8
+    shown = text.split('<figure class')[1:]
+    assert len(shown) == 10
     for figure in shown:
         (good,) = re.findall(r'<p class="good">(.+?)</p>', figure, re.DOTALL)
         assert re.search(r'\b[Gg]ood\b', good)
@@ -131,13 +132,20 @@ def test_captions_follow_from_what_was_drawn():
     assert 'the very data that were fitted' in text
 
 
-def test_nothing_comes_from_elsewhere_and_nothing_runs():
+def test_nothing_comes_from_elsewhere():
     result = plain()
-    page = Page(result_page(typed(result), [draw_correlation(typed(result))]))
-    assert len(page.links) == 2, 'the figure, and an icon that is none'
-    assert all(link.startswith('data:') for link in page.links)
-    assert not page.tags & {'script', 'iframe', 'object', 'form'}
-    source = result_page(typed(result), [])
+    bags = [Bag('swing', 'file:///data/swing', '2026-11-20')]
+    page = Page(result_page(typed(result), [draw_correlation(typed(result))], bags=bags))
+    assert len([link for link in page.links if link.startswith('data:')]) == 2, 'the figure, and an icon that is none'
+    others = {link for link in page.links if not link.startswith(('data:', '#'))}
+    assert others == {'result.yaml', 'file:///data/swing'}
+    assert 'recorded' in ' '.join(page.text)
+    assert not page.tags & {'script', 'iframe', 'object', 'form'}, 'without plots over time nothing runs'
+    source = result_page(typed(result), [draw_simulation(simulation(), validation=True)])
+    source = re.sub('src="data:[^"]*"', '', source)  # a figure refers to parts of itself
+    assert source.count('<script') == 2
+    assert ' src="http' not in source
+    assert 'Permission is hereby granted' in source, "the library's licence"
     assert '@import' not in source
     assert 'url(' not in source
 
@@ -147,9 +155,9 @@ def test_warnings_stand_at_the_top_in_words():
     result |= {'level': 'ERROR', 'warnings': ['not physical: P1 < 0', 'cut & dried'], 'consequences': ['b1 < 0']}
     result['criteria']['weak']['consequences'] = ['b1 < 0']
     text = result_page(typed(result), [])
-    assert text.index('not physical: P1 &lt; 0') < text.index('<h2>')
-    assert text.index('cut &amp; dried') < text.index('<h2>')
-    assert text.index('weak: b1 &lt; 0') < text.index('<h2>')
+    assert text.index('not physical: P1 &lt; 0') < text.index('<h2 ')
+    assert text.index('cut &amp; dried') < text.index('<h2 ')
+    assert text.index('weak: b1 &lt; 0') < text.index('<h2 ')
     assert 'do not use these parameters in a controller' in text
     others = [w for e in result['criteria'].values() for w in e['warnings'] if w not in result['warnings']]
     assert all(html.escape(warning) in text for warning in others)
@@ -159,4 +167,41 @@ def test_what_a_user_named_is_no_markup():
     result = plain()
     result['bags'][0]['bag'] = '<script>alert(1)</script>'
     assert 'script' not in Page(result_page(typed(result), [], notes=['<script>'])).tags
+    named = draw_recordings([motion(name='</script><iframe>'), motion(name='b')], [])
+    assert 'iframe' not in Page(result_page(typed(result), [named])).tags
     assert 'script' not in Page(failure_page('<script>', ['<script>'])).tags
+
+
+def test_doubts_stand_beside_their_parameter_and_advice_below_it():
+    """Whatever else there is to advise stands below the table."""
+    result = plain()
+    result['parameters']['P4'] |= {'on_bound': True, 'std_error': None}
+    result |= {'not_covered': {'P4': 'on its bound', 'b1': 'its 95 % interval reaches 0'}}
+    result |= {'advice': ['this motion tells little of b1 (a, b); what helps: speed', 'warm it up']}
+    text = result_page(typed(result), [])
+    rows = dict(re.findall(r'<th scope="row">(\w+)<small>.*?</th>(.*?)(?=<th scope|</tbody>)', text, re.DOTALL))
+    doubts = {
+        name: ' '.join(
+            Page(
+                f'<b>{row.rpartition("</tr>")[0]}'.replace('</tr>', '').replace('<tr class="advice">', '') + '</b>'
+            ).text
+        )
+        for name, row in rows.items()
+    }
+    assert doubts['P4'].count('on its bound') == 1
+    assert 'reaches 0' in doubts['b1']
+    assert 'what helps: speed' in doubts['b1']
+    assert text.count('what helps: speed') == 1
+    assert 'warm it up' in text.partition('</tbody>')[2]
+    matrix = result['criteria'][result['criterion']]['correlation']
+    for k, name in enumerate(result['parameters']):
+        together = {other for j, other in enumerate(result['parameters']) if j != k and abs(matrix[k][j] or 0) > 0.95}
+        assert set(re.findall(r'with (\w+):', doubts[name])) == together
+
+
+def test_a_mapping_where_none_belongs_is_shown():
+    result = plain()
+    result['made_by']['lower_bounds'] = {'P1': 0.0, 'P2': None}
+    made = typed(plain())
+    object.__setattr__(made.made_by, 'lower_bounds', result['made_by']['lower_bounds'])
+    assert 'P1: 0.0, P2: -' in re.sub(r'<data[^>]*>|</data>|\n', '', result_page(made, []))
