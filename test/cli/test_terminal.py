@@ -121,6 +121,12 @@ def test_wrong_usage_is_one_line_that_says_where_the_usage_stands(run, command):
     assert re.match('pendubot.*: error: .*--help says what there is', err)
 
 
+def test_whoever_closed_stdout_is_told_nothing():
+    program = f'exec {sys.executable} -c "from pendubot_identification.programs import pendubot; exit(pendubot())"'
+    ended = subprocess.run(f'{program} info {SAMPLE} >&-', shell=True, capture_output=True, timeout=PATIENCE)
+    assert (ended.returncode, ended.stderr) == (0, b'')
+
+
 def test_help_is_help(run):
     assert run('help') == run('--help')
     assert run('help', 'info') == run('info', '--help')
