@@ -58,8 +58,10 @@ setup(
         'ros': ['ros-rclpy[fastrtps]==7.1.6', 'ros-jazzy-rclpy', 'ros-jazzy-common-interfaces'],
         # MATLAB 7.3, Excel and Parquet; all else needs no more.
         'files': ['h5py', 'openpyxl', 'pyarrow'],
+        # Of the shell: pendubot completion.
+        'completion': ['shtab'],
         # What test/benchmark measures itself against.
-        'benchmark': ['minionpy', 'numba', 'pygmo', 'pymoo'],
+        'benchmark': ['minionpy', 'mujoco[sysid]', 'numba', 'pygmo', 'pymoo'],
         # What else exported rigs are held against, and an example needs; 1 GB, so these tests are skipped without them.
         'engines': ['casadi', 'drake', 'pin'],
         'test': [
@@ -75,6 +77,7 @@ setup(
             'pytest-timeout',
             'pytest-xdist',
             'ruff',
+            'shtab',
             'swarmops',
             'sympy',
             'types-PyYAML',

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import importlib
+import io
 import os
 import sys
 from collections.abc import Callable
@@ -35,6 +36,8 @@ def _start(name: str) -> int:
 
 def _until_nobody_reads(main: Callable[[], int]) -> int:
     """Return what it returns, or 0 where whoever read its output has seen enough, as ``head`` does."""
+    if sys.stdout is None:  # closed by whoever started this
+        sys.stdout = io.StringIO()
     try:
         try:
             return main()

@@ -36,10 +36,8 @@ def brief(result: Result, files: int) -> str:
             continue
         colour = COLOURS[result.level] if said in warned else 'bold'
         lines += [paint(paragraph[0], colour, of=said.partition(' ')[0]), *paragraph[1:]]
-    if left_out:
-        more = 'remark' if left_out == 1 else 'remarks'
-        lines = [*lines[: room - 1], f'{left_out} more {more}, and all tables: add --verbose']
-    return '\n'.join([*head, *lines[:room]])
+    more = f'{left_out} more remark{"s"[: left_out != 1]}, and all tables' if left_out else 'all tables'
+    return '\n'.join([*head, *lines[: room - 1], f'{more}: add --verbose'])
 
 
 def _sources(result: Result) -> list[str]:
