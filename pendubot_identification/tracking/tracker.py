@@ -36,7 +36,7 @@ FIRST, LONGEST_FIRST = 8.0, 30.0
 #: From one attempt to begin to the next [s].
 AGAIN = 2.0
 #: Samples that are taken at once: little is lost of them where all begins anew.
-PORTION = 4096
+PORTION = 8192
 #: Parameters drift as random walks, by so much of their size in a second: friction, and everything else.
 FRICTION_WALK, INERTIA_WALK = 3e-3, 1e-4
 #: Consecutive blocks over which a change is looked for.
