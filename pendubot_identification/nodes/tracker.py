@@ -162,6 +162,8 @@ class Tracker(SettingsNode):
             return
         due = state.t - self._at >= 1 / self.get_parameter('rate').value or state.t < self._at
         if due and state.level is not Level.ERROR and self._moved(state):
+            if self._published is None:
+                self.get_logger().info(f'following, level {state.level.name}: {self._headline(state)}')
             self._published, self._at = state, state.t
             self._say(state.level, self._headline(state), self._values(state))
             self._params.publish(vector_message(state.theta))

@@ -32,7 +32,7 @@ BLOCK, STRIDE = 0.4, 0.02
 #: anything.
 STILL = 0.02
 #: Blocks at most that are made at once, where many samples come together.
-TOGETHER = 8
+TOGETHER = 16
 #: Samples after which the end of a cubic spline is no longer felt: (2 - sqrt 3)^12 is 1e-7.
 SETTLED = 12
 #: Stamps that run back by more [s] are those of a clock that began anew; by less, of a sample that is late or repeated.

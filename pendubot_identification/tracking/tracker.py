@@ -36,7 +36,7 @@ FIRST, LONGEST_FIRST = 8.0, 30.0
 #: From one attempt to begin to the next [s].
 AGAIN = 2.0
 #: Samples that are taken at once: little is lost of them where all begins anew.
-PORTION = 4096
+PORTION = 8192
 #: Parameters drift as random walks, by so much of their size in a second: friction, and everything else.
 FRICTION_WALK, INERTIA_WALK = 3e-3, 1e-4
 #: Consecutive blocks over which a change is looked for.
@@ -215,20 +215,22 @@ class Tracker:
         good = samples[np.isfinite(samples).all(axis=1)]
         self._count(NOT_FINITE, len(samples) - len(good))
         self._first.append(good)
-        held = np.concatenate(self._first)
+        held: Array = np.concatenate(self._first)
         if len(held) < 2:
             return held
         latest = np.maximum.accumulate(held[:, 0])[:-1]
         late = (held[1:, 0] <= latest) & (held[1:, 0] > latest - RESTART)
         self._count(REPEATED, int(late.sum()))
-        held = held[~np.append(False, late)]
+        held = np.asarray(held[~np.append(False, late)])
+        if len(held) < 2:
+            return held
         steps = np.diff(held[:, 0])
         # From the last break on.
         usual = float(np.median(np.abs(steps)))
         breaks = np.flatnonzero((steps <= 0) | (steps > max(0.1, 5 * usual)))
         if len(breaks):
             self._count('a gap between samples', len(breaks))
-            held = held[breaks[-1] + 1 :]
+            held = np.asarray(held[breaks[-1] + 1 :])
         self._first = [held]
         span = float(held[-1, 0] - held[0, 0]) if len(held) else 0.0
         self._enough = min(self._enough, max(FIRST, span + AGAIN))

@@ -71,7 +71,7 @@ def test_the_policy_allows_what_the_nodes_use_and_no_more(ros, tmp_path):
         with ExitStack() as programs:
             *_, exciter = start('bridge', 'player', 'identifier', 'recorder', 'exciter')
             exciter.stop()  # it gives way to a balancer
-            start('balancer')
+            start('balancer', 'tracker')
     finally:
         observer.destroy_node()
     # Who commands torques is what it is all about.
