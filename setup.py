@@ -51,6 +51,7 @@ setup(
         'rosbags>=0.10',
         'matplotlib>=3.6',
         'jinja2>=3.0',
+        'markupsafe',
         'PyYAML>=6.0',
         'tqdm>=4.66',
     ],

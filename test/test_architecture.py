@@ -19,7 +19,18 @@ from test.conftest import ROOT
 PYPI = {'serial': 'pyserial', 'yaml': 'PyYAML'}
 ROSDEP = {'mcap': 'mcap-ros2-support', 'rosbags': 'python3-rosbags-pip', 'urdf_parser_py': 'urdfdom_py'}
 #: Of no rosdep key: the tests that import it are skipped.
-NO_ROSDEP = {'casadi', 'h5py', 'mujoco', 'openpyxl', 'pandas', 'pinocchio', 'pyarrow', 'shtab', 'swarmops'}
+NO_ROSDEP = {
+    'casadi',
+    'h5py',
+    'mujoco',
+    'openpyxl',
+    'pandas',
+    'pinocchio',
+    'playwright',
+    'pyarrow',
+    'shtab',
+    'swarmops',
+}
 #: Imported where it is installed; who asks for it elsewhere is told how to install it.
 OPTIONAL = {'h5py', 'openpyxl', 'pandas', 'pyarrow', 'shtab'}
 #: What mcap brings along under its key.

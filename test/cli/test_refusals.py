@@ -80,7 +80,7 @@ WRONG_USAGE = {
     'compare result.yaml other.yaml --degrees': '--degrees says how a recording is read, and none is; add --on BAG',
     'identify swing --fix Fc1=0.1': 'Fc1 from 0.1 to 0.1 is of models that have it',
     'identify swing --fix J2=1e-3 --model auto': 'add --model rotor, or another that has it',
-    'help me': "there is no subcommand 'me'; those that there are: identify, report",
+    'help me': "there is no subcommand 'me'; those that there are: identify, track, report",
     '': 'required: SUBCOMMAND',
     'fly': "invalid choice: 'fly'",
     'identify': 'required: BAG',

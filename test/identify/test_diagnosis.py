@@ -104,7 +104,7 @@ def test_a_few_counts_are_no_wrong_unit():
     t = np.arange(330) / 33
     tau = np.repeat(np.random.default_rng(4).uniform(-0.12, 0.12, 15), 22)
     motion = quantised(simulate(rig, t, np.column_stack([tau, 0 * tau])), 300)
-    assert diagnose([motion], 0.05, 'zero', 'coulomb') == ()
+    assert diagnosed([motion], 0.05, 'zero', 'coulomb') == ()
 
 
 def test_two_faults_are_named_one_after_the_other():

@@ -125,7 +125,7 @@ def test_several_long_recordings_share_the_stretches(bag, soon):
 def test_trajectory_takes_the_stretches_and_says_so(bag, soon, tmp_path, capsys, monkeypatch):
     # Its figures are of no interest here.
     monkeypatch.setattr(folder, '_wanted', lambda *_: ())
-    arguments = ('--criterion', 'trajectory', '--model', 'viscous', '--report', str(tmp_path / 'look'))
+    arguments = ('--criterion', 'trajectory', '--model', 'viscous', '--verbose', '--report', str(tmp_path / 'look'))
     assert main(['identify', str(bag), *arguments]) == 0
     said = ' '.join(capsys.readouterr().out.split())
     assert f'from {STRETCHES} stretches of 8 s, spread over {bag}@:39.995, 40 s' in said
