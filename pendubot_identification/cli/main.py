@@ -62,6 +62,7 @@ def parser() -> argparse.ArgumentParser:
         subcommand.add_parser(subparsers)
     top.set_defaults(debug=False, top=top)
     for place in dict.fromkeys((top, *subparsers.choices.values())):
+        place.set_defaults(parser=place)
         # Also after the subcommand, where it is typed to run again; a default of False there would undo the one before.
         what = 'show the traceback of a failure, and whether it is compiled'
         place.add_argument('--debug', action='store_true', default=argparse.SUPPRESS, help=what)
@@ -93,7 +94,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         # What was computed for minutes is not lost where a terminal or pipe knows no ±.
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors='backslashreplace')
-    args = parser().parse_args(argv)
+    args, unknown = parser().parse_known_args(argv)
+    if unknown:
+        args.parser.error(f'unrecognized arguments: {" ".join(unknown)}')
     if args.debug:
         print(f'pendubot: {kernel.description()}', file=sys.stderr)
     try:

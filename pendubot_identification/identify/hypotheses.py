@@ -84,9 +84,10 @@ def select(
         physical: P1 to P5, shape (5,).
     """
     columns = np.concatenate([base, *candidates, y[..., None]], axis=-1)
-    scale = np.sqrt((columns**2).sum(axis=tuple(range(columns.ndim - 1))))
-    columns = columns / np.where(scale > 0, scale, 1.0)
     of_fold = np.array([products(columns[folds == fold]) for fold in np.unique(folds)])
+    scale = np.sqrt(of_fold.sum(axis=0).diagonal())
+    units = np.where(scale > 0, scale, 1.0)
+    of_fold /= units * units[:, None]
     whole, size = of_fold.sum(axis=0), base.shape[-1]
     places = [list(range(*ends)) for ends in pairwise(size + np.cumsum([0, *(c.shape[-1] for c in candidates)]))]
     taken, left = list(range(size)), [c for c in range(len(effects)) if scale[places[c]].all()]
@@ -103,8 +104,10 @@ def select(
                 rest = _left_out(of_fold, taken + places[c])
                 share = 1 - rest.sum() / left_out.sum()
                 # Else it tells a recording from others, or one time from another.
-                helps = (rest < left_out).mean() > HELPED
-                if helps and (share > LITTLE or _by_chance(columns, taken, places[c]) * len(effects) < SIGNIFICANT):
+                helps, which = (rest < left_out).mean() > HELPED, [*taken, *places[c], -1]
+                if helps and (
+                    share > LITTLE or _by_chance(columns[..., which] / units[which], more) * len(effects) < SIGNIFICANT
+                ):
                     found.append((share, c))
         if not found or max(found)[0] < pays:
             return
@@ -156,20 +159,21 @@ def _least(products: Array, which: list[int]) -> Array:
     return np.asarray(np.linalg.lstsq(products[np.ix_(which, which)], products[which, -1], rcond=1e-12)[0])
 
 
-def _by_chance(columns: Array, taken: list[int], places: list[int]) -> float:
+def _by_chance(columns: Array, more: int) -> float:
     """Return how likely an effect explains so much by chance, whatever the errors within a row have in common.
 
-    Wald's test with the variance by rows (White 1980, Liang and Zeger 1986), as an F test.
+    Wald's test with the variance by rows (White 1980, Liang and Zeger 1986), as an F test. Columns are those that are
+    taken, the ``more`` of the effect, and what is to be explained.
     """
-    rows, more, of_all = len(columns), len(places), products(columns)
-    freedom = rows - len(taken) - more
-    if freedom <= 0:
+    rows, unknowns, of_all = len(columns), columns.shape[-1] - 1, products(columns)
+    if rows <= unknowns:
         return 1.0
-    imitated = np.linalg.lstsq(of_all[np.ix_(taken, taken)], of_all[np.ix_(taken, places)], rcond=1e-12)[0]
-    own, solution = columns[..., places] - columns[..., taken] @ imitated, _least(of_all, taken + places)
-    left = columns[..., -1] - columns[..., taken + places] @ solution
-    told, by_row = products(own) @ solution[-more:], (own * left[..., None]).reshape(rows, -1, more).sum(axis=1)
-    size = float(told @ np.linalg.lstsq(products(by_row) * rows / freedom, told, rcond=1e-12)[0])
+    taken, effect = slice(unknowns - more), slice(unknowns - more, unknowns)
+    imitated = np.linalg.lstsq(of_all[taken, taken], of_all[taken, effect], rcond=1e-12)[0]
+    own, solution = columns[..., effect] - columns[..., taken] @ imitated, _least(of_all, list(range(unknowns)))
+    left = columns[..., -1] - columns[..., :-1] @ solution
+    told, by_row = products(own) @ solution[effect], (own * left[..., None]).reshape(rows, -1, more).sum(axis=1)
+    size = float(told @ np.linalg.lstsq(products(by_row) * rows / (rows - unknowns), told, rcond=1e-12)[0])
     return float(fdtrc(more, rows - more, size / more * (rows - more) / rows))
 
 

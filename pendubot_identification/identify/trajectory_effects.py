@@ -10,7 +10,7 @@ read, so that an effect which moves the parameters by a part of what the weak fo
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -91,7 +91,6 @@ def found_by_trajectory(
         return ()
 
     effects = catalogue_of(motions)
-    columns = _columns(rough, effects, theta, delay, fit.initial)
 
     # What the segments' initial states explain is explained.
     local = np.linalg.qr(jacobian[finite, :, :4])[0]
@@ -117,7 +116,7 @@ def found_by_trajectory(
         effects,
         base,
         y,
-        [apart(c) for c in columns],
+        [apart(c) for c in _columns(rough, effects, theta, delay, fit.initial)],
         folds,
         independent=independent,
         pays=max(pays, LEAST),
@@ -134,7 +133,7 @@ def _columns(
     theta: Array,
     delay: float,
     initial: Array,
-) -> list[Array]:
+) -> Iterator[Array]:
     """Return the derivative of the residuals, shape (L, M), by the sizes of each effect, shapes (L, M, C)."""
     segments = comparison.segments
     states = segments.roll(theta, initial)
@@ -152,7 +151,6 @@ def _columns(
         seen_of(m, comparison.times[:, segments.group == k], delay, p)
         for k, (m, p) in enumerate(zip(segments.motions, passed, strict=True))
     ]
-    result = []
     for effect in effects:
         columns = []
         for _ in effect.acting:
@@ -163,5 +161,4 @@ def _columns(
             # What is read is the position and the change: the position read, without it, is what is compared.
             change = np.concatenate([np.stack(read(s), axis=1) for s in seen], axis=2)
             columns.append((change / comparison.noise[:, None]).reshape(-1, len(segments)).T)
-        result.append(np.stack(columns, axis=2))
-    return result
+        yield np.stack(columns, axis=2)

@@ -83,6 +83,7 @@ WRONG_USAGE = {
     'help me': "there is no subcommand 'me'; those that there are: identify, track, report",
     '': 'required: SUBCOMMAND',
     'fly': "invalid choice: 'fly'",
+    'identify x --fly': 'unrecognized arguments: --fly; pendubot identify --help says what there is',
     'identify': 'required: BAG',
     'identify x --model magic': "invalid choice: 'magic'",
     'identify x --runs magic': "invalid int value: 'magic'",
