@@ -36,7 +36,7 @@ MODEL = 'geared'
 #: Residuals beyond so many robust standard deviations, and beyond this part of the effort, are a burst.
 OUTLYING, LEAST_BURST = 8.0, 0.05
 #: So many times as many, where samples are farther apart than this [s] and do not show all of a fast motion.
-OUTLYING_COARSE, COARSE = 2.0, 0.02
+TIMES_COARSE, COARSE = 2.0, 0.02
 #: Where more than this part of the time is outlying, nothing is a burst.
 MOST_BURSTS, ROUNDS = 0.3, 5
 #: An effect is named that explains this part of what was unexplained, on data that did not fit it too, ...
@@ -142,12 +142,12 @@ def unexplained(trajectories: Sequence[Trajectory], smoothing: float, hold: str,
     named: list[tuple[int, Found]] = []
     beside: list[Array] = []
     coarse = max(m.interval for m in motions) > COARSE
-    outlying = OUTLYING * (OUTLYING_COARSE if coarse else 1.0)
+    limits = np.array([OUTLYING, LEAST_BURST * effort]) * (TIMES_COARSE if coarse else 1.0)
     for _ in range(2):  # an effect may look like bursts, and bursts hide effects
         columns = np.concatenate([base, *beside], axis=2)
         noise = again.left(solved(base, y)) - balances.left(solved(base, y))
         size = np.sqrt((noise**2).mean(axis=0))
-        kept, weight = _without_bursts(columns, y, size, (outlying, LEAST_BURST * effort), balances.recordings)
+        kept, weight = _without_bursts(columns, y, size, limits, balances.recordings)
         theta = solved((base * weight)[kept], (y * weight[:, 0])[kept])
         if size.max() >= NOISIEST * effort:
             break
@@ -269,7 +269,7 @@ def _read_again(motion: Motion, smoothing: float, hold: str, seed: int) -> Motio
 
 
 def _without_bursts(
-    phi: Array, y: Array, noise: Array, limits: tuple[float, float], recordings: NDArray[np.intp]
+    phi: Array, y: Array, noise: Array, limits: Array, recordings: NDArray[np.intp]
 ) -> tuple[NDArray[np.bool_], Array]:
     """Return which bumps are no bursts, shape (K,), and the weights of both joints, shape (2, 1).
 
