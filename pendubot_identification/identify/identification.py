@@ -137,12 +137,12 @@ def identify(
     judges = sum(groups, ())
     progress('checking signs, zeros and stamps', 0, 0, np.nan)
     low, high = settings.delays
-    known = 'rotor' if settings.model == 'auto' else settings.model
-    faults = diagnose(data.motions, data.smoothing, data.hold, known, low if low == high else 0.0, settings.link_length)
-    faults = with_options(faults, settings.reading)
-    # What is estimated along does not stand in the way.
-    look = all(f.name == 'offset' or (f.delay is not None and low <= f.delay <= high) for f in faults)
+    faults = _diagnosed(data)
+    # What is estimated along does not stand in the way, nor does what an effect may explain.
+    look = all(f.name in ('offset', 'motion') or (f.delay is not None and low <= f.delay <= high) for f in faults)
     left, data, comparison = _rid_of_effects(data, progress, look)
+    if data.effects and any(f.name == 'motion' for f in faults):
+        faults = _diagnosed(data)
     if any(found.effect.name == 'offset' for found in data.effects):
         faults = tuple(replace(f, level=Level.WARN) if f.name == 'offset' else f for f in faults)
     if left is not None:
@@ -193,6 +193,14 @@ def identify(
         link_length=length,
         unexplained=left,
     )
+
+
+def _diagnosed(data: Data) -> tuple[Fault, ...]:
+    """Return what is wrong with the recordings' conventions, with the options that put it right."""
+    settings, (low, high) = data.settings, data.settings.delays
+    model, delay = 'rotor' if settings.model == 'auto' else settings.model, low if low == high else 0.0
+    faults = diagnose(data.motions, data.smoothing, data.hold, model, delay, settings.link_length)
+    return with_options(faults, settings.reading)
 
 
 def _rid_of_effects(data: Data, progress: Progress, look: bool) -> tuple[Unexplained | None, Data, Comparison]:
