@@ -35,7 +35,7 @@ class LongRecordingError(TrajectoryError):
     Attributes:
         found: that and how long it is, as a part of a sentence.
         window: what was to be read, BAG@START:END.
-        first: what can be taken of its beginning, likewise.
+        first: its beginning, as much as is usually enough, likewise.
     """
 
     def __init__(self, found: str, window: str, first: str) -> None:

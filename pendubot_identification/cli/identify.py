@@ -62,7 +62,8 @@ second validates, as in the paper; with a window, the rest of the bag validates,
 several bags without windows all estimate, and each is predicted from the others.
 
 At most ten minutes are taken at once, or three of more than 200 000 samples. What is longer is followed, as pendubot
-track does, to name the minutes of it that are worth identifying; of the rest of a bag so much is taken as validates.
+track does, to name the minutes of it that are worth identifying; where the rest of a bag validates and is longer, its
+first minute does.
 
 Three criteria can be minimised. Each is held against data that it has not seen, by simulation; the one that predicts
 them best is published, and the others stand beside it:

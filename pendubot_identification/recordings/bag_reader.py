@@ -31,6 +31,8 @@ from .tables import is_table
 LATENCY_NS = 1_000_000_000
 #: No recording is taken at once that lasts longer than the first [s], or with more than so many samples than the last.
 LONGEST, MANY, LONGEST_OF_MANY = 600.0, 200_000, 180.0
+#: What of such a recording is usually enough [s].
+ENOUGH = 60.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -277,18 +279,15 @@ def _require_short(window: BagWindow, t: NDArray[np.float64], duration: float) -
     # Stamps that jump are complained of by others.
     if not is_long(len(t), min(float(t[-1] - t[0]), duration)):
         return
-    many = t[MANY] - t[0] if len(t) > MANY else np.inf
-    longest = min(LONGEST, max(LONGEST_OF_MANY, float(many)))
     start = window.start or 0.0
-    first = BagWindow(window.path, window.start, float(np.floor(start + longest)))
     at_once = f'{LONGEST:g} s'
-    if many < np.inf:
+    if len(t) > MANY:
         at_once += f', or {LONGEST_OF_MANY:g} s of more than {MANY} samples,'
     lasts = min(window.end or np.inf, duration) - start
     raise LongRecordingError(
         f'{window} is too long: it lasts {lasts:.0f} s, and at most {at_once} are taken at once',
         str(window),
-        str(first),
+        str(BagWindow(window.path, window.start, start + ENOUGH)),
     )
 
 

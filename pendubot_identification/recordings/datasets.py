@@ -45,8 +45,8 @@ def load_datasets(
     """Read the bags or files with columns, each ``BAG[@START:END]``, all of them alike, and divide them.
 
     Without ``validate``: of one bag without a window the first half estimates and the second validates; of bags with
-    windows the rest validates, but for parts shorter than a second, and of parts that are too long what is taken of
-    their beginning; of several bags without windows all estimate, and nothing is set apart.
+    windows the rest validates, but for parts shorter than a second, and of parts that are too long the first
+    minute; of several bags without windows all estimate, and nothing is set apart.
 
     Raises:
         BagError: a bag that is missing or unreadable, or lacks the topic, the joints or their effort.

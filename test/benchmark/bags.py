@@ -43,9 +43,9 @@ OURS = PROGRAM.format(
     'from pendubot_identification.recordings.bag_reader import BagReader, Stream',
     """
 window = [float(x) for x in sys.argv[2:]]
-t, _ = Stream(BagReader(Path(sys.argv[1])), '/joint_states', ('shoulder', 'elbow'), *window).samples()
+count = sum(len(t) for t, _ in Stream(BagReader(Path(sys.argv[1])), '/joint_states', ('shoulder', 'elbow'), *window))
 """,
-    'len(t)',
+    'count',
 )
 THEIRS = PROGRAM.format(
     'from rosbags.highlevel import AnyReader',

@@ -28,8 +28,8 @@ from pendubot_identification.tracking import windows
 from pendubot_identification.trajectories.trajectory import Trajectory
 from test.tracking.rig import Day, record
 
-#: What is too long here [s], and how long the windows are that are named.
-LONGEST, LENGTH = 25.0, 10
+#: What is too long here [s], what is enough, and how long the windows are that are named.
+LONGEST, ENOUGH, LENGTH = 25.0, 20.0, 10
 DAY = Day(payload=0.2, payload_at=40.0, rests=((44, 50),), pushes=((63, 0, 0.3, 0.5),))
 
 
@@ -50,18 +50,19 @@ def bag(motion, tmp_path_factory):
 def soon(monkeypatch):
     """Half a minute is already too long."""
     monkeypatch.setattr(bag_reader, 'LONGEST', LONGEST)
+    monkeypatch.setattr(bag_reader, 'ENOUGH', ENOUGH)
     monkeypatch.setattr(windows, 'LENGTH', LENGTH)
 
 
 def test_what_is_too_long_is_refused_with_what_can_be_taken(bag, motion, tmp_path, soon):
     sentence = f'{bag} is too long: it lasts 90 s, and at most 25 s are taken at once; take windows of it, such as '
     for read in (api.read, read_trajectory, lambda path: load_datasets([str(path)])):
-        with pytest.raises(LongRecordingError, match=rf'^{sentence}{bag}@:25: pendubot track {bag} names good ones$'):
+        with pytest.raises(LongRecordingError, match=rf'^{sentence}{bag}@:20: pendubot track {bag} names good ones$'):
             read(bag)
-    with pytest.raises(LongRecordingError, match=r'it lasts 79 s.* such as .*@10:35: pendubot track') as refused:
+    with pytest.raises(LongRecordingError, match=r'it lasts 79 s.* such as .*@10:30: pendubot track') as refused:
         read_trajectory(BagWindow(bag, 10, 89))
     taken = read_trajectory(BagWindow.parse(refused.value.first)).trajectory
-    np.testing.assert_array_equal(taken.q, motion.q[(motion.t >= 10) & (motion.t < 35)])
+    np.testing.assert_array_equal(taken.q, motion.q[(motion.t >= 10) & (motion.t < 30)])
     table = tmp_path / 'x.mat'
     scipy.io.savemat(table, {'t': motion.t, 'q1': motion.q[:, 0], 'q2': motion.q[:, 1], 'tau1': motion.tau[:, 0]})
     with pytest.raises(LongRecordingError, match=r'x\.mat is too long: it lasts 90 s'):
@@ -73,17 +74,17 @@ def test_many_samples_are_fewer_seconds(bag, monkeypatch):
     monkeypatch.setattr(bag_reader, 'MANY', 5000)
     monkeypatch.setattr(bag_reader, 'LONGEST_OF_MANY', 20.0)
     with pytest.raises(
-        LongRecordingError, match=r'at most 600 s, or 20 s of more than 5000 samples, .* such as .*@:25:'
+        LongRecordingError, match=r'at most 600 s, or 20 s of more than 5000 samples, .* such as .*@:60:'
     ):
         read_trajectory(bag)
     assert len(read_trajectory(BagWindow(bag, 0, 25)).trajectory) == 5000
     assert len(read_trajectory(BagWindow(bag, 30, 50)).trajectory) == 4000
 
 
-def test_of_the_rest_so_much_validates_as_is_taken_at_once(bag, motion, soon):
+def test_of_a_long_rest_its_beginning_validates(bag, motion, soon):
     data = load_datasets([f'{bag}@30:40'])
-    assert [source.bag for source in data.sources] == [f'{bag}@{w}' for w in ('30:40', ':25', '40:65')]
-    np.testing.assert_array_equal(data.validation[1].q, motion.q[(motion.t >= 40) & (motion.t < 65)])
+    assert [source.bag for source in data.sources] == [f'{bag}@{w}' for w in ('30:40', ':20', '40:60')]
+    np.testing.assert_array_equal(data.validation[1].q, motion.q[(motion.t >= 40) & (motion.t < 60)])
 
 
 def test_identify_names_minutes_of_most_motion_between_two_changes(bag, soon, capsys, tmp_path):
