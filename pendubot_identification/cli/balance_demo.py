@@ -49,14 +49,14 @@ def run(args: argparse.Namespace) -> int:
     return _show(folder, watcher)
 
 
-def _swung_up(rclpy: Any, folder: Path) -> _Watcher:
+def _swung_up(rclpy: Any, folder: Path) -> Watcher:
     """Have a rig at rest swung up by the parameters that are published; return who saw it.
 
     Raises:
         PendubotError: the balancer stopped, or did not hold it in time.
     """
     with Programs(folder) as programs:
-        watcher = _Watcher(rclpy)
+        watcher = Watcher(rclpy)
         programs.callback(watcher.node.destroy_node)
         programs.start_rig(RATE, *RIG)
         balancer = programs.start('balancer', *parameters(torque_limit=LIMIT, max_age=LAG))
@@ -69,7 +69,7 @@ def _swung_up(rclpy: Any, folder: Path) -> _Watcher:
     return watcher
 
 
-class _Watcher:
+class Watcher:
     """Follows rig and balancer from outside, and starts it.
 
     ``samples`` since the start are each t [s], q1, q2 [rad], torque [N m]; ``message`` and ``values`` are what the
@@ -99,10 +99,14 @@ class _Watcher:
         """Whether the balancer may be started."""
         return self.message == 'ready'
 
+    @property
+    def held(self) -> float:
+        """For how long the rig is held [s]."""
+        return self.samples[-1][0] - self._fallen if self.samples else 0.0
+
     def has_seen_enough(self) -> bool:
         """Whether the rig has been held for as long as is wanted, or the balancer has stopped."""
-        held = self.samples[-1][0] - self._fallen if self.samples else 0.0
-        return held > HOLD or self.message.startswith('stopped')
+        return self.held > HOLD or self.message.startswith('stopped')
 
     def start(self) -> None:
         """Start the balancer.
@@ -135,7 +139,7 @@ class _Watcher:
                 self.message, self.values = status.message, {pair.key: pair.value for pair in status.values}
 
 
-def _show(folder: Path, watcher: _Watcher) -> int:
+def _show(folder: Path, watcher: Watcher) -> int:
     import numpy as np
 
     from pendubot_identification.control.plan import deviation, held_since

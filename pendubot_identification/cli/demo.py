@@ -40,7 +40,13 @@ def add_parser(subparsers: Any) -> None:
         help='the virtual board, or the firmware of a real one, run by QEMU (default %(default)s)',
     )
     parser.add_argument('--seed', type=seed, default=1, help='of the torque, 0 or more (default %(default)s)')
-    parser.add_argument(
+    then = parser.add_mutually_exclusive_group()
+    then.add_argument(
+        '--track',
+        action='store_true',
+        help='instead: follow the virtual rig, another one, while it gets a payload, and balance it by that; a minute',
+    )
+    then.add_argument(
         '--balance',
         action='store_true',
         help='then swing up and hold the virtual rig, another one, by the identified parameters, and draw that',
@@ -65,6 +71,10 @@ def run(args: argparse.Namespace) -> int:
         from . import balance_demo
 
         return balance_demo.run(args)
+    if args.track:
+        from . import track_demo
+
+        return track_demo.run(args)
     from pendubot_identification.model.parameters import PAPER
     from pendubot_identification.report import tables
     from pendubot_identification.results.result_file import read_whole_result

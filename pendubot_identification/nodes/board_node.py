@@ -26,9 +26,7 @@ class BoardNode(SettingsNode):
 
     PROGRAM = 'virtual_board'
     SUMMARY = 'A virtual board with a pendubot behind it.'
-    SETTINGS = (
-        Setting('payload', 0.0, 'what link 2 carries, at its centre of percussion', 'kg', 0.0, 10.0, dynamic=True),
-    )
+    SETTINGS = (Setting('payload', 0.0, 'what link 2 carries, at its end', 'kg', 0.0, 10.0, dynamic=True),)
 
     def __init__(self, board: VirtualBoard, ended: Shutdown) -> None:
         super().__init__(ended)

@@ -35,8 +35,8 @@ example:
   virtual_board --link /tmp/pendubot --preset balance --rate 500 --start upright --spread 0.1 --delay 0.004
   bridge --ros-args -p port:=/tmp/pendubot
 
-with --ros-args, where there is ROS, it is a node too, of one parameter, payload [kg]: what link 2 carries, at its
-centre of percussion (P2 / P5 from the elbow), also put on and taken off while it moves:
+with --ros-args, where there is ROS, it is a node too, of one parameter, payload [kg]: what link 2 carries at its end
+(3/2 P2 / P5 from the elbow), also put on and taken off while it moves:
   ros2 param set /virtual_board payload 0.03
 
 signals: SIGUSR1 pulls the cable in the middle of a frame, SIGUSR2 puts it back (--link then leads to another pty)

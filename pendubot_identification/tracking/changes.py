@@ -35,8 +35,9 @@ EXPLAINED = 4.0
 SIMPLER = 12.0
 #: A kind is the cause where it leaves no more than this of the ratio, or no more than this part of it.
 LEAVES, PART = 40.0, 0.05
-#: Of P1 to P5 at least this part stays. Free motion says nothing of their size, so that none at all would explain it.
-LEAST = 0.3
+#: Of each of P1 to P5 at least this part stays, but for a little of its scale. Free motion says nothing of their size,
+#: so that none at all would explain it.
+LEAST, LITTLE = 0.3, 0.1
 #: The kind of what has no other name. So many blocks must agree on it: a hand may look like it for a while.
 SEVERAL, AGREEING = 'several', 4
 
@@ -89,13 +90,15 @@ class Window(NamedTuple):
         return self.left < EXPLAINED
 
     def jump(self, kinds: Sequence[Kind], theta: Array) -> Jump | None:
-        """Return the simplest kind of step from ``theta`` that explains the window; None where only nonsense does."""
-        size = theta[:5]
-        found = [each for each in map(self._along, kinds) if (size + each.step[:5]) @ size >= LEAST * size @ size]
-        if not found:
-            return None
+        """Return the simplest kind of step from ``theta``, in units of its scale, that explains the window.
+
+        It is None where only nonsense does.
+        """
+        found = [self._along(kind) for kind in kinds]
         enough = [jump for jump in found if self.ratio - jump.ratio < max(LEAVES, PART * self.ratio)]
-        return max(enough or found, key=lambda jump: jump.ratio - SIMPLER * jump.kind.directions.shape[1])
+        size = theta[:5]
+        likely = [jump for jump in enough or found if (size + jump.step[:5] >= LEAST * size - LITTLE).all()]
+        return max(likely, key=lambda jump: jump.ratio - SIMPLER * jump.kind.directions.shape[1], default=None)
 
     def _along(self, kind: Kind) -> Jump:
         phi = self.foreseen @ kind.directions

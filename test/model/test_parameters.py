@@ -111,7 +111,7 @@ def test_bounds_tell_what_lies_on_them():
 @given(physical_parameters(), angles, velocities, st.floats(0.01, 1.0))
 def test_a_payload_adds_the_energy_of_a_point_mass_on_link_2(rig, q, v, payload):
     (q1, q2), (v1, v2) = q, v
-    l1, d = rig.P3 / rig.P5, rig.P2 / rig.P5
+    l1, d = rig.P3 / rig.P5, 1.5 * rig.P2 / rig.P5
     angle, rate = q1 + q2, v1 + v2
     vx = -l1 * math.sin(q1) * v1 - d * math.sin(angle) * rate
     vy = l1 * math.cos(q1) * v1 + d * math.cos(angle) * rate
