@@ -107,6 +107,27 @@ def test_the_balance_demo_ends_with_a_rig_that_is_held_and_its_picture(tmp_path)
     assert (folder / 'balance.png').read_bytes().startswith(b'\x89PNG')
 
 
+def test_the_track_demo_balances_a_rig_that_gets_a_payload_by_what_the_tracker_found(tmp_path):
+    """It goes on when the payload is taken off while it balances."""
+    with Demo(tmp_path / 'demo', '--track') as demo:
+        assert demo.process.wait(240) == 0, demo.output
+    *_, put_on, noticed, swings, held, off, held_again = re.findall(
+        r'as would: .*payload (?:0.024|0$)|the tracker: .*|it swings it up|held for 5 s', demo.output, re.MULTILINE
+    )
+    assert (put_on[-5:], off[-2:], swings, held, held_again) == (
+        '0.024',
+        ' 0',
+        'it swings it up',
+        *['held for 5 s'] * 2,
+    )
+    assert 'P5 by +0.00' in noticed
+    rows = re.findall(r'^P[1-5] +kg m\S* +(\S+) +(\S+) +(\S+) +(\S+)$', demo.output, re.MULTILINE)
+    before, found_before, after, found_after = np.array(rows, dtype=float).T
+    np.testing.assert_allclose(found_before, before, rtol=0.03)
+    np.testing.assert_allclose(found_after, after, rtol=0.03)
+    assert (after > before).all()
+
+
 def test_a_demo_never_overwrites(tmp_path):
     again = run_program('pendubot', 'demo', '--output', tmp_path)
     assert again.returncode == 1

@@ -1,0 +1,99 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""What a balancer does when its rig gets a payload, with what the tracker finds and without.
+
+    python -m test.tracking.recovery [--seeds 10]
+
+Simulated: the rig `balance` with encoders of 4000 counts, 200 Hz, 4 ms of motor delay and 2 N m. Ten seconds of pulses
+are identified; it is swung up, and held; then a payload is put on its end (with an impact of up to 0.3 rad/s at each
+joint). Two seconds later it is let fall, and after six more it is swung up again.
+"""
+
+import argparse
+import math
+
+import numpy as np
+
+from pendubot_identification.control.controller import Controller, Design, Loop, SafetyLimits
+from pendubot_identification.control.plan import HELD, deviation
+from pendubot_identification.errors import ControlError
+from pendubot_identification.excitation.excitation import PulseTrain
+from pendubot_identification.level import Level
+from pendubot_identification.model.parameters import BALANCE, Parameters
+from pendubot_identification.model.simulation import HANGING, LatePlant
+from pendubot_identification.tracking.tracker import NORMAL_95, Change, Lost, Start, Tracker
+
+RATE, LAG, LIMIT = 200, 0.004, 2.0
+#: When it is first swung up, gets the payload, falls, is swung up again, and the end [s].
+BEGIN, ON, FALL, AGAIN, END = 12.0, 24.0, 26.0, 32.0, 52.0
+COUNT = 2 * math.pi / 4000
+
+
+def trial(payload, seed, *, tracked):
+    """Return when the change was told [s after it], positions, torques and why it stopped, if it did."""
+    rng, loop = np.random.default_rng(seed), Loop(1 / RATE, LAG, LIMIT)
+    train = PulseTrain(amplitude_min=-LIMIT, amplitude_max=LIMIT, seed=seed)
+    rig, tracker = LatePlant(BALANCE, LAG), Tracker(Start('viscous'))
+    controller, known, torque, waiting, rows, told = None, None, 0.0, [], [], math.nan
+    for k in range(round(END * RATE)):
+        t = k / RATE
+        if k == round(ON * RATE):
+            rig.become(BALANCE.carrying(payload))
+            rig.place(rig.q, tuple(np.add(rig.qd, rng.uniform(-0.3, 0.3, 2))))
+        q = tuple(round((q - zero) / COUNT) * COUNT + zero for q, zero in zip(rig.q, HANGING, strict=True))
+        effort = torque
+        rows.append((t, *rig.q, effort))
+        waiting.append((t, *q, effort, 0.0))
+        if len(waiting) == RATE // 10:
+            for event in tracker.feed(np.array(waiting)):
+                if isinstance(event, (Change, Lost)) and event.end > ON - 1 and math.isnan(told):
+                    told = t - ON
+            waiting, state = [], tracker.state
+            if state is not None and state.level is Level.OK and (tracked or t < ON):
+                moved = known is None or (abs(state.theta - known) > NORMAL_95 * state.std_error).any()
+                known = state.theta if moved else known
+                if moved and controller is not None:
+                    controller.adopt(Design.make(Parameters.from_vector(known), loop))
+        if k == round(FALL * RATE):
+            controller = None
+        if controller is None and (BEGIN <= t < FALL or t >= AGAIN):
+            controller = Controller(Design.make(Parameters.from_vector(known), loop), SafetyLimits(elbow=1e3))
+        try:
+            pulse = train.torque(t) if t < BEGIN else 0.0
+            torque = pulse if controller is None else controller.step(t, q, effort)
+        except ControlError as error:
+            return told, np.array(rows), str(error)
+        rig.advance((effort, 0.0), 1 / RATE)
+    return told, np.array(rows), ''
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.split('\n\n')[0])
+    parser.add_argument('--seeds', type=int, default=10)
+    seeds = range(parser.parse_args().seeds)
+    print('| payload, of link 2 | parameters | told | held meanwhile | held again | after [s] | RMS angle [mrad] |')
+    print('|---|---|---|---|---|---|---|')
+    for payload in (0.024, 0.06, 0.12):
+        share = BALANCE.carrying(payload).P5 / BALANCE.P5 - 1
+        for tracked in (False, True):
+            told, held, again, angles = 0, 0, [], []
+            for seed in seeds:
+                when, rows, _ = trial(payload, seed, tracked=tracked)
+                t, off = rows[:, 0], deviation(rows[:, 1:3])
+                told += math.isfinite(when)
+                held += bool((off[(t > ON - 2) & (t < FALL)] < HELD).all())
+                last = t[np.flatnonzero(off > HELD)[-1]]
+                if t[-1] > END - 1 and last < END - 5:
+                    again.append(last - AGAIN)
+                    angles.append(math.sqrt((off[t > END - 5] ** 2).mean()))
+            print(
+                f'| {payload:g} kg, {100 * share:.0f} % | {"tracked" if tracked else "as before"} '
+                f'| {told} of {len(seeds)} | {held} of {len(seeds)} | {len(again)} of {len(seeds)} '
+                f'| {np.median(again or [math.nan]):.1f} | {1e3 * np.median(angles or [math.nan]):.1f} |',
+                flush=True,
+            )
+
+
+if __name__ == '__main__':
+    main()
