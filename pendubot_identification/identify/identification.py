@@ -141,7 +141,7 @@ def identify(
     # What is estimated along does not stand in the way, nor does what an effect may explain.
     look = all(f.name in ('offset', 'motion') or (f.delay is not None and low <= f.delay <= high) for f in faults)
     left, data, comparison = _rid_of_effects(data, progress, look)
-    if data.effects and any(f.name == 'motion' for f in faults):
+    if left is not None and (data.effects or left.bursts) and any(f.name == 'motion' for f in faults):
         faults = _diagnosed(data)
     if any(found.effect.name == 'offset' for found in data.effects):
         faults = tuple(replace(f, level=Level.WARN) if f.name == 'offset' else f for f in faults)

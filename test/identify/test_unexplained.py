@@ -121,13 +121,15 @@ def test_parameters_allow_for_what_was_found_and_the_level_says_so(recorded, cel
         assert '% of the unexplained torque' in ' '.join(result.warnings)
 
 
-def test_an_effect_so_large_that_no_pendubot_moves_so_is_allowed_for():
-    recordings = trajectories(record(range(900, 900 + RECORDINGS), [Effects(spring=0.2)] * RECORDINGS))
+@pytest.mark.parametrize('rig', [Effects(spring=0.2), Effects(stop=2.0)], ids=['spring', 'stop'])
+def test_what_is_so_large_that_no_pendubot_moves_so_is_allowed_for_or_left_out(rig):
+    recordings = trajectories(record(range(900, 900 + RECORDINGS), [rig] * RECORDINGS))
     motions = Data.prepare(recordings, Settings()).motions
     assert [fault.name for fault in diagnose(motions, SMOOTHING, 'zero', 'rotor')] == ['motion']
     result = identify(recordings, settings=Settings(('weak',), 'coulomb', optimizer='lsq'))
     assert (result.level, result.faults) == (Level.WARN, ())
-    assert result.unexplained.effects[0].effect.name == 'spring'
+    assert bool(result.unexplained.bursts) == (rig.spring == 0)
+    assert [found.effect.name for found in result.unexplained.effects] == ['spring'] * (rig.spring > 0)
     np.testing.assert_allclose(result.best.theta[:5], list(TRUE.values())[:5], rtol=0.01)
 
 
