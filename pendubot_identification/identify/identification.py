@@ -18,7 +18,7 @@ from pendubot_identification.trajectories.reading import Reading
 from pendubot_identification.trajectories.signals import evenly_stamped
 from pendubot_identification.trajectories.suspicions import suspicions
 
-from .agreement import contradictions
+from .agreement import contradictions, disagreement
 from .diagnosis import Fault, diagnose, link_length, with_options
 from .effects import allowing_for, together
 from .estimate import Estimate, Progress
@@ -160,6 +160,8 @@ def identify(
         parts = parts or comparison.predicted(criterion, weights)
         estimates.append(replace(answer, prediction=Prediction.pool(parts)))
     published = _best(estimates)
+    estimates, differences = disagreement(estimates)
+    notes += differences
     if left is not None and (said := left.rest_sentence) and not any(e.exact for e in estimates):
         notes.append(said)
 
