@@ -40,6 +40,7 @@ def contradictions(data: Data, model: str, together: TrajectoryFit, without: Seq
     groups, names, count = data.groups, [recording.name for recording in data.whole], len(data.groups)
     # A delay that recordings have in common is a start for each of them; it is fitted along.
     alone = [data.only(group).fit(model, like=data.linear('weak', model)) for group in groups]
+
     def errors(fits: Sequence[TrajectoryFit]) -> Array:
         pairs = zip(groups, fits, strict=True)
         return np.exp([predict(group, fit.fit.theta, fit.fit.delay, data.scale).loss for group, fit in pairs])

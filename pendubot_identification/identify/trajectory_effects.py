@@ -74,13 +74,15 @@ def found_by_trajectory(
     coarse = Segments.cut(motions, length, length, margin)
     rough = AgainstPositions(coarse, rounding, delay=delay)
     fit = levenberg_marquardt(rough, theta, delay, bounds, delays, robust=True, iterations=20, tolerance=1e-3)
-    # What a simulation errs with longer steps, or where torques change within a step, looks like a lag or friction.
-    finest = min(SHORT_STEP, *(m.interval for m in motions))
-    segments = coarse.finer(math.ceil(coarse.step / finest - 1e-9))
-    comparison = AgainstPositions(segments, rounding, delay=delay, initial=fit.initial)
-    fit = levenberg_marquardt(
-        comparison, fit.theta, fit.delay, bounds, delays, robust=True, iterations=8, tolerance=1e-4
-    )
+    segments, comparison = coarse, rough
+    if np.median(fit.costs) <= NOISIEST * rough.count / len(coarse):
+        # What a simulation errs with longer steps, or where torques change within a step, looks like a lag or friction.
+        finest = min(SHORT_STEP, *(m.interval for m in motions))
+        segments = coarse.finer(math.ceil(coarse.step / finest - 1e-9))
+        comparison = AgainstPositions(segments, rounding, delay=delay, initial=fit.initial)
+        fit = levenberg_marquardt(
+            comparison, fit.theta, fit.delay, bounds, delays, robust=True, iterations=8, tolerance=1e-4
+        )
     theta, delay = fit.theta, fit.delay
     states = segments.roll(theta, fit.initial)
     residuals = comparison.residuals(states, delay)
