@@ -142,13 +142,13 @@ def _columns(
     residuals = comparison.residuals(states, delay)
     passed = passed_by(segments.motions)
     # Of one motion at a time: all effects' torques at all times are large.
-    units = [
+    units = (
         with_unit_torques(m, effects, delay, p).unit_torques(
             segments.start[segments.group == k], segments.step, segments.steps
         )
         for k, (m, p) in enumerate(zip(segments.motions, passed, strict=True))
-    ]
-    torques = iter(np.concatenate(units, axis=3))
+    )
+    torques = iter(np.concatenate(list(units), axis=3))
     seen = [
         seen_of(m, comparison.times[:, segments.group == k], delay, p)
         for k, (m, p) in enumerate(zip(segments.motions, passed, strict=True))
