@@ -45,13 +45,6 @@ def contradictions(data: Data, model: str, together: TrajectoryFit, without: Seq
     groups, names, count = data.groups, [recording.name for recording in data.whole], len(data.groups)
     # A delay that recordings have in common is a start for each of them; it is fitted along.
     alone = [data.only(group).fit(model, like=data.linear('weak', model)) for group in groups]
-    if count == 2:
-        without = alone[::-1]
-    elif len(without) != count:
-        without = [
-            data.only([m for g in groups if g is not left_out for m in g]).fit(model, near=together)
-            for left_out in groups
-        ]
 
     def errors(fits: Sequence[TrajectoryFit]) -> Array:
         pairs = zip(groups, fits, strict=True)
@@ -61,6 +54,13 @@ def contradictions(data: Data, model: str, together: TrajectoryFit, without: Seq
     own = np.minimum(own, EXPLAINED * np.nanmedian(own))
     if not (errors([together] * count) > AGREEING * own).any():
         return []
+    if count == 2:
+        without = alone[::-1]
+    elif len(without) != count:
+        without = [
+            data.only([m for g in groups if g is not left_out for m in g]).fit(model, near=together)
+            for left_out in groups
+        ]
     apart = errors(without)
     odd = (apart > CONTRADICTING * own) & (apart > CONTRADICTION)
     if count == 2 and odd.all():

@@ -214,7 +214,7 @@ def _rid_of_effects(data: Data, progress: Progress, look: bool) -> tuple[Unexpla
     if not look or settings.criteria == ('energy',):
         return None, data, Comparison(data, progress)
     delay = data.linear('weak', 'rotor').delay
-    long_enough = [m.recorded for m in data.motions if m.end - m.start >= SHORTEST]
+    long_enough = [m for m in data.motions if m.end - m.start >= SHORTEST]
     if not long_enough:
         return None, data, Comparison(data, progress)
     left = unexplained(long_enough, data.smoothing, data.hold, delay)

@@ -74,13 +74,15 @@ def found_by_trajectory(
     coarse = Segments.cut(motions, length, length, margin)
     rough = AgainstPositions(coarse, rounding, delay=delay)
     fit = levenberg_marquardt(rough, theta, delay, bounds, delays, robust=True, iterations=20, tolerance=1e-3)
-    # What a simulation errs with longer steps, or where torques change within a step, looks like a lag or friction.
-    finest = min(SHORT_STEP, *(m.interval for m in motions))
-    segments = coarse.finer(math.ceil(coarse.step / finest - 1e-9))
-    comparison = AgainstPositions(segments, rounding, delay=delay, initial=fit.initial)
-    fit = levenberg_marquardt(
-        comparison, fit.theta, fit.delay, bounds, delays, robust=True, iterations=8, tolerance=1e-4
-    )
+    segments, comparison = coarse, rough
+    if np.median(fit.costs) <= NOISIEST * rough.count / len(coarse):
+        # What a simulation errs with longer steps, or where torques change within a step, looks like a lag or friction.
+        finest = min(SHORT_STEP, *(m.interval for m in motions))
+        segments = coarse.finer(math.ceil(coarse.step / finest - 1e-9))
+        comparison = AgainstPositions(segments, rounding, delay=delay, initial=fit.initial)
+        fit = levenberg_marquardt(
+            comparison, fit.theta, fit.delay, bounds, delays, robust=True, iterations=8, tolerance=1e-4
+        )
     theta, delay = fit.theta, fit.delay
     states = segments.roll(theta, fit.initial)
     residuals = comparison.residuals(states, delay)
@@ -140,13 +142,13 @@ def _columns(
     residuals = comparison.residuals(states, delay)
     passed = passed_by(segments.motions)
     # Of one motion at a time: all effects' torques at all times are large.
-    units = [
+    units = (
         with_unit_torques(m, effects, delay, p).unit_torques(
             segments.start[segments.group == k], segments.step, segments.steps
         )
         for k, (m, p) in enumerate(zip(segments.motions, passed, strict=True))
-    ]
-    torques = iter(np.concatenate(units, axis=3))
+    )
+    torques = iter(np.concatenate(list(units), axis=3))
     seen = [
         seen_of(m, comparison.times[:, segments.group == k], delay, p)
         for k, (m, p) in enumerate(zip(segments.motions, passed, strict=True))

@@ -120,19 +120,18 @@ class Unexplained:
         )
 
 
-def unexplained(trajectories: Sequence[Trajectory], smoothing: float, hold: str, delay: float) -> Unexplained:
+def unexplained(motions: Sequence[Motion], smoothing: float, hold: str, delay: float) -> Unexplained:
     """Find what no parameters explain of recordings of one rig.
 
     Args:
-        trajectories: the recordings.
-        smoothing: the differentiator's window [s].
+        motions: the recordings.
+        smoothing: the window [s] that made their states.
         hold: of the effort, see :meth:`.motion.Motion.prepare`.
         delay: of the effort [s].
 
     Raises:
         TrajectoryError: a recording is shorter than a bump and the delay together.
     """
-    motions = [Motion.prepare(t, smoothing, hold) for t in trajectories]
     balances = _Balances.of(motions, delay)
     again = _Balances.of([_read_again(m, smoothing, hold, seed) for seed, m in enumerate(motions)], delay)
     base, y = balances.phi, balances.y

@@ -12,6 +12,7 @@ from pendubot_identification.identify.recipes import Data
 from pendubot_identification.identify.settings import Settings
 from pendubot_identification.identify.unexplained import unexplained
 from pendubot_identification.level import Level
+from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.trajectory import Trajectory
 from test.effects.rig import EFFECTS, TRUE, Effects, accelerations, record, true
 
@@ -52,7 +53,8 @@ def trajectories(recordings):
 
 
 def found(recordings, only=slice(None)):
-    return unexplained(trajectories(recordings)[only], SMOOTHING, 'zero', 0.0)
+    motions = [Motion.prepare(t, SMOOTHING, 'zero') for t in trajectories(recordings)[only]]
+    return unexplained(motions, SMOOTHING, 'zero', 0.0)
 
 
 def test_the_simulated_rig_without_effects_is_the_model():
