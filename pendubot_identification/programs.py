@@ -5,9 +5,12 @@
 
 from __future__ import annotations
 
+import os
+
+os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')  # before numpy: for small matrices, more cost more than they give
+
 import importlib
 import io
-import os
 import sys
 from collections.abc import Callable
 from functools import partial

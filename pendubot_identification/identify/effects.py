@@ -272,7 +272,7 @@ def allowing_for(
     breaks, made = _unit_torques(motion, units, delay, passed)
     # The same integral in finer pieces, less that of the effects.
     whole = np.array([motion.impulse(breaks[:-1], 2) / 2, motion.impulse(breaks[:-1], 1), motion.impulse(breaks[:-1])])
-    taken = PPoly(np.tensordot(sizes, made, 1)[None], breaks).antiderivative()
+    taken = PPoly(np.tensordot(made, sizes, (1, 0))[None], breaks).antiderivative()
     whole[1:] -= taken.c
     return replace(motion, impulse=PPoly(whole, breaks))
 
@@ -285,20 +285,24 @@ def with_unit_torques(
     if not units:
         return motion
     breaks, made = _unit_torques(motion, units, delay, passed)
-    pieces = np.moveaxis(-made, 0, 1).reshape(1, len(breaks) - 1, -1)
-    return replace(motion, unit_impulse=PPoly(pieces, breaks).antiderivative())
+    # What PPoly.antiderivative would do of this, in a third of the time.
+    pieces = np.empty((2, *made.shape))
+    np.negative(made, out=pieces[0])
+    pieces[1, 0] = 0.0
+    np.cumsum(pieces[0, :-1] * np.diff(breaks)[:-1, None, None], axis=0, out=pieces[1, 1:])
+    return replace(motion, unit_impulse=PPoly(pieces.reshape(2, len(made), -1), breaks))
 
 
 def _unit_torques(
     motion: Motion, units: Sequence[Acting], delay: float, passed: tuple[float, float]
 ) -> tuple[Array, Array]:
-    """Return breaks [s], shape (B + 1,), and the torques between them on both joints, shape (E, B, 2)."""
+    """Return breaks [s], shape (B + 1,), and the torques between them on both joints, shape (B, E, 2)."""
     own = motion.impulse.x
     count = np.maximum(np.rint(np.diff(own) / FINE).astype(np.intp), 1)
     place = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
     breaks = np.append(np.repeat(own[:-1], count) + place * np.repeat(np.diff(own) / count, count), own[-1])
     seen = seen_of(motion, np.clip((breaks[1:] + breaks[:-1]) / 2 + delay, motion.start, motion.end), delay, passed)
-    made = np.zeros((len(units), len(breaks) - 1, 2))
+    made = np.zeros((len(breaks) - 1, len(units), 2))
     for k, (joint, torque) in enumerate(units):
-        made[k, :, joint] = torque(seen)
+        made[:, k, joint] = torque(seen)
     return breaks, made

@@ -133,7 +133,7 @@ def torque_left(motions: Sequence[Motion], answer: Answer, smoothing: float, hol
     Raises:
         TrajectoryError: a recording is shorter than a bump.
     """
-    found = unexplained([m.recorded for m in motions], smoothing, hold, answer.delay)
+    found = unexplained(motions, smoothing, hold, answer.delay)
     seen = [seen_of(motion, t, answer.delay) for motion, t in zip(motions, found.times, strict=True)]
     against = {
         'its angle [rad]': np.concatenate([np.column_stack(s.q) for s in seen]),

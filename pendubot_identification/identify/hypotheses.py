@@ -83,16 +83,23 @@ def select(
         pays: the share of y's squares that the first effect must explain at least, and each later of what is left.
         physical: P1 to P5, shape (5,).
     """
-    columns = np.concatenate([base, *candidates, y[..., None]], axis=-1)
-    of_fold = np.array([products(columns[folds == fold]) for fold in np.unique(folds)])
+    parts = [base, *candidates, y[..., None]]
+    # Of one fold at a time: all columns beside each other would be as large again as all of them.
+    rows = [folds == fold for fold in np.unique(folds)]
+    of_fold = np.array([products(np.concatenate([part[own] for part in parts], axis=-1)) for own in rows])
     scale = np.sqrt(of_fold.sum(axis=0).diagonal())
     units = np.where(scale > 0, scale, 1.0)
     of_fold /= units * units[:, None]
     whole, size = of_fold.sum(axis=0), base.shape[-1]
     places = [list(range(*ends)) for ends in pairwise(size + np.cumsum([0, *(c.shape[-1] for c in candidates)]))]
-    taken, left = list(range(size)), [c for c in range(len(effects)) if scale[places[c]].all()]
+    taken, named, left = list(range(size)), [0], [c for c in range(len(effects)) if scale[places[c]].all()]
     to_physical = scale[-1] / np.where(scale[:5] > 0, scale[:5], np.inf)
     before = _least(whole, taken)[:5] * to_physical
+
+    def chance(effect: int) -> float:
+        columns = np.concatenate([parts[k] for k in (*named, effect + 1, -1)], axis=-1)
+        return _by_chance(columns / units[[*taken, *places[effect], -1]], len(places[effect]))
+
     for _ in range(MOST_EFFECTS):
         alone, left_out = squares(whole, taken), _left_out(of_fold, taken)
         found = []
@@ -104,17 +111,14 @@ def select(
                 rest = _left_out(of_fold, taken + places[c])
                 share = 1 - rest.sum() / left_out.sum()
                 # Else it tells a recording from others, or one time from another.
-                helps, which = (rest < left_out).mean() > HELPED, [*taken, *places[c], -1]
-                if helps and (
-                    share > LITTLE or _by_chance(columns[..., which] / units[which], more) * len(effects) < SIGNIFICANT
-                ):
+                if (rest < left_out).mean() > HELPED and (share > LITTLE or chance(c) * len(effects) < SIGNIFICANT):
                     found.append((share, c))
         if not found or max(found)[0] < pays:
             return
         # Of those that explain nearly as much, the simplest, and of these the best.
         alike = [f for f in found if f[0] > max(found)[0] - ALIKE]
         share, best = min(alike, key=lambda f: (len(places[f[1]]), -f[0]))
-        taken = taken + places[best]
+        taken, named = taken + places[best], [*named, best + 1]
         left = [c for c in left if effects[c].name != effects[best].name]
         solution = _least(whole, taken)
         now = solution[:5] * to_physical

@@ -18,7 +18,7 @@ from pendubot_identification.trajectories.signals import evenly_stamped
 from pendubot_identification.trajectories.suspicions import suspicions
 from pendubot_identification.trajectories.trajectory import Trajectory
 
-from .agreement import contradictions
+from .agreement import contradictions, disagreement
 from .diagnosis import Fault, diagnose, link_length, with_options
 from .effects import allowing_for, together
 from .estimate import Estimate, Progress
@@ -130,7 +130,7 @@ def identify(
     # What is estimated along does not stand in the way, nor does what an effect may explain.
     look = all(f.name in ('offset', 'motion') or (f.delay is not None and low <= f.delay <= high) for f in faults)
     left, data, comparison = _rid_of_effects(data, progress, look)
-    if data.effects and any(f.name == 'motion' for f in faults):
+    if left is not None and (data.effects or left.bursts) and any(f.name == 'motion' for f in faults):
         faults = _diagnosed(data)
     if any(found.effect.name == 'offset' for found in data.effects):
         faults = tuple(replace(f, level=Level.WARN) if f.name == 'offset' else f for f in faults)
@@ -148,7 +148,9 @@ def identify(
         parts = parts or comparison.predicted(criterion, weights)
         estimates.append(replace(answer, prediction=Prediction.pool(parts)))
     published = _best(estimates)
-    if left is not None and (said := left.rest_sentence) and not any(e.exact for e in estimates):
+    estimates, differences = disagreement(estimates)
+    notes += differences
+    if left is not None and (said := left.rest_sentence(any(e.exact for e in estimates))):
         notes.append(said)
 
     length = link_length(data.motions, model, estimates[published].effort.delay)
@@ -200,7 +202,7 @@ def _rid_of_effects(data: Data, progress: Progress, look: bool) -> tuple[Unexpla
     if not look or settings.criteria == ('energy',):
         return None, data, Comparison(data, progress)
     delay = data.linear('weak', 'rotor').delay
-    long_enough = [m.recorded for m in data.motions if m.end - m.start >= SHORTEST]
+    long_enough = [m for m in data.motions if m.end - m.start >= SHORTEST]
     if not long_enough:
         return None, data, Comparison(data, progress)
     left = unexplained(long_enough, data.smoothing, data.hold, delay)
@@ -211,8 +213,8 @@ def _rid_of_effects(data: Data, progress: Progress, look: bool) -> tuple[Unexpla
     for _ in range(LOOKS):
         # Not from a start that the user gave, which may lie far off.
         near = comparison.fit('geared') if settings.start is None else data.started_by_weak.fit('geared')
-        more = found_by_trajectory(data.motions, data.recordings, near, settings.box('geared'), settings.delays)
-        left = replace(left, effects=together(left.effects, more))
+        more, beyond = found_by_trajectory(data.motions, data.recordings, near, settings.box('geared'), settings.delays)
+        left = replace(left, effects=together(left.effects, more), beyond=beyond)
         if not any(found.allowed for found in more):
             break
         data = data.allowing_for(more, delay)

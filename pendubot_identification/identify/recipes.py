@@ -294,10 +294,11 @@ def _estimate_trajectory(data: Data, judges: Sequence[Motion], model: str, progr
         theta, delay = data.start(model)
         steps = ['start: ' + ("the weak criterion's answer" if settings.start is None else 'given parameters')]
     theta = np.append(theta, np.zeros(len(sizes)))
-    before, _ = cost(theta, delay)
     found = fit_states(motions, theta, delay, wide, settings.delays, scale, progress=tell)
     J, residuals = cost(found.fit.theta, found.fit.delay)
-    steps.append(f'Levenberg-Marquardt on states over {found.length:.2g} s: J from {before:.4g} to {J:.4g}')
+    steps.append(
+        f'Levenberg-Marquardt on states over {found.length:.2g} s: J = {J:.4g}, {found.fit.iterations} iterations'
+    )
     sharper = fit_positions(motions, found.fit.theta, found.fit.delay, wide, settings.delays, progress=tell)
     zeros = None
     if sharper is None:

@@ -131,11 +131,22 @@ class Comparison:
         if self.deciding != 'trajectory':
             chosen, scores = compare_models({model: self.predicted(self.deciding, {model: 1.0}) for model in MODELS})
             return (chosen,), scores
-        for model in MODELS:
-            if self._data.exact(model, self.fit(model)) is not None:
-                return (model,), compare_models({model: self.predicted(self.deciding, {model: 1.0})}, exact=model)[1]
+        if (model := self._exact()) is not None:
+            return (model,), compare_models({model: self.predicted(self.deciding, {model: 1.0})}, exact=model)[1]
         models = AVERAGED if len(self._data.groups) < FEWEST_RECORDINGS else AVERAGED[-1:]
         return models, compare_models({model: self.predicted(self.deciding, {model: 1.0}) for model in models})[1]
+
+    def _exact(self) -> str | None:
+        """Return the smallest model that leaves nothing but the encoders' rounding; None where none does."""
+
+        def is_exact(model: str) -> bool:
+            return self._data.exact(model, self.fit(model)) is not None
+
+        smallest, *between, largest = MODELS
+        if is_exact(smallest):
+            return smallest
+        # The largest holds all others: where it leaves more, so do they.
+        return next((m for m in between if is_exact(m)), largest) if is_exact(largest) else None
 
     def weights(self, criterion: str, models: Sequence[str]) -> dict[str, float]:
         """Return by how much each model's answer counts in a criterion's average.

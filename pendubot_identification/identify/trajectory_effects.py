@@ -43,6 +43,10 @@ PAYS, LEAST = 0.25, 0.005
 PAYS_ALONE = 0.5
 #: Where errors are far greater than rounding, one of two readings nearer than this [s] is independent.
 CORRELATED = 0.15
+#: Errors of segments are the model's where they exceed the variance of rounding by more than this factor, and more than
+#: so many readings, one after the other, tell as much as one that is independent. Without model errors they are at most
+#: 1 and 1.5.
+BEYOND, LASTING = 1.3, 2.0
 #: What an effect explains a share of.
 ERRORS = 'errors of simulated segments'
 #: Segments whose error exceeds the median by this factor count by the error, not by its square.
@@ -55,8 +59,11 @@ def found_by_trajectory(
     near: TrajectoryFit,
     bounds: Bounds,
     delays: tuple[float, float],
-) -> tuple[Found, ...]:
-    """Return the effects that explain errors of simulated segments.
+) -> tuple[tuple[Found, ...], float]:
+    """Return the effects that explain errors of simulated segments, and what the models lack, explained or not.
+
+    That is how many times the errors are what rounded angles explain, in root mean squares, where they also last, as
+    those of noise do not; else 1.
 
     Args:
         motions: the recordings, or parts of them, rid of what is known already.
@@ -68,19 +75,21 @@ def found_by_trajectory(
     theta, delay = near.fit.theta, near.fit.delay
     rounding = rounding_of(motions)
     if not (rounding > 0).all():
-        return ()
+        return (), 1.0
     margin = max(map(abs, delays)) + 1e-6
     length = min(LENGTH, longest_segment(motions, margin))
     coarse = Segments.cut(motions, length, length, margin)
     rough = AgainstPositions(coarse, rounding, delay=delay)
     fit = levenberg_marquardt(rough, theta, delay, bounds, delays, robust=True, iterations=20, tolerance=1e-3)
-    # What a simulation errs with longer steps, or where torques change within a step, looks like a lag or friction.
-    finest = min(SHORT_STEP, *(m.interval for m in motions))
-    segments = coarse.finer(math.ceil(coarse.step / finest - 1e-9))
-    comparison = AgainstPositions(segments, rounding, delay=delay, initial=fit.initial)
-    fit = levenberg_marquardt(
-        comparison, fit.theta, fit.delay, bounds, delays, robust=True, iterations=8, tolerance=1e-4
-    )
+    segments, comparison = coarse, rough
+    if np.median(fit.costs) <= NOISIEST * rough.count / len(coarse):
+        # What a simulation errs with longer steps, or where torques change within a step, looks like a lag or friction.
+        finest = min(SHORT_STEP, *(m.interval for m in motions))
+        segments = coarse.finer(math.ceil(coarse.step / finest - 1e-9))
+        comparison = AgainstPositions(segments, rounding, delay=delay, initial=fit.initial)
+        fit = levenberg_marquardt(
+            comparison, fit.theta, fit.delay, bounds, delays, robust=True, iterations=8, tolerance=1e-4
+        )
     theta, delay = fit.theta, fit.delay
     states = segments.roll(theta, fit.initial)
     residuals = comparison.residuals(states, delay)
@@ -88,7 +97,7 @@ def found_by_trajectory(
     finite = np.isfinite(residuals).all(axis=1) & np.isfinite(jacobian).all(axis=(1, 2))
     folds, several = folds_of(recordings[segments.group[finite]]), recordings[-1] + 1
     if len(np.unique(folds)) < 2:
-        return ()
+        return (), 1.0
 
     effects = catalogue_of(motions)
 
@@ -122,9 +131,10 @@ def found_by_trajectory(
         pays=max(pays, LEAST),
         physical=theta[:5],
     )
-    return tuple(
+    found = tuple(
         Found(effects[c.number], c.sizes, c.share, c.moved / theta[:5], ERRORS, c.share >= most) for c in chosen
     )
+    return found, math.sqrt(variance) if variance > BEYOND and together > LASTING else 1.0
 
 
 def _columns(
@@ -140,13 +150,13 @@ def _columns(
     residuals = comparison.residuals(states, delay)
     passed = passed_by(segments.motions)
     # Of one motion at a time: all effects' torques at all times are large.
-    units = [
+    units = (
         with_unit_torques(m, effects, delay, p).unit_torques(
             segments.start[segments.group == k], segments.step, segments.steps
         )
         for k, (m, p) in enumerate(zip(segments.motions, passed, strict=True))
-    ]
-    torques = iter(np.concatenate(units, axis=3))
+    )
+    torques = iter(np.concatenate(list(units), axis=3))
     seen = [
         seen_of(m, comparison.times[:, segments.group == k], delay, p)
         for k, (m, p) in enumerate(zip(segments.motions, passed, strict=True))

@@ -5,10 +5,6 @@
 
 from __future__ import annotations
 
-import os
-
-os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')  # before numpy: small matrices, and a loop that must not wait
-
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -5,10 +5,6 @@
 
 from __future__ import annotations
 
-import os
-
-os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')  # before numpy: small matrices, beside a controller
-
 import threading
 from functools import partial
 from pathlib import Path

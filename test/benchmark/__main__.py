@@ -12,7 +12,7 @@ import re
 from pathlib import Path
 
 from pendubot_identification.model import kernel
-from test.benchmark import bags, growth, measure, motions, optimisers, start
+from test.benchmark import bags, growth, measure, motions, optimisers, session, start
 from test.conftest import ROOT
 
 PAGE, FIGURE = ROOT / 'docs' / 'architecture.md', ROOT / 'docs' / 'growth.svg'
@@ -22,6 +22,8 @@ PARTS = {
     'simulation': motions.evaluation,
     'sensitivities': motions.with_sensitivities,
     'start': start.whole,
+    'session': session.whole,
+    'scipy': session.beside_scipy,
     'growth': lambda: growth.figure(FIGURE),
     'work': growth.identifications,
     'hour': bags.hour,

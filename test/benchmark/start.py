@@ -12,7 +12,7 @@ from pathlib import Path
 from test.benchmark.measure import interleaved, table
 from test.conftest import ROOT
 
-PENDUBOT = [sys.executable, '-m', 'pendubot_identification.cli.main']
+PENDUBOT = [str(Path(sys.executable).with_name('pendubot'))]
 
 
 def command(arguments, kernel='on'):

@@ -3,6 +3,8 @@
 
 """What the models lack is named, and nothing else: on a simulated rig that has it, of equations of its own."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -12,6 +14,7 @@ from pendubot_identification.identify.recipes import Data
 from pendubot_identification.identify.settings import Settings
 from pendubot_identification.identify.unexplained import unexplained
 from pendubot_identification.level import Level
+from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.trajectory import Trajectory
 from test.effects.rig import EFFECTS, TRUE, Effects, accelerations, record, true
 
@@ -52,7 +55,8 @@ def trajectories(recordings):
 
 
 def found(recordings, only=slice(None)):
-    return unexplained(trajectories(recordings)[only], SMOOTHING, 'zero', 0.0)
+    motions = [Motion.prepare(t, SMOOTHING, 'zero') for t in trajectories(recordings)[only]]
+    return unexplained(motions, SMOOTHING, 'zero', 0.0)
 
 
 def test_the_simulated_rig_without_effects_is_the_model():
@@ -121,14 +125,25 @@ def test_parameters_allow_for_what_was_found_and_the_level_says_so(recorded, cel
         assert '% of the unexplained torque' in ' '.join(result.warnings)
 
 
-def test_an_effect_so_large_that_no_pendubot_moves_so_is_allowed_for():
-    recordings = trajectories(record(range(900, 900 + RECORDINGS), [Effects(spring=0.2)] * RECORDINGS))
+@pytest.mark.parametrize('rig', [Effects(spring=0.2), Effects(stop=2.0)], ids=['spring', 'stop'])
+def test_what_is_so_large_that_no_pendubot_moves_so_is_allowed_for_or_left_out(rig):
+    recordings = trajectories(record(range(900, 900 + RECORDINGS), [rig] * RECORDINGS))
     motions = Data.prepare(recordings, Settings()).motions
     assert [fault.name for fault in diagnose(motions, SMOOTHING, 'zero', 'rotor')] == ['motion']
     result = identify(recordings, settings=Settings(('weak',), 'coulomb', optimizer='lsq'))
     assert (result.level, result.faults) == (Level.WARN, ())
-    assert result.unexplained.effects[0].effect.name == 'spring'
+    assert bool(result.unexplained.bursts) == (rig.spring == 0)
+    assert [found.effect.name for found in result.unexplained.effects] == ['spring'] * (rig.spring > 0)
     np.testing.assert_allclose(result.best.theta[:5], list(TRUE.values())[:5], rtol=0.01)
+
+
+def test_errors_that_last_are_said_though_no_effect_explains_them():
+    recordings = trajectories(record(range(600, 600 + RECORDINGS), [EFFECTS['backlash'][1]] * RECORDINGS))
+    result = identify(recordings, settings=Settings(('trajectory',), optimizer='lsq'))
+    assert result.unexplained.effects == ()
+    assert result.level == Level.WARN
+    (said,) = result.warnings
+    assert re.match(r'simulated segments are off by 5\.\d times what rounded angles explain: the rig has what the', said)
 
 
 def test_one_recording_alone_is_left_out_by_blocks_of_time(recorded):
