@@ -47,7 +47,7 @@ def trial(payload, seed, *, tracked):
         waiting.append((t, *q, effort, 0.0))
         if len(waiting) == RATE // 10:
             for event in tracker.feed(np.array(waiting)):
-                if isinstance(event, (Change, Lost)) and event.end > ON - 1 and math.isnan(told):
+                if isinstance(event, (Change, Lost)) and t > ON and math.isnan(told):
                     told = t - ON
             waiting, state = [], tracker.state
             if state is not None and state.level is Level.OK and (tracked or t < ON):
