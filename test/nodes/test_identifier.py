@@ -20,6 +20,7 @@ from pendubot_identification.model.parameters import NAMES, PAPER
 from pendubot_identification.nodes.messages import LATCHED
 from pendubot_identification.recordings.bag_reader import read_trajectory
 from pendubot_identification.recordings.joint_states import write_trajectory
+from pendubot_identification.trajectories.trajectory import Trajectory
 from test.processes import Program, call, parameters, spin_until
 from test.virtual import recording
 
@@ -238,6 +239,15 @@ def test_what_fails_is_published_before_anything_is_read(tmp_path, listener):
         assert (status.level, params) == (ERROR, [])
         assert status.message.startswith(sentence)
     assert output.read_text() == 'mine'
+
+
+def test_a_recording_that_is_too_long_is_refused_with_what_names_its_windows(tmp_path, listener):
+    t = np.arange(6020) / 10
+    write_trajectory(tmp_path / 'day', Trajectory(t, np.sin(np.column_stack([t, 2 * t])), np.zeros((len(t), 2))))
+    status, _, params = listener.identified(tmp_path / 'day')
+    assert (status.level, params) == (b'\x02', [])
+    assert 'it lasts 602 s, and at most 600 s are taken at once; take windows of it, such as' in status.message
+    assert status.message.endswith(f'pendubot track {tmp_path / "day"} names good ones')
 
 
 def test_an_unphysical_result_is_published_at_level_error(bag, tmp_path, listener):
