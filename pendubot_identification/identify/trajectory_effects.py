@@ -47,6 +47,8 @@ CORRELATED = 0.15
 ERRORS = 'errors of simulated segments'
 #: Segments whose error exceeds the median by this factor count by the error, not by its square.
 BEND = 3.0
+#: So many effects' torques are simulated side by side.
+TOGETHER = 16
 
 
 def found_by_trajectory(
@@ -148,7 +150,12 @@ def _columns(
         )
         for k, (m, p) in enumerate(zip(segments.motions, passed, strict=True))
     )
-    torques = iter(np.concatenate(list(units), axis=3))
+    torques = np.concatenate(list(units), axis=3)
+    moves = (
+        move
+        for k in range(0, len(torques), TOGETHER)
+        for move in np.moveaxis(segments.moved_by(torques[k : k + TOGETHER], theta, states), 2, 0)
+    )
     seen = [
         seen_of(m, comparison.times[:, segments.group == k], delay, p)
         for k, (m, p) in enumerate(zip(segments.motions, passed, strict=True))
@@ -157,8 +164,7 @@ def _columns(
         columns = []
         for _ in effect.acting:
             # Residuals are linear in the states.
-            moved = states + segments.moved_by(next(torques), theta, states)
-            columns.append(comparison.residuals(moved, delay) - residuals)
+            columns.append(comparison.residuals(states + next(moves), delay) - residuals)
         for read in effect.read:
             # What is read is the position and the change: the position read, without it, is what is compared.
             change = np.concatenate([np.stack(read(s), axis=1) for s in seen], axis=2)
