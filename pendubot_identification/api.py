@@ -64,7 +64,7 @@ def read(
             command line, - written as _.
 
     Raises:
-        PendubotError: it cannot be read, or is no motion.
+        PendubotError: it cannot be read, is no motion, or is too long to be taken at once: give a window of it.
     """
     from .recordings.bag_reader import BagWindow, read_trajectory
     from .recordings.datasets import require_files
@@ -101,7 +101,6 @@ def identify(
     from .identify.identification import identify as estimate
     from .identify.settings import Settings
     from .results.result_file import result_of
-    from .trajectories.long import held_parts
 
     reading = Reading.of({o.name: options.pop(o.name) for o in READING if o.name in options})
     if unknown := options.keys() - {option.name for option in OPTIONS}:
@@ -119,7 +118,7 @@ def identify(
     settings = Settings.of(bounds=box, reading=reading, **options)
     training, validation, sources, notes = _divided(recordings, validate, topic, joint_names, reading)
     found = estimate(training, validation, settings, notes=notes)
-    return Identified(result_of(found, sources), (held_parts(training), held_parts(validation)))
+    return Identified(result_of(found, sources), (training, validation))
 
 
 def _divided(

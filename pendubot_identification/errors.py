@@ -29,6 +29,21 @@ class TrajectoryError(PendubotError):
     """Samples that cannot be used: not finite, out of order, too few, a window that holds nothing."""
 
 
+class LongRecordingError(TrajectoryError):
+    """A recording that is too long to be taken at once.
+
+    Attributes:
+        found: that and how long it is, as a part of a sentence.
+        window: what was to be read, BAG@START:END.
+        first: its beginning, as much as is usually enough, likewise.
+    """
+
+    def __init__(self, found: str, window: str, first: str) -> None:
+        bag = window.rpartition('@')[0] or window
+        super().__init__(f'{found}; take windows of it, such as {first}: pendubot track {bag} names good ones')
+        self.found, self.window, self.first = found, window, first
+
+
 class ExcitationError(PendubotError):
     """A motion from which some parameters are not identifiable."""
 

@@ -23,6 +23,8 @@ NO_ROSDEP = {
     'casadi',
     'h5py',
     'mujoco',
+    'nbclient',
+    'nbformat',
     'openpyxl',
     'pandas',
     'pinocchio',

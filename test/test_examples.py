@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The scripts of examples/, run as they stand; what they say is what they are for."""
+"""The scripts and the notebook of examples/, run as they stand; what they say is what they are for."""
 
 import os
 import re
@@ -49,3 +49,15 @@ def test_casadi_swings_up_what_this_package_simulates(example):
     pytest.importorskip('casadi')
     (off,) = re.findall(r'ends (\S+) rad from upright', example('casadi_dynamics.py'))
     assert float(off) < 0.01
+
+
+def test_a_notebook_shows_parameters_a_figure_and_a_model():
+    nbclient, nbformat = pytest.importorskip('nbclient'), pytest.importorskip('nbformat')
+    notebook = nbformat.read(ROOT / 'examples' / 'explore.ipynb', as_version=4)
+    nbformat.validate(notebook)
+    assert not any(cell.get('outputs') for cell in notebook.cells), 'kept without what it showed'
+    nbclient.NotebookClient(notebook, timeout=240, resources={'metadata': {'path': ROOT / 'examples'}}).execute()
+    shown = [output for cell in notebook.cells for output in cell.get('outputs', ())]
+    kinds = {kind for output in shown for kind in output.get('data', ())}
+    assert {'text/html', 'image/png'} <= kinds
+    assert '<mujoco' in shown[-1].text

@@ -130,9 +130,8 @@ def _predictions(
     """Return how far each result's simulation of a bag's motion is off, by horizon; note who knows that motion."""
     from pendubot_identification.identify.prediction import HORIZONS, predict, state_scale
     from pendubot_identification.identify.result import plain
-    from pendubot_identification.recordings.bag_reader import BagWindow, read_recording
+    from pendubot_identification.recordings.bag_reader import BagWindow, read_trajectory
     from pendubot_identification.recordings.datasets import require_files, span
-    from pendubot_identification.trajectories.long import held_parts
     from pendubot_identification.trajectories.motion import Motion
     from pendubot_identification.trajectories.signals import choose_smoothing, evenly_stamped
 
@@ -141,14 +140,14 @@ def _predictions(
     with wrong_usage():
         window, names = BagWindow.parse(args.on), joints(args.joints)
         require_files(reading, [window.path])
-    recorded = read_recording(window, topic=args.topic, joint_names=names, reading=reading)
+    recorded = read_trajectory(window, topic=args.topic, joint_names=names, reading=reading)
     save_map(args, reading)
-    parts = [evenly_stamped(part) for part in held_parts([recorded.trajectory])]
+    motion = evenly_stamped(recorded.trajectory)
     # States as all results are held against them; the torque as each result takes it.
-    smoothing = choose_smoothing(parts)
+    smoothing = choose_smoothing([motion])
     errors, still = [], None
     for name, result in results.items():
-        motions = [Motion.prepare(part, smoothing, result.effort.hold) for part in parts]
+        motions = [Motion.prepare(motion, smoothing, result.effort.hold)]
         prediction = predict(motions, result.theta.vector(), result.effort.delay, state_scale(motions))
         errors.append(prediction.error)
         still = prediction.persistence

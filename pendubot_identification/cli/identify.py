@@ -7,13 +7,21 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from contextlib import nullcontext, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pendubot_identification.errors import ParameterError, PendubotError, UsageError, sentence, wrong_usage
+from pendubot_identification.errors import (
+    LongRecordingError,
+    ParameterError,
+    PendubotError,
+    TrajectoryError,
+    UsageError,
+    sentence,
+    wrong_usage,
+)
 from pendubot_identification.identify.options import (
     APPLY_REMEDIES,
     CRITERION,
@@ -33,11 +41,13 @@ from .report import add_reference, read_beside
 
 if TYPE_CHECKING:
     from pendubot_identification.files import OutputFolder
+    from pendubot_identification.identify.estimate import Progress
     from pendubot_identification.identify.result import Result
     from pendubot_identification.identify.settings import Settings
     from pendubot_identification.model.parameters import Bounds
     from pendubot_identification.report.folder import Recordings
     from pendubot_identification.report.tables import Beside
+    from pendubot_identification.trajectories.reading import Reading
 
 #: The exit status of a result that is no better than what --fail-on names, and from which level on that is.
 FAILED, FAILING = 3, {'warn': 1, 'error': 2, 'never': 3}
@@ -51,8 +61,9 @@ takes a window of it, in seconds from its first sample. Of one bag without a win
 second validates, as in the paper; with a window, the rest of the bag validates, but for parts shorter than a second;
 several bags without windows all estimate, and each is predicted from the others.
 
-What lasts longer than ten minutes, or has more than 200 000 samples, is read piece by piece: energy and weak take all
-of it, everything else twelve stretches of 8 s in which the rig is driven. An hour at 1 kHz takes less than 300 MB.
+At most ten minutes are taken at once, or three of more than 200 000 samples. What is longer is followed, as pendubot
+track does, to name the minutes of it that are worth identifying; where the rest of a bag validates and is longer, its
+first minute does.
 
 Three criteria can be minimised. Each is held against data that it has not seen, by simulation; the one that predicts
 them best is published, and the others stand beside it:
@@ -193,8 +204,6 @@ def _identify(args: argparse.Namespace, settings: Settings, folder: OutputFolder
     from pendubot_identification.recordings.datasets import Datasets, load_datasets
     from pendubot_identification.results.remedies import identify_recordings
     from pendubot_identification.results.result_file import result_of
-    from pendubot_identification.trajectories.long import held_parts
-    from pendubot_identification.trajectories.reading import Reading
 
     motions = None
 
@@ -202,9 +211,11 @@ def _identify(args: argparse.Namespace, settings: Settings, folder: OutputFolder
         nonlocal motions
         motions = None
         names = joints(args.joints)
-        data = load_datasets(args.bags, args.validate, topic=args.topic, joint_names=names, reading=reading)
-        # Of long recordings a report shows stretches.
-        motions = held_parts(data.training), held_parts(data.validation)
+        try:
+            data = load_datasets(args.bags, args.validate, topic=args.topic, joint_names=names, reading=reading)
+        except LongRecordingError as error:
+            raise _with_windows(error, args.topic, names, reading, progress) from error
+        motions = data.training, data.validation
         return data
 
     try:
@@ -222,6 +233,30 @@ def _identify(args: argparse.Namespace, settings: Settings, folder: OutputFolder
             if not args.json:
                 print(f'why is also said in {page}')
         raise
+
+
+def _with_windows(
+    error: LongRecordingError, topic: str, names: Sequence[str], reading: Reading, progress: Progress
+) -> PendubotError:
+    """Return the error that says which windows to take of what is too long."""
+    from pendubot_identification.recordings.bag_reader import BagWindow
+    from pendubot_identification.tracking.tracker import Start
+
+    from .track import follow
+
+    try:
+        _, track = follow(Start(), [BagWindow.parse(error.window)], topic, names, reading, progress)
+    except PendubotError:
+        return error  # what is wrong with it is said of the window that is taken
+    if not track.windows:
+        return TrajectoryError(
+            f'{error.found}, and no minute of it moves without a gap, a change or a push; take windows of it, such as '
+            f'{error.first}'
+        )
+    return TrajectoryError(
+        f'{error.found}; take windows of it, such as these of most motion between two changes: pendubot identify '
+        f'{" ".join(track.windows)}'
+    )
 
 
 def _shown(args: argparse.Namespace, result: Result) -> str:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import argparse
 import json
 import math
+from collections.abc import Sequence
 from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,8 +20,11 @@ from .progress import progress_bar
 from .reading import add_reading, reading_of, save_map
 
 if TYPE_CHECKING:
+    from pendubot_identification.identify.estimate import Progress
+    from pendubot_identification.recordings.bag_reader import BagWindow
     from pendubot_identification.results.track_file import Track
-    from pendubot_identification.tracking.tracker import Tracker
+    from pendubot_identification.tracking.tracker import Start, Tracker
+    from pendubot_identification.trajectories.reading import Reading
 
 #: The exit status of a result of level ERROR, as of ``identify``.
 FAILED = 3
@@ -35,7 +39,8 @@ at the end, how sure that is, and what changed when. Memory does not grow with t
 
 The first eight seconds of motion are identified; from then on every 0.4 s of motion adds to what is known. Friction may
 drift; inertias and weights stay unless they jump. A change (a payload, a motor that fades) is told from a burst (a
-hand), from which nothing is learned.
+hand), from which nothing is learned. Last come the minutes that are worth identifying: those with most motion between
+two changes.
 """
 EPILOG = """\
 examples:
@@ -79,7 +84,7 @@ def run(args: argparse.Namespace) -> int:
     from pendubot_identification.files import OutputFolder, refuse_input, refuse_unwritable, write_whole
     from pendubot_identification.recordings.bag_reader import BagWindow
     from pendubot_identification.recordings.datasets import require_files
-    from pendubot_identification.results.track_file import track_text
+    from pendubot_identification.results.track_file import start_of, track_text
 
     from .identify import joints
 
@@ -92,7 +97,8 @@ def run(args: argparse.Namespace) -> int:
     with nullcontext() if args.report is None else OutputFolder(args.report, overwrite=args.force) as folder:
         if args.output is not None:
             refuse_unwritable(args.output, overwrite=args.force)
-        tracker, track = _follow(args, windows, names, reading)
+        with progress_bar(hidden=args.json) as progress:
+            tracker, track = follow(start_of(args.start, args.model), windows, args.topic, names, reading, progress)
         if tracker.state is None and not track.states:
             raise ExcitationError(f'{", ".join(args.bags)}: no parameters were found: {tracker.waiting}')
         written = []
@@ -119,25 +125,36 @@ def run(args: argparse.Namespace) -> int:
     return FAILED if tracker.state is None or tracker.state.level.name == 'ERROR' else 0
 
 
-def _follow(args: argparse.Namespace, windows: Any, names: list[str], reading: Any) -> tuple[Tracker, Track]:
-    from pendubot_identification.recordings.bag_reader import open_recording
-    from pendubot_identification.recordings.sample_stream import stream_samples
-    from pendubot_identification.results.track_file import Track, start_of
-    from pendubot_identification.tracking.tracker import Tracker
+def follow(
+    start: Start, windows: Sequence[BagWindow], topic: str, names: Sequence[str], reading: Reading, progress: Progress
+) -> tuple[Tracker, Track]:
+    """Follow a rig through recordings, one after the other.
 
-    tracker, track, base = Tracker(start_of(args.start, args.model)), Track(), 0.0
-    with progress_bar(hidden=args.json) as progress:
-        for window in windows:
-            reader, until = open_recording(window.path, reading), base
-            if reader.note:
-                track.notes.append(f'{window}: {reader.note}')
-            for samples in stream_samples(reader, window, args.topic, names, reading):
-                samples[:, 0] += base
-                until = max(until, float(samples[-1, 0]))
-                progress(f'following {window}', round(until - base), 0, math.nan)
-                for told in tracker.feed(samples):
-                    track.add(told)
-            base = until + BETWEEN
+    Raises:
+        PendubotError: a recording cannot be read or followed.
+    """
+    from pendubot_identification.recordings.bag_reader import BagWindow, open_recording
+    from pendubot_identification.recordings.sample_stream import stream_samples
+    from pendubot_identification.results.track_file import Track
+    from pendubot_identification.tracking.tracker import State, Tracker
+    from pendubot_identification.tracking.windows import Minutes
+
+    tracker, track, base = Tracker(start), Track(), 0.0
+    for window in windows:
+        reader, until, minutes = open_recording(window.path, reading), base, Minutes()
+        if reader.note:
+            track.notes.append(f'{window}: {reader.note}')
+        for samples in stream_samples(reader, window, topic, names, reading):
+            minutes.add(samples)
+            samples[:, 0] += base
+            until = max(until, float(samples[-1, 0]))
+            progress(f'following {window}', round(until - base), 0, math.nan)
+            for told in tracker.feed(samples):
+                track.add(told)
+                if not isinstance(told, State):
+                    minutes.happened(told, base)
+        track.windows += [str(BagWindow(window.path, *found)) for found in minutes.best()]
+        base = until + BETWEEN
     return tracker, track
 
 
@@ -171,5 +188,6 @@ def _summary(tracker: Tracker, track: Track) -> str:
         *(f'{what}, {times} times' for what, times in tracker.notes.items()),
         *track.notes,
         *([f'at the end: {tracker.waiting}'] if tracker.waiting else []),
+        *([f'worth identifying: {" ".join(track.windows)}'] if track.windows else []),
     ]
     return '\n'.join([Table(head, rows).text(), *map(wrapped, notes)])

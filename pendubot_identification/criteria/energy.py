@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,8 +13,7 @@ from numpy.typing import NDArray
 from pendubot_identification.errors import TrajectoryError
 from pendubot_identification.model.dynamics import dry_friction_terms, energy_terms
 from pendubot_identification.model.parameters import MODELS
-from pendubot_identification.trajectories.long import Grid, Long, Recording, gridded
-from pendubot_identification.trajectories.signals import SMOOTHING, differentiate, held
+from pendubot_identification.trajectories.signals import SMOOTHING, differentiate, held, resample
 from pendubot_identification.trajectories.trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -35,23 +33,6 @@ class Regression:
     t: Array  #: the time [s] to which each residual belongs, shape (N,), not decreasing.
 
 
-@dataclass(frozen=True, slots=True)
-class Residuals:
-    """``count`` residuals linear in theta that span ``duration`` [s], part by part in the order of time.
-
-    Those of a long recording are never all there at once.
-    """
-
-    count: int
-    duration: float
-    parts: Callable[[], Iterator[Regression]]
-
-    @classmethod
-    def of(cls, regression: Regression) -> Residuals:
-        """Return those of a regression, in one part."""
-        return cls(len(regression.y), float(np.ptp(regression.t)), lambda: iter([regression]))
-
-
 def energy_regression(
     trajectory: Trajectory, window: float | None = None, smoothing: float = SMOOTHING, model: str = 'viscous'
 ) -> Regression:
@@ -67,79 +48,43 @@ def energy_regression(
     Raises:
         TrajectoryError: the motion is shorter than the window, has a gap, or is faster than a rig can be.
     """
-    (regression,) = energy_residuals(trajectory, window, smoothing, model).parts()
-    return regression
-
-
-def energy_residuals(
-    recording: Recording, window: float | None = None, smoothing: float = SMOOTHING, model: str = 'viscous'
-) -> Residuals:
-    """Return the same of a recording that may be long, in parts, which may raise what :func:`energy_regression` does.
-
-    Raises:
-        TrajectoryError: as :func:`energy_regression`.
-    """
-    grid = gridded(recording)
-    span, duration = 0, grid.interval * (grid.size - 1)
+    even = resample(trajectory)
+    step, size = even.interval, len(even)
+    span = 0
     if window is not None:
-        if window < grid.interval / 2:
+        if window < step / 2:
             raise TrajectoryError(
-                f'{grid.name}: the sliding window of {window:g} s is shorter than the sampling interval of '
-                f'{grid.interval:.4g} s; choose a longer one'
+                f'{even.name}: the sliding window of {window:g} s is shorter than the sampling interval of '
+                f'{step:.4g} s; choose a longer one'
             )
-        span = max(1, round(min(window / grid.interval, grid.size)))
-        if span >= grid.size:
+        span = max(1, round(min(window / step, size)))
+        if span >= size:
             raise TrajectoryError(
-                f'{grid.name}: {duration:.3f} s are shorter than the sliding window of {window:g} s; choose a '
+                f'{even.name}: {step * (size - 1):.3f} s are shorter than the sliding window of {window:g} s; choose a '
                 'longer part of the recording or a shorter sliding window'
             )
-    count = grid.size - max(span, 1)
-    return Residuals(count, grid.interval * (count - 1), lambda: _differences(grid, span, smoothing, MODELS[model]))
+    phi, work = _sums(trajectory, even, smoothing, MODELS[model])
+    late, early = slice(max(span, 1), None), slice(0, -span if span else 1)
+    return Regression(phi[late] - phi[early], work[late] - work[early], even.t[late])
 
 
-def _differences(grid: Grid | Long, span: int, smoothing: float, size: int) -> Iterator[Regression]:
-    """Return, part by part, what the sums of the balance gain over so many samples; since the first one for 0."""
-    phi, work = np.empty((0, size)), np.empty(0)
-    for t, new_phi, new_work in _sums(grid, smoothing, size):
-        phi, work = np.concatenate([phi, new_phi]), np.concatenate([work, new_work])
-        late, early = slice(max(span, 1), None), slice(0, -span if span else 1)
-        gained, done = phi[late] - phi[early], work[late] - work[early]
-        kept = slice(-span, None) if span else slice(0, 1)
-        phi, work = phi[kept], work[kept]
-        yield Regression(gained, done, t[len(t) - len(done) :])
-
-
-def _sums(grid: Grid | Long, smoothing: float, size: int) -> Iterator[tuple[Array, Array, Array]]:
-    """Return, part by part, times [s], what multiplies the parameters, and the work [J], summed from the start on."""
-    total: Array = np.zeros((1, 8))
-    done, done_at = np.zeros(1), 0
-    for piece in grid.pieces(smoothing):
-        motion = piece.even
-        q, qd = differentiate(motion.q, grid.interval, smoothing)
-        # A held torque does the work tau[k] (q[k+1] - q[k]) on its joint, whatever the motion in between. It is summed
-        # over the samples as they were recorded: on a grid of other times a torque may be held for no time.
-        recorded = piece.recorded
-        between = (recorded.tau[:-1] * np.diff(recorded.q, axis=0)).sum(axis=1)
-        done, done_at = _accumulated(done[piece.at - done_at], between), piece.at
-        own = slice(piece.begin - piece.first, piece.end - piece.first)
-        elapsed = grid.interval * np.arange(piece.begin, piece.end, dtype=float)
-        require_plausible_speed(grid.name, elapsed, qd[own])
-        k = held(recorded.t, motion.t, grid.interval)
-        work = (done[k] + (recorded.tau[k] * (motion.q - recorded.q[k])).sum(axis=1))[own]
-        # From the last place of the piece before on.
-        since = slice(max(own.start - 1, 0), own.stop)
-        q, qd, tau = q[since], qd[since], motion.tau[since]
-        dry = dry_friction_terms(qd, np.zeros_like(qd))[..., :2] * qd[..., None]
-        rates = np.column_stack([qd**2, dry[..., 0], dry[..., 1]])
-        means = (rates[1:] + rates[:-1]) / 2 * grid.interval
-        load = np.abs(tau[:-1]) * means[:, 2:4]
-        sums = _accumulated(total[-1], np.column_stack([means, load]))
-        total = sums[-1:]
-        new = slice(len(q) - (own.stop - own.start), None)
-        viscous, coulomb, stribeck, load = np.split(sums[new], 4, axis=1)
-        rotor = qd[new, 1] ** 2 / 2
-        phi = np.column_stack([energy_terms(q[new], qd[new]), viscous, coulomb, rotor, stribeck, load])
-        yield motion.t[own], phi[:, :size], work
+def _sums(recorded: Trajectory, even: Trajectory, smoothing: float, size: int) -> tuple[Array, Array]:
+    """Return what multiplies the parameters, and the work [J], summed from the start on, of a recording made even."""
+    step = even.interval
+    q, qd = differentiate(even.q, step, smoothing)
+    require_plausible_speed(even.name, step * np.arange(len(q), dtype=float), qd)
+    # A held torque does the work tau[k] (q[k+1] - q[k]) on its joint, whatever the motion in between. It is summed
+    # over the samples as they were recorded: on a grid of other times a torque may be held for no time.
+    done = _accumulated((recorded.tau[:-1] * np.diff(recorded.q, axis=0)).sum(axis=1))
+    k = held(recorded.t, even.t)
+    work = done[k] + (recorded.tau[k] * (even.q - recorded.q[k])).sum(axis=1)
+    dry = dry_friction_terms(qd, np.zeros_like(qd))[..., :2] * qd[..., None]
+    rates = np.column_stack([qd**2, dry[..., 0], dry[..., 1]])
+    means = (rates[1:] + rates[:-1]) / 2 * step
+    load = np.abs(even.tau[:-1]) * means[:, 2:4]
+    viscous, coulomb, stribeck, load = np.split(_accumulated(np.column_stack([means, load])), 4, axis=1)
+    phi = np.column_stack([energy_terms(q, qd), viscous, coulomb, qd[:, 1] ** 2 / 2, stribeck, load])
+    return np.asarray(phi[:, :size]), work
 
 
 def require_plausible_speed(name: str, elapsed: Array, qd: Array) -> None:
@@ -162,6 +107,6 @@ def require_plausible_speed(name: str, elapsed: Array, qd: Array) -> None:
         )
 
 
-def _accumulated(start: Array | float, increments: Array) -> Array:
-    """Return the sums from a start on, one more than there are increments."""
-    return np.cumsum(np.concatenate([np.asarray(start)[None], increments]), axis=0)
+def _accumulated(increments: Array) -> Array:
+    """Return the sums from 0 on, one more than there are increments."""
+    return np.cumsum(np.concatenate([np.zeros_like(increments[:1]), increments]), axis=0)

@@ -19,8 +19,8 @@ middle of the cell; summed by parts, that is what stands above (Messenger and Bo
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -30,9 +30,9 @@ from scipy.optimize import minimize_scalar
 from pendubot_identification.errors import TrajectoryError
 from pendubot_identification.model.dynamics import GRAVITY, dry_friction_terms, energy_terms
 from pendubot_identification.model.parameters import MODELS, Bounds
-from pendubot_identification.trajectories.motion import AnyMotion, Motion
+from pendubot_identification.trajectories.motion import Motion
 
-from .energy import Regression, Residuals, require_plausible_speed
+from .energy import Regression, require_plausible_speed
 from .quadratic import Quadratic
 
 Array = NDArray[np.float64]
@@ -69,23 +69,7 @@ def weak_regression(
     Raises:
         TrajectoryError: the motion is shorter than the bump, or faster than a rig can be.
     """
-    return _regression(motion, _Bumps.cover(motion, stride, delay, delay), model, delay, weights)
-
-
-def weak_residuals(motion: AnyMotion, model: str, delay: float, weights: ArrayLike) -> Residuals:
-    """Return the same of a motion that may be long, in parts, which may raise what :func:`weak_regression` does."""
-    bumps = _Bumps.cover(motion, STRIDE, delay, delay)
-
-    def parts() -> Iterator[Regression]:
-        for piece, begin, end in motion.pieces(WIDTH + abs(delay)):
-            own = bumps.between(begin, end)
-            if len(own):
-                yield _regression(piece, own, model, delay, weights)
-
-    return Residuals(3 * len(bumps), bumps.stride * bumps.step * (len(bumps) - 1), parts)
-
-
-def _regression(motion: Motion, bumps: _Bumps, model: str, delay: float, weights: ArrayLike) -> Regression:
+    bumps = _Bumps.cover(motion, stride, delay, delay)
     rows = _Balances(motion, bumps).rows(delay) * np.reshape(weights, (3, 1))
     weighted = rows.reshape(-1, rows.shape[2])
     return Regression(weighted[:, : MODELS[model]], weighted[:, -1], np.repeat(bumps.centres, 3))
@@ -162,18 +146,17 @@ def estimate_delay(
 
 @dataclass(frozen=True, slots=True)
 class _Bumps:
-    """Bumps that cover a motion or a part of it, and the cells of time over which they are summed."""
+    """Bumps that cover a motion, and the cells of time over which they are summed."""
 
     origin: float  #: the motion's start [s].
-    start: float  #: where the first cell of the motion begins [s].
+    start: float  #: where the first cell begins [s].
     step: float  #: a cell's length [s].
-    first: int  #: the number of the first cell under these bumps.
     cells: int  #: how many there are.
     weights: Array  #: of the cells under one bump [1/s], with integral 1.
     stride: int  #: cells from one bump to the next.
 
     @classmethod
-    def cover(cls, motion: AnyMotion, stride: float, lowest: float, highest: float) -> _Bumps:
+    def cover(cls, motion: Motion, stride: float, lowest: float, highest: float) -> _Bumps:
         """Cover what is known of a motion for delays of the effort from ``lowest`` to ``highest`` [s]."""
         start, end = motion.start + max(highest, 0.0), motion.end + min(lowest, 0.0)
         per_stride = math.ceil(stride / min(motion.interval, LONGEST_CELL) - 1e-9)
@@ -187,22 +170,15 @@ class _Bumps:
             )
         x = (np.arange(under) + 0.5) / under * 2 - 1
         bump = (1 - x**2) ** 3
-        return cls(motion.start, start, step, 0, cells, bump / (bump.sum() * step), per_stride)
+        return cls(motion.start, start, step, cells, bump / (bump.sum() * step), per_stride)
 
     def __len__(self) -> int:
         return (self.cells - len(self.weights)) // self.stride + 1
 
-    def between(self, begin: float, end: float) -> _Bumps:
-        """Return the bumps that begin at begin <= t < end [s]."""
-        places = (np.array([begin, end]) - self.start) / (self.step * self.stride)
-        low, high = np.clip(np.ceil(places), 0, len(self)).astype(int).tolist()
-        cells = (high - low - 1) * self.stride + len(self.weights)
-        return replace(self, first=self.first + low * self.stride, cells=cells)
-
     @property
     def nodes(self) -> Array:
         """Where cells begin and end [s], shape (cells + 1,)."""
-        return self.start + self.step * np.arange(self.first, self.first + self.cells + 1.0)
+        return self.start + self.step * np.arange(self.cells + 1.0)
 
     @property
     def centres(self) -> Array:

@@ -1,17 +1,20 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Whether recordings that are pooled are of one rig: each is predicted from the others as well as from itself."""
+"""Whether answers agree: recordings that are pooled are of one rig, and two criteria find the same parameters."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pendubot_identification.criteria.trajectory_fit import TrajectoryFit
+from pendubot_identification.model.parameters import NAMES
 
+from .estimate import Estimate
 from .prediction import predict
 from .recipes import Data
 
@@ -26,6 +29,8 @@ CONTRADICTING, CONTRADICTION = 3.0, 0.1
 AGREEING = 2.0
 #: Of a recording that no parameters explain, so many times the median error counts as its own.
 EXPLAINED = 2.0
+#: Two criteria disagree about one of P1 to P5 if they differ by more than so many standard errors, and this fraction.
+ERRORS_APART, APART = 3.0, 0.05
 
 
 def contradictions(data: Data, model: str, together: TrajectoryFit, without: Sequence[TrajectoryFit] = ()) -> list[str]:
@@ -74,4 +79,39 @@ def contradictions(data: Data, model: str, together: TrajectoryFit, without: Seq
     return [
         f'{names[stranger]} contradicts the other recordings: they predict it with {(apart / own)[stranger]:.1f} times '
         'the error that its own parameters leave; is it of the same rig, with the same signs and zeros?'
+    ]
+
+
+def disagreement(estimates: Sequence[Estimate]) -> tuple[list[Estimate], list[str]]:
+    """Return the estimates, those of weak and trajectory with what they disagree about in their errors, and say it."""
+    pair = [e for e in estimates if e.criterion in ('weak', 'trajectory') and e.converged]
+    if len(pair) < 2 or any(e.exact for e in pair):
+        return list(estimates), []
+    one, other = pair
+    off = one.theta[:5] - other.theta[:5]
+    within = np.maximum(
+        ERRORS_APART * np.hypot(one.std_error[:5], other.std_error[:5]), APART * np.abs(one.theta + other.theta)[:5] / 2
+    )
+    odd = np.flatnonzero((one.free & other.free)[:5] & (np.abs(off) > within))
+    if not odd.size:
+        return list(estimates), []
+    half = np.zeros(len(one.theta))
+    half[odd] = off[odd] / 2
+    wider = [
+        replace(
+            e,
+            std_error=np.hypot(e.std_error, half),
+            covariance=e.covariance + np.outer(half, half),
+            uncertainty=f'{e.uncertainty}; and how weak and trajectory differ',
+        )
+        if e.criterion in ('weak', 'trajectory')
+        else e
+        for e in estimates
+    ]
+    parts = 100 * np.abs(off / np.maximum(np.abs(one.theta), np.abs(other.theta))[:5])
+    said = ', '.join(f'{NAMES[k]} ({parts[k]:.2g} %)' for k in odd)
+    return wider, [
+        f'weak and trajectory disagree about {said} by more than {ERRORS_APART:g} of their standard errors, which now '
+        'include that: the rig has what the models lack, or the recordings are few or short; look at the unexplained '
+        'torque, and record more'
     ]

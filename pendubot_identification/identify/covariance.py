@@ -27,7 +27,7 @@ ZEROS_BLOCK = 2.0
 ZERO_PRIOR = math.radians(20.0)
 
 
-def trajectory_covariance(found: TrajectoryFit, groups: str = 'recordings') -> tuple[Array, Array, str]:
+def trajectory_covariance(found: TrajectoryFit) -> tuple[Array, Array, str]:
     """Return covariance and standard errors of theta and delay, and in words how they were found.
 
     White residuals: the inverse of the condensed Gauss-Newton matrix times the residuals' variance. Otherwise they
@@ -40,7 +40,6 @@ def trajectory_covariance(found: TrajectoryFit, groups: str = 'recordings') -> t
 
     Args:
         found: the fit of D parameters and the delay, G = D + 1.
-        groups: what its recordings are called.
 
     Returns:
         Covariance, shape (G, G), NaN where a bound holds; standard errors, shape (G,), of what a bound holds those
@@ -57,7 +56,7 @@ def trajectory_covariance(found: TrajectoryFit, groups: str = 'recordings') -> t
         )
     else:
         several = len(np.unique(found.group)) >= FEWEST_RECORDINGS
-        clusters, what = (found.group, groups) if several else _blocks(found, BLOCK)
+        clusters, what = (found.group, 'recordings') if several else _blocks(found, BLOCK)
         if found.exact:
             clusters, what = np.arange(len(found.group)), f'segments of {found.length:.2g} s'
         members = [clusters == k for k in np.unique(clusters)]

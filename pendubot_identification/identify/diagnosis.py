@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
-from pendubot_identification.criteria.energy import Regression, Residuals
+from pendubot_identification.criteria.energy import Regression
 from pendubot_identification.criteria.quadratic import Quadratic
 from pendubot_identification.criteria.weak import WIDTH, estimate_delay, weak_regression
 from pendubot_identification.errors import TrajectoryError
@@ -575,4 +575,4 @@ def _unexplained(criterion: Quadratic, bounds: Bounds = BOUNDS) -> float:
 
 
 def _blocks(parts: Sequence[Regression]) -> Blocks:
-    return Blocks.of([Residuals.of(part) for part in parts])
+    return Blocks.of(parts)

@@ -222,8 +222,7 @@ def residuals(
         if answer.criterion == 'energy':
             names, unit, shared = ('energy',), 'J', settings.sliding or np.inf
         made = linear(answer.criterion, motions, answer.model, settings)
-        regressions = [part for each in made.residuals for part in each.parts()]
-        parts = [(r.t[:: len(names)], (r.y - r.phi @ answer.theta).reshape(-1, len(names))) for r in regressions]
+        parts = [(r.t[:: len(names)], (r.y - r.phi @ answer.theta).reshape(-1, len(names))) for r in made.residuals]
         interval = float(np.median(np.concatenate([np.diff(t) for t, _ in parts])))
     lags = int(min(2 * AHEAD / interval, max(len(t) for t, _ in parts) // 2))
     return Residuals(

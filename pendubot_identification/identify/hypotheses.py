@@ -36,7 +36,7 @@ FOLDS = 5
 MOST, MOST_ALONE = 0.5, 0.9
 #: One that explains less than this part must show in many rows: of few counts the errors of a joint that nearly stops
 #: are alike for as long as it does, and a few such stops may look like friction.
-LITTLE = 0.04
+LITTLE = 0.025
 #: An effect of fewer columns is preferred where it explains less by no more than this; no more effects are named.
 ALIKE, MOST_EFFECTS = 0.02, 3
 

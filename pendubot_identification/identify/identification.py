@@ -11,20 +11,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pendubot_identification.errors import TrajectoryError
 from pendubot_identification.level import Level
-from pendubot_identification.trajectories.long import STRETCH, Long, Recording, held_parts
+from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.reading import Reading
 from pendubot_identification.trajectories.signals import evenly_stamped
 from pendubot_identification.trajectories.suspicions import suspicions
+from pendubot_identification.trajectories.trajectory import Trajectory
 
-from .agreement import contradictions
+from .agreement import contradictions, disagreement
 from .diagnosis import Fault, diagnose, link_length, with_options
 from .effects import allowing_for, together
 from .estimate import Estimate, Progress
 from .judgement import judge, require_excitation
 from .prediction import Prediction, predict
-from .recipes import SHORTEST, Data, estimate, prepared
+from .recipes import SHORTEST, Data, estimate
 from .selection import TRUST, Comparison, ModelScore
 from .settings import Settings
 from .trajectory_effects import found_by_trajectory
@@ -90,17 +90,15 @@ class Identification:
 
 
 def identify(
-    training: Sequence[Recording],
-    validation: Sequence[Recording] = (),
+    training: Sequence[Trajectory],
+    validation: Sequence[Trajectory] = (),
     settings: Settings | None = None,
     progress: Progress | None = None,
     notes: Sequence[str] = (),
 ) -> Identification:
     """Estimate the parameters of a rig from one or more of its motions.
 
-    Of a long recording the quadratic criteria, energy and weak, take all, piece by piece. What is not quadratic (the
-    choice of smoothing, delay, weights and model, the trajectory criterion, predictions, and what looks for faults)
-    takes the stretches that stand for it. Where stamps of another are evidently false, even ones take their place.
+    Where the stamps of one are evidently false, even ones take their place.
 
     Args:
         training: the motions that estimate; they are pooled.
@@ -117,49 +115,41 @@ def identify(
     settings = settings or Settings()
     progress = progress or (lambda what, done, of, best: None)
     given = [*training, *validation]
-    training, validation = (
-        [r if isinstance(r, Long) else evenly_stamped(r) for r in part] for part in (training, validation)
-    )
-    held = held_parts(training)
-    for motion in (*held, *held_parts(validation)):
+    training, validation = ([evenly_stamped(motion) for motion in part] for part in (training, validation))
+    for motion in (*training, *validation):
         motion.require_samples()
-    if settings.sliding is not None and settings.sliding >= STRETCH and any(isinstance(m, Long) for m in training):
-        raise TrajectoryError(
-            f'the sliding window of {settings.sliding:g} s is too long for a long recording, which is looked at in '
-            f'stretches of {STRETCH:g} s; choose a shorter one, or none'
-        )
-    require_excitation(held, settings)
-    settings, notes = settings.of_rig(held), [*notes, *suspicions(given)]
+    require_excitation(training, settings)
+    settings, notes = settings.of_rig(training), [*notes, *suspicions(given)]
 
     progress('preparing', 0, 0, np.nan)
     data = Data.prepare(training, settings)
-    groups, whole_judges = prepared(validation, data.smoothing, data.hold)
-    judges = sum(groups, ())
+    judges = [Motion.prepare(motion, data.smoothing, data.hold) for motion in validation]
     progress('checking signs, zeros and stamps', 0, 0, np.nan)
     low, high = settings.delays
-    known = 'rotor' if settings.model == 'auto' else settings.model
-    faults = diagnose(data.motions, data.smoothing, data.hold, known, low if low == high else 0.0, settings.link_length)
-    faults = with_options(faults, settings.reading)
-    # What is estimated along does not stand in the way.
-    look = all(f.name == 'offset' or (f.delay is not None and low <= f.delay <= high) for f in faults)
+    faults = _diagnosed(data)
+    # What is estimated along does not stand in the way, nor does what an effect may explain.
+    look = all(f.name in ('offset', 'motion') or (f.delay is not None and low <= f.delay <= high) for f in faults)
     left, data, comparison = _rid_of_effects(data, progress, look)
+    if left is not None and (data.effects or left.bursts) and any(f.name == 'motion' for f in faults):
+        faults = _diagnosed(data)
     if any(found.effect.name == 'offset' for found in data.effects):
         faults = tuple(replace(f, level=Level.WARN) if f.name == 'offset' else f for f in faults)
     if left is not None:
         notes += left.sentences({fault.name for fault in faults})
-        judges = tuple(allowing_for(motion, data.effects, data.delay) for motion in judges)
-        whole_judges = judges if data.effects else whole_judges
+        judges = [allowing_for(motion, data.effects, data.delay) for motion in judges]
     models, scores = comparison.choose() if settings.model == 'auto' else ((settings.model,), [])
     model = models[-1]
 
     estimates = []
     for criterion in settings.criteria:
         weights = comparison.weights(criterion, models)
-        answer = estimate(criterion, data, (judges, whole_judges), weights, progress)
+        answer = estimate(criterion, data, judges, weights, progress)
         parts = [predict([j], answer.theta, answer.effort.delay, data.scale) for j in judges]
         parts = parts or comparison.predicted(criterion, weights)
         estimates.append(replace(answer, prediction=Prediction.pool(parts)))
     published = _best(estimates)
+    estimates, differences = disagreement(estimates)
+    notes += differences
     if left is not None and (said := left.rest_sentence) and not any(e.exact for e in estimates):
         notes.append(said)
 
@@ -195,10 +185,18 @@ def identify(
     )
 
 
+def _diagnosed(data: Data) -> tuple[Fault, ...]:
+    """Return what is wrong with the recordings' conventions, with the options that put it right."""
+    settings, (low, high) = data.settings, data.settings.delays
+    model, delay = 'rotor' if settings.model == 'auto' else settings.model, low if low == high else 0.0
+    faults = diagnose(data.motions, data.smoothing, data.hold, model, delay, settings.link_length)
+    return with_options(faults, settings.reading)
+
+
 def _rid_of_effects(data: Data, progress: Progress, look: bool) -> tuple[Unexplained | None, Data, Comparison]:
     """Return what no parameters explain, and the data without bursts and without effects that are torques.
 
-    It is not looked for by energy alone; of long recordings it is only told.
+    It is not looked for by energy alone.
     """
     settings = data.settings
     if not look or settings.criteria == ('energy',):
@@ -208,30 +206,20 @@ def _rid_of_effects(data: Data, progress: Progress, look: bool) -> tuple[Unexpla
     if not long_enough:
         return None, data, Comparison(data, progress)
     left = unexplained(long_enough, data.smoothing, data.hold, delay)
-    if data.long:
-        left = _told_alone(left)
-    else:
-        data = data.without(left.bursts).allowing_for(left.effects, delay)
+    data = data.without(left.bursts).allowing_for(left.effects, delay)
     comparison = Comparison(data, progress)
-    if comparison.deciding != 'trajectory' or (data.long and left.effects):
+    if comparison.deciding != 'trajectory':
         return left, data, comparison
     for _ in range(LOOKS):
         # Not from a start that the user gave, which may lie far off.
         near = comparison.fit('geared') if settings.start is None else data.started_by_weak.fit('geared')
         more = found_by_trajectory(data.motions, data.recordings, near, settings.box('geared'), settings.delays)
         left = replace(left, effects=together(left.effects, more))
-        if data.long:
-            return _told_alone(left), data, comparison
         if not any(found.allowed for found in more):
             break
         data = data.allowing_for(more, delay)
         comparison = Comparison(data, progress)
     return left, data, comparison
-
-
-def _told_alone(left: Unexplained) -> Unexplained:
-    """Return it with effects that are not allowed for."""
-    return replace(left, effects=tuple(replace(found, most=False) for found in left.effects))
 
 
 def _best(estimates: Sequence[Estimate]) -> int:

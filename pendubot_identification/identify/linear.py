@@ -11,12 +11,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pendubot_identification.criteria.energy import Residuals, energy_residuals
+from pendubot_identification.criteria.energy import Regression, energy_regression
 from pendubot_identification.criteria.quadratic import Penalised, Quadratic
-from pendubot_identification.criteria.weak import balance_weights, estimate_delay, weak_regression, weak_residuals
+from pendubot_identification.criteria.weak import balance_weights, estimate_delay, weak_regression
 from pendubot_identification.model.parameters import repaired
 from pendubot_identification.optimizers.mde import mde
-from pendubot_identification.trajectories.motion import AnyMotion, Motion
+from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.signals import SMOOTHING
 
 from .covariance import correlations
@@ -37,7 +37,7 @@ class Linear(NamedTuple):
         weights: of the weak criterion's three balances, shape (3,); empty for ``energy``.
     """
 
-    residuals: list[Residuals]
+    residuals: list[Regression]
     blocks: Blocks
     delay: float
     weights: Array
@@ -52,27 +52,21 @@ class Linear(NamedTuple):
         return self._replace(residuals=[], blocks=self.blocks.first(size))
 
 
-def linear(
-    name: str, motions: Sequence[AnyMotion], model: str, settings: Settings, like: Linear | None = None
-) -> Linear:
-    """Make the criterion ``name`` of recordings, with the delay and the weights that suit them or those of another.
-
-    Delay and weights suit motions that are held: long ones take them from another.
-    """
+def linear(name: str, motions: Sequence[Motion], model: str, settings: Settings, like: Linear | None = None) -> Linear:
+    """Make the criterion ``name`` of recordings, with the delay and the weights that suit them or those of another."""
     if name == 'energy':
         smoothing = SMOOTHING if settings.smoothing is None else settings.smoothing
-        residuals = [energy_residuals(m.recorded, settings.sliding, smoothing, model) for m in motions]
+        residuals = [energy_regression(m.recorded, settings.sliding, smoothing, model) for m in motions]
         return Linear(residuals, Blocks.of(residuals, BLOCK if settings.sliding else np.inf), 0.0, np.empty(0))
     if like is not None:
         delay, weights = like.delay, like.weights
     else:
         bounds, (low, high) = settings.box(model), settings.delays
-        held = [m for m in motions if isinstance(m, Motion)]
-        delay = low if low == high else estimate_delay(held, model, bounds, low, high)
-        weights = balance_weights([weak_regression(m, model, delay, weights=(1, 1, 1)) for m in held], bounds)
+        delay = low if low == high else estimate_delay(motions, model, bounds, low, high)
+        weights = balance_weights([weak_regression(m, model, delay, weights=(1, 1, 1)) for m in motions], bounds)
         if low < high:
-            delay = estimate_delay(held, model, bounds, low, high, weights=weights)
-    residuals = [weak_residuals(m, model, delay, weights) for m in motions]
+            delay = estimate_delay(motions, model, bounds, low, high, weights=weights)
+    residuals = [weak_regression(m, model, delay, weights=weights) for m in motions]
     return Linear(residuals, Blocks.of(residuals), delay, weights)
 
 

@@ -24,9 +24,9 @@ from pendubot_identification.criteria.trajectory_fit import (
 )
 from pendubot_identification.errors import TrajectoryError
 from pendubot_identification.model.parameters import MODELS
-from pendubot_identification.trajectories.long import STRETCH, Long, Recording, held_parts
-from pendubot_identification.trajectories.motion import AnyMotion, LongMotion, Motion
+from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.signals import choose_smoothing
+from pendubot_identification.trajectories.trajectory import Trajectory
 
 from .covariance import correlations, estimated_zeros, scaled_condition_number, trajectory_covariance
 from .effects import Found, allowing_for, passed_by, together, with_unit_torques
@@ -66,9 +66,8 @@ class Data:
     """Motions ready to be explained, and how they are taken.
 
     Attributes:
-        groups: of each recording itself, the parts of it between bursts or, of a long one, the stretches that stand
-            for it.
-        whole: the recordings as they were, long ones to be read piece by piece.
+        groups: of each recording itself, or the parts of it between bursts.
+        whole: the recordings as they were.
         smoothing: the window [s] that made their states.
         hold: how their torque behaves between samples.
         scale: the states' standard deviations, shape (4,).
@@ -78,7 +77,7 @@ class Data:
     """
 
     groups: Groups
-    whole: tuple[AnyMotion, ...]
+    whole: tuple[Motion, ...]
     smoothing: float
     hold: str
     scale: Array
@@ -88,13 +87,12 @@ class Data:
     _linear: dict[tuple[str, str], Linear] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     @classmethod
-    def prepare(cls, recordings: Sequence[Recording], settings: Settings) -> Data:
+    def prepare(cls, trajectories: Sequence[Trajectory], settings: Settings) -> Data:
         """Choose smoothing and hold, and make the recordings ready.
 
         Raises:
             TrajectoryError: all are too short for what is asked for.
         """
-        trajectories = held_parts(recordings)
         longest = max(trajectories, key=lambda t: t.duration)
         if settings.criteria != ('energy',) and longest.duration < SHORTEST:
             raise TrajectoryError(
@@ -104,8 +102,8 @@ class Data:
         smoothing = choose_smoothing(trajectories) if settings.smoothing is None else settings.smoothing
 
         def taken(hold: str) -> Data:
-            groups, whole = prepared(recordings, smoothing, hold)
-            return cls(groups, whole, smoothing, hold, state_scale(sum(groups, ())), settings)
+            motions = tuple(Motion.prepare(t, smoothing, hold) for t in trajectories)
+            return cls(tuple((m,) for m in motions), motions, smoothing, hold, state_scale(motions), settings)
 
         if settings.hold != 'auto':
             return taken(settings.hold)
@@ -128,18 +126,13 @@ class Data:
 
     @property
     def motions(self) -> tuple[Motion, ...]:
-        """All that is held."""
+        """All of them."""
         return sum(self.groups, ())
 
     @property
     def recordings(self) -> NDArray[np.intp]:
         """The number of each motion's recording."""
         return np.repeat(np.arange(len(self.groups)), [len(group) for group in self.groups])
-
-    @property
-    def long(self) -> tuple[LongMotion, ...]:
-        """The recordings for which stretches of them stand."""
-        return tuple(motion for motion in self.whole if isinstance(motion, LongMotion))
 
     @property
     def started_by_weak(self) -> Data:
@@ -225,57 +218,40 @@ class Data:
         return fit_positions(self.motions, near.fit.theta, near.fit.delay, bounds, delays, ladder=EXACT_LADDER)
 
 
-def prepared(recordings: Sequence[Recording], smoothing: float, hold: str) -> tuple[Groups, tuple[AnyMotion, ...]]:
-    """Return what is held of each recording, made ready, and the recordings, long ones to be so piece by piece."""
-    groups = tuple(tuple(Motion.prepare(t, smoothing, hold) for t in held_parts([r])) for r in recordings)
-    whole = (
-        LongMotion(recording, smoothing, hold) if isinstance(recording, Long) else group[0]
-        for recording, group in zip(recordings, groups, strict=True)
-    )
-    return groups, tuple(whole)
-
-
 def estimate(
     criterion: str,
     data: Data,
-    judges: tuple[Sequence[Motion], Sequence[AnyMotion]],
+    judges: Sequence[Motion],
     models: Mapping[str, float],
     progress: Progress,
 ) -> Estimate:
-    """Return one criterion's answer, with its J on the motions that judge: what is held of them, and the whole.
+    """Return one criterion's answer, with its J on the motions that judge.
 
     Of several models, the largest last, it is the average of their answers by these weights.
     """
-    spans = ', '.join(f'{m.name}, {m.end - m.start:.0f} s' for m in data.long)
-    stretches = f'from {len(data.motions)} stretches of {STRETCH:g} s'
     *smaller, model = models
     quick = replace(data, settings=replace(data.settings, optimizer='lsq'))
     if criterion == 'trajectory':
         others = [_estimate_trajectory(quick, (), m, progress) for m in smaller]
-        found = _estimate_trajectory(data, judges[0], model, progress)
-        said = f'{stretches}, spread over {spans}'
+        found = _estimate_trajectory(data, judges, model, progress)
     else:
         made = data.linear(criterion, model)
-        if data.long:
-            progress(f'{criterion}: reading {spans}', 0, 0, np.nan)
-            made = linear(criterion, data.whole, model, data.settings, like=made)
-        judge = linear(criterion, judges[1], model, data.settings, like=made) if judges[1] else None
+        judge = linear(criterion, judges, model, data.settings, like=made) if judges else None
         # With the same delay and weights; the smaller models' criterion is that of some columns alone.
         others = [
             estimate_linear(criterion, made.first(MODELS[m]), m, quick.settings, data.hold, progress, None)
             for m in smaller
         ]
         found = estimate_linear(criterion, made, model, data.settings, data.hold, progress, judge)
-        said = f'from all of {spans}' + (f'; delay and weights {stretches}' if criterion == 'weak' else '')
     if others:
         found = averaged([*others, found], list(models.values()))
         if criterion == 'trajectory':
             J = _segment_cost(data, found.theta, found.resized, found.effort.delay, model)
-            J_validation = _segment_cost(data, found.theta, found.resized, found.effort.delay, model, judges[0])
+            J_validation = _segment_cost(data, found.theta, found.resized, found.effort.delay, model, judges)
         else:
             J, J_validation = (np.nan if each is None else float(each.criterion(found.theta)) for each in (made, judge))
         found = replace(found, J=J, J_validation=J_validation)
-    return replace(found, steps=(said, *found.steps)) if data.long else found
+    return found
 
 
 def _segment_cost(
@@ -343,7 +319,7 @@ def _estimate_trajectory(data: Data, judges: Sequence[Motion], model: str, progr
         if ELSEWHERE * elsewhere < J:
             converged = False
             steps.append(f"the weak criterion's answer has J = {elsewhere:.4g}: lower, without any search")
-    covariance, std_error, uncertainty = trajectory_covariance(found, 'stretches' if data.long else 'recordings')
+    covariance, std_error, uncertainty = trajectory_covariance(found)
     return Estimate(
         criterion='trajectory',
         model=model,

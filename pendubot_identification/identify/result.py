@@ -245,7 +245,7 @@ class MadeBy:
 
 @dataclass(frozen=True)
 class Source:
-    """A bag that was used, or a part of it; of a long one ``stretches`` begin at these times [s]."""
+    """A bag that was used, or a part of it."""
 
     bag: str
     role: str
@@ -255,7 +255,6 @@ class Source:
     closed: bool
     topic: str = '/joint_states'
     joint_names: list[str] = field(default_factory=lambda: ['shoulder', 'elbow'])
-    stretches: list[float] = field(default_factory=list)
 
 
 def theta_of(parameters: Mapping[str, Parameter]) -> Parameters:

@@ -118,7 +118,7 @@ class Comparison:
     def method(self) -> str:
         """In words, what predicts what."""
         if len(self._folds) == len(self._data.motions):
-            return f'each {"stretch" if self._data.long else "recording"} predicted from the others'
+            return 'each recording predicted from the others'
         return f'each of {len(self._folds)} blocks of time predicted from the others'
 
     def choose(self) -> tuple[tuple[str, ...], list[ModelScore]]:

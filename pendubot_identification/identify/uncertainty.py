@@ -5,13 +5,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pendubot_identification.criteria.energy import Residuals
+from pendubot_identification.criteria.energy import Regression
 from pendubot_identification.criteria.quadratic import Quadratic
 
 Array = NDArray[np.float64]
@@ -37,18 +38,20 @@ class Blocks:
     length: float
 
     @classmethod
-    def of(cls, residuals: Sequence[Residuals], block: float = BLOCK) -> Blocks:
+    def of(cls, residuals: Sequence[Regression], block: float = BLOCK) -> Blocks:
         """Reduce residuals, those of one recording after those of the other, to blocks of so many seconds.
 
         Blocks are shorter where there would be fewer than ten. An infinite length is for residuals that hold all data
         before them, so that no stretch of time is apart from the rest: then there are ten.
         """
-        length = min(block, sum(r.duration for r in residuals) / FEWEST_BLOCKS)
+        durations = [float(np.ptp(r.t)) for r in residuals]
+        length = min(block, sum(durations) / FEWEST_BLOCKS)
         triangles: list[Array] = []
-        for r in residuals:
-            number = max(1, round(r.duration / length)) if length else 1
-            triangles += _reduced(r, -(-r.count * np.arange(1, number + 1) // number))
-        return cls(np.array(triangles), sum(r.count for r in residuals), length)
+        for r, duration in zip(residuals, durations, strict=True):
+            number = max(1, round(duration / length)) if length else 1
+            ends = -(-len(r.y) * np.arange(number + 1) // number)
+            triangles += [Quadratic.reduce(r.phi[a:b], r.y[a:b]).triangle for a, b in pairwise(ends)]
+        return cls(np.array(triangles), sum(len(r.y) for r in residuals), length)
 
     def first(self, size: int) -> Blocks:
         """Return the blocks of the first ``size`` parameters, the others being 0."""
@@ -60,22 +63,6 @@ class Blocks:
         """The criterion of all the residuals together."""
         pooled = Quadratic.pool([Quadratic(triangle, 0) for triangle in self.triangles])
         return replace(pooled, count=self.count)
-
-
-def _reduced(residuals: Residuals, ends: NDArray[np.signedinteger]) -> Iterator[Array]:
-    """Return the triangle of every block of residuals; the blocks end before those of the numbers ``ends``."""
-    waiting: list[Quadratic] = []
-    block = first = 0
-    for part in residuals.parts():
-        begin = 0
-        while begin < len(part.y):
-            end = min(len(part.y), int(ends[block]) - first)
-            waiting.append(Quadratic.reduce(part.phi[begin:end], part.y[begin:end]))
-            begin = end
-            if first + end == ends[block]:
-                yield waiting[0].triangle if len(waiting) == 1 else Quadratic.pool(waiting).triangle
-                waiting, block = [], block + 1
-        first += len(part.y)
 
 
 def bootstrap_covariance(

@@ -14,6 +14,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from pendubot_identification.errors import ParameterError
+from pendubot_identification.model.parameters import Parameters
 from pendubot_identification.model.simulation import HANGING, Plant
 
 from .clock import WRAP
@@ -104,7 +105,8 @@ class VirtualBoard:
     ) -> None:
         self.settings = settings or BoardSettings()
         self.last: State | None = None
-        self._plant = plant
+        self._plant, self._bare = plant, plant.parameters
+        self._due: Parameters | None = None
         self._faults = faults or Faults()
         self._rng = np.random.default_rng(seed)
         self._elapsed_us = 0
@@ -124,6 +126,14 @@ class VirtualBoard:
                 self._hellos_due += 1
             elif isinstance(event, Command):
                 self._obey(event)
+
+    def carry(self, payload: float) -> None:
+        """Put a payload [kg] on link 2 in the place of another, 0 for none; from the next move on. From any thread.
+
+        Raises:
+            ParameterError: there is no place for it.
+        """
+        self._due = self._bare.carrying(payload)
 
     def note_overrun(self) -> None:
         """Bytes could not be sent: the next STATE says so."""
@@ -153,6 +163,9 @@ class VirtualBoard:
 
     def move(self) -> None:
         """Let the plant move until the next sample is due."""
+        due, self._due = self._due, None
+        if due is not None:
+            self._plant.become(due)
         self._held = self._held and not self.armed
         if not self._held and self.last is not None:
             self._plant.advance((self.last.torque / 1e6, 0.0), self.settings.sample_period_us * 1e-6)

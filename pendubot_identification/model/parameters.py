@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Sequence
-from dataclasses import asdict, astuple, dataclass
+from dataclasses import asdict, astuple, dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -105,6 +105,18 @@ class Parameters:
     def vector(self, model: str = 'viscous') -> Vector:
         """Return theta, shape (D,), of a model or, where one of its missing parameters is not 0, of :attr:`model`."""
         return np.array(astuple(self)[: max(MODELS[model], MODELS[self.model])])
+
+    def carrying(self, payload: float) -> Parameters:
+        """Return the rig with a payload [kg] on link 2, P2 / P5 from the elbow: at its centre of percussion.
+
+        Raises:
+            ParameterError: link 2 has no such point.
+        """
+        if self.P5 <= 0:
+            raise ParameterError(f'link 2 has no place for a payload: P5 is {self.P5:g}, and more than 0 is expected')
+        l1, d = self.P3 / self.P5, self.P2 / self.P5
+        more = {'P1': l1**2, 'P2': d**2, 'P3': l1 * d, 'P4': l1, 'P5': d}
+        return replace(self, **{name: getattr(self, name) + payload * each for name, each in more.items()})
 
     def unphysical(self) -> tuple[str, ...]:
         """Return a sentence for each value that no real pendubot can have; empty for a physical vector.

@@ -39,11 +39,19 @@ class Plant:
     """
 
     def __init__(self, parameters: Parameters, q: Pair = HANGING, qd: Pair = (0.0, 0.0)) -> None:
+        self.become(parameters)
+        self._state: tuple[float, ...] = (*q, *qd)
+
+    def become(self, parameters: Parameters) -> None:
+        """Go on with other parameters, from the same positions and velocities.
+
+        Raises:
+            ParameterError: the parameters are not physical.
+        """
         if problems := parameters.unphysical():
             raise ParameterError(f'no rig moves like this: {problems[0]}; give the parameters of a real one')
         self.parameters = parameters
         self._theta = tuple(float(value) for value in parameters.vector())
-        self._state: tuple[float, ...] = (*q, *qd)
         self._swing_rate, self._friction_rate, self._load_rate = _step_rates(parameters)
 
     @property

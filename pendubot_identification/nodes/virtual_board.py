@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""``virtual_board``: a pendubot rig that is not there, on a pseudo-terminal. Needs no ROS."""
+"""``virtual_board``: a pendubot rig that is not there, on a pseudo-terminal. Needs no ROS, but for its parameter."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ import secrets
 import signal
 import sys
 import time
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import fields
 from pathlib import Path
 
@@ -33,6 +34,10 @@ example:
   virtual_board --link /tmp/pendubot --parameters result.yaml
   virtual_board --link /tmp/pendubot --preset balance --rate 500 --start upright --spread 0.1 --delay 0.004
   bridge --ros-args -p port:=/tmp/pendubot
+
+with --ros-args, where there is ROS, it is a node too, of one parameter, payload [kg]: what link 2 carries, at its
+centre of percussion (P2 / P5 from the elbow), also put on and taken off while it moves:
+  ros2 param set /virtual_board payload 0.03
 
 signals: SIGUSR1 pulls the cable in the middle of a frame, SIGUSR2 puts it back (--link then leads to another pty)
 
@@ -119,11 +124,20 @@ def _tell(what: str) -> None:
     print(f'{what} at {time.time_ns()} ns', flush=True)
 
 
+def _changeable(board: VirtualBoard, stop: Shutdown) -> AbstractContextManager[None]:
+    """Return what makes it a node; without ROS, nothing."""
+    try:
+        from .board_node import changeable
+    except ImportError:
+        return nullcontext()
+    return changeable(board, sys.argv, stop)
+
+
 def main() -> int:
     """Serve a virtual board until a signal comes; return the exit status."""
     argv = sys.argv[1:]
-    # A launch file adds these to every program; this one has no use for them.
-    options = parser().parse_args(argv[: argv.index('--ros-args')] if '--ros-args' in argv else argv)
+    own = argv[: argv.index('--ros-args')] if '--ros-args' in argv else argv
+    options = parser().parse_args(own)
     if options.seed is None:
         # A real board has another boot_id each time it starts; the same one would claim that it never stopped.
         options.seed = secrets.randbits(32)
@@ -133,7 +147,11 @@ def main() -> int:
         if options.qemu:
             emulate(options.link, stop)
             return 0
-        with PtyServer(make_board(options), options.link, options.trace, _tell, options.patient) as server:
+        board = make_board(options)
+        with (
+            PtyServer(board, options.link, options.trace, _tell, options.patient) as server,
+            _changeable(board, stop) if own != argv else nullcontext(),
+        ):
             signal.signal(signal.SIGUSR1, lambda *_: server.pull())
             signal.signal(signal.SIGUSR2, lambda *_: server.plug())
             print(f'seed {options.seed}\nvirtual board on {server.path}', flush=True)

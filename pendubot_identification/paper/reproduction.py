@@ -24,7 +24,6 @@ from pendubot_identification.model.parameters import MODELS, Parameters, default
 from pendubot_identification.recordings.datasets import Datasets, load_datasets
 from pendubot_identification.report.style import rendered, style
 from pendubot_identification.resources import resource
-from pendubot_identification.trajectories.long import held_parts
 from pendubot_identification.trajectories.trajectory import Trajectory
 
 from . import paper_figures, paper_tables, trials
@@ -75,7 +74,7 @@ class Reproduction:
     def identification(self) -> None:
         """Identify the sample bag by the paper's criterion and MDE."""
         data = _sample()
-        halves = held_parts([*data.training, *data.validation])
+        halves = [*data.training, *data.validation]
         found = self._identify(data, *halves)
         self._write_raw('identification', found)
         self._add_tables(paper_tables.table_7(found), paper_tables.table_8(found))
@@ -89,7 +88,7 @@ class Reproduction:
 
     def sweep(self) -> None:
         """Run MDE with every threshold, per component and per vector."""
-        regression = energy_regression(held_parts(_sample().training)[0])
+        regression = energy_regression(_sample().training[0])
         criterion, bounds = Quadratic.reduce(regression.phi, regression.y), default_bounds().of(MODELS['viscous'])
         outcomes, _ = self._run('sweep', trials.sweep(self._seed, self._runs, criterion, bounds))
         self._add_tables(paper_tables.threshold_table(outcomes))

@@ -10,32 +10,29 @@ import math
 import os
 import re
 from array import array
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pendubot_identification.errors import BagError, TrajectoryError
+from pendubot_identification.errors import BagError, LongRecordingError, TrajectoryError
 from pendubot_identification.trajectories.reading import Reading
 from pendubot_identification.trajectories.trajectory import Trajectory
 
 from .joint_states import JOINT_NAMES, JOINT_STATE, JOINT_STATES_TOPIC, JointDecoder, decode_joint_state
 from .mcap_file import FOREVER_NS, McapFile, Messages
-from .table_reader import TableReader, parts
+from .table_reader import TableReader
 from .tables import is_table
-
-if TYPE_CHECKING:
-    # Not for who only looks at a bag: scipy takes longer to import than the index of most to read.
-    from pendubot_identification.trajectories.long import Recording
 
 #: How far a message's stamp is looked for from where its log time would place it, before the whole bag is read [ns].
 LATENCY_NS = 1_000_000_000
-
-Taken = TypeVar('Taken', bound='Recording', covariant=True)
+#: No recording is taken at once that lasts longer than the first [s], or with more than so many samples than the last.
+LONGEST, MANY, LONGEST_OF_MANY = 600.0, 200_000, 180.0
+#: What of such a recording is usually enough [s].
+ENOUGH = 60.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,13 +82,13 @@ class BagWindow:
 
 
 @dataclass(frozen=True)
-class RecordedTrajectory(Generic[Taken]):
+class RecordedTrajectory:
     """A motion from a bag, t [s] from the bag's first sample on the topic, and what a result must say of that bag.
 
     ``sha256`` is of its .mcap files, one after the other; ``closed`` and ``note`` are as of :class:`BagReader`.
     """
 
-    trajectory: Taken
+    trajectory: Trajectory
     window: BagWindow
     sha256: str
     closed: bool
@@ -209,22 +206,19 @@ class Stream:
         return missed
 
     def samples(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """Return all of them as one block."""
+        """Return all of them as one block; of what is too long, so many more than can be taken that it shows."""
         while True:
             # Arrays of the standard library grow in place, and are not copied to become numpy's.
             times, values = array('q'), array('d')
             for elapsed_ns, block in self:
                 times.frombytes(elapsed_ns.data.cast('B'))
                 values.frombytes(block.data.cast('B'))
-            if not self.missed():
-                return np.frombuffer(times, dtype=np.int64), np.frombuffer(values).reshape(-1, 3, 2)
-
-    def trajectories(self, name: str, reading: Reading) -> Iterator[Trajectory]:
-        """Return the same as motions without velocities, of a few thousand samples each."""
-        for elapsed_ns, values in self:
-            motion = reading.motion(elapsed_ns / 1e9, values[:, 0], values[:, 1], None, name)
-            if len(motion):
-                yield motion
+                if is_long(len(times), min((times[-1] - times[0]) / 1e9, self._reader.duration)):
+                    break
+            else:
+                if self.missed():
+                    continue
+            return np.frombuffer(times, dtype=np.int64), np.frombuffer(values).reshape(-1, 3, 2)
 
 
 Reader = BagReader | TableReader
@@ -239,15 +233,15 @@ def open_recording(path: Path, reading: Reading) -> Reader:
     return TableReader(path, reading) if is_table(path) else BagReader(path)
 
 
-def read_recording(
-    window: BagWindow,
+def read_trajectory(
+    window: BagWindow | Path,
     *,
     topic: str = JOINT_STATES_TOPIC,
     joint_names: Sequence[str] = JOINT_NAMES,
     reading: Reading | None = None,
     reader: Reader | None = None,
-) -> RecordedTrajectory[Recording]:
-    """Read the motion of two joints from a window of a recording; what is too long to be held is read through once.
+) -> RecordedTrajectory:
+    """Read the motion of two joints from a window of a recording, or from all of it.
 
     Messages of a bag may hold the joints in any order, among others. ``reading`` says what the numbers mean;
     ``reader`` is of the recording, where there is one already, and read alike.
@@ -256,62 +250,55 @@ def read_recording(
         BagError: the bag, the topic or a joint is not there, or without effort or position.
         TableError: a file with columns cannot be read, or lacks one.
         TrajectoryError: the window holds no or too few samples; values that are not finite; stamps that repeat or
-            run backwards; a long recording with gaps.
+            run backwards.
+        LongRecordingError: there is more in it than is taken at once.
     """
-    from pendubot_identification.trajectories.long import Long, is_long
-
-    reading = reading or Reading()
-    reader = reader or open_recording(window.path, reading)
-
-    def long_one(read: Callable[[], Iterator[Trajectory]], duration: float) -> Long | None:
-        return Long.survey(str(window), read, duration, lambda begin, end: str(BagWindow(window.path, begin, end)))
-
-    def recorded(trajectory: Recording) -> RecordedTrajectory[Recording]:
-        return RecordedTrajectory(trajectory, window, reader.content_hash, reader.closed, reader.note)
-
-    if isinstance(reader, TableReader):
-        motion = _of_table(reader, window)
-        long = long_one(partial(parts, motion), motion.duration) if is_long(len(motion), motion.duration) else None
-        return recorded(long or motion.require_samples())
-    stream = Stream(reader, topic, joint_names, window.start, window.end)
-    duration = min(window.end or math.inf, reader.duration) - (window.start or 0.0)
-    samples = reader.topics[topic][1] * duration / reader.duration if reader.duration else 0.0
-    while is_long(samples, duration):
-        long = long_one(partial(stream.trajectories, str(window), reading), duration)
-        if stream.missed():
-            continue
-        if long is None:
-            break  # other topics lasted longer
-        return recorded(long)
-    return recorded(_held(reader, window, stream, reading))
-
-
-def read_trajectory(
-    window: BagWindow | Path,
-    *,
-    topic: str = JOINT_STATES_TOPIC,
-    joint_names: Sequence[str] = JOINT_NAMES,
-    reading: Reading | None = None,
-) -> RecordedTrajectory[Trajectory]:
-    """Read the same, and hold it however long it is."""
     window, reading = BagWindow(window) if isinstance(window, Path) else window, reading or Reading()
-    reader = open_recording(window.path, reading)
+    reader = reader or open_recording(window.path, reading)
     if isinstance(reader, TableReader):
         motion = _of_table(reader, window)
     else:
-        motion = _held(reader, window, Stream(reader, topic, joint_names, window.start, window.end), reading)
+        motion = _of_bag(reader, window, Stream(reader, topic, joint_names, window.start, window.end), reading)
     return RecordedTrajectory(motion, window, reader.content_hash, reader.closed, reader.note)
 
 
-def _held(reader: BagReader, window: BagWindow, stream: Stream, reading: Reading) -> Trajectory:
+def is_long(samples: int, duration: float) -> bool:
+    """Tell whether so many samples over so many seconds are more than are taken at once.
+
+    Held, with all that is made of them, they would take hundreds of megabytes and minutes.
+    """
+    return duration > (LONGEST if samples <= MANY else LONGEST_OF_MANY)
+
+
+def _require_short(window: BagWindow, t: NDArray[np.float64], duration: float) -> None:
+    """Refuse a recording, of ``duration`` [s] altogether, that begins with samples at t [s], if it is too long.
+
+    Raises:
+        LongRecordingError: so it is.
+    """
+    # Stamps that jump are complained of by others.
+    if not is_long(len(t), min(float(t[-1] - t[0]), duration)):
+        return
+    start = window.start or 0.0
+    at_once = f'{LONGEST:g} s'
+    if len(t) > MANY:
+        at_once += f', or {LONGEST_OF_MANY:g} s of more than {MANY} samples,'
+    lasts = min(window.end or np.inf, duration) - start
+    raise LongRecordingError(
+        f'{window} is too long: it lasts {lasts:.0f} s, and at most {at_once} are taken at once',
+        str(window),
+        str(BagWindow(window.path, window.start, start + ENOUGH)),
+    )
+
+
+def _of_bag(reader: BagReader, window: BagWindow, stream: Stream, reading: Reading) -> Trajectory:
     elapsed_ns, values = stream.samples()
     if not len(values):
         raise _nothing(window, reader.duration)
-    # A velocity is a convenience that not every message need hold.
-    known = bool(np.isfinite(values[:, 2]).all())
     t = elapsed_ns / 1e9
-    del elapsed_ns  # of an hour at 1 kHz all of this is 0.2 GB
-    velocities = values[:, 2] if known else None
+    _require_short(window, t, reader.duration)
+    # A velocity is a convenience that not every message need hold.
+    velocities = values[:, 2] if np.isfinite(values[:, 2]).all() else None
     return reading.motion(t, values[:, 0], values[:, 1], velocities, str(window)).require_samples()
 
 
@@ -320,7 +307,8 @@ def _of_table(reader: TableReader, window: BagWindow) -> Trajectory:
     part = reader.motion[(t >= (window.start or 0.0)) & (t < (window.end or math.inf))]
     if not len(part):
         raise _nothing(window, reader.motion.duration)
-    return replace(part, name=str(window))
+    _require_short(window, part.t, reader.motion.duration)
+    return replace(part, name=str(window)).require_samples()
 
 
 def _nothing(window: BagWindow, duration: float) -> TrajectoryError:

@@ -11,27 +11,25 @@ from functools import cache, partial
 from itertools import combinations
 from pathlib import Path
 
-from pendubot_identification.errors import ParameterError, TrajectoryError
+from pendubot_identification.errors import LongRecordingError, ParameterError, TrajectoryError
 from pendubot_identification.identify.recipes import SHORTEST
 from pendubot_identification.identify.result import Source
 from pendubot_identification.trajectories.conventions import OF_FILES
-from pendubot_identification.trajectories.long import Long, Recording, gridded, sharing
 from pendubot_identification.trajectories.reading import Reading, options
-from pendubot_identification.trajectories.trajectory import MINIMUM_SAMPLES
+from pendubot_identification.trajectories.signals import resample
+from pendubot_identification.trajectories.trajectory import MINIMUM_SAMPLES, Trajectory
 
-from .bag_reader import BagWindow, RecordedTrajectory, open_recording, read_recording
+from .bag_reader import BagWindow, RecordedTrajectory, open_recording, read_trajectory
 from .joint_states import JOINT_NAMES, JOINT_STATES_TOPIC
 from .tables import is_table
-
-Recorded = RecordedTrajectory[Recording]
 
 
 @dataclass(frozen=True, slots=True)
 class Datasets:
     """Motions that estimate, motions that validate, where they came from, and what the user should know of that."""
 
-    training: tuple[Recording, ...]
-    validation: tuple[Recording, ...]
+    training: tuple[Trajectory, ...]
+    validation: tuple[Trajectory, ...]
     sources: tuple[Source, ...]
     notes: tuple[str, ...]
 
@@ -47,19 +45,22 @@ def load_datasets(
     """Read the bags or files with columns, each ``BAG[@START:END]``, all of them alike, and divide them.
 
     Without ``validate``: of one bag without a window the first half estimates and the second validates; of bags with
-    windows the rest validates, but for parts shorter than a second; of several bags without windows all estimate, and
-    nothing is set apart.
+    windows the rest validates, but for parts shorter than a second, and of parts that are too long the first
+    minute; of several bags without windows all estimate, and nothing is set apart.
 
     Raises:
         BagError: a bag that is missing or unreadable, or lacks the topic, the joints or their effort.
         TableError: a file with columns that is missing or unreadable, or lacks one.
         TrajectoryError: a window that is empty or too short, or samples that cannot be used.
+        LongRecordingError: one that is too long to be taken at once.
     """
     reading = reading or Reading()
     opened = cache(partial(open_recording, reading=reading))
 
-    def read(window: BagWindow) -> Recorded:
-        return read_recording(window, topic=topic, joint_names=joint_names, reading=reading, reader=opened(window.path))
+    def read(window: BagWindow) -> RecordedTrajectory:
+        return read_trajectory(
+            window, topic=topic, joint_names=joint_names, reading=reading, reader=opened(window.path)
+        )
 
     windows = [BagWindow.parse(text) for text in bags]
     require_files(reading, [BagWindow.parse(text).path for text in (*bags, *validate)])
@@ -67,13 +68,9 @@ def load_datasets(
     validation = [read(BagWindow.parse(text)) for text in validate]
     whole = [window.start is None and window.end is None for window in windows]
     if not validation and whole == [True]:
-        training, validation = _halves(training[0], read)
+        training, validation = _halves(training[0])
     elif not validation and not all(whole):
         validation = [rest for window in _rest(windows) if (rest := _worth_judging(window, read)) is not None]
-    training, validation = (
-        [replace(r, trajectory=t) for r, t in zip(found, sharing([r.trajectory for r in found]), strict=True)]
-        for found in (training, validation)
-    )
     pairs = [('training', r) for r in training] + [('validation', r) for r in validation]
     notes = [r.note for _, r in pairs if r.note]
     for (role, first), (_, second) in combinations(pairs, 2):
@@ -93,7 +90,6 @@ def load_datasets(
             r.closed,
             topic,
             list(joint_names),
-            [round(float(s.t[0]), 3) for s in r.trajectory.stretches] if isinstance(r.trajectory, Long) else [],
         )
         for role, r in pairs
     )
@@ -119,33 +115,31 @@ def require_files(reading: Reading, paths: Iterable[Path]) -> None:
         )
 
 
-def _halves(recorded: Recorded, read: Callable[[BagWindow], Recorded]) -> tuple[list[Recorded], list[Recorded]]:
-    whole, path = recorded.trajectory, recorded.window.path
-    if isinstance(whole, Long):
-        middle = round((whole.start + whole.last) / 2, 3)
-        return [read(BagWindow(path, None, middle))], [read(BagWindow(path, middle, None))]
+def _halves(recorded: RecordedTrajectory) -> tuple[list[RecordedTrajectory], list[RecordedTrajectory]]:
+    whole = recorded.trajectory
     half = len(whole) // 2
     return [replace(recorded, trajectory=whole[:half])], [replace(recorded, trajectory=whole[half:])]
 
 
-def _worth_judging(window: BagWindow, read: Callable[[BagWindow], Recorded]) -> Recorded | None:
+def _worth_judging(window: BagWindow, read: Callable[[BagWindow], RecordedTrajectory]) -> RecordedTrajectory | None:
     """Return what lies outside the windows, or None where that is too little to judge by, or has gaps.
 
-    Nobody chose it: what is too short for one of the criteria must not cost the result of all.
+    Nobody chose it: what is too short for one of the criteria, or too long, must not cost the result of all.
     """
     try:
-        recorded = read(window)
-        gridded(recorded.trajectory)
+        try:
+            recorded = read(window)
+        except LongRecordingError as error:
+            recorded = read(BagWindow.parse(error.first))
+        resample(recorded.trajectory)
     except TrajectoryError:
         return None
     found = recorded.trajectory
     return recorded if len(found) >= MINIMUM_SAMPLES and found.duration >= SHORTEST else None
 
 
-def span(recording: Recording) -> tuple[float, float]:
+def span(recording: Trajectory) -> tuple[float, float]:
     """Return the first and the last stamp [s]."""
-    if isinstance(recording, Long):
-        return recording.start, recording.last
     return float(recording.t[0]), float(recording.t[-1])
 
 

@@ -14,9 +14,12 @@ from pendubot_identification.errors import BagError
 from pendubot_identification.trajectories.reading import Reading
 
 from .bag_reader import BagWindow, Reader, Stream
-from .table_reader import PART, TableReader
+from .table_reader import TableReader
 
 Array = NDArray[np.float64]
+
+#: Rows of a file with columns that are given at once.
+PART = 5000
 
 
 def stream_samples(

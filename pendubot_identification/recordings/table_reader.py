@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Iterator
 from functools import cached_property
 from pathlib import Path
 
@@ -22,8 +21,6 @@ from .tables import Table, read_table
 
 #: Rows further apart [s] have a time in some other unit, in which a usual interval [s] is likely.
 LONGEST_INTERVAL, USUAL_INTERVAL = 0.1, 0.005
-#: Samples of a part of a recording that is long.
-PART = 5000
 #: By what name, in small letters, files call their columns.
 ALIASES = {
     't': ('t', 'time', 'times', 'timestamp', 'stamp', 'sec', 'seconds', 'time_s', 't_s', 'zeit', 'tout'),
@@ -115,10 +112,3 @@ class TableReader:
                 raise TableError(f'{apart}; record at a higher rate')
             raise TableError(f'{apart}; its times may be in {unit}: add --time-unit {unit}', time_unit=unit)
         return motion
-
-
-def parts(motion: Trajectory) -> Iterator[Trajectory]:
-    """Return a motion as a bag is read, some thousand samples at a time."""
-    for k in range(0, len(motion), PART):
-        part = motion[k : k + PART]
-        yield Trajectory(part.t, part.q, part.tau, name=part.name)

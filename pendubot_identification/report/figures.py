@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Hashable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -26,9 +26,6 @@ from .tables import Beside
 from .time_plot import Line, Panel, Span, TimePlot, envelope, in_powers, places, scaled
 
 Array = NDArray[np.float64]
-Timeline = Mapping[Hashable, float]
-
-NOWHERE: Timeline = {}
 
 #: Of every figure [inch]: wide enough for a column on a screen, and legible when a telephone shows it.
 WIDTH = 5.2
@@ -42,6 +39,26 @@ STATES = (('q1', 'rad'), ('q2', 'rad'), ("q1'", 'rad/s'), ("q2'", 'rad/s'))
 drawn = style(
     {'axes.titlesize': 9, 'legend.fontsize': 8, 'lines.linewidth': 1.0, 'figure.constrained_layout.w_pad': 0.09}
 )
+
+
+@dataclass(frozen=True, slots=True)
+class Timeline:
+    """How recordings stand one after the other.
+
+    Attributes:
+        shift: what to add to the times [s] of each, by name.
+        begins: where each begins [s], in order; empty where there is one alone.
+    """
+
+    shift: Mapping[Hashable, float] = field(default_factory=dict)
+    begins: Sequence[float] = ()
+
+    def of(self, name: str) -> float:
+        """Return what to add to the times [s] of a recording, or of a part of it."""
+        return self.shift.get(_recording(name), 0.0)
+
+
+NOWHERE = Timeline()
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,8 +82,13 @@ class Picture:
 
 
 def timeline(motions: Sequence[Trajectory]) -> Timeline:
-    """Return what to add to the times of each recording [s] so that all stand one after the other, by name."""
-    return places([_recording(motion.name) for motion in motions], [motion.t for motion in motions])
+    """Return how recordings stand one after the other."""
+    names = [_recording(motion.name) for motion in motions]
+    shift = places(names, [motion.t for motion in motions])
+    begin: dict[str, float] = {}
+    for name, motion in zip(names, motions, strict=True):
+        begin[name] = min(float(motion.t[0] + shift[name]), begin.get(name, np.inf))
+    return Timeline(shift, sorted(begin.values()) if len(begin) > 1 else ())
 
 
 @drawn
@@ -74,7 +96,7 @@ def draw_recordings(training: Sequence[Trajectory], validation: Sequence[Traject
     """Draw the torque and both angles, and which part estimates and which validates."""
     motions = [*training, *validation]
     at = timeline(motions)
-    times = [motion.t + at[_recording(motion.name)] for motion in motions]
+    times = [motion.t + at.of(motion.name) for motion in motions]
     driven = any(motion.tau[:, 1].any() for motion in motions)
 
     def line(values: Sequence[Array], label: str = '', colour: str = MEASURED, **how: Any) -> Line:
@@ -87,10 +109,9 @@ def draw_recordings(training: Sequence[Trajectory], validation: Sequence[Traject
     panels += [Panel(name, 'rad', [line([m.q[:, k] for m in motions])]) for k, name in enumerate(('q1', 'q2'))]
     kinds = [(ESTIMATION, 'estimates')] * len(training) + [(VALIDATION, 'validates')] * len(validation)
     spans = [Span(t[0], t[-1], *kind) for t, kind in zip(times, kinds, strict=True)]
-    ordered = sorted(
-        at, key=lambda name: min(t[0] for m, t in zip(motions, times, strict=True) if _recording(m.name) == name)
-    )
-    plot = TimePlot(panels, spans, _boundaries(motions, times) if len(ordered) > 1 else ())
+    earlier = sorted(zip(motions, times, strict=True), key=lambda part: float(part[1][0]))
+    ordered = list(dict.fromkeys(_recording(motion.name) for motion, _ in earlier))
+    plot = TimePlot(panels, spans, at.begins)
     figure, axes = _panels(4.2, 3, sharex=True)
     plot.draw(axes)
     _legend(axes[0], [Patch(color=colour, alpha=0.4, label=kind) for colour, kind in dict.fromkeys(kinds)])
@@ -100,7 +121,7 @@ def draw_recordings(training: Sequence[Trajectory], validation: Sequence[Traject
 @drawn
 def draw_simulation(simulation: Simulation, at: Timeline = NOWHERE, *, validation: bool) -> Picture:
     """Draw what was measured, what was simulated from measured states on, and below them by how much it is off."""
-    place = at.get(_recording(simulation.name), 0.0)
+    place = at.of(simulation.name)
     times, pieces = (simulation.simulated_t + place).T, simulation.simulated
     panels, errors = [], []
     for k, (name, unit) in enumerate(STATES):
@@ -118,7 +139,7 @@ def draw_simulation(simulation: Simulation, at: Timeline = NOWHERE, *, validatio
         panels.append(Panel(name, unit, lines, (middle - reach, middle + reach)))
         errors.append(Line(name, list(zip(times, near.T - truth, strict=True)), COLOURS[k % 2]))
     panels += [Panel('error', 'rad', errors[:2]), Panel('error', 'rad/s', errors[2:])]
-    plot = TimePlot(panels)
+    plot = TimePlot(panels, boundaries=at.begins)
     figure, axes = _panels(7.4, len(panels), sharex=True)
     plot.draw(axes)
     _legend(axes[0], axes[0].lines[:2])
@@ -139,12 +160,13 @@ def draw_residuals(residuals: Residuals, names: Sequence[str] = (), at: Timeline
         found = places(range(len(parts)), [t for t, _ in parts])
         times = [t + found[k] for k, (t, _) in enumerate(parts)]
     else:
-        times = [t + at.get(_recording(name), 0.0) for name, (t, _) in zip(names, parts, strict=True)]
+        times = [t + at.of(name) for name, (t, _) in zip(names, parts, strict=True)]
     lines = [
         Line(name, [(t, values[:, k]) for t, (_, values) in zip(times, parts, strict=True)], colour, 0.7)
         for k, (name, colour) in enumerate(zip(residuals.names, COLOURS, strict=False))
     ]
-    plot = TimePlot([Panel('', residuals.unit, lines)], axis=residuals.criterion if own else 'time')
+    panels = [Panel('', residuals.unit, lines)]
+    plot = TimePlot(panels, axis=residuals.criterion) if own else TimePlot(panels, boundaries=at.begins)
     figure, axes = _panels(2.2, 1)
     plot.draw(axes)
     _legend(axes[0], axes[0].lines)
@@ -170,7 +192,7 @@ def draw_residuals(residuals: Residuals, names: Sequence[str] = (), at: Timeline
 def draw_torque_left(left: TorqueLeft, at: Timeline = NOWHERE) -> list[Picture]:
     """Draw the unexplained torque of both joints over time, with its bursts; and its means against what the rig did."""
     found = left.found
-    starts = [at.get(_recording(name), 0.0) for name in left.names]
+    starts = [at.of(name) for name in left.names]
     panels = [
         Panel(
             joint,
@@ -188,7 +210,7 @@ def draw_torque_left(left: TorqueLeft, at: Timeline = NOWHERE) -> list[Picture]:
     ]
     begin = {name: s + t[0] for name, s, t in zip(left.names, starts, found.times, strict=True)}
     bursts = [Span(begin[b.recording] + b.begin, begin[b.recording] + b.end, SIMULATED) for b in found.bursts]
-    plot = TimePlot(panels, bursts)
+    plot = TimePlot(panels, bursts, at.begins)
     figure, axes = _panels(2.6, 2, sharex=True)
     plot.draw(axes)
     about: dict[str, Any] = {'bursts': len(found.bursts), 'effects': [f.effect.name for f in found.effects]}
@@ -324,15 +346,6 @@ def _picture(figure: Figure, name: str, plot: TimePlot | None = None, **about: A
 def _recording(name: str) -> str:
     """Return of which recording a part is, by the part's name, ``BAG@START:END``."""
     return name.rpartition('@')[0] or name
-
-
-def _boundaries(motions: Sequence[Trajectory], times: Sequence[Array]) -> list[float]:
-    """Return where each recording begins, in the order of time."""
-    begin: dict[str, float] = {}
-    for motion, t in zip(motions, times, strict=True):
-        name = _recording(motion.name)
-        begin[name] = min(float(t[0]), begin.get(name, np.inf))
-    return sorted(begin.values())
 
 
 def _legend(axis: Axes, handles: Sequence[Any]) -> None:

@@ -68,12 +68,6 @@ def write_report(
             drawn += found if isinstance(found, list) else [found] if found else []
         except PendubotError as error:
             notes.append(f'{what}; {error}')
-    notes += [
-        f'what lies between {len(source.stretches)} stretches of {source.bag}, {source.duration:.0f} s; the '
-        'figures, and the residuals in them, are of these stretches alone'
-        for source in result.bags
-        if source.stretches
-    ]
     named = [_bag(BagWindow.parse(source.bag), bags) for source in result.bags] if motions is not None else []
     page = result_page(result, drawn, beside, notes, named)
     return _write(folder, {'result.yaml': result_text(result)}, drawn, page)

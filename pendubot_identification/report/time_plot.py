@@ -70,7 +70,7 @@ class Span:
 
 @dataclass(frozen=True, slots=True)
 class TimePlot:
-    """Panels over one time axis [s]; ``boundaries``: where a recording begins, by number from one."""
+    """Panels over one time axis [s]; ``boundaries``: where each recording begins, in order, also outside of it."""
 
     panels: Sequence[Panel]
     spans: Sequence[Span] = ()
@@ -103,11 +103,13 @@ class TimePlot:
                 axis.set_ylim(*np.divide(panel.reach, 10**power))
             for span in self.spans:
                 axis.axvspan(span.begin, span.end, color=span.colour, alpha=0.18, linewidth=0)
+            shown = axis.get_xlim()
             for begin in self.boundaries[1:]:
-                axis.axvline(begin, color=PALE, linestyle='--', linewidth=0.8)
+                if shown[0] < begin < shown[1]:
+                    axis.axvline(begin, color=PALE, linestyle='--', linewidth=0.8)
             axis.set_ylabel(_label(panel, '\n' if len(panel.quantity) > 12 else ' '))
-        if len(self.boundaries) > 1:
-            for number, begin in enumerate(self.boundaries, 1):
+        for number, begin in enumerate(self.boundaries, 1):
+            if shown[0] < begin < shown[1]:
                 place = axes[0].get_xaxis_transform()
                 axes[0].text(begin, 1.0, f' {number}', transform=place, va='top', fontsize=7, color=PALE)
         axes[-1].set_xlabel('time [s]')

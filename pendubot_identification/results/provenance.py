@@ -14,8 +14,7 @@ from pendubot_identification.identify.evidence import Answer
 from pendubot_identification.identify.result import Result, theta_of
 from pendubot_identification.identify.settings import Settings
 from pendubot_identification.model.parameters import NAMES, Bounds
-from pendubot_identification.recordings.bag_reader import BagWindow, read_recording
-from pendubot_identification.trajectories.long import Long
+from pendubot_identification.recordings.bag_reader import BagWindow, read_trajectory
 from pendubot_identification.trajectories.reading import Reading
 from pendubot_identification.trajectories.signals import evenly_stamped
 from pendubot_identification.trajectories.trajectory import Trajectory
@@ -29,8 +28,7 @@ def recordings(result: Result, folder: Path | None = None) -> tuple[list[Traject
         folder: where the bags lie now, by their own names; None: where they lay.
 
     Returns:
-        Motions that estimate, motions that validate, as they were taken; of long ones the stretches that stand for
-        them.
+        Motions that estimate, motions that validate, as they were taken.
 
     Raises:
         BagError: a bag is gone, or is another one than it was.
@@ -47,19 +45,16 @@ def recordings(result: Result, folder: Path | None = None) -> tuple[list[Traject
                 f'there is no bag {window.path}, of which this result was made; was it moved, or is this another '
                 'folder? --bags FOLDER names where it lies now'
             )
-        recorded = read_recording(window, topic=source.topic, joint_names=source.joint_names, reading=reading)
+        recorded = read_trajectory(window, topic=source.topic, joint_names=source.joint_names, reading=reading)
         if recorded.sha256 != source.sha256:
             raise BagError(
                 f'{window.path} is not the bag of which this result was made: its SHA-256 begins with '
                 f'{recorded.sha256[:12]}, {source.sha256[:12]} is expected; --bags FOLDER names where that one lies'
             )
         motion, samples = recorded.trajectory, source.samples
-        if isinstance(motion, Long):
-            found[source.role] += [s for s in motion.stretches if round(float(s.t[0]), 3) in source.stretches]
-        else:
-            # A bag without a window was halved: the first samples estimate, the last ones validate.
-            part = motion[:samples] if source.role == 'training' else motion[len(motion) - samples :]
-            found[source.role].append(evenly_stamped(part))
+        # A bag without a window was halved: the first samples estimate, the last ones validate.
+        part = motion[:samples] if source.role == 'training' else motion[len(motion) - samples :]
+        found[source.role].append(evenly_stamped(part))
     return found['training'], found['validation']
 
 

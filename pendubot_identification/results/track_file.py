@@ -29,11 +29,12 @@ KEPT = 4000
 
 @dataclass
 class Track:
-    """What became of the parameters: states, thinned as they become many, and what happened."""
+    """What became of the parameters: states, thinned as they become many, what happened, and what to identify."""
 
     states: list[State] = field(default_factory=list)
     events: list[Event] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)  #: on the recordings.
+    windows: list[str] = field(default_factory=list)  #: minutes that are worth identifying, BAG@START:END.
     _every: int = 1
     _seen: int = 0
 
@@ -114,6 +115,7 @@ def track_text(tracker: Tracker, track: Track, bags: Sequence[str]) -> str:
                 'bags': bags,
                 'until': state.t,
                 'notes': tracker.notes,
+                'windows': track.windows,
                 'events': [{'kind': kind_of(event), **event._asdict(), 'text': str(event)} for event in track.events],
                 't': [s.t for s in track.states],
                 'unexplained': [s.unexplained for s in track.states],

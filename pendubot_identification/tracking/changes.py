@@ -35,6 +35,8 @@ EXPLAINED = 4.0
 SIMPLER = 12.0
 #: A kind is the cause where it leaves no more than this of the ratio, or no more than this part of it.
 LEAVES, PART = 40.0, 0.05
+#: Of P1 to P5 at least this part stays. Free motion says nothing of their size, so that none at all would explain it.
+LEAST = 0.3
 #: The kind of what has no other name. So many blocks must agree on it: a hand may look like it for a while.
 SEVERAL, AGREEING = 'several', 4
 
@@ -86,9 +88,12 @@ class Window(NamedTuple):
         """Whether one step explains all blocks."""
         return self.left < EXPLAINED
 
-    def jump(self, kinds: Sequence[Kind]) -> Jump:
-        """Return the simplest kind of step that explains the window."""
-        found = [self._along(kind) for kind in kinds]
+    def jump(self, kinds: Sequence[Kind], theta: Array) -> Jump | None:
+        """Return the simplest kind of step from ``theta`` that explains the window; None where only nonsense does."""
+        size = theta[:5]
+        found = [each for each in map(self._along, kinds) if (size + each.step[:5]) @ size >= LEAST * size @ size]
+        if not found:
+            return None
         enough = [jump for jump in found if self.ratio - jump.ratio < max(LEAVES, PART * self.ratio)]
         return max(enough or found, key=lambda jump: jump.ratio - SIMPLER * jump.kind.directions.shape[1])
 

@@ -325,8 +325,9 @@ class _Following:
         if window.ratio < DENIED:
             self._belief = belief
         else:
-            jump = window.jump([Kind('not as it was identified before', np.eye(len(self._scale)))])
-            self._opening = Change(-math.inf, found[0].begin, jump.kind.name, self._told(jump))
+            jump = window.jump([Kind('not as it was identified before', np.eye(len(self._scale)))], belief.mean)
+            if jump is not None:
+                self._opening = Change(-math.inf, found[0].begin, jump.kind.name, self._told(jump))
 
     def take(self, block: Block) -> Iterator[Event]:
         """Learn from a block, or not yet, and return what happened."""
@@ -385,7 +386,9 @@ class _Following:
         window, steps = best
         before = steps[0].before
         named = kinds(before.mean * self._scale)
-        jump = window.jump([Kind(kind.name, kind.directions / self._scale[:, None]) for kind in named])
+        jump = window.jump([Kind(kind.name, kind.directions / self._scale[:, None]) for kind in named], before.mean)
+        if jump is None:
+            return None
         if jump.kind.name == SEVERAL and len(steps) < AGREEING:
             return None
         self._belief = before.opened(jump.kind.directions / np.abs(jump.kind.directions).max(axis=0))

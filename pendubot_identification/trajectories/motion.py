@@ -5,8 +5,7 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Hashable, Iterator
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field, replace
 from typing import Any, TypeVar
 
@@ -14,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline, PPoly
 
-from .long import Long
 from .reading import Affine
 from .signals import differentiate, resample
 from .trajectory import Trajectory
@@ -54,11 +52,7 @@ class Motion:
         ``linear``: it was measured at its sample and changes linearly until the next one.
         """
         even = resample(trajectory)
-        return cls.of(trajectory, even, even.interval, smoothing, hold)
-
-    @classmethod
-    def of(cls, trajectory: Trajectory, even: Trajectory, interval: float, smoothing: float, hold: str) -> Motion:
-        """Do so with the recording on a uniform grid, of a given interval [s]."""
+        interval = even.interval
         q, qd = differentiate(even.q, interval, smoothing)
         if q is even.q:
             # Samples too far apart to be smoothed: a spline knows their speed ten times better than differences.
@@ -74,10 +68,6 @@ class Motion:
             impulse=PPoly(np.array(pieces), t).antiderivative(),
             recorded=trajectory,
         )
-
-    def pieces(self, reach: float) -> Iterator[tuple[Motion, float, float]]:
-        """Return the whole motion, and from when to when it is its own piece."""
-        yield self, -math.inf, math.inf
 
     def part(self, start: float, end: float) -> Motion:
         """Return the motion from ``start`` to ``end`` [s of its own time], cut to what there is."""
@@ -123,43 +113,3 @@ class Motion:
 def _means(impulse: PPoly, start: Array, step: float, steps: int) -> Array:
     edges = start + step * np.arange(steps + 1)[:, None]
     return np.asarray(np.moveaxis(np.diff(impulse(edges), axis=0), -1, 0) / step)
-
-
-@dataclass(frozen=True, slots=True)
-class LongMotion:
-    """A long recording, made ready piece by piece."""
-
-    recorded: Long  #: the recording.
-    smoothing: float  #: the differentiator's window [s].
-    hold: str  #: how the torque behaves between its samples, see :meth:`Motion.prepare`.
-
-    @property
-    def name(self) -> str:
-        """Of the recording."""
-        return self.recorded.name
-
-    @property
-    def start(self) -> float:
-        """Time of its first sample [s]."""
-        return self.recorded.start
-
-    @property
-    def end(self) -> float:
-        """Time of its last one [s]."""
-        return self.recorded.end
-
-    @property
-    def interval(self) -> float:
-        """Its sampling interval [s]."""
-        return self.recorded.interval
-
-    def pieces(self, reach: float) -> Iterator[tuple[Motion, float, float]]:
-        """Return motions that reach ``reach`` [s] into their neighbours, and from when to when [s] each is its own."""
-        long = self.recorded
-        for piece in long.pieces(reach + self.smoothing):
-            motion = Motion.of(piece.recorded, piece.even, long.interval, self.smoothing, self.hold)
-            begin = long.time(piece.begin) if piece.begin else -math.inf
-            yield motion, begin, long.time(piece.end) if piece.end < long.size else math.inf
-
-
-AnyMotion = Motion | LongMotion

@@ -46,11 +46,23 @@ def resample(trajectory: Trajectory) -> Trajectory:
     t, step = trajectory.t, trajectory.interval
     gaps = np.diff(t)
     widest = int(np.argmax(gaps))
-    require_dense(trajectory.name, step, gaps[widest], t[widest] - t[0])
+    if step > LONGEST_GAP:
+        raise TrajectoryError(
+            f'{trajectory.name}: its samples are {step:g} s apart and at most {LONGEST_GAP:g} s is '
+            'expected; are its stamps in seconds? record at a higher rate'
+        )
+    if gaps[widest] > max(LONGEST_GAP, 5 * step):
+        raise TrajectoryError(
+            f'{trajectory.name}: {gaps[widest]:.3f} s without a sample begin at {t[widest] - t[0]:.3f} s, where '
+            f'{step:.4g} s is the usual interval; choose a window on one side of the gap'
+        )
     even = np.linspace(t[0], t[-1], len(t))
-    if not strays(np.abs(even - t).max(), step):
+    if np.abs(even - t).max() < JITTER * step:
         return replace(trajectory, t=even)
-    return on_grid(trajectory, t[0] + step * np.arange(int((t[-1] - t[0]) / step + 1e-6) + 1))
+    # Positions and velocities by cubic splines, and torques as they were held.
+    grid = t[0] + step * np.arange(int((t[-1] - t[0]) / step + 1e-6) + 1)
+    qd = None if trajectory.qd is None else CubicSpline(t, trajectory.qd)(grid)
+    return replace(trajectory, t=grid, q=CubicSpline(t, trajectory.q)(grid), tau=trajectory.tau[held(t, grid)], qd=qd)
 
 
 def evenly_stamped(trajectory: Trajectory) -> Trajectory:
@@ -92,45 +104,12 @@ def _roughness(t: Array, q: Array) -> tuple[Array, Array]:
     return ((parts - basis @ (basis.transpose(0, 2, 1) @ parts)) ** 2).sum(axis=(1, 2)), lasts
 
 
-def strays(distance: float, interval: float) -> bool:
-    """Tell whether stamps that are so far [s] from a uniform grid do not lie on it."""
-    return bool(distance >= JITTER * interval)
-
-
-def require_dense(name: str, interval: float, widest: float, at: float) -> None:
-    """Refuse a recording, usually sampled every ``interval`` [s], between whose samples the motion is unknown.
-
-    ``widest`` is its longest interval [s], which begins at ``at`` [s] from the first sample on.
-
-    Raises:
-        TrajectoryError: samples too far apart, or a gap too long to be bridged.
-    """
-    if interval > LONGEST_GAP:
-        raise TrajectoryError(
-            f'{name}: its samples are {interval:g} s apart and at most {LONGEST_GAP:g} s is '
-            'expected; are its stamps in seconds? record at a higher rate'
-        )
-    if widest > max(LONGEST_GAP, 5 * interval):
-        raise TrajectoryError(
-            f'{name}: {widest:.3f} s without a sample begin at {at:.3f} s, where '
-            f'{interval:.4g} s is the usual interval; choose a window on one side of the gap'
-        )
-
-
-def on_grid(trajectory: Trajectory, grid: Array, interval: float | None = None) -> Trajectory:
-    """Return positions and velocities at the times of a grid [s] by cubic splines, and torques as they were held."""
-    t = trajectory.t
-    qd = None if trajectory.qd is None else CubicSpline(t, trajectory.qd)(grid)
-    tau = trajectory.tau[held(t, grid, interval)]
-    return replace(trajectory, t=grid, q=CubicSpline(t, trajectory.q)(grid), tau=tau, qd=qd)
-
-
-def held(t: Array, at: Array, interval: float | None = None) -> NDArray[np.intp]:
+def held(t: Array, at: Array) -> NDArray[np.intp]:
     """Return, for each of the times ``at`` [s], the number of the sample at ``t`` whose torque is then applied.
 
     A time that lies before a sample by no more than the jitter belongs to that sample already.
     """
-    tolerance = JITTER * (float(np.median(np.diff(t))) if interval is None else interval)
+    tolerance = JITTER * float(np.median(np.diff(t)))
     return np.maximum(np.searchsorted(t, at + tolerance, side='right') - 1, 0)
 
 

@@ -10,7 +10,6 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from .long import Recording, held_parts
 from .signals import encoder_step, evenly_stamped, falsely_stamped
 from .trajectory import Trajectory
 
@@ -25,23 +24,13 @@ SATURATED = 0.2
 STANDS, TIMES, ABRUPT = 3, 3, 4.0
 
 
-def suspicions(recordings: Sequence[Recording]) -> list[str]:
-    """Say where samples are missing, stamps are false, an effort stands at a limit, or angles are cut off.
-
-    Of long recordings all but the first are looked for in their stretches.
-    """
-    return [
-        text
-        for recording in recordings
-        for text in (
-            *_missing(recording),
-            *_false_stamps(recording),
-            *(said for part in held_parts([recording]) for said in (*_saturated(part), *_clipped(part))),
-        )
-    ]
+def suspicions(recordings: Sequence[Trajectory]) -> list[str]:
+    """Say where samples are missing, stamps are false, an effort stands at a limit, or angles are cut off."""
+    looks = _missing, _false_stamps, _saturated, _clipped
+    return [text for recording in recordings for look in looks for text in look(recording)]
 
 
-def _missing(motion: Recording) -> list[str]:
+def _missing(motion: Trajectory) -> list[str]:
     lost = motion.lost
     if lost <= MISSING * len(motion):
         return []
@@ -51,13 +40,12 @@ def _missing(motion: Recording) -> list[str]:
     ]
 
 
-def _false_stamps(motion: Recording) -> list[str]:
+def _false_stamps(motion: Trajectory) -> list[str]:
     """Say where stamps jitter and samples do not."""
-    parts = held_parts([motion])
-    if not any(falsely_stamped(part) for part in parts):
+    if not falsely_stamped(motion):
         return []
-    even = isinstance(motion, Trajectory) and evenly_stamped(motion) is not motion
-    steps = np.concatenate([np.diff(part.t) for part in parts])
+    even = evenly_stamped(motion) is not motion
+    steps = np.diff(motion.t)
     done = 'even ones are taken in their place' if even else 'what they bend is not put right'
     return [
         f'{motion.name}: its stamps jitter, from {1e3 * steps.min():.3g} to {1e3 * steps.max():.3g} ms apart, and its '

@@ -27,7 +27,6 @@ PARTS = {
     'growth': lambda: growth.figure(FIGURE),
     'work': growth.identifications,
     'hour': bags.hour,
-    'identify': bags.identified,
 }
 
 

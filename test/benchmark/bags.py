@@ -14,13 +14,8 @@ from pathlib import Path
 import numpy as np
 from mcap.writer import CompressionType, Writer
 
-from pendubot_identification.excitation.excitation import PulseTrain
-from pendubot_identification.model.parameters import NAMES, PAPER
-from pendubot_identification.model.rollout import roll
-from pendubot_identification.model.simulation import quantised
 from pendubot_identification.recordings.joint_states import EPOCH_NS, JOINT_NAMES, JOINT_STATE, encode_joint_state
 from pendubot_identification.recordings.message_types import message_definition
-from pendubot_identification.trajectories.trajectory import Trajectory
 from test.benchmark import measure
 from test.benchmark.measure import REPETITIONS, seconds
 from test.conftest import ROOT
@@ -35,7 +30,7 @@ SHARE = 30
 #: What runs in a process of its own: imports, the work, and what of it is said beside seconds and the largest memory
 #: [MB], which getrusage would give of the parent too.
 PROGRAM = """
-import contextlib, io, json, sys, time
+import json, sys, time
 from pathlib import Path
 {0}
 clock = {{'wall': time.perf_counter, 'cpu': time.process_time}}[sys.argv.pop()]
@@ -48,9 +43,9 @@ OURS = PROGRAM.format(
     'from pendubot_identification.recordings.bag_reader import BagReader, Stream',
     """
 window = [float(x) for x in sys.argv[2:]]
-t, _ = Stream(BagReader(Path(sys.argv[1])), '/joint_states', ('shoulder', 'elbow'), *window).samples()
+count = sum(len(t) for t, _ in Stream(BagReader(Path(sys.argv[1])), '/joint_states', ('shoulder', 'elbow'), *window))
 """,
-    'len(t)',
+    'count',
 )
 THEIRS = PROGRAM.format(
     'from rosbags.highlevel import AnyReader',
@@ -64,31 +59,12 @@ with AnyReader([Path(sys.argv[1])]) as reader:
 """,
     'count',
 )
-IDENTIFY = PROGRAM.format(
-    'from pendubot_identification.cli.main import main',
-    """
-with contextlib.redirect_stdout(io.StringIO()) as out:
-    main(['identify', *sys.argv[1:], '--json'])
-""",
-    "json.loads(out.getvalue())['parameters']",
-)
 
 
 def sines(count):
     """Return positions, velocities and efforts that move."""
     t = np.arange(count) / RATE
     return np.sin([3 * t, 2 * t]).T, np.cos([3 * t, 2 * t]).T, np.stack([np.sin(7 * t), 0 * t], axis=1)
-
-
-def motion(count):
-    """Return what encoders read of the virtual rig under the paper's pulses, no velocities, and the efforts."""
-    t, train = np.arange(count) / RATE, PulseTrain()
-    minute = 60 * RATE
-    torque = np.concatenate([train.torques(t[k : k + minute]) for k in range(0, count, minute)])
-    tau = np.column_stack([torque, np.zeros(count)])
-    hanging = np.array([[-np.pi / 2], [0], [0], [0]])
-    states = roll(PAPER.vector(), hanging, tau.T[:, :-1, None], 1 / RATE)[:, :, 0]
-    return quantised(Trajectory(t, states[:, :2], tau), 4000).q, np.zeros((count, 2)), tau
 
 
 def write(path, columns, chunk_size):
@@ -153,17 +129,4 @@ def hour(duration=SECONDS):
                     f'| {same / spent:.3g} |'
                 )
             (bag / 'bag_0.mcap').unlink()
-    return '\n'.join(rows)
-
-
-def identified(duration=SECONDS):
-    """What identifying a long recording of the virtual rig takes, and how far from the truth it ends."""
-    rows = ['| criterion | time | memory | farthest from the truth |', '|---|---|---|---|']
-    with tempfile.TemporaryDirectory() as folder:
-        write(Path(folder, 'bag_0.mcap'), motion(duration * RATE), CHUNKS['0.1 s'])
-        for criterion in ('energy', 'weak', 'energy,weak,trajectory'):
-            spent, memory, found = run(IDENTIFY, folder, '--criterion', criterion)
-            off = {name: found[name]['value'] / value - 1 for name, value in zip(NAMES, PAPER.vector(), strict=False)}
-            worst = max(off, key=lambda name: abs(off[name]))
-            rows.append(f'| {criterion} | {spent:.0f} s | {memory:.0f} MB | {worst}, by {100 * off[worst]:.2g} % |')
     return '\n'.join(rows)

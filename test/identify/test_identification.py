@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pendubot_identification.errors import ExcitationError, ParameterError, TrajectoryError
+from pendubot_identification.identify.agreement import disagreement
 from pendubot_identification.identify.estimate import Effort, Estimate
 from pendubot_identification.identify.identification import identify
 from pendubot_identification.identify.judgement import judge
@@ -96,6 +97,20 @@ def test_progress_is_told_from_beginning_to_end(default):
     assert all(0 <= done <= of or of == 0 for _, done, of, _ in told)
     J = [best for what, _, _, best in told if what == 'energy: MDE']
     assert (np.diff(J) <= 0).all()
+
+
+def test_criteria_that_disagree_hold_each_others_values_in_their_intervals(default):
+    energy, weak, trajectory = (replace(e, exact=False) for e in default[0].estimates)
+    same, said = disagreement((energy, weak, trajectory))
+    assert (same, said) == ([energy, weak, trajectory], [])
+    off = np.where(np.array(NAMES[:7]) == 'P3', 1.3, 1.0)
+    (_, one, other), (said,) = disagreement((energy, replace(weak, theta=weak.theta * off), trajectory))
+    assert said.startswith('weak and trajectory disagree about P3 (22 %) by more than 3')
+    for each, values in ((one, other.theta), (other, one.theta)):
+        assert each.intervals[2, 0] <= values[2] <= each.intervals[2, 1]
+        assert each.covariance[2, 2] == pytest.approx(each.std_error[2] ** 2, rel=0.05)
+        assert 'how weak and trajectory differ' in each.uncertainty
+    assert (other.std_error[[0, 1, 3, 4, 5, 6]] == trajectory.std_error[[0, 1, 3, 4, 5, 6]]).all()
 
 
 def test_the_papers_settings_reach_the_exact_minimum_in_every_run():

@@ -5,7 +5,7 @@
 
 import numpy as np
 
-from pendubot_identification.criteria.energy import Regression, Residuals
+from pendubot_identification.criteria.energy import Regression
 from pendubot_identification.criteria.quadratic import Quadratic
 from pendubot_identification.criteria.weak import balance_weights, weak_regression
 from pendubot_identification.identify.uncertainty import Blocks, bootstrap_covariance
@@ -15,7 +15,7 @@ from test.virtual import recording
 
 
 def covariance_of(parts, *args, **options):
-    return bootstrap_covariance(Blocks.of([Residuals.of(part) for part in parts]), *args, **options)
+    return bootstrap_covariance(Blocks.of(parts), *args, **options)
 
 
 FREE = np.ones(3, dtype=bool)

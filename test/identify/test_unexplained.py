@@ -6,6 +6,7 @@
 import numpy as np
 import pytest
 
+from pendubot_identification.identify.diagnosis import diagnose
 from pendubot_identification.identify.identification import identify
 from pendubot_identification.identify.recipes import Data
 from pendubot_identification.identify.settings import Settings
@@ -13,7 +14,7 @@ from pendubot_identification.identify.unexplained import unexplained
 from pendubot_identification.level import Level
 from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.trajectory import Trajectory
-from test.effects.rig import EFFECTS, TRUE, accelerations, record, true
+from test.effects.rig import EFFECTS, TRUE, Effects, accelerations, record, true
 
 #: Effects, which strength, and as what they are named.
 NAMED = {
@@ -120,6 +121,18 @@ def test_parameters_allow_for_what_was_found_and_the_level_says_so(recorded, cel
         assert 'torques from nowhere, left out: 0 at' in result.warnings[0]
     else:
         assert '% of the unexplained torque' in ' '.join(result.warnings)
+
+
+@pytest.mark.parametrize('rig', [Effects(spring=0.2), Effects(stop=2.0)], ids=['spring', 'stop'])
+def test_what_is_so_large_that_no_pendubot_moves_so_is_allowed_for_or_left_out(rig):
+    recordings = trajectories(record(range(900, 900 + RECORDINGS), [rig] * RECORDINGS))
+    motions = Data.prepare(recordings, Settings()).motions
+    assert [fault.name for fault in diagnose(motions, SMOOTHING, 'zero', 'rotor')] == ['motion']
+    result = identify(recordings, settings=Settings(('weak',), 'coulomb', optimizer='lsq'))
+    assert (result.level, result.faults) == (Level.WARN, ())
+    assert bool(result.unexplained.bursts) == (rig.spring == 0)
+    assert [found.effect.name for found in result.unexplained.effects] == ['spring'] * (rig.spring > 0)
+    np.testing.assert_allclose(result.best.theta[:5], list(TRUE.values())[:5], rtol=0.01)
 
 
 def test_one_recording_alone_is_left_out_by_blocks_of_time(recorded):

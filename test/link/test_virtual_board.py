@@ -146,6 +146,19 @@ def test_a_damaged_frame_and_an_overrun_are_said_once():
     assert bench.step().status == 0
 
 
+def test_a_payload_is_put_on_and_taken_off_where_the_rig_is():
+    bench = Bench(plant=Plant(PAPER, (0.3, 0.4)))
+    bench.step(20)
+    fellow = Plant(PAPER, bench.board._plant.q, bench.board._plant.qd)
+    for rig, payload in ((PAPER.carrying(0.02), 0.02), (PAPER, 0.0)):
+        bench.board.carry(payload)
+        fellow.become(rig)
+        for _ in range(20):
+            bench.step()
+            fellow.advance((0.0, 0.0), 0.01)
+        assert bench.board._plant.q == pytest.approx(fellow.q, abs=1e-12)
+
+
 def test_the_same_seed_gives_the_same_bytes_and_another_seed_others():
     faults = Faults(bit_flip=0.2, drop_byte=0.2, double_byte=0.2, lose_frame=0.1, duplicate_frame=0.1, glitch=0.1)
 

@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pendubot_identification.errors import ParameterError
+from pendubot_identification.model.dynamics import GRAVITY, energy
 from pendubot_identification.model.parameters import (
     LARGEST_COUPLING,
     MODELS,
@@ -20,6 +21,7 @@ from pendubot_identification.model.parameters import (
     default_bounds,
     repaired,
 )
+from test.strategies import angles, physical_parameters, velocities
 
 
 @pytest.mark.parametrize(
@@ -104,3 +106,17 @@ def test_bounds_tell_what_lies_on_them():
     assert not bounds.at_bound(theta).any()
     theta[0], theta[5] = 1.0, 0.0
     assert np.flatnonzero(bounds.at_bound(theta)).tolist() == [0, 5]
+
+
+@given(physical_parameters(), angles, velocities, st.floats(0.01, 1.0))
+def test_a_payload_adds_the_energy_of_a_point_mass_on_link_2(rig, q, v, payload):
+    (q1, q2), (v1, v2) = q, v
+    l1, d = rig.P3 / rig.P5, rig.P2 / rig.P5
+    angle, rate = q1 + q2, v1 + v2
+    vx = -l1 * math.sin(q1) * v1 - d * math.sin(angle) * rate
+    vy = l1 * math.cos(q1) * v1 + d * math.cos(angle) * rate
+    alone = payload * ((vx**2 + vy**2) / 2 + GRAVITY * (l1 * math.sin(q1) + d * math.sin(angle)))
+    carrying = rig.carrying(payload)
+    more, less = (energy(each.vector('geared'), q, v) for each in (carrying, rig))
+    assert more == pytest.approx(less + alone, rel=1e-9, abs=1e-9)
+    assert not carrying.unphysical()

@@ -1,25 +1,20 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Bags that are too long to be held: read piece by piece, taken in stretches, and the same answers in the end."""
+"""Recordings that are too long to be taken at once: what is said of them, and that windows of them are taken."""
 
-import shutil
-from dataclasses import replace
+import json
 
 import numpy as np
 import pytest
+import scipy.io
 
+from pendubot_identification import api
 from pendubot_identification.cli.main import main
-from pendubot_identification.errors import TrajectoryError
-from pendubot_identification.excitation.excitation import PulseTrain
-from pendubot_identification.identify.identification import identify
-from pendubot_identification.identify.settings import Settings
-from pendubot_identification.level import Level
-from pendubot_identification.model.parameters import PAPER
-from pendubot_identification.model.rollout import roll
-from pendubot_identification.model.simulation import quantised
+from pendubot_identification.errors import LongRecordingError
+from pendubot_identification.recordings import bag_reader
 from pendubot_identification.recordings.bag_metadata import Qos
-from pendubot_identification.recordings.bag_reader import BagWindow, read_recording, read_trajectory
+from pendubot_identification.recordings.bag_reader import BagWindow, read_trajectory
 from pendubot_identification.recordings.bag_writer import BagWriter
 from pendubot_identification.recordings.datasets import load_datasets
 from pendubot_identification.recordings.joint_states import (
@@ -29,159 +24,106 @@ from pendubot_identification.recordings.joint_states import (
     encode_joint_state,
     write_trajectory,
 )
-from pendubot_identification.report import folder
-from pendubot_identification.results.provenance import recordings
-from pendubot_identification.results.result_file import result_of
-from pendubot_identification.trajectories import long
-from pendubot_identification.trajectories.long import STRETCH, Long
+from pendubot_identification.tracking import windows
 from pendubot_identification.trajectories.trajectory import Trajectory
+from test.tracking.rig import Day, record
 
-INTERVAL, SAMPLES = 0.01, 8000
-#: What is too long here [s], and how many stretches stand for it.
-LONG, STRETCHES = 25.0, 4
-SETTINGS = Settings(('energy', 'weak'), 'viscous', 'lsq', delays=(0.0, 0.0))
-
-
-def recording():
-    t = np.arange(SAMPLES) * INTERVAL
-    tau = np.column_stack([PulseTrain().torques(t), np.zeros(SAMPLES)])
-    states = roll(PAPER.vector(), np.array([[-np.pi / 2], [0], [0], [0]]), tau.T[:, :-1, None], INTERVAL)
-    return quantised(Trajectory(t, states[:, :2, 0], tau), 4000)
+#: What is too long here [s], what is enough, and how long the windows are that are named.
+LONGEST, ENOUGH, LENGTH = 25.0, 20.0, 10
+DAY = Day(payload=0.2, payload_at=40.0, rests=((44, 50),), pushes=((63, 0, 0.3, 0.5),))
 
 
 @pytest.fixture(scope='module')
-def bag(tmp_path_factory):
+def motion():
+    t, q, tau = record([4], [DAY], seconds=90.0)
+    return Trajectory(t, q[0], np.column_stack([tau[0], 0 * t]))
+
+
+@pytest.fixture(scope='module')
+def bag(motion, tmp_path_factory):
     path = tmp_path_factory.mktemp('bags') / 'long'
-    write_trajectory(path, recording())
+    write_trajectory(path, motion)
     return path
 
 
 @pytest.fixture
 def soon(monkeypatch):
     """Half a minute is already too long."""
-    for name, value in (('LONG_SECONDS', LONG), ('STRETCHES', STRETCHES)):
-        monkeypatch.setattr(long, name, value)
+    monkeypatch.setattr(bag_reader, 'LONGEST', LONGEST)
+    monkeypatch.setattr(bag_reader, 'ENOUGH', ENOUGH)
+    monkeypatch.setattr(windows, 'LENGTH', LENGTH)
 
 
-@pytest.fixture(params=['closed', 'cut'])
-def either(request, bag, tmp_path):
-    """The bag, and one whose end is missing with its index."""
-    if request.param == 'closed':
-        return bag
-    path = shutil.copytree(bag, tmp_path / 'cut')
-    (path / 'long_0.mcap').write_bytes((path / 'long_0.mcap').read_bytes()[:-30_000])
-    return path
+def test_what_is_too_long_is_refused_with_what_can_be_taken(bag, motion, tmp_path, soon):
+    sentence = f'{bag} is too long: it lasts 90 s, and at most 25 s are taken at once; take windows of it, such as '
+    for read in (api.read, read_trajectory, lambda path: load_datasets([str(path)])):
+        with pytest.raises(LongRecordingError, match=rf'^{sentence}{bag}@:20: pendubot track {bag} names good ones$'):
+            read(bag)
+    with pytest.raises(LongRecordingError, match=r'it lasts 79 s.* such as .*@10:30: pendubot track') as refused:
+        read_trajectory(BagWindow(bag, 10, 89))
+    taken = read_trajectory(BagWindow.parse(refused.value.first)).trajectory
+    np.testing.assert_array_equal(taken.q, motion.q[(motion.t >= 10) & (motion.t < 30)])
+    table = tmp_path / 'x.mat'
+    scipy.io.savemat(table, {'t': motion.t, 'q1': motion.q[:, 0], 'q2': motion.q[:, 1], 'tau1': motion.tau[:, 0]})
+    with pytest.raises(LongRecordingError, match=r'x\.mat is too long: it lasts 90 s'):
+        api.read(table)
+    assert len(api.read(f'{table}@80:')) == 2000
 
 
-def test_a_long_recording_is_read_in_parts_and_in_stretches(either, soon):
-    whole = read_trajectory(BagWindow(either, 10, 70)).trajectory
-    recorded = read_recording(BagWindow(either, 10, 70)).trajectory
-    assert isinstance(recorded, Long)
-    assert (len(recorded), recorded.start, recorded.last) == (len(whole), whole.t[0], whole.t[-1])
-    for _ in range(2):
-        parts = list(recorded.read())
-        assert max(map(len, parts)) < len(whole) / 2
-        for name in ('t', 'q', 'tau'):
-            read = np.concatenate([getattr(part, name) for part in parts])
-            np.testing.assert_array_equal(read, getattr(whole, name))
-    assert len(recorded.stretches) == STRETCHES
-    for stretch in recorded.stretches:
-        alone = read_trajectory(BagWindow.parse(stretch.name)).trajectory
-        assert len(alone) == len(stretch) == round(STRETCH / INTERVAL)
-        np.testing.assert_array_equal(alone.q, stretch.q)
+def test_many_samples_are_fewer_seconds(bag, monkeypatch):
+    monkeypatch.setattr(bag_reader, 'MANY', 5000)
+    monkeypatch.setattr(bag_reader, 'LONGEST_OF_MANY', 20.0)
+    with pytest.raises(
+        LongRecordingError, match=r'at most 600 s, or 20 s of more than 5000 samples, .* such as .*@:60:'
+    ):
+        read_trajectory(bag)
+    assert len(read_trajectory(BagWindow(bag, 0, 25)).trajectory) == 5000
+    assert len(read_trajectory(BagWindow(bag, 30, 50)).trajectory) == 4000
 
 
-def test_what_is_quadratic_is_that_of_all_of_it(bag, request):
-    held = load_datasets([str(bag)])
-    assert all(isinstance(motion, Trajectory) for motion in (*held.training, *held.validation))
-    request.getfixturevalue('soon')
-    data = load_datasets([str(bag)])
-    assert [source.role for source in data.sources] == ['training', 'validation']
-    assert sum(source.samples for source in data.sources) == SAMPLES
-    assert all(len(source.stretches) == STRETCHES for source in data.sources)
-    first, again = (identify(d.training, d.validation, SETTINGS) for d in (held, data))
-    for one, other in zip(first.estimates, again.estimates, strict=True):
-        # Half of it is 40 s to the sample; what is chosen from stretches is the smoothing and the weights.
-        tolerance = 1e-6 if one.criterion == 'energy' else 0.01
-        np.testing.assert_allclose(other.theta, one.theta, rtol=tolerance)
-        np.testing.assert_allclose(other.std_error, one.std_error, rtol=0.1)
-        np.testing.assert_allclose(other.J_validation, one.J_validation, rtol=0.25)
-        assert other.residuals == pytest.approx(one.residuals, abs=3)
-        assert 'from all of' in other.steps[0]
-    motions = recordings(result_of(again, data.sources))
-    assert [len(part) for part in motions] == [STRETCHES, STRETCHES]
-    for part, recorded in zip(motions, (data.training, data.validation), strict=True):
-        assert [m.name for m in part] == [m.name for m in recorded[0].stretches]
+def test_of_a_long_rest_its_beginning_validates(bag, motion, soon):
+    data = load_datasets([f'{bag}@30:40'])
+    assert [source.bag for source in data.sources] == [f'{bag}@{w}' for w in ('30:40', ':20', '40:60')]
+    np.testing.assert_array_equal(data.validation[1].q, motion.q[(motion.t >= 40) & (motion.t < 60)])
 
 
-def test_several_long_recordings_share_the_stretches(bag, soon):
-    data = load_datasets([f'{bag}@0:30', f'{bag}@45:75'], [f'{bag}@0:28'])
-    assert [len(recorded.stretches) for recorded in (*data.training, *data.validation)] == [2, 2, 3]
-    found = identify(data.training, data.validation, SETTINGS)
-    motions = recordings(result_of(found, data.sources))
-    assert [len(part) for part in motions] == [4, 3]
+def test_identify_names_minutes_of_most_motion_between_two_changes(bag, soon, capsys, tmp_path):
+    """The payload is put on at 40 s, then the rig rests until 50 s, and is pushed at 63 s."""
+    look = tmp_path / 'look'
+    assert main(['identify', str(bag), '--report', str(look)]) == 1
+    said, err = capsys.readouterr()
+    assert f'why is also said in {look}/report.html' in said
+    sentence = ' '.join(err.split())
+    assert 'it lasts 90 s, and at most 25 s are taken at once; take windows of it, such as' in sentence
+    named = sentence.partition('pendubot identify ')[2].split()
+    assert main(['track', str(bag), '--json']) == 0
+    assert json.loads(capsys.readouterr().out)['tracked']['windows'] == named
+    taken = [BagWindow.parse(text) for text in named]
+    assert len(taken) == windows.NAMED
+    for window in taken:
+        assert window.end - window.start == LENGTH
+        assert window.end <= 63 or window.start >= 63.5, 'it is pushed'
+        assert (window.end <= 40) == (taken[0].end <= 40), 'of one rig'
+        assert not 40 <= window.start < 50, 'it rests'
+    assert main(['identify', *named, '--criterion', 'weak', '--model', 'coulomb', '--optimizer', 'lsq']) == 0
 
 
-def test_trajectory_takes_the_stretches_and_says_so(bag, soon, tmp_path, capsys, monkeypatch):
-    # Its figures are of no interest here.
-    monkeypatch.setattr(folder, '_wanted', lambda *_: ())
-    arguments = ('--criterion', 'trajectory', '--model', 'viscous', '--verbose', '--report', str(tmp_path / 'look'))
-    assert main(['identify', str(bag), *arguments]) == 0
-    said = ' '.join(capsys.readouterr().out.split())
-    assert f'from {STRETCHES} stretches of 8 s, spread over {bag}@:39.995, 40 s' in said
-    page = (tmp_path / 'look' / 'report.html').read_text()
-    assert f'what lies between {STRETCHES} stretches of {bag}@:39.995, 40 s' in page
+def test_without_a_good_minute_that_is_said(motion, tmp_path, soon, capsys):
+    holes = motion.t % 9 > 0.5
+    write_trajectory(tmp_path / 'holes', motion[holes])
+    assert main(['identify', str(tmp_path / 'holes')]) == 1
+    said = ' '.join(capsys.readouterr().err.split())
+    assert 'no minute of it moves without a gap, a change or a push; take windows of it, such as' in said
 
 
-def test_a_long_day_on_which_friction_drifts_is_never_ok(tmp_path, monkeypatch):
-    """Dry and viscous friction fall by a third, in a recording of which stretches are taken."""
-    monkeypatch.setattr(long, 'LONG_SECONDS', 100.0)
-    rig = replace(PAPER, Fc1=0.01, Fc2=0.0005)
-    state, q, count = np.array([-np.pi / 2, 0.0, 0.0, 0.0]), [], 30
-    t = np.arange(count * 1000) * INTERVAL
-    tau = np.column_stack([PulseTrain().torques(t), np.zeros(len(t))])
-    for k in range(count):
-        worn = 1 - k / count / 3
-        now = replace(rig, **{name: worn * getattr(rig, name) for name in ('b1', 'b2', 'Fc1', 'Fc2')})
-        torque = np.repeat(tau[1000 * k : 1000 * (k + 1)].T, 2, axis=1)[:, :, None]
-        states = roll(now.vector(), state[:, None], torque, INTERVAL / 2)[:, :, 0]
-        q.append(states[:-1:2, :2])
-        state = states[-1]
-    path = tmp_path / 'day'
-    write_trajectory(path, quantised(Trajectory(t, np.concatenate(q), tau), 4000))
-    (recording,) = load_datasets([f'{path}@0:299']).training
-    assert isinstance(recording, Long)
-    found = identify([recording], settings=Settings(('weak', 'trajectory'), 'coulomb', 'lsq'))
-    assert found.level is Level.WARN
-    (said,) = (warning for warning in found.warnings if 'friction changes with time' in warning)
-    assert 'may change P1 to P5 by' in said, 'it is not allowed for'
-
-
-def test_a_topic_that_ended_long_before_the_bag_is_taken_as_long_as_it_is(tmp_path, soon):
-    motion = recording()
+def test_a_topic_that_ended_long_before_the_bag_is_taken_as_long_as_it_is(motion, tmp_path, soon):
     writer = BagWriter(tmp_path / 'bag')
     joints = writer.add_topic('/joint_states', JOINT_STATE, Qos())
     other = writer.add_topic('/other', JOINT_STATE, Qos())
-    for k in range(SAMPLES):
-        stamp = EPOCH_NS + k * 10_000_000
+    for k in (*range(1000), 17_000):
+        stamp = EPOCH_NS + k * 5_000_000
         message = encode_joint_state(stamp, JOINT_NAMES, motion.q[k], [0, 0], motion.tau[k])
-        if k < 500 or k == 7900:
-            writer.write(joints if k < 500 else other, message, stamp, stamp)
+        writer.write(joints if k < 1000 else other, message, stamp, stamp)
     writer.close()
     data = load_datasets([str(tmp_path / 'bag')])
-    assert [len(d) for d in (*data.training, *data.validation)] == [250, 250]
-    with pytest.raises(TrajectoryError, match='the window holds no sample'):
-        load_datasets([f'{tmp_path / "bag"}@50:'])
-
-
-def test_gaps_and_stamps_that_run_back_are_named(tmp_path, soon):
-    motion = recording()
-    write_trajectory(tmp_path / 'hole', motion[(motion.t < 50) | (motion.t > 51)])
-    with pytest.raises(TrajectoryError, match=r'1\.020 s without a sample begin at 49\.990 s, where 0\.01 s is'):
-        read_recording(BagWindow(tmp_path / 'hole'))
-    assert read_recording(BagWindow(tmp_path / 'hole', 0, 50)).trajectory.lost == 0
-
-
-def test_a_sliding_window_longer_than_a_stretch_is_one_sentence(bag, soon, capsys):
-    assert main(['identify', str(bag), '--criterion', 'energy', '--sliding', '20']) == 1
-    assert 'the sliding window of 20 s is too long for a long recording' in capsys.readouterr().err
+    assert [len(d) for d in (*data.training, *data.validation)] == [500, 500]

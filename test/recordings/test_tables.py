@@ -10,10 +10,9 @@ import pytest
 import scipy.io
 
 from pendubot_identification.errors import PendubotError, TableError
-from pendubot_identification.recordings.bag_reader import BagWindow, read_recording, read_trajectory
+from pendubot_identification.recordings.bag_reader import read_trajectory
 from pendubot_identification.recordings.joint_states import write_trajectory
 from pendubot_identification.recordings.table_reader import TableReader
-from pendubot_identification.trajectories.long import Long
 from pendubot_identification.trajectories.reading import Reading
 
 from ..conftest import RECORDINGS
@@ -239,17 +238,6 @@ def test_times_of_day_are_seconds(tmp_path):
     in_excel(tmp_path / 'x.xlsx', NAMES, *([datetime.time(12, 30, k), 1, 2, 3] for k in range(9)))
     with pytest.raises(TableError, match="column 't': '12:30:00' is no finite number, nor is any other there"):
         read(tmp_path / 'x.xlsx')
-
-
-def test_a_long_file_is_taken_piece_by_piece(tmp_path):
-    t = np.arange(62_000) / 100
-    scipy.io.savemat(tmp_path / 'x.mat', {'t': t, 'q1': np.sin(t), 'q2': np.cos(t), 'tau1': np.sin(3 * t)})
-    window = BagWindow(tmp_path / 'x.mat', 1.0)
-    long = read_recording(window, reading=Reading.of({'negate': 'q1'})).trajectory
-    assert isinstance(long, Long)
-    together = np.concatenate([part.q[:, 0] for part in long.read()])
-    np.testing.assert_array_equal(together, -np.sin(t[100:]))
-    assert read_recording(BagWindow(tmp_path / 'x.mat', 600.0, 610.0)).trajectory.q.shape == (1000, 2)
 
 
 @pytest.mark.recordings

@@ -103,9 +103,15 @@ def test_an_hour_at_1_kHz_makes_small_figures():
 
 def test_recordings_of_one_bag_share_its_time_and_others_stand_behind_it():
     parts = [motion(name='a@0:3'), motion(name='b'), motion(name='a@3:', start=3.0)]
-    assert figures.timeline(parts) == {'a': 0.0, 'b': pytest.approx(5.99)}
+    at = figures.timeline(parts)
+    assert at.shift == {'a': 0.0, 'b': pytest.approx(5.99)}
     plot = figures.draw_recordings(parts[:2], parts[2:]).plot
-    assert plot.boundaries == [0.0, pytest.approx(5.99)]
+    others = [
+        figures.draw_simulation(simulation(), at, validation=True),
+        figures.draw_torque_left(torque_left(), at)[0],
+    ]
+    assert all(each.boundaries == [0.0, pytest.approx(5.99)] for each in (plot, *(other.plot for other in others)))
+    assert figures.timeline(parts[::2]).begins == ()
     assert [(s.begin, s.end) for s in plot.spans] == [(0, 2.99), (pytest.approx(5.99), pytest.approx(8.98)), (3, 5.99)]
 
 

@@ -71,6 +71,16 @@ def test_a_payload_is_found_within_two_seconds_and_named(rigs):
     assert (np.abs(tracker.state.theta[:5] / after - 1) < 0.003).all()
 
 
+def test_a_payload_that_is_put_on_in_free_motion_is_one():
+    """Without torque anything explains the motion that is far too small: no inertia under no torque."""
+    day = Day(payload=0.2, payload_at=16.0, rests=((15.9, 19.0),))
+    t, q, tau = record([0], [day], seconds=20.0)
+    _, states, events = follow(np.column_stack([t, q[0], tau[0], 0 * t]))
+    assert [event.kind for event in events] == ['payload on link 2']
+    true = truth(day, [s.t for s in states])
+    assert all((s.theta[:5] > 0.8 * now[:5]).all() for s, now in zip(states, true, strict=True))
+
+
 def test_a_motor_that_fades_is_not_a_payload(rigs):
     _, _, events = follow(rigs['fading'])
     (change,) = (e for e in events if isinstance(e, Change))
