@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pendubot_identification.criteria.trajectory_fit import TrajectoryFit
 from pendubot_identification.model.parameters import NAMES
 
-from .estimate import Estimate
+from .estimate import NORMAL_95, Estimate
 from .prediction import predict
 from .recipes import Data
 
@@ -95,13 +95,14 @@ def disagreement(estimates: Sequence[Estimate]) -> tuple[list[Estimate], list[st
     odd = np.flatnonzero((one.free & other.free)[:5] & (np.abs(off) > within))
     if not odd.size:
         return list(estimates), []
-    half = np.zeros(len(one.theta))
-    half[odd] = off[odd] / 2
+    # So that the interval of each holds what the other says.
+    added = np.zeros(len(one.theta))
+    added[odd] = off[odd] / NORMAL_95
     wider = [
         replace(
             e,
-            std_error=np.hypot(e.std_error, half),
-            covariance=e.covariance + np.outer(half, half),
+            std_error=np.hypot(e.std_error, added),
+            covariance=e.covariance + np.outer(added, added),
             uncertainty=f'{e.uncertainty}; and how weak and trajectory differ',
         )
         if e.criterion in ('weak', 'trajectory')

@@ -150,7 +150,7 @@ def identify(
     published = _best(estimates)
     estimates, differences = disagreement(estimates)
     notes += differences
-    if left is not None and (said := left.rest_sentence) and not any(e.exact for e in estimates):
+    if left is not None and (said := left.rest_sentence(any(e.exact for e in estimates))):
         notes.append(said)
 
     length = link_length(data.motions, model, estimates[published].effort.delay)
@@ -215,8 +215,8 @@ def _rid_of_effects(data: Data, progress: Progress, look: bool) -> tuple[Unexpla
     for _ in range(LOOKS):
         # Not from a start that the user gave, which may lie far off.
         near = comparison.fit('geared') if settings.start is None else data.started_by_weak.fit('geared')
-        more = found_by_trajectory(data.motions, data.recordings, near, settings.box('geared'), settings.delays)
-        left = replace(left, effects=together(left.effects, more))
+        more, beyond = found_by_trajectory(data.motions, data.recordings, near, settings.box('geared'), settings.delays)
+        left = replace(left, effects=together(left.effects, more), beyond=beyond)
         if not any(found.allowed for found in more):
             break
         data = data.allowing_for(more, delay)

@@ -43,6 +43,10 @@ PAYS, LEAST = 0.25, 0.005
 PAYS_ALONE = 0.5
 #: Where errors are far greater than rounding, one of two readings nearer than this [s] is independent.
 CORRELATED = 0.15
+#: Errors of segments are the model's where they exceed the variance of rounding by more than this factor, and more than
+#: so many readings, one after the other, tell as much as one that is independent. Without model errors they are at most
+#: 1 and 1.5.
+BEYOND, LASTING = 1.3, 2.0
 #: What an effect explains a share of.
 ERRORS = 'errors of simulated segments'
 #: Segments whose error exceeds the median by this factor count by the error, not by its square.
@@ -57,8 +61,11 @@ def found_by_trajectory(
     near: TrajectoryFit,
     bounds: Bounds,
     delays: tuple[float, float],
-) -> tuple[Found, ...]:
-    """Return the effects that explain errors of simulated segments.
+) -> tuple[tuple[Found, ...], float]:
+    """Return the effects that explain errors of simulated segments, and what the models lack, explained or not.
+
+    That is how many times the errors are what rounded angles explain, in root mean squares, where they also last, as
+    those of noise do not; else 1.
 
     Args:
         motions: the recordings, or parts of them, rid of what is known already.
@@ -70,7 +77,7 @@ def found_by_trajectory(
     theta, delay = near.fit.theta, near.fit.delay
     rounding = rounding_of(motions)
     if not (rounding > 0).all():
-        return ()
+        return (), 1.0
     margin = max(map(abs, delays)) + 1e-6
     length = min(LENGTH, longest_segment(motions, margin))
     coarse = Segments.cut(motions, length, length, margin)
@@ -92,7 +99,7 @@ def found_by_trajectory(
     finite = np.isfinite(residuals).all(axis=1) & np.isfinite(jacobian).all(axis=(1, 2))
     folds, several = folds_of(recordings[segments.group[finite]]), recordings[-1] + 1
     if len(np.unique(folds)) < 2:
-        return ()
+        return (), 1.0
 
     effects = catalogue_of(motions)
 
@@ -126,9 +133,10 @@ def found_by_trajectory(
         pays=max(pays, LEAST),
         physical=theta[:5],
     )
-    return tuple(
+    found = tuple(
         Found(effects[c.number], c.sizes, c.share, c.moved / theta[:5], ERRORS, c.share >= most) for c in chosen
     )
+    return found, math.sqrt(variance) if variance > BEYOND and together > LASTING else 1.0
 
 
 def _columns(

@@ -81,6 +81,8 @@ class Unexplained:
         bursts: in the order of time.
         effects: the greatest first.
         delay: of the effort [s], with which they were found.
+        beyond: how many times the errors of simulated segments are what rounded angles explain; 1 where they are
+            noise, or were not looked at.
     """
 
     times: tuple[Array, ...]
@@ -91,6 +93,7 @@ class Unexplained:
     bursts: tuple[Burst, ...]
     effects: tuple[Found, ...]
     delay: float
+    beyond: float = 1.0
 
     def sentences(self, told: Collection[str] = ()) -> list[str]:
         """Return what the user should know of it; effects by the names ``told`` are told already."""
@@ -107,17 +110,19 @@ class Unexplained:
         said += [found.sentence for found in self.effects if found.effect.name not in told]
         return said
 
-    @property
-    def rest_sentence(self) -> str | None:
-        """What the user should know of a large part that looks like no effect; None where it is small."""
+    def rest_sentence(self, exact: bool) -> str | None:
+        """Return what the user should know of a large part that looks like no effect; None where it is small.
+
+        Of what an ``exact`` fit leaves the errors of simulated segments tell more than the torque does.
+        """
         excess = np.sqrt(np.maximum(self.share**2 - self.noise**2, 0.0))
-        if self.effects or excess.max() <= MUCH:
+        if self.effects or (self.beyond == 1 and (exact or excess.max() <= MUCH)):
             return None
         left, rounding = (' and '.join(f'{100 * part:.2g} %' for part in parts) for parts in (self.share, self.noise))
-        return (
-            f'{left} of the effort are left unexplained at shoulder and elbow; rounded angles explain {rounding}: '
-            'the rig has what the models lack, and parameters may be farther off than their intervals say'
-        )
+        found = f'{left} of the effort are left unexplained at shoulder and elbow; rounded angles explain {rounding}'
+        if exact or excess.max() <= MUCH:
+            found = f'simulated segments are off by {self.beyond:.2g} times what rounded angles explain'
+        return f'{found}: the rig has what the models lack, and parameters may be farther off than their intervals say'
 
 
 def unexplained(motions: Sequence[Motion], smoothing: float, hold: str, delay: float) -> Unexplained:

@@ -3,6 +3,8 @@
 
 """What the models lack is named, and nothing else: on a simulated rig that has it, of equations of its own."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -133,6 +135,15 @@ def test_what_is_so_large_that_no_pendubot_moves_so_is_allowed_for_or_left_out(r
     assert bool(result.unexplained.bursts) == (rig.spring == 0)
     assert [found.effect.name for found in result.unexplained.effects] == ['spring'] * (rig.spring > 0)
     np.testing.assert_allclose(result.best.theta[:5], list(TRUE.values())[:5], rtol=0.01)
+
+
+def test_errors_that_last_are_said_though_no_effect_explains_them():
+    recordings = trajectories(record(range(600, 600 + RECORDINGS), [EFFECTS['backlash'][1]] * RECORDINGS))
+    result = identify(recordings, settings=Settings(('trajectory',), optimizer='lsq'))
+    assert result.unexplained.effects == ()
+    assert result.level == Level.WARN
+    (said,) = result.warnings
+    assert re.match(r'simulated segments are off by 5\.\d times what rounded angles explain: the rig has what the', said)
 
 
 def test_one_recording_alone_is_left_out_by_blocks_of_time(recorded):
