@@ -143,7 +143,9 @@ def test_errors_that_last_are_said_though_no_effect_explains_them():
     assert result.unexplained.effects == ()
     assert result.level == Level.WARN
     (said,) = result.warnings
-    assert re.match(r'simulated segments are off by 5\.\d times what rounded angles explain: the rig has what the', said)
+    assert re.match(
+        r'simulated segments are off by 5\.\d times what rounded angles explain: the rig has what the', said
+    )
 
 
 def test_one_recording_alone_is_left_out_by_blocks_of_time(recorded):
