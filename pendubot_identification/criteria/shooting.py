@@ -126,14 +126,18 @@ class Segments:
     def sensitivities(self, theta: Array, states: Array, every: int = 1) -> Array:
         """Return the states' derivative by initial state, theta and sizes, shape (K // every + 1, 4, 4 + D + E, L)."""
         result = sensitivities(theta[: len(theta) - len(self.unit)], states, self._acting(theta), self.step, every)
-        moved = [self.moved_by(unit, theta, states)[::every, :, None] for unit in self.unit]
-        return np.concatenate([result, *moved], axis=2) if moved else result
+        if not len(self.unit):
+            return result
+        return np.concatenate([result, self.moved_by(self.unit, theta, states)[::every]], axis=2)
 
-    def moved_by(self, unit: Array, theta: Array, states: Array) -> Array:
-        """Return the states' derivative, shape (K + 1, 4, L), by the size of torques of shape (2, K, L) beside all."""
-        small = SMALL / max(float(np.abs(unit).max()), np.finfo(float).tiny)
-        size = len(theta) - len(self.unit)
-        return (roll(theta[:size], states[0], self._acting(theta) + small * unit, self.step) - states) / small
+    def moved_by(self, units: Array, theta: Array, states: Array) -> Array:
+        """Return the states' derivative by the sizes of torques of shape (E, 2, K, L) beside all, (K + 1, 4, E, L)."""
+        small = SMALL / np.maximum(np.abs(units).max(axis=(1, 2, 3)), np.finfo(float).tiny)[:, None]
+        # Those of all torques are simulated side by side.
+        tau = self._acting(theta)[:, :, None] + small * np.moveaxis(units, 0, 2)
+        start = np.tile(states[0], len(units))
+        moved = roll(theta[: len(theta) - len(self.unit)], start, tau.reshape(*tau.shape[:2], -1), self.step)
+        return np.asarray((moved.reshape(*states.shape[:2], *tau.shape[2:]) - states[:, :, None]) / small)
 
     def _acting(self, theta: Array) -> Array:
         if not len(self.unit):

@@ -158,6 +158,7 @@ def identify(
     # estimated along.
     spoiled = any(f.level is Level.ERROR and f.name not in ('delay', 'motion') for f in faults)
     if len(data.groups) > 1 and settings.criteria != ('energy',) and not spoiled:
+        progress('looking whether recordings agree', 0, 0, np.nan)
         notes += contradictions(data, model, comparison.fit(model), comparison.without(model))
     if faults:
         # Zeros of single recordings would make up for what is wrong with all of them.
@@ -205,6 +206,7 @@ def _rid_of_effects(data: Data, progress: Progress, look: bool) -> tuple[Unexpla
     long_enough = [m for m in data.motions if m.end - m.start >= SHORTEST]
     if not long_enough:
         return None, data, Comparison(data, progress)
+    progress(f'{_so_far(data)}; looking for what the models lack', 0, 0, np.nan)
     left = unexplained(long_enough, data.smoothing, data.hold, delay)
     data = data.without(left.bursts).allowing_for(left.effects, delay)
     comparison = Comparison(data, progress)
@@ -220,6 +222,12 @@ def _rid_of_effects(data: Data, progress: Progress, look: bool) -> tuple[Unexpla
         data = data.allowing_for(more, delay)
         comparison = Comparison(data, progress)
     return left, data, comparison
+
+
+def _so_far(data: Data) -> str:
+    """Return in words what the weak criterion says of P1 to P5, long before all is done."""
+    theta = data.linear('weak', 'rotor').criterion.minimum(data.settings.box('rotor'))
+    return 'weak so far: P1 to P5 ' + ' '.join(f'{value:.3g}' for value in theta[:5])
 
 
 def _best(estimates: Sequence[Estimate]) -> int:

@@ -51,6 +51,8 @@ BEYOND, LASTING = 1.3, 2.0
 ERRORS = 'errors of simulated segments'
 #: Segments whose error exceeds the median by this factor count by the error, not by its square.
 BEND = 3.0
+#: The torques of so many effects are simulated side by side.
+TOGETHER = 8
 
 
 def found_by_trajectory(
@@ -149,26 +151,24 @@ def _columns(
     states = segments.roll(theta, initial)
     residuals = comparison.residuals(states, delay)
     passed = passed_by(segments.motions)
-    # Of one motion at a time: all effects' torques at all times are large.
-    units = (
-        with_unit_torques(m, effects, delay, p).unit_torques(
-            segments.start[segments.group == k], segments.step, segments.steps
-        )
-        for k, (m, p) in enumerate(zip(segments.motions, passed, strict=True))
-    )
-    torques = iter(np.concatenate(list(units), axis=3))
     seen = [
         seen_of(m, comparison.times[:, segments.group == k], delay, p)
         for k, (m, p) in enumerate(zip(segments.motions, passed, strict=True))
     ]
-    for effect in effects:
-        columns = []
-        for _ in effect.acting:
+    # Of some effects at a time: all effects' torques at all times are large.
+    for some in (effects[k : k + TOGETHER] for k in range(0, len(effects), TOGETHER)):
+        units = [
+            with_unit_torques(m, some, delay, p).unit_torques(
+                segments.start[segments.group == k], segments.step, segments.steps
+            )
+            for k, (m, p) in enumerate(zip(segments.motions, passed, strict=True))
+        ]
+        moved = iter(np.moveaxis(segments.moved_by(np.concatenate(units, axis=3), theta, states), 2, 0))
+        for effect in some:
             # Residuals are linear in the states.
-            moved = states + segments.moved_by(next(torques), theta, states)
-            columns.append(comparison.residuals(moved, delay) - residuals)
-        for read in effect.read:
-            # What is read is the position and the change: the position read, without it, is what is compared.
-            change = np.concatenate([np.stack(read(s), axis=1) for s in seen], axis=2)
-            columns.append((change / comparison.noise[:, None]).reshape(-1, len(segments)).T)
-        yield np.stack(columns, axis=2)
+            columns = [comparison.residuals(states + next(moved), delay) - residuals for _ in effect.acting]
+            for read in effect.read:
+                # What is read is the position and the change: the position read, without it, is what is compared.
+                change = np.concatenate([np.stack(read(s), axis=1) for s in seen], axis=2)
+                columns.append((change / comparison.noise[:, None]).reshape(-1, len(segments)).T)
+            yield np.stack(columns, axis=2)

@@ -94,6 +94,8 @@ def test_progress_is_told_from_beginning_to_end(default):
     assert whats.startswith('preparing')
     for part in ('cross-validation', 'energy: MDE', 'weak: MDE', 'trajectory: Levenberg-Marquardt', 'checking signs'):
         assert part in whats
+    early = next(what for what, *_ in told if what.startswith('weak so far: P1 to P5 '))
+    np.testing.assert_allclose([float(word) for word in early.split(';')[0].split()[6:]], TRUTH[:5], rtol=0.1)
     assert all(0 <= done <= of or of == 0 for _, done, of, _ in told)
     J = [best for what, _, _, best in told if what == 'energy: MDE']
     assert (np.diff(J) <= 0).all()
