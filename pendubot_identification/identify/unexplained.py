@@ -37,6 +37,9 @@ MODEL = 'geared'
 OUTLYING, LEAST_BURST = 8.0, 0.05
 #: So many times as many, where samples are farther apart than this [s] and do not show all of a fast motion.
 TIMES_COARSE, COARSE = 2.0, 0.02
+#: What is below so many times the largest that rounding makes, is none: of few counts, slow motion leaves such now and
+#: then.
+TIMES_ROUNDING = 4.0
 #: Where more than this part of the time is outlying, nothing is a burst.
 MOST_BURSTS, ROUNDS = 0.3, 5
 #: An effect is named that explains this part of what was unexplained, on data that did not fit it too, ...
@@ -151,7 +154,7 @@ def unexplained(motions: Sequence[Motion], smoothing: float, hold: str, delay: f
         columns = np.concatenate([base, *beside], axis=2)
         noise = again.left(solved(base, y)) - balances.left(solved(base, y))
         size = np.sqrt((noise**2).mean(axis=0))
-        kept, weight = _without_bursts(columns, y, size, limits, balances.recordings)
+        kept, weight = _without_bursts(columns, y, noise, limits, balances.recordings)
         theta = solved((base * weight)[kept], (y * weight[:, 0])[kept])
         if size.max() >= NOISIEST * effort:
             break
@@ -277,14 +280,15 @@ def _without_bursts(
 ) -> tuple[NDArray[np.bool_], Array]:
     """Return which bumps are no bursts, shape (K,), and the weights of both joints, shape (2, 1).
 
-    ``limits``: of residuals, in robust standard deviations and in N m.
+    ``noise``: what rounding makes, shape (K, 2); ``limits``: of residuals, in robust standard deviations and in N m.
     """
+    size, least = np.sqrt((noise**2).mean(axis=0)), np.maximum(limits[1], TIMES_ROUNDING * np.abs(noise).max(axis=0))
     kept, weight = np.ones(len(y), dtype=bool), np.ones((2, 1))
     for _ in range(ROUNDS):
         left = np.abs(y - phi @ solved((phi * weight)[kept], (y * weight[:, 0])[kept]))
-        spread = np.maximum(1.4826 * np.median(left, axis=0), noise) + np.finfo(float).tiny
+        spread = np.maximum(1.4826 * np.median(left, axis=0), size) + np.finfo(float).tiny
         weight = (spread[0] / spread)[:, None]
-        limit = np.maximum(limits[0] * spread, limits[1])
+        limit = np.maximum(limits[0] * spread, least)
         outlying = (left > limit).any(axis=1)
         around = np.convolve(outlying, np.ones(2 * round(WIDTH / STRIDE / 2) + 1), 'same') > 0
         if (around == ~kept).all() or around.mean() > MOST_BURSTS:
