@@ -32,7 +32,7 @@ setup(
     name=NAME,
     version='0.1.0',
     packages=find_packages(include=[NAME, f'{NAME}.*']),
-    package_data={NAME: ['py.typed', '__init__.pyi', 'report/page.*', 'report/uplot/*']},
+    package_data={NAME: ['py.typed', '__init__.pyi', 'report/page.*', 'report/*.jinja', 'report/uplot/*']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (SHARE, ['package.xml']),

@@ -22,6 +22,7 @@ from .reading import add_reading, reading_of, save_map
 if TYPE_CHECKING:
     from pendubot_identification.identify.estimate import Progress
     from pendubot_identification.recordings.bag_reader import BagWindow
+    from pendubot_identification.report.table import Cell, Table
     from pendubot_identification.results.track_file import Track
     from pendubot_identification.tracking.tracker import Start, Tracker
     from pendubot_identification.trajectories.reading import Reading
@@ -47,7 +48,7 @@ examples:
   pendubot track day                               a bag of hours
   pendubot track morning.csv evening.csv           two recordings of one rig, one after the other
   pendubot track day --start monday.yaml           beginning with what was identified on Monday
-  pendubot track day --output now.yaml --report look   the newest parameters, and a figure, look/track.svg
+  pendubot track day --output now.yaml --report look   the newest parameters, and a page, look/report.html
 exit status: 0 success, 1 a failure explained in one line, 2 wrong usage, 3 a result of level ERROR
 """
 
@@ -67,7 +68,9 @@ def add_parser(subparsers: Any) -> None:
         '--joints', default='shoulder,elbow', metavar='SHOULDER,ELBOW', help='their joint names (default %(default)s)'
     )
     where.add_argument('--output', type=Path, metavar='RESULT.yaml', help='write what is true at the end here')
-    where.add_argument('--report', type=Path, metavar='DIR', help='write a figure there, and the result beside it')
+    where.add_argument(
+        '--report', type=Path, metavar='DIR', help='write a page there, report.html, and the result beside it'
+    )
     where.add_argument('--force', action='store_true', help='overwrite an existing result or report')
     where.add_argument('--json', action='store_true', help='print the result as JSON and nothing else')
     parser.set_defaults(run=run)
@@ -84,6 +87,7 @@ def run(args: argparse.Namespace) -> int:
     from pendubot_identification.files import OutputFolder, refuse_input, refuse_unwritable, write_whole
     from pendubot_identification.recordings.bag_reader import BagWindow
     from pendubot_identification.recordings.datasets import require_files
+    from pendubot_identification.report.table import wrapped
     from pendubot_identification.results.track_file import start_of, track_text
 
     from .identify import joints
@@ -107,19 +111,17 @@ def run(args: argparse.Namespace) -> int:
         if args.output is not None and text:
             write_whole(args.output, text, overwrite=args.force)
             written.append(args.output)
-        if folder is not None:
-            from pendubot_identification.report.track_figure import draw_track
+        table, happened = _summary(tracker, track)
+        if folder is not None and len(track.states) > 1:
+            from pendubot_identification.report.folder import write_track
 
-            if len(track.states) > 1:
-                written += [
-                    folder.write(f'track.{kind}', made) for kind, made in draw_track(track.states, track.events).items()
-                ]
-            if text:
-                written.append(folder.write('result.yaml', text))
+            written.append(write_track(folder, (track.states, track.events), table, happened, args.bags, text))
     if args.json:
         print(json.dumps(yaml.safe_load(text) if text else {'waiting': tracker.waiting}, indent=2))
     else:
-        print(_summary(tracker, track))
+        last = tracker.state or track.states[-1]
+        level = f'level {last.level.name}' + (f': {"; ".join(last.warnings)}' if last.warnings else '')
+        print('\n'.join([table.text(), *map(wrapped, [level, *happened])]))
         for path in written:
             print(f'written to {path}')
     return FAILED if tracker.state is None or tracker.state.level.name == 'ERROR' else 0
@@ -158,10 +160,10 @@ def follow(
     return tracker, track
 
 
-def _summary(tracker: Tracker, track: Track) -> str:
-    """Return what a person reads at the end."""
+def _summary(tracker: Tracker, track: Track) -> tuple[Table, list[str]]:
+    """Return what a person reads at the end: the parameters, and what happened."""
     from pendubot_identification.model.parameters import UNITS
-    from pendubot_identification.report.table import Cell, Number, Table, wrapped
+    from pendubot_identification.report.table import Number, Table
     from pendubot_identification.tracking.tracker import NORMAL_95, Burst
 
     last = tracker.state or track.states[-1]
@@ -180,8 +182,7 @@ def _summary(tracker: Tracker, track: Track) -> str:
     head = ['', f'at {last.t:.0f} s', '95 % +-', 'unit', f'at {first.t:.0f} s']
     bursts = sum(isinstance(event, Burst) for event in track.events)
     told = [str(event) for event in track.events if not isinstance(event, Burst)]
-    notes = [
-        f'level {last.level.name}' + (f': {"; ".join(last.warnings)}' if last.warnings else ''),
+    happened = [
         *(told[:SHOWN] or ['no change']),
         *([f'and {len(told) - SHOWN} changes more'] if len(told) > SHOWN else []),
         *([f'{bursts} times a torque from nowhere, such as a hand: nothing was learned from it'] if bursts else []),
@@ -190,4 +191,4 @@ def _summary(tracker: Tracker, track: Track) -> str:
         *([f'at the end: {tracker.waiting}'] if tracker.waiting else []),
         *([f'worth identifying: {" ".join(track.windows)}'] if track.windows else []),
     ]
-    return '\n'.join([Table(head, rows).text(), *map(wrapped, notes)])
+    return Table(head, rows), happened

@@ -19,6 +19,8 @@ from numpy.typing import NDArray
 
 from pendubot_identification.identify.evidence import Excitation, Residuals, Simulation, TorqueLeft
 from pendubot_identification.identify.result import Convergence, CriterionValue, Result
+from pendubot_identification.model.parameters import NAMES, UNITS
+from pendubot_identification.tracking.tracker import NORMAL_95, Change, Event, State
 from pendubot_identification.trajectories.trajectory import Trajectory
 
 from .style import rendered, style
@@ -328,6 +330,42 @@ def draw_excitation(names: Sequence[str], excitation: Excitation) -> Picture:
     handles, labels = axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc='lower center', ncols=3, bbox_to_anchor=(0.5, 1.0))
     return _picture(figure, 'excitation')
+
+
+@drawn
+def draw_track(states: Sequence[State], events: Sequence[Event]) -> Picture:
+    """Draw what became of parameters: each with its band over time, unexplained torque below, and what happened."""
+    t = np.array([s.t for s in states])
+    theta, reach = (np.array([getattr(s, what) for s in states]) for what in ('theta', 'std_error'))
+    reach = np.where(np.isfinite(reach), NORMAL_95 * reach, np.nan)
+    panels = []
+    for k, name in enumerate(NAMES[: theta.shape[1]]):
+        low, high = theta[:, k] - reach[:, k], theta[:, k] + reach[:, k]
+        # The first bands are wide: what is worth seeing are the others.
+        usual = np.isfinite(low) & (np.arange(len(t)) >= len(t) // 20)
+        shown = (low[usual].min(), high[usual].max()) if usual.any() else (0.0, 0.0)
+        margin = 0.1 * (shown[1] - shown[0])
+        lines = [
+            Line('95 %', [(t, low)], COLOURS[0], style='band', upper=[(t, high)]),
+            Line(name, [(t, theta[:, k])], COLOURS[0]),
+        ]
+        panels.append(Panel(name, UNITS[k], lines, (shown[0] - margin, shown[1] + margin) if margin > 0 else None))
+    panels.append(Panel('unexplained', 'N m', [Line('', [(t, np.array([s.unexplained for s in states]))], MEASURED)]))
+    spans = []
+    for event in events:
+        begin = max(event.begin, float(t[0]))
+        # So wide that it is seen.
+        end = max(event.end, begin + 0.003 * float(t[-1] - t[0]))
+        colour, label = (
+            (SIMULATED, 'change') if isinstance(event, Change) else (VALIDATION, type(event).__name__.lower())
+        )
+        spans.append(Span(begin, end, colour, label))
+    plot = TimePlot(panels, spans)
+    figure, axes = _panels(0.85 * len(panels), len(panels), sharex=True)
+    plot.draw(axes)
+    kinds = dict.fromkeys((span.colour, span.label) for span in spans)
+    _legend(axes[0], [Patch(color=colour, alpha=0.4, label=label) for colour, label in kinds])
+    return _picture(figure, 'track', plot)
 
 
 def _panels(height: float, rows: int, columns: int = 1, **shared: Any) -> tuple[Figure, NDArray[Any]]:

@@ -21,12 +21,14 @@ from pendubot_identification.recordings.bag_reader import BagReader, BagWindow
 from pendubot_identification.recordings.tables import is_table
 from pendubot_identification.results.provenance import answers, hold, settings
 from pendubot_identification.results.result_file import result_text
+from pendubot_identification.tracking.tracker import Event, State
 from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.trajectory import Trajectory
 
 from . import figures
 from .figures import Picture
-from .page import Bag, failure_page, result_page
+from .page import Bag, failure_page, result_page, track_page
+from .table import Table
 from .tables import Beside
 
 #: Stamps below this count from when a computer or a simulation began: they name no day [ns].
@@ -81,6 +83,26 @@ def write_failure(folder: OutputFolder, reason: str, asked: Sequence[str], motio
     """
     drawn = [figures.draw_recordings(*motions)] if motions else []
     return _write(folder, {}, drawn, failure_page(reason, asked, drawn))
+
+
+def write_track(
+    folder: OutputFolder,
+    track: tuple[Sequence[State], Sequence[Event]],
+    table: Table,
+    happened: Sequence[str],
+    bags: Sequence[str],
+    result: str,
+) -> Path:
+    """Write the page of a rig that was followed through two states or more, and return where it is.
+
+    ``result``: the text of the result file; empty where there is none at the end.
+
+    Raises:
+        ResultError: the system refuses to write.
+    """
+    picture = figures.draw_track(*track)
+    page = track_page(track[0][-1], picture, table, happened, bags, result=bool(result))
+    return _write(folder, {'result.yaml': result} if result else {}, [picture], page)
 
 
 def _wanted(

@@ -121,7 +121,7 @@
       padding: [4, 10, last ? 0 : 4, 0],
       scales: { x: { time: false, min: extent[0], max: extent[1] }, y: { range: within } },
       axes: [last ? { ...tick, label: 'time [s]', labelFont: FONT, labelSize: 16, size: 24 } : { ...tick, size: 0, values: () => [] },
-        { ...tick, size: GUTTER, space: 26 }],
+        { ...tick, size: GUTTER, space: 26, values: (chart, ticks) => ticks.map((y) => String(+y.toPrecision(6)).replace('-', '−')) }],
       cursor: { y: false, points: { show: false }, drag: { x: true, y: false, setScale: false },
         bind: { dblclick: () => () => { zoom(plot.axis, null); return null; },
           mousedown: (chart, target, handle) => (event) => { if (!event.shiftKey) handle(event); return null; } } },

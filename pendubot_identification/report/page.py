@@ -22,12 +22,14 @@ from typing import Any, NamedTuple
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
+from pendubot_identification import __version__
 from pendubot_identification.identify.result import Result, plain
 from pendubot_identification.model.parameters import SPECIFICATIONS
+from pendubot_identification.tracking.tracker import State
 
 from . import tables
 from .figures import Picture
-from .table import parts
+from .table import Table, parts
 from .time_plot import typeset
 
 
@@ -73,7 +75,24 @@ def failure_page(reason: str, asked: Sequence[str], pictures: Iterable[Picture] 
     return _page(pictures, result=None, reason=reason, asked=asked)
 
 
-def _page(pictures: Iterable[Picture], **context: Any) -> str:
+def track_page(
+    state: State, picture: Picture, table: Table, happened: Sequence[str], bags: Sequence[str], *, result: bool
+) -> str:
+    """Return the page of a rig that was followed.
+
+    Args:
+        state: the newest.
+        picture: of all states, by :func:`.figures.draw_track`.
+        table: of the parameters at the end.
+        happened: in sentences.
+        bags: that were followed.
+        result: whether a result file stands beside it.
+    """
+    shown = {'state': state, 'table': table, 'happened': happened, 'bags': bags, 'result': result}
+    return _page([picture], 'track.html.jinja', version=__version__, **shown)
+
+
+def _page(pictures: Iterable[Picture], template: str = 'page.html.jinja', **context: Any) -> str:
     environment = Environment(
         loader=FileSystemLoader(Path(__file__).parent),
         autoescape=True,
@@ -89,7 +108,7 @@ def _page(pictures: Iterable[Picture], **context: Any) -> str:
     plots = {name: picture.plot.data() for name, picture in shown.items() if picture.plot is not None}
     # Within a script element nothing is markup but what would end it.
     data = Markup(json.dumps(plots, ensure_ascii=False, separators=(',', ':')).replace('<', '\\u003c'))
-    return environment.get_template('page.html.jinja').render(context, pictures=shown, plots=data)
+    return environment.get_template(template).render(context, pictures=shown, plots=data)
 
 
 def _address(svg: str) -> Markup:

@@ -42,7 +42,7 @@ def test_a_bag_is_followed_and_written_as_a_result_with_a_figure(run, bag, tmp_p
     told = yaml.safe_load(now.read_text())['tracked']
     assert told['events'][0]['kind'] == 'payload on link 2'
     assert len(told['t']) == len(told['values']['P1']) > 20
-    assert {path.name for path in look.iterdir()} == {'result.yaml', 'track.png', 'track.svg'}
+    assert {path.name for path in look.iterdir()} == {'report.html', 'result.yaml', 'track.png', 'track.svg'}
     # What was written is where the next one begins; and is read by what reads results.
     status, out, _ = run('track', f'{bag}@17:', '--start', str(now), '--json')
     assert status == 0

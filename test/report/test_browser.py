@@ -3,11 +3,18 @@
 
 """The page in a real browser: explored, in the dark, on paper, without JavaScript, on a telephone; no complaints."""
 
+import json
 import shutil
 
+import numpy as np
 import pytest
 
-from pendubot_identification.report.page import result_page
+from pendubot_identification.identify.estimate import NORMAL_95
+from pendubot_identification.level import Level
+from pendubot_identification.report.figures import draw_track
+from pendubot_identification.report.page import result_page, track_page
+from pendubot_identification.report.table import Table
+from pendubot_identification.tracking.tracker import Burst, Change, State
 from test.identified import plain
 from test.identified import result as typed
 from test.report.test_figures import every_picture
@@ -50,10 +57,10 @@ def file(tmp_path_factory):
 
 @pytest.fixture
 def opened(browser, file):
-    """Opens the page as it is asked for; at the end nothing may have been said on its console, or asked of anyone."""
+    """Opens a page as it is asked for; at the end nothing may have been said on its console, or asked of anyone."""
     contexts, said = [], []
 
-    def opened(**how):
+    def opened(file=file, **how):
         contexts.append(browser.new_context(**{'viewport': {'width': 1280, 'height': 900}} | how))
         page = contexts[-1].new_page()
         page.on('console', lambda message: said.append(message.text))
@@ -189,3 +196,38 @@ def test_without_javascript_the_static_figures_stand_there(opened):
 def test_on_a_telephone_nothing_is_wider_than_the_screen(opened, script):
     page = opened(viewport={'width': 400, 'height': 800}, java_script_enabled=script)
     assert page.evaluate('document.documentElement.scrollWidth') == 400
+
+
+def test_what_became_of_parameters_is_explored_beside_what_happened(opened, tmp_path):
+    rng = np.random.default_rng(1)
+    states = [
+        State(
+            float(t),
+            np.ones(9) + 0.01 * rng.standard_normal(9),
+            np.full(9, 0.01 + 1 / (1 + t)),
+            Level.OK,
+            (),
+            0.1,
+            True,
+        )
+        for t in range(100)
+    ]
+    states[0] = states[0]._replace(std_error=np.full(9, np.inf))
+    events = [Change(40.0, 41.0, 'payload on link 2', {'P2': (0.1, 0.01)}), Burst(60.0, 60.5)]
+    file = tmp_path / 'report.html'
+    table, happened = Table(['', 'value'], [['P1', '1 +- 0.1']]), [str(event) for event in events]
+    file.write_text(
+        track_page(states[-1], draw_track(states, events), table, happened, ['day'], result=False), encoding='utf-8'
+    )
+    page = opened(file)
+    before = page.evaluate(RANGES)['track']
+    assert len(before) == 10, 'nine parameters, and what is left unexplained'
+    drag(page, over(page, 'track'), 0.25, 0.5)
+    after = page.evaluate(RANGES)['track']
+    assert all(panel == after[0] for panel in after)
+    assert after[0][1] - after[0][0] == pytest.approx((before[0][1] - before[0][0]) / 4, rel=0.02)
+    plot = json.loads(page.locator('#plots').text_content())['track']
+    assert [(label, round(begin)) for begin, _, _, label in plot['spans']] == [('change', 40), ('burst', 60)]
+    band = plot['panels'][0]['lines'][0]
+    assert band['upper'][-1] - band['y'][-1] == pytest.approx(2 * NORMAL_95 * states[-1].std_error[0], rel=1e-3)
+    assert 'payload on link 2, at 40.0 to 41.0 s' in page.inner_text('body')
