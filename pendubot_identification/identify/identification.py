@@ -129,9 +129,14 @@ def identify(
     faults = _diagnosed(data)
     # What is estimated along does not stand in the way, nor does what an effect may explain.
     look = all(f.name in ('offset', 'motion') or (f.delay is not None and low <= f.delay <= high) for f in faults)
+    as_is = data
     left, data, comparison = _rid_of_effects(data, progress, look)
-    if left is not None and (data.effects or left.bursts) and any(f.name == 'motion' for f in faults):
-        faults = _diagnosed(data)
+    if any(f.name == 'motion' for f in faults):
+        again = faults if left is None else _diagnosed(data)
+        if any(f.name == 'motion' for f in again):  # what was found then explains nothing
+            left, data, comparison = None, as_is, Comparison(as_is, progress)
+        else:
+            faults = again
     if any(found.effect.name == 'offset' for found in data.effects):
         faults = tuple(replace(f, level=Level.WARN) if f.name == 'offset' else f for f in faults)
     if left is not None:
