@@ -6,6 +6,11 @@
 from dataclasses import dataclass
 from enum import IntEnum
 
+#: Half the width of a 95 % interval in standard errors.
+NORMAL_95 = 1.96
+#: A standard error above this fraction of the value leaves little of it.
+POOR = 0.5
+
 
 class Level(IntEnum):
     """How bad it is, with the numbers of diagnostic_msgs/DiagnosticStatus."""

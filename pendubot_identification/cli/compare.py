@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from pendubot_identification.errors import UsageError, wrong_usage
 
-from .reading import add_reading, reading_of, save_map
+from .reading import add_joints, add_reading, reading_of, save_map
 
 if TYPE_CHECKING:
     from pendubot_identification.identify.result import Given, Result
@@ -43,10 +43,7 @@ def add_parser(subparsers: Any) -> None:
     parser = subparsers.add_parser('compare', help='results side by side', description=DESCRIPTION, epilog=EPILOG)
     parser.add_argument('results', nargs='+', type=Path, metavar='RESULT.yaml', help='two or more results')
     parser.add_argument('--on', metavar='BAG[@START:END]', help='a bag or file whose motion each of them predicts')
-    parser.add_argument('--topic', default='/joint_states', help='topic with the joint states (default %(default)s)')
-    parser.add_argument(
-        '--joints', default='shoulder,elbow', metavar='SHOULDER,ELBOW', help='their joint names (default %(default)s)'
-    )
+    add_joints(parser)
     add_reading(parser)
     parser.add_argument('--json', action='store_true', help='print JSON, for programs')
     parser.set_defaults(run=run)

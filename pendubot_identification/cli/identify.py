@@ -36,7 +36,7 @@ from pendubot_identification.identify.options import (
 from pendubot_identification.setting import Setting
 
 from .progress import progress_bar
-from .reading import add_option, add_reading, flag, reading_of, save_map
+from .reading import add_joints, add_option, add_reading, flag, reading_of, save_map
 from .report import add_reference, read_beside
 
 if TYPE_CHECKING:
@@ -121,10 +121,7 @@ def add_parser(subparsers: Any) -> None:
     _add_options(parser.add_argument_group('how it is minimised'), HOW)
     add_reading(parser)
     where = parser.add_argument_group('input and output')
-    where.add_argument('--topic', default='/joint_states', help='topic with the joint states (default %(default)s)')
-    where.add_argument(
-        '--joints', default='shoulder,elbow', metavar='SHOULDER,ELBOW', help='their joint names (default %(default)s)'
-    )
+    add_joints(where)
     where.add_argument('--output', type=Path, metavar='RESULT.yaml', help='write the result here')
     where.add_argument(
         '--report', type=Path, metavar='DIR', help='make a report there: a page with figures, and the result beside it'

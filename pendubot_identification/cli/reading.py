@@ -29,6 +29,14 @@ def add_reading(parser: Any) -> None:
     group.add_argument('--save-map', type=Path, metavar='FILE', help='keep them in a file, to be given again')
 
 
+def add_joints(group: Any) -> None:
+    """Add options that say where in a bag both joints are."""
+    group.add_argument('--topic', default='/joint_states', help='topic with the joint states (default %(default)s)')
+    group.add_argument(
+        '--joints', default='shoulder,elbow', metavar='SHOULDER,ELBOW', help='their joint names (default %(default)s)'
+    )
+
+
 def add_option(group: Any, option: Setting, **spelled: Any) -> None:
     """Add an option that is None where it is not given."""
     words = option.help()

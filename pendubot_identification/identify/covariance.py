@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from pendubot_identification.criteria.trajectory_fit import TrajectoryFit
+from pendubot_identification.level import NORMAL_95
 
-from .estimate import FEWEST_RECORDINGS, NORMAL_95
+from .estimate import FEWEST_RECORDINGS
 
 Array = NDArray[np.float64]
 

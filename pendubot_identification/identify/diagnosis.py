@@ -357,7 +357,7 @@ def link_length(motions: Sequence[Motion], model: str, delay: float = 0.0) -> tu
         return math.nan, math.nan
     parts = _elbows_own(motions, model, delay)
     ratios = _pooled(parts).free_minimum()
-    covariance = bootstrap_covariance(_blocks(parts), ratios, np.ones(len(ratios), dtype=bool))
+    covariance = bootstrap_covariance(Blocks.of(parts), ratios, np.ones(len(ratios), dtype=bool))
     return float(ratios[0]), math.sqrt(covariance[0, 0])
 
 
@@ -462,7 +462,7 @@ class _Rig:
         turning = [(3, 4), (2, 4)][joint]
         further = _turned(angles + math.pi / 2 * JOINTS[joint])
         columns = np.column_stack([_turned(angles), further[:, turning] @ theta[list(turning)]])
-        blocks = _blocks([Regression(part.phi @ columns, part.y, part.t) for part in self.turned])
+        blocks = Blocks.of([Regression(part.phi @ columns, part.y, part.t) for part in self.turned])
         free = np.append(~BOUNDS.at_bound(theta, 1e-6), True)
         return math.sqrt(bootstrap_covariance(blocks, np.append(theta, 0.0), free)[-1, -1])
 
@@ -572,7 +572,3 @@ def _unexplained(criterion: Quadratic, bounds: Bounds = BOUNDS) -> float:
     theta = criterion.minimum_in_box(bounds)
     effort = float(criterion(np.zeros_like(theta)))
     return float(criterion(theta)) / effort if effort > 0 else 1.0
-
-
-def _blocks(parts: Sequence[Regression]) -> Blocks:
-    return Blocks.of(parts)

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pendubot_identification.level import Level
+from pendubot_identification.level import NORMAL_95, POOR, Level
 from pendubot_identification.model.parameters import NAMES
 from pendubot_identification.optimizers.optimizer import OptimizationResult
 
@@ -24,10 +24,6 @@ Progress = Callable[[str, int, int, float], None]
 
 #: A run has found the minimum when its J exceeds the exact one by no more than this fraction.
 REACHED = 1e-6
-#: Half the width of a 95 % interval in standard errors.
-NORMAL_95 = 1.96
-#: A standard error above this fraction of the value leaves little of it.
-POOR = 0.5
 #: An interval that reaches farther to either side, as a fraction of the value, says too little to be relied on.
 WIDE = 0.5
 #: Below this an eigenvalue of a correlation matrix is 0, but for rounding.

@@ -14,14 +14,14 @@ from numpy.typing import NDArray
 from pendubot_identification.criteria.energy import energy_regression
 from pendubot_identification.criteria.quadratic import Quadratic
 from pendubot_identification.errors import ExcitationError
-from pendubot_identification.level import Level
+from pendubot_identification.level import NORMAL_95, Level
 from pendubot_identification.model.parameters import LARGEST_COUPLING, MODELS, NAMES, UNITS, Bounds, Parameters
 from pendubot_identification.trajectories.signals import SMOOTHING
 from pendubot_identification.trajectories.trajectory import Trajectory
 
 from .advice import advise
 from .diagnosis import LEAST_DELAY, Fault
-from .estimate import NORMAL_95, Estimate
+from .estimate import Estimate
 from .prediction import HORIZONS, JUDGED
 from .settings import Settings
 

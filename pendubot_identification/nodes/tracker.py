@@ -19,14 +19,14 @@ from std_srvs.srv import SetBool, Trigger
 
 from pendubot_identification.errors import ParameterError, PendubotError
 from pendubot_identification.identify.result import EffortTaken, plain
-from pendubot_identification.level import Level
+from pendubot_identification.level import NORMAL_95, Level
 from pendubot_identification.model.parameters import MODELS
 from pendubot_identification.recordings.joint_states import JOINT_NAMES, JointDecoder
 from pendubot_identification.recordings.mcap_file import Messages
 from pendubot_identification.results.track_file import parameters, start_of
 from pendubot_identification.setting import Setting
 from pendubot_identification.tracking import tracker as tracking
-from pendubot_identification.tracking.tracker import NORMAL_95, Burst, Event, Lost, State
+from pendubot_identification.tracking.tracker import Burst, Event, Lost, State
 
 from .diagnostics import StatusPublisher, diagnostics_message, stamp_now
 from .messages import LATCHED, flat, vector_message

@@ -74,6 +74,10 @@ class BagWindow:
             ) from None
         return cls(Path(path), start, end)
 
+    def of(self, motion: Trajectory) -> Trajectory:
+        """Return what of a motion, t [s] from the bag's first sample, lies in the window; it may be nothing."""
+        return motion[(motion.t >= (self.start or 0.0)) & (motion.t < (self.end or math.inf))]
+
     def __str__(self) -> str:
         if self.start is None and self.end is None:
             return str(self.path)
@@ -303,8 +307,7 @@ def _of_bag(reader: BagReader, window: BagWindow, stream: Stream, reading: Readi
 
 
 def _of_table(reader: TableReader, window: BagWindow) -> Trajectory:
-    t = reader.motion.t
-    part = reader.motion[(t >= (window.start or 0.0)) & (t < (window.end or math.inf))]
+    part = window.of(reader.motion)
     if not len(part):
         raise _nothing(window, reader.motion.duration)
     _require_short(window, part.t, reader.motion.duration)

@@ -34,9 +34,8 @@ def stream_samples(
         TableError: a file with columns cannot be read, or lacks one.
     """
     if isinstance(reader, TableReader):
-        motion = reader.motion
-        inside = (motion.t >= (window.start or 0.0)) & (motion.t < (window.end or np.inf))
-        whole = np.column_stack([motion.t, motion.q, motion.tau])[inside]
+        motion = window.of(reader.motion)
+        whole = np.column_stack([motion.t, motion.q, motion.tau])
         yield from (whole[k : k + PART] for k in range(0, len(whole), PART))
         return
     stream = Stream(reader, topic, joint_names, window.start, window.end)

@@ -11,9 +11,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from pendubot_identification.identify.advice import TOGETHER
-from pendubot_identification.identify.estimate import NORMAL_95
 from pendubot_identification.identify.result import Given, Parameter, Result
-from pendubot_identification.level import Level
+from pendubot_identification.level import NORMAL_95, Level
 
 from .table import Cell, Number, Table, wrapped
 

@@ -16,9 +16,9 @@ from pendubot_identification.errors import ResultError
 from pendubot_identification.identify.identification import identify
 from pendubot_identification.identify.result import SCHEMA, EffortTaken, Parameter
 from pendubot_identification.identify.settings import Settings
-from pendubot_identification.level import Level
+from pendubot_identification.level import NORMAL_95, Level
 from pendubot_identification.model.parameters import MODELS, UNITS
-from pendubot_identification.tracking.tracker import NORMAL_95, Change, Event, Start, State, Tracker
+from pendubot_identification.tracking.tracker import Change, Event, Start, State, Tracker
 from pendubot_identification.trajectories.trajectory import Trajectory
 
 from .result_file import read_result, result_text

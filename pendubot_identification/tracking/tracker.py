@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from pendubot_identification.criteria.quadratic import Quadratic
 from pendubot_identification.criteria.weak import WIDTH
 from pendubot_identification.errors import ParameterError, PendubotError
-from pendubot_identification.level import Level
+from pendubot_identification.level import NORMAL_95, POOR, Level
 from pendubot_identification.model.parameters import MODELS, NAMES, Bounds, Parameters, default_bounds
 from pendubot_identification.trajectories.trajectory import Trajectory
 
@@ -48,13 +48,10 @@ CLEAN, FOREIGN = 8.0, 1000.0
 LOST = 20
 #: After so long without motion it is said [s].
 IDLE = 10.0
-#: A standard error above this part of P1 to P5 makes them poorly determined, as in an identification.
-POOR = 0.5
 #: Parameters of a file were found by another criterion, or yesterday: so much more of them is taken to be uncertain.
 CARRIED_OVER, FRICTION_CARRIED_OVER = 0.02, 0.3
 #: The ratio with which a first motion denies what was believed beforehand: among normal rows one of 1e8 does by chance.
 DENIED = 60.0
-NORMAL_95 = 1.96
 
 
 @dataclass(frozen=True, slots=True)

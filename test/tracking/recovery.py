@@ -19,10 +19,10 @@ from pendubot_identification.control.controller import Controller, Design, Loop,
 from pendubot_identification.control.plan import HELD, deviation
 from pendubot_identification.errors import ControlError
 from pendubot_identification.excitation.excitation import PulseTrain
-from pendubot_identification.level import Level
+from pendubot_identification.level import NORMAL_95, Level
 from pendubot_identification.model.parameters import BALANCE, Parameters
 from pendubot_identification.model.simulation import HANGING, LatePlant
-from pendubot_identification.tracking.tracker import NORMAL_95, Change, Lost, Start, Tracker
+from pendubot_identification.tracking.tracker import Change, Lost, Start, Tracker
 
 RATE, LAG, LIMIT = 200, 0.004, 2.0
 #: When it is first swung up, gets the payload, falls, is swung up again, and the end [s].
