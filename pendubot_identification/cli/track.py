@@ -14,17 +14,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pendubot_identification.errors import ExcitationError, wrong_usage
+from pendubot_identification.level import NORMAL_95
 from pendubot_identification.model import MODELS
 
 from .progress import progress_bar
-from .reading import add_reading, reading_of, save_map
+from .reading import add_joints, add_reading, reading_of, save_map
 
 if TYPE_CHECKING:
     from pendubot_identification.identify.estimate import Progress
     from pendubot_identification.recordings.bag_reader import BagWindow
     from pendubot_identification.report.table import Cell, Table
     from pendubot_identification.results.track_file import Track
-    from pendubot_identification.tracking.tracker import Start, Tracker
+    from pendubot_identification.tracking.tracker import Start, State, Tracker
     from pendubot_identification.trajectories.reading import Reading
 
 #: The exit status of a result of level ERROR, as of ``identify``.
@@ -63,10 +64,7 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument('--model', choices=list(MODELS), help='default: that of --start, else coulomb')
     add_reading(parser)
     where = parser.add_argument_group('input and output')
-    where.add_argument('--topic', default='/joint_states', help='topic with the joint states (default %(default)s)')
-    where.add_argument(
-        '--joints', default='shoulder,elbow', metavar='SHOULDER,ELBOW', help='their joint names (default %(default)s)'
-    )
+    add_joints(where)
     where.add_argument('--output', type=Path, metavar='RESULT.yaml', help='write what is true at the end here')
     where.add_argument(
         '--report', type=Path, metavar='DIR', help='write a page there, report.html, and the result beside it'
@@ -111,15 +109,17 @@ def run(args: argparse.Namespace) -> int:
         if args.output is not None and text:
             write_whole(args.output, text, overwrite=args.force)
             written.append(args.output)
-        table, happened = _summary(tracker, track)
-        if folder is not None and len(track.states) > 1:
+        last = tracker.state or track.states[-1]
+        table, happened = _summary(last, tracker, track)
+        if folder is not None:
             from pendubot_identification.report.folder import write_track
 
-            written.append(write_track(folder, (track.states, track.events), table, happened, args.bags, text))
+            # Of many states some are forgotten, the newest perhaps.
+            states = track.states if track.states[-1] is last else [*track.states, last]
+            written.append(write_track(folder, (states, track.events), table, happened, args.bags, text))
     if args.json:
         print(json.dumps(yaml.safe_load(text) if text else {'waiting': tracker.waiting}, indent=2))
     else:
-        last = tracker.state or track.states[-1]
         level = f'level {last.level.name}' + (f': {"; ".join(last.warnings)}' if last.warnings else '')
         print('\n'.join([table.text(), *map(wrapped, [level, *happened])]))
         for path in written:
@@ -160,13 +160,12 @@ def follow(
     return tracker, track
 
 
-def _summary(tracker: Tracker, track: Track) -> tuple[Table, list[str]]:
+def _summary(last: State, tracker: Tracker, track: Track) -> tuple[Table, list[str]]:
     """Return what a person reads at the end: the parameters, and what happened."""
     from pendubot_identification.model.parameters import UNITS
     from pendubot_identification.report.table import Number, Table
-    from pendubot_identification.tracking.tracker import NORMAL_95, Burst
+    from pendubot_identification.tracking.tracker import Burst
 
-    last = tracker.state or track.states[-1]
     # The first one with a band worth showing.
     first = next((s for s in track.states if s.t > track.states[0].t + BETWEEN), last)
     rows: list[list[Cell]] = [

@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pendubot_identification.criteria.trajectory_fit import TrajectoryFit
+from pendubot_identification.level import NORMAL_95
 from pendubot_identification.model.parameters import NAMES
 
-from .estimate import NORMAL_95, Estimate
+from .estimate import Estimate
 from .prediction import predict
 from .recipes import Data
 
@@ -109,8 +110,8 @@ def disagreement(estimates: Sequence[Estimate]) -> tuple[list[Estimate], list[st
         else e
         for e in estimates
     ]
-    parts = 100 * np.abs(off / np.maximum(np.abs(one.theta), np.abs(other.theta))[:5])
-    said = ', '.join(f'{NAMES[k]} ({parts[k]:.2g} %)' for k in odd)
+    parts = 100 * np.abs(off[odd]) / np.maximum(np.abs(one.theta[odd]), np.abs(other.theta[odd]))
+    said = ', '.join(f'{NAMES[k]} ({part:.2g} %)' for k, part in zip(odd, parts, strict=True))
     return wider, [
         f'weak and trajectory disagree about {said} by more than {ERRORS_APART:g} of their standard errors, which now '
         'include that: the rig has what the models lack, or the recordings are few or short; look at the unexplained '

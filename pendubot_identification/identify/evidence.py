@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 
 from pendubot_identification.criteria.trajectory_fit import segment_errors
 from pendubot_identification.criteria.weak import WIDTH, weak_regression
+from pendubot_identification.level import NORMAL_95
 from pendubot_identification.model.parameters import NAMES
 from pendubot_identification.model.rollout import roll
 from pendubot_identification.trajectories.motion import Motion
 
 from .effects import Found, catalogue_of, seen_of
-from .estimate import NORMAL_95
 from .linear import linear
 from .prediction import HORIZONS, LOST, measured_ends
 from .result import EffectFound
@@ -119,11 +119,13 @@ class TorqueLeft:
     Attributes:
         found: it and its bursts.
         names: of the recordings.
+        starts: when each begins [s].
         seen: what each is drawn against, in words: of shoulder and elbow, at all of its times, shape (K, 2).
     """
 
     found: Unexplained
     names: tuple[str, ...]
+    starts: tuple[float, ...]
     seen: dict[str, Array]
 
 
@@ -140,7 +142,7 @@ def torque_left(motions: Sequence[Motion], answer: Answer, smoothing: float, hol
         'its speed [rad/s]': np.concatenate([np.column_stack(s.v) for s in seen]),
         'torque [N m]': np.concatenate([np.column_stack([s.mean(WIDTH / 4)] * 2) for s in seen]),
     }
-    return TorqueLeft(found, tuple(motion.name for motion in motions), against)
+    return TorqueLeft(found, tuple(m.name for m in motions), tuple(m.start for m in motions), against)
 
 
 def known_effects(motions: Sequence[Motion], listed: Sequence[EffectFound]) -> list[Found]:

@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 
 from pendubot_identification.identify.evidence import Excitation, Residuals, Simulation, TorqueLeft
 from pendubot_identification.identify.result import Convergence, CriterionValue, Result
+from pendubot_identification.level import NORMAL_95
 from pendubot_identification.model.parameters import NAMES, UNITS
-from pendubot_identification.tracking.tracker import NORMAL_95, Change, Event, State
+from pendubot_identification.tracking.tracker import Change, Event, State
 from pendubot_identification.trajectories.trajectory import Trajectory
 
 from .style import rendered, style
@@ -210,7 +211,7 @@ def draw_torque_left(left: TorqueLeft, at: Timeline = NOWHERE) -> list[Picture]:
         )
         for k, (joint, colour) in enumerate(zip(('shoulder', 'elbow'), COLOURS, strict=False))
     ]
-    begin = {name: s + t[0] for name, s, t in zip(left.names, starts, found.times, strict=True)}
+    begin = {name: s + start for name, s, start in zip(left.names, starts, left.starts, strict=True)}
     bursts = [Span(begin[b.recording] + b.begin, begin[b.recording] + b.end, SIMULATED) for b in found.bursts]
     plot = TimePlot(panels, bursts, at.begins)
     figure, axes = _panels(2.6, 2, sharex=True)

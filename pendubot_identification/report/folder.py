@@ -93,7 +93,7 @@ def write_track(
     bags: Sequence[str],
     result: str,
 ) -> Path:
-    """Write the page of a rig that was followed through two states or more, and return where it is.
+    """Write the page of a rig that was followed, the newest state last, and return where it is.
 
     ``result``: the text of the result file; empty where there is none at the end.
 

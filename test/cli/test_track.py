@@ -43,6 +43,7 @@ def test_a_bag_is_followed_and_written_as_a_result_with_a_figure(run, bag, tmp_p
     assert told['events'][0]['kind'] == 'payload on link 2'
     assert len(told['t']) == len(told['values']['P1']) > 20
     assert {path.name for path in look.iterdir()} == {'report.html', 'result.yaml', 'track.png', 'track.svg'}
+    assert f'OK at {max(told["t"]):.0f} s' in (look / 'report.html').read_text()
     # What was written is where the next one begins; and is read by what reads results.
     status, out, _ = run('track', f'{bag}@17:', '--start', str(now), '--json')
     assert status == 0

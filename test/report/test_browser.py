@@ -9,8 +9,7 @@ import shutil
 import numpy as np
 import pytest
 
-from pendubot_identification.identify.estimate import NORMAL_95
-from pendubot_identification.level import Level
+from pendubot_identification.level import NORMAL_95, Level
 from pendubot_identification.report.figures import draw_track
 from pendubot_identification.report.page import result_page, track_page
 from pendubot_identification.report.table import Table
@@ -219,6 +218,7 @@ def test_what_became_of_parameters_is_explored_beside_what_happened(opened, tmp_
     file.write_text(
         track_page(states[-1], draw_track(states, events), table, happened, ['day'], result=False), encoding='utf-8'
     )
+    assert draw_track(states[:1], []).plot.data()['panels'], 'of one state, too'
     page = opened(file)
     before = page.evaluate(RANGES)['track']
     assert len(before) == 10, 'nine parameters, and what is left unexplained'

@@ -52,7 +52,7 @@ def torque_left():
     share = np.full(2, 0.1)
     found = Unexplained((t, t), (torque, torque), (0 * torque, 0 * torque), share, share / 10, (burst,), (), 0.0)
     seen = {'its angle [rad]': np.concatenate([torque, torque]), 'its speed [rad/s]': np.zeros((400, 2))}
-    return TorqueLeft(found, ('a', 'b'), seen)
+    return TorqueLeft(found, ('a', 'b'), (0.0, -0.15), seen)
 
 
 @functools.cache
@@ -113,6 +113,11 @@ def test_recordings_of_one_bag_share_its_time_and_others_stand_behind_it():
     assert all(each.boundaries == [0.0, pytest.approx(5.99)] for each in (plot, *(other.plot for other in others)))
     assert figures.timeline(parts[::2]).begins == ()
     assert [(s.begin, s.end) for s in plot.spans] == [(0, 2.99), (pytest.approx(5.99), pytest.approx(8.98)), (3, 5.99)]
+
+
+def test_a_burst_is_shaded_where_it_was_since_the_start_of_its_recording():
+    (span,) = figures.draw_torque_left(torque_left())[0].plot.spans
+    assert (span.begin, span.end) == (pytest.approx(0.85), pytest.approx(1.25))
 
 
 def test_simulations_that_are_lost_are_drawn_as_far_as_they_go():
