@@ -105,23 +105,27 @@ def run(args: argparse.Namespace) -> int:
             raise ExcitationError(f'{", ".join(args.bags)}: no parameters were found: {tracker.waiting}')
         written = []
         text = track_text(tracker, track, args.bags) if tracker.state is not None else ''
-        save_map(args, reading)
-        if args.output is not None and text:
-            write_whole(args.output, text, overwrite=args.force)
-            written.append(args.output)
         last = tracker.state or track.states[-1]
         table, happened = _summary(last, tracker, track)
-        if folder is not None:
-            from pendubot_identification.report.folder import write_track
+        try:
+            save_map(args, reading)
+            if args.output is not None and text:
+                write_whole(args.output, text, overwrite=args.force)
+                written.append(args.output)
+            if folder is not None:
+                from pendubot_identification.report.folder import write_track
 
-            # Of many states some are forgotten, the newest perhaps.
-            states = track.states if track.states[-1] is last else [*track.states, last]
-            written.append(write_track(folder, (states, track.events), table, happened, args.bags, text))
-    if args.json:
-        print(json.dumps(yaml.safe_load(text) if text else {'waiting': tracker.waiting}, indent=2))
-    else:
-        level = f'level {last.level.name}' + (f': {"; ".join(last.warnings)}' if last.warnings else '')
-        print('\n'.join([table.text(), *map(wrapped, [level, *happened])]))
+                # Of many states some are forgotten, the newest perhaps.
+                states = track.states if track.states[-1] is last else [*track.states, last]
+                written.append(write_track(folder, (states, track.events), table, happened, args.bags, text))
+        finally:
+            # Also where it cannot be written: hours may have been followed.
+            if args.json:
+                print(json.dumps(yaml.safe_load(text) if text else {'waiting': tracker.waiting}, indent=2))
+            else:
+                level = f'level {last.level.name}' + (f': {"; ".join(last.warnings)}' if last.warnings else '')
+                print('\n'.join([table.text(), *map(wrapped, [level, *happened])]))
+    if not args.json:
         for path in written:
             print(f'written to {path}')
     return FAILED if tracker.state is None or tracker.state.level.name == 'ERROR' else 0

@@ -125,10 +125,11 @@ def _tell(what: str) -> None:
 
 
 def _changeable(board: VirtualBoard, stop: Shutdown) -> AbstractContextManager[None]:
-    """Return what makes it a node; without ROS, nothing."""
+    """Return what makes it a node; without ROS, nothing, and that is said."""
     try:
         from .board_node import changeable
-    except ImportError:
+    except ImportError as error:
+        print(f'virtual_board: rclpy cannot be imported ({error}), so that it is no node', file=sys.stderr, flush=True)
         return nullcontext()
     return changeable(board, sys.argv, stop)
 

@@ -12,6 +12,7 @@ import yaml
 from pendubot_identification.recordings.joint_states import write_trajectory
 from pendubot_identification.results.result_file import read_result
 from pendubot_identification.trajectories.trajectory import Trajectory
+from test.processes import run_program
 from test.tracking.rig import Day, record, truth
 
 DAY = Day(payload=0.2, payload_at=16.0)
@@ -50,6 +51,14 @@ def test_a_bag_is_followed_and_written_as_a_result_with_a_figure(run, bag, tmp_p
     assert json.loads(out)['tracked']['events'] == []
     status, out, _ = run('compare', str(now), str(look / 'result.yaml'))
     assert status == 0
+
+
+def test_what_was_followed_is_said_though_the_disk_is_full(bag, tmp_path):
+    ended = run_program('pendubot', 'track', bag, '--report', tmp_path / 'look', file_limit=20_000)
+    assert ended.returncode == 1
+    assert 'payload on link 2, at 15.' in ended.stdout
+    assert ended.stderr.endswith('cannot be written (File too large); choose a folder that can be\n')
+    assert 'written to' not in ended.stdout
 
 
 def test_parts_one_after_the_other_are_one_stream(run, motion, tmp_path):
