@@ -12,10 +12,11 @@ from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import lsq_linear, minimize_scalar
 
 from pendubot_identification.errors import ParameterError
 from pendubot_identification.model.parameters import LARGEST_COUPLING, Bounds, coupling_excess
+
+from .bounded import least_squares_within, lowest_between
 
 Array = NDArray[np.float64]
 
@@ -109,13 +110,12 @@ class Quadratic:
         coarse = np.linspace(low, high, math.ceil(high - low) + 2)
         at = float(coarse[np.argmin([self(best(x)) for x in coarse])])
         for reach in (1.0, 1e-6):
-            offset = minimize_scalar(
-                lambda x, at=at: float(self(best(at + x))),
-                bounds=(-reach, reach),
-                method='bounded',
-                options={'xatol': 1e-9 * reach},
-            ).x
-            at = min(at, at + offset, key=lambda x: float(self(best(x))))
+            centre = at
+
+            def offset_costs(offset: float, centre: float = centre) -> float:
+                return float(self(best(centre + offset)))
+
+            at = centre + min(0.0, lowest_between(offset_costs, -reach, reach, 1e-9 * reach), key=offset_costs)
         return np.clip(best(at), bounds.lower, bounds.upper)
 
     def minimum_in_box(self, bounds: Bounds) -> Array:
@@ -144,8 +144,8 @@ class Quadratic:
         phi = self.phi @ directions
         scale = _column_scale(phi)
         above = np.maximum(upper, lower + 1e-12 * np.abs(lower) + 1e-300)  # closed, or turned round by rounding
-        solution = lsq_linear(phi / scale, self.y, (lower * scale, above * scale), method='bvls', tol=1e-15)
-        return np.asarray(directions @ np.clip(solution.x / scale, lower, upper))
+        x = least_squares_within(phi / scale, self.y, lower * scale, above * scale)
+        return np.asarray(directions @ np.clip(x / scale, lower, upper))
 
     def free_minimum(self) -> Array:
         """Return the minimiser without bounds, shape (D,); the smallest one where many are as good."""

@@ -10,13 +10,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 from pendubot_identification.model.parameters import MODELS, Bounds, coupling_excess, repaired
 from pendubot_identification.model.rollout import roll
 from pendubot_identification.optimizers.mde import MDESettings, mde
 from pendubot_identification.optimizers.optimizer import OptimizationResult
 from pendubot_identification.trajectories.motion import Motion
+from pendubot_identification.trajectories.piecewise import cubic_spline
 from pendubot_identification.trajectories.signals import encoder_step
 
 from .levenberg_marquardt import LEAST_INERTIA, Fit, levenberg_marquardt
@@ -313,11 +313,11 @@ def _correlation(residuals: Array, lag: int) -> float:
 def _continued(segments: Segments, fit: Fit, others: Segments) -> Array:
     """Return the states that fitted segments have where others start, shape (4, L)."""
     states = segments.roll(fit.theta, fit.initial)
-    times = segments.step * np.arange(segments.steps + 1)
+    times = np.asarray(segments.step * np.arange(segments.steps + 1.0))
     result = np.empty((4, len(others)))
     for lane, (group, start) in enumerate(zip(others.group, others.start, strict=True)):
         own = np.flatnonzero((segments.group == group) & (segments.start <= start + 1e-9))[-1]
-        result[:, lane] = CubicSpline(times, states[:, :, own])(start - segments.start[own])
+        result[:, lane] = cubic_spline(times, states[:, :, own])(start - segments.start[own])
     return result
 
 

@@ -9,12 +9,12 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import stdtrit
 
 from pendubot_identification.criteria.trajectory_fit import TrajectoryFit
 from pendubot_identification.level import NORMAL_95
 
 from .estimate import FEWEST_RECORDINGS
+from .significance import student_quantile
 
 Array = NDArray[np.float64]
 
@@ -150,7 +150,7 @@ def _jackknife(without: Array) -> tuple[Array, float]:
     """
     count = len(without)
     moves = without - without.mean(axis=0)
-    quantile = float(stdtrit(max(count - 1, 1), 0.975)) / NORMAL_95
+    quantile = student_quantile(max(count - 1, 1)) / NORMAL_95
     return quantile**2 * (count - 1) / count * moves.T @ moves, quantile
 
 

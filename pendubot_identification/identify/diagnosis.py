@@ -22,8 +22,8 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize_scalar
 
+from pendubot_identification.criteria.bounded import lowest_between
 from pendubot_identification.criteria.energy import Regression
 from pendubot_identification.criteria.quadratic import Quadratic
 from pendubot_identification.criteria.weak import WIDTH, estimate_delay, weak_regression
@@ -433,13 +433,7 @@ class _Rig:
 
     def zero(self, joint: int, low: float, high: float, others: Array | float = 0.0) -> float:
         """Return the angle [rad] between two by which the zero of one joint is most likely off, given the other's."""
-        search = minimize_scalar(
-            lambda angle: self.unexplained(angle * JOINTS[joint] + others),
-            bounds=(low, high),
-            method='bounded',
-            options={'xatol': 1e-4},
-        )
-        return float(search.x)
+        return lowest_between(lambda angle: self.unexplained(angle * JOINTS[joint] + others), low, high, 1e-4)
 
     def tolerance(self, joint: int, angles: Array) -> float:
         """Return by how much a zero [rad] may be off that was set while the rig hung at rest."""

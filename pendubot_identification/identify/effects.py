@@ -12,11 +12,10 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import PPoly
-from scipy.linalg import solve_banded
 
 from pendubot_identification.model.dynamics import SIGN_WIDTH
 from pendubot_identification.trajectories.motion import Motion
+from pendubot_identification.trajectories.piecewise import Piecewise
 
 Array = NDArray[np.float64]
 
@@ -252,9 +251,13 @@ def seen_of(motion: Motion, at: Array, delay: float, passed: tuple[float, float]
     def lagged(time: float) -> Array:
         grid = np.arange(first, last, FINEST)
         decay = np.exp(-FINEST / time)
-        means = np.diff(motion.impulse(grid)[:, 0]) / FINEST
-        bands = np.array([np.ones_like(means), np.full_like(means, -decay)])
-        return np.asarray(np.interp(at - delay + time, grid[1:], solve_banded((1, 0), bands, (1 - decay) * means)))
+        mean = (1 - decay) * np.diff(motion.impulse(grid)[:, 0]) / FINEST
+        # Of twice as many past steps each time, until the next are forgotten.
+        past = 1
+        while past < len(mean) and decay**past > 1e-16:
+            mean[past:] = mean[past:] + decay**past * mean[:-past]
+            past *= 2
+        return np.asarray(np.interp(at - delay + time, grid[1:], mean))
 
     torque = motion.impulse(at - delay, 1)[..., 0]
     return Seen((q1, q2), (v1, v2), torque, mean, lagged, np.interp(at, (motion.start, motion.end), passed))
@@ -272,9 +275,9 @@ def allowing_for(
     breaks, made = _unit_torques(motion, units, delay, passed)
     # The same integral in finer pieces, less that of the effects.
     whole = np.array([motion.impulse(breaks[:-1], 2) / 2, motion.impulse(breaks[:-1], 1), motion.impulse(breaks[:-1])])
-    taken = PPoly(np.tensordot(made, sizes, (1, 0))[None], breaks).antiderivative()
+    taken = Piecewise(np.tensordot(made, sizes, (1, 0))[None], breaks).antiderivative()
     whole[1:] -= taken.c
-    return replace(motion, impulse=PPoly(whole, breaks))
+    return replace(motion, impulse=Piecewise(whole, breaks))
 
 
 def with_unit_torques(
@@ -285,12 +288,12 @@ def with_unit_torques(
     if not units:
         return motion
     breaks, made = _unit_torques(motion, units, delay, passed)
-    # What PPoly.antiderivative would do of this, in a third of the time.
+    # What Piecewise.antiderivative would do of this, in a third of the time.
     pieces = np.empty((2, *made.shape))
     np.negative(made, out=pieces[0])
     pieces[1, 0] = 0.0
     np.cumsum(pieces[0, :-1] * np.diff(breaks)[:-1, None, None], axis=0, out=pieces[1, 1:])
-    return replace(motion, unit_impulse=PPoly(pieces.reshape(2, len(made), -1), breaks))
+    return replace(motion, unit_impulse=Piecewise(pieces.reshape(2, len(made), -1), breaks))
 
 
 def _unit_torques(

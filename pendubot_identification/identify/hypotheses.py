@@ -14,10 +14,10 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import fdtrc
 
 from .effects import Effect
 from .estimate import FEWEST_RECORDINGS
+from .significance import exceeded_by_chance
 
 Array = NDArray[np.float64]
 
@@ -107,7 +107,7 @@ def select(
             freedom = independent - len(taken) - len(places[c])
             better = alone / max(squares(whole, taken + places[c]), np.finfo(float).tiny) - 1
             more = len(places[c])
-            if freedom > 0 and fdtrc(more, freedom, better * freedom / more) * len(effects) < SIGNIFICANT:
+            if freedom > 0 and exceeded_by_chance(better * freedom / more, more, freedom) * len(effects) < SIGNIFICANT:
                 rest = _left_out(of_fold, taken + places[c])
                 share = 1 - rest.sum() / left_out.sum()
                 # Else it tells a recording from others, or one time from another.
@@ -178,7 +178,7 @@ def _by_chance(columns: Array, more: int) -> float:
     left = columns[..., -1] - columns[..., :-1] @ solution
     told, by_row = products(own) @ solution[effect], (own * left[..., None]).reshape(rows, -1, more).sum(axis=1)
     size = float(told @ np.linalg.lstsq(products(by_row) * rows / (rows - unknowns), told, rcond=1e-12)[0])
-    return float(fdtrc(more, rows - more, size / more * (rows - more) / rows))
+    return exceeded_by_chance(size / more * (rows - more) / rows, more, rows - more)
 
 
 def _left_out(of_fold: Array, which: list[int]) -> Array:

@@ -17,10 +17,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 from pendubot_identification.criteria.weak import WIDTH, weak_regression
 from pendubot_identification.trajectories.motion import Motion
+from pendubot_identification.trajectories.piecewise import cubic_spline
 from pendubot_identification.trajectories.signals import encoder_step
 from pendubot_identification.trajectories.trajectory import MINIMUM_SAMPLES, Trajectory
 
@@ -235,8 +235,8 @@ class _Balances:
         for motion, passed in zip(self.motions, passed_by(self.motions), strict=True):
             at = motion.smoothed.x
             more = SMALL * np.column_stack(read(seen_of(motion, at, self.delay, passed)))
-            states = motion.smoothed(at) + np.column_stack([more, CubicSpline(at, more)(at, 1)])
-            changed.append(replace(motion, smoothed=CubicSpline(at, states)))
+            states = motion.smoothed(at) + np.column_stack([more, cubic_spline(at, more)(at, 1)])
+            changed.append(replace(motion, smoothed=cubic_spline(at, states)))
         return (_Balances.of(changed, self.delay).left(theta) - self.left(theta)) / SMALL
 
     def by_motion(self, rows: NDArray[Any]) -> list[NDArray[Any]]:

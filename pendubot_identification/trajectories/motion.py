@@ -11,8 +11,8 @@ from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline, PPoly
 
+from .piecewise import Piecewise, cubic_spline
 from .reading import Affine
 from .signals import differentiate, resample
 from .trajectory import Trajectory
@@ -29,11 +29,11 @@ class Motion:
     start: float  #: time of its first sample [s].
     end: float  #: time of its last one [s].
     interval: float  #: its sampling interval [s].
-    smoothed: CubicSpline  #: q1, q2, q1', q2' [rad, rad/s] as a spline of time.
-    impulse: PPoly  #: integral of both torques [N m s] since the start, as a piecewise polynomial of time.
+    smoothed: Piecewise  #: q1, q2, q1', q2' [rad, rad/s] as a spline of time.
+    impulse: Piecewise  #: integral of both torques [N m s] since the start, as a piecewise polynomial of time.
     recorded: Trajectory  #: what all this was made of.
     #: Integrals [s] of E unit torques beside the recorded ones, whose sizes are unknown: both joints' of each in turn.
-    unit_impulse: PPoly | None = None
+    unit_impulse: Piecewise | None = None
     #: What was made of this motion, and of no other: it is asked for again and again.
     _made: dict[Hashable, Any] = field(default_factory=dict, init=False, repr=False, compare=False)
 
@@ -56,7 +56,7 @@ class Motion:
         q, qd = differentiate(even.q, interval, smoothing)
         if q is even.q:
             # Samples too far apart to be smoothed: a spline knows their speed ten times better than differences.
-            qd = CubicSpline(even.t, q)(even.t, 1)
+            qd = cubic_spline(even.t, q)(even.t, 1)
         t, tau = trajectory.t, trajectory.tau
         pieces = [tau[:-1]] if hold == 'zero' else [np.diff(tau, axis=0) / np.diff(t)[:, None], tau[:-1]]
         return cls(
@@ -64,8 +64,8 @@ class Motion:
             start=float(even.t[0]),
             end=float(even.t[-1]),
             interval=interval,
-            smoothed=CubicSpline(even.t, np.column_stack([q, qd])),
-            impulse=PPoly(np.array(pieces), t).antiderivative(),
+            smoothed=cubic_spline(even.t, np.column_stack([q, qd])),
+            impulse=Piecewise(np.array(pieces), t).antiderivative(),
             recorded=trajectory,
         )
 
@@ -86,8 +86,8 @@ class Motion:
         impulses[-1] += (x[:-1] - x[0])[:, None] * d
         return replace(
             self,
-            smoothed=CubicSpline.construct_fast(states, self.smoothed.x),
-            impulse=PPoly(impulses, x),
+            smoothed=Piecewise(states, self.smoothed.x),
+            impulse=Piecewise(impulses, x),
             recorded=replace(recorded, q=recorded.q @ Q.T + c, tau=recorded.tau @ T.T + d, qd=None),
         )
 
@@ -110,6 +110,6 @@ class Motion:
         return _means(self.unit_impulse, start, step, steps).reshape(-1, 2, steps, len(start))
 
 
-def _means(impulse: PPoly, start: Array, step: float, steps: int) -> Array:
+def _means(impulse: Piecewise, start: Array, step: float, steps: int) -> Array:
     edges = start + step * np.arange(steps + 1)[:, None]
     return np.asarray(np.moveaxis(np.diff(impulse(edges), axis=0), -1, 0) / step)
