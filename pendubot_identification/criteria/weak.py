@@ -55,12 +55,19 @@ DELAY_STRIDE = 0.03
 
 
 def weak_regression(
-    motion: Motion, model: str, delay: float = 0.0, *, weights: ArrayLike = (1.0, 1.0, 1.0), stride: float = STRIDE
+    motion: Motion,
+    model: str,
+    delay: float = 0.0,
+    *,
+    weights: ArrayLike = (1.0, 1.0, 1.0),
+    stride: float = STRIDE,
+    coarse: bool = False,
 ) -> Regression:
     """Return the three balances of a motion under each of K bumps, one every ``stride`` [s].
 
     ``model`` is one of :data:`.parameters.MODELS`; ``delay`` that of the effort [s]: what acts at t is the torque
-    recorded at t - delay; ``weights`` are factors of the three balances, see :func:`balance_weights`.
+    recorded at t - delay; ``weights`` are factors of the three balances, see :func:`balance_weights`. Where they are
+    but compared, ``coarse`` sums over the longest cells, however near the samples are.
 
     Returns:
         3 K residuals [N m; of energy W times its weight] in the order of time, of each bump those of shoulder, elbow,
@@ -69,7 +76,7 @@ def weak_regression(
     Raises:
         TrajectoryError: the motion is shorter than the bump, or faster than a rig can be.
     """
-    bumps = _Bumps.cover(motion, stride, delay, delay)
+    bumps = _Bumps.cover(motion, stride, delay, delay, coarse)
     rows = _Balances(motion, bumps).rows(delay) * np.reshape(weights, (3, 1))
     weighted = rows.reshape(-1, rows.shape[2])
     return Regression(weighted[:, : MODELS[model]], weighted[:, -1], np.repeat(bumps.centres, 3))
@@ -112,7 +119,7 @@ def estimate_delay(
     size = MODELS[model]
 
     def balances_of(motion: Motion) -> _Balances:
-        cover = DELAY_STRIDE, lowest, highest
+        cover = DELAY_STRIDE, lowest, highest, True
         return motion.once(cover, lambda: _Balances(motion, _Bumps.cover(motion, *cover)))
 
     balances = [balances_of(motion) for motion in motions]
@@ -155,10 +162,11 @@ class _Bumps:
     stride: int  #: cells from one bump to the next.
 
     @classmethod
-    def cover(cls, motion: Motion, stride: float, lowest: float, highest: float) -> _Bumps:
+    def cover(cls, motion: Motion, stride: float, lowest: float, highest: float, coarse: bool) -> _Bumps:
         """Cover what is known of a motion for delays of the effort from ``lowest`` to ``highest`` [s]."""
         start, end = motion.start + max(highest, 0.0), motion.end + min(lowest, 0.0)
-        per_stride = math.ceil(stride / min(motion.interval, LONGEST_CELL) - 1e-9)
+        longest = LONGEST_CELL if coarse else min(motion.interval, LONGEST_CELL)
+        per_stride = math.ceil(stride / longest - 1e-9)
         step = stride / per_stride
         cells = int((end - start) / step + 1e-6)
         under = max(4, round(WIDTH / step))

@@ -390,7 +390,9 @@ class _Rig:
 
     @cached_property
     def regressions(self) -> list[Regression]:
-        return [weak_regression(m, MODEL, self.delay, weights=WEIGHTS, stride=STRIDE) for m in self.motions]
+        return [
+            weak_regression(m, MODEL, self.delay, weights=WEIGHTS, stride=STRIDE, coarse=True) for m in self.motions
+        ]
 
     def changed(self, change: Affine) -> _Rig:
         return replace(self, motions=tuple(m.changed(change) for m in self.motions))
