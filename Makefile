@@ -44,7 +44,7 @@ sample-bag: $(VENV)/.ros
 	rm -rf bags/paper_experiment
 	cp -r build/sample/paper_experiment bags/
 
-$(VENV)/.ros: setup.py .ci/constraints.txt pendubot_identification/model/kernel.c pendubot_identification/optimizers/mde.c
+$(VENV)/.ros: setup.py .ci/constraints.txt $(wildcard pendubot_identification/*/*.c)
 	@echo "Setting up $(VENV) (once, about a minute) ..."
 	@$(PYTHON) -m venv $(VENV)
 	@$(PIP) --editable '.[ros]'

@@ -17,8 +17,8 @@ BAGS = [(f'{SHARE}/{folder}', sorted(glob(f'{folder}/*.*'))) for folder in ['bag
 # Without a C compiler it is left out, and everything works through numpy. No contraction: every processor shall round
 # alike.
 KERNEL = Extension(
-    f'{NAME}.model._kernel',
-    [f'{NAME}/model/kernel.c', f'{NAME}/optimizers/mde.c'],
+    f'{NAME}._kernel',
+    [f'{NAME}/{source}.c' for source in ('model/rollout', 'optimizers/mde', 'trajectories/piecewise')],
     extra_compile_args=[
         *('-std=gnu11', '-O3', '-ffp-contract=off', '-fno-math-errno', '-fno-trapping-math'),
         *('-fvisibility=hidden', '-Wno-psabi', '-pthread'),

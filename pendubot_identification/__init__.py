@@ -10,8 +10,7 @@ from os import environ
 from types import ModuleType
 from typing import Any
 
-from . import identify
-from .model import kernel
+from . import identify, kernel
 
 __version__ = '0.1.0'
 #: Names of api.py: importing it takes time, which only who uses it waits for.

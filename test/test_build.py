@@ -78,7 +78,7 @@ def test_without_a_compiler_the_package_builds_and_says_that_it_goes_by_numpy(tm
     env = {**os.environ, 'CC': 'no-such-compiler', 'PENDUBOT_KERNEL': 'on'}
     run([sys.executable, 'setup.py', '--quiet', 'build', '--build-lib', 'out'], tmp_path, env)
     said = run(
-        [sys.executable, '-c', 'from pendubot_identification.model import kernel; print(kernel.description())'],
+        [sys.executable, '-c', 'from pendubot_identification import kernel; print(kernel.description())'],
         tmp_path / 'out',
         env,
     )

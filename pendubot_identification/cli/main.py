@@ -12,9 +12,8 @@ import traceback
 from collections.abc import Sequence
 from typing import Any, NoReturn
 
-from pendubot_identification import __version__
+from pendubot_identification import __version__, kernel
 from pendubot_identification.errors import UsageError, sentence
-from pendubot_identification.model import kernel
 from pendubot_identification.paper import reproduce
 from pendubot_identification.resources import resource
 

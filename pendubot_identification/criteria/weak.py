@@ -21,6 +21,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -50,6 +51,8 @@ DELAY_STEP = 0.005
 #: An effort that hardly changes says nothing of its delay: one that leaves more than this fraction of what none
 #: leaves unexplained is not looked at.
 TELLING = 0.98
+#: So many columns of the largest model no torque changes; the others are those of k1 and k2, by which friction grows.
+STILL = 12
 #: How often bumps begin in the search for a delay [s]; more of them tell little more.
 DELAY_STRIDE = 0.03
 
@@ -192,8 +195,14 @@ class _Bumps:
         """The bumps' middles [s], shape (K,)."""
         return self.nodes[:: self.stride][: len(self)] + len(self.weights) * self.step / 2
 
-    def columns(self, cells: dict[tuple[int, int], Array]) -> Array:
-        """Return what every bump makes of cells' own integrals, shapes (cells,), by balance and column: (K, 3, 15)."""
+    def columns(self, cells: dict[tuple[int, int], Array], count: int) -> Array:
+        """Return the sums of cells' own integrals, shapes (cells,), by balance and column: shape (K, 3, count)."""
+        result, (balance, column) = np.zeros((len(self), 3, count)), zip(*cells, strict=True)
+        result[:, balance, column] = self._sums(list(cells.values()))
+        return result
+
+    def _sums(self, cells: Sequence[Array]) -> Array:
+        """Return what every bump makes of n rows of cells, shape (K, n)."""
         # Neighbouring bumps are summed together, by one matrix product.
         under, count = len(self.weights), -(-len(self.weights) // self.stride)
         together, reach = count * self.stride, (count - 1) * self.stride + under
@@ -202,12 +211,10 @@ class _Bumps:
             row[k * self.stride :][:under] = self.weights
         padded = np.zeros((len(cells), (len(self) - 1) // count * together + reach))
         used = min(self.cells, padded.shape[1])
-        padded[:, :used] = [values[:used] for values in cells.values()]
+        padded[:, :used] = [values[:used] for values in cells]
         windows = np.lib.stride_tricks.sliding_window_view(padded, reach, axis=1)[:, ::together]
         sums = (np.ascontiguousarray(windows) @ weights.T).reshape(len(cells), -1)
-        result, (balance, column) = np.zeros((len(self), 3, 15)), zip(*cells, strict=True)
-        result[:, balance, column] = sums[:, : len(self)].T
-        return result
+        return np.asarray(sums[:, : len(self)].T)
 
 
 class _Balances:
@@ -233,21 +240,36 @@ class _Balances:
         for first, friction in ((5, v), (7, sense), (10, stribeck)):
             happens |= {(joint, first + joint): friction[joint] for joint in (0, 1)}
             happens |= {(2, first + joint): friction[joint] * v[joint] for joint in (0, 1)}
-        #: All columns, as far as the torque does not change them.
-        self._still = bumps.columns({place: np.diff(values) for place, values in change.items()})
-        self._still += bumps.columns({place: _means(values) * bumps.step for place, values in happens.items()})
+        #: The columns that no torque changes, shape (K, 3, STILL).
+        self._still = bumps.columns({place: np.diff(values) for place, values in change.items()}, STILL)
+        self._still += bumps.columns({place: _means(values) * bumps.step for place, values in happens.items()}, STILL)
         self._sense, self._sensed = _means(sense), _means(sense * v)
         self._angles = Piecewise(np.ascontiguousarray(motion.smoothed.c[:, :, :2]), motion.smoothed.x)
 
     def triangles(self, delay: float) -> Array:
         """Return the triangle of the QR factorisation of each balance, shape (3, 15, 15)."""
         if delay not in self._triangles:
-            rows = self.rows(delay).swapaxes(0, 1)
-            self._triangles[delay] = np.array([Quadratic.reduce(r[:, :-1], r[:, -1]).triangle for r in rows])
+            basis, triangle = self._factors
+            moved = _by_balance(self._moved(delay))
+            along = basis.transpose(0, 2, 1) @ moved
+            made = np.zeros((3, STILL + 3, STILL + 3))
+            made[:, :STILL, :STILL], made[:, :STILL, STILL:] = triangle, along
+            made[:, STILL:, STILL:] = np.linalg.qr(moved - basis @ along, mode='r')
+            self._triangles[delay] = made
         return self._triangles[delay]
 
+    @cached_property
+    def _factors(self) -> tuple[Array, Array]:
+        """The QR factorisation of what no torque changes: most of that of all, at any delay."""
+        basis, triangle = np.linalg.qr(_by_balance(self._still))
+        return basis, triangle
+
     def rows(self, delay: float) -> Array:
-        """Return the columns of all parameters and what the torques do, shape (K, 3, 15).
+        """Return the columns of all parameters and what the torques do, shape (K, 3, 15)."""
+        return np.concatenate([self._still, self._moved(delay)], axis=2)
+
+    def _moved(self, delay: float) -> Array:
+        """Return the columns that the torques change, of k1 and k2, and what they do, shape (K, 3, 3).
 
         Within a cell a torque may change from sample to sample. So impulse and work are summed over the parts between
         its changes: a held torque does the work tau (q[end] - q[start]), whatever the motion in between.
@@ -259,10 +281,15 @@ class _Balances:
         pushes = np.diff(impulse(edges - delay).T)
         work = (pushes / np.diff(edges) * np.diff(self._angles(edges).T)).sum(axis=0)
         cells = np.add.reduceat([*pushes, work, *np.abs(pushes)], np.searchsorted(edges, nodes[:-1]), axis=1)
-        columns = {(balance, 14): cells[balance] for balance in range(3)}
+        columns = {(balance, 2): cells[balance] for balance in range(3)}
         for joint, load in enumerate(cells[3:]):
-            columns |= {(joint, 12 + joint): self._sense[joint] * load, (2, 12 + joint): self._sensed[joint] * load}
-        return np.asarray(self._still + self._bumps.columns(columns))
+            columns |= {(joint, joint): self._sense[joint] * load, (2, joint): self._sensed[joint] * load}
+        return self._bumps.columns(columns, 3)
+
+
+def _by_balance(rows: Array) -> Array:
+    """Return rows of shape (K, 3, C) as (3, K, C), with as many as a QR factorisation of all columns needs."""
+    return np.asarray(np.pad(rows, ((0, max(0, STILL + 3 - len(rows))), (0, 0), (0, 0))).swapaxes(0, 1))
 
 
 def _means(at_nodes: Array) -> Array:

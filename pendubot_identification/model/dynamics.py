@@ -7,7 +7,7 @@
 
 q1 is measured from the horizontal, q2 relative to link 1; on a pendubot tau2 = 0. ``theta`` is the vector P1 P2 P3
 P4 P5 b1 b2, and after these, as far as the model goes, Fc1 Fc2 J2 Fs1 Fs2 k1 k2: D = 7, 9, 10 or 14 parameters
-(:data:`.parameters.MODELS`). kernel.c has the same accelerations and derivatives in C.
+(:data:`.parameters.MODELS`). rollout.c has the same accelerations and derivatives in C.
 """
 
 from __future__ import annotations

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pendubot_identification.model import kernel as compiled
+from pendubot_identification import kernel as compiled
 
 from .dynamics import acceleration_derivatives, accelerations
 

@@ -17,8 +17,8 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from pendubot_identification import kernel as compiled
 from pendubot_identification.errors import ParameterError
-from pendubot_identification.model import kernel as compiled
 from pendubot_identification.model.parameters import LARGEST_COUPLING, Bounds
 
 from .optimizer import (

@@ -13,6 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pendubot_identification import kernel
+
 Array = NDArray[np.float64]
 
 
@@ -26,6 +28,12 @@ class Piecewise:
     def __call__(self, t: ArrayLike, order: int = 0) -> Array:
         """Return the values, or a derivative, at times of shape (...), as (..., C); the end pieces go on beyond."""
         t = np.asarray(t, dtype=float)
+        if (library := kernel.library()) is not None:
+            c, x, at = (np.ascontiguousarray(each, dtype=float) for each in (self.c, self.x, t))
+            values = np.empty((*t.shape, c.shape[2]))
+            pointers = [each.ctypes.data for each in (c, x, at, values)]
+            library.pendubot_piecewise(t.size, *c.shape, order, *pointers)
+            return values
         c = self.c
         for _ in range(order):
             c = c[:-1] * np.arange(len(c) - 1.0, 0.0, -1.0)[:, None, None] if len(c) > 1 else np.zeros_like(c)

@@ -11,7 +11,7 @@ import argparse
 import re
 from pathlib import Path
 
-from pendubot_identification.model import kernel
+from pendubot_identification import kernel
 from test.benchmark import bags, growth, measure, motions, optimisers, session, start
 from test.conftest import ROOT
 

@@ -13,7 +13,7 @@ import time
 import numpy as np
 import scipy
 
-from pendubot_identification.model import kernel
+from pendubot_identification import kernel
 
 REPETITIONS = 5
 

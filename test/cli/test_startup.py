@@ -62,7 +62,7 @@ def test_version_says_which_path_is_taken(switch, path):
 
 @pytest.mark.parametrize(('given', 'threads'), [('3', 3), ('', 0), ('many', 0), ('-2', 0)])
 def test_the_kernel_takes_no_more_threads_than_told(given, threads):
-    child = 'import pendubot_identification.model.kernel as kernel; print(kernel.threads)'
+    child = 'import pendubot_identification.kernel as kernel; print(kernel.threads)'
     env = {**os.environ, 'PENDUBOT_THREADS': given}
     command = [sys.executable, '-c', child]
     said = subprocess.run(command, env=env, capture_output=True, text=True, timeout=60, check=True)

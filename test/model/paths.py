@@ -7,7 +7,7 @@ import contextlib
 
 import pytest
 
-from pendubot_identification.model import kernel
+from pendubot_identification import kernel
 
 both_paths = pytest.mark.parametrize('compiled', [True, False], ids=['kernel', 'numpy'])
 

@@ -8,7 +8,7 @@ import warnings
 import numpy as np
 import pytest
 
-from pendubot_identification.model import kernel
+from pendubot_identification import kernel
 from pendubot_identification.model.parameters import MODELS
 from pendubot_identification.model.rollout import roll, sensitivities
 from test.model.paths import both_paths, path

@@ -12,9 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import mannwhitneyu
 
+from pendubot_identification import kernel
 from pendubot_identification.criteria.quadratic import Penalised, Quadratic
 from pendubot_identification.errors import ParameterError
-from pendubot_identification.model import kernel
 from pendubot_identification.model.parameters import Bounds, default_bounds
 from pendubot_identification.optimizers import mde as mde_module
 from pendubot_identification.optimizers.mde import MDESettings, mde

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The optional compiled kernel, kernel.c and mde.c, called through ctypes.
+"""The optional compiled kernel, called through ctypes: the C beside the modules that call it.
 
 :func:`library` is None where no compiler was there at installation, or ``PENDUBOT_KERNEL=off`` is set: then numpy does
 the same, slower.
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from ctypes import CDLL
 
 #: Of the kernel's functions; a library of another version is not used.
-VERSION = 4
+VERSION = 5
 
 #: Set by the package from the environment: whether to use the kernel, and on how many threads at most (0: one on each
 #: core that this process may use). Results do not depend on the threads.
@@ -53,9 +53,10 @@ def _library() -> CDLL | None:
         sizes, pointer = c_int64, c_void_p
         found.pendubot_roll.argtypes = [*[sizes] * 5, c_double, *[pointer] * 4]
         found.pendubot_sensitivities.argtypes = [*[sizes] * 5, c_double, *[pointer] * 4]
+        found.pendubot_piecewise.argtypes = [*[sizes] * 5, *[pointer] * 4]
         found.pendubot_mde.argtypes = [pointer, sizes, *[pointer] * 7]
         found.pendubot_mde.restype = c_int64
-        found.pendubot_roll.restype = found.pendubot_sensitivities.restype = None
+        found.pendubot_roll.restype = found.pendubot_sensitivities.restype = found.pendubot_piecewise.restype = None
     except (OSError, AttributeError):
         return None  # made for another processor, or for another version
     return found

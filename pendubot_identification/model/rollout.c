@@ -2,7 +2,7 @@
  * SPDX-License-Identifier: Apache-2.0 */
 /* What numpy cannot do well: many simulations of the pendubot side by side.
  *
- * Plain C without Python.h, called by kernel.py through ctypes. Nothing here is a model of its own: motions are those
+ * Plain C without Python.h, called through ctypes. Nothing here is a model of its own: motions are those
  * of rollout.py and dynamics.py, whose names are used. Compiled without contraction, so that every processor gives the
  * same numbers.
  */
@@ -13,7 +13,7 @@
 #include <string.h>
 #include <unistd.h>
 
-#define VERSION 4 /* of the calls below and in mde.c; kernel.py asks for it */
+#define VERSION 5 /* of the calls below, in mde.c and in piecewise.c; kernel.py asks for it */
 
 #define EXPORT __attribute__((visibility("default")))
 #define INLINE static inline __attribute__((always_inline))
