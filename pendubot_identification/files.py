@@ -29,7 +29,9 @@ def read_yaml(
 
     try:
         text = path.read_text(encoding='utf-8')
-        return yaml.safe_load(text.replace(*replaced) if replaced[0] else text)
+        # Libyaml's, where it was built, takes a seventh of the time.
+        loader = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
+        return yaml.load(text.replace(*replaced) if replaced[0] else text, Loader=loader)
     except OSError as error:
         raise refusal(f'{path} cannot be read ({error.strerror}); {expected}') from error
     except (yaml.YAMLError, UnicodeDecodeError) as error:
