@@ -17,7 +17,6 @@ from rosbags.typesys.store import Typestore
 
 from pendubot_identification.errors import BagError
 
-
 _JOINT_STATE = """\
 std_msgs/Header header
 string[] name
