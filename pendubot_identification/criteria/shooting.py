@@ -258,6 +258,12 @@ class AgainstPositions:
         errors = self._between(states[:, :, None], k, weights)[..., 0] - self._q
         return np.asarray((errors / self.noise).reshape(len(errors), -1))
 
+    def moved(self, states: Array, delay: float) -> Array:
+        """Return by how much residuals change with states, of shape (K + 1, 4, C, L), as (L, M, C)."""
+        k, weights, _ = self._interpolation(delay, 1)
+        changes = self._between(states, k, weights) / self.noise[:, None]
+        return changes.reshape(len(changes), -1, states.shape[2])
+
     def jacobian(self, theta: Array, states: Array, delay: float) -> Array:
         """Return their derivative."""
         k, weights, slopes = self._interpolation(delay, self._every)

@@ -59,6 +59,8 @@ SHORTEST = 1.0
 TURNED, SHIFTED = 2.0, 1.2
 #: A motion in degrees is as large [rad]: what is small fits any rig, and little moves as a pendulum in any unit.
 AS_DEGREES = 10.0
+#: Another sense or order makes the squared effort, work included, at most so many times as large.
+OTHER_EFFORT = 2.0
 #: By how much a sense must lower what is left of the elbow's own balance, where that is much.
 ELBOW = 30.0
 #: A zero or an offset that lowers it by so much had made some parameter wrong by a sixth and more, on virtual and real
@@ -390,9 +392,28 @@ class _Rig:
 
     @cached_property
     def regressions(self) -> list[Regression]:
-        return [
-            weak_regression(m, MODEL, self.delay, weights=WEIGHTS, stride=STRIDE, coarse=True) for m in self.motions
-        ]
+        return [self._regression(motion) for motion in self.motions]
+
+    def _regression(self, motion: Motion) -> Regression:
+        """Return the balances of a motion, which are made once."""
+        what = 'conventions', self.delay
+        return motion.once(
+            what, lambda: weak_regression(motion, MODEL, self.delay, weights=WEIGHTS, stride=STRIDE, coarse=True)
+        )
+
+    @cached_property
+    def effort(self) -> float:
+        """The squared effort that is to be explained."""
+        return sum(float((part.y**2).sum()) for part in self.regressions)
+
+    def leaves_more_than(self, squares: float) -> bool:
+        """Tell, mostly by the first recordings, whether more is left: together they leave what each alone does."""
+        for motion in self.motions:
+            criterion = _pooled([self._regression(motion)])
+            squares -= criterion.count * float(criterion(criterion.minimum_in_box(BOUNDS)))
+            if squares < 0:
+                return True
+        return False
 
     def changed(self, change: Affine) -> _Rig:
         return replace(self, motions=tuple(m.changed(change) for m in self.motions))
@@ -476,6 +497,8 @@ def _turns(rig: _Rig) -> Iterator[_Remedy]:
         change = Affine.of(positions, hanging + shift - np.array(positions) @ hanging, efforts)
         right = rig.changed(change)
         try:
+            if right.leaves_more_than(OTHER_EFFORT * rig.tolerated * rig.effort):
+                continue
             after = _unexplained(_pooled(right.regressions))
             # Of a light elbow a wrong sense changes little of all the effort.
             elbow = after < rig.tolerated and rig.elbow > SOUND and right.elbow * ELBOW < rig.elbow

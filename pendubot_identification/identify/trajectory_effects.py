@@ -149,7 +149,6 @@ def _columns(
     """Return the derivative of the residuals, shape (L, M), by the sizes of each effect, shapes (L, M, C)."""
     segments = comparison.segments
     states = segments.roll(theta, initial)
-    residuals = comparison.residuals(states, delay)
     passed = passed_by(segments.motions)
     seen = [
         seen_of(m, comparison.times[:, segments.group == k], delay, p)
@@ -163,10 +162,10 @@ def _columns(
             )
             for k, (m, p) in enumerate(zip(segments.motions, passed, strict=True))
         ]
-        moved = iter(np.moveaxis(segments.moved_by(np.concatenate(units, axis=3), theta, states), 2, 0))
+        moved = comparison.moved(segments.moved_by(np.concatenate(units, axis=3), theta, states), delay)
+        by_unit = iter(np.moveaxis(moved, 2, 0))
         for effect in some:
-            # Residuals are linear in the states.
-            columns = [comparison.residuals(states + next(moved), delay) - residuals for _ in effect.acting]
+            columns = [next(by_unit) for _ in effect.acting]
             for read in effect.read:
                 # What is read is the position and the change: the position read, without it, is what is compared.
                 change = np.concatenate([np.stack(read(s), axis=1) for s in seen], axis=2)

@@ -201,8 +201,8 @@ class _Balances:
     y: Array
 
     @classmethod
-    def of(cls, motions: Sequence[Motion], delay: float) -> _Balances:
-        made = [weak_regression(m, MODEL, delay, weights=(1, 1, 1), stride=STRIDE) for m in motions]
+    def of(cls, motions: Sequence[Motion], delay: float, coarse: bool = False) -> _Balances:
+        made = [weak_regression(m, MODEL, delay, weights=(1, 1, 1), stride=STRIDE, coarse=coarse) for m in motions]
         phi, y = np.concatenate([r.phi for r in made]), np.concatenate([r.y for r in made])
         # Of shoulder, elbow and energy the third says nothing new. Without an elbow motor there is no k2.
         phi = phi.reshape(-1, 3, phi.shape[1])[:, :2]
@@ -220,24 +220,25 @@ class _Balances:
             seen_of(motion, centres[:, None] + WIDTH / 2 * u, self.delay, passed)
             for motion, centres, passed in zip(self.motions, self.t, passed_by(self.motions), strict=True)
         ]
-        made = []
+        made, compared = [], _Balances.of(self.motions, self.delay, coarse=True).left(theta)
         for effect in effects:
             columns = np.zeros((len(self.y), 2, len(effect.acting) + len(effect.read)))
             for k, (joint, torque) in enumerate(effect.acting):
                 columns[:, joint, k] = np.concatenate([torque(s) @ bump for s in seen])
             for k, read in enumerate(effect.read):
-                columns[:, :, k] = self._read(read, theta)
+                columns[:, :, k] = (self._read(read).left(theta) - compared) / SMALL
             made.append(columns)
         return made
 
-    def _read(self, read: Read, theta: Array) -> Array:
+    def _read(self, read: Read) -> _Balances:
+        """Return the balances of motions that were read otherwise by a little."""
         changed = []
         for motion, passed in zip(self.motions, passed_by(self.motions), strict=True):
             at = motion.smoothed.x
             more = SMALL * np.column_stack(read(seen_of(motion, at, self.delay, passed)))
             states = motion.smoothed(at) + np.column_stack([more, cubic_spline(at, more)(at, 1)])
             changed.append(replace(motion, smoothed=cubic_spline(at, states)))
-        return (_Balances.of(changed, self.delay).left(theta) - self.left(theta)) / SMALL
+        return _Balances.of(changed, self.delay, coarse=True)
 
     def by_motion(self, rows: NDArray[Any]) -> list[NDArray[Any]]:
         return np.split(rows, np.cumsum([len(centres) for centres in self.t])[:-1])
