@@ -10,6 +10,7 @@ import pytest
 import yaml
 
 from pendubot_identification.recordings.joint_states import write_trajectory
+from pendubot_identification.results import track_file
 from pendubot_identification.results.result_file import read_result
 from pendubot_identification.trajectories.trajectory import Trajectory
 from test.processes import run_program
@@ -51,6 +52,15 @@ def test_a_bag_is_followed_and_written_as_a_result_with_a_figure(run, bag, tmp_p
     assert json.loads(out)['tracked']['events'] == []
     status, out, _ = run('compare', str(now), str(look / 'result.yaml'))
     assert status == 0
+
+
+def test_the_page_shows_the_newest_state_though_of_many_some_are_forgotten(run, bag, tmp_path, monkeypatch):
+    status, out, _ = run('track', str(bag), '--json')
+    newest = max(json.loads(out)['tracked']['t'])
+    monkeypatch.setattr(track_file, 'KEPT', 4)
+    run('track', str(bag), '--output', str(tmp_path / 'now.yaml'), '--report', str(tmp_path / 'look'))
+    assert max(yaml.safe_load((tmp_path / 'now.yaml').read_text())['tracked']['t']) < newest - 1
+    assert f'OK at {newest:.0f} s' in (tmp_path / 'look' / 'report.html').read_text()
 
 
 def test_what_was_followed_is_said_though_the_disk_is_full(bag, tmp_path):
