@@ -202,17 +202,19 @@ def _diagnosed(data: Data) -> tuple[Fault, ...]:
 def _rid_of_effects(data: Data, progress: Progress, look: bool) -> tuple[Unexplained | None, Data, Comparison]:
     """Return what no parameters explain, and the data without bursts and without effects that are torques.
 
-    It is not looked for by energy alone.
+    Energy, whose answer is that of the recorded torques, allows for none of these.
     """
     settings = data.settings
-    if not look or settings.criteria == ('energy',):
-        return None, data, Comparison(data, progress)
-    delay = data.linear('weak', 'rotor').delay
     long_enough = [m for m in data.motions if m.end - m.start >= SHORTEST]
-    if not long_enough:
+    if not look or not long_enough:
         return None, data, Comparison(data, progress)
-    progress(f'{_so_far(data)}; looking for what the models lack', 0, 0, np.nan)
+    energy = settings.criteria == ('energy',)
+    seen = data.only(long_enough) if energy else data
+    delay = seen.linear('weak', 'rotor').delay
+    progress(f'{_so_far(seen)}; looking for what the models lack', 0, 0, np.nan)
     left = unexplained(long_enough, data.smoothing, data.hold, delay)
+    if energy:
+        left = replace(left, effects=tuple(replace(found, most=False) for found in left.effects))
     data = data.without(left.bursts).allowing_for(left.effects, delay)
     comparison = Comparison(data, progress)
     if comparison.deciding != 'trajectory':

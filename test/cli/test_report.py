@@ -21,7 +21,7 @@ FIGURES = (
     'parameters',
     'correlation',
 )
-FIGURES = {*FIGURES, 'excitation'}
+FIGURES = {*FIGURES, 'excitation', 'torque_left', 'torque_means'}
 
 
 def names(folder):

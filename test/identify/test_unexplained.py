@@ -125,6 +125,16 @@ def test_parameters_allow_for_what_was_found_and_the_level_says_so(recorded, cel
         assert '% of the unexplained torque' in ' '.join(result.warnings)
 
 
+@pytest.mark.parametrize(
+    'cell', [('nothing', 0), ('saturation', 1), ('spring', 1)], ids=lambda cell: f'{cell[0]} {cell[1]}'
+)
+def test_by_energy_alone_effects_are_named_and_not_allowed_for(recorded, cell):
+    result = identify(trajectories(recorded[cell]), settings=Settings(('energy',), 'coulomb', optimizer='lsq'))
+    assert [found.effect.name for found in result.unexplained.effects] == ([] if cell[0] == 'nothing' else [cell[0]])
+    assert (result.level == Level.WARN) == (cell[0] != 'nothing')
+    assert all('and may change P1 to P5 by' in warning for warning in result.warnings)
+
+
 @pytest.mark.parametrize('rig', [Effects(spring=0.2), Effects(stop=2.0)], ids=['spring', 'stop'])
 def test_what_is_so_large_that_no_pendubot_moves_so_is_allowed_for_or_left_out(rig):
     recordings = trajectories(record(range(900, 900 + RECORDINGS), [rig] * RECORDINGS))
