@@ -55,7 +55,7 @@ def test_a_bag_is_followed_and_written_as_a_result_with_a_figure(run, bag, tmp_p
 
 
 def test_the_page_shows_the_newest_state_though_of_many_some_are_forgotten(run, bag, tmp_path, monkeypatch):
-    status, out, _ = run('track', str(bag), '--json')
+    _, out, _ = run('track', str(bag), '--json')
     newest = max(json.loads(out)['tracked']['t'])
     monkeypatch.setattr(track_file, 'KEPT', 4)
     run('track', str(bag), '--output', str(tmp_path / 'now.yaml'), '--report', str(tmp_path / 'look'))
