@@ -106,10 +106,11 @@ def test_verbose_has_the_rest(run, made, tmp_path):
 
 @pytest.mark.parametrize(('environment', 'coloured'), [({}, True), ({'NO_COLOR': '1'}, False)])
 def test_the_level_is_in_colour_where_there_are_colours(environment, coloured):
-    command = pendubot('identify', SAMPLE, '--criterion', 'weak', '--model', 'viscous', '--optimizer', 'lsq')
+    command = pendubot('identify', SAMPLE, '--criterion', 'energy', '--model', 'coulomb', '--optimizer', 'lsq')
     shown = in_a_terminal(*command, **environment)
-    assert ('\033[1;32mOK:\033[0m nothing speaks' in shown) == coloured
+    assert ('\033[1;32mOK:\033[0m use' in shown) == ('\033[1mto do:\033[0m this' in shown) == coloured
     assert 'OK:' in shown
+    assert 'to do:' in shown
 
 
 @pytest.mark.parametrize('command', ['', 'identfy bag', 'identify', 'identify bag --colour', 'info bag --zero no'])
