@@ -51,6 +51,8 @@ BEYOND, LASTING = 1.3, 2.0
 ERRORS = 'errors of simulated segments'
 #: Segments whose error exceeds the median by this factor count by the error, not by its square.
 BEND = 3.0
+#: Readings nearer than this [s] are averaged before they are explained: else memory is what many effects take.
+SPACING = 0.004
 #: The torques of so many effects are simulated side by side.
 TOGETHER = 8
 
@@ -123,11 +125,20 @@ def found_by_trajectory(
         most = most_of(several)
         independent = round(2 * len(y) * length / CORRELATED)
         pays = PAYS if several >= FEWEST_RECORDINGS else PAYS_ALONE
+    apiece = max(1, round(SPACING * y.shape[1] / 2 / length))
+
+    def averaged(rows: Array) -> Array:
+        """Return rows of shape (L, M, C) with neighbouring readings as one: effects are smooth."""
+        by_reading = rows.reshape(len(rows), -1, 2, rows.shape[2])
+        first = np.arange(0, by_reading.shape[1], apiece)
+        means = np.add.reduceat(by_reading, first, axis=1) / apiece
+        return np.asarray(means.reshape(len(rows), -1, rows.shape[2]))
+
     chosen = select(
         effects,
-        base,
-        y,
-        [apart(c) for c in _columns(rough, effects, theta, delay, fit.initial)],
+        averaged(base),
+        averaged(y[:, :, None])[:, :, 0],
+        [averaged(apart(c)) for c in _columns(rough, effects, theta, delay, fit.initial)],
         folds,
         independent=independent,
         pays=max(pays, LEAST),
