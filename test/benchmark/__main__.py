@@ -8,8 +8,11 @@ what carries over to another machine.
 """
 
 import argparse
+import os
 import re
 from pathlib import Path
+
+os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')  # before numpy, as the command does
 
 from pendubot_identification import kernel
 from test.benchmark import bags, growth, measure, motions, optimisers, session, start

@@ -82,10 +82,10 @@ def identifications():
     """The default identification of the paper's rig, once each; exponents are slopes of the logarithms."""
     identify([recording(500)])  # whatever is made once in a process
     works = {
-        'seconds of one recording at 100 Hz': {s: [recording(100 * s)] for s in (10, 30, 100, 300)},
-        'recordings of 10 s at 100 Hz': {n: [recording(1000, seed=k) for k in range(n)] for n in (1, 3, 10, 30)},
+        'seconds of one recording at 100 Hz': {s: [recording(100 * s)] for s in (10, 30, 100, 300, 600)},
+        'recordings of 10 s at 100 Hz': {n: [recording(1000, seed=k) for k in range(n)] for n in (1, 3, 10, 30, 50)},
         'rate [Hz] of one recording of 10 s': {
-            rate: [recording(10 * rate, 1 / rate)] for rate in (100, 250, 500, 1000, 2000)
+            rate: [recording(10 * rate, 1 / rate)] for rate in (100, 250, 500, 1000, 2000, 5000)
         },
     }
     rows = ['| | work: s | exponent |', '|---|---|---|']
