@@ -38,12 +38,10 @@ def _incomplete_beta(a: float, b: float, x: float) -> float:
     if x <= 0:
         return 0.0
     # The continued fraction, from its front (Lentz): below and above are the ratios of neighbouring convergents.
-    value, above, below = 1.0, 1.0, 1 / (1 - (a + b) * x / (a + 1))
-    value = below
-    k = 0
-    while True:
-        k += 1
-        before = value
+    above, below = 1.0, 1 / (1 - (a + b) * x / (a + 1))
+    before, value, k = math.inf, below, 0
+    while abs(value - before) > CONVERGED * abs(value):
+        before, k = value, k + 1
         for d in (
             k * (b - k) * x / ((a + 2 * k - 1) * (a + 2 * k)),
             -(a + k) * (a + b + k) * x / ((a + 2 * k) * (a + 2 * k + 1)),
@@ -51,7 +49,5 @@ def _incomplete_beta(a: float, b: float, x: float) -> float:
             below = 1 / (1 + d * below)
             above = 1 + d / above
             value *= above * below
-        if abs(value - before) <= CONVERGED * abs(value):
-            break
     scale = a * math.log(x) + b * math.log1p(-x) + math.lgamma(a + b) - math.lgamma(a) - math.lgamma(b)
     return math.exp(scale) * value / a

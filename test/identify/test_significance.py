@@ -5,6 +5,8 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -17,6 +19,11 @@ from pendubot_identification.identify.significance import exceeded_by_chance, st
 def test_fisher(ratio, more, freedom):
     expected = float(fdtrc(more, freedom, ratio))
     assert exceeded_by_chance(ratio, more, freedom) == pytest.approx(expected, rel=1e-7, abs=1e-290)
+
+
+def test_of_no_number_there_is_no_chance():
+    assert math.isnan(exceeded_by_chance(math.nan, 2, 10))
+    assert exceeded_by_chance(math.inf, 2, 10) == 0
 
 
 @given(freedom=st.integers(1, 10**6), outside=st.floats(1e-4, 0.5))
