@@ -1,6 +1,7 @@
 /* Copyright 2026 The pendubot_identification authors
  * SPDX-License-Identifier: Apache-2.0 */
-/* Piecewise polynomials at many times, as Piecewise of piecewise.py has them: plain C, called through ctypes. */
+/* Piecewise polynomials at many times, and what makes a spline of values, as in piecewise.py: plain C, called through
+ * ctypes. */
 #include <stdint.h>
 
 #define EXPORT __attribute__((visibility("default")))
@@ -66,4 +67,22 @@ EXPORT void pendubot_piecewise(int64_t count, int64_t powers, int64_t pieces, in
         evaluate(&p, columns, first, 2);
     if (first < columns)
         evaluate(&p, columns, first, 1);
+}
+
+/* Solve below[k] s[k-1] + middle[k] s[k] + above[k] s[k+1] = right[k] for s of shape (count, columns), by elimination
+ * from the first to the last. It is left in right; middle is spent. */
+EXPORT void pendubot_tridiagonal(int64_t count, int64_t columns, const double *below, double *middle,
+    const double *above, double *right)
+{
+    for (int64_t k = 1; k < count; k++) {
+        double factor = below[k] / middle[k - 1];
+        middle[k] -= factor * above[k - 1];
+        for (int64_t j = 0; j < columns; j++)
+            right[k * columns + j] -= factor * right[(k - 1) * columns + j];
+    }
+    for (int64_t k = count - 1; k >= 0; k--)
+        for (int64_t j = 0; j < columns; j++) {
+            double after = k < count - 1 ? above[k] * right[(k + 1) * columns + j] : 0;
+            right[k * columns + j] = (right[k * columns + j] - after) / middle[k];
+        }
 }

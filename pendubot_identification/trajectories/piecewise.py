@@ -94,10 +94,15 @@ def _slopes(y: Array, h: Array, slope: Array) -> Array:
 def _tridiagonal(below: Array, middle: Array, above: Array, right: Array) -> Array:
     """Solve ``below[k] s[k-1] + middle[k] s[k] + above[k] s[k+1] = right[k]`` for s, shape (N, C).
 
-    Cyclic reduction: every second unknown is taken out of the equations of its neighbours, until one is left. That
-    needs no pivots where the middle outweighs its neighbours, as a spline's does.
+    That needs no pivots where the middle outweighs its neighbours, as a spline's does. Without the kernel it is done by
+    cyclic reduction: every second unknown is taken out of the equations of its neighbours, until one is left.
     """
     count = len(middle)
+    if (library := kernel.library()) is not None:
+        spent, solved = middle.copy(), np.array(right, order='C')
+        pointers = [each.ctypes.data for each in (below, spent, above, solved)]
+        library.pendubot_tridiagonal(count, solved.shape[1], *pointers)
+        return solved
     if count == 1:
         return np.asarray(right / middle[:, None])
     # Of unknowns 0, 2, 4 ... those between are taken out; beyond the ends there are none.
