@@ -13,6 +13,7 @@ import re
 from pathlib import Path
 
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')  # before numpy, as the command does
+os.environ.pop('PYTHONDONTWRITEBYTECODE', None)  # what is installed has been compiled
 
 from pendubot_identification import kernel
 from test.benchmark import bags, growth, measure, motions, optimisers, session, start
