@@ -35,7 +35,7 @@ def brief(result: Result, files: int) -> str:
             left_out += 1
             continue
         colour = COLOURS[result.level] if said in warned else 'bold'
-        lines += [paint(paragraph[0], colour, of=f"{said.partition(':')[0]}:"), *paragraph[1:]]
+        lines += [paint(paragraph[0], colour, of=f'{said.partition(":")[0]}:'), *paragraph[1:]]
     more = f'{left_out} more remark{"s"[: left_out != 1]}, and all tables' if left_out else 'all tables'
     return '\n'.join([*head, *lines[: room - 1], f'{more}: add --verbose'])
 
