@@ -40,9 +40,11 @@ def description() -> str:
 def _library() -> CDLL | None:
     # Imported here, because the command line's --help needs neither.
     from ctypes import CDLL, c_double, c_int64, c_void_p
-    from importlib.util import find_spec
+    from importlib.machinery import PathFinder
+    from sys import modules
 
-    spec = find_spec(f'{__package__}._kernel')
+    # Beside this package and nowhere else: another installation's is made from other C.
+    spec = PathFinder.find_spec(f'{__package__}._kernel', modules[__package__].__path__)
     if spec is None or spec.origin is None:
         return None
     try:
