@@ -120,6 +120,8 @@ class Host:
             return Report(Level.WARN, "the board's watchdog tripped; arm again")
         if self._motor.effort_stopped:
             return Report(Level.WARN, 'armed at torque 0: no effort command comes')
+        if self._motor.lost:
+            return Report(Level.WARN, f'disarmed: {self._motor.lost}; arm again when it is safe')
         return Report(Level.OK, 'armed' if self.armed else 'disarmed')
 
     def data_to_send(self) -> bytes:

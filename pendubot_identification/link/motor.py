@@ -34,11 +34,13 @@ class Motor:
     Attributes:
         board: what the board said about itself; None while it has not.
         effort_stopped: whether it is armed at torque 0 because no effort command comes.
+        lost: why it is disarmed though nobody wanted that, in words; '' from the next arming on.
     """
 
     def __init__(self, config: HostConfig, output: Output) -> None:
         self.board: Hello | None = None
         self.effort_stopped = False
+        self.lost = ''
         self._config = config
         self._timeout = round(config.command_timeout * SECOND)
         self._output = output
@@ -76,6 +78,7 @@ class Motor:
             self._output.tell(ArmingFailed(f'the board is in a fault: {names(status & _FAULTS)}'))
         elif self._phase is _Phase.DISARMED:
             self._phase = _Phase.ARMING
+            self.lost = ''
             self._arming_since = now
             self._bit_was_set = bool(status & _ARMED)
             self._torque = 0
@@ -92,6 +95,7 @@ class Motor:
         if phase is _Phase.ARMING:
             self._output.tell(ArmingFailed(reason))
         elif phase is _Phase.ARMED and not wanted:
+            self.lost = reason
             self._output.report(Level.WARN, f'disarmed: {reason}; arm again when it is safe')
         self._command(Mode.DISARM, now)
 

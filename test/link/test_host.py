@@ -483,6 +483,9 @@ def test_a_closed_port_disarms_and_needs_a_new_hello(restarts):
     assert rig.host.link == 'up'
     assert not rig.host.armed
     assert (rig.host.counters.restarts, rig.host.counters.lost) == ((1, 0) if restarts else (0, 3))
+    assert rig.host.condition() == Report(Level.WARN, 'disarmed: the link was lost; arm again when it is safe')
+    rig.armed()
+    assert rig.host.condition() == Report(Level.OK, 'armed')
 
 
 def test_the_first_request_is_heard_whatever_the_host_before_left_unfinished():
