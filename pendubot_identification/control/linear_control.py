@@ -110,7 +110,7 @@ def design(parameters: Parameters, period: float, delay: float) -> Regulator:
     return Regulator(A, B, period, delay, K[0], L)
 
 
-def closed_loop(r: Regulator, delay: float | None = None) -> tuple[Array, Array]:
+def closed_loop(r: Regulator, delay: float | None = None, rig: Parameters | None = None) -> tuple[Array, Array]:
     """Return two matrices F and M: F + g M takes the rig under the regulator over one period.
 
     It is stable when all eigenvalues have |z| < 1; g multiplies the torque on its way to the rig and, complex, turns
@@ -119,20 +119,24 @@ def closed_loop(r: Regulator, delay: float | None = None) -> tuple[Array, Array]
     Args:
         r: the design.
         delay: the rig's own dead time [s], where it is not the one that was designed for.
+        rig: its own parameters, likewise.
 
     Returns:
         Shapes (8 + N, 8 + N): of the rig's x, its estimate before the measurement, and the torques of N samples.
     """
-    Phi, own = _effects(r, r.delay if delay is None else delay, r.period)
-    _, assumed = _effects(r, r.delay, r.period)
+    Phi, assumed = _effects(r, r.delay, r.period)
+    Phi_own, own = Phi, assumed
+    if delay is not None or rig is not None:
+        A, both = (r.A, r.B) if rig is None else linearise(rig)
+        Phi_own, own = _effects(replace(r, A=A, B=both[:, :1]), r.delay if delay is None else delay, r.period)
     ahead, pending = _effects(r, r.delay, r.delay)
     past = max(map(len, (own, assumed, pending))) - 1
     own, assumed, pending = (np.pad(each, ((0, past + 1 - len(each)), (0, 0))) for each in (own, assumed, pending))
-    rig, estimate, torques = np.split(np.eye(8 + past), [4, 8])
-    corrected = estimate + r.L @ _MEASURED @ (rig - estimate)
+    state, estimate, torques = np.split(np.eye(8 + past), [4, 8])
+    corrected = estimate + r.L @ _MEASURED @ (state - estimate)
     torque = -r.K @ (ahead @ corrected + pending[1:].T @ torques)
     torques = np.vstack([torque, torques])
-    fixed = np.vstack([Phi @ rig, Phi @ corrected + assumed.T @ torques, torques[:past]])
+    fixed = np.vstack([Phi_own @ state, Phi @ corrected + assumed.T @ torques, torques[:past]])
     moved = np.zeros_like(fixed)
     moved[:4] = own.T @ torques
     return fixed, moved
@@ -169,13 +173,15 @@ class Margins:
     delay: float
 
 
-def margins(r: Regulator) -> Margins:
+def margins(r: Regulator, rig: Parameters | None = None) -> Margins:
     """Return the margins of a design, from the eigenvalues of the sampled closed loop.
 
+    ``rig``: on which it is, where that is not the one that it was designed for.
+
     Raises:
-        ControlError: the loop is unstable as designed.
+        ControlError: the loop is unstable.
     """
-    fixed, moved = closed_loop(r)
+    fixed, moved = closed_loop(r, rig=rig)
     if not _stable(fixed + moved):
         raise ControlError(
             f'a sample every {1e3 * r.period:g} ms and a dead time of {1e3 * r.delay:.3g} ms are too slow to hold this '
@@ -184,7 +190,7 @@ def margins(r: Regulator) -> Margins:
     up = _edge(lambda power: fixed + math.exp(power) * moved, math.log(_LARGEST_GAIN))
     down = _edge(lambda power: fixed + math.exp(-power) * moved, math.log(_LARGEST_GAIN))
     phase = _edge(lambda angle: fixed + complex(math.cos(angle), -math.sin(angle)) * moved, math.pi)
-    delay = _edge(lambda more: np.add(*closed_loop(r, r.delay + more)), _LONGEST_DELAY)
+    delay = _edge(lambda more: np.add(*closed_loop(r, r.delay + more, rig)), _LONGEST_DELAY)
     return Margins(math.exp(-down), math.exp(up), phase, delay)
 
 

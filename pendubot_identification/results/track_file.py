@@ -80,7 +80,6 @@ def start_of(path: Path | None, model: str | None = None) -> Start:
         theta=theta,
         std_error=np.array([errors.get(name, 0.0) for name in names] + [0.0] * (size - len(names)))[:size],
         delays=(result.effort.delay, result.effort.delay),
-        smoothing=getattr(result, 'smoothing', None),
         hold=result.effort.hold,
         judge=lambda motion: (level, why),
     )

@@ -17,22 +17,28 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pendubot_identification.criteria.quadratic import Quadratic
 from pendubot_identification.criteria.weak import WIDTH, balance_weights, estimate_delay, weak_regression
 from pendubot_identification.errors import TrajectoryError
-from pendubot_identification.model.parameters import MODELS, Bounds
+from pendubot_identification.model.parameters import MODELS, Bounds, Parameters
 from pendubot_identification.trajectories.motion import Motion
-from pendubot_identification.trajectories.signals import LONGEST_GAP, choose_smoothing
+from pendubot_identification.trajectories.signals import (
+    LONGEST_GAP,
+    choose_smoothing,
+    differentiate,
+    encoder_step,
+    resample,
+)
 from pendubot_identification.trajectories.trajectory import Trajectory
+
+from .balances import BLOCK, CELL, STILL, Accuracy, rows_of
 
 Array = NDArray[np.float64]
 
-#: A block's length [s], and from one of its bumps to the next [s]: nearer ones tell nothing more.
-BLOCK, STRIDE = 0.4, 0.02
-#: Under a bump that turns no joint by more [rad], nothing moves: what holds a rig still is dry friction, which could be
-#: anything.
-STILL = 0.02
 #: Blocks at most that are made at once, where many samples come together.
 TOGETHER = 16
+#: Angles are smoothed by no wider a window [s]: whitened rows need it less than they suffer from bent motion.
+WIDEST = 0.03
 #: Samples after which the end of a cubic spline is no longer felt: (2 - sqrt 3)^12 is 1e-7.
 SETTLED = 12
 #: Stamps that run back by more [s] are those of a clock that began anew; by less, of a sample that is late or repeated.
@@ -45,13 +51,13 @@ SATURATED = 0.5
 
 @dataclass(frozen=True, slots=True)
 class Taking:
-    """How samples are made balances of, as in an identification."""
+    """How samples are made balances of."""
 
     model: str  #: one of :data:`.parameters.MODELS`.
     delay: float  #: of the effort [s].
-    smoothing: float  #: the differentiator's window [s].
     hold: str  #: how the torque behaves between its samples, see :meth:`.Motion.prepare`.
-    weights: Array  #: of the three balances, shape (3,).
+    accuracy: Accuracy
+    rounded: bool  #: whether angles are those of encoders, so that their error is known.
 
     @classmethod
     def of(
@@ -60,19 +66,28 @@ class Taking:
         model: str,
         bounds: Bounds,
         delays: tuple[float, float],
-        smoothing: float | None = None,
         hold: str = 'zero',
     ) -> Taking:
-        """Choose what suits a motion, as the weak criterion does; a delay of equal ends and a smoothing are given.
+        """Choose what suits a motion; a delay of equal ends is given.
 
         Raises:
-            TrajectoryError: it is too short, or has gaps.
+            PendubotError: it is too short, has gaps, or is not that of a rig.
         """
-        smoothing = choose_smoothing([motion]) if smoothing is None else smoothing
-        made, (low, high) = Motion.prepare(motion, smoothing, hold), delays
+        window = choose_smoothing([motion])
+        made, (low, high) = Motion.prepare(motion, window, hold), delays
         delay = low if low == high else estimate_delay([made], model, bounds, low, high)
-        weights = balance_weights([weak_regression(made, model, delay)], bounds.of(MODELS[model]))
-        return cls(model, delay, smoothing, hold, weights)
+        regression = weak_regression(made, model, delay)
+        weights = np.tile(balance_weights([regression], bounds), len(regression.y) // 3)
+        theta = Quadratic.reduce(weights[:, None] * regression.phi, weights * regression.y).minimum(bounds)
+        if problems := Parameters.from_vector(theta).unphysical():
+            raise TrajectoryError(f'not physical: {problems[0]}')
+        even = resample(motion).q
+        smoothed, _ = differentiate(even, made.interval, window)
+        counts = encoder_step(motion.q)
+        error = np.where(counts > 0, counts / np.sqrt(12), np.std(even - smoothed, axis=0))
+        angles = np.maximum(error, 1e-6) ** 2
+        accuracy = Accuracy.of(theta, min(window, WIDEST), angles, made.interval)
+        return cls(model, delay, hold, accuracy, bool((counts > 0).all()))
 
 
 class Block(NamedTuple):
@@ -80,16 +95,22 @@ class Block(NamedTuple):
 
     Attributes:
         begin, end: the time from which on its first bump, and until which its last one reaches [s].
-        triangle: of the QR factorisation of [phi, y], its diagonal not negative, shape (D+1, D+1).
-        rows: how many rows it stands for; 0 where nothing moved.
+        triangle: of the QR factorisation of its rows [phi, y], whitened, its diagonal not negative, shape (D+1, D+1).
+        torques: the triangle of the rows as they are [N m], shape (D+1, D+1).
+        rows: how many rows they stand for; 0 where nothing moved.
         saturated: whether the effort stood at one value where there was any, beyond which it never went.
     """
 
     begin: float
     end: float
     triangle: Array
+    torques: Array
     rows: int
     saturated: bool
+
+    def unexplained(self, theta: Array) -> float:
+        """Return the torque that parameters, shape (D,), leave unexplained, root mean square under bumps [N m]."""
+        return float(np.linalg.norm(self.torques @ np.append(theta, -1.0))) / math.sqrt(self.rows)
 
 
 class Blocks:
@@ -147,7 +168,7 @@ class Blocks:
         while len(self._held) > 2 * SETTLED:
             t = self._held[:, 0]
             interval = float(np.median(np.diff(t)))
-            margin = SETTLED * interval + how.smoothing
+            margin = SETTLED * interval + how.accuracy.smoothing + CELL
             if np.isnan(self._next):
                 self._next = float(t[0]) + margin + max(how.delay, 0.0)
             late = margin + interval + max(-how.delay, 0.0)
@@ -162,36 +183,32 @@ class Blocks:
 
     def _blocks(self, samples: Array, count: int) -> Iterator[Block]:
         """Return so many blocks from :attr:`_next` on."""
-        how, begin, per_block = self._taking, self._next, round(BLOCK / STRIDE)
+        how, begin = self._taking, self._next
         begins = begin + BLOCK * np.arange(count)
         size = MODELS[how.model] + 1
-        nothing = [Block(t, t + BLOCK + WIDTH, np.zeros((size, size)), 0, False) for t in begins.tolist()]
+        none = np.zeros((size, size))
+        nothing = [Block(t, t + BLOCK + WIDTH, none, none, 0, False) for t in begins.tolist()]
         if np.ptp(samples[:, 1:3], axis=0).max() < STILL:
             yield from nothing
             return
         try:
             recorded = Trajectory(samples[:, 0], samples[:, 1:3], samples[:, 3:5], name='the samples')
-            motion = Motion.prepare(recorded, how.smoothing, how.hold)
-            end = begin + count * BLOCK + WIDTH - min(how.delay, 0.0)
-            part = motion.part(begin - max(how.delay, 0.0), end)
-            regression = weak_regression(part, how.model, how.delay, weights=how.weights, stride=STRIDE)
+            motion = Motion.prepare(recorded, how.accuracy.smoothing, how.hold)
+            found = rows_of(motion, begin, count, how.delay, how.accuracy)
         except TrajectoryError:
             self._say('samples that no rig gives: too fast a motion, or too far apart')
             yield from nothing
             return
-        under = begin + STRIDE * np.arange(count * per_block)[:, None] + WIDTH * np.linspace(0, 1, 7)
-        moving = np.ptp(motion.smoothed(under)[..., :2], axis=1).max(axis=1) > STILL
-        rows = np.column_stack([regression.phi, regression.y])[: 3 * len(moving)]
-        for k, none in enumerate(nothing):
-            own = slice(k * per_block, (k + 1) * per_block)
-            kept = rows[3 * own.start : 3 * own.stop][np.repeat(moving[own], 3)]
-            if len(kept) < 2 * size:
-                yield none
+        triangles = np.asarray(np.linalg.qr(found.whitened(), mode='r'))
+        triangles = triangles * np.where(np.einsum('bkk->bk', triangles) < 0, -1.0, 1.0)[:, :, None]
+        torques = np.asarray(np.linalg.qr(found.rows, mode='r'))
+        for k, kept in enumerate(found.moving.sum(axis=1).tolist()):
+            if kept < 2 * size:
+                yield nothing[k]
                 continue
-            triangle: Array = np.asarray(np.linalg.qr(kept, mode='r'))
-            triangle *= np.where(np.diag(triangle) < 0, -1.0, 1.0)[:, None]
-            now = (recorded.t >= none.begin) & (recorded.t < none.end)
-            yield none._replace(triangle=triangle, rows=len(kept), saturated=self._saturated(recorded.tau[now, 0]))
+            now = (recorded.t >= nothing[k].begin) & (recorded.t < nothing[k].end)
+            saturated = self._saturated(recorded.tau[now, 0])
+            yield Block(*nothing[k][:2], triangles[k], torques[k], kept, saturated)
 
     def _saturated(self, effort: Array) -> bool:
         size = np.abs(effort)

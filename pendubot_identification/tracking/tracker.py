@@ -25,9 +25,10 @@ from pendubot_identification.level import NORMAL_95, POOR, Level
 from pendubot_identification.model.parameters import MODELS, NAMES, Bounds, Parameters, default_bounds
 from pendubot_identification.trajectories.trajectory import Trajectory
 
-from .blocks import BLOCK, NOT_FINITE, REPEATED, RESTART, STILL, Block, Blocks, Taking
+from .balances import BLOCK, STILL
+from .blocks import NOT_FINITE, REPEATED, RESTART, Block, Blocks, Taking
 from .changes import AGREEING, CHANGED, SEVERAL, Jump, Kind, Window, kinds
-from .filter import Belief, Noise, left_of
+from .filter import Belief, Noise
 
 Array = NDArray[np.float64]
 
@@ -38,7 +39,7 @@ AGAIN = 2.0
 #: Samples that are taken at once: little is lost of them where all begins anew.
 PORTION = 8192
 #: Parameters drift as random walks, by so much of their size in a second: friction, and everything else.
-FRICTION_WALK, INERTIA_WALK = 3e-3, 1e-4
+FRICTION_WALK, INERTIA_WALK = 2e-3, 5e-6
 #: Consecutive blocks over which a change is looked for.
 WINDOW = 8
 #: A block that leaves so many times more unexplained than usual, in squares, has no vote in what changed; one that
@@ -46,6 +47,8 @@ WINDOW = 8
 CLEAN, FOREIGN = 8.0, 1000.0
 #: Blocks in a row that nothing explains, after which what was believed is given up.
 LOST = 20
+#: Blocks leave so many times what rounded angles explain where the rig has what the models lack; others leave it once.
+LACKING = 1.5
 #: After so long without motion it is said [s].
 IDLE = 10.0
 #: Parameters of a file were found by another criterion, or yesterday: so much more of them is taken to be uncertain.
@@ -68,8 +71,7 @@ class Start:
     theta: Array | None = None  #: shape (D,).
     std_error: Array | None = None  #: shape (D,).
     delays: tuple[float, float] = (0.0, 0.05)  #: between which that of the effort is searched [s].
-    smoothing: float | None = None  #: see :class:`.blocks.Taking`; likewise ``hold``.
-    hold: str = 'zero'
+    hold: str = 'zero'  #: see :class:`.blocks.Taking`.
     judge: Callable[[Trajectory], tuple[Level, Sequence[str]]] = lambda motion: (Level.OK, ())
 
     def __post_init__(self) -> None:
@@ -89,7 +91,7 @@ class State(NamedTuple):
         theta: physical parameters, shape (D,).
         std_error: of them, shape (D,); 1.96 of them hold the truth in 95 % of cases.
         level: how far to trust them, and ``warnings`` why.
-        unexplained: the torque that no parameters explain, root mean square under bumps [N m].
+        unexplained: the torque that they leave unexplained, root mean square under bumps, when it last moved [N m].
         moving: whether anything was learned.
     """
 
@@ -291,7 +293,7 @@ class _Following:
         Raises:
             PendubotError: it is too short, has gaps, or does not tell the parameters.
         """
-        taking = Taking.of(motion, start.model, bounds, start.delays, start.smoothing, start.hold)
+        taking = Taking.of(motion, start.model, bounds, start.delays, start.hold)
         samples = np.column_stack([motion.t, motion.q, motion.tau])
         found = [block for block in Blocks(taking).feed(samples) if block.rows]
         if len(found) * BLOCK < FIRST / 2:
@@ -338,7 +340,6 @@ class _Following:
         if not block.rows:
             return
         self._moved = block.end
-        self._unexplained = math.sqrt(left_of(block))
         scaled = _scaled(block, self._scale)
         rows = self._noise.rows(scaled)
         known = self._belief.known
@@ -375,7 +376,7 @@ class _Following:
             if not steps[0].before.known:
                 continue
             window = Window.of(steps[0].before, [step.rows for step in steps])
-            sure = window.ratio > CHANGED or (waiting >= WINDOW and window.doubtful)
+            sure = window.ratio > CHANGED * max(1.0, window.left) or (waiting >= WINDOW and window.doubtful)
             if sure and window.explained and (best is None or window.ratio > best[0].ratio):
                 best = window, steps
         if best is None:
@@ -415,6 +416,8 @@ class _Following:
         theta = self._physical()
         warnings = [*self.why, *self._doubts(block, theta, std_error)]
         level = max(self.level, Level.WARN if warnings else Level.OK)
+        if block.rows:
+            self._unexplained = block.unexplained(theta)
         t = (block.begin + block.end) / 2
         return State(t, theta, std_error, level, tuple(warnings), self._unexplained, bool(block.rows))
 
@@ -426,6 +429,11 @@ class _Following:
         if poor.any():
             names = ', '.join(np.array(NAMES[:5])[poor])
             yield f'poorly determined: the standard error of {names} exceeds half the value'
+        if self.taking.rounded and self._noise.beyond > LACKING:
+            yield (
+                f'what is left unexplained is {self._noise.beyond:.1f} times what rounded angles explain: the rig has '
+                'what the models lack, or is sampled too slowly; parameters may be farther off than their bands say'
+            )
         if self._waiting():
             yield 'the last motion is not explained: a hand, a change, or something that the model lacks'
         if block.saturated:

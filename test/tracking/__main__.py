@@ -12,11 +12,11 @@ import argparse
 import numpy as np
 
 from pendubot_identification.criteria.quadratic import Quadratic
-from pendubot_identification.criteria.weak import weak_regression
+from pendubot_identification.criteria.weak import balance_weights, estimate_delay, weak_regression
 from pendubot_identification.model.parameters import default_bounds
-from pendubot_identification.tracking.blocks import Taking
 from pendubot_identification.tracking.tracker import FRICTION_WALK, INERTIA_WALK, Burst, Change, State, Tracker
 from pendubot_identification.trajectories.motion import Motion
+from pendubot_identification.trajectories.signals import choose_smoothing
 from pendubot_identification.trajectories.trajectory import Trajectory
 
 from .peers import forgetting, kalman
@@ -33,9 +33,10 @@ def batch(t, q, tau, until):
     now = t < until
     motion = Trajectory(t[now], q[now], np.column_stack([tau[now], 0 * tau[now]]))
     bounds = default_bounds().of(9)
-    taking = Taking.of(motion, 'coulomb', bounds, (0.0, 0.05))
-    made = Motion.prepare(motion, taking.smoothing)
-    regression = weak_regression(made, 'coulomb', taking.delay, weights=taking.weights)
+    made = Motion.prepare(motion, choose_smoothing([motion]))
+    delay = estimate_delay([made], 'coulomb', bounds, 0.0, 0.05)
+    weights = balance_weights([weak_regression(made, 'coulomb', delay)], bounds)
+    regression = weak_regression(made, 'coulomb', delay, weights=weights)
     return Quadratic.reduce(regression.phi, regression.y).minimum(bounds)
 
 
@@ -57,11 +58,11 @@ def relative(found, true):
     return 100 * (found / true - 1)
 
 
-def constant(t, q, tau, day):
+def constant(t, q, tau, tracks, day):
     """Print the error after 60 s beside that of the batch, and how often bands hold the truth."""
     ratios, held, errors, of_batch = [], [], [], []
     for k in range(len(q)):
-        states, _ = track(t, q[k], tau[k])
+        states, _ = tracks[k]
         true = truth(day, [0.0])[0]
         at = next(s for s in states if s.t > 59.5)
         errors.append(relative(at.theta, true))
@@ -80,7 +81,7 @@ def constant(t, q, tau, day):
         print(f'| {name} | ' + ' | '.join(f'{x:.2g}' if x < 10 else f'{x:.0f}' for x in row) + ' |', flush=True)
 
 
-def beside(name, t, q, tau, day):
+def beside(name, t, q, tau, tracks, day):
     """Print errors of a rig whose truth is that of a day, beside those of the peers."""
     rows = {}
 
@@ -95,12 +96,12 @@ def beside(name, t, q, tau, day):
             *('' if hold is None else f'{100 * hold[..., p].mean():.0f}' for p in PARTS.values()),
         ]
 
-    tracks = [track(t, q[k], tau[k])[0] for k in range(len(q))]
-    count = min(map(len, tracks))
+    every = [states for states, _ in tracks]
+    count = min(map(len, every))
     own = [
-        np.array([[getattr(s, what) for s in track[-count:]] for track in tracks]) for what in ('theta', 'std_error')
+        np.array([[getattr(s, what) for s in states[-count:]] for states in every]) for what in ('theta', 'std_error')
     ]
-    add('tracker', np.array([s.t for s in tracks[0][-count:]]), *(np.moveaxis(each, 0, 1) for each in own))
+    add('tracker', np.array([s.t for s in every[0][-count:]]), *(np.moveaxis(each, 0, 1) for each in own))
     first = np.array([batch(t, q[k], tau[k], 10.0) for k in range(len(q))])
     minute = np.array([batch(t, q[k], tau[k], 60.0) for k in range(len(q))])
     times = np.arange(1.0, SECONDS)
@@ -114,11 +115,10 @@ def beside(name, t, q, tau, day):
         print(f'| {who} | ' + ' | '.join(row) + ' |', flush=True)
 
 
-def changes(name, t, q, tau, days):
+def changes(name, tracks, days):
     """Print how changes are found and called, and what else was told."""
     after, kinds, false, bursts, right = [], {}, 0, 0, 0
-    for k, day in enumerate(days):
-        _, events = track(t, q[k], tau[k])
+    for (_, events), day in zip(tracks, days, strict=True):
         at = min(day.payload_at, day.fades_at)
         found = [(told, e) for told, e in events if isinstance(e, Change) and e.end >= at]
         false += sum(not isinstance(e, Burst) for told, e in events) - (1 if found else 0)
@@ -146,7 +146,7 @@ def main():
         count = round(args.hours * 3600 / SECONDS)
         t, q, tau = record(range(1000, 1000 + count), [Day()] * count, seconds=SECONDS)
         print(head)
-        changes(f'no change, {args.hours:g} h', t, q, tau, [Day()] * count)
+        changes(f'no change, {args.hours:g} h', [track(t, q[k], tau[k]) for k in range(count)], [Day()] * count)
         return
     rng = np.random.default_rng(7)
     seeds = list(range(args.seeds))
@@ -173,12 +173,17 @@ def main():
     days = [day for each in cases.values() for day in each]
     t, q, tau = record(seeds * len(cases), days, seconds=SECONDS)
     of = {name: slice(k * args.seeds, (k + 1) * args.seeds) for k, name in enumerate(cases)}
-    constant(t, q[of['constant']], tau[of['constant']], Day())
-    beside('friction + 50 % in 600 s', t, q[of['drift']], tau[of['drift']], cases['drift'][0])
-    beside('pushed by hand every 12 s', t, q[of[PUSHED]], tau[of[PUSHED]], Day())
+    tracks = [track(t, q[k], tau[k]) for k in range(len(days))]
+
+    def recorded(name):
+        return t, q[of[name]], tau[of[name]], tracks[of[name]]
+
+    constant(*recorded('constant'), Day())
+    beside('friction + 50 % in 600 s', *recorded('drift'), cases['drift'][0])
+    beside('pushed by hand every 12 s', *recorded(PUSHED), Day())
     print(head)
     for name, part in of.items():
-        changes(name, t, q[part], tau[part], cases[name])
+        changes(name, tracks[part], cases[name])
 
 
 if __name__ == '__main__':

@@ -16,6 +16,7 @@ import math
 import numpy as np
 
 from pendubot_identification.control.controller import Controller, Design, Loop, SafetyLimits
+from pendubot_identification.control.linear_control import margins
 from pendubot_identification.control.plan import HELD, deviation
 from pendubot_identification.errors import ControlError
 from pendubot_identification.excitation.excitation import PulseTrain
@@ -31,7 +32,7 @@ COUNT = 2 * math.pi / 4000
 
 
 def trial(payload, seed, *, tracked):
-    """Return when the change was told [s after it], positions, torques and why it stopped, if it did."""
+    """Return when the change was told [s after it], positions and torques, and what theta it was designed for last."""
     rng, loop = np.random.default_rng(seed), Loop(1 / RATE, LAG, LIMIT)
     train = PulseTrain(amplitude_min=-LIMIT, amplitude_max=LIMIT, seed=seed)
     rig, tracker = LatePlant(BALANCE, LAG), Tracker(Start('viscous'))
@@ -62,26 +63,48 @@ def trial(payload, seed, *, tracked):
         try:
             pulse = train.torque(t) if t < BEGIN else 0.0
             torque = pulse if controller is None else controller.step(t, q, effort)
-        except ControlError as error:
-            return told, np.array(rows), str(error)
+        except ControlError:
+            break
         rig.advance((effort, 0.0), 1 / RATE)
-    return told, np.array(rows), ''
+    return told, np.array(rows), known
+
+
+def stability(known, payload):
+    """Return the margins of a balancer that is designed for theta on a rig with the payload, or None if it falls."""
+    try:
+        regulator = Design.make(Parameters.from_vector(known), Loop(1 / RATE, LAG, LIMIT)).regulator
+        return margins(regulator, BALANCE.carrying(payload))
+    except ControlError:
+        return None
+
+
+def least(stable):
+    """Return the least of each margin, as cells of the table."""
+    if None in stable:
+        return f'unstable in {stable.count(None)} of {len(stable)} | |'
+    down, up = max(m.gain_down for m in stable), min(m.gain_up for m in stable)
+    phase, delay = (min(getattr(m, what) for m in stable) for what in ('phase', 'delay'))
+    return f'{down:.2f} to {up:.2f} | {math.degrees(phase):.1f} | {1e3 * delay:.1f}'
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.split('\n\n')[0])
     parser.add_argument('--seeds', type=int, default=10)
     seeds = range(parser.parse_args().seeds)
-    print('| payload, of link 2 | parameters | told | held meanwhile | held again | after [s] | RMS angle [mrad] |')
-    print('|---|---|---|---|---|---|---|')
+    print(
+        '| payload, of link 2 | parameters | told | held meanwhile | held again | after [s] | RMS angle [mrad] '
+        '| gain | phase [deg] | delay [ms] |'
+    )
+    print('|---|---|---|---|---|---|---|---|---|---|')
     for payload in (0.024, 0.06, 0.12):
         share = BALANCE.carrying(payload).P5 / BALANCE.P5 - 1
         for tracked in (False, True):
-            told, held, again, angles = 0, 0, [], []
+            told, held, again, angles, stable = 0, 0, [], [], []
             for seed in seeds:
-                when, rows, _ = trial(payload, seed, tracked=tracked)
+                when, rows, known = trial(payload, seed, tracked=tracked)
                 t, off = rows[:, 0], deviation(rows[:, 1:3])
                 told += math.isfinite(when)
+                stable.append(stability(known, payload))
                 held += bool((off[(t > ON - 2) & (t < FALL)] < HELD).all())
                 last = t[np.flatnonzero(off > HELD)[-1]]
                 if t[-1] > END - 1 and last < END - 5:
@@ -90,7 +113,8 @@ def main():
             print(
                 f'| {payload:g} kg, {100 * share:.0f} % | {"tracked" if tracked else "as before"} '
                 f'| {told} of {len(seeds)} | {held} of {len(seeds)} | {len(again)} of {len(seeds)} '
-                f'| {np.median(again or [math.nan]):.1f} | {1e3 * np.median(angles or [math.nan]):.1f} |',
+                f'| {np.median(again or [math.nan]):.1f} | {1e3 * np.median(angles or [math.nan]):.1f} '
+                f'| {least(stable)} |',
                 flush=True,
             )
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from test.effects.rig import C1, C2, FC, GRAVITY, I1, I2, L1, M1, M2, TRUE, B, pulses
 
-STEP = 0.005
+STEP = 0.0025
 WIDTH = 0.05
 
 
