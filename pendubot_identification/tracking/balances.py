@@ -75,7 +75,7 @@ class Rows(NamedTuple):
 
     Attributes:
         rows: [phi, y] [N m], shape (B, 2 K, D+1); 0 where nothing moves.
-        covariance: theirs by what is measured, shape (B, 2 K, 2 K).
+        covariance: theirs, shape (B, 2 K, 2 K).
         moving: which rows are not 0, shape (B, 2 K).
     """
 

@@ -31,7 +31,7 @@ from pendubot_identification.trajectories.signals import (
 )
 from pendubot_identification.trajectories.trajectory import Trajectory
 
-from .balances import BLOCK, CELL, STILL, Accuracy, rows_of
+from .balances import BLOCK, CELL, STILL, STRIDE, Accuracy, K, rows_of
 
 Array = NDArray[np.float64]
 
@@ -58,6 +58,15 @@ class Taking:
     hold: str  #: how the torque behaves between its samples, see :meth:`.Motion.prepare`.
     accuracy: Accuracy
     rounded: bool  #: whether angles are those of encoders, so that their error is known.
+    weights: Array  #: of the criterion weak's three balances, shape (3,).
+    wide: float  #: the window [s] by which angles are smoothed for these.
+    #: Whether errors of the angles are all that puts balances off; else they are as the criterion weak has them.
+    whitened: bool = True
+
+    @property
+    def smoothing(self) -> float:
+        """The window by which angles are smoothed [s]."""
+        return self.accuracy.smoothing if self.whitened else self.wide
 
     @classmethod
     def of(
@@ -77,8 +86,9 @@ class Taking:
         made, (low, high) = Motion.prepare(motion, window, hold), delays
         delay = low if low == high else estimate_delay([made], model, bounds, low, high)
         regression = weak_regression(made, model, delay)
-        weights = np.tile(balance_weights([regression], bounds), len(regression.y) // 3)
-        theta = Quadratic.reduce(weights[:, None] * regression.phi, weights * regression.y).minimum(bounds)
+        weights = balance_weights([regression], bounds)
+        each = np.tile(weights, len(regression.y) // 3)
+        theta = Quadratic.reduce(each[:, None] * regression.phi, each * regression.y).minimum(bounds)
         if problems := Parameters.from_vector(theta).unphysical():
             raise TrajectoryError(f'not physical: {problems[0]}')
         even = resample(motion).q
@@ -87,7 +97,22 @@ class Taking:
         error = np.where(counts > 0, counts / np.sqrt(12), np.std(even - smoothed, axis=0))
         angles = np.maximum(error, 1e-6) ** 2
         accuracy = Accuracy.of(theta, min(window, WIDEST), angles, made.interval)
-        return cls(model, delay, hold, accuracy, bool((counts > 0).all()))
+        return cls(model, delay, hold, accuracy, bool((counts > 0).all()), weights, window)
+
+    def rows(self, motion: Motion, begin: float, count: int) -> tuple[Array, Array, NDArray[np.bool_]]:
+        """Return rows [phi, y] of so many blocks, of noise 1 and in N m, shape (B, N, D+1), and which of them move."""
+        if self.whitened:
+            found = rows_of(motion, begin, count, self.delay, self.accuracy)
+            return found.whitened(), found.rows, found.moving
+        end = begin + count * BLOCK + WIDTH - min(self.delay, 0.0)
+        part = motion.part(begin - max(self.delay, 0.0), end)
+        regression = weak_regression(part, self.model, self.delay, weights=self.weights, stride=STRIDE)
+        rows = np.column_stack([regression.phi, regression.y])[: 3 * K * count].reshape(count, 3 * K, -1)
+        under = begin + STRIDE * np.arange(count * K)[:, None] + WIDTH * np.linspace(0, 1, 7)
+        turned = np.ptp(motion.smoothed(under)[..., :2], axis=1).max(axis=1)
+        moving = np.repeat(turned > STILL, 3).reshape(count, 3 * K)
+        rows = rows * moving[:, :, None]
+        return rows, rows, moving
 
 
 class Block(NamedTuple):
@@ -95,7 +120,8 @@ class Block(NamedTuple):
 
     Attributes:
         begin, end: the time from which on its first bump, and until which its last one reaches [s].
-        triangle: of the QR factorisation of its rows [phi, y], whitened, its diagonal not negative, shape (D+1, D+1).
+        triangle: of the QR factorisation of its rows [phi, y], all of one noise, shape (D+1, D+1); its diagonal is not
+            negative.
         torques: the triangle of the rows as they are [N m], shape (D+1, D+1).
         rows: how many rows they stand for; 0 where nothing moved.
         saturated: whether the effort stood at one value where there was any, beyond which it never went.
@@ -168,7 +194,7 @@ class Blocks:
         while len(self._held) > 2 * SETTLED:
             t = self._held[:, 0]
             interval = float(np.median(np.diff(t)))
-            margin = SETTLED * interval + how.accuracy.smoothing + CELL
+            margin = SETTLED * interval + how.smoothing + CELL
             if np.isnan(self._next):
                 self._next = float(t[0]) + margin + max(how.delay, 0.0)
             late = margin + interval + max(-how.delay, 0.0)
@@ -193,16 +219,16 @@ class Blocks:
             return
         try:
             recorded = Trajectory(samples[:, 0], samples[:, 1:3], samples[:, 3:5], name='the samples')
-            motion = Motion.prepare(recorded, how.accuracy.smoothing, how.hold)
-            found = rows_of(motion, begin, count, how.delay, how.accuracy)
+            motion = Motion.prepare(recorded, how.smoothing, how.hold)
+            rows, torques, moving = how.rows(motion, begin, count)
         except TrajectoryError:
             self._say('samples that no rig gives: too fast a motion, or too far apart')
             yield from nothing
             return
-        triangles = np.asarray(np.linalg.qr(found.whitened(), mode='r'))
+        triangles = np.asarray(np.linalg.qr(rows, mode='r'))
         triangles = triangles * np.where(np.einsum('bkk->bk', triangles) < 0, -1.0, 1.0)[:, :, None]
-        torques = np.asarray(np.linalg.qr(found.rows, mode='r'))
-        for k, kept in enumerate(found.moving.sum(axis=1).tolist()):
+        torques = np.asarray(np.linalg.qr(torques, mode='r'))
+        for k, kept in enumerate(moving.sum(axis=1).tolist()):
             if kept < 2 * size:
                 yield nothing[k]
                 continue

@@ -95,7 +95,7 @@ class Noise:
 
     def __init__(self, blocks: Sequence[Block], theta: Array) -> None:
         size = len(theta)
-        self._usual = float(np.mean([_left_of(block) for block in blocks]))
+        self._usual = float(np.mean([left_of(block) for block in blocks]))
         off = np.array([_off(block, theta) / self.scale(block) for block in blocks])
         # Of n blocks D parameters were made.
         self._square = (off**2).mean(axis=0) * len(blocks) / max(len(blocks) - 1, 1)
@@ -104,7 +104,7 @@ class Noise:
 
     def left(self, block: Block) -> float:
         """Return how much more than usual a block leaves unexplained, in squares."""
-        return _left_of(block) / self._usual
+        return left_of(block) / self._usual
 
     @property
     def beyond(self) -> float:
@@ -113,7 +113,7 @@ class Noise:
 
     def scale(self, block: Block) -> float:
         """Return by how much the rows of a block are to be divided before their own noise counts."""
-        return float(np.sqrt(_left_of(block) + LEAST * self._usual))
+        return float(np.sqrt(left_of(block) + LEAST * self._usual))
 
     @property
     def variance(self) -> Array:
@@ -132,13 +132,13 @@ class Noise:
         off = off / np.sqrt(1 + ((rows[:, :-1] @ belief.covariance) * rows[:, :-1]).sum(axis=1))
         self._count = min(self._count + 1, MEMORY)
         part = 1 / self._count
-        self._usual += part * (min(_left_of(block), 10 * self._usual) - self._usual)
+        self._usual += part * (min(left_of(block), 10 * self._usual) - self._usual)
         self._square += part * (off**2 - self._square)
         self._product += part * (off * self._last - self._product)
         self._last = off
 
 
-def _left_of(block: Block) -> float:
+def left_of(block: Block) -> float:
     """Return the mean square of what no parameters explain of a block's rows."""
     return float(block.triangle[-1, -1] ** 2) / block.rows
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -28,7 +28,7 @@ from pendubot_identification.trajectories.trajectory import Trajectory
 from .balances import BLOCK, STILL
 from .blocks import NOT_FINITE, REPEATED, RESTART, Block, Blocks, Taking
 from .changes import AGREEING, CHANGED, SEVERAL, Jump, Kind, Window, kinds
-from .filter import Belief, Noise
+from .filter import Belief, Noise, left_of
 
 Array = NDArray[np.float64]
 
@@ -273,9 +273,9 @@ class _Step(NamedTuple):
 class _Following:
     """What is believed, from the first motion on. In units of a scale all parameters are about 1."""
 
-    def __init__(self, taking: Taking, scale: Array, noise: Noise, bounds: Bounds) -> None:
+    def __init__(self, taking: Taking, scale: Array, noise: Noise, bounds: Bounds, beyond: float) -> None:
         self.taking, self.blocks = taking, Blocks(taking)
-        self._scale, self._noise, self._bounds = scale, noise, bounds
+        self._scale, self._noise, self._bounds, self._beyond = scale, noise, bounds, beyond
         self._belief = Belief.nothing(len(scale))
         self._opening: Change | None = None
         friction = np.array([name[0] in 'bFk' for name in bounds.names])
@@ -294,10 +294,13 @@ class _Following:
             PendubotError: it is too short, has gaps, or does not tell the parameters.
         """
         taking = Taking.of(motion, start.model, bounds, start.delays, start.hold)
-        samples = np.column_stack([motion.t, motion.q, motion.tau])
-        found = [block for block in Blocks(taking).feed(samples) if block.rows]
+        found = _moving(motion, taking)
         if len(found) * BLOCK < FIRST / 2:
             raise PendubotError(f'only {len(found) * BLOCK:.1f} s of them move')
+        beyond = math.sqrt(np.mean([left_of(block) for block in found]))
+        if beyond > LACKING:
+            taking = replace(taking, whitened=False)
+            found = _moving(motion, taking)
         pooled = Quadratic.pool([Quadratic(block.triangle, block.rows) for block in found])
         theta = pooled.minimum(bounds)
         if problems := Parameters.from_vector(theta).unphysical():
@@ -310,7 +313,7 @@ class _Following:
         poor = (np.sqrt(np.diag(belief.covariance)) > POOR)[:5]
         if poor.any():
             raise PendubotError(f'poorly determined: {", ".join(np.array(NAMES[:5])[poor])}')
-        made = cls(taking, scale, noise, bounds)
+        made = cls(taking, scale, noise, bounds, beyond)
         if start.theta is not None:
             error = np.zeros_like(theta) if start.std_error is None else start.std_error / scale
             more = np.where([name in NAMES[:5] for name in bounds.names], CARRIED_OVER, FRICTION_CARRIED_OVER)
@@ -429,9 +432,10 @@ class _Following:
         if poor.any():
             names = ', '.join(np.array(NAMES[:5])[poor])
             yield f'poorly determined: the standard error of {names} exceeds half the value'
-        if self.taking.rounded and self._noise.beyond > LACKING:
+        beyond = self._noise.beyond if self.taking.whitened else self._beyond
+        if self.taking.rounded and beyond > LACKING:
             yield (
-                f'what is left unexplained is {self._noise.beyond:.1f} times what rounded angles explain: the rig has '
+                f'what is left unexplained is {beyond:.1f} times what rounded angles explain: the rig has '
                 'what the models lack, or is sampled too slowly; parameters may be farther off than their bands say'
             )
         if self._waiting():
@@ -447,6 +451,12 @@ class _Following:
             return np.asarray(theta)
         rows = np.column_stack([self._belief.triangle / self._scale, self._belief.right])
         return Quadratic(np.concatenate([rows, np.zeros((1, rows.shape[1]))]), 1).minimum(self._bounds)
+
+
+def _moving(motion: Trajectory, taking: Taking) -> list[Block]:
+    """Return a first motion's blocks, but those in which nothing moves."""
+    samples = np.column_stack([motion.t, motion.q, motion.tau])
+    return [block for block in Blocks(taking).feed(samples) if block.rows]
 
 
 def _scaled(block: Block, scale: Array) -> Block:

@@ -5,6 +5,7 @@
 
 python -m test.tracking                 the tables of docs/tracking.md, 10 seeds, with peers
 python -m test.tracking --hours 10      false alarms alone, so many hours of motion without a change
+python -m test.tracking --others        rigs that are sampled and driven otherwise
 """
 
 import argparse
@@ -13,6 +14,7 @@ import numpy as np
 
 from pendubot_identification.criteria.quadratic import Quadratic
 from pendubot_identification.criteria.weak import balance_weights, estimate_delay, weak_regression
+from pendubot_identification.level import Level
 from pendubot_identification.model.parameters import default_bounds
 from pendubot_identification.tracking.tracker import FRICTION_WALK, INERTIA_WALK, Burst, Change, State, Tracker
 from pendubot_identification.trajectories.motion import Motion
@@ -25,6 +27,10 @@ from .rig import Day, record, truth
 SECONDS, AT = 600.0, 300.0
 WALK = np.array([INERTIA_WALK] * 5 + [FRICTION_WALK] * 4)
 PUSHED = 'pushed by hand 48 times each'
+RIGS = (
+    *((33, 4096, 0.35), (50, 4096, 0.35), (100, 1000, 0.35), (200, 500, 0.35), (200, 4096, 0.8), (200, 4096, 0.15)),
+    *((200, 100_000, 0.35), (500, 2000, 0.35), (1000, 10_000, 0.35), (1000, 500, 0.35)),
+)
 PARTS = {'P1 to P5': slice(0, 5), 'friction': slice(5, 9)}
 
 
@@ -133,12 +139,39 @@ def changes(name, tracks, days):
     print(f'| {name} | {len(after)} of {len(days)} | {late} | {right} | {called} | {false} | {bursts} |', flush=True)
 
 
+def others(seeds):
+    """Print how well clean rigs are followed for 100 s that are sampled and driven otherwise."""
+    print(
+        '| rate [Hz] | counts | torque [N m] | P, rms [%] | friction, rms [%] | bands hold P [%] | friction | OK [%] |'
+    )
+    print('|---|---|---|---|---|---|---|---|')
+    for rate, counts, strength in RIGS:
+        day = Day(strength=strength)
+        t, q, tau = record(seeds, [day] * len(seeds), seconds=100.0, rate=float(rate), counts=counts)
+        off, held, fine = [], [], []
+        for k in range(len(q)):
+            states = [s for s in track(t, q[k], tau[k])[0] if s.t > 20]
+            true = truth(day, [s.t for s in states])
+            errors = np.array([s.theta for s in states]) - true
+            held.append((np.abs(errors) < 1.96 * np.array([s.std_error for s in states])).mean(axis=0))
+            off.append(100 * errors[-1] / true[-1])
+            fine.append(np.mean([s.level is Level.OK for s in states]))
+        rms = [np.sqrt(np.square(off)[:, p].mean()) for p in PARTS.values()]
+        shares = [100 * np.array(held)[:, p].mean() for p in PARTS.values()]
+        numbers = f'{rms[0]:.2g} | {rms[1]:.2g} | {shares[0]:.0f} | {shares[1]:.0f} | {100 * np.mean(fine):.0f}'
+        print(f'| {rate} | {counts} | {strength} | {numbers} |', flush=True)
+
+
 def main():
     """Simulate, follow, print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('--seeds', type=int, default=10)
     parser.add_argument('--hours', type=float, help='of motion without a change; nothing but false alarms')
+    parser.add_argument('--others', action='store_true', help='rigs that are sampled and driven otherwise')
     args = parser.parse_args()
+    if args.others:
+        others(range(args.seeds))
+        return
     head = (
         '\n| | found | after [s]: median, most | times right | called | false | bursts |\n|---|---|---|---|---|---|---|'
     )
