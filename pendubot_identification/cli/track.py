@@ -173,14 +173,15 @@ def _summary(last: State, tracker: Tracker, track: Track) -> tuple[Table, list[s
     # The first one with a band worth showing.
     first = next((s for s in track.states if s.t > track.states[0].t + BETWEEN), last)
     rows: list[list[Cell]] = [
-        [
-            name,
-            Number(float(last.theta[k]), '.4g'),
-            Number(NORMAL_95 * float(last.std_error[k]), '.2g'),
-            UNITS[k],
-            Number(float(first.theta[k]), '.4g'),
-        ]
-        for k, name in enumerate(last.names)
+        [name, Number(value, '.4g'), Number(NORMAL_95 * error, '.2g'), unit, Number(before, '.4g')]
+        for name, value, error, unit, before in zip(
+            [*last.names, 'delay'],
+            [*last.theta.tolist(), last.delay],
+            [*last.std_error.tolist(), last.delay_std_error],
+            [*UNITS[: len(last.names)], 's'],
+            [*first.theta.tolist(), first.delay],
+            strict=True,
+        )
     ]
     head = ['', f'at {last.t:.0f} s', '95 % +-', 'unit', f'at {first.t:.0f} s']
     bursts = sum(isinstance(event, Burst) for event in track.events)

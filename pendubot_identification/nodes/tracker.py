@@ -18,12 +18,12 @@ from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import SetBool, Trigger
 
 from pendubot_identification.errors import ParameterError, PendubotError
-from pendubot_identification.identify.result import EffortTaken, plain
+from pendubot_identification.identify.result import plain
 from pendubot_identification.level import NORMAL_95, Level
 from pendubot_identification.model.parameters import MODELS
 from pendubot_identification.recordings.joint_states import JOINT_NAMES, JointDecoder
 from pendubot_identification.recordings.mcap_file import Messages
-from pendubot_identification.results.track_file import parameters, start_of
+from pendubot_identification.results.track_file import effort_taken, parameters, start_of
 from pendubot_identification.setting import Setting
 from pendubot_identification.tracking import tracker as tracking
 from pendubot_identification.tracking.tracker import Burst, Event, Lost, State
@@ -184,7 +184,7 @@ class Tracker(SettingsNode):
             values |= {name: entry.pop('value'), **flat(name, entry)}
         taking = self._tracker.taking
         if taking is not None:
-            values |= flat('effort', plain(EffortTaken(hold=taking.hold, delay=taking.delay)))
+            values |= flat('effort', plain(effort_taken(state, taking)))
             values['model'] = taking.model
         return values | {'criterion': 'weak, tracked', 'last_change': self._last_change or 'none'}
 

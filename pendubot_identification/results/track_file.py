@@ -18,6 +18,7 @@ from pendubot_identification.identify.result import SCHEMA, EffortTaken, Paramet
 from pendubot_identification.identify.settings import Settings
 from pendubot_identification.level import NORMAL_95, Level
 from pendubot_identification.model.parameters import MODELS, UNITS
+from pendubot_identification.tracking.blocks import Taking
 from pendubot_identification.tracking.tracker import Change, Event, Start, State, Tracker
 from pendubot_identification.trajectories.trajectory import Trajectory
 
@@ -108,7 +109,7 @@ def track_text(tracker: Tracker, track: Track, bags: Sequence[str]) -> str:
             'warnings': state.warnings,
             'criterion': 'weak, tracked',
             'model': tracker.taking.model,
-            'effort': EffortTaken(hold=tracker.taking.hold, delay=tracker.taking.delay),
+            'effort': effort_taken(state, tracker.taking),
             'made_by': {'version': __version__},
             'tracked': {
                 'bags': bags,
@@ -137,6 +138,11 @@ def parameters(state: State) -> Mapping[str, Parameter]:
         )
         for name, value, error, unit in zip(state.names, state.theta, state.std_error, UNITS, strict=False)
     }
+
+
+def effort_taken(state: State, taking: Taking) -> EffortTaken:
+    """Return how the effort was taken."""
+    return EffortTaken(hold=taking.hold, delay=state.delay, delay_std_error=state.delay_std_error)
 
 
 def kind_of(event: Event) -> str:

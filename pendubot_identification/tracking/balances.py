@@ -74,7 +74,8 @@ class Rows(NamedTuple):
     """Blocks of rows, two for each bump: of shoulder and elbow.
 
     Attributes:
-        rows: [phi, y] [N m], shape (B, 2 K, D+1); 0 where nothing moves.
+        rows: [phi, lag, y] [N m], shape (B, 2 K, D+2): ``phi @ theta + lag delay`` is y for the delays [s] near the one
+            that was taken; 0 where nothing moves.
         covariance: theirs, shape (B, 2 K, 2 K).
         moving: which rows are not 0, shape (B, 2 K).
     """
@@ -84,7 +85,7 @@ class Rows(NamedTuple):
     moving: NDArray[np.bool_]
 
     def whitened(self) -> Array:
-        """Return the rows with noise 1, shape (B, 2 K, D+1)."""
+        """Return the rows with noise 1, shape (B, 2 K, D+2)."""
         covariance = self.covariance.copy()
         own = np.einsum('bkk->bk', covariance)
         own += np.where(self.moving, OWN * own, 1.0)
@@ -102,7 +103,10 @@ def rows_of(motion: Motion, begin: float, count: int, delay: float, accuracy: Ac
     states = np.ascontiguousarray(motion.states(nodes))
     require_plausible_speed(motion.name, nodes - motion.start, states[2:].T)
     impulse = np.ascontiguousarray(motion.impulse(nodes - delay).T)
-    rows = _under(_columns(states, impulse, len(accuracy.theta), accuracy.speed), _REACH) @ _BUMPS[0, :, 1:-1:2].T
+    cells = _under(_columns(states, impulse, len(accuracy.theta), accuracy.speed), _REACH)
+    rows = cells @ _BUMPS[0, :, 1:-1:2].T
+    lag = cells[:, -1:] @ -_BUMPS[1, :, 1:-1:2].T
+    rows = np.concatenate([rows[:, :-1], lag, rows[:, -1:] + lag * delay], axis=1)
     rows = np.ascontiguousarray(rows.transpose(2, 3, 0, 1)).reshape(count, 2 * K, -1)
 
     seen = slice(1, -1, COARSE)

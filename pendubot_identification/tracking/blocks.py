@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pendubot_identification.criteria.energy import Regression
 from pendubot_identification.criteria.quadratic import Quadratic
 from pendubot_identification.criteria.weak import WIDTH, balance_weights, estimate_delay, weak_regression
 from pendubot_identification.errors import TrajectoryError
@@ -43,6 +44,10 @@ WIDEST = 0.03
 SETTLED = 12
 #: Stamps that run back by more [s] are those of a clock that began anew; by less, of a sample that is late or repeated.
 RESTART = 1.0
+#: More delay, and less, by which is seen what it does [s].
+LAG = 1e-3
+#: The delay may grow by so much [s] before samples are missed.
+MORE = 0.02
 #: What may be wrong with a sample, in words.
 NOT_FINITE, REPEATED = 'a number that is not finite', 'a stamp that repeats or runs back'
 #: An effort is at its limit in a block where it stands there in more than this part of the samples that have any.
@@ -100,19 +105,23 @@ class Taking:
         return cls(model, delay, hold, accuracy, bool((counts > 0).all()), weights, window)
 
     def rows(self, motion: Motion, begin: float, count: int) -> tuple[Array, Array, NDArray[np.bool_]]:
-        """Return rows [phi, y] of so many blocks, of noise 1 and in N m, shape (B, N, D+1), and which of them move."""
+        """Return rows [phi, lag, y] of so many blocks, of noise 1 and in N m, (B, N, D+2), and which of them move."""
         if self.whitened:
             found = rows_of(motion, begin, count, self.delay, self.accuracy)
             return found.whitened(), found.rows, found.moving
-        end = begin + count * BLOCK + WIDTH - min(self.delay, 0.0)
-        part = motion.part(begin - max(self.delay, 0.0), end)
-        regression = weak_regression(part, self.model, self.delay, weights=self.weights, stride=STRIDE)
-        rows = np.column_stack([regression.phi, regression.y])[: 3 * K * count].reshape(count, 3 * K, -1)
+        shorter, longer = (self._weak(motion, begin, count, self.delay + more) for more in (-LAG, LAG))
+        y, lag = (longer.y + shorter.y) / 2, (shorter.y - longer.y) / (2 * LAG)
+        rows = np.column_stack([shorter.phi, lag, y + lag * self.delay])[: 3 * K * count].reshape(count, 3 * K, -1)
         under = begin + STRIDE * np.arange(count * K)[:, None] + WIDTH * np.linspace(0, 1, 7)
         turned = np.ptp(motion.smoothed(under)[..., :2], axis=1).max(axis=1)
         moving = np.repeat(turned > STILL, 3).reshape(count, 3 * K)
         rows = rows * moving[:, :, None]
         return rows, rows, moving
+
+    def _weak(self, motion: Motion, begin: float, count: int, delay: float) -> Regression:
+        """Return the criterion weak of so many blocks, and perhaps a bump more."""
+        part = motion.part(begin - max(delay, 0.0), begin + count * BLOCK + WIDTH - min(delay, 0.0))
+        return weak_regression(part, self.model, delay, weights=self.weights, stride=STRIDE)
 
 
 class Block(NamedTuple):
@@ -120,9 +129,9 @@ class Block(NamedTuple):
 
     Attributes:
         begin, end: the time from which on its first bump, and until which its last one reaches [s].
-        triangle: of the QR factorisation of its rows [phi, y], all of one noise, shape (D+1, D+1); its diagonal is not
-            negative.
-        torques: the triangle of the rows as they are [N m], shape (D+1, D+1).
+        triangle: of the QR factorisation of its rows [phi, lag, y], all of one noise, shape (D+2, D+2); its diagonal
+            is not negative.
+        torques: the triangle of the rows as they are [N m], shape (D+2, D+2).
         rows: how many rows they stand for; 0 where nothing moved.
         saturated: whether the effort stood at one value where there was any, beyond which it never went.
     """
@@ -135,7 +144,7 @@ class Block(NamedTuple):
     saturated: bool
 
     def unexplained(self, theta: Array) -> float:
-        """Return the torque that parameters, shape (D,), leave unexplained, root mean square under bumps [N m]."""
+        """Return the torque that parameters and a delay, shape (D+1,), leave unexplained, RMS under bumps [N m]."""
         return float(np.linalg.norm(self.torques @ np.append(theta, -1.0))) / math.sqrt(self.rows)
 
 
@@ -143,7 +152,7 @@ class Blocks:
     """Takes samples in any portions, and gives blocks; keeps no more than the samples under incomplete bumps."""
 
     def __init__(self, taking: Taking) -> None:
-        self._taking = taking
+        self.taking = taking  #: which may become another one.
         self._held = np.empty((0, 5))  # t q1 q2 tau1 tau2
         self._next = np.nan  # where the next bump begins
         self._greatest = 0.0
@@ -155,7 +164,8 @@ class Blocks:
         while len(samples):
             together = np.concatenate([self._held[-1:], samples])[:, 0]
             steps = np.diff(together)
-            usual = float(np.median(np.diff(np.concatenate([self._held[-50:, 0], samples[:50, 0]]))))
+            recent = np.diff(np.concatenate([self._held[-50:, 0], samples[:50, 0]]))
+            usual = float(np.median(recent)) if len(recent) else 0.0
             apart = np.flatnonzero(np.abs(steps) > max(LONGEST_GAP, 5 * usual))
             cut = len(samples)
             if len(apart):
@@ -190,7 +200,7 @@ class Blocks:
         self.notes = {**self.notes, what: self.notes.get(what, 0) + times}
 
     def _complete(self) -> Iterator[Block]:
-        how = self._taking
+        how = self.taking
         while len(self._held) > 2 * SETTLED:
             t = self._held[:, 0]
             interval = float(np.median(np.diff(t)))
@@ -204,14 +214,14 @@ class Blocks:
             used = int(np.searchsorted(t, self._next + count * BLOCK + WIDTH + late, side='right'))
             yield from self._blocks(self._held[:used], count)
             self._next += count * BLOCK
-            first = int(np.searchsorted(t, self._next - margin - max(how.delay, 0.0) - interval)) - 1
+            first = int(np.searchsorted(t, self._next - margin - max(how.delay, 0.0) - interval - MORE)) - 1
             self._held = self._held[max(first, 0) :]
 
     def _blocks(self, samples: Array, count: int) -> Iterator[Block]:
         """Return so many blocks from :attr:`_next` on."""
-        how, begin = self._taking, self._next
+        how, begin = self.taking, self._next
         begins = begin + BLOCK * np.arange(count)
-        size = MODELS[how.model] + 1
+        size = MODELS[how.model] + 2
         none = np.zeros((size, size))
         nothing = [Block(t, t + BLOCK + WIDTH, none, none, 0, False) for t in begins.tolist()]
         if np.ptp(samples[:, 1:3], axis=0).max() < STILL:

@@ -38,6 +38,9 @@ LEAVES, PART = 40.0, 0.05
 #: Of each of P1 to P5 at least this part stays, but for a little of its scale. Free motion says nothing of their size,
 #: so that none at all would explain it.
 LEAST, LITTLE = 0.3, 0.1
+PAYLOAD = 'payload on link 2'
+#: The last of what is tracked.
+DELAY = 'delay'
 #: The kind of what has no other name. So many blocks must agree on it: a hand may look like it for a while.
 SEVERAL, AGREEING = 'several', 4
 
@@ -56,6 +59,12 @@ class Jump(NamedTuple):
     step: Array
     std_error: Array
     ratio: float
+
+    @property
+    def no_payload(self) -> bool:
+        """Whether it is called one, but adds mass and takes inertia about the elbow away, or the other way round."""
+        sure = (np.abs(self.step) > 3 * self.std_error) & (self.kind.name == PAYLOAD)
+        return bool(sure[1] and sure[3] and self.step[1] * self.step[3] < 0)
 
 
 class Window(NamedTuple):
@@ -97,7 +106,11 @@ class Window(NamedTuple):
         found = [self._along(kind) for kind in kinds]
         enough = [jump for jump in found if self.ratio - jump.ratio < max(LEAVES, PART * self.ratio)]
         size = theta[:5]
-        likely = [jump for jump in enough or found if (size + jump.step[:5] >= LEAST * size - LITTLE).all()]
+        likely = [
+            jump
+            for jump in enough or found
+            if (size + jump.step[:5] >= LEAST * size - LITTLE).all() and not jump.no_payload
+        ]
         return max(likely, key=lambda jump: jump.ratio - SIMPLER * jump.kind.directions.shape[1], default=None)
 
     def _along(self, kind: Kind) -> Jump:
@@ -115,13 +128,14 @@ class Window(NamedTuple):
 
 
 def kinds(theta: Array) -> Iterator[Kind]:
-    """Return what may change in a rig with these parameters, shape (D,); first what has fewest unknowns.
+    """Return what may change in a rig with these parameters and a delay, shape (D,); first what has fewest unknowns.
 
     A payload m at a distance d from the elbow adds m l1^2, m d^2, m l1 d, m l1 and m d to P1 to P5, l1 being P3 / P5.
     """
     size = len(theta)
-    names = NAMES[:size]
-    yield Kind('motor: all torque', theta[:, None].copy())
+    names = (*NAMES[: size - 1], DELAY)
+    yield Kind('motor: all torque', np.append(theta[:-1], 0.0)[:, None])
+    yield _axes('delay of the effort', names, (DELAY,))
     inertia = np.where(np.isin(names, ('P1', 'P2', 'P3', 'J2')), theta, 0.0)
     viscous = np.where(np.isin(names, ('b1', 'b2')), theta, 0.0)
     yield Kind('time: all rates', np.column_stack([inertia, viscous]))
@@ -131,7 +145,7 @@ def kinds(theta: Array) -> Iterator[Kind]:
     length = theta[2] / theta[4] if theta[4] > 0 else 0.0
     payload = np.zeros((size, 3))
     payload[:5] = np.array([[length**2, 0, 0, length, 0], [0, 0, length, 0, 1], [0, 1, 0, 0, 0]]).T
-    yield Kind('payload on link 2', payload)
+    yield Kind(PAYLOAD, payload)
     yield Kind(SEVERAL, np.eye(size))
 
 

@@ -27,7 +27,7 @@ from pendubot_identification.trajectories.trajectory import Trajectory
 
 from .balances import BLOCK, STILL
 from .blocks import NOT_FINITE, REPEATED, RESTART, Block, Blocks, Taking
-from .changes import AGREEING, CHANGED, SEVERAL, Jump, Kind, Window, kinds
+from .changes import AGREEING, CHANGED, DELAY, LEAVES, SEVERAL, Jump, Kind, Window, kinds
 from .filter import Belief, Noise, left_of
 
 Array = NDArray[np.float64]
@@ -36,8 +36,8 @@ Array = NDArray[np.float64]
 FIRST, LONGEST_FIRST = 8.0, 30.0
 #: From one attempt to begin to the next [s].
 AGAIN = 2.0
-#: Samples that are taken at once: little is lost of them where all begins anew.
-PORTION = 8192
+#: Samples that are taken at once: little is lost of them where all begins anew, and next to nothing before it begins.
+PORTION, FIRST_PORTION = 8192, 64
 #: Parameters drift as random walks, by so much of their size in a second: friction, and everything else.
 FRICTION_WALK, INERTIA_WALK = 2e-3, 5e-6
 #: Consecutive blocks over which a change is looked for.
@@ -53,6 +53,10 @@ LACKING = 1.5
 IDLE = 10.0
 #: Parameters of a file were found by another criterion, or yesterday: so much more of them is taken to be uncertain.
 CARRIED_OVER, FRICTION_CARRIED_OVER = 0.02, 0.3
+#: The delay's unit [s], the longest one, and what is not known of one that is given.
+DELAY_SCALE, LONGEST_DELAY, GIVEN = 0.01, 0.1, 1e-5
+#: What a delay does to balances is bent beyond so much more of it [s].
+STRAIGHT = 2e-3
 #: The ratio with which a first motion denies what was believed beforehand: among normal rows one of 1e8 does by chance.
 DENIED = 60.0
 
@@ -90,6 +94,7 @@ class State(NamedTuple):
         t: the middle of the newest block [s].
         theta: physical parameters, shape (D,).
         std_error: of them, shape (D,); 1.96 of them hold the truth in 95 % of cases.
+        delay: of the effort [s], and ``delay_std_error`` [s].
         level: how far to trust them, and ``warnings`` why.
         unexplained: the torque that they leave unexplained, root mean square under bumps, when it last moved [N m].
         moving: whether anything was learned.
@@ -98,6 +103,8 @@ class State(NamedTuple):
     t: float
     theta: Array
     std_error: Array
+    delay: float
+    delay_std_error: float
     level: Level
     warnings: tuple[str, ...]
     unexplained: float
@@ -190,8 +197,10 @@ class Tracker:
         Raises:
             PendubotError: ``judge`` of the start does.
         """
-        for begin in range(0, len(samples), PORTION):
-            yield from self._take(samples[begin : begin + PORTION])
+        while len(samples):
+            count = FIRST_PORTION if self._following is None else PORTION
+            yield from self._take(samples[:count])
+            samples = samples[count:]
 
     def _take(self, samples: Array) -> Iterator[State | Event]:
         if self._following is None:
@@ -271,12 +280,14 @@ class _Step(NamedTuple):
 
 
 class _Following:
-    """What is believed, from the first motion on. In units of a scale all parameters are about 1."""
+    """What is believed of parameters and delay, from the first motion on. In units of a scale they are about 1."""
 
-    def __init__(self, taking: Taking, scale: Array, noise: Noise, bounds: Bounds, beyond: float) -> None:
+    def __init__(
+        self, taking: Taking, scale: Array, noise: Noise, bounds: Bounds, beyond: float, belief: Belief
+    ) -> None:
         self.taking, self.blocks = taking, Blocks(taking)
         self._scale, self._noise, self._bounds, self._beyond = scale, noise, bounds, beyond
-        self._belief = Belief.nothing(len(scale))
+        self._belief = belief
         self._opening: Change | None = None
         friction = np.array([name[0] in 'bFk' for name in bounds.names])
         self._walk = np.where(friction, FRICTION_WALK, INERTIA_WALK)
@@ -301,23 +312,30 @@ class _Following:
         if beyond > LACKING:
             taking = replace(taking, whitened=False)
             found = _moving(motion, taking)
+        low, high = start.delays
+        unbound = bounds.beside((DELAY,), LONGEST_DELAY)
+        bounds = unbound.replaced(DELAY, low, high)
         pooled = Quadratic.pool([Quadratic(block.triangle, block.rows) for block in found])
         theta = pooled.minimum(bounds)
-        if problems := Parameters.from_vector(theta).unphysical():
+        if problems := Parameters.from_vector(theta[:-1]).unphysical():
             raise PendubotError(f'not physical: {problems[0]}')
-        scale = _scale(theta, motion)
+        scale = np.append(_scale(theta[:-1], motion), DELAY_SCALE)
         noise = Noise([_scaled(block, scale) for block in found], theta / scale)
-        belief = Belief.nothing(len(theta))
+        # Of the delay alone something is known beforehand: between what it lies, or what it is until it changes.
+        delay, unsure = taking.delay / DELAY_SCALE, max(high - low, GIVEN) / DELAY_SCALE
+        row = np.append(np.zeros(len(theta) - 1), [1.0, delay])[None] / unsure
+        belief = nothing = Belief.nothing(len(theta)).learned(row)
         for block in found:
             belief = belief.learned(noise.rows(_scaled(block, scale)))
         poor = (np.sqrt(np.diag(belief.covariance)) > POOR)[:5]
         if poor.any():
             raise PendubotError(f'poorly determined: {", ".join(np.array(NAMES[:5])[poor])}')
-        made = cls(taking, scale, noise, bounds, beyond)
+        made = cls(taking, scale, noise, bounds if low < high else unbound, beyond, nothing)
         if start.theta is not None:
-            error = np.zeros_like(theta) if start.std_error is None else start.std_error / scale
-            more = np.where([name in NAMES[:5] for name in bounds.names], CARRIED_OVER, FRICTION_CARRIED_OVER)
-            made.carry_over(Belief.of(start.theta / scale, np.diag(error**2 + more**2)), found)
+            known, size = np.append(start.theta / scale[:-1], delay), scale[:-1]
+            error = np.zeros_like(size) if start.std_error is None else start.std_error / size
+            more = np.where([name in NAMES[:5] for name in bounds.names[:-1]], CARRIED_OVER, FRICTION_CARRIED_OVER)
+            made.carry_over(Belief.of(known, np.diag(np.append(error**2 + more**2, unsure**2))), found)
         made.level, made.why = start.judge(motion)
         return made
 
@@ -362,6 +380,13 @@ class _Following:
             if known:
                 self._noise.learn(scaled, self._belief)
             self._belief = self._belief.learned(rows)
+            self._take_delay()
+
+    def _take_delay(self) -> None:
+        """Take the effort with the delay that is believed in where what that does is bent."""
+        delay = float(np.clip(self._belief.mean[-1] * DELAY_SCALE, self._bounds.lower[-1], self._bounds.upper[-1]))
+        if abs(delay - self.taking.delay) > STRAIGHT:
+            self.taking = self.blocks.taking = replace(self.taking, delay=delay)
 
     def _waiting(self) -> list[_Step]:
         """Return the last blocks that were not learned from."""
@@ -370,21 +395,27 @@ class _Following:
 
     def _changed(self) -> Change | None:
         """Look for the window of two blocks or more that speaks most for one step; if so, believe in that."""
-        clean = [step for step in self._steps[-WINDOW:] if step.left < CLEAN]
+        clean = [step for step in self._steps[-WINDOW:] if step.left < CLEAN and step.before.known]
         waiting = sum(step.left < CLEAN for step in self._waiting())
-        best = None
+        windows = {
+            count: Window.of(clean[-count].before, [step.rows for step in clean[-count:]])
+            for count in range(1, len(clean) + 1)
+        }
+        windows = {count: window for count, window in windows.items() if window.explained}
         # What is small shows in many blocks only.
-        for count in range(2 if waiting else WINDOW, len(clean) + 1):
-            steps = clean[-count:]
-            if not steps[0].before.known:
-                continue
-            window = Window.of(steps[0].before, [step.rows for step in steps])
-            sure = window.ratio > CHANGED * max(1.0, window.left) or (waiting >= WINDOW and window.doubtful)
-            if sure and window.explained and (best is None or window.ratio > best[0].ratio):
-                best = window, steps
-        if best is None:
+        least = 2 if waiting else WINDOW
+        sure = [
+            window.ratio
+            for count, window in windows.items()
+            if count >= least
+            and (window.ratio > CHANGED * max(1.0, window.left) or (waiting >= WINDOW and window.doubtful))
+        ]
+        if not sure:
             return None
-        window, steps = best
+        # Blocks that say nothing of the change may lie on either side of it.
+        near = [count for count, window in windows.items() if window.ratio >= max(sure) - LEAVES]
+        count = next(count for count in near if count > 1)
+        window, steps, latest, earliest = windows[count], clean[-count:], clean[-near[0]], clean[-near[-1]]
         before = steps[0].before
         named = kinds(before.mean * self._scale)
         jump = window.jump([Kind(kind.name, kind.directions / self._scale[:, None]) for kind in named], before.mean)
@@ -396,13 +427,13 @@ class _Following:
         for step in steps:
             self._belief = self._belief.learned(step.rows)
         # It may have happened under the blocks before, if they are not foreseen either.
-        first = next(k for k, step in enumerate(self._steps) if step is steps[0])
+        first = next(k for k, step in enumerate(self._steps) if step is earliest)
         earlier = first
         while earlier and not self._steps[earlier - 1].foreseen:
             earlier -= 1
         begin = self._steps[earlier].block.begin - (BLOCK if earlier == first else 0.0)
         self._steps = []
-        return Change(begin, steps[0].block.begin + WIDTH, jump.kind.name, self._told(jump))
+        return Change(begin, latest.block.begin + WIDTH, jump.kind.name, self._told(jump))
 
     def _told(self, jump: Jump) -> dict[str, tuple[float, float]]:
         """Return the parameters that moved beyond doubt."""
@@ -415,14 +446,18 @@ class _Following:
     def state(self, block: Block) -> State:
         """Return what is true after a block."""
         covariance = self._belief.covariance
-        std_error = np.sqrt(np.diag(covariance)) * self._scale
-        theta = self._physical()
-        warnings = [*self.why, *self._doubts(block, theta, std_error)]
-        level = max(self.level, Level.WARN if warnings else Level.OK)
+        errors = np.sqrt(np.diag(covariance)) * self._scale
+        found = self._physical()
         if block.rows:
-            self._unexplained = block.unexplained(theta)
+            self._unexplained = block.unexplained(found)
+        theta, std_error = found[:-1], errors[:-1]
+        delay, delay_error = float(found[-1]), float(errors[-1])
+        warnings = (*self.why, *self._doubts(block, theta, std_error))
+        level = max(self.level, Level.WARN if warnings else Level.OK)
         t = (block.begin + block.end) / 2
-        return State(t, theta, std_error, level, tuple(warnings), self._unexplained, bool(block.rows))
+        return State(
+            t, theta, std_error, delay, delay_error, level, warnings, self._unexplained, moving=bool(block.rows)
+        )
 
     def _doubts(self, block: Block, theta: Array, std_error: Array) -> Iterator[str]:
         idle = block.end - self._moved if self._moved == self._moved else math.inf
@@ -447,7 +482,7 @@ class _Following:
         """Return the believed parameters, or the likeliest physical ones where these are not."""
         theta = self._belief.mean * self._scale
         inside = (theta >= self._bounds.lower).all() and (theta <= self._bounds.upper).all()
-        if inside and not Parameters.from_vector(theta).unphysical():
+        if inside and not Parameters.from_vector(theta[:-1]).unphysical():
             return np.asarray(theta)
         rows = np.column_stack([self._belief.triangle / self._scale, self._belief.right])
         return Quadratic(np.concatenate([rows, np.zeros((1, rows.shape[1]))]), 1).minimum(self._bounds)

@@ -157,6 +157,36 @@ def test_a_clock_that_jumps_is_no_change(rigs, jump):
     assert (np.abs(tracker.state.theta[:5] / truth(Day(), [0])[0, :5] - 1) < 0.01).all()
 
 
+@pytest.mark.filterwarnings('error')
+def test_samples_that_come_one_by_one_after_a_gap_are_samples(rigs):
+    tracker, _, _ = follow(rigs['nothing'][:2500])
+    for sample in rigs['nothing'][3000:4000]:
+        assert not [told for told in tracker.feed(sample[None]) if not isinstance(told, State)]
+    assert tracker.notes == {'a gap between samples': 1}
+
+
+@pytest.mark.parametrize('start', [None, Start(delays=(0.0, 0.0))])
+@pytest.mark.parametrize('more', [1, 3])
+def test_an_effort_that_comes_later_is_told(rigs, start, more):
+    samples, at = rigs['nothing'][:-more].copy(), round(AT * 200)
+    samples[at:, 3] = rigs['nothing'][at + more :, 3]
+    tracker, _, (change,) = follow(samples, start)
+    assert change.kind == 'delay of the effort'
+    assert change.begin <= AT <= change.end
+    assert change.steps['delay'][0] == pytest.approx(more / 200, abs=5e-4)
+    assert tracker.state.delay == pytest.approx(more / 200, abs=1e-4)
+    assert tracker.state.delay_std_error < 1e-4
+    assert (np.abs(tracker.state.theta[:5] / truth(Day(), [0])[0, :5] - 1) < 0.001).all()
+
+
+def test_short_recordings_are_each_a_beginning(rigs):
+    # Strung together they come in one portion: the first is too short, and the second not all that counts.
+    parts = [rigs['nothing'][begin:end] for begin, end in ((0, 1000), (1200, 3200), (3400, 3600))]
+    tracker, states, _ = follow(np.concatenate(parts), portion=10_000)
+    assert states
+    assert tracker.state.t > 16
+
+
 def test_stamps_at_twice_the_rate_are_told(rigs):
     samples = rigs['nothing'].copy()
     samples[5000:, 0] = samples[5000, 0] + (samples[5000:, 0] - samples[5000, 0]) / 2
