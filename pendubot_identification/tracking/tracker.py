@@ -27,7 +27,7 @@ from pendubot_identification.trajectories.trajectory import Trajectory
 
 from .balances import BLOCK, STILL
 from .blocks import NOT_FINITE, REPEATED, RESTART, Block, Blocks, Taking
-from .changes import AGREEING, CHANGED, DELAY, LEAVES, SEVERAL, Jump, Kind, Window, kinds
+from .changes import AGREEING, CHANGED, DELAY, LEAVES, PART, SEVERAL, Jump, Kind, Window, kinds
 from .filter import Belief, Noise, left_of
 
 Array = NDArray[np.float64]
@@ -49,6 +49,10 @@ CLEAN, FOREIGN = 8.0, 1000.0
 LOST = 20
 #: Blocks leave so many times what rounded angles explain where the rig has what the models lack; others leave it once.
 LACKING = 1.5
+#: By so much more than within a motion parameters then differ from one motion to the next, about: of two real rigs.
+DIFFERING = 3.0
+#: So much more must then speak of a change: motions of other kinds were found to say up to three times the usual.
+MORE = 4.0
 #: After so long without motion it is said [s].
 IDLE = 10.0
 #: Parameters of a file were found by another criterion, or yesterday: so much more of them is taken to be uncertain.
@@ -59,6 +63,10 @@ DELAY_SCALE, LONGEST_DELAY, GIVEN = 0.01, 0.1, 1e-5
 STRAIGHT = 2e-3
 #: The ratio with which a first motion denies what was believed beforehand: among normal rows one of 1e8 does by chance.
 DENIED = 60.0
+NOT_AS_BEFORE = 'not as it was identified before'
+#: So much more may it leave unexplained, in squares, where the rig has what the models lack: as much as its recordings
+#: do of each other's parameters.
+WORSE = 15.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,7 +140,7 @@ class Change(NamedTuple):
             f'{name} by {step:+.3g} +- {NORMAL_95 * error:.1g}' for name, (step, error) in self.steps.items()
         )
         when = f'at {self.begin:.1f} to {self.end:.1f} s' if math.isfinite(self.begin) else 'from the beginning'
-        return f'{self.kind}, {when}: {steps}'
+        return f'{self.kind}, {when}' + (f': {steps}' if steps else '')
 
 
 class Burst(NamedTuple):
@@ -339,15 +347,20 @@ class _Following:
         made.level, made.why = start.judge(motion)
         return made
 
+    @property
+    def _differing(self) -> float:
+        return 1.0 if self.taking.whitened else DIFFERING
+
     def carry_over(self, belief: Belief, found: Sequence[Block]) -> None:
         """Begin with what was believed beforehand, as far as the first blocks do not deny it."""
         window = Window.of(belief, [self._noise.rows(_scaled(block, self._scale)) for block in found])
-        if window.ratio < DENIED:
+        pooled = Quadratic.pool([Quadratic(block.triangle, block.rows) for block in found])
+        worse = float(pooled(belief.mean * self._scale) / pooled(pooled.minimum(self._bounds)))
+        if window.ratio < DENIED if self.taking.whitened else worse < WORSE:
             self._belief = belief
         else:
-            jump = window.jump([Kind('not as it was identified before', np.eye(len(self._scale)))], belief.mean)
-            if jump is not None:
-                self._opening = Change(-math.inf, found[0].begin, jump.kind.name, self._told(jump))
+            jump = window.jump([Kind(NOT_AS_BEFORE, np.eye(len(self._scale)))], belief.mean)
+            self._opening = Change(-math.inf, found[0].begin, NOT_AS_BEFORE, {} if jump is None else self._told(jump))
 
     def take(self, block: Block) -> Iterator[Event]:
         """Learn from a block, or not yet, and return what happened."""
@@ -403,17 +416,18 @@ class _Following:
         }
         windows = {count: window for count, window in windows.items() if window.explained}
         # What is small shows in many blocks only.
-        least = 2 if waiting else WINDOW
+        least, changed = 2 if waiting else WINDOW, CHANGED if self.taking.whitened else MORE * CHANGED
         sure = [
             window.ratio
             for count, window in windows.items()
             if count >= least
-            and (window.ratio > CHANGED * max(1.0, window.left) or (waiting >= WINDOW and window.doubtful))
+            and (window.ratio > changed * max(1.0, window.left) or (waiting >= WINDOW and window.doubtful))
         ]
         if not sure:
             return None
         # Blocks that say nothing of the change may lie on either side of it.
-        near = [count for count, window in windows.items() if window.ratio >= max(sure) - LEAVES]
+        enough = max(sure) - max(LEAVES, PART * max(sure))
+        near = [count for count, window in windows.items() if window.ratio >= enough]
         count = next(count for count in near if count > 1)
         window, steps, latest, earliest = windows[count], clean[-count:], clean[-near[0]], clean[-near[-1]]
         before = steps[0].before
@@ -446,7 +460,7 @@ class _Following:
     def state(self, block: Block) -> State:
         """Return what is true after a block."""
         covariance = self._belief.covariance
-        errors = np.sqrt(np.diag(covariance)) * self._scale
+        errors = np.sqrt(np.diag(covariance)) * self._scale * self._differing
         found = self._physical()
         if block.rows:
             self._unexplained = block.unexplained(found)

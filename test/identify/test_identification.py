@@ -3,7 +3,6 @@
 
 """The whole identification on motions of virtual rigs, and what it says of poor ones."""
 
-import csv
 from dataclasses import replace
 
 import numpy as np
@@ -21,10 +20,8 @@ from pendubot_identification.identify.settings import Settings
 from pendubot_identification.level import Level
 from pendubot_identification.model.parameters import MODELS, NAMES, PAPER, Parameters, default_bounds
 from pendubot_identification.model.simulation import HANGING, quantised, simulate
-from pendubot_identification.recordings.table_reader import TableReader
 from pendubot_identification.trajectories.motion import Motion
-from pendubot_identification.trajectories.reading import Reading
-from test.conftest import RECORDINGS
+from test.real import recorded
 from test.virtual import C1, CHAOTIC, GEARED, exact_motion, recording
 
 TRUTH = PAPER.vector()
@@ -34,13 +31,6 @@ WEAK = Settings(criteria=('weak',), model='viscous', optimizer='lsq', hold='zero
 TRAJECTORY = Settings(criteria=('trajectory',), model='viscous', hold='zero')
 #: The paper's own.
 THE_PAPERS = Settings(criteria=('energy',), model='viscous', optimizer='mde', spread=0.0)
-
-
-def recorded(group, role):
-    """The motions of a rig's real recordings."""
-    rows = csv.DictReader((RECORDINGS / 'manifest.csv').open())
-    files = [row['file'] for row in rows if (row['group'], row['role']) == (group, role)]
-    return [TableReader(RECORDINGS / file, Reading()).motion for file in files]
 
 
 def wrong(estimate, truth=TRUTH):

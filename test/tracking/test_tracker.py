@@ -11,11 +11,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pendubot_identification.errors import ParameterError
+from pendubot_identification.identify.identification import identify
+from pendubot_identification.identify.settings import Settings
 from pendubot_identification.level import Level
 from pendubot_identification.model.parameters import Parameters
 from pendubot_identification.tracking.tracker import Burst, Change, Start, State, Tracker
 from test.effects.rig import EFFECTS
 from test.effects.rig import record as with_effects
+from test.real import recorded
 
 from .rig import C2, Day, record, truth
 
@@ -271,8 +274,72 @@ def test_a_rig_that_has_what_the_models_lack_is_followed_and_warned_of():
         assert all(warned) if name != 'nothing' else not any(warned), name
 
 
+def test_a_payload_on_such_a_rig_is_found_and_named(rigs):
+    samples = rigs['payload'].copy()
+    samples[:, 3] += 0.03 * np.sin(8 * samples[:, 1])
+    tracker, states, (change,) = follow(samples)
+    assert {s.level for s in states} == {Level.WARN}
+    assert change.kind == 'payload on link 2'
+    assert change.begin <= AT <= change.end <= AT + 1
+    after = truth(DAYS['payload'], [AT])[0]
+    assert (np.abs(tracker.state.theta - after) < 1.96 * tracker.state.std_error)[:5].all()
+
+
 def test_angles_of_no_encoder_are_not_held_against_one(rigs):
     samples = rigs['nothing'].copy()
     samples[:, 1:3] += np.random.default_rng(0).normal(0, 0.002, samples[:, 1:3].shape)
     _, states, _ = follow(samples)
     assert not any('models lack' in warning for state in states for warning in state.warnings)
+
+
+def strung(*rigs):
+    """Return the samples of real rigs' training recordings, a second between any two, and when each rig's begin [s]."""
+    joined, now, begins = [], 0.0, []
+    for rig in rigs:
+        begins.append(now)
+        for motion in recorded(rig, 'train'):
+            joined.append(np.column_stack([now + motion.t - motion.t[0], motion.q, motion.tau]))
+            now = joined[-1][-1, 0] + 1.0
+    return np.concatenate(joined), begins
+
+
+def known(estimate):
+    """Return a start from an estimate, as from its file."""
+    return Start(estimate.model, estimate.theta, estimate.std_error, 2 * (estimate.effort.delay,))
+
+
+RIGS = 'dfki_C1_sysid', 'dfki_A0_sysid'
+
+
+@pytest.mark.recordings
+@pytest.mark.parametrize('rig', RIGS)
+def test_a_real_rig_is_followed_to_what_all_its_recordings_say_together(rig):
+    batch = identify(recorded(rig, 'train'), (), Settings(('weak',), 'rotor', optimizer='lsq')).best
+    tracker, _, events = follow(strung(rig)[0], Start('rotor'))
+    assert not events
+    assert tracker.state.level is Level.WARN
+    off = np.abs(tracker.state.theta - batch.theta)[:5]
+    assert (off < 1.96 * np.hypot(batch.std_error, tracker.state.std_error)[:5]).all()
+    # What is known already is not denied by its first motion, nor by any later.
+    tracker, _, events = follow(strung(rig)[0], known(batch))
+    assert not [event for event in events if not isinstance(event, Burst)]
+    assert (np.abs(tracker.state.theta / batch.theta - 1)[:5] < 0.06).all()
+
+
+@pytest.mark.recordings
+@pytest.mark.parametrize('rigs', [RIGS, RIGS[::-1]])
+def test_another_real_rig_is_a_change(rigs):
+    samples, (_, at) = strung(*rigs)
+    tracker, _, (change,) = follow(samples, Start('rotor'))
+    assert change.kind == 'several'
+    assert change.begin < at < change.end < at + 2
+    only, _, _ = follow(strung(rigs[1])[0], Start('rotor'))
+    assert (np.abs(tracker.state.theta / only.state.theta - 1)[:5] < 0.2).all()
+
+
+@pytest.mark.recordings
+@pytest.mark.parametrize('rigs', [RIGS, RIGS[::-1]])
+def test_the_file_of_another_real_rig_is_denied(rigs):
+    batch = identify(recorded(rigs[0], 'train'), (), Settings(('weak',), 'rotor', optimizer='lsq')).best
+    _, _, events = follow(strung(rigs[1])[0], known(batch))
+    assert events[0].kind == 'not as it was identified before'
