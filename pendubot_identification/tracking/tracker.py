@@ -410,22 +410,24 @@ class _Following:
         """Look for the window of two blocks or more that speaks most for one step; if so, believe in that."""
         clean = [step for step in self._steps[-WINDOW:] if step.left < CLEAN and step.before.known]
         waiting = sum(step.left < CLEAN for step in self._waiting())
-        windows = {
-            count: Window.of(clean[-count].before, [step.rows for step in clean[-count:]])
-            for count in range(1, len(clean) + 1)
-        }
-        windows = {count: window for count, window in windows.items() if window.explained}
+
+        def explained(counts: range) -> dict[int, Window]:
+            """Return the windows of the last blocks, so many of them, that one step explains."""
+            made = {k: Window.of(clean[-k].before, [step.rows for step in clean[-k:]]) for k in counts}
+            return {k: window for k, window in made.items() if window.explained}
+
         # What is small shows in many blocks only.
         least, changed = 2 if waiting else WINDOW, CHANGED if self.taking.whitened else MORE * CHANGED
+        windows = explained(range(least, len(clean) + 1))
         sure = [
             window.ratio
-            for count, window in windows.items()
-            if count >= least
-            and (window.ratio > changed * max(1.0, window.left) or (waiting >= WINDOW and window.doubtful))
+            for window in windows.values()
+            if window.ratio > changed * max(1.0, window.left) or (waiting >= WINDOW and window.doubtful)
         ]
         if not sure:
             return None
         # Blocks that say nothing of the change may lie on either side of it.
+        windows = explained(range(1, least)) | windows
         enough = max(sure) - max(LEAVES, PART * max(sure))
         near = [count for count, window in windows.items() if window.ratio >= enough]
         count = next(count for count in near if count > 1)
