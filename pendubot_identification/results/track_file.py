@@ -58,7 +58,7 @@ def start_of(path: Path | None, model: str | None = None) -> Start:
     than that of a file of it.
 
     Raises:
-        ResultError: the file cannot be read, or another model is asked for than it has.
+        ResultError: the file cannot be read, is of level ERROR, or another model is asked for than it has.
         ParameterError: no rig has its parameters.
     """
     if path is None:
@@ -68,6 +68,8 @@ def start_of(path: Path | None, model: str | None = None) -> Start:
     named = result.model if result.model in MODELS else result.theta.model
     if model not in (None, named):
         raise ResultError(f'{path} has the model {named}, and {model} is asked for; leave one of the two out')
+    if result.level is Level.ERROR:
+        raise ResultError(f'{path} is of level ERROR: {"; ".join(result.warnings)}; begin with another result, or none')
     size = MODELS[named]
     names = list(result.parameters)
     errors = {name: entry.std_error or 0.0 for name, entry in result.parameters.items()}

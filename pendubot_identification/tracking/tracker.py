@@ -73,7 +73,7 @@ WORSE = 15.0
 class Start:
     """What is known beforehand; what is None is found out from the first motion.
 
-    ``judge`` tells how good a first motion is: a level, and why.
+    ``judge`` tells how good a first motion is: a level, and why. One of level ERROR is none to begin with.
 
     Raises:
         ParameterError: a model that is not known, or parameters that no rig has.
@@ -345,6 +345,8 @@ class _Following:
             more = np.where([name in NAMES[:5] for name in bounds.names[:-1]], CARRIED_OVER, FRICTION_CARRIED_OVER)
             made.carry_over(Belief.of(known, np.diag(np.append(error**2 + more**2, unsure**2))), found)
         made.level, made.why = start.judge(motion)
+        if made.level is Level.ERROR:
+            raise PendubotError('; '.join(made.why))
         return made
 
     @property

@@ -54,6 +54,16 @@ def test_a_bag_is_followed_and_written_as_a_result_with_a_figure(run, bag, tmp_p
     assert status == 0
 
 
+def test_a_result_of_level_error_is_none_to_begin_with(run, bag, tmp_path):
+    now = tmp_path / 'now.yaml'
+    run('track', str(bag), '--output', str(now))
+    now.write_text(now.read_text().replace('level: OK', 'level: ERROR'))
+    status, _, err = run('track', str(bag), '--start', str(now))
+    assert status != 0
+    assert 'is of level ERROR' in err
+    assert 'Traceback' not in err
+
+
 def test_the_page_shows_the_newest_state_though_of_many_some_are_forgotten(run, bag, tmp_path, monkeypatch):
     _, out, _ = run('track', str(bag), '--json')
     newest = max(json.loads(out)['tracked']['t'])

@@ -257,6 +257,14 @@ def test_parameters_that_no_rig_has_are_refused():
         Start(model='soft')
 
 
+def test_a_first_motion_that_would_be_an_error_is_none_to_begin_with(rigs):
+    verdicts = iter([(Level.ERROR, ('it predicts nothing',)), (Level.OK, ())])
+    tracker = Tracker(Start(judge=lambda motion: next(verdicts)))
+    assert not list(tracker.feed(rigs['nothing'][:1700]))
+    assert 'it predicts nothing' in tracker.waiting
+    assert [told.level for told in tracker.feed(rigs['nothing'][1700:2500])][-1] is Level.OK
+
+
 def test_without_motion_it_waits_and_says_so():
     t = np.arange(20000) / 200
     tracker, states, _ = follow(np.column_stack([t, 0 * t - np.pi / 2, 0 * t, 0 * t, 0 * t]))
