@@ -19,7 +19,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pendubot_identification.criteria.quadratic import Quadratic
-from pendubot_identification.criteria.weak import WIDTH
 from pendubot_identification.errors import ParameterError, PendubotError
 from pendubot_identification.level import NORMAL_95, POOR, Level
 from pendubot_identification.model.parameters import MODELS, NAMES, Bounds, Parameters, default_bounds
@@ -451,7 +450,8 @@ class _Following:
             earlier -= 1
         begin = self._steps[earlier].block.begin - (BLOCK if earlier == first else 0.0)
         self._steps = []
-        return Change(begin, latest.block.begin + WIDTH, jump.kind.name, self._told(jump))
+        # Under its first block it may have happened until most bumps knew of it.
+        return Change(begin, latest.block.begin + BLOCK, jump.kind.name, self._told(jump))
 
     def _told(self, jump: Jump) -> dict[str, tuple[float, float]]:
         """Return the parameters that moved beyond doubt."""
