@@ -349,8 +349,9 @@ class _Following:
         return made
 
     @property
-    def _differing(self) -> float:
-        return 1.0 if self.taking.whitened else DIFFERING
+    def _left(self) -> float:
+        """How many times what errors of the angles explain is left unexplained, in root mean squares."""
+        return self._noise.beyond if self.taking.whitened else self._beyond
 
     def carry_over(self, belief: Belief, found: Sequence[Block]) -> None:
         """Begin with what was believed beforehand, as far as the first blocks do not deny it."""
@@ -418,7 +419,7 @@ class _Following:
             return {k: window for k, window in made.items() if window.explained}
 
         # What is small shows in many blocks only.
-        least, changed = 2 if waiting else WINDOW, CHANGED if self.taking.whitened else MORE * CHANGED
+        least, changed = 2 if waiting else WINDOW, MORE * CHANGED if self._left > LACKING else CHANGED
         windows = explained(range(least, len(clean) + 1))
         sure = [
             window.ratio
@@ -464,7 +465,7 @@ class _Following:
     def state(self, block: Block) -> State:
         """Return what is true after a block."""
         covariance = self._belief.covariance
-        errors = np.sqrt(np.diag(covariance)) * self._scale * self._differing
+        errors = np.sqrt(np.diag(covariance)) * self._scale * (DIFFERING if self._left > LACKING else 1.0)
         found = self._physical()
         if block.rows:
             self._unexplained = block.unexplained(found)
@@ -485,10 +486,9 @@ class _Following:
         if poor.any():
             names = ', '.join(np.array(NAMES[:5])[poor])
             yield f'poorly determined: the standard error of {names} exceeds half the value'
-        beyond = self._noise.beyond if self.taking.whitened else self._beyond
-        if self.taking.rounded and beyond > LACKING:
+        if self.taking.rounded and self._left > LACKING:
             yield (
-                f'what is left unexplained is {beyond:.1f} times what rounded angles explain: the rig has '
+                f'what is left unexplained is {self._left:.1f} times what rounded angles explain: the rig has '
                 'what the models lack, or is sampled too slowly; parameters may be farther off than their bands say'
             )
         if self._waiting():
