@@ -38,6 +38,7 @@ LEAVES, PART = 40.0, 0.05
 #: Of each of P1 to P5 at least this part stays, but for a little of its scale. Free motion says nothing of their size,
 #: so that none at all would explain it.
 LEAST, LITTLE = 0.3, 0.1
+#: A kind that is no payload where it adds mass and takes inertia away.
 PAYLOAD = 'payload on link 2'
 #: The last of what is tracked.
 DELAY = 'delay'

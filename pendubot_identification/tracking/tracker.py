@@ -35,8 +35,8 @@ Array = NDArray[np.float64]
 FIRST, LONGEST_FIRST = 8.0, 30.0
 #: From one attempt to begin to the next [s].
 AGAIN = 2.0
-#: Samples that are taken at once: little is lost of them where all begins anew, and next to nothing before it begins.
-PORTION, FIRST_PORTION = 8192, 64
+#: Samples that are taken at once: little is lost of them where all begins anew; before it begins, so many seconds.
+PORTION, FIRST_PORTION = 8192, 0.5
 #: Parameters drift as random walks, by so much of their size in a second: friction, and everything else.
 FRICTION_WALK, INERTIA_WALK = 2e-3, 5e-6
 #: Consecutive blocks over which a change is looked for.
@@ -62,6 +62,7 @@ DELAY_SCALE, LONGEST_DELAY, GIVEN = 0.01, 0.1, 1e-5
 STRAIGHT = 2e-3
 #: The ratio with which a first motion denies what was believed beforehand: among normal rows one of 1e8 does by chance.
 DENIED = 60.0
+#: The kind of a change that was there from the beginning.
 NOT_AS_BEFORE = 'not as it was identified before'
 #: So much more may it leave unexplained, in squares, where the rig has what the models lack: as much as its recordings
 #: do of each other's parameters.
@@ -205,7 +206,12 @@ class Tracker:
             PendubotError: ``judge`` of the start does.
         """
         while len(samples):
-            count = FIRST_PORTION if self._following is None else PORTION
+            count = PORTION
+            if self._following is None:
+                # Up to a gap, if there is one: it may be enough.
+                with np.errstate(invalid='ignore'):
+                    later = np.abs(samples[:, 0] - samples[0, 0]) >= FIRST_PORTION
+                count = int(np.argmax(later)) if later.any() else PORTION
             yield from self._take(samples[:count])
             samples = samples[count:]
 

@@ -204,6 +204,8 @@ def test_what_became_of_parameters_is_explored_beside_what_happened(opened, tmp_
             float(t),
             np.ones(9) + 0.01 * rng.standard_normal(9),
             np.full(9, 0.01 + 1 / (1 + t)),
+            0.0,
+            0.001,
             Level.OK,
             (),
             0.1,
