@@ -112,11 +112,17 @@ def rows_of(motion: Motion, begin: float, count: int, delay: float, accuracy: Ac
     seen = slice(1, -1, COARSE)
     effects = _linearised(accuracy.theta, states[:, seen], np.gradient(impulse, CELL, axis=1)[:, seen])
     spread = _spread(effects, np.sqrt(COARSE * CELL * accuracy.interval * accuracy.angles))
-    # Seven points under each bump tell whether anything moves.
-    turned = np.ptp(_under(states[:2, 1:-1], _REACH + 1)[..., _SEEN], axis=-1).max(axis=0)
-    moving = np.repeat(turned > STILL, 2, axis=1)
+    moving = np.repeat(moves_under(motion, begin, count), 2, axis=1)
     both = moving[:, :, None] & moving[:, None]
     return Rows(rows * moving[:, :, None], spread @ spread.swapaxes(1, 2) * both, moving)
+
+
+def moves_under(motion: Motion, begin: float, count: int) -> NDArray[np.bool_]:
+    """Tell whether anything moves under each bump of so many blocks from ``begin`` [s] on, shape (B, K)."""
+    # Seven points tell.
+    t = begin + STRIDE * np.arange(count * K)[:, None] + WIDTH * np.linspace(0, 1, 7)
+    turned = np.ptp(motion.states(t)[:2], axis=-1).max(axis=0)
+    return np.asarray(turned > STILL).reshape(count, K)
 
 
 def _columns(states: Array, impulse: Array, size: int, noise: float) -> Array:
@@ -205,6 +211,3 @@ def _bumps() -> Array:
 
 
 _BUMPS = _bumps()
-#: Where seven points under each bump are among the nodes of a block, shape (K, 7).
-_SEEN = (STRIDE * np.arange(K)[:, None] + WIDTH * np.linspace(0, 1, 7)) / CELL
-_SEEN = np.round(_SEEN).astype(int)

@@ -32,7 +32,7 @@ from pendubot_identification.trajectories.signals import (
 )
 from pendubot_identification.trajectories.trajectory import Trajectory
 
-from .balances import BLOCK, CELL, STILL, STRIDE, Accuracy, K, rows_of
+from .balances import BLOCK, CELL, STILL, STRIDE, Accuracy, K, moves_under, rows_of
 
 Array = NDArray[np.float64]
 
@@ -112,9 +112,7 @@ class Taking:
         shorter, longer = (self._weak(motion, begin, count, self.delay + more) for more in (-LAG, LAG))
         y, lag = (longer.y + shorter.y) / 2, (shorter.y - longer.y) / (2 * LAG)
         rows = np.column_stack([shorter.phi, lag, y + lag * self.delay])[: 3 * K * count].reshape(count, 3 * K, -1)
-        under = begin + STRIDE * np.arange(count * K)[:, None] + WIDTH * np.linspace(0, 1, 7)
-        turned = np.ptp(motion.smoothed(under)[..., :2], axis=1).max(axis=1)
-        moving = np.repeat(turned > STILL, 3).reshape(count, 3 * K)
+        moving = np.repeat(moves_under(motion, begin, count), 3, axis=1)
         rows = rows * moving[:, :, None]
         return rows, rows, moving
 

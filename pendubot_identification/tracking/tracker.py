@@ -298,7 +298,7 @@ class _Following:
     def __init__(
         self, taking: Taking, scale: Array, noise: Noise, bounds: Bounds, beyond: float, belief: Belief
     ) -> None:
-        self.taking, self.blocks = taking, Blocks(taking)
+        self.blocks = Blocks(taking)
         self._scale, self._noise, self._bounds, self._beyond = scale, noise, bounds, beyond
         self._belief = belief
         self._opening: Change | None = None
@@ -348,23 +348,35 @@ class _Following:
             known, size = np.append(start.theta / scale[:-1], delay), scale[:-1]
             error = np.zeros_like(size) if start.std_error is None else start.std_error / size
             more = np.where([name in NAMES[:5] for name in bounds.names[:-1]], CARRIED_OVER, FRICTION_CARRIED_OVER)
-            made.carry_over(Belief.of(known, np.diag(np.append(error**2 + more**2, unsure**2))), found)
+            made.carry_over(Belief.of(known, np.diag(np.append(error**2 + more**2, unsure**2))), found, pooled)
         made.level, made.why = start.judge(motion)
         if made.level is Level.ERROR:
             raise PendubotError('; '.join(made.why))
         return made
 
     @property
+    def taking(self) -> Taking:
+        """How samples are made balances of."""
+        return self.blocks.taking
+
+    @property
     def _left(self) -> float:
         """How many times what errors of the angles explain is left unexplained, in root mean squares."""
         return self._noise.beyond if self.taking.whitened else self._beyond
 
-    def carry_over(self, belief: Belief, found: Sequence[Block]) -> None:
-        """Begin with what was believed beforehand, as far as the first blocks do not deny it."""
+    @property
+    def _lacking(self) -> bool:
+        """Whether the rig has what the models lack."""
+        return self._left > LACKING
+
+    def carry_over(self, belief: Belief, found: Sequence[Block], pooled: Quadratic) -> None:
+        """Begin with what was believed beforehand, as far as the first blocks, pooled, do not deny it."""
         window = Window.of(belief, [self._noise.rows(_scaled(block, self._scale)) for block in found])
-        pooled = Quadratic.pool([Quadratic(block.triangle, block.rows) for block in found])
-        worse = float(pooled(belief.mean * self._scale) / pooled(pooled.minimum(self._bounds)))
-        if window.ratio < DENIED if self.taking.whitened else worse < WORSE:
+        if self.taking.whitened:
+            denied = window.ratio >= DENIED
+        else:
+            denied = float(pooled(belief.mean * self._scale)) >= WORSE * float(pooled(pooled.minimum(self._bounds)))
+        if not denied:
             self._belief = belief
         else:
             jump = window.jump([Kind(NOT_AS_BEFORE, np.eye(len(self._scale)))], belief.mean)
@@ -407,7 +419,7 @@ class _Following:
         """Take the effort with the delay that is believed in where what that does is bent."""
         delay = float(np.clip(self._belief.mean[-1] * DELAY_SCALE, self._bounds.lower[-1], self._bounds.upper[-1]))
         if abs(delay - self.taking.delay) > STRAIGHT:
-            self.taking = self.blocks.taking = replace(self.taking, delay=delay)
+            self.blocks.taking = replace(self.taking, delay=delay)
 
     def _waiting(self) -> list[_Step]:
         """Return the last blocks that were not learned from."""
@@ -425,7 +437,7 @@ class _Following:
             return {k: window for k, window in made.items() if window.explained}
 
         # What is small shows in many blocks only.
-        least, changed = 2 if waiting else WINDOW, MORE * CHANGED if self._left > LACKING else CHANGED
+        least, changed = 2 if waiting else WINDOW, MORE * CHANGED if self._lacking else CHANGED
         windows = explained(range(least, len(clean) + 1))
         sure = [
             window.ratio
@@ -471,7 +483,7 @@ class _Following:
     def state(self, block: Block) -> State:
         """Return what is true after a block."""
         covariance = self._belief.covariance
-        errors = np.sqrt(np.diag(covariance)) * self._scale * (DIFFERING if self._left > LACKING else 1.0)
+        errors = np.sqrt(np.diag(covariance)) * self._scale * (DIFFERING if self._lacking else 1.0)
         found = self._physical()
         if block.rows:
             self._unexplained = block.unexplained(found)
@@ -492,7 +504,7 @@ class _Following:
         if poor.any():
             names = ', '.join(np.array(NAMES[:5])[poor])
             yield f'poorly determined: the standard error of {names} exceeds half the value'
-        if self.taking.rounded and self._left > LACKING:
+        if self.taking.rounded and self._lacking:
             yield (
                 f'what is left unexplained is {self._left:.1f} times what rounded angles explain: the rig has '
                 'what the models lack, or is sampled too slowly; parameters may be farther off than their bands say'
