@@ -5,9 +5,14 @@
 
 import csv
 
+import numpy as np
+
 from pendubot_identification.recordings.table_reader import TableReader
+from pendubot_identification.tracking.tracker import Start
 from pendubot_identification.trajectories.reading import Reading
 from test.conftest import RECORDINGS
+
+RIGS = 'dfki_C1_sysid', 'dfki_A0_sysid'
 
 
 def recorded(group, role):
@@ -15,3 +20,17 @@ def recorded(group, role):
     rows = csv.DictReader((RECORDINGS / 'manifest.csv').open())
     files = [row['file'] for row in rows if (row['group'], row['role']) == (group, role)]
     return [TableReader(RECORDINGS / file, Reading()).motion for file in files]
+
+
+def strung(motions):
+    """Return the samples of motions one after the other, a second between any two, rows as the tracker takes them."""
+    joined, now = [], 0.0
+    for motion in motions:
+        joined.append(np.column_stack([now + motion.t - motion.t[0], motion.q, motion.tau]))
+        now = joined[-1][-1, 0] + 1.0
+    return np.concatenate(joined)
+
+
+def known(estimate):
+    """Return a start from an estimate, as from its file."""
+    return Start(estimate.model, estimate.theta, estimate.std_error, 2 * (estimate.effort.delay,))

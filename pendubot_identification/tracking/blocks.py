@@ -46,8 +46,6 @@ SETTLED = 12
 RESTART = 1.0
 #: More delay, and less, by which is seen what it does [s].
 LAG = 1e-3
-#: The delay may grow by so much [s] before samples are missed.
-SLACK = 0.02
 #: What may be wrong with a sample, in words.
 NOT_FINITE, REPEATED = 'a number that is not finite', 'a stamp that repeats or runs back'
 #: An effort is at its limit in a block where it stands there in more than this part of the samples that have any.
@@ -212,7 +210,7 @@ class Blocks:
             used = int(np.searchsorted(t, self._next + count * BLOCK + WIDTH + late, side='right'))
             yield from self._blocks(self._held[:used], count)
             self._next += count * BLOCK
-            first = int(np.searchsorted(t, self._next - margin - max(how.delay, 0.0) - interval - SLACK)) - 1
+            first = int(np.searchsorted(t, self._next - margin - max(how.delay, 0.0) - interval)) - 1
             self._held = self._held[max(first, 0) :]
 
     def _blocks(self, samples: Array, count: int) -> Iterator[Block]:

@@ -26,7 +26,7 @@ from pendubot_identification.trajectories.trajectory import Trajectory
 
 from .balances import BLOCK, STILL
 from .blocks import NOT_FINITE, REPEATED, RESTART, Block, Blocks, Taking
-from .changes import AGREEING, CHANGED, DELAY, LEAVES, PART, SEVERAL, Jump, Kind, Window, kinds
+from .changes import AGREEING, CHANGED, DELAY, SEVERAL, Jump, Kind, Window, kinds
 from .filter import Belief, Noise, left_of
 
 Array = NDArray[np.float64]
@@ -430,28 +430,18 @@ class _Following:
         """Look for the window of two blocks or more that speaks most for one step; if so, believe in that."""
         clean = [step for step in self._steps[-WINDOW:] if step.left < CLEAN and step.before.known]
         waiting = sum(step.left < CLEAN for step in self._waiting())
-
-        def explained(counts: range) -> dict[int, Window]:
-            """Return the windows of the last blocks, so many of them, that one step explains."""
-            made = {k: Window.of(clean[-k].before, [step.rows for step in clean[-k:]]) for k in counts}
-            return {k: window for k, window in made.items() if window.explained}
-
-        # What is small shows in many blocks only.
         least, changed = 2 if waiting else WINDOW, MORE * CHANGED if self._lacking else CHANGED
-        windows = explained(range(least, len(clean) + 1))
-        sure = [
-            window.ratio
-            for window in windows.values()
-            if window.ratio > changed * max(1.0, window.left) or (waiting >= WINDOW and window.doubtful)
-        ]
-        if not sure:
+        best = None
+        # What is small shows in many blocks only.
+        for count in range(least, len(clean) + 1):
+            steps = clean[-count:]
+            window = Window.of(steps[0].before, [step.rows for step in steps])
+            sure = window.ratio > changed * max(1.0, window.left) or (waiting >= WINDOW and window.doubtful)
+            if sure and window.explained and (best is None or window.ratio > best[0].ratio):
+                best = window, steps
+        if best is None:
             return None
-        # Blocks that say nothing of the change may lie on either side of it.
-        windows = explained(range(1, least)) | windows
-        enough = max(sure) - max(LEAVES, PART * max(sure))
-        near = [count for count, window in windows.items() if window.ratio >= enough]
-        count = next(count for count in near if count > 1)
-        window, steps, latest, earliest = windows[count], clean[-count:], clean[-near[0]], clean[-near[-1]]
+        window, steps = best
         before = steps[0].before
         named = kinds(before.mean * self._scale)
         jump = window.jump([Kind(kind.name, kind.directions / self._scale[:, None]) for kind in named], before.mean)
@@ -463,14 +453,17 @@ class _Following:
         for step in steps:
             self._belief = self._belief.learned(step.rows)
         # It may have happened under the blocks before, if they are not foreseen either.
-        first = next(k for k, step in enumerate(self._steps) if step is earliest)
+        first = next(k for k, step in enumerate(self._steps) if step is steps[0])
         earlier = first
         while earlier and not self._steps[earlier - 1].foreseen:
             earlier -= 1
         begin = self._steps[earlier].block.begin - (BLOCK if earlier == first else 0.0)
+        if earlier and self._steps[earlier - 1].block.begin < begin - BLOCK:
+            # Or at any time since the last motion before a rest.
+            begin = self._steps[earlier - 1].block.begin
         self._steps = []
         # Under its first block it may have happened until most bumps knew of it.
-        return Change(begin, latest.block.begin + BLOCK, jump.kind.name, self._told(jump))
+        return Change(begin, steps[0].block.begin + BLOCK, jump.kind.name, self._told(jump))
 
     def _told(self, jump: Jump) -> dict[str, tuple[float, float]]:
         """Return the parameters that moved beyond doubt."""

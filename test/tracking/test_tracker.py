@@ -14,12 +14,13 @@ from pendubot_identification.errors import ParameterError
 from pendubot_identification.identify.identification import identify
 from pendubot_identification.identify.settings import Settings
 from pendubot_identification.level import Level
-from pendubot_identification.model.parameters import Parameters
+from pendubot_identification.model.parameters import BALANCE, Parameters
 from pendubot_identification.tracking.tracker import Burst, Change, Start, State, Tracker
 from test.effects.rig import EFFECTS
 from test.effects.rig import record as with_effects
-from test.real import recorded
+from test.real import RIGS, known, recorded, strung
 
+from .recovery import trial
 from .rig import C2, Day, record, truth
 
 SECONDS, AT = 45.0, 25.0
@@ -80,6 +81,20 @@ def test_a_payload_is_found_within_two_seconds_and_named(rigs):
     first = next(s for s in states if np.abs(s.theta[4] / after[4] - 1) < 0.02)
     assert first.t < AT + 2
     assert (np.abs(tracker.state.theta[:5] / after - 1) < 0.003).all()
+
+
+def test_the_time_of_a_change_is_right_however_blocks_lie():
+    days = [Day(payload=0.02, payload_at=at) for at in AT + np.arange(0, 0.4, 0.05)]
+    t, q, tau = record(range(len(days)), days, seconds=SECONDS)
+    for k, day in enumerate(days):
+        _, _, (change,) = follow(np.column_stack([t, q[k], tau[k], 0 * t]))
+        assert change.begin <= day.payload_at <= change.end <= change.begin + 1
+
+
+def test_a_payload_that_is_put_on_while_nothing_moves_and_falls_freely_is_one():
+    told, _, theta = trial(0.06, 0, tracked=True)
+    assert told < 4
+    assert np.abs(theta / BALANCE.carrying(0.06).vector('viscous') - 1)[:5].max() < 0.01
 
 
 @pytest.mark.parametrize('where', [C2, PERCUSSION])
@@ -300,36 +315,27 @@ def test_angles_of_no_encoder_are_not_held_against_one(rigs):
     assert not any('models lack' in warning for state in states for warning in state.warnings)
 
 
-def strung(*rigs):
-    """Return the samples of real rigs' training recordings, a second between any two, and when each rig's begin [s]."""
-    joined, now, begins = [], 0.0, []
-    for rig in rigs:
-        begins.append(now)
-        for motion in recorded(rig, 'train'):
-            joined.append(np.column_stack([now + motion.t - motion.t[0], motion.q, motion.tau]))
-            now = joined[-1][-1, 0] + 1.0
-    return np.concatenate(joined), begins
-
-
-def known(estimate):
-    """Return a start from an estimate, as from its file."""
-    return Start(estimate.model, estimate.theta, estimate.std_error, 2 * (estimate.effort.delay,))
-
-
-RIGS = 'dfki_C1_sysid', 'dfki_A0_sysid'
+def batch_of(rig):
+    """Return what the criterion weak finds of all a real rig's training recordings together."""
+    return identify(recorded(rig, 'train'), (), Settings(('weak',), 'rotor', optimizer='lsq')).best
 
 
 @pytest.mark.recordings
 @pytest.mark.parametrize('rig', RIGS)
 def test_a_real_rig_is_followed_to_what_all_its_recordings_say_together(rig):
-    batch = identify(recorded(rig, 'train'), (), Settings(('weak',), 'rotor', optimizer='lsq')).best
-    tracker, _, events = follow(strung(rig)[0], Start('rotor'))
+    batch, motions = batch_of(rig), recorded(rig, 'train')
+    tracker, _, events = follow(strung(motions), Start('rotor'))
     assert not events
     assert tracker.state.level is Level.WARN
     off = np.abs(tracker.state.theta - batch.theta)[:5]
     assert (off < 1.96 * np.hypot(batch.std_error, tracker.state.std_error)[:5]).all()
+    # Motions of other kinds say other parameters: bands allow for the order in which they come.
+    back, _, events = follow(strung(motions[::-1]), Start('rotor'))
+    assert not events
+    off = np.abs(tracker.state.theta - back.state.theta)[:5]
+    assert (off < 1.96 * np.hypot(back.state.std_error, tracker.state.std_error)[:5]).all()
     # What is known already is not denied by its first motion, nor by any later.
-    tracker, _, events = follow(strung(rig)[0], known(batch))
+    tracker, _, events = follow(strung(motions), known(batch))
     assert not [event for event in events if not isinstance(event, Burst)]
     assert (np.abs(tracker.state.theta / batch.theta - 1)[:5] < 0.06).all()
 
@@ -337,17 +343,18 @@ def test_a_real_rig_is_followed_to_what_all_its_recordings_say_together(rig):
 @pytest.mark.recordings
 @pytest.mark.parametrize('rigs', [RIGS, RIGS[::-1]])
 def test_another_real_rig_is_a_change(rigs):
-    samples, (_, at) = strung(*rigs)
-    tracker, _, (change,) = follow(samples, Start('rotor'))
+    first, second = (recorded(rig, 'train') for rig in rigs)
+    ends = strung(first)[-1, 0]
+    tracker, _, (change,) = follow(strung(first + second), Start('rotor'))
     assert change.kind == 'several'
-    assert change.begin < at < change.end < at + 2
-    only, _, _ = follow(strung(rigs[1])[0], Start('rotor'))
+    # The first rig's last motion is over 2 s before its recording.
+    assert ends - 4 < change.begin < ends < change.end < ends + 2
+    only, _, _ = follow(strung(second), Start('rotor'))
     assert (np.abs(tracker.state.theta / only.state.theta - 1)[:5] < 0.2).all()
 
 
 @pytest.mark.recordings
 @pytest.mark.parametrize('rigs', [RIGS, RIGS[::-1]])
 def test_the_file_of_another_real_rig_is_denied(rigs):
-    batch = identify(recorded(rigs[0], 'train'), (), Settings(('weak',), 'rotor', optimizer='lsq')).best
-    _, _, events = follow(strung(rigs[1])[0], known(batch))
+    _, _, events = follow(strung(recorded(rigs[1], 'train')), known(batch_of(rigs[0])))
     assert events[0].kind == 'not as it was identified before'
