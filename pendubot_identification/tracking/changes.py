@@ -31,8 +31,8 @@ CHANGED = 300.0
 DOUBTED = 100.0
 #: What the step leaves of the rows under it, in the mean of their squares, where it explains them.
 EXPLAINED = 4.0
-#: A kind of change that has one more unknown must explain so much more of the ratio, and this part of it more.
-SIMPLER, SIMPLER_PART = 12.0, 1e-3
+#: A kind of change that has one more unknown must explain so much more of the ratio.
+SIMPLER = 12.0
 #: A kind is the cause where it leaves no more than this of the ratio, or no more than this part of it.
 LEAVES, PART = 40.0, 0.05
 #: Of each of P1 to P5 at least this part stays, but for a little of its scale. Free motion says nothing of their size,
@@ -112,8 +112,7 @@ class Window(NamedTuple):
             for jump in enough or found
             if (size + jump.step[:5] >= LEAST * size - LITTLE).all() and not jump.no_payload
         ]
-        price = SIMPLER + SIMPLER_PART * self.ratio
-        return max(likely, key=lambda jump: jump.ratio - price * jump.kind.directions.shape[1], default=None)
+        return max(likely, key=lambda jump: jump.ratio - SIMPLER * jump.kind.directions.shape[1], default=None)
 
     def _along(self, kind: Kind) -> Jump:
         phi = self.foreseen @ kind.directions

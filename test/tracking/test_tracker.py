@@ -84,11 +84,12 @@ def test_a_payload_is_found_within_two_seconds_and_named(rigs):
 
 
 def test_the_time_of_a_change_is_right_however_blocks_lie():
-    days = [Day(payload=0.02, payload_at=at) for at in AT + np.arange(0, 0.4, 0.05)]
-    t, q, tau = record(range(len(days)), days, seconds=SECONDS)
-    for k, day in enumerate(days):
+    # The three of 48 of which a first block that knows little of the change speaks for it.
+    seeds, times = (6, 17, 41), (25.192, 25.259, 25.263)
+    t, q, tau = record(seeds, [Day(payload=0.02, payload_at=at) for at in times], seconds=SECONDS)
+    for k, at in enumerate(times):
         _, _, (change,) = follow(np.column_stack([t, q[k], tau[k], 0 * t]))
-        assert change.begin <= day.payload_at <= change.end <= change.begin + 1
+        assert change.begin <= at <= change.end <= change.begin + 1
 
 
 def test_a_payload_that_is_put_on_while_nothing_moves_and_falls_freely_is_one():
