@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The bytes between board and host, version 1: frames in, frozen messages out.
+"""The bytes between board and host, version 2: frames in, frozen messages out.
 
 A frame is ``COBS(body + crc) + 0x00``: little-endian, crc the CRC-32 (IEEE) of the body. Nothing here reads or
 writes; bytes come in as arguments, in pieces of any size.
@@ -16,31 +16,40 @@ from dataclasses import dataclass, fields
 from enum import IntEnum, IntFlag
 from typing import Any, NamedTuple
 
-VERSION = 1
+VERSION = 2
 
-#: The longest frame is HELLO's: 48 bytes of body, 4 of CRC, and one that COBS adds; the delimiter not counted.
-MAX_FRAME = 53
+#: The longest frame is HELLO's: 88 bytes of body, 4 of CRC, and one that COBS adds; the delimiter is not counted.
+MAX_FRAME = 93
 
 
 class Status(IntFlag):
     """The status bits of a STATE."""
 
     ARMED = 1 << 0
-    WATCHDOG = 1 << 1
+    WATCHDOG = 1 << 1  #: The last arming ended because no command came in time.
     EMERGENCY_STOP = 1 << 2
-    SATURATED = 1 << 3
+    SATURATED = 1 << 3  #: The torque is clamped to the board's limit.
     ENCODER_1 = 1 << 4
     ENCODER_2 = 1 << 5
     OVER_CURRENT = 1 << 6
     OVER_TEMPERATURE = 1 << 7
     UNDERVOLTAGE = 1 << 8
     DAMAGED_FRAME = 1 << 9
-    OVERRUN = 1 << 10
+    OVERRUN = 1 << 10  #: A frame could not be sent.
+    REFUSED = 1 << 11  #: A COMMAND of another session, or an ARM that does not fit, was ignored.
+    LATE = 1 << 12  #: This sample came more than half a period late.
+    SLEW = 1 << 13  #: The torque is on its way to the one that was commanded.
+    OVERVOLTAGE = 1 << 14
+    SPEED = 1 << 15
+    TRAVEL = 1 << 16
+    STALL = 1 << 17  #: Torque, and the shoulder's encoder stands still.
+    OVERLOAD = 1 << 18  #: The motor's current has heated it too much.
+    ZEROED = 1 << 19  #: Since the boot somebody has confirmed the zeros of both encoders.
 
 
-#: The bits that keep the motor off while they are set.
-FAULTS = Status.EMERGENCY_STOP | Status.ENCODER_1 | Status.ENCODER_2
-FAULTS |= Status.OVER_CURRENT | Status.OVER_TEMPERATURE | Status.UNDERVOLTAGE
+#: The bits that keep the motor off. Each is shown while its cause lasts and, if it disarmed the board, until a mode 0.
+FAULTS = Status.EMERGENCY_STOP | Status.ENCODER_1 | Status.ENCODER_2 | Status.OVER_CURRENT | Status.OVER_TEMPERATURE
+FAULTS |= Status.UNDERVOLTAGE | Status.OVERVOLTAGE | Status.SPEED | Status.TRAVEL | Status.STALL | Status.OVERLOAD
 
 
 class Mode(IntEnum):
@@ -50,11 +59,16 @@ class Mode(IntEnum):
     TORQUE = 1
 
 
+#: ``flags`` of an ARM: the zeros of both encoders were confirmed.
+ZEROS_CONFIRMED = 1
+
+
 class State(NamedTuple):
     """One sample, board to host; ``torque`` is applied from this sample until the next.
 
     ``t_us`` is the board's clock (wraps at 2^32), ``enc1`` and ``enc2`` are counts, not wrapped per turn, ``torque``
-    is in micro-N m, ``current`` in mA, ``vbus`` in 10 mV, ``cmd_seq`` names the last COMMAND obeyed, 0 before any.
+    is in micro-N m, ``current`` in mA, ``vbus`` in 10 mV. ``cmd_seq`` is the number of the last COMMAND or ARM that was
+    obeyed, 0 before any. ``lock`` is the number that the next ARM has to carry. ``refused`` counts ignored requests.
     """
 
     seq: int
@@ -66,11 +80,16 @@ class State(NamedTuple):
     vbus: int
     cmd_seq: int
     status: int
+    lock: int = 0
+    refused: int = 0
 
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """Host to board: ``torque`` [micro-N m] held for ``watchdog_ms`` (mode 1), or disarm and unlock (mode 0)."""
+    """Host to board: ``torque`` [micro-N m] held for ``watchdog_ms`` (mode 1), or disarm (mode 0).
+
+    Mode 1 is obeyed only with the ``session`` that armed the board; mode 0 is obeyed from anybody.
+    """
 
     seq: int
     t_us: int
@@ -78,13 +97,48 @@ class Command:
     watchdog_ms: int
     torque: int
     flags: int = 0
+    session: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Arm:
+    """Host to board: obey COMMANDs of ``session`` (not 0) from now on, with torque 0 for ``watchdog_ms``.
+
+    ``boot_id`` and ``lock`` have to be the board's own, as HELLO and the newest STATE say them. ``flags`` bit 0: the
+    zeros of both encoders were confirmed.
+    """
+
+    seq: int
+    t_us: int
+    boot_id: int
+    session: int
+    lock: int
+    watchdog_ms: int
+    flags: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """What a board allows before it switches its motor off by a fault; 0 where it has no such limit."""
+
+    torque_slew: int = 0  #: Largest change of the torque [micro-N m per ms]; it limits, and is no fault.
+    max_speed: int = 0  #: Of either joint [mrad/s], exceeded in three samples in a row.
+    max_travel1: int = 0  #: Of the shoulder, to either side of count 0 [mrad].
+    max_travel2: int = 0  #: Of the elbow [mrad].
+    stall_torque: int = 0  #: From this torque on [micro-N m] the shoulder has to move ...
+    stall_ms: int = 0  #: ... by more than two counts within this time.
+    continuous_ma: int = 0  #: The current that the motor bears for ever; twice as much ...
+    overload_ms: int = 0  #: ... it bears for this time.
+    max_vbus: int = 0  #: Highest supply [10 mV].
 
 
 @dataclass(frozen=True, slots=True)
 class Hello:
     """Board to host, at boot and when asked: who it is and in what units it counts.
 
-    ``cpr1`` and ``cpr2`` are counts per turn, ``torque_limit`` is in micro-N m.
+    ``cpr1`` and ``cpr2`` are counts per turn, ``torque_limit`` is in micro-N m, ``torque_constant`` in micro-N m per A.
+    ``build`` identifies the firmware's source. ``fault_cause`` and ``fault_pc`` are the exception number and the
+    program counter of the processor fault before this boot; 0 where there was none since power came.
     """
 
     seq: int
@@ -97,6 +151,11 @@ class Hello:
     torque_limit: int
     sample_period_us: int
     firmware: str
+    fault_cause: int = 0
+    fault_pc: int = 0
+    build: int = 0
+    torque_constant: int = 0
+    limits: Limits = Limits()
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,28 +170,34 @@ class HelloRequest:
 class Damaged:
     """Bytes that were dropped: the reason (``overlong``, ``cobs``, ``length``, ``crc``, ``version``, ``type``).
 
-    ``overlong`` comes once, as soon as there are more bytes than in any frame; they end at the next 0x00.
+    ``overlong`` comes once, as soon as there are more bytes than in any frame; they end at the next 0x00. ``version``
+    is that of a whole frame of another version of the protocol, else 0.
     """
 
     reason: str
+    version: int = 0
 
 
-Message = State | Command | Hello | HelloRequest
+Message = State | Command | Hello | HelloRequest | Arm
 Event = Message | Damaged
 
 _HEADER = struct.Struct('<BBHI')
 _CRC = struct.Struct('<I')
-_TYPES: dict[int, type] = {0x01: State, 0x02: Command, 0x03: Hello, 0x04: HelloRequest}
+_TYPES: dict[int, type] = {0x01: State, 0x02: Command, 0x03: Hello, 0x04: HelloRequest, 0x05: Arm}
 _NUMBERS = {kind: number for number, kind in _TYPES.items()}
-#: What follows the header, and which fields it has.
+_UNITS = ('watchdog_max_ms', 'cpr1', 'cpr2', 'torque_limit', 'sample_period_us')
+_HELLO = ('boot_id', 'reset_cause', 'fault_cause', *_UNITS, 'fault_pc', 'build', 'torque_constant')
+_LIMITS = tuple(field.name for field in fields(Limits))
+#: What follows the header, and which fields it has; a HELLO's limits stand before its name.
 _PAYLOADS: dict[type, tuple[struct.Struct, tuple[str, ...]]] = {
-    State: (struct.Struct('<iiihHHH'), State._fields[2:]),
-    Command: (struct.Struct('<BBHi'), ('mode', 'flags', 'watchdog_ms', 'torque')),
-    Hello: (struct.Struct('<IBxHIIiI16s'), tuple(field.name for field in fields(Hello)[2:])),
+    State: (struct.Struct('<iiihHHIHH'), State._fields[2:]),
+    Command: (struct.Struct('<BBHiI'), ('mode', 'flags', 'watchdog_ms', 'torque', 'session')),
+    Hello: (struct.Struct('<IBBHIIiIIIIIIIIIHHHH16s'), (*_HELLO, *_LIMITS, 'firmware')),
     HelloRequest: (struct.Struct(''), ()),
+    Arm: (struct.Struct('<IIHHB'), ('boot_id', 'session', 'lock', 'watchdog_ms', 'flags')),
 }
 #: A STATE's whole body, type and version skipped: unpacked at once, because it comes a thousand times a second.
-_STATE_BODY = struct.Struct('<xxHIiiihHHH')
+_STATE_BODY = struct.Struct('<xxHIiiihHHIHH')
 #: The CRC-32 of any bytes followed by their own CRC-32.
 _CRC_RESIDUE = 0x2144DF1C
 
@@ -144,9 +209,11 @@ def encode(message: Message) -> bytes:
         struct.error: a field does not fit into its place on the wire.
     """
     layout, names = _PAYLOADS[type(message)]
-    values = [getattr(message, name) for name in names]
     if isinstance(message, Hello):
-        values[-1] = message.firmware.encode('ascii', 'replace')
+        limits = [getattr(message.limits, name) for name in _LIMITS]
+        values = [getattr(message, name) for name in _HELLO] + limits + [message.firmware.encode('ascii', 'replace')]
+    else:
+        values = [getattr(message, name) for name in names]
     return frame(_HEADER.pack(_NUMBERS[type(message)], VERSION, message.seq, message.t_us) + layout.pack(*values))
 
 
@@ -183,7 +250,7 @@ def _parse(data: bytes, accepted: frozenset[type]) -> Event:
     if zlib.crc32(content) != _CRC_RESIDUE:
         return Damaged('crc')
     if content[1] != VERSION:
-        return Damaged('version')
+        return Damaged('version', content[1])
     kind: Any = _TYPES.get(content[0])
     if kind not in accepted:
         return Damaged('type')
@@ -196,6 +263,7 @@ def _parse(data: bytes, accepted: frozenset[type]) -> Event:
     values = dict(zip(names, layout.unpack_from(content, _HEADER.size), strict=True))
     if kind is Hello:
         values['firmware'] = values['firmware'].rstrip(b'\0').decode('ascii', 'backslashreplace')
+        values['limits'] = Limits(**{name: values.pop(name) for name in _LIMITS})
     message: Message = kind(seq, t_us, **values)
     return message
 

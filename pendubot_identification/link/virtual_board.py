@@ -18,11 +18,40 @@ from pendubot_identification.model.parameters import Parameters
 from pendubot_identification.model.simulation import HANGING, Plant
 
 from .clock import WRAP
-from .protocol import FAULTS, Command, Damaged, Decoder, Hello, HelloRequest, Message, Mode, State, Status, encode
+from .limits import LimitMonitor
+from .protocol import (
+    ZEROS_CONFIRMED,
+    Arm,
+    Command,
+    Damaged,
+    Decoder,
+    Hello,
+    HelloRequest,
+    Limits,
+    Message,
+    Mode,
+    State,
+    Status,
+    encode,
+)
 
 #: A motor that takes 1 A for 0.1 N m, from a supply of 24 V: only shown, not part of the physics.
 _MILLIAMPERE_PER_MICRO_NM = 0.01
+_TORQUE_CONSTANT = 100_000
 _VBUS_10MV = 2400
+
+#: Limits for the paper's rig: about ten turns of the shoulder, twice its gravity torque, 1.5 N m for ever.
+LIMITS = Limits(
+    torque_slew=1_000_000,
+    max_speed=100_000,
+    max_travel1=60_000,
+    max_travel2=300_000,
+    stall_torque=500_000,
+    stall_ms=500,
+    continuous_ma=15_000,
+    overload_ms=2000,
+    max_vbus=3000,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,6 +67,7 @@ class BoardSettings:
     sample_period_us: int = 10_000
     watchdog_max_ms: int = 500  #: Longest time for which a command holds.
     clock_start_us: int = 0  #: The clock at the start, such as shortly before its wrap; a reset begins it again at 0.
+    limits: Limits = LIMITS
 
     def __post_init__(self) -> None:
         for name, low, high in (
@@ -69,6 +99,7 @@ class Faults:
     reset_at: float = math.inf  #: The board restarts.
     emergency_stop_at: float = math.inf  #: It is pressed, and stands until the board restarts.
     over_current_at: float = math.inf  #: The motor draws too much, for 0.1 s.
+    stuck_at: float = math.inf  #: The shoulder's encoder stands still from then on.
 
     def __post_init__(self) -> None:
         for each in fields(self):
@@ -78,6 +109,12 @@ class Faults:
                 expected = 'a time of at least 0 s' if high > 1.0 else 'a probability from 0 to 1'
                 raise ParameterError(f'{each.name} is {value:g}; {expected} is expected')
 
+
+# As plain numbers, because a status is made a thousand times a second and IntFlag is slow.
+_ARMED, _WATCHDOG, _SATURATED, _SLEW = (int(Status[name]) for name in ('ARMED', 'WATCHDOG', 'SATURATED', 'SLEW'))
+_LATE, _ZEROED, _REFUSED, _OVERRUN = (int(Status[name]) for name in ('LATE', 'ZEROED', 'REFUSED', 'OVERRUN'))
+_DAMAGED_FRAME, _EMERGENCY_STOP = int(Status.DAMAGED_FRAME), int(Status.EMERGENCY_STOP)
+_OVER_CURRENT = int(Status.OVER_CURRENT)
 
 #: How long an over-current stands [us].
 _OVER_CURRENT_US = 100_000
@@ -113,6 +150,7 @@ class VirtualBoard:
         self._reset_due_us = self._faults.reset_at * 1e6
         self._stop_due_us = self._faults.emergency_stop_at * 1e6
         self._origin = (0, 0)
+        self._stuck: int | None
         self._held = held
         self._first: bytes
         self._boot(1, self.settings.clock_start_us)
@@ -121,11 +159,13 @@ class VirtualBoard:
         """Take bytes from the host; commands count from the next sample on."""
         for event in self._decoder.feed(data):
             if isinstance(event, Damaged):
-                self._notes |= Status.DAMAGED_FRAME
+                self._notes |= _DAMAGED_FRAME
             elif isinstance(event, HelloRequest):
                 self._hellos_due += 1
             elif isinstance(event, Command):
                 self._obey(event)
+            elif isinstance(event, Arm):
+                self._arm(event)
 
     def carry(self, payload: float) -> None:
         """Put a payload [kg] on link 2 in the place of another, 0 for none; from the next move on. From any thread.
@@ -137,7 +177,7 @@ class VirtualBoard:
 
     def note_overrun(self) -> None:
         """Bytes could not be sent: the next STATE says so."""
-        self._notes |= Status.OVERRUN
+        self._notes |= _OVERRUN
 
     def advance(self) -> bytes:
         """Take one sample, and let the plant move until the next; return what goes out to the host."""
@@ -173,63 +213,114 @@ class VirtualBoard:
         self._elapsed_us += self.settings.sample_period_us
 
     def _boot(self, reset_cause: int, clock_us: int = 0) -> None:
-        self._decoder = Decoder(accept=(Command, HelloRequest))
+        self._decoder = Decoder(accept=(Command, HelloRequest, Arm))
         self._boot_id = int(self._rng.integers(1, WRAP))
         self._reset_cause = reset_cause
         self._clock_us = clock_us
         self._seq = 0
         self._cmd_seq = 0
         self.armed = False
-        self._locked = True
-        self._tripped = False
+        self._session = 0
+        self._lock = 1
+        self._refused = 0
+        self._zeroed = False
+        self._stuck = None
+        self._latched = 0  # why it was disarmed, until a mode 0 or the next arming
         self._stopped = False
-        self._torque = 0
+        self._wanted = self._applied = 0
         self._holds_until_us = 0
-        self._notes = Status(0)
+        self._sampled_us: int | None = None
+        self._monitor = LimitMonitor(self.settings.limits, (self.settings.counts,) * 2)
+        self._exceeded = 0
+        self._notes = 0
         self._hellos_due = 1
         self._first = b'\0'
 
     def _obey(self, command: Command) -> None:
         if command.mode == Mode.DISARM:
-            self.armed = self._locked = self._tripped = False
-            self._torque = 0
-        elif command.mode == Mode.TORQUE and not (self._locked or self._tripped or self._standing_faults()):
-            self.armed = True
-            self._torque = command.torque
-            held_ms = min(command.watchdog_ms, self.settings.watchdog_max_ms)
-            self._holds_until_us = self._clock_us + 1000 * held_ms
+            self._disarm(0)
+            self._latched = 0
+        elif command.mode != Mode.TORQUE:
+            return
+        elif command.session != self._session or not self._session:
+            self._refuse()
+            return
+        elif self.armed and not self._standing_faults():
+            self._wanted = command.torque
+            self._hold(command.watchdog_ms)
         else:
             return
         self._cmd_seq = command.seq
 
-    def _standing_faults(self) -> Status:
+    def _arm(self, request: Arm) -> None:
+        if self.armed and request.session == self._session:
+            return  # the same request once more
+        fits = (request.boot_id, request.lock) == (self._boot_id, self._lock) and request.session
+        if not fits or self.armed or self._standing_faults():
+            self._refuse()
+            return
+        self.armed = True
+        self._session = request.session
+        self._wanted = 0
+        self._latched = 0
+        self._zeroed |= bool(request.flags & ZEROS_CONFIRMED)
+        self._hold(request.watchdog_ms)
+        self._cmd_seq = request.seq
+
+    def _hold(self, watchdog_ms: int) -> None:
+        self._holds_until_us = self._clock_us + 1000 * min(watchdog_ms, self.settings.watchdog_max_ms)
+
+    def _disarm(self, reason: int) -> None:
+        """Switch off; an ARM that was made before this no longer fits."""
+        self._latched |= reason
+        self._lock = (self._lock + 1) & 0xFFFF
+        self.armed = False
+        self._wanted = 0
+
+    def _refuse(self) -> None:
+        self._refused = (self._refused + 1) & 0xFFFF
+        self._notes |= _REFUSED
+
+    def _standing_faults(self) -> int:
         if self._elapsed_us >= self._stop_due_us:
             self._stop_due_us = math.inf
             self._stopped = True
-        standing = Status.EMERGENCY_STOP if self._stopped else Status(0)
+        standing = _EMERGENCY_STOP if self._stopped else 0
         if 0 <= self._elapsed_us - self._faults.over_current_at * 1e6 < _OVER_CURRENT_US:
-            standing |= Status.OVER_CURRENT
-        return standing
+            standing |= _OVER_CURRENT
+        return standing | self._exceeded
 
     def _state(self) -> State:
-        faults = self._standing_faults()
-        if self.armed and self._clock_us >= self._holds_until_us:
-            self.armed, self._tripped = False, True
-        if self.armed and faults & FAULTS:
-            # Or one that comes and goes would leave the motor on in between.
-            self.armed, self._locked = False, True
-        wanted = self._torque if self.armed else 0
-        limit = round(self.settings.torque_limit * 1e6)
-        torque = max(-limit, min(limit, wanted))
-        status = faults | self._notes
-        status |= Status.ARMED if self.armed else Status(0)
-        status |= Status.WATCHDOG if self._tripped else Status(0)
-        status |= Status.SATURATED if torque != wanted else Status(0)
-        self._notes = Status(0)
+        period = self.settings.sample_period_us
+        elapsed = period if self._sampled_us is None else self._clock_us - self._sampled_us
+        self._sampled_us = self._clock_us
         enc1, enc2 = (now - then for now, then in zip(self._encoders(), self._origin, strict=True))
-        current = max(-32768, min(32767, round(torque * _MILLIAMPERE_PER_MICRO_NM)))
+        if self._elapsed_us >= self._faults.stuck_at * 1e6:
+            self._stuck = enc1 = enc1 if self._stuck is None else self._stuck
+        current = max(-32768, min(32767, round(self._applied * _MILLIAMPERE_PER_MICRO_NM)))
         seq, t_us = self._next_seq(), self._clock_us % WRAP
-        return State(seq, t_us, enc1, enc2, torque, current, _VBUS_10MV, self._cmd_seq, int(status))
+        measured = State(seq, t_us, enc1, enc2, 0, current, _VBUS_10MV, self._cmd_seq, 0)
+        self._exceeded = self._monitor.check(measured, elapsed, self._applied)
+        faults = self._standing_faults()
+        if self.armed and faults:
+            # Or one that comes and goes would leave the motor on in between.
+            self._disarm(faults)
+        elif self.armed and self._clock_us >= self._holds_until_us:
+            self._disarm(_WATCHDOG)
+        limit = round(self.settings.torque_limit * 1e6)
+        allowed = max(-limit, min(limit, self._wanted))
+        step = self.settings.limits.torque_slew * period // 1000
+        slewed = max(self._applied - step, min(self._applied + step, allowed))
+        torque = slewed if step and self.armed else allowed
+        self._applied = torque
+        status = faults | self._latched | self._notes
+        status |= _ARMED if self.armed else 0
+        status |= _SATURATED if allowed != self._wanted else 0
+        status |= _SLEW if torque != allowed else 0
+        status |= _LATE if 2 * elapsed > 3 * period else 0
+        status |= _ZEROED if self._zeroed else 0
+        self._notes = 0
+        return measured._replace(torque=torque, status=status, lock=self._lock, refused=self._refused)
 
     def _encoders(self) -> tuple[int, int]:
         """Return the counts since the start, 0 when hanging."""
@@ -240,7 +331,16 @@ class VirtualBoard:
     def _hello(self) -> Hello:
         s, seq, t_us = self.settings, self._next_seq(), self._clock_us % WRAP
         units = s.watchdog_max_ms, s.counts, s.counts, round(s.torque_limit * 1e6), s.sample_period_us
-        return Hello(seq, t_us, self._boot_id, self._reset_cause, *units, 'virtual')
+        return Hello(
+            seq,
+            t_us,
+            self._boot_id,
+            self._reset_cause,
+            *units,
+            'virtual',
+            torque_constant=_TORQUE_CONSTANT,
+            limits=s.limits,
+        )
 
     def _next_seq(self) -> int:
         seq, self._seq = self._seq, (self._seq + 1) & 0xFFFF

@@ -1,0 +1,71 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The limits at which a motor is switched off: the board checks them first, the host checks them once more.
+
+All quantities are integers in the units of the protocol, so that the firmware computes the same.
+"""
+
+from __future__ import annotations
+
+from .protocol import Limits, State, Status
+
+#: 2 pi, in 1e-9.
+TAU_NANO = 6_283_185_307
+#: One wrong reading of an encoder seems fast twice: as it comes and as it goes.
+FAST_SAMPLES = 3
+#: The shoulder stands still while it is within so many counts of where it was.
+STILL_COUNTS = 2
+
+
+class LimitMonitor:
+    """Checks sample after sample against limits; ``counts_per_turn`` is that of shoulder and elbow."""
+
+    def __init__(self, limits: Limits, counts_per_turn: tuple[int, int]) -> None:
+        self._limits = limits
+        self._counts_per_turn = counts_per_turn
+        self._before: tuple[int, int] | None = None
+        self._fast = 0
+        self._still_at = 0
+        self._still_us = 0
+        self._heat = 0  # above what the continuous current keeps up [mA^2 us]
+
+    def check(self, sample: State, elapsed_us: int, torque: int) -> int:
+        """Return the status bits of the limits that are exceeded at a sample.
+
+        Args:
+            sample: what was measured: ``enc1``, ``enc2``, ``current`` and ``vbus`` count.
+            elapsed_us: time since the sample before.
+            torque: applied during that time [micro-N m].
+        """
+        limits, status = self._limits, 0
+        travels = (sample.enc1, limits.max_travel1), (sample.enc2, limits.max_travel2)
+        before, self._before = self._before or (sample.enc1, sample.enc2), (sample.enc1, sample.enc2)
+        fast = False
+        for (counts, travel), last, per_turn in zip(travels, before, self._counts_per_turn, strict=True):
+            fast |= abs(counts - last) * TAU_NANO > limits.max_speed * elapsed_us * per_turn
+            if travel and abs(counts) * TAU_NANO > travel * per_turn * 1_000_000:
+                status |= Status.TRAVEL.value
+        self._fast = min(self._fast + 1, FAST_SAMPLES) if limits.max_speed and fast else 0
+        if self._fast == FAST_SAMPLES:
+            status |= Status.SPEED.value
+        status |= self._stall(sample.enc1, elapsed_us, torque) | self._overload(sample.current, elapsed_us)
+        if limits.max_vbus and sample.vbus > limits.max_vbus:
+            status |= Status.OVERVOLTAGE.value
+        return status
+
+    def _stall(self, counts: int, elapsed_us: int, torque: int) -> int:
+        limits = self._limits
+        if not limits.stall_torque or abs(torque) < limits.stall_torque or abs(counts - self._still_at) > STILL_COUNTS:
+            self._still_at, self._still_us = counts, 0
+            return 0
+        self._still_us = min(self._still_us + elapsed_us, 1000 * limits.stall_ms)
+        return Status.STALL.value if self._still_us >= 1000 * limits.stall_ms else 0
+
+    def _overload(self, current: int, elapsed_us: int) -> int:
+        if not self._limits.continuous_ma:
+            return 0
+        bearable = self._limits.continuous_ma**2
+        limit = 3 * bearable * self._limits.overload_ms * 1000
+        self._heat = min(max(self._heat + (current**2 - bearable) * elapsed_us, 0), limit)
+        return Status.OVERLOAD.value if self._heat >= limit else 0
