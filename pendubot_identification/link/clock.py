@@ -14,6 +14,7 @@ within seconds on a quiet machine, and once known well it hardly changes during 
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from itertools import pairwise
 from typing import NamedTuple
@@ -29,8 +30,12 @@ WRAP = 1 << 32
 WINDOW_US = 60_000_000
 #: Of each such stretch of board time [us] only the smallest delay is remembered; of shorter ones at first.
 BUCKET_US = 500_000
-#: A larger slope [ns per us] is clamped, since no two crystals differ by more: 1000 ppm.
-MAX_SLOPE = 1.0
+#: A larger slope [ns per us] is clamped: 10 %.
+MAX_SLOPE = 100.0
+#: No two crystals differ by more [ns per us]: 0.1 %.
+CRYSTALS = 1.0
+#: A slope is larger than this only if it is so by so many of its standard deviations.
+SURE = 3.0
 #: From fewer buckets than this no skew is computed.
 FEWEST = 4
 #: At first buckets are so many times shorter, to find the skew soon ...
@@ -43,6 +48,10 @@ USUAL_SKEW = 0.2
 WANDER = 1e-4 / 1e3
 #: The standard deviation of an edge's slope is so many times the points' mean height above it over the time they span.
 DOUBT = 2.0
+#: After so many samples in a row whose time cannot be true the clock has jumped.
+BELIEVED_AFTER = 3
+#: A time may be off its neighbours' by this [us], and by half the time between samples.
+TOLERANCE_US = 1000
 #: The mean height above the line is taken to be at least this [ns].
 FINEST = 5_000.0
 
@@ -57,11 +66,17 @@ class BoardClock:
 
     For each sample :meth:`observe` learns and returns its board time, :meth:`host_time` maps that to the host's clock,
     and :meth:`stamp` makes stamps strictly increase, whatever happens to the mapping.
+
+    Attributes:
+        irregular: how many samples carried a time that cannot be true and was replaced.
+        jumps: how often the board's clock jumped and went on from there.
+        jump_us: by how much the last of these times was off.
     """
 
     def __init__(self) -> None:
         self._minima: deque[_Point] = deque(maxlen=WINDOW_US // BUCKET_US + 1)
         self._last_stamp: int | None = None
+        self.irregular = self.jumps = self.jump_us = 0
         self.restart()
 
     def restart(self) -> None:
@@ -70,6 +85,10 @@ class BoardClock:
         self._span_us = BUCKET_US // FINER  # of the present buckets
         self._origin_us: int | None = None
         self._board_us = 0
+        self._jumped_us = 0  # by all jumps together
+        self._step_us = 0  # from one sample to the next; 0: not known yet
+        self._in_a_row = 0  # samples whose time was replaced
+        self._rate_error = (0.0, math.inf)  # the slope as measured and its standard deviation
         self._arrival_ns = 0
         self._bucket_end = 0
         self._slope = 0.0  # ns of delay per us of board time; 1e-3 is 1 ppm
@@ -81,14 +100,36 @@ class BoardClock:
         """How much faster the host's clock runs than the board's [ppm]."""
         return self._slope * 1e3
 
-    def observe(self, t_us: int, arrival_ns: int) -> int:
-        """Learn from the arrival [ns, host] of a sample taken at ``t_us``; return its board time [us], not wrapped."""
+    @property
+    def wrong_rate(self) -> float:
+        """How much faster the host's clock runs, as a fraction, if that is more than crystals can differ; else 0."""
+        slope, error = self._rate_error
+        return slope * 1e-3 if abs(slope) - SURE * error > CRYSTALS else 0.0
+
+    def observe(self, t_us: int, arrival_ns: int, frames: int = 1) -> int:
+        """Learn from the arrival [ns, host] of a sample taken at ``t_us``; return its board time [us], not wrapped.
+
+        ``frames`` is how many frames later than the sample before it was sent.
+        """
         if self._origin_us is None:
             self._origin_us = board_us = t_us
         else:
             # Of all times that ``t_us`` may stand for, the nearest to what the arrival suggests.
             expected = self._board_us + (arrival_ns - self._arrival_ns) // 1000
-            board_us = expected + (t_us - expected + WRAP // 2) % WRAP - WRAP // 2
+            board_us = expected + (t_us - self._jumped_us - expected + WRAP // 2) % WRAP - WRAP // 2
+            predicted = self._board_us + self._step_us * frames
+            if self._step_us and self._cannot_be(board_us, predicted, arrival_ns):
+                self._in_a_row += 1
+                if self._in_a_row <= BELIEVED_AFTER:
+                    self.irregular += 1
+                    self._board_us, self._arrival_ns = predicted, arrival_ns
+                    return predicted
+                self.jumps += 1
+                self.jump_us = board_us - predicted
+                self._jumped_us += self.jump_us
+                board_us = predicted
+            self._in_a_row = 0
+            self._step_us = (board_us - self._board_us) // frames
         delay_ns = arrival_ns - 1000 * board_us
         self._board_us, self._arrival_ns = board_us, arrival_ns
         if not self._minima or board_us >= self._bucket_end:
@@ -104,6 +145,13 @@ class BoardClock:
             self._minima[-1] = _Point(board_us, delay_ns)
         self._intercept = min(self._intercept, self._below(board_us, delay_ns))
         return board_us
+
+    def _cannot_be(self, board_us: int, predicted: int, arrival_ns: int) -> bool:
+        """Tell whether a time is off its neighbours', and before the one before or after the sample's own arrival."""
+        tolerance = max(TOLERANCE_US, self._step_us // 2)
+        if abs(board_us - predicted) <= tolerance:
+            return False
+        return board_us <= self._board_us or self.host_time(board_us) > arrival_ns + 1000 * tolerance
 
     def host_time(self, board_us: int) -> int:
         """Return the host time [ns] of a board time that :meth:`observe` returned, as far as is known now."""
@@ -146,6 +194,7 @@ class BoardClock:
         # The line goes through two of them.
         error = DOUBT * max(above / (count - 2), FINEST) / seen_us
         # Most of the window was used in earlier updates: a bucket brings only its share of the information.
+        self._rate_error = slope, error
         noise = error**2 * seen_us / self._span_us
         self._variance += WANDER**2 * self._span_us
         gain = self._variance / (self._variance + noise)

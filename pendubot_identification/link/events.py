@@ -13,7 +13,7 @@ from pendubot_identification.level import Level
 from pendubot_identification.model.dynamics import Pair
 
 from .clock import SECOND, WRAP
-from .protocol import Command, HelloRequest, Mode, encode
+from .protocol import ZEROS_CONFIRMED, Arm, Command, HelloRequest, Mode, encode
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,19 +28,23 @@ class HostConfig:
     command_timeout: float = 0.1  #: After this long [s] without an effort command the torque sent is 0.
     #: After this long [s], and five sample periods, without anything valid from the board the link is lost.
     link_timeout: float = 0.1
-    max_speed: float = 100.0  #: A sample that would need more [rad/s] is flagged.
+    max_speed: float = 100.0  #: A sample that would need more [rad/s] is flagged; three in a row disarm.
+    max_travel: Pair = (0.0, 0.0)  #: Of each joint to either side of count 0 [rad]; 0 leaves it to the board.
+    confirm_zeros: bool = True  #: Whether the zeros have to be confirmed once for every boot of the board.
 
 
 class Sample(NamedTuple):
     """One sample to publish: positions [rad], velocities [rad/s], shoulder torque [N m] from now until the next.
 
-    ``stamp_ns`` is the board's sampling time on the host's clock; it increases from sample to sample.
+    ``current`` is the motor's [A], as measured at the sample. ``stamp_ns`` is the board's sampling time on the host's
+    clock; it increases from sample to sample.
     """
 
     stamp_ns: int
     q: Pair
     qd: Pair
     effort: float
+    current: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,6 +83,10 @@ class Counters:
     unscaled: int = 0  #: Samples that came before HELLO.
     flagged: int = 0  #: Samples that would have needed too high a speed.
     jumps: int = 0  #: New positions that were believed after several such samples.
+    irregular_stamps: int = 0  #: Samples whose ``t_us`` could not be true and was replaced.
+    clock_jumps: int = 0  #: How often the board's clock jumped and went on from there.
+    late_samples: int = 0  #: Samples that the board took more than half a period late.
+    foreign_requests: int = 0  #: Requests of other programs that the board refused.
     restarts: int = 0  #: Of the board.
     link_losses: int = 0
     trips: int = 0  #: Of the board's watchdog.
@@ -127,15 +135,20 @@ class Output:
         """Ask the board who it is, at ``now`` [ns]."""
         self._send(HelloRequest(self._next_seq(), now // 1000 % WRAP))
 
-    def command(self, mode: Mode, torque: int, watchdog_ms: int, now: int) -> None:
+    def command(self, mode: Mode, torque: int, watchdog_ms: int, session: int, now: int) -> None:
         """Command a torque [micro-N m] or disarm, at ``now`` [ns]."""
-        self._send(Command(self._next_seq(), now // 1000 % WRAP, mode, watchdog_ms, torque))
+        self._send(Command(self._next_seq(), now // 1000 % WRAP, mode, watchdog_ms, torque, session=session))
+
+    def arm(self, boot_id: int, session: int, lock: int, watchdog_ms: int, zeros_confirmed: bool, now: int) -> None:
+        """Ask the board to obey a session from now on, at ``now`` [ns]."""
+        flags = ZEROS_CONFIRMED if zeros_confirmed else 0
+        self._send(Arm(self._next_seq(), now // 1000 % WRAP, boot_id, session, lock, watchdog_ms, flags))
 
     def _next_seq(self) -> int:
         self.seq = (self.seq + 1) & 0xFFFF
         return self.seq
 
-    def _send(self, message: HelloRequest | Command) -> None:
+    def _send(self, message: HelloRequest | Command | Arm) -> None:
         if self.open:
             self.data += encode(message)
             self.counters.sent += 1

@@ -15,7 +15,7 @@ from .host import Host
 from .protocol import Status
 
 #: Counters that grow only while something is wrong.
-WORRYING = ['lost', 'duplicates', 'out_of_order', 'damaged', 'flagged']
+WORRYING = ['lost', 'duplicates', 'out_of_order', 'damaged', 'flagged', 'irregular_stamps', 'late_samples']
 WORRYING += ['clamped', 'not_finite', 'board_damaged', 'board_overruns']
 
 
@@ -39,7 +39,7 @@ class Health:
         counters['damaged'] = sum(reasons.values())
         grown = {name: counters[name] - self._before.get(name, 0) for name in counters}
         elapsed = 1.0 if self._since is None else (now - self._since) / SECOND
-        reports, self._reports = [host.condition(), *self._reports], []
+        reports, self._reports = [host.condition(now), *self._reports], []
         self._before, self._since = counters, now
 
         worries = [f'{name.replace("_", " ")}: {grown[name]} more' for name in WORRYING if grown[name] > 0]
@@ -59,10 +59,16 @@ class Health:
         }
         if host.state is not None:
             values['status'] = Status(host.state.status).value
-            values['current [mA]'] = host.state.current
+            values['current [A]'] = host.state.current / 1000
             values['supply [V]'] = host.state.vbus / 100
-        if host.hello is not None:
-            values['boot_id'] = host.hello.boot_id
-            values['firmware'] = host.hello.firmware
-            values['torque limit [N m]'] = min(host.config.torque_limit, host.hello.torque_limit / 1e6)
+        if (hello := host.hello) is not None:
+            values['boot_id'] = hello.boot_id
+            values['firmware'] = f'{hello.firmware} {hello.build:08x}' if hello.build else hello.firmware
+            values['reset cause'] = hello.reset_cause
+            if hello.fault_cause:
+                values['last processor fault'] = f'exception {hello.fault_cause} at 0x{hello.fault_pc:08x}'
+            values['torque limit [N m]'] = min(host.config.torque_limit, hello.torque_limit / 1e6)
+            if hello.torque_constant:
+                values['torque constant [N m/A]'] = hello.torque_constant / 1e6
+            values |= {f'limit {name}': value for name, value in asdict(hello.limits).items()}
         return Diagnosis(level, message, {name: str(value) for name, value in values.items()})

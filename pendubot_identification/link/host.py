@@ -7,22 +7,26 @@ Nothing here reads a clock or a port. Every method that something can follow fro
 any clock that never goes back] and returns events; what has to be written to the board is fetched by
 :meth:`Host.data_to_send` afterwards.
 
-A STATE's way: :meth:`Host.receive` has the bytes decoded, its number is checked (``sequence``), the motor reacts to its
-status (``motor``), its time is mapped to the host's (``clock``), its counts become positions and velocities
-(``joints``), and a :class:`.events.Sample` is returned.
+A STATE's way: :meth:`Host.receive` has the bytes decoded, its number is checked (``sequence``), it is compared with
+what was sent (``motor``), its time is mapped to the host's (``clock``), the limits are checked (``limits``), its counts
+become positions and velocities (``joints``), and a :class:`.events.Sample` is returned.
 """
 
 from __future__ import annotations
 
 import math
+from collections import deque
+from collections.abc import Callable
+from dataclasses import replace
 
 from pendubot_identification.level import Level
 
 from .clock import MS, SECOND, WRAP, BoardClock
 from .events import ArmingFailed, HostConfig, HostEvent, Output, Report, Sample
 from .joints import Joints
+from .limits import LimitMonitor
 from .motor import Motor, names
-from .protocol import FAULTS, Damaged, Decoder, Hello, State, Status
+from .protocol import FAULTS, VERSION, Damaged, Decoder, Hello, Limits, State, Status
 from .sequence import Sequence
 
 HELLO_INTERVAL = 200 * MS
@@ -36,9 +40,18 @@ HELD_UP = 50 * MS
 CLOCK_BACK_US = 10_000
 #: The board's clock and the host's differ by at most this part.
 FASTER = 1e-3
+#: The rig is at rest when both encoders stay within so many counts ...
+REST_COUNTS = 2
+#: ... for so long [us, board time].
+REST_US = 1_000_000
+#: HELLO's sampling period is compared with the mean of so many steps of the board's clock ...
+STEPS = 10
+#: ... and may differ by this part.
+PERIOD_TOLERANCE = 0.1
 
 # As plain numbers, because a status comes a thousand times a second and IntFlag is slow.
 _DAMAGED_FRAME, _OVERRUN, _FAULTS = int(Status.DAMAGED_FRAME), int(Status.OVERRUN), int(FAULTS)
+_ARMED, _LATE, _ZEROED = int(Status.ARMED), int(Status.LATE), int(Status.ZEROED)
 
 
 class Host:
@@ -47,19 +60,28 @@ class Host:
     It starts with the port closed and disarmed, and arms only by :meth:`arm`; any loss of the link, restart, trip or
     fault disarms it.
 
-    ``state`` is the last STATE that was accepted; None before the first.
+    Args:
+        config: what the user decides.
+        new_session: returns another number from 1 to 2^32 - 1 at every call, which no other host uses; without it,
+            numbers from 1 on, which is good for simulations alone.
+
+    Attributes:
+        state: the last STATE that was accepted; None before the first.
     """
 
-    def __init__(self, config: HostConfig | None = None) -> None:
+    def __init__(self, config: HostConfig | None = None, new_session: Callable[[], int] | None = None) -> None:
         self.config = config or HostConfig()
         self._output = Output()
+        if new_session is not None:
+            # Two hosts on one port number their frames differently.
+            self._output.seq = new_session() & 0xFFFF
         self.counters = self._output.counters
         self.clock = BoardClock()
         self.state: State | None = None
         self._decoder = Decoder()
         self._sequence = Sequence(self.counters)
         self._joints = Joints(self.config, self._output)
-        self._motor = Motor(self.config, self._output)
+        self._motor = Motor(self.config, self._output, new_session)
         # The link
         self._closed_because = 'the port was not opened yet'
         self._heard = False
@@ -76,6 +98,12 @@ class Host:
         self._unanswered = 0
         self._state_arrival = 0  # [ns]
         self._state_taken = 0  # host time at which the board took the last STATE [ns]
+        self._board_us: int | None = None  # board time of the last STATE
+        self._steps: deque[int] = deque(maxlen=STEPS)  # of the board's clock between frames that follow each other [us]
+        self._other_version = 0
+        self._limits: LimitMonitor | None = None
+        self._zeros_confirmed = False
+        self._rest: tuple[int, int, int] | None = None  # counts near which the rig is, and since when [us, board time]
 
     # What can be asked at any time
 
@@ -104,20 +132,26 @@ class Host:
         """Return how soon [s] :meth:`poll` has to be called again, whatever else is called in between."""
         return self._motor.next_poll(now) / SECOND
 
-    def condition(self) -> Report:
+    def condition(self, now: int) -> Report:
         """Return the worst of what is wrong now, or whether it is armed when all is well."""
         status = self.state.status if self.state else 0
         if not self._output.open:
             return Report(Level.ERROR, self._closed_because)
         if not self._up:
-            return Report(Level.ERROR, 'no valid sample comes from the board')
+            return Report(Level.ERROR, self._version_text() or 'no valid sample comes from the board')
+        if self._motor.disobeyed:
+            return Report(Level.ERROR, 'the board does not obey the request to disarm: press the emergency stop')
         if status & _FAULTS:
             return Report(Level.ERROR, names(status & _FAULTS))
         if self.hello is None:
             waiting = Report(Level.WARN, 'waiting for the board to say HELLO')
             return Report(Level.ERROR, self._unusable) if self._unusable else waiting
+        if contradiction := self._contradiction():
+            return Report(Level.ERROR, contradiction)
         if status & Status.WATCHDOG:
             return Report(Level.WARN, "the board's watchdog tripped; arm again")
+        if not self.armed and (obstacle := self._obstacle(now)):
+            return Report(Level.WARN, f'disarmed, and not to be armed: {obstacle}')
         if self._motor.effort_stopped:
             return Report(Level.WARN, 'armed at torque 0: no effort command comes')
         if self._motor.lost:
@@ -139,6 +173,7 @@ class Host:
         # A delimiter, or a frame that another host left unfinished would take the first one along.
         self._output.data = b'\0'
         self._up, self._fell_silent = False, False
+        self._other_version = 0
         self._motor.board = None
         self._unanswered = 0
         self._ask(now)
@@ -162,6 +197,9 @@ class Host:
             if isinstance(event, Damaged):
                 damaged = self.counters.damaged
                 damaged[event.reason] = damaged.get(event.reason, 0) + 1
+                if event.version and event.version != self._other_version:
+                    self._other_version = event.version
+                    self._output.report(Level.ERROR, self._version_text())
                 continue
             self.counters.received += 1
             self._heard = True
@@ -202,11 +240,60 @@ class Host:
 
     def arm(self, now: int) -> list[HostEvent]:
         """Begin to arm; :class:`Armed` or :class:`ArmingFailed` follows, here or within 0.5 s."""
-        if self._up:
-            self._motor.arm(self.state, now)
+        if not self._up or self.state is None:
+            self._output.tell(ArmingFailed(f'no board: {self.condition(now).text}'))
+        elif not self.armed and (obstacle := self._obstacle(now)):
+            self._output.tell(ArmingFailed(obstacle))
         else:
-            self._output.tell(ArmingFailed(f'no board: {self.condition().text}'))
+            self._motor.arm(self.state, self._zeros_confirmed, now)
         return self._output.take_events()
+
+    def confirm_zeros(self) -> tuple[bool, str]:
+        """Take the angles of a rig at rest as right until the board restarts; return whether, and a sentence."""
+        if not self._up or self.state is None or self._joints.q is None:
+            return False, 'no angle comes from the board; look at the bridge'
+        q1, q2 = self._joints.q
+        angles = f'q1 = {q1:.4f} rad, q2 = {q2:.4f} rad'
+        if self._board_us is None or self._rest is None or self._board_us - self._rest[2] < REST_US:
+            return False, f'the rig moves ({angles}); let both links hang at rest for a second, then call again'
+        self._zeros_confirmed = True
+        return True, f'confirmed: {angles}; if that is wrong, restart the board while both links hang at rest'
+
+    def _obstacle(self, now: int) -> str:
+        """Return why the motor must not be armed, and what to do; empty where it may be."""
+        hello, config = self.hello, self.config
+        if self._unusable:
+            return self._unusable
+        if hello is None:
+            return 'the board has not said HELLO yet'
+        if contradiction := self._contradiction():
+            return contradiction
+        if self._motor.contested(now):
+            return 'another program sends commands to the board; end that program'
+        limits = hello.limits
+        for name, of_board, own in (
+            ('max_speed', limits.max_speed, config.max_speed),
+            ('max_travel of the shoulder', limits.max_travel1, config.max_travel[0]),
+            ('max_travel of the elbow', limits.max_travel2, config.max_travel[1]),
+        ):
+            if own and not 0 < of_board <= own * 1000:
+                allowed = f'a limit of {of_board / 1000:g}' if of_board else 'no limit'
+                return f"{name} is {own:g}, and the board has {allowed}; lower the firmware's in rig.h, or raise this"
+        known = self._zeros_confirmed or (self.state is not None and self.state.status & _ZEROED)
+        if config.confirm_zeros and not known:
+            return (
+                'the board has restarted since somebody last confirmed its zeros, so the angles may be wrong; let both '
+                'links hang at rest and call ~/confirm_zeros (or set confirm_zeros to false)'
+            )
+        return ''
+
+    def _version_text(self) -> str:
+        if not self._other_version:
+            return ''
+        return (
+            f'the board speaks version {self._other_version} of the protocol, and this bridge version {VERSION}: flash '
+            'the firmware that belongs to this bridge (docs/rig.md)'
+        )
 
     def disarm(self, now: int) -> list[HostEvent]:
         """Disarm the board, whatever it is doing."""
@@ -226,22 +313,63 @@ class Host:
         if not self._sequence.accept(state.seq, self._is_later(state)):
             return
         status, before = state.status, self.state.status if self.state else 0
+        frames = 1 if self.state is None else max(1, (state.seq - self.state.seq) & 0xFFFF)
+        applied = self.state.torque if self.state else 0
         self.state, self._state_arrival = state, now
+        counters = self.counters
         if status:
-            self.counters.board_damaged += bool(status & _DAMAGED_FRAME)
-            self.counters.board_overruns += bool(status & _OVERRUN)
+            counters.board_damaged += bool(status & _DAMAGED_FRAME)
+            counters.board_overruns += bool(status & _OVERRUN)
+            counters.late_samples += bool(status & _LATE)
         self._motor.follow(state, before, now)
-        board_us = self.clock.observe(state.t_us, now)
-        self._state_taken = self.clock.host_time(board_us)
+        board_us = self._board_time(state.t_us, now, frames)
+        if self._limits is not None and self._board_us is not None:
+            self._check_limits(state, board_us - self._board_us, applied, now)
+        self._board_us = board_us
+        self._note_rest(state, board_us)
         counts_per_turn = self._counts_per_turn(self.hello)
         if 0 in counts_per_turn:
-            self.counters.unscaled += 1
+            counters.unscaled += 1
             return
-        moved = self._joints.update(board_us, (state.enc1, state.enc2), counts_per_turn, now)
-        if moved is not None:
-            self.counters.published += 1
-            q, qd = moved
-            self._output.tell(Sample(self.clock.stamp(self._state_taken), q, qd, state.torque / 1e6))
+        sample = self._joints.update(board_us, (state.enc1, state.enc2), counts_per_turn, now)
+        if sample is not None:
+            counters.published += 1
+            q, qd = sample
+            stamp_ns = self.clock.stamp(self._state_taken)
+            self._output.tell(Sample(stamp_ns, q, qd, state.torque / 1e6, state.current / 1e3))
+
+    def _board_time(self, t_us: int, now: int, frames: int) -> int:
+        """Return a sample's board time [us]; report a clock that is wrong."""
+        clock, before = self.clock, self._board_us
+        irregular, jumps = clock.irregular, clock.jumps
+        board_us = clock.observe(t_us, now, frames)
+        self._state_taken = clock.host_time(board_us)
+        self.counters.irregular_stamps, self.counters.clock_jumps = clock.irregular, clock.jumps
+        if clock.jumps > jumps:
+            self._output.report(
+                Level.WARN, f"the board's clock jumped by {clock.jump_us / 1e3:+g} ms; look at its timer"
+            )
+        if frames == 1 and clock.irregular == irregular and before is not None:
+            self._steps.append(board_us - before)
+        if (rate := clock.wrong_rate) and self._output.is_new('rate', now):
+            faster = 'slow' if rate > 0 else 'fast'
+            text = f"the board's clock runs {abs(rate) * 100:.2g} % {faster}: check CRYSTAL_MHZ, or its timer"
+            self._output.report(Level.WARN, f'{text}; speeds and parameters are wrong by as much')
+        return board_us
+
+    def _note_rest(self, state: State, board_us: int) -> None:
+        rest = self._rest
+        if rest is None or abs(state.enc1 - rest[0]) > REST_COUNTS or abs(state.enc2 - rest[1]) > REST_COUNTS:
+            self._rest = state.enc1, state.enc2, board_us
+
+    def _check_limits(self, state: State, elapsed_us: int, applied: int, now: int) -> None:
+        """Disarm where a limit is exceeded and the board, which has the same or a lower one, did nothing."""
+        assert self._limits is not None
+        exceeded = self._limits.check(state, elapsed_us, applied)
+        if exceeded and self.armed:
+            text = f'a limit is exceeded ({names(exceeded)}), and the board does not switch off; mend its firmware'
+            self._output.report(Level.ERROR, text)
+            self._motor.stop(text, now)
 
     def _on_hello(self, hello: Hello, now: int) -> None:
         if self._boot_id is not None and hello.boot_id != self._boot_id:
@@ -261,6 +389,17 @@ class Host:
         if self.hello is None or _introduction(hello) != _introduction(self.hello):
             self._output.report(Level.OK, _introduction(hello))
         self._motor.board = hello
+        if self._limits is None:
+            self._limits = LimitMonitor(self._own_limits(hello.limits), self._counts_per_turn(hello))
+
+    def _own_limits(self, limits: Limits) -> Limits:
+        """Return the limits that this host checks: the board's, or the user's where there are any."""
+        config = self.config
+        travel = [
+            round(1000 * own) or board
+            for own, board in zip(config.max_travel, (limits.max_travel1, limits.max_travel2), strict=True)
+        ]
+        return replace(limits, max_speed=round(1000 * config.max_speed), max_travel1=travel[0], max_travel2=travel[1])
 
     def _why_unusable(self, hello: Hello) -> str:
         """Return what in a HELLO makes no sense, and what to do; empty where all does."""
@@ -269,6 +408,19 @@ class Host:
         if hello.torque_limit < 0:
             return f'the board says a torque limit of {hello.torque_limit / 1e6:g} N m; mend its firmware'
         return ''
+
+    def _contradiction(self) -> str:
+        """Return how HELLO's sampling period contradicts the samples; empty where it does not."""
+        hello = self.hello
+        if hello is None or len(self._steps) < STEPS:
+            return ''
+        period, measured = hello.sample_period_us, sum(self._steps) / STEPS
+        if abs(period - measured) <= PERIOD_TOLERANCE * measured:
+            return ''
+        return (
+            f'the board says a sample every {period / 1000:g} ms, and its samples are {measured / 1000:g} ms apart; '
+            'mend its firmware'
+        )
 
     def _is_later(self, frame: State | Hello) -> bool:
         """Tell whether the board's clock went on since the last STATE; it may have wrapped."""
@@ -288,7 +440,11 @@ class Host:
         self.counters.restarts += 1
         self._output.report(Level.WARN, f'the board restarted: {evidence}')
         self._motor.stop('the board restarted', now)
-        self._motor.board = None
+        self._motor.restarted()
+        self._zeros_confirmed = False
+        self._limits = None
+        self._steps.clear()
+        self._board_us = self._rest = None
         self._sequence.begin()
         self.clock.restart()
         self._joints.restart()
@@ -303,8 +459,11 @@ class Host:
 
     @property
     def _silence_ns(self) -> int:
-        period = self.hello.sample_period_us * 1000 if self.hello else 0
-        return max(round(self.config.link_timeout * SECOND), SILENT_PERIODS * period)
+        periods = SILENT_PERIODS * self.hello.sample_period_us * 1000 if self.hello else 0
+        if self.armed:
+            # What the board says about itself must not keep a motor on that nobody sees.
+            periods = min(periods, self._motor.watchdog_ns)
+        return max(round(self.config.link_timeout * SECOND), periods)
 
     def _ask(self, now: int) -> None:
         self._asking = True

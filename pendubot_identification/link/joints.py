@@ -21,7 +21,7 @@ BELIEVED_AFTER = 5
 
 
 class Joints:
-    """Follows both joints, sample by sample."""
+    """Follows both joints, sample by sample; ``q`` are the last positions [rad], None before the first."""
 
     def __init__(self, config: HostConfig, output: Output) -> None:
         self._config = config
@@ -31,6 +31,7 @@ class Joints:
     def restart(self) -> None:
         """Begin anew: the next sample is believed wherever it is."""
         self._history: deque[tuple[int, Pair]] = deque()
+        self.q: Pair | None = None
         self._in_doubt = 0
 
     def update(
@@ -59,7 +60,8 @@ class Joints:
             then_us, then = history[0]
             elapsed = (board_us - then_us) * 1e-6
             qd = ((q1 - then[0]) / elapsed, (q2 - then[1]) / elapsed)
-        history.append((board_us, (q1, q2)))
+        self.q = q1, q2
+        history.append((board_us, self.q))
         return (q1, q2), qd
 
     def _doubt(self, board_us: int, q: Pair, now: int) -> None:

@@ -1,12 +1,19 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The motor as the host sees it: arming on request, commanding while armed, and disarming at any fault."""
+"""The motor as the host sees it: arming on request, commanding while armed, and disarming at anything unexpected.
+
+The host owns the motor from the STATE that shows its ARM obeyed until the first disarming. In every STATE it compares
+what the board obeyed and applied with what it sent itself.
+"""
 
 from __future__ import annotations
 
 import math
+from array import array
+from collections.abc import Callable
 from enum import Enum, auto
+from itertools import count
 
 from pendubot_identification.level import Level
 
@@ -15,11 +22,16 @@ from .events import Armed, ArmingFailed, HostConfig, Output
 from .protocol import FAULTS, Hello, Mode, State, Status
 
 ARMING_TIMEOUT = 500 * MS
-#: While the board says that it is armed though it must not be, disarming is repeated this often.
-DISARM_INTERVAL = 50 * MS
+#: Requests to arm and to disarm are repeated this often until the board has obeyed them.
+REPEAT_INTERVAL = 50 * MS
+#: So long after its last command a request that the board refuses may be this host's own, of an ended session.
+IN_FLIGHT = 200 * MS
+#: The numbers of frames wrap here.
+_SEQS = 1 << 16
 
 # As plain numbers, because a status comes a thousand times a second and IntFlag is slow.
 _ARMED, _WATCHDOG, _FAULTS = int(Status.ARMED), int(Status.WATCHDOG), int(FAULTS)
+_SATURATED, _SLEW = int(Status.SATURATED), int(Status.SLEW)
 
 
 class _Phase(Enum):
@@ -29,32 +41,51 @@ class _Phase(Enum):
 
 
 class Motor:
-    """It starts disarmed and arms only by :meth:`arm`; any fault, trip or :meth:`stop` disarms it.
+    """It starts disarmed and arms only by :meth:`arm`; any fault, trip, contradiction or :meth:`stop` disarms it.
+
+    Args:
+        new_session: returns a number from 1 to 2^32 - 1 that no other host uses; it is called for every arming.
 
     Attributes:
         board: what the board said about itself; None while it has not.
         effort_stopped: whether it is armed at torque 0 because no effort command comes.
         lost: why it is disarmed though nobody wanted that, in words; '' from the next arming on.
+        disobeyed: whether the board goes on without obeying the request to disarm.
     """
 
-    def __init__(self, config: HostConfig, output: Output) -> None:
+    def __init__(self, config: HostConfig, output: Output, new_session: Callable[[], int] | None = None) -> None:
         self.board: Hello | None = None
         self.effort_stopped = False
         self.lost = ''
+        self.disobeyed = False
         self._config = config
         self._timeout = round(config.command_timeout * SECOND)
         self._output = output
         self._counters = output.counters
+        self._new_session = new_session or count(1).__next__
         self._phase = _Phase.DISARMED
+        self._session = 0
+        self._zeros_confirmed = False
         self._arming_since = 0
-        self._arming_seq = 0
-        self._bit_was_set = False
+        self._lock: int | None = None  # what the ARM under way carries
+        self._first_seq = (output.seq + 1) % _SEQS  # of the last disarming; what was sent since is this host's own
+        self._arm_seq = 0  # number of the first ARM of this arming
+        self._disarming_since: int | None = None  # until a STATE shows a mode 0 obeyed
+        self._sent = array('i', bytes(4 * _SEQS))  # torques [micro-N m] by the numbers of their frames
+        self._obeyed = 0  # number of the frame that the last STATE obeyed
+        self._applied = 0  # torque of the last STATE
+        self._refused: int | None = None
+        self._last_foreign = -SECOND
         self._torque = 0
         self._effort_not_finite = False
         self._faults_told = 0
         self._last_effort = 0
         self._last_sent = 0
-        self._last_disarm = -10 * SECOND
+        self._last_torque_sent = -SECOND
+
+    def contested(self, now: int) -> bool:
+        """Tell whether another program sent commands to the board in the last second."""
+        return now - self._last_foreign < SECOND
 
     @property
     def armed(self) -> bool:
@@ -62,30 +93,31 @@ class Motor:
         return self._phase is _Phase.ARMED
 
     @property
-    def _watchdog_ns(self) -> int:
+    def watchdog_ns(self) -> int:
         """After this long without a command [ns] the board switches the motor off."""
         ms = self._config.watchdog_ms
         return MS * (min(ms, self.board.watchdog_max_ms) if self.board else ms)
 
-    def arm(self, state: State | None, now: int) -> None:
+    def restarted(self) -> None:
+        """Note that the board restarted: it is disarmed, and knows of no session."""
+        self.board = None
+        self._disarming_since = self._refused = None
+        self.disobeyed = False
+
+    def arm(self, state: State, zeros_confirmed: bool, now: int) -> None:
         """Begin to arm a board that is heard; ``state`` is its last one."""
-        status = state.status if state else 0
         if self.armed:
             self._output.tell(Armed())
-        elif self.board is None:
-            self._output.tell(ArmingFailed('the board has not said HELLO yet'))
-        elif status & _FAULTS:
-            self._output.tell(ArmingFailed(f'the board is in a fault: {names(status & _FAULTS)}'))
         elif self._phase is _Phase.DISARMED:
             self._phase = _Phase.ARMING
             self.lost = ''
+            self._session = self._new_session()
+            self._zeros_confirmed = zeros_confirmed
             self._arming_since = now
-            self._bit_was_set = bool(status & _ARMED)
+            self._lock = None
             self._torque = 0
             self.effort_stopped = self._effort_not_finite = False
-            self._command(Mode.DISARM, now)
-            self._command(Mode.TORQUE, now)
-            self._arming_seq = self._output.seq
+            self._go_on_arming(state, now)
 
     def stop(self, reason: str, now: int, wanted: bool = False) -> None:
         """Disarm; unless it was ``wanted``, losing an armed motor is reported."""
@@ -97,7 +129,10 @@ class Motor:
         elif phase is _Phase.ARMED and not wanted:
             self.lost = reason
             self._output.report(Level.WARN, f'disarmed: {reason}; arm again when it is safe')
-        self._command(Mode.DISARM, now)
+        if self._disarming_since is None:
+            self._disarming_since = now
+            self._first_seq = (self._output.seq + 1) % _SEQS
+        self._send(Mode.DISARM, now)
 
     def effort(self, torque: float, now: int) -> None:
         """Take a torque wanted at the shoulder [N m]; it is sent at once when armed, else discarded."""
@@ -125,34 +160,36 @@ class Motor:
         if self.effort_stopped:
             self.effort_stopped = False
             self._output.report(Level.OK, 'effort commands come again')
-        self._command(Mode.TORQUE, now)
+        self._send(Mode.TORQUE, now)
 
     def next_poll(self, now: int) -> int:
         """Return how soon [ns] :meth:`poll` has to be called again: at the moment when the torque has to be 0."""
         # At least as often as the timeout, because an effort command may come meanwhile, and be the last one.
-        regular = max(MS, min(10 * MS, self._watchdog_ns // 8, self._timeout))
+        regular = max(MS, min(10 * MS, self.watchdog_ns // 8, self._timeout))
         if not self.armed or self.effort_stopped:
             return regular
         return max(0, min(regular, self._last_effort + self._timeout - now))
 
     def poll(self, now: int) -> None:
-        """Do what is due: give arming up, send the command again, set the torque to 0 where no effort command came."""
-        if self._phase is _Phase.DISARMED:
-            return
+        """Do what is due: repeat requests and commands, give arming up, command 0 where no effort command came."""
+        if self._disarming_since is not None and self._output.open and now - self._last_sent >= REPEAT_INTERVAL:
+            self._send(Mode.DISARM, now)
         if self._phase is _Phase.ARMING and now - self._arming_since >= ARMING_TIMEOUT:
             self.stop('the board did not say within 0.5 s that it is armed', now)
-        elif self.armed and not self.effort_stopped and now - self._last_effort >= self._timeout:
+        elif not self.armed:
+            return
+        elif not self.effort_stopped and now - self._last_effort >= self._timeout:
             self.effort_stopped = True
             self._torque = 0
             self._counters.command_timeouts += 1
             text = f'no effort command for {self._timeout / SECOND:g} s: torque 0, still armed'
             self._output.report(Level.WARN, text)
-            self._command(Mode.TORQUE, now)
-        elif now - self._last_sent >= self._watchdog_ns // 4:
-            self._command(Mode.TORQUE, now)
+            self._send(Mode.TORQUE, now)
+        elif now - self._last_sent >= self.watchdog_ns // 4:
+            self._send(Mode.TORQUE, now)
 
     def follow(self, state: State, before: int, now: int) -> None:
-        """React to a STATE's status; ``before`` is the status before it, 0 where there was none."""
+        """Compare a STATE with what was sent; ``before`` is the status before it, 0 where there was none."""
         status = state.status
         risen = status & ~before
         if status & _FAULTS:
@@ -160,18 +197,101 @@ class Motor:
         if risen & _WATCHDOG:
             self._counters.trips += 1
             self._output.report(Level.WARN, "the board's watchdog tripped")
+        self._count_refused(state, now)
         if self._phase is _Phase.DISARMED:
-            if status & _ARMED and now - self._last_disarm >= DISARM_INTERVAL:
-                self._command(Mode.DISARM, now)
-        elif status & _FAULTS:
+            self._follow_disarmed(state, risen, now)
+        elif self._phase is _Phase.ARMING:
+            self._go_on_arming(state, now)
+        elif reason := self._contradiction(state):
+            if not status & (_FAULTS | _WATCHDOG):
+                self._output.report(Level.ERROR, reason)
+            self.stop(reason, now)
+        self._obeyed, self._applied = state.cmd_seq, state.torque
+
+    def _follow_disarmed(self, state: State, risen: int, now: int) -> None:
+        moves = state.status & _ARMED or state.torque
+        if self._disarming_since is None:
+            if moves:
+                self.lost = 'another program armed the motor, or a bridge that was killed'
+                if self._output.is_new('armed by another', now):
+                    text = f'the board gives {state.torque / 1e6:g} N m, armed by another program; disarming it'
+                    self._output.report(Level.ERROR, f'{text}: end that program')
+                self.stop(self.lost, now)
+            elif risen & _FAULTS:
+                self.stop('a fault', now)  # asks it to forget a fault that is over
+        elif not moves and self._is_own(state.cmd_seq):
+            self._disarming_since, self.disobeyed = None, False
+        elif moves and now - self._disarming_since >= ARMING_TIMEOUT and not self.disobeyed:
+            self.disobeyed = True
+            text = 'the board does not obey the request to disarm: press the emergency stop, then look at its wiring'
+            self._output.report(Level.ERROR, text)
+
+    def _go_on_arming(self, state: State, now: int) -> None:
+        """Ask the board to be armed once it has obeyed the last mode 0; notice when it is, or will not be."""
+        if self._disarming_since is not None:
+            self._follow_disarmed(state, 0, now)
+        if self._disarming_since is not None:
+            return
+        status, own = state.status, self._is_own(state.cmd_seq)
+        if status & _FAULTS:
             self.stop(f'the board is in a fault: {names(status & _FAULTS)}', now)
-        elif self._phase is _Phase.ARMED:
-            if not status & _ARMED:
-                self.stop('the board is no longer armed', now)
-        elif status & _ARMED and (not self._bit_was_set or self._obeyed(state)):
+        elif status & _ARMED and own and state.lock == self._lock:
             self._phase = _Phase.ARMED
             self._last_effort = now
             self._output.tell(Armed())
+        elif self._lock is None:
+            self._request(state.lock, now)
+            self._arm_seq = self._output.seq
+        elif status & _ARMED or (state.lock != self._lock and not (own and self._is_before_arming(state.cmd_seq))):
+            self.stop('another program armed or disarmed the board meanwhile; end that program', now)
+        elif state.lock != self._lock or now - self._last_sent >= REPEAT_INTERVAL:
+            # A mode 0 of this host's own that was repeated came late, or the ARM was lost.
+            self._request(state.lock, now)
+
+    def _contradiction(self, state: State) -> str:
+        """Return why this STATE of an armed board ends the arming; empty where it is as expected."""
+        status = state.status
+        if status & _FAULTS:
+            return f'the board is in a fault: {names(status & _FAULTS)}'
+        if status & _WATCHDOG:
+            return "the board's watchdog tripped"
+        own = self._is_own(state.cmd_seq)
+        if not status & _ARMED:
+            return 'the board is no longer armed' if own else 'another program disarmed the board'
+        if not own or state.lock != self._lock:
+            return (
+                f'the board obeys frame {state.cmd_seq}, which this host did not send; another program moves the motor'
+            )
+        low, high = self._expected(state)
+        if not low <= state.torque <= high:
+            given, wanted = state.torque / 1e6, self._sent[state.cmd_seq] / 1e6
+            return f'the board gives {given:g} N m where {wanted:g} N m were commanded; look at its firmware'
+        return ''
+
+    def _expected(self, state: State) -> tuple[int, int]:
+        """Return between which torques [micro-N m] a board that obeys this frame may be."""
+        wanted = self._sent[state.cmd_seq]
+        if state.status & _SATURATED and self.board is not None:
+            limit = self.board.torque_limit
+            wanted = max(-limit, min(limit, wanted))
+        if not state.status & _SLEW:
+            return wanted, wanted
+        # On its way from the torque before, past those that were wanted in between.
+        steps = (state.cmd_seq - self._obeyed) % _SEQS if self._is_own(self._obeyed) else 0
+        passed = [self._sent[(state.cmd_seq - k) % _SEQS] for k in range(1, min(steps, 1000))]
+        return min(wanted, self._applied, *passed), max(wanted, self._applied, *passed)
+
+    def _count_refused(self, state: State, now: int) -> None:
+        """Count the requests of others that the board refused, and report them."""
+        more = 0 if self._refused is None else (state.refused - self._refused) % _SEQS
+        self._refused = state.refused
+        # One of an ended session, or an ARM that came too late, may be this host's own.
+        if more and (self.armed or now - self._last_torque_sent >= IN_FLIGHT):
+            self._counters.foreign_requests += more
+            self._last_foreign = now
+            if self._output.is_new('foreign', now):
+                text = 'another program sends commands to the board, which refuses them; end that program'
+                self._output.report(Level.WARN, text)
 
     def _report_faults(self, risen: int, now: int) -> None:
         # Some faults come and go, such as a supply that sags whenever the motor pulls.
@@ -181,17 +301,30 @@ class Motor:
             self._faults_told |= untold
             self._output.report(Level.ERROR, f'the board reports a fault: {names(untold)}')
 
-    def _obeyed(self, state: State) -> bool:
-        """Tell whether the board obeyed this arming's mode 1, or a command after it."""
-        return (state.cmd_seq - self._arming_seq) & 0xFFFF <= (self._output.seq - self._arming_seq) & 0xFFFF
+    def _is_own(self, seq: int) -> bool:
+        """Tell whether a frame belongs to the present arming or disarming; of a long one, to its last half minute."""
+        last = self._output.seq
+        return (last - seq) % _SEQS <= min((last - self._first_seq) % _SEQS, _SEQS // 2)
 
-    def _command(self, mode: Mode, now: int) -> None:
+    def _is_before_arming(self, seq: int) -> bool:
+        return (seq - self._first_seq) % _SEQS < (self._arm_seq - self._first_seq) % _SEQS
+
+    def _request(self, lock: int, now: int) -> None:
+        if self.board is not None:
+            self._lock = lock
+            watchdog_ms, zeroed = self._config.watchdog_ms, self._zeros_confirmed
+            self._output.arm(self.board.boot_id, self._session, lock, watchdog_ms, zeroed, now)
+            self._sent[self._output.seq] = 0
+            self._last_sent = self._last_torque_sent = now
+
+    def _send(self, mode: Mode, now: int) -> None:
         torque = self._torque if mode is Mode.TORQUE else 0
-        self._output.command(mode, torque, self._config.watchdog_ms, now)
-        self._last_sent = now
-        if mode is Mode.DISARM:
-            # A closed port took nothing: once it is open, the disarm is repeated at once.
-            self._last_disarm = now if self._output.open else now - DISARM_INTERVAL
+        self._output.command(mode, torque, self._config.watchdog_ms, self._session, now)
+        self._sent[self._output.seq] = torque
+        if mode is Mode.TORQUE:
+            self._last_torque_sent = now
+        # A closed port took nothing: once it is open, the request to disarm is repeated at once.
+        self._last_sent = now if self._output.open else now - REPEAT_INTERVAL
 
 
 def names(status: int) -> str:

@@ -12,13 +12,17 @@ import secrets
 import signal
 import sys
 import time
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
+from typing import Any
 
 from pendubot_identification.errors import ParameterError, PendubotError
+from pendubot_identification.link.protocol import Limits
 from pendubot_identification.link.pty_server import PtyServer
-from pendubot_identification.link.virtual_board import BoardSettings, Faults, VirtualBoard
+from pendubot_identification.link.virtual_board import LIMITS, BoardSettings, Faults, VirtualBoard
+from pendubot_identification.model.dynamics import GRAVITY
 from pendubot_identification.model.parameters import PRESETS
 from pendubot_identification.model.simulation import HANGING, LatePlant
 
@@ -28,6 +32,8 @@ from .shutdown import Shutdown, ended
 EPILOG = f"""\
 faults: {', '.join(each.name for each in fields(Faults))}
   (those named _at are seconds after the start, the others probabilities for each frame or sample)
+limits: {', '.join(each.name for each in fields(Limits))}
+  (in the units of docs/protocol.md; 0: no such limit)
 
 example:
   virtual_board --link /tmp/pendubot --rate 100 --fault bit_flip=0.001 --fault reset_at=20
@@ -77,6 +83,8 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument('--trace', type=Path, metavar='FILE', help='write every sample as the board took it, as CSV')
     fault = 'something that goes wrong, see below; repeatable'
     p.add_argument('--fault', action='append', default=[], metavar='NAME=VALUE', help=fault)
+    limit = 'a limit at which the board switches its motor off, see below; repeatable'
+    p.add_argument('--limit', action='append', default=[], metavar='NAME=VALUE', help=limit)
     qemu = "the firmware of a real board, run by QEMU: 100 Hz, the paper's pendubot; only --link counts besides"
     p.add_argument('--qemu', action='store_true', help=qemu)
     number('--duration', math.inf, 'S', 'end after so many seconds')
@@ -95,7 +103,6 @@ def make_board(options: argparse.Namespace) -> VirtualBoard:
             raise ParameterError(f'--{name} is {value:g}{unit}; a number from {low} to {high} is expected')
     if options.seed < 0:
         raise ParameterError(f'--seed is {options.seed}; a number of at least 0 is expected')
-    settings = BoardSettings(options.counts, options.torque_limit, sample_period_us=round(1e6 / options.rate))
     parameters = PRESETS[options.preset]
     if options.parameters is not None:
         # Only here: the board has no other use for what this imports, and starts ten times faster without.
@@ -105,19 +112,28 @@ def make_board(options: argparse.Namespace) -> VirtualBoard:
     chance = random.Random(options.seed)
     q1, q2 = (q + chance.uniform(-options.spread, options.spread) for q in STARTS[options.start])
     plant = LatePlant(parameters, options.delay, (q1, q2))
-    faults = Faults(**dict(map(_fault, options.fault)))
+    # What holds both links level is no stall.
+    held = 1.5 * ((parameters.P4 + parameters.P5) * GRAVITY + parameters.Fc1)
+    limits = replace(LIMITS, stall_torque=max(LIMITS.stall_torque, round(1e6 * held)))
+    limits = replace(limits, **_named('limit', options.limit, Limits, int))
+    period = round(1e6 / options.rate)
+    settings = BoardSettings(options.counts, options.torque_limit, sample_period_us=period, limits=limits)
+    faults = Faults(**_named('fault', options.fault, Faults, float))
     return VirtualBoard(plant, settings, faults, options.seed, held=(q1, q2) != HANGING)
 
 
-def _fault(text: str) -> tuple[str, float]:
-    name, _, value = text.partition('=')
-    names = [each.name for each in fields(Faults)]
-    if name not in names:
-        raise ParameterError(f'there is no fault {name!r}; the faults are {", ".join(names)}')
-    try:
-        return name, float(value)
-    except ValueError:
-        raise ParameterError(f'the fault {text!r} has no number; write {name}=VALUE') from None
+def _named(kind: str, texts: Sequence[str], table: type, number: Callable[[str], Any]) -> dict[str, Any]:
+    """Return what options of the form NAME=VALUE say, by the names of a table's fields."""
+    names, found = [each.name for each in fields(table)], {}
+    for text in texts:
+        name, _, value = text.partition('=')
+        if name not in names:
+            raise ParameterError(f'there is no {kind} {name!r}; the {kind}s are {", ".join(names)}')
+        try:
+            found[name] = number(value)
+        except ValueError:
+            raise ParameterError(f'the {kind} {text!r} has no number; write {name}=VALUE') from None
+    return found
 
 
 def _tell(what: str) -> None:

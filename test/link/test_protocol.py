@@ -16,30 +16,34 @@ from hypothesis import strategies as st
 
 from pendubot_identification.link.protocol import (
     MAX_FRAME,
+    Arm,
     Command,
     Damaged,
     Decoder,
     Hello,
     HelloRequest,
+    Limits,
     State,
     Status,
     encode,
     frame,
 )
 
-ALL = (State, Command, Hello, HelloRequest)
+ALL = (State, Command, Hello, HelloRequest, Arm)
 
 u8, u16, u32 = (st.integers(0, 2**n - 1) for n in (8, 16, 32))
 i16, i32 = (st.integers(-(2 ** (n - 1)), 2 ** (n - 1) - 1) for n in (16, 32))
 ascii_name = st.text(st.characters(min_codepoint=33, max_codepoint=126), max_size=16)
+limits = st.builds(Limits, *[u32] * 5, *[u16] * 4)
 messages = st.one_of(
-    st.builds(State, u16, u32, i32, i32, i32, i16, u16, u16, u16),
-    st.builds(Command, u16, u32, u8, u16, i32, u8),
-    st.builds(Hello, u16, u32, u32, u8, u16, u32, u32, i32, u32, ascii_name),
+    st.builds(State, u16, u32, i32, i32, i32, i16, u16, u16, u32, u16, u16),
+    st.builds(Command, u16, u32, u8, u16, i32, u8, u32),
+    st.builds(Hello, u16, u32, u32, u8, u16, u32, u32, i32, u32, ascii_name, u8, u32, u32, u32, limits),
+    st.builds(Arm, u16, u32, u32, u32, u16, u16, u8),
     st.builds(HelloRequest, u16, u32),
 )
 
-STATE = State(7, 123456, 4000, -1, -1_000_000, -250, 2400, 3, Status.ARMED | Status.SATURATED)
+STATE = State(7, 123456, 4000, -1, -1_000_000, -250, 2400, 3, Status.ARMED | Status.SATURATED, 9, 5)
 
 
 def reference_frame(body):
@@ -57,16 +61,23 @@ def reference_frame(body):
 @pytest.mark.parametrize(
     ('message', 'layout', 'fields'),
     [
-        (STATE, '<BBHIiiihHHH', (1, 1, 7, 123456, 4000, -1, -1_000_000, -250, 2400, 3, 0b1001)),
-        (Command(9, 10, 1, 100, -5), '<BBHIBBHi', (2, 1, 9, 10, 1, 0, 100, -5)),
+        (STATE, '<BBHIiiihHHIHH', (1, 2, 7, 123456, 4000, -1, -1_000_000, -250, 2400, 3, 0b1001, 9, 5)),
+        (Command(9, 10, 1, 100, -5, session=77), '<BBHIBBHiI', (2, 2, 9, 10, 1, 0, 100, -5, 77)),
         (
-            Hello(1, 2, 0xDEADBEEF, 4, 500, 4000, 8192, 2_000_000, 10_000, 'firmware 1.2'),
-            '<BBHIIBBHIIiI16s',
-            (3, 1, 1, 2, 0xDEADBEEF, 4, 0, 500, 4000, 8192, 2_000_000, 10_000, b'firmware 1.2\0\0\0\0'),
+            Hello(
+                1, 2, 0xDEADBEEF, 4, 500, 4000, 8192, 2_000_000, 10_000, 'firmware 1.2', 3, 0x08000100, 0xABC, 200_000,
+                Limits(*range(1, 10)),
+            ),
+            '<BBHIIBBHIIiI3I5I4H16s',
+            (
+                3, 2, 1, 2, 0xDEADBEEF, 4, 3, 500, 4000, 8192, 2_000_000, 10_000, 0x08000100, 0xABC, 200_000,
+                *range(1, 10), b'firmware 1.2\0\0\0\0',
+            ),
         ),
-        (HelloRequest(9, 10), '<BBHI', (4, 1, 9, 10)),
+        (HelloRequest(9, 10), '<BBHI', (4, 2, 9, 10)),
+        (Arm(9, 10, 0xDEADBEEF, 77, 5, 100, 1), '<BBHIIIHHB', (5, 2, 9, 10, 0xDEADBEEF, 77, 5, 100, 1)),
     ],
-)
+)  # fmt: skip
 def test_every_message_is_laid_out_as_the_protocol_says(message, layout, fields):
     assert encode(message) == reference_frame(struct.pack(layout, *fields))
 
@@ -97,20 +108,23 @@ def test_the_events_are_the_same_for_every_chunking(pieces, data):
 @pytest.mark.parametrize(
     ('data', 'reason'),
     [
-        (frame(bytes([0x01, 2]) + encode(STATE)[3:9]), 'version'),
-        (frame(bytes([0x05, 1]) + bytes(6)), 'type'),
-        (frame(bytes([0x02, 1]) + bytes(14)), 'type'),
-        (frame(bytes([0x01, 1]) + bytes(6)), 'length'),
-        (frame(bytes([0x01, 1]) + bytes(27)), 'length'),
+        (frame(bytes([0x01, 3]) + encode(STATE)[3:9]), 'version'),
+        (frame(bytes([0x06, 2]) + bytes(6)), 'type'),
+        (frame(bytes([0x02, 2]) + bytes(18)), 'type'),
+        (frame(bytes([0x01, 2]) + bytes(6)), 'length'),
+        (frame(bytes([0x01, 2]) + bytes(33)), 'length'),
         (frame(b''), 'length'),
-        (frame(bytes([0x04, 1]) + b'abcdef').replace(b'f', b'g'), 'crc'),
+        (frame(bytes([0x04, 2]) + b'abcdef').replace(b'f', b'g'), 'crc'),
         (b'\x05ab\0', 'cobs'),
         (b'\x02a\x05b\0', 'cobs'),
         (b'\xffabc\0', 'cobs'),
     ],
 )
 def test_what_makes_no_sense_is_damaged_and_delimiters_alone_are_nothing(data, reason):
-    assert Decoder().feed(data + bytes(10) + encode(STATE) + bytes(3)) == [Damaged(reason), STATE]
+    assert Decoder().feed(data + bytes(10) + encode(STATE) + bytes(3)) == [
+        Damaged(reason, 3 if reason == 'version' else 0),
+        STATE,
+    ]
 
 
 def test_a_flood_without_delimiters_is_counted_once_and_not_kept():

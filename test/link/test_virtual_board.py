@@ -8,7 +8,17 @@ import math
 import pytest
 
 from pendubot_identification.errors import ParameterError
-from pendubot_identification.link.protocol import Command, Decoder, Hello, HelloRequest, State, Status, encode
+from pendubot_identification.link.protocol import (
+    Arm,
+    Command,
+    Decoder,
+    Hello,
+    HelloRequest,
+    Limits,
+    State,
+    Status,
+    encode,
+)
 from pendubot_identification.link.virtual_board import BoardSettings, Faults, VirtualBoard
 from pendubot_identification.model.parameters import PAPER
 from pendubot_identification.model.simulation import Plant
@@ -21,21 +31,32 @@ class Bench:
         self.board = VirtualBoard(plant or Plant(PAPER), settings, faults, seed)
         self.decoder = Decoder()
         self.seq = 0
+        self.last = None
 
     def step(self, samples=1):
         """Return the last STATE."""
         return [e for e in self.events(samples) if isinstance(e, State)][-1]
 
     def events(self, samples=1):
-        return [event for _ in range(samples) for event in self.decoder.feed(self.board.advance())]
+        found = [event for _ in range(samples) for event in self.decoder.feed(self.board.advance())]
+        self.hello = next((e for e in found if isinstance(e, Hello)), getattr(self, 'hello', None))
+        self.last = found[-1]
+        return found
 
-    def send(self, mode, torque=0, watchdog_ms=100):
+    def send(self, mode, torque=0, watchdog_ms=100, session=5):
         self.seq += 1
-        self.board.receive(encode(Command(self.seq, 0, mode, watchdog_ms, torque)))
+        self.board.receive(encode(Command(self.seq, 0, mode, watchdog_ms, torque, session=session)))
+
+    def arm(self, session=5, lock=None, boot_id=None, watchdog_ms=100, flags=0):
+        """Ask to be armed, by default as it fits; a sample has to have been taken."""
+        self.seq += 1
+        lock = self.last.lock if lock is None else lock
+        boot_id = self.hello.boot_id if boot_id is None else boot_id
+        self.board.receive(encode(Arm(self.seq, 0, boot_id, session, lock, watchdog_ms, flags)))
 
     def armed(self):
-        self.send(0)
-        self.send(1)
+        self.step()
+        self.arm()
         assert self.step().status == Status.ARMED
         return self
 
@@ -53,22 +74,106 @@ def test_it_says_hello_at_boot_and_when_asked():
     assert (first.seq, first.boot_id, second.seq, state.seq) == (2, hello.boot_id, 3, 4)
 
 
-def test_it_obeys_only_mode_0_then_mode_1_at_the_start_and_after_a_watchdog_trip():
-    bench = Bench(BoardSettings(torque_limit=0.25))
+@pytest.mark.parametrize('wrong', [{'lock': 2}, {'boot_id': 1}, {'session': 0}, {}])
+def test_only_an_arm_that_fits_this_boot_arms(wrong):
+    bench = Bench()
+    bench.step()
+    bench.send(1, 100_000)
+    bench.send(0)
+    assert (bench.step().status, bench.last.lock, bench.last.refused) == (Status.REFUSED, 2, 1)
+    bench.arm(**{'lock': 1 if wrong.get('lock') else None} | {k: v for k, v in wrong.items() if k != 'lock'})
     bench.send(1, 100_000)
     state = bench.step()
-    assert (state.status, state.torque, state.cmd_seq) == (0, 0, 0)
-    bench.send(0)
-    assert bench.step().cmd_seq == 2
+    if wrong:
+        assert (state.status, state.torque, state.refused) == (Status.REFUSED, 0, 3)
+    else:
+        assert (state.status, state.torque, state.cmd_seq) == (Status.ARMED, 100_000, bench.seq)
+
+
+def test_only_the_session_that_armed_it_is_obeyed_and_mode_0_of_anybody_disarms():
+    bench = Bench().armed()
+    bench.send(1, 100_000)
+    bench.send(1, 900_000, session=6)
+    bench.arm(session=6)
+    state = bench.step()
+    assert (state.torque, state.refused, state.status) == (100_000, 2, Status.ARMED | Status.REFUSED)
+    bench.arm()  # the same once more: its torque stays
+    assert (bench.step().torque, bench.last.refused) == (100_000, 2)
+    lock = bench.last.lock
+    bench.send(0, session=6)
+    assert (bench.step().torque, bench.last.lock) == (0, lock + 1)
+    bench.send(1, 100_000)
+    assert (bench.step().torque, bench.last.refused) == (0, 2), 'late, but its own'
+    bench.arm(lock=lock)
+    assert (bench.step().status, bench.last.refused) == (Status.REFUSED, 3)
+
+
+def test_after_a_watchdog_trip_it_obeys_only_after_another_arming():
+    bench = Bench(BoardSettings(torque_limit=0.25)).armed()
     bench.send(1, -300_000, watchdog_ms=50)
     states = [bench.step() for _ in range(7)]
     assert [s.torque for s in states] == [-250_000] * 5 + [0] * 2
     assert [s.status for s in states] == [Status.ARMED | Status.SATURATED] * 5 + [Status.WATCHDOG] * 2
     bench.send(1, 100_000)
     assert bench.step().status == Status.WATCHDOG
+    bench.arm()
+    assert bench.step().status == Status.ARMED
+    bench.step(20)
+    assert bench.last.status == Status.WATCHDOG
     bench.send(0)
     assert bench.step().status == 0
-    bench.armed()
+
+
+def test_confirmed_zeros_are_remembered_until_a_restart():
+    bench = Bench(faults=Faults(reset_at=0.1))
+    bench.step()
+    bench.arm(flags=1)
+    assert bench.step().status == Status.ARMED | Status.ZEROED
+    bench.send(0)
+    assert bench.step().status == Status.ZEROED
+    assert bench.step(8).status == 0
+
+
+#: Limits, what happens, after how many samples of 10 ms the motor is off, and by what fault.
+LIMITED = [
+    (Limits(max_speed=2000), {}, 0.9, Status.SPEED, 3),
+    (Limits(max_travel1=300), {}, 0.9, Status.TRAVEL, 4),
+    (Limits(stall_torque=100_000, stall_ms=50), {'stuck_at': 0.0}, 0.2, Status.STALL, 5),
+    (Limits(continuous_ma=1000, overload_ms=100), {}, 0.2, Status.OVERLOAD, 10),
+    (Limits(max_vbus=2300), {}, 0.2, Status.OVERVOLTAGE, 0),
+]
+
+
+@pytest.mark.parametrize(('limits', 'faults', 'torque', 'fault', 'after'), LIMITED)
+def test_a_limit_disarms_and_is_named_until_a_mode_0(limits, faults, torque, fault, after):
+    bench = Bench(BoardSettings(limits=limits), Faults(**faults))
+    bench.step()
+    bench.arm()
+    torques = []
+    for _ in range(60):
+        bench.send(1, round(1e6 * torque))
+        torques.append(bench.step().torque)
+    assert bench.last.status & fault
+    assert torques.count(0) + torques.count(round(1e6 * torque)) == 60
+    assert sum(map(bool, torques)) == after
+    assert not any(torques[next(k for k, x in enumerate(torques) if not x) :]), 'once off, it stays off'
+    if fault not in (Status.OVERVOLTAGE, Status.TRAVEL):
+        bench.step(300)
+        assert bench.last.status == fault
+        bench.send(0)
+        assert bench.step().status == 0
+
+
+def test_a_torque_changes_by_no_more_than_the_slew_and_is_0_at_once():
+    bench = Bench(BoardSettings(sample_period_us=1000, limits=Limits(torque_slew=300_000))).armed()
+    bench.send(1, 1_000_000)
+    states = [bench.step() for _ in range(5)]
+    assert [s.torque for s in states] == [300_000, 600_000, 900_000, 1_000_000, 1_000_000]
+    assert [bool(s.status & Status.SLEW) for s in states] == [True] * 3 + [False] * 2
+    bench.send(1, -1_000_000)
+    assert bench.step(7).torque == -1_000_000
+    bench.send(0)
+    assert bench.step().torque == 0
 
 
 def test_the_torque_is_held_from_its_sample_until_the_next_and_moves_the_plant():
@@ -82,8 +187,7 @@ def test_the_torque_is_held_from_its_sample_until_the_next_and_moves_the_plant()
 
 
 def test_a_watchdog_of_0_trips_at_once_and_a_long_one_is_clamped():
-    bench = Bench()
-    bench.send(0)
+    bench = Bench().armed()
     bench.send(1, 100_000, watchdog_ms=0)
     state = bench.step()
     assert (state.status, state.torque) == (Status.WATCHDOG, 0)
@@ -93,27 +197,20 @@ def test_a_watchdog_of_0_trips_at_once_and_a_long_one_is_clamped():
     assert bench.step().status == Status.WATCHDOG
 
 
-def test_a_fault_switches_off_and_mode_1_is_ignored_while_it_stands():
-    bench = Bench(faults=Faults(over_current_at=0.05)).armed()
+def test_a_fault_switches_off_and_keeps_the_board_from_being_armed_while_it_lasts():
+    bench = Bench(faults=Faults(over_current_at=0.06)).armed()
     bench.send(1, 100_000, watchdog_ms=500)
     assert bench.step(4).torque == 100_000
     state = bench.step()
     assert (state.status, state.torque) == (Status.OVER_CURRENT, 0)
-    bench.send(0)
-    bench.send(1)
-    assert bench.step().status == Status.OVER_CURRENT
-    assert bench.step(10).status == 0
-    bench.send(1)
-    assert bench.step().status == Status.ARMED
-
-
-def test_a_fault_keeps_the_motor_off_until_mode_0_though_a_host_goes_on_commanding():
-    bench = Bench(faults=Faults(over_current_at=0.05)).armed()
-    for _ in range(20):
+    bench.arm()
+    assert bench.step().status == Status.OVER_CURRENT | Status.REFUSED
+    assert bench.step(20).status == Status.OVER_CURRENT, 'shown until a mode 0'
+    for _ in range(5):
         bench.send(1, 100_000)
-        bench.step()
-    assert bench.step().status == 0
-    bench.armed()
+        assert bench.step().torque == 0
+    bench.arm()
+    assert bench.step().status == Status.ARMED
 
 
 def test_a_frame_that_a_restart_cut_short_takes_none_along():
@@ -127,14 +224,14 @@ def test_a_frame_that_a_restart_cut_short_takes_none_along():
 def test_a_restart_begins_everything_anew_but_the_motion_and_ends_an_emergency_stop():
     faults = Faults(emergency_stop_at=0.05, reset_at=0.5)
     bench = Bench(faults=faults, plant=Plant(PAPER, q=(-1.0, 0.3))).armed()
-    first = next(e for e in Bench().events() if isinstance(e, Hello))
-    assert bench.step(49).status == Status.EMERGENCY_STOP
+    first = bench.hello
+    assert bench.step(48).status == Status.EMERGENCY_STOP
     hello, state = bench.events()
     assert hello.boot_id != first.boot_id
     assert (hello.seq, hello.t_us, state.t_us, state.enc1, state.enc2) == (0, 0, 0, 0, 0)
-    assert (state.status, state.cmd_seq) == (0, 0)
+    assert (state.status, state.cmd_seq, state.lock, state.refused) == (0, 0, 1, 0)
     bench.send(1)
-    assert bench.step().status == 0
+    assert bench.step().status == Status.REFUSED
     bench.armed()
 
 
