@@ -80,6 +80,10 @@ class BoardSettings:
             value = getattr(self, name)
             if not low <= value <= high:
                 raise ParameterError(f'{name} is {value:g}; a number from {low:g} to {high:g} is expected')
+        for each in fields(self.limits):
+            high = 65535 if each.name in ('stall_ms', 'continuous_ma', 'overload_ms', 'max_vbus') else 10**9
+            if not 0 <= (value := getattr(self.limits, each.name)) <= high:
+                raise ParameterError(f'{each.name} is {value:g}; a number from 0 to {high} is expected')
 
 
 @dataclass(frozen=True, slots=True)
