@@ -60,8 +60,8 @@ def read(
         topic: of a bag, with its JointStates.
         joint_names: of a bag, the names of shoulder and elbow.
         reading: what its numbers mean: columns (by quantity, what a file calls t [s], q1, q2, tau1 [N m], tau2, dq1,
-            dq2), degrees=True, zero='hanging', elbow='absolute', negate='q2', time_unit='ms', ...: options of the
-            command line, - written as _.
+            dq2), degrees=True, zero='hanging', elbow='absolute', negate='q2', time_unit='ms',
+            torque_constant=0.05 [N m/A], ...: options of the command line, - written as _.
 
     Raises:
         PendubotError: it cannot be read, is no motion, or is too long to be taken at once: give a window of it.

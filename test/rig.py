@@ -39,7 +39,8 @@ class Rig:
 
     def _on_sample(self, m):
         stamp = m.header.stamp.sec * 10**9 + m.header.stamp.nanosec
-        self.samples.append((time.time_ns(), stamp, *m.position, *m.velocity, *m.effort, *m.name))
+        joints = (value for field in (m.position, m.velocity, m.effort, m.name) for value in field[:2])
+        self.samples.append((time.time_ns(), stamp, *joints))
 
     def _on_diagnostics(self, array):
         self.statuses += array.status

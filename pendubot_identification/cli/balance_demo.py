@@ -129,9 +129,9 @@ class Watcher:
         from pendubot_identification.control.plan import HELD, deviation
 
         stamp = m.header.stamp.sec + m.header.stamp.nanosec * 1e-9
-        if not self.samples or deviation(np.array([m.position]))[0] > HELD:
+        if not self.samples or deviation(np.array([m.position[:2]]))[0] > HELD:
             self._fallen = stamp
-        self.samples.append((stamp, *m.position, m.effort[0]))
+        self.samples.append((stamp, *m.position[:2], m.effort[0]))
 
     def _on_diagnostics(self, array: Any) -> None:
         for status in array.status:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 def add_reading(parser: Any) -> None:
     """Add options that say how recordings are read; one that is not given is None."""
     group = parser.add_argument_group('how recordings are read', 'applied in this order, to all of them alike')
-    names = {'columns': 't=NAME,...', 'negate': 'q1,...', 'offset': 'q1=ANGLE,...'}
+    names = {'columns': 't=NAME,...', 'torque_constant': 'K', 'negate': 'q1,...', 'offset': 'q1=ANGLE,...'}
     for option in READING:
         add_option(group, option, **({'metavar': names[option.name]} if option.name in names else {}))
     group.add_argument(

@@ -159,6 +159,8 @@ class BagReader:
 class Stream:
     """The samples of two joints with START <= t < END, read anew at every iteration.
 
+    Efforts are those of ``effort_names``, by default of the joints themselves.
+
     Iterating gives blocks, each of t [ns] from the bag's first sample on the topic by ``header.stamp``, shape (N,), and
     of position [rad], effort [N m] and velocity [rad/s], NaN where there is none, shape (N, 3, 2).
 
@@ -174,9 +176,11 @@ class Stream:
         joint_names: Sequence[str],
         start: float | None = None,
         end: float | None = None,
+        *,
+        effort_names: Sequence[str] | None = None,
     ) -> None:
         _require(reader, topic)
-        self._reader, self._topic, self._joint_names = reader, topic, joint_names
+        self._reader, self._topic, self._joint_names, self._effort_names = reader, topic, joint_names, effort_names
         self._from_start = start is None
         self._low = round(min((start or 0.0) * 1e9, FOREVER_NS))
         self._high = FOREVER_NS if end is None else round(min(end * 1e9, FOREVER_NS))
@@ -189,7 +193,7 @@ class Stream:
         low, high, topics = self._low, self._high, [self._topic]
         first = next(iter(next(self._reader.messages(topics))))
         first_ns = decode_joint_state(first.data).stamp_ns
-        decode = JointDecoder(self._joint_names, f'{self._reader.path}: {self._topic}')
+        decode = JointDecoder(self._joint_names, f'{self._reader.path}: {self._topic}', self._effort_names)
         from_ns, until_ns = first.log_time + low - self._margin, first.log_time + high + self._margin
         earliest, latest = FOREVER_NS, -FOREVER_NS
         for messages in self._reader.messages(topics, max(from_ns, 0), min(until_ns, FOREVER_NS)):
@@ -262,7 +266,9 @@ def read_trajectory(
     if isinstance(reader, TableReader):
         motion = _of_table(reader, window)
     else:
-        motion = _of_bag(reader, window, Stream(reader, topic, joint_names, window.start, window.end), reading)
+        efforts = reading.effort_names(joint_names)
+        stream = Stream(reader, topic, joint_names, window.start, window.end, effort_names=efforts)
+        motion = _of_bag(reader, window, stream, reading)
     return RecordedTrajectory(motion, window, reader.content_hash, reader.closed, reader.note)
 
 

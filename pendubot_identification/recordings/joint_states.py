@@ -76,12 +76,15 @@ def decode_joint_state(data: bytes) -> JointState:
 class JointDecoder:
     """Reads two joints from many JointStates at once; ``source`` is named in errors.
 
+    Efforts are those of ``effort_names``, by default of the joints themselves.
+
     A JointState whose joints and frame keep their names differs from the others in its stamp and numbers alone. So one
     that rosbags has read says where the others hold theirs, until one comes that is laid out in another way.
     """
 
-    def __init__(self, joint_names: Sequence[str], source: str) -> None:
+    def __init__(self, joint_names: Sequence[str], source: str, effort_names: Sequence[str] | None = None) -> None:
         self._joint_names, self._source = joint_names, source
+        self._effort_names = effort_names or joint_names
         self._count = 0
         self._layout: _Layout | None = None
 
@@ -99,11 +102,12 @@ class JointDecoder:
             if left.size:
                 (message,) = messages.part(left[:1])
                 state = decode_joint_state(message.data)
-                joints = _joints(state, self._joint_names, f'{self._source}, sample {self._count + left[0]}')
-                stamps[left[0]], values[left[0], :2] = state.stamp_ns, (state.position[joints], state.effort[joints])
+                where = f'{self._source}, sample {self._count + left[0]}'
+                joints, efforts = _places(state, self._joint_names, self._effort_names, where)
+                stamps[left[0]], values[left[0], :2] = state.stamp_ns, (state.position[joints], state.effort[efforts])
                 if len(state.velocity) == len(state.names):
                     values[left[0], 2] = state.velocity[joints]
-                self._layout = _Layout.of(message.data, state, joints)
+                self._layout = _Layout.of(message.data, state, joints, efforts)
                 left = left[1:]
         self._count += len(messages)
         return stamps, values
@@ -123,7 +127,7 @@ class _Layout(NamedTuple):
     places: list[int]
 
     @classmethod
-    def of(cls, data: bytes, state: JointState, joints: list[int]) -> _Layout | None:
+    def of(cls, data: bytes, state: JointState, joints: list[int], efforts: list[int]) -> _Layout | None:
         """Return how a message is laid out; None where it is in another byte order, or longer than it says."""
         # Two messages that differ in every bit of their numbers, and nowhere else.
         clear, full = (_probe(state, bits) for bits in (0, -1))
@@ -135,7 +139,7 @@ class _Layout(NamedTuple):
         shared[4:12] = 0  # the stamp
         n, numbers = len(state.names), np.flatnonzero(clear != full)[::8]
         velocities = numbers[n:-n][joints] if len(state.velocity) == n else ()
-        return cls(own, shared, [*numbers[:n][joints], *numbers[-n:][joints], *velocities])
+        return cls(own, shared, [*numbers[:n][joints], *numbers[-n:][efforts], *velocities])
 
     def read(
         self, messages: Messages, which: NDArray[np.intp], stamps: NDArray[np.int64], values: NDArray[np.float64]
@@ -159,19 +163,26 @@ def _probe(state: JointState, bits: int) -> NDArray[np.uint8]:
     return np.frombuffer(encode_joint_state(0, state.names, position, velocity, effort, state.frame), np.uint8)
 
 
-def _joints(state: JointState, joint_names: Sequence[str], where: str) -> list[int]:
-    """Return the places of two joints, each of which has a position and an effort."""
-    n = len(state.names)
+def _places(
+    state: JointState, joint_names: Sequence[str], effort_names: Sequence[str], where: str
+) -> tuple[list[int], list[int]]:
+    """Return the places of two joints, and those of their efforts, which may be entries of their own."""
+    n, there = len(state.names), ', '.join(state.names) or 'none'
     if missing := [name for name in joint_names if name not in state.names]:
-        there = ', '.join(state.names) or 'none'
         raise BagError(f'{where} has no joint {missing[0]!r}; its joints are {there}: name two of these')
+    if missing := [name for name in effort_names if name not in state.names]:
+        raise BagError(
+            f'{where} has no measured current: its joints are {there}, and {missing[0]} is expected beside them; '
+            'record with a bridge of this version, or leave out --torque-constant'
+        )
     if len(state.position) != n:
         raise BagError(f'{where} has {len(state.position)} positions for {n} joints; each joint needs one')
     if len(state.effort) != n:
         raise BagError(
             f'{where} has {len(state.effort)} efforts for {n} joints; each joint needs one, 0 where it is not driven'
         )
-    return [state.names.index(name) for name in joint_names]
+    joints, efforts = ([state.names.index(name) for name in names] for names in (joint_names, effort_names))
+    return joints, efforts
 
 
 def write_trajectory(

@@ -38,7 +38,8 @@ def stream_samples(
         whole = np.column_stack([motion.t, motion.q, motion.tau])
         yield from (whole[k : k + PART] for k in range(0, len(whole), PART))
         return
-    stream = Stream(reader, topic, joint_names, window.start, window.end)
+    efforts = reading.effort_names(joint_names)
+    stream = Stream(reader, topic, joint_names, window.start, window.end, effort_names=efforts)
     Q, c, T, d = reading.affine
     for elapsed_ns, values in stream:
         yield np.column_stack([elapsed_ns / 1e9, values[:, 0] @ Q.T + c, values[:, 1] @ T.T + d])

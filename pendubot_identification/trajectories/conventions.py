@@ -14,6 +14,12 @@ from pendubot_identification.setting import Setting
 REQUIRED = ('t', 'q1', 'q2', 'tau1')
 OPTIONAL = ('tau2', 'dq1', 'dq2')
 
+
+def current_name(shoulder: str) -> str:
+    """Return the name of the entry of a JointState whose effort is the measured motor current [A]."""
+    return f'{shoulder}_current'
+
+
 #: In seconds and in N m.
 TIME_UNITS = {'s': 1.0, 'ms': 1e-3, 'us': 1e-6, 'ns': 1e-9}
 TORQUE_UNITS = {'Nm': 1.0, 'mNm': 1e-3, 'Ncm': 1e-2, 'kgfcm': 0.0980665, 'ozfin': 0.00706155}
@@ -37,6 +43,18 @@ READING = (
         'nothing',
         'what stands in the wrong order: positions and efforts of both joints, or one of these',
         choices=('nothing', 'joints', 'positions', 'efforts'),
+    ),
+    Setting(
+        'torque_constant',
+        0.0,
+        "the shoulder's torque is this constant times a measured current [A]: of a bag, the effort of the entry "
+        'SHOULDER_current; of a file with columns, tau1. A current is the one at the time of its sample; hold says how '
+        'it changes until the next. With another torque_unit the constant is in that unit per ampere. By default, or '
+        'with 0, the torque is the effort, as commanded',
+        'N m/A',
+        0.0,
+        1e6,
+        optional=True,
     ),
     Setting(
         'negate',

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from itertools import combinations, product
 from typing import Any, NamedTuple
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from pendubot_identification.errors import ParameterError
 
-from .conventions import OPTIONAL, READING, REQUIRED, TIME_UNITS, TORQUE_UNITS
+from .conventions import OPTIONAL, READING, REQUIRED, TIME_UNITS, TORQUE_UNITS, current_name
 from .trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -60,6 +60,7 @@ class Reading:
     degrees: bool = False
     torque_unit: str = 'Nm'
     swap: str = 'nothing'
+    torque_constant: float = 0.0  #: [torque_unit/A]; 0: efforts are torques, not currents.
     negate: tuple[str, ...] = ()
     elbow: str = 'relative'
     zero: str = 'horizontal'
@@ -67,8 +68,7 @@ class Reading:
 
     def __post_init__(self) -> None:
         for setting in READING:
-            if setting.choices:
-                setting.check(getattr(self, setting.name))
+            setting.check(getattr(self, setting.name))
         for option, given, known in (
             ('columns', self.columns, REQUIRED + OPTIONAL),
             ('negate', self.negate, SIGNED),
@@ -108,6 +108,11 @@ class Reading:
                 if str(value).lower() not in ('true', 'false'):
                     raise known[name].refusal(value)
                 value = str(value).lower() == 'true'
+            elif isinstance(known[name].default, float):
+                try:
+                    value = float(value)
+                except (TypeError, ValueError):
+                    raise known[name].refusal(value) from None
             chosen[name] = value
         return cls(**chosen)
 
@@ -124,6 +129,8 @@ class Reading:
                 value = ','.join(value)
             elif isinstance(value, bool):
                 value = 'true' if value else ''
+            elif isinstance(value, float):
+                value = str(value) if value else ''
             if value and value != each.default:
                 said[each.name] = value
         return said
@@ -143,14 +150,27 @@ class Reading:
         return TIME_UNITS[self.time_unit]
 
     @property
+    def _exchanges_efforts(self) -> bool:
+        return self.swap in ('joints', 'efforts')
+
+    def effort_names(self, joint_names: Sequence[str]) -> list[str]:
+        """Return the names of the two entries of a JointState whose efforts become tau1 and tau2, before any swap."""
+        names = list(joint_names)
+        if self.torque_constant:
+            names[self._exchanges_efforts] = current_name(joint_names[0])
+        return names
+
+    @property
     def affine(self) -> Affine:
         """What is done to positions, velocities and efforts."""
         signs = [-1.0 if name in self.negate else 1.0 for name in SIGNED]
         Q, T = np.diag(signs[:2]), np.diag(signs[2:])
         if self.swap in ('joints', 'positions'):
             Q = Q @ _EXCHANGED
-        if self.swap in ('joints', 'efforts'):
+        if self._exchanges_efforts:
             T = T @ _EXCHANGED
+        if self.torque_constant:
+            T = np.diag([self.torque_constant, 1.0]) @ T
         if self.elbow == 'absolute':
             # Both angles are from the same zero, so it must not be shifted first.
             Q = np.array([[1.0, 0.0], [-1.0, 1.0]]) @ Q

@@ -8,11 +8,8 @@ import signal
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.serialization import deserialize_message
-from sensor_msgs.msg import JointState
 
 from pendubot_identification.nodes.bridge import Bridge
-from pendubot_identification.nodes.joint_state_bytes import JointStateBytes
 from pendubot_identification.nodes.shutdown import Shutdown
 from test.processes import Program, spin_until
 from test.rig import ARMED, WATCHDOG
@@ -136,13 +133,3 @@ def test_a_computers_clock_that_is_set_meanwhile_is_reported_once_and_stands_in_
         bridge.close()
         bridge.destroy_node()
         node.destroy_node()
-
-
-def test_the_bytes_that_are_published_are_the_message():
-    for names in (['shoulder', 'elbow'], ['a', 'joint with a long name']):
-        message = JointStateBytes(names)
-        message.fill(1, (9.0, 9.0), (9.0, 9.0), 9.0)
-        data = message.fill(1_700_000_000_123_456_789, (-1.5, 2.5), (3.5, -4.5), 0.25)
-        expected = JointState(name=names, position=[-1.5, 2.5], velocity=[3.5, -4.5], effort=[0.25, 0.0])
-        expected.header.stamp.sec, expected.header.stamp.nanosec = 1_700_000_000, 123_456_789
-        assert deserialize_message(data, JointState) == expected

@@ -91,6 +91,23 @@ def test_the_other_byte_order_is_read_too():
         np.testing.assert_array_equal(one, other)
 
 
+@given(messages(), st.sampled_from([('a', 'elbow'), ('shoulder', 'a')]))
+def test_efforts_are_read_from_entries_of_their_own_where_these_are_there(encoded, effort_names):
+    _, found = understood(b''.join(map(record, encoded)))
+    states = [decode_joint_state(message) for message in encoded]
+    lacking = [k for k, state in enumerate(states) if 'a' not in state.names]
+    if lacking:
+        with pytest.raises(
+            BagError, match=rf'bag, sample {lacking[0]} has no measured current: its joints are .*, and a '
+        ):
+            JointDecoder(JOINTS, 'bag', effort_names)(found)
+        return
+    _, values = JointDecoder(JOINTS, 'bag', effort_names)(found)
+    np.testing.assert_array_equal(values[:, [0, 2]], expected(*encoded)[1][:, [0, 2]])
+    efforts = [[state.effort[state.names.index(name)] for name in effort_names] for state in states]
+    np.testing.assert_array_equal(values[:, 1], efforts)
+
+
 @pytest.mark.parametrize('data', [b'', b'\x00\x01\x00\x00', b'\x00\x01\x00\x00' + b'\xff' * 100])
 def test_what_is_no_joint_state_is_one_sentence(data):
     with pytest.raises(BagError, match='is no sensor_msgs/msg/JointState'):

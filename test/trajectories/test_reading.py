@@ -3,6 +3,8 @@
 
 """What a recording's numbers mean, said by options and mended by them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -18,6 +20,7 @@ READINGS = st.builds(
     degrees=st.booleans(),
     torque_unit=st.sampled_from(list(TORQUE_UNITS)),
     swap=st.sampled_from(['nothing', 'joints', 'positions', 'efforts']),
+    torque_constant=st.one_of(st.just(0.0), st.floats(0.01, 10)),
     negate=SIGNS,
     elbow=st.sampled_from(['relative', 'absolute']),
     zero=st.sampled_from(['horizontal', 'hanging']),
@@ -40,7 +43,8 @@ def test_the_words_of_a_reading_say_the_same_again(reading):
 @settings(max_examples=25)
 @given(READINGS, READINGS)
 def test_one_reading_is_mended_into_another_where_options_say_it(one, other):
-    """What is changed between them is found again, whatever stood there before."""
+    """What is changed between them is found again, whatever stood there before, for the same torque constant."""
+    other = replace(other, torque_constant=one.torque_constant)
     inverse = Affine.of(np.linalg.inv(one.affine.Q), T=np.linalg.inv(one.affine.T))
     undone = inverse._replace(c=-inverse.Q @ one.affine.c, d=-inverse.T @ one.affine.d)
     mended = one.then(other.affine.after(undone))
@@ -56,6 +60,13 @@ def test_what_no_options_say_is_not_mended():
     assert Reading().then(Affine.of(T=3 * np.eye(2))) is None
 
 
+@pytest.mark.parametrize('swap', ['nothing', 'efforts'])
+def test_the_torque_constant_scales_the_shoulders_torque_whichever_column_that_is(swap):
+    reading = Reading.of({'swap': swap, 'torque_constant': '50', 'torque_unit': 'mNm', 'offset': 'tau1=0.01'})
+    efforts = 2 * NUMBERS if swap == 'nothing' else 2 * NUMBERS[:, ::-1]
+    np.testing.assert_allclose(motion(reading).tau, efforts * [0.05, 0.001] - [0.01, 0])
+
+
 @pytest.mark.parametrize(
     ('given', 'sentence'),
     [
@@ -65,6 +76,8 @@ def test_what_no_options_say_is_not_mended():
         ({'offset': 'tau1=5deg'}, '--offset tau1=5deg is not understood'),
         ({'swap': 'elbows'}, 'swap is elbows; one of nothing, joints, positions, efforts is expected'),
         ({'degrees': 'maybe'}, 'degrees is maybe; true or false is expected'),
+        ({'torque_constant': 'k'}, 'torque_constant is k; a number with a decimal point from 0 to 1000000 N m/A is'),
+        ({'torque_constant': -0.1}, 'torque_constant is -0.1; a number with a decimal point from 0'),
         ({'colour': 'red'}, "'colour' says nothing of how data are read"),
     ],
 )

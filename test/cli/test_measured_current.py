@@ -1,0 +1,123 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""A motor that gives less torque than commanded, identified from its measured current (--torque-constant)."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import yaml
+
+from pendubot_identification.excitation.excitation import PulseTrain
+from pendubot_identification.model.parameters import PAPER
+from pendubot_identification.model.simulation import quantised, simulate
+from pendubot_identification.recordings.bag_writer import BagWriter
+from pendubot_identification.recordings.joint_states import (
+    EPOCH_NS,
+    JOINT_STATE,
+    JOINT_STATES_TOPIC,
+    encode_joint_state,
+    write_trajectory,
+)
+
+#: The motor's constant [N m/A], and the part of the commanded torque that it gives with a winding 50 K warmer.
+K, LEFT = 0.05, 0.8
+IDENTIFY = ('--criterion', 'trajectory', '--model', 'viscous', '--json')
+INERTIAL = ('P1', 'P2', 'P3', 'P4', 'P5')
+
+
+@pytest.fixture(scope='module')
+def motion():
+    """What encoders read of the rig, with the torque that truly acted."""
+    t = np.arange(3600) / 200
+    tau = np.column_stack([PulseTrain().torques(t), np.zeros_like(t)])
+    return quantised(simulate(PAPER, t, tau), 4000)
+
+
+@pytest.fixture(scope='module')
+def warm(motion, tmp_path_factory):
+    """A folder with a bag as the bridge's messages make it, one as earlier bridges made it, and a file with columns."""
+    folder = tmp_path_factory.mktemp('warm')
+    commanded, current = motion.tau[:, 0] / LEFT, motion.tau[:, 0] / K
+    names = ('shoulder', 'elbow', 'shoulder_current')
+    with BagWriter(folder / 'bag') as bag:
+        channel = bag.add_topic(JOINT_STATES_TOPIC, JOINT_STATE)
+        for at, q, torque, ampere in zip(motion.t, motion.q, commanded, current, strict=True):
+            stamp = EPOCH_NS + round(at * 1e9)
+            bag.write(channel, encode_joint_state(stamp, names, [*q, 0], [0, 0, 0], [torque, 0, ampere]), stamp)
+    write_trajectory(folder / 'earlier', replace(motion, tau=motion.tau / LEFT))
+    rows = np.column_stack([motion.t, motion.q, current])
+    np.savetxt(folder / 'log.csv', rows, delimiter=',', header='t,q1,q2,ampere', comments='', fmt='%.12g')
+    return folder
+
+
+@pytest.fixture
+def identified(run):
+    """Identifies; returns the result as JSON gives it."""
+
+    def identified(*arguments):
+        status, out, err = run('identify', *arguments, *IDENTIFY)
+        assert (status, err) == (0, '')
+        return json.loads(out)
+
+    return identified
+
+
+def assert_right(result):
+    """The true parameters lie in their intervals, which say something; how it was read is recorded."""
+    assert result['reading']['torque_constant'] == str(K)
+    for name in INERTIAL:
+        low, high = result['parameters'][name]['interval']
+        assert low < getattr(PAPER, name) < high, name
+        assert high - low < 0.1 * getattr(PAPER, name), name
+
+
+def test_a_bag_is_identified_from_the_current_and_else_from_the_commanded_torque(identified, warm, tmp_path):
+    output = tmp_path / 'result.yaml'
+    assert_right(identified(warm / 'bag', '--torque-constant', K, '--output', output))
+    assert yaml.safe_load(output.read_text())['reading'] == {'torque_constant': str(K)}
+    assert_right(identified(warm / 'bag', '--map', output))
+    for options in ((), ('--torque-constant', '0')):
+        commanded = identified(warm / 'bag', *options)
+        assert commanded['reading'] == {}
+        ratios = [commanded['parameters'][name]['value'] / getattr(PAPER, name) for name in INERTIAL]
+        np.testing.assert_allclose(ratios, 1 / LEFT, rtol=0.03)
+
+
+def test_a_file_with_columns_holds_a_current_in_place_of_the_torque(identified, run, warm, tmp_path):
+    options = ('--columns', 'tau1=ampere', '--torque-constant', K)
+    assert_right(identified(warm / 'log.csv', *options, '--save-map', tmp_path / 'lab.yaml'))
+    assert_right(identified(warm / 'log.csv', '--map', tmp_path / 'lab.yaml'))
+    status, out, _ = run('info', warm / 'log.csv', '--map', tmp_path / 'lab.yaml')
+    assert (status, f'--torque-constant {K}' in out) == (0, True)
+    # A bag that is made of it holds the torque, so that nothing need be said when that is read.
+    assert run('import', warm / 'log.csv', *options, '--output', tmp_path / 'bag')[0] == 0
+    imported = identified(tmp_path / 'bag')
+    assert_right(imported | {'reading': {'torque_constant': str(K)}})
+
+
+@pytest.mark.parametrize('command', ['identify', 'track'])
+def test_a_bag_without_the_current_is_one_sentence(refused, warm, command):
+    line = refused(command, warm / 'earlier', '--torque-constant', K)
+    assert line.endswith(
+        'sample 0 has no measured current: its joints are shoulder, elbow, and shoulder_current is expected beside '
+        'them; record with a bridge of this version, or leave out --torque-constant'
+    )
+
+
+@pytest.mark.parametrize(('value', 'found'), [('x', "'x'"), ('-1', 'torque_constant is -1.0'), ('nan', 'is nan')])
+def test_a_constant_that_makes_no_sense_is_wrong_usage(refused, warm, value, found):
+    assert found in refused('identify', warm / 'bag', f'--torque-constant={value}', status=2)
+
+
+def test_a_rig_is_followed_by_its_current(run, warm):
+    found = {}
+    for options in ((), ('--torque-constant', K)):
+        status, out, err = run('track', warm / 'bag', '--model', 'viscous', '--json', *options)
+        assert (status, err) == (0, '')
+        found[options] = json.loads(out)['parameters']
+    for name in INERTIAL:
+        values = [parameters[name]['value'] / getattr(PAPER, name) for parameters in found.values()]
+        np.testing.assert_allclose(values, [1 / LEFT, 1], rtol=0.03)
