@@ -27,6 +27,8 @@ class Rig:
         from std_srvs.srv import Trigger
 
         self.port, self.trace_file = folder / 'board', folder / 'trace.csv'
+        #: Where the bridge finds the board, if not at its own port.
+        self.bridge_port = None
         self.board_options = ('--link', self.port, '--rate', rate, *board_options)
         self.programs, self.samples = [], []
         #: What is said on /diagnostics, of the bridge and of all.
@@ -56,7 +58,9 @@ class Rig:
         return board
 
     def start_bridge(self, *parameters, before=()):
-        options = [part for p in (f'port:={self.port}', *parameters) for part in ('-p', p)]
+        # Virtual boards begin where their zeros are; what is given later counts.
+        given = f'port:={self.bridge_port or self.port}', 'confirm_zeros:=false', *parameters
+        options = [part for p in given for part in ('-p', p)]
         bridge = self.start('bridge', '--ros-args', *options, before=before)
         self.until(
             lambda: (

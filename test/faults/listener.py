@@ -49,7 +49,7 @@ def main():
     stamps, values = array('q'), array('d')
     for m in (deserialize_message(data, JointState) for data in messages):
         stamps.append(m.header.stamp.sec * 10**9 + m.header.stamp.nanosec)
-        values.extend((*m.position, *m.effort[:1]))
+        values.extend((*m.position[:2], *m.effort[:1]))
     with open(sys.argv[1], 'wb') as file:
         np.save(file, np.column_stack([times, stamps]).astype(np.int64))
         np.save(file, np.array(values).reshape(-1, 3))

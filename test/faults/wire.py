@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A serial port of one's own to misbehave on, an independent receiver, and damage from a seed."""
+"""Serial ports of one's own to misbehave on, an independent receiver, and damage from a seed."""
 
 import binascii
 import os
@@ -12,14 +12,15 @@ import threading
 import time
 import tty
 
-from pendubot_identification.link.protocol import Command, Decoder, Hello, HelloRequest, State, encode
+from pendubot_identification.link.protocol import Arm, Command, Decoder, Hello, HelloRequest, Limits, State, encode
 
 #: Counts per turn, and the largest torque [micro-N m], of the board that is played here.
 CPR, LIMIT = 4000, 1_500_000
 
 
 def hello(seq, t_us, boot_id=77):
-    return Hello(seq, t_us, boot_id, 1, 500, CPR, CPR, LIMIT, 1000, 'trial')
+    limits = Limits(max_speed=100_000)
+    return Hello(seq, t_us, boot_id, 1, 500, CPR, CPR, LIMIT, 1000, 'trial', limits=limits)
 
 
 def numbered_state(k, status=0, cmd_seq=0):
@@ -80,7 +81,7 @@ class Receiver:
                 left -= 1
         if left or len(out) < 12 or struct.unpack('<I', out[-4:])[0] != binascii.crc32(out[:-4]):
             return None
-        right = {(1, 1): 28, (3, 1): 48}.get((out[0], out[1]))
+        right = {(1, 2): 34, (3, 2): 88}.get((out[0], out[1]))
         return bytes(out[:-4]) if len(out) - 4 == right else None
 
 
@@ -99,7 +100,7 @@ class Line:
         self._thread.start()
 
     def _listen(self):
-        decoder = Decoder(accept=(Command, HelloRequest))
+        decoder = Decoder(accept=(Command, HelloRequest, Arm))
         while not self._ended.is_set():
             if not select.select([self.master], [], [], 0.05)[0]:
                 continue
@@ -140,3 +141,66 @@ class Line:
         self._ended.set()
         self._thread.join()
         os.close(self.master)
+
+
+class Tap:
+    """Both wires between a board and a host, to be cut, rewritten, or written to by a third program.
+
+    Args:
+        board: where the board is found.
+        link: where the host finds this.
+
+    Attributes:
+        cut: the wires that are cut: ``to_host``, ``to_board``.
+        rewrite: makes of each message of the board the one that the host hears; None leaves the bytes alone.
+        lock, boot_id: what the board last said, for a program that knows the protocol.
+    """
+
+    def __init__(self, board, link):
+        self.cut, self.rewrite = set(), None
+        self.lock = self.boot_id = 0
+        self._board = os.open(board, os.O_RDWR | os.O_NOCTTY)
+        tty.setraw(self._board)
+        self._host, slave = pty.openpty()
+        tty.setraw(slave)
+        link.symlink_to(os.ttyname(slave))
+        self._slave = slave  # open, so that a host may come and go
+        self._ended = threading.Event()
+        self._lock = threading.Lock()
+        self._thread = threading.Thread(target=self._carry, daemon=True)
+        self._thread.start()
+
+    def inject(self, *messages):
+        """Write to the board as another program on the port does, between two frames."""
+        data = b'\0' + b''.join(map(encode, messages))
+        with self._lock:
+            os.write(self._board, data)
+
+    def _carry(self):
+        decoder, frame = Decoder(), b''
+        while not self._ended.is_set():
+            ready, _, _ = select.select([self._board, self._host], [], [], 0.05)
+            if self._host in ready:
+                frame += os.read(self._host, 4096)
+                whole, found, rest = frame.rpartition(b'\0')
+                frame = rest
+                if 'to_board' not in self.cut:
+                    with self._lock:
+                        os.write(self._board, whole + found)
+            if self._board in ready:
+                data = os.read(self._board, 4096)
+                events = decoder.feed(data)
+                for event in events:
+                    self.lock = getattr(event, 'lock', self.lock)
+                    self.boot_id = getattr(event, 'boot_id', self.boot_id)
+                if 'to_host' not in self.cut:
+                    heard = data
+                    if self.rewrite is not None:
+                        heard = b''.join(encode(self.rewrite(e)) for e in events if isinstance(e, (State, Hello)))
+                    os.write(self._host, heard)
+
+    def close(self):
+        self._ended.set()
+        self._thread.join()
+        for file in (self._board, self._host, self._slave):
+            os.close(file)

@@ -1,0 +1,354 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Trials of who owns the motor: other programs, false numbers, cut wires, stuck encoders, restarts, stopped programs.
+
+Torques and times are those of the board's own trace, a sample every millisecond.
+"""
+
+import contextlib
+import itertools
+import signal
+import threading
+import time
+from dataclasses import replace
+
+import numpy as np
+
+from pendubot_identification.link.protocol import Arm, Command, Hello, State, Status
+from test.processes import Program, parameters, spin_until
+from test.rig import ARMED
+
+from .bridge import drive, live_rig, newest
+from .table import Trial
+from .wire import Tap
+
+#: What the rig's own commander wants, and the other program [N m].
+OWN, FOREIGN = 0.2, 0.7
+MICRO = 1_000_000
+
+
+@contextlib.contextmanager
+def tapped_rig(folder, *board_options, bridge=()):
+    """A rig whose two wires can be reached, and a bridge that hears its board through them."""
+    with live_rig(folder, *board_options) as rig:
+        rig.start_board()
+        rig.bridge_port = folder / 'tap'
+        with contextlib.closing(Tap(rig.port, rig.bridge_port)) as tap:
+            rig.start_bridge(*bridge)
+            rig.until_samples(20)
+            yield rig, tap
+
+
+@contextlib.contextmanager
+def stranger(tap, messages):
+    """Another program on the port: it writes what ``messages()`` returns, 200 times a second."""
+    ended = threading.Event()
+
+    def write():
+        while not ended.wait(0.005):
+            tap.inject(*messages())
+
+    thread = threading.Thread(target=write)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()
+
+
+def commands(rng):
+    """Mode 1 of any session, as a program writes it that knows the frames and owns nothing."""
+    seqs = itertools.count(1)
+    return lambda: [Command(next(seqs) & 0xFFFF, 0, 1, 500, round(MICRO * FOREIGN), 0, int(rng.integers(0, 2**32)))]
+
+
+def torques_since(rig, begun):
+    """The torques [micro-N m] that the motor was given, as a set."""
+    return {*rig.trace()[begun:, 3].tolist()}
+
+
+def samples(rig, count, torque=None):
+    """Let so many samples pass, commanding a torque meanwhile where one is given."""
+    end = len(rig.samples) + count
+
+    def passed():
+        if torque is not None:
+            rig.effort(torque)
+        return len(rig.samples) >= end
+
+    rig.until(passed, 30)
+
+
+def until_off(rig, begun, timeout=20.0):
+    """Wait until the motor is off; return after how many samples from ``begun`` on it was, and whether it stayed so."""
+    rig.until(lambda: not newest(rig.trace_file)[3] and not newest(rig.trace_file)[4] & ARMED, timeout)
+    samples(rig, 300, OWN)
+    given = np.flatnonzero(rig.trace()[begun:, 3])
+    armed = (rig.trace()[begun:, 4] & ARMED).astype(bool)
+    last = int(given[-1]) + 1 if given.size else 0
+    return last, not armed[np.flatnonzero(~armed)[0] :].any() if (~armed).any() else False
+
+
+def foreign(folder, _):
+    """Another program streams commands while the board is locked, disarmed, armed, tripped, and without a bridge."""
+    found, seen = {}, {}
+    with tapped_rig(folder, bridge=('watchdog_ms:=500',)) as (rig, tap):
+
+        def during(state, torque=None):
+            rig.diagnoses.clear()
+            begun = len(rig.trace())
+            with stranger(tap, commands(np.random.default_rng(1))):
+                samples(rig, 600, torque)
+                rig.until(lambda: rig.diagnosed(1, 'another program sends commands'))
+            found[state], seen[state] = torques_since(rig, begun), True
+
+        during('locked')
+        assert rig.call('disarm').success
+        during('disarmed')
+        rig.until(lambda: rig.call('arm').success, 20)  # not before it has been quiet for a second
+        drive(rig, OWN)
+        during('armed', OWN)
+        drive(rig, OWN)
+        rig.programs[-1].process.send_signal(signal.SIGSTOP)
+        rig.until(lambda: newest(rig.trace_file)[4] & Status.WATCHDOG)
+        begun = len(rig.trace())
+        with stranger(tap, commands(np.random.default_rng(2))):
+            spin_until(rig.node, lambda: len(rig.trace()) > begun + 600)
+        found['tripped'] = torques_since(rig, begun)
+        rig.programs[-1].kill()
+        begun = len(rig.trace())
+        with stranger(tap, commands(np.random.default_rng(3))):
+            spin_until(rig.node, lambda: len(rig.trace()) > begun + 600)
+        found['without a bridge'] = torques_since(rig, begun)
+    own = round(MICRO * OWN)
+    for state, given in found.items():
+        allowed = {0, own} if state == 'armed' else {0}
+        yield f'{state}: no torque of its', f'{sorted(given)} micro-N m', given <= allowed
+    yield 'seen on /diagnostics', ', '.join(seen), len(seen) == 3
+
+
+def usurper(folder, _):
+    """A program that knows the protocol arms the board itself, once and again."""
+    held = []
+    with tapped_rig(folder) as (rig, tap):
+        for k in range(10):
+            rig.diagnoses.clear()
+            begun = len(rig.trace())
+            order = Command(2, 0, 1, 500, round(MICRO * FOREIGN), 0, 99)
+            tap.inject(Arm(1, 0, tap.boot_id, 99, tap.lock, 500), order)
+            rig.until(lambda begun=begun: (rig.trace()[begun:, 4] & ARMED).any())
+            rig.until(lambda: rig.diagnosed(2, 'armed by another program'))
+            last, stayed = until_off(rig, begun)
+            held.append((np.count_nonzero(rig.trace()[begun:, 3]), stayed))
+    yield 'disarmed, and it stays so', f'{sum(stayed for _, stayed in held)} of 10', all(stayed for _, stayed in held)
+    longest = max(count for count, _ in held)
+    yield 'within 3 samples, and 2 on the way', f'torque in at most {longest} samples', longest <= 5, True
+
+
+def forged(folder, _):
+    """HELLO says a sample every second, no limits, or an enormous torque."""
+    refused, given, said = 0, set(), []
+    lies = {
+        'a sample every 1000 ms': lambda h: replace(h, sample_period_us=MICRO),
+        'no limit': lambda h: replace(h, limits=replace(h.limits, max_speed=0)),
+        'a limit of 4': lambda h: replace(h, limits=replace(h.limits, max_speed=4_000_000)),
+    }
+    for lie, change in lies.items():
+        (place := folder / lie.replace(' ', '_')).mkdir()
+        with tapped_rig(place) as (rig, tap):
+            tap.rewrite = lambda e, change=change: change(e) if isinstance(e, Hello) else e
+            rig.programs.pop().stop()
+            rig.start_bridge()
+            rig.until_samples(20)
+            answer = rig.call('arm')
+            refused += not answer.success and lie in answer.message
+            said.append(answer.message)
+            samples(rig, 300, OWN)
+            given |= torques_since(rig, 0)
+    yield 'arming is refused, with the lie', f'{refused} of {len(lies)}', refused == len(lies)
+    yield 'no torque', f'{sorted(given)} micro-N m', given == {0}
+
+
+def wires(folder, _):
+    """Either wire is cut while the motor runs, and whole again later; with a HELLO that lies meanwhile, too."""
+    results = {}
+    cases = [('to_host', 100), ('to_board', 100), ('to_board', 300)]
+    for wire, watchdog_ms in cases:
+        (place := folder / f'{wire}{watchdog_ms}').mkdir()
+        with tapped_rig(place, bridge=(f'watchdog_ms:={watchdog_ms}',)) as (rig, tap):
+            drive(rig, OWN)
+            begun = len(rig.trace())
+            tap.cut = {wire}
+            deadline = time.monotonic() + 1.0
+            while time.monotonic() < deadline:
+                rig.effort(OWN)
+                spin_until(rig.node, lambda: False, 0.01)
+            tap.cut = set()
+            results[wire, watchdog_ms] = until_off(rig, begun)
+    for (wire, watchdog_ms), (last, stayed) in results.items():
+        name = f'{wire.replace("_", " ")} cut, watchdog {watchdog_ms} ms'
+        yield f'{name}: off, and it stays so', f'{stayed}', stayed
+        wanted = 100 if wire == 'to_host' else watchdog_ms
+        yield f'{name}: within {wanted} ms and 20', f'{last} ms', last <= wanted + 20, True
+
+
+def stuck(folder, _):
+    """The shoulder's encoder stands still under 0.8 N m."""
+    with live_rig(folder, '--fault', 'stuck_at=0') as rig:
+        rig.start_board()
+        rig.start_bridge()
+        rig.until_samples(20)
+        drive(rig, 0.8)
+        begun = int(np.flatnonzero(rig.trace()[:, 3])[0])
+        rig.drive_until(0.8, lambda: rig.diagnosed(2, 'stall'))
+        last, stayed = until_off(rig, begun)
+    yield 'named, off, and it stays so', f'{stayed}', stayed
+    yield 'within the 500 ms of the limit', f'{last} samples', last <= 501
+
+
+def runaway(folder, _):
+    """0.6 N m until something stops it: first the limits of the board, then those of the user."""
+    for limits, parameters_, name in (
+        ((), (), 'speed'),
+        (('--limit', 'max_speed=20000'), (), 'speed'),
+        (('--limit', 'max_travel1=6000'), ('max_travel:=[6.5, 0.0]',), 'travel'),
+    ):
+        (place := folder / f'{name}{len(limits)}{len(parameters_)}').mkdir()
+        with live_rig(place, *limits) as rig:
+            rig.start_board()
+            rig.start_bridge(*parameters_)
+            rig.until_samples(20)
+            assert rig.call('arm').success
+            rig.drive_until(0.6, lambda: rig.diagnosed(2, 'fault'))
+            until_off(rig, 0)
+            rows = rig.trace()
+            moving = rows[:, 3] != 0
+            speed = np.abs(np.diff(rows[:, 1:3], axis=0)).max(axis=1) * (2 * np.pi / 4000) * 1000
+            fastest, farthest = speed[moving[1:]].max(), np.abs(rows[moving, 1]).max() * 2 * np.pi / 4000
+            bit = Status.SPEED if name == 'speed' else Status.TRAVEL
+            tripped = bool((rows[:, 4] & (Status.SPEED | Status.TRAVEL)).any())
+            named = bool((rows[:, 4] & bit).any()) or not limits
+        figures = f'with torque at most {fastest:.0f} rad/s and {farthest:.1f} rad'
+        within = (fastest <= 22 or name != 'speed') and (farthest <= 6.1 or name != 'travel') if limits else farthest <= 61
+        yield f'{" ".join(limits) or "limits by default"}: off', figures, tripped and named and within
+
+
+def restart(folder, _):
+    """The board restarts while the rig moves; the zeros have to be confirmed at rest."""
+    with live_rig(folder, '--fault', 'reset_at=6') as rig:
+        rig.start_board()
+        rig.start_bridge('confirm_zeros:=true')
+        rig.until_samples(1200)
+        assert not rig.call('arm').success
+        confirmed = rig.call('confirm_zeros')
+        drive(rig, OWN)
+        rig.drive_until(OWN, lambda: rig.diagnosed(1, 'restarted'))
+        begun = len(rig.trace())
+        refused = rig.call('arm')
+        moving = rig.call('confirm_zeros')
+        samples(rig, 300, OWN)
+        given = torques_since(rig, begun)
+    yield 'confirmed at rest, with the angles', confirmed.message, confirmed.success and 'q1 = -1.57' in confirmed.message
+    yield 'not armed after the restart', refused.message, not refused.success and 'confirm_zeros' in refused.message
+    yield 'not confirmed while it moves', moving.message, not moving.success and 'moves' in moving.message
+    yield 'no torque', f'{sorted(given)} micro-N m', given == {0}
+
+
+def second_publisher(folder, _):
+    """A second publisher of effort commands comes while the motor runs."""
+    with live_rig(folder) as rig:
+        rig.start_board()
+        rig.start_bridge('watchdog_ms:=500')
+        rig.until_samples(20)
+        drive(rig, OWN)
+        other = rig.node.create_publisher(rig.float64, '/pendubot/effort_command', 1)
+        rig.drive_until(OWN, lambda: other.publish(rig.float64(data=FOREIGN)) or rig.diagnosed(2, 'publish'))
+        begun = len(rig.trace())
+        samples(rig, 300, OWN)
+        given, refused = torques_since(rig, begun), rig.call('arm')
+        foreign_torque = (rig.trace()[:, 3] == round(MICRO * FOREIGN)).any()
+    yield 'disarmed', f'{sorted(given)} micro-N m', given == {0}
+    yield 'nothing of its torque', f'{foreign_torque}', not foreign_torque
+    yield 'not armed while both are there', refused.message, not refused.success
+
+
+def stopped(folder, long):
+    """SIGSTOP of the bridge and of the exciter at each watchdog setting; what comes after SIGCONT is too old."""
+    for watchdog_ms, pause in ((50, 0.35), (100, 0.35), (500, 0.35), (500, 0.8)):
+        (place := folder / f'{watchdog_ms}{pause}').mkdir()
+        with live_rig(place) as rig:
+            rig.start_board()
+            bridge = rig.start_bridge(f'watchdog_ms:={watchdog_ms}')
+            rig.until_samples(20)
+            drive(rig, OWN)
+            bridge.process.send_signal(signal.SIGSTOP)
+            rig.effort(FOREIGN)  # waits for it
+            time.sleep(pause)  # what is tried
+            begun = len(rig.trace())
+            bridge.process.send_signal(signal.SIGCONT)
+            end = len(rig.trace()) + 400
+            rig.until(lambda end=end: len(rig.trace()) > end)
+            after = rig.trace()[begun:]
+            given = np.flatnonzero(after[:, 3])
+        old = np.count_nonzero(after[:, 3] == round(MICRO * FOREIGN))
+        last = int(given[-1]) + 1 if given.size else 0
+        name = f'bridge, watchdog {watchdog_ms} ms, stopped for {pause:g} s'
+        yield f'{name}: nothing of the old command', f'{old} samples', old == 0
+        yield f'{name}: off within 20 ms of SIGCONT', f'{last} ms', last <= 20, True
+    with live_rig(folder) as rig:
+        rig.start_board()
+        rig.start_bridge()
+        rig.until_samples(20)
+        values = {'duration': 0.0, 'width': 1.0, 'amplitude_min': 0.1, 'amplitude_max': 0.2, 'arm': 'true'}
+        rig.node.destroy_publisher(rig.effort_publisher)
+        with Program('exciter', *parameters(**values)) as exciter:
+            exciter.wait_for('exciting')
+            rig.until(lambda: newest(rig.trace_file)[3])
+            begun = len(rig.trace())
+            exciter.process.send_signal(signal.SIGSTOP)
+            rig.until(lambda: not newest(rig.trace_file)[3])
+            rig.until(lambda: len(rig.trace()) > begun + 3000, 20)
+            stop = len(rig.trace())
+            exciter.process.send_signal(signal.SIGCONT)
+            ended = spin_until(rig.node, lambda: exciter.process.poll() is not None, 20)
+            rows = rig.trace()
+    late = int(np.flatnonzero(rows[begun:stop, 3])[-1]) + 1
+    yield 'exciter: ends, and moves nothing more', f'{ended}', ended and not rows[stop:, 3].any()
+    yield 'exciter: off within 100 ms and 20', f'{late} ms', late <= 120, True
+
+
+def timer(folder, _):
+    """One sample's time is 65.5 ms off, as of a timer of 16 bits that is read while it overflows."""
+    with tapped_rig(folder) as (rig, tap):
+        samples(rig, 1000)
+        wrong = itertools.count()
+
+        def rewrite(message):
+            if isinstance(message, State) and next(wrong) in (500, 2500):
+                return message._replace(t_us=message.t_us + 65_536)
+            return message
+
+        rig.samples.clear()
+        tap.rewrite = rewrite
+        samples(rig, 4000)
+        stamps = np.array([sample[1] for sample in rig.samples])
+        values = rig.fresh_values()
+    off = np.abs(stamps - stamps[0] - np.arange(len(stamps)) * 1_000_000).max() / 1e6
+    yield 'no stamp moves', f'at most {off:.2f} ms off', off < 5
+    yield 'counted', f'{values["irregular_stamps"]} irregular stamps', values['irregular_stamps'] == '2'
+
+
+TRIALS = [
+    Trial('foreign', 'another program on the port streams commands', foreign, True),
+    Trial('usurper', 'another program on the port arms the board itself', usurper, True),
+    Trial('forged', 'HELLO with false numbers', forged, True),
+    Trial('wires', 'either wire cut alone', wires, True),
+    Trial('stuck', 'encoder that stands still under torque', stuck, True),
+    Trial('runaway', 'constant torque', runaway, True),
+    Trial('restart', 'board restarts while the rig moves', restart, True),
+    Trial('publisher', 'second publisher of effort commands', second_publisher, True),
+    Trial('stopped', 'bridge or exciter SIGSTOPped, then SIGCONT', stopped, True),
+    Trial('timer', 'one wrong time of the board', timer, True),
+]
