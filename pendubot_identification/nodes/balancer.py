@@ -73,7 +73,7 @@ class Balancer(SettingsNode):
         self._driver = Driver(self, group)
         # The newest alone: a torque for an older one would come too late.
         self._samples = self.create_subscription(JointState, 'joint_states', self._on_sample, QoSProfile(depth=1))
-        self._parameters: list[Subscription] = []
+        self._identified: list[Subscription] = []
         self._subscribe_parameters()
         self.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
         self.create_service(Trigger, '~/start', self._on_start, callback_group=group)
@@ -94,10 +94,10 @@ class Balancer(SettingsNode):
 
     def _subscribe_parameters(self) -> None:
         """Subscribe to the parameters and what judges them; anew, to receive the latched messages again."""
-        for each in self._parameters:
+        for each in self._identified:
             self.destroy_subscription(each)
         self._missed = False
-        self._parameters = [
+        self._identified = [
             self.create_subscription(Float64MultiArray, 'pendubot/params', self._on_params, LATCHED),
             self.create_subscription(DiagnosticArray, 'pendubot/identification', self._on_identification, LATCHED),
         ]
@@ -113,11 +113,11 @@ class Balancer(SettingsNode):
 
     def _on_params(self, m: Float64MultiArray) -> None:
         with self._stopping_on_error():
-            if self._has_one_publisher(self._parameters[0]):
+            if self._has_one_publisher(self._identified[0]):
                 self._balancing.offer(list(m.data))
 
     def _on_identification(self, array: DiagnosticArray) -> None:
-        if not self._has_one_publisher(self._parameters[1]):
+        if not self._has_one_publisher(self._identified[1]):
             return
         for status in array.status:
             values = {pair.key: pair.value for pair in status.values}
@@ -137,7 +137,7 @@ class Balancer(SettingsNode):
 
     def _rivals(self) -> str:
         """Return a sentence that names the publishers of an input that has several, else ''."""
-        return next(filter(None, (name_rivals(self, each) for each in (self._samples, *self._parameters))), '')
+        return next(filter(None, (name_rivals(self, each) for each in (self._samples, *self._identified))), '')
 
     def _on_diagnostics(self, array: DiagnosticArray) -> None:
         for status in array.status:
