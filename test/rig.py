@@ -4,6 +4,7 @@
 """A rig that is not there, live: a virtual board and a bridge in processes of their own, and a node that listens."""
 
 import time
+from functools import cached_property
 
 import numpy as np
 
@@ -37,7 +38,11 @@ class Rig:
         self.node = rclpy.create_node('listener')
         self.node.create_subscription(JointState, '/joint_states', self._on_sample, QoSProfile(depth=1000))
         self.node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
-        self.effort_publisher = self.node.create_publisher(Float64, '/pendubot/effort_command', 1)
+
+    @cached_property
+    def effort_publisher(self):
+        """Made at its first use: whoever publishes effort commands keeps others from driving."""
+        return self.node.create_publisher(self.float64, '/pendubot/effort_command', 1)
 
     def _on_sample(self, m):
         stamp = m.header.stamp.sec * 10**9 + m.header.stamp.nanosec

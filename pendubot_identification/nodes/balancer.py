@@ -14,6 +14,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.qos import QoSProfile
+from rclpy.subscription import Subscription
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
@@ -21,7 +22,7 @@ from std_srvs.srv import Trigger
 from pendubot_identification.control.balancing import Balancing, Phase
 from pendubot_identification.control.controller import Loop, SafetyLimits
 from pendubot_identification.control.plan import Plan
-from pendubot_identification.errors import ParameterError, PendubotError
+from pendubot_identification.errors import ControlError, ParameterError, PendubotError
 from pendubot_identification.level import Level
 from pendubot_identification.model.parameters import Parameters
 from pendubot_identification.recordings.joint_states import JOINT_NAMES
@@ -32,6 +33,7 @@ from .driving import Driver
 from .messages import LATCHED, joint_sample
 from .runtime import SettingsNode, run
 from .shutdown import Shutdown
+from .topics import name_rivals
 
 
 class Balancer(SettingsNode):
@@ -70,9 +72,9 @@ class Balancer(SettingsNode):
         group = ReentrantCallbackGroup()
         self._driver = Driver(self, group)
         # The newest alone: a torque for an older one would come too late.
-        self.create_subscription(JointState, 'joint_states', self._on_sample, QoSProfile(depth=1))
-        self.create_subscription(Float64MultiArray, 'pendubot/params', self._on_params, LATCHED)
-        self.create_subscription(DiagnosticArray, 'pendubot/identification', self._on_identification, LATCHED)
+        self._samples = self.create_subscription(JointState, 'joint_states', self._on_sample, QoSProfile(depth=1))
+        self._identified: list[Subscription] = []
+        self._subscribe_parameters()
         self.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
         self.create_service(Trigger, '~/start', self._on_start, callback_group=group)
         self.create_service(Trigger, '~/stop', self._on_stop, callback_group=group)
@@ -90,8 +92,19 @@ class Balancer(SettingsNode):
             self._balancing.stop()
             self._driver.let_go_and_wait()
 
+    def _subscribe_parameters(self) -> None:
+        """Subscribe to the parameters and what judges them; anew, to receive the latched messages again."""
+        for each in self._identified:
+            self.destroy_subscription(each)
+        self._missed = False
+        self._identified = [
+            self.create_subscription(Float64MultiArray, 'pendubot/params', self._on_params, LATCHED),
+            self.create_subscription(DiagnosticArray, 'pendubot/identification', self._on_identification, LATCHED),
+        ]
+
     def _on_sample(self, m: JointState) -> None:
         with self._stopping_on_error():
+            self._refuse_second_rig()
             stamp, q, effort = joint_sample(m, self._names)
             now = self.get_clock().now().nanoseconds * 1e-9
             torque = self._balancing.sample(stamp, now, q, effort, self._max_age)
@@ -100,12 +113,31 @@ class Balancer(SettingsNode):
 
     def _on_params(self, m: Float64MultiArray) -> None:
         with self._stopping_on_error():
-            self._balancing.offer(list(m.data))
+            if self._has_one_publisher(self._identified[0]):
+                self._balancing.offer(list(m.data))
 
     def _on_identification(self, array: DiagnosticArray) -> None:
+        if not self._has_one_publisher(self._identified[1]):
+            return
         for status in array.status:
             values = {pair.key: pair.value for pair in status.values}
             self._balancing.readiness.judge(Level(min(2, status.level[0])), status.message, values)
+
+    def _has_one_publisher(self, subscription: Subscription) -> bool:
+        """Return whether a message is to be taken; report it where it is not."""
+        if rivals := name_rivals(self, subscription):
+            self._missed = True
+            self.get_logger().error(f'a message was not taken: {rivals}', throttle_duration_sec=1.0)
+        return not rivals
+
+    def _refuse_second_rig(self) -> None:
+        """Stop a motion, by ControlError, where joint states have a second publisher."""
+        if self._balancing.phase is not Phase.IDLE and (rivals := name_rivals(self, self._samples)):
+            raise ControlError(rivals)
+
+    def _rivals(self) -> str:
+        """Return a sentence that names the publishers of an input that has several, else ''."""
+        return next(filter(None, (name_rivals(self, each) for each in (self._samples, *self._identified))), '')
 
     def _on_diagnostics(self, array: DiagnosticArray) -> None:
         for status in array.status:
@@ -114,20 +146,23 @@ class Balancer(SettingsNode):
                 self._balancing.readiness.board_limit(float(limit))
 
     async def _on_start(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        if other := self._driver.rival():
-            return Trigger.Response(message=f'{other} drives this rig, or is about to; end it, then start again')
+        if rivals := self._driver.rivals() or self._rivals():
+            return Trigger.Response(message=rivals)
         if not self._driver.arm.service_is_ready():
             return Trigger.Response(message=f'nobody serves {self._driver.bridge}/arm; start the bridge')
         try:
             self._balancing.begin()
         except PendubotError as error:
             return Trigger.Response(message=str(error))
+        self._driver.begin()
+        if not self._driver.is_heard():
+            self._balancing.stop()
+            return Trigger.Response(message='nobody subscribes to pendubot/effort_command; start the bridge')
         answer = await self._driver.arm.call_async(Trigger.Request())
         if not answer.success:
             self._balancing.stop()
         elif self._balancing.phase is Phase.ARMING:
             self._balancing.armed()
-            self._diagnose()  # now, not within a second: an exciter that was not found gives way to it
             self.get_logger().info('armed and moving')
         else:
             self._driver.let_go()
@@ -140,8 +175,13 @@ class Balancer(SettingsNode):
         return Trigger.Response(success=True, message='stopped; the bridge is told to disarm')
 
     def _supervise(self) -> None:
-        """Notice silence; prepare for what has come in, in a thread of its own."""
+        """Notice silence; prepare for what has come in, in a thread of its own; while idle, publish no torque."""
+        if self._balancing.phase is Phase.IDLE:
+            self._driver.end()
+            if self._missed and not self._rivals():
+                self._subscribe_parameters()
         with self._stopping_on_error():
+            self._refuse_second_rig()
             self._balancing.silence(self.get_clock().now().nanoseconds * 1e-9, self._max_age)
         if self._worker is None or not self._worker.is_alive():
             before = self._balancing.obstacle
@@ -175,7 +215,10 @@ class Balancer(SettingsNode):
                 self._driver.let_go()
 
     def _diagnose(self) -> None:
-        self._tell(*self._balancing.diagnosis())
+        level, message, values = self._balancing.diagnosis()
+        if (rivals := self._rivals()) and rivals not in message:
+            level, message = Level.ERROR, f'{message}; {rivals}'
+        self._tell(level, message, values)
 
 
 def _sentence(error: Exception) -> str:

@@ -18,6 +18,7 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.qos import QoSProfile
 from rclpy.task import Future
 from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
 from pendubot_identification.errors import ParameterError
@@ -28,11 +29,12 @@ from pendubot_identification.link.host import Host
 from pendubot_identification.link.serial_port import SerialPort
 from pendubot_identification.setting import Setting
 
+from .command_age import CommandAge
 from .diagnostics import StatusPublisher
-from .effort_commands import EffortCommands
 from .joint_state_bytes import JointStateBytes
 from .runtime import SettingsNode, run
 from .shutdown import Shutdown
+from .topics import name_rivals
 
 #: The computer's clock was set if it is off by more than this [s].
 CLOCK_TOLERANCE = 0.05
@@ -76,9 +78,10 @@ class Bridge(SettingsNode):
         self._message = JointStateBytes(s['joint_names'])
         self._joint_states = self.create_publisher(JointState, 'joint_states', QoSProfile(depth=1000))
         self._tell = StatusPublisher(self, hardware_id=s['port'])
-        self._commands = EffortCommands(self, s['command_timeout'], self._on_effort)
-        self._refused = 0
-        self._refusing = False
+        self._efforts = self.create_subscription(Float64, 'pendubot/effort_command', self._on_effort, 1)
+        self._command_timeout, self._command_age = s['command_timeout'], CommandAge()
+        self._stale, self._was_stale = 0, False
+        self._told = ''  # the sentence about rivals that was logged last
         # Arming takes a while: a group of its own, so that effort commands are discarded meanwhile, not kept for later.
         group = ReentrantCallbackGroup()
         self.create_service(Trigger, '~/arm', self._on_arm, callback_group=group)
@@ -161,7 +164,7 @@ class Bridge(SettingsNode):
         due = time.monotonic() + 1.0
         try:
             while not self._closing.wait(self._until_next_poll()):
-                self._step(self._host.poll)
+                self._step(self._poll)
                 if time.monotonic() >= due:
                     due = time.monotonic() + 1.0
                     self._diagnose()
@@ -180,22 +183,40 @@ class Bridge(SettingsNode):
                 text = f"the computer's clock was set by {set_by:+.2f} s: stamps keep the old time; restart the bridge"
                 self._health.note(Report(Level.WARN, text))
                 self.get_logger().warning(text, once=True)
-            self._note_refused()
+            if rivals := name_rivals(self, self._efforts):
+                self._health.note(Report(Level.ERROR, rivals))
+                if rivals != self._told:
+                    # Their names may be known only now.
+                    self.get_logger().error(rivals)
+            self._told = rivals
             d = self._health.diagnose(self._host, time.monotonic_ns())
-        self._tell(d.level, d.message, d.values | {'refused': self._refused})
+        self._tell(d.level, d.message, d.values | {'stale': self._stale})
 
-    def _note_refused(self) -> None:
-        """Report effort commands that were refused since the last time; log it when that begins."""
-        before, self._refused = self._refused, self._commands.refused
-        if self._refused > before:
-            report = Report(Level.WARN, self._commands.conflict())
-            self._health.note(report)
-            if not self._refusing:
-                self._log(report)
-        self._refusing = self._refused > before
+    def _poll(self, now: int) -> list[HostEvent]:
+        return [*self._disarm_if_contested(now), *self._host.poll(now)]
 
-    def _on_effort(self, torque: float) -> None:
-        self._step(lambda now: self._host.effort(torque, now))
+    def _disarm_if_contested(self, now: int) -> list[HostEvent]:
+        """Disarm an armed motor, or stop arming it, if there are several publishers of effort commands."""
+        if not (self._host.armed or self._arming) or not (rivals := name_rivals(self, self._efforts)):
+            return []
+        self._told = rivals
+        report = Report(Level.ERROR, f'disarmed: {rivals}; then arm again')
+        return [ArmingFailed(rivals), report, *self._host.disarm(now)]
+
+    def _on_effort(self, message: Float64, info: dict[str, Any]) -> None:
+        self._step(lambda now: self._effort(message.data, info['source_timestamp'], now))
+
+    def _effort(self, torque: float, sent_ns: int, now: int) -> list[HostEvent]:
+        """Hand a torque [N m] to the host unless it is too old, as after this program was stopped for a while."""
+        contested = self._disarm_if_contested(now)
+        age = self._command_age.measure(sent_ns, time.time_ns())
+        was_stale, self._was_stale = self._was_stale, age > self._command_timeout
+        if not self._was_stale:
+            return [*contested, *self._host.effort(torque, now)]
+        self._stale += 1
+        text = f'an effort command was {age:.2f} s old and was not applied; '
+        text += f'at most {self._command_timeout:g} s (command_timeout) are allowed'
+        return contested if was_stale else [*contested, Report(Level.WARN, text)]
 
     async def _on_arm(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         future = Future()
@@ -207,10 +228,9 @@ class Bridge(SettingsNode):
         return response
 
     def _arm(self, future: Future, now: int) -> list[HostEvent]:
-        if self._commands.contested() and not self._host.armed:
-            future.set_result(ArmingFailed(self._commands.conflict()))
-            return []
         self._arming.append(future)
+        if rivals := name_rivals(self, self._efforts):
+            return [ArmingFailed(rivals)]
         # Not while it is closing: the last that the board hears has to be the disarm.
         return [ArmingFailed('the bridge is ending')] if self._closing.is_set() else self._host.arm(now)
 

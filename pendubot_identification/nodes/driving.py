@@ -21,11 +21,8 @@ from std_srvs.srv import Trigger
 from pendubot_identification.errors import PendubotError
 
 from .shutdown import Shutdown
+from .topics import PATIENCE, full_name, name_publishers, wait_for_names
 
-#: The nodes that make a rig move.
-DRIVERS = ('exciter', 'balancer')
-#: What rmw says of an endpoint whose node it does not know yet, and how long that may take [s].
-UNKNOWN, PATIENCE = '_NODE_NAME_UNKNOWN_', 2.0
 #: So long one looks for others before the first message; and then again, with every message [s].
 DISCOVERY = 1.0
 #: How long it is believed that nobody else has come [s].
@@ -33,21 +30,44 @@ FRESH = 0.1
 
 
 class Driver:
-    """A node's way to a bridge: its effort commands, and the services that arm and disarm.
+    """A node's way to a bridge: its effort commands, from :meth:`begin` on, and the services that arm and disarm.
 
-    ``bridge`` is the full name of the bridge: ``bridge`` in the node's namespace, or as remapped.
+    ``bridge`` is the full name of the bridge: ``bridge`` in the node's namespace, or as remapped. ``publisher`` is None
+    before :meth:`begin` and after :meth:`end`: only a program that drives publishes effort commands.
     """
 
     def __init__(self, node: Node, callback_group: CallbackGroup | None = None) -> None:
         self._node = node
-        self._effort = node.create_publisher(Float64, 'pendubot/effort_command', QoSProfile(depth=1))
+        self._topic = node.resolve_topic_name('pendubot/effort_command')
+        self.publisher: Publisher | None = None
         self.bridge = node.resolve_service_name('bridge/arm').removesuffix('/arm')
         self.arm = node.create_client(Trigger, 'bridge/arm', callback_group=callback_group)
         self.disarm = node.create_client(Trigger, 'bridge/disarm', callback_group=callback_group)
 
+    def begin(self) -> None:
+        """Publish effort commands from now on."""
+        if self.publisher is None:
+            self.publisher = self._node.create_publisher(Float64, 'pendubot/effort_command', QoSProfile(depth=1))
+
+    def is_heard(self) -> bool:
+        """Wait, for ``PATIENCE`` at most, until somebody receives the effort commands; return whether they do."""
+        deadline = time.monotonic() + PATIENCE
+        while self.publisher is not None and not self.publisher.get_subscription_count():
+            if time.monotonic() > deadline:
+                return False
+            time.sleep(0.01)
+        return True
+
+    def end(self) -> None:
+        """Publish no effort commands from now on."""
+        if self.publisher is not None:
+            self._node.destroy_publisher(self.publisher)
+            self.publisher = None
+
     def effort(self, torque: float) -> None:
-        """Command a torque [N m]."""
-        self._effort.publish(Float64(data=torque))
+        """Command a torque [N m], once :meth:`begin` was called."""
+        if self.publisher is not None:
+            self.publisher.publish(Float64(data=torque))
 
     def let_go(self) -> Future:
         """Command zero torque and disarm; return the bridge's answer to come."""
@@ -61,18 +81,11 @@ class Driver:
         if not (self.disarm.service_is_ready() and answered.wait(1.0)):
             self._node.get_logger().warning('the bridge did not answer to disarm; look whether it has done so')
 
-    def rival(self) -> str:
-        """Return the name of another exciter or balancer on the topic; empty where there is none."""
-        there = self._node.get_publishers_info_by_topic(self._effort.topic_name)
-        names = [full_name(each) for each in there if each.node_name in DRIVERS]
-        if (own := self._node.get_fully_qualified_name()) in names:
-            names.remove(own)  # once: another may have the same name
-        return names[0] if names else ''
-
-
-def full_name(endpoint: TopicEndpointInfo) -> str:
-    """Return the name of the endpoint's node with its namespace."""
-    return f'{endpoint.node_namespace.rstrip("/")}/{endpoint.node_name}'
+    def rivals(self) -> str:
+        """Return a sentence that names the publishers of effort commands if another program is one, else ''."""
+        count = self._node.count_publishers(self._topic)
+        own = self.publisher is not None
+        return name_publishers(self._node, self._topic, count, wait=True) if count > own else ''
 
 
 class CommandGuard:
@@ -106,21 +119,13 @@ class CommandGuard:
         if not count or (count == before and time.monotonic() < until):
             return
         topic = publisher.topic_name
-        for listener in filter(self._is_bridge, self._listeners(topic)):
+        listeners = wait_for_names(lambda: self._node.get_subscriptions_info_by_topic(topic))
+        for listener in filter(self._is_bridge, listeners):
             raise PendubotError(
                 f'{full_name(listener)} obeys {topic}, which this bag holds: an armed rig would move; stop the '
                 'bridge, or name in topics what is to be played, without it (named there, it is played)'
             )
         self._seen[publisher] = count, time.monotonic() + FRESH
-
-    def _listeners(self, topic: str) -> list[TopicEndpointInfo]:
-        """Return them once the node of each is known: it is heard of later than the endpoint itself."""
-        deadline = time.monotonic() + PATIENCE
-        while True:
-            found = self._node.get_subscriptions_info_by_topic(topic)
-            if time.monotonic() > deadline or all(each.node_name != UNKNOWN for each in found):
-                return list(found)
-            time.sleep(0.02)
 
     def _is_bridge(self, listener: TopicEndpointInfo) -> bool:
         """Return whether it is a bridge by its name, or arms something as a bridge of another name does."""

@@ -21,8 +21,9 @@ from .diagnostics import status_name
 from .driving import Driver
 from .runtime import SettingsNode, run
 from .shutdown import Shutdown
+from .topics import name_rivals
 
-#: Without joint states for this long [s] the excitation ends: nobody is watching the rig.
+#: A longer gap between two joint states [s] ends the excitation: nobody was watching the rig, or nobody moved it.
 SILENCE = 2.0
 #: Whoever is there is found within this [s], and the first joint state is here; what Fast DDS announces every 3 s.
 DISCOVERY = 4.0
@@ -65,13 +66,13 @@ class Exciter(SettingsNode):
         self._running = False
         self._since = self._born
         self._start: float | None = None
+        #: When the last joint state came, and its stamp [s].
         self._heard: float | None = None
+        self._stamp = 0.0
         self._disarmed = 0
         self._armed: bool | None = None
-        self._left = False
         self._driver = Driver(self)
-        # On /diagnostics every rig is heard: only the statuses of these two are of this one.
-        self._bridge, self._balancer = self._driver.bridge, f'{self.get_namespace()}/balancer'
+        self._bridge = self._driver.bridge
         self._joint_states = self.create_subscription(
             JointState, 'joint_states', self._on_joint_state, QoSProfile(depth=100)
         )
@@ -83,20 +84,24 @@ class Exciter(SettingsNode):
         _pulses(values)
 
     def close(self) -> None:
-        """Command zero torque and disarm, unless what moves is another's."""
+        """Command zero torque and disarm, unless it never drove."""
         self._running = False
-        if not self._left and (self._asked is not None or self._start is not None):
+        if self._asked is not None or self._start is not None:
             self._driver.let_go_and_wait()
 
     def _on_joint_state(self, message: JointState) -> None:
-        self._heard = time.monotonic()
-        if not self._running:
-            if self._left or (self._armed is not False and self._is_new() and self._asked is None):
-                return  # another drives, or may do so
+        stamp = message.header.stamp.sec + message.header.stamp.nanosec * 1e-9
+        fault = (name_rivals(self, self._joint_states, wait=True) or self._silence(stamp)) if self._running else ''
+        self._heard, self._stamp = time.monotonic(), stamp
+        if fault:
+            self._give_up(fault)
+        elif not self._running:
             # Discarded while disarmed; from the moment of arming on, the bridge is not left without a command.
             self._driver.effort(0.0)
-            return
-        stamp = message.header.stamp.sec + message.header.stamp.nanosec * 1e-9
+        else:
+            self._excite(stamp)
+
+    def _excite(self, stamp: float) -> None:
         if self._start is None:
             self._start = stamp
             self.get_logger().info(f'exciting for {self._duration:g} s')
@@ -106,15 +111,21 @@ class Exciter(SettingsNode):
             self.get_logger().info('excitation done')
             self._finish(0)
 
+    def _silence(self, stamp: float | None = None) -> str:
+        """Return a sentence if the time since the last joint state, or to this ``stamp`` [s], is too long, else ''."""
+        gap = time.monotonic() - max(self._since, self._heard or 0.0)
+        if stamp is not None and self._start is not None:
+            gap = max(gap, abs(stamp - self._stamp))
+        if gap <= (DISCOVERY if self._heard is None else SILENCE):
+            return ''
+        return f'stopped: no joint states for {gap:.1f} s; look at the bridge, or whether this program was held up'
+
     def _on_diagnostics(self, array: DiagnosticArray) -> None:
-        """Follow whether the bridge is armed, whoever armed it, and whether a balancer drives the rig."""
+        """Follow whether the bridge is armed, whoever armed it, and whether a recorder writes."""
         for status in array.status:
             if self.ended.is_set():
                 return
             values = {value.key: value.value for value in status.values}
-            if status.name == status_name(self._balancer) and values.get('phase') == 'running':
-                # It began before either had found the other. Disarmed now, what it holds upright would fall.
-                self._gives_way(leaving=True)
             # As a recorder says it; before it hears the topic it is 0.
             if float(values.get(f'{self._joint_states.topic_name} rate [Hz]', 0.0)) > 0.0:
                 self._recorded = max(self._recorded, time.monotonic() + UNRECORDED)
@@ -130,20 +141,22 @@ class Exciter(SettingsNode):
                 self._begin()
 
     def _supervise(self) -> None:
-        """Arm, if that is wanted, once joint states come in; give up when they no longer do."""
+        """Arm, if that is wanted, once joint states come in; give up when they no longer do, or a rival comes."""
         if self.ended.is_set():
             return
         now, name = time.monotonic(), self._joint_states.topic_name
-        silent = float('inf') if self._heard is None else now - self._heard
+        if rivals := self._driver.rivals() or name_rivals(self, self._joint_states, wait=True):
+            self._give_up(rivals)
+            return
+        if self._armed is False or not self._is_new():
+            # A motor that is armed may be driven by a program that was not found yet; a second would disarm it.
+            self._driver.begin()
         if self._running:
-            silent = min(silent, now - self._since)
-            if silent > (DISCOVERY if self._heard is None else SILENCE):
-                self._give_up(f'stopped: no joint states for {silent:.1f} s; look at the bridge')
+            if silence := self._silence():
+                self._give_up(silence)
             elif now > self._recorded:
                 self._give_up(f'stopped: nothing was recorded for {UNRECORDED:g} s; look at the recorder')
-        elif self._is_new() and self._gives_way():
-            return
-        elif silent > SILENCE:
+        elif self._heard is None or now - self._heard > SILENCE:
             self.get_logger().info(f'waiting for {name}: start the bridge', throttle_duration_sec=5.0)
         elif not self._is_new() and not self._driver.arm.service_is_ready():
             self.get_logger().info(
@@ -155,32 +168,21 @@ class Exciter(SettingsNode):
             self.get_logger().info(f'waiting for a recorder of {name}: start it', throttle_duration_sec=5.0)
         elif not self._arms:
             self.get_logger().info(f'waiting to be armed: call {self._bridge}/arm', throttle_duration_sec=5.0)
-        elif self._armed is not False and self._is_new():
-            return  # armed by whom? they are found in a moment
         # An answer may be lost where both sides have only just met, so it asks again.
         elif self._asked is not None and now - self._asked <= PATIENCE:
             return
-        elif self._driver.arm.service_is_ready() and not self._gives_way():
+        elif self._driver.publisher is not None and self._driver.arm.service_is_ready():
             self._asked = now
             self._driver.arm.call_async(Trigger.Request()).add_done_callback(self._on_armed)
 
     def _is_new(self) -> bool:
         return time.monotonic() - self._born < DISCOVERY
 
-    def _gives_way(self, leaving: bool = False) -> bool:
-        """Refuse, and return True, where another drives the rig or is about to; ``leaving``: do not disarm then."""
-        if other := self._driver.rival():
-            self._left = leaving
-            self._give_up(f'{other} drives this rig, too; end it, or let it end, then start the exciter')
-        return bool(other)
-
     def _begin(self) -> None:
-        """Excite from the next sample on, unless others do, or may still be found to do so, or nothing records it."""
-        early = self._asked is None and self._is_new()
-        if self._running or self.ended.is_set() or early or time.monotonic() > self._recorded:
+        """Excite from the next sample on, unless others may still be found to drive, or nothing records it."""
+        if self._running or self.ended.is_set() or self._driver.publisher is None or time.monotonic() > self._recorded:
             return
-        if not self._gives_way():
-            self._running, self._since = True, time.monotonic()
+        self._running, self._since = True, time.monotonic()
 
     def _on_armed(self, future: Any) -> None:
         response = future.result()

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable, Sequence
 from importlib import import_module
 from typing import Any
@@ -22,6 +23,53 @@ from pendubot_identification.errors import BagError, ParameterError
 
 BATCH = 500  #: Messages of one topic that are fetched before the others, and all else, have a turn.
 DEPTH = 10_000  #: Messages of a topic that may wait: ten seconds' worth at 1 kHz.
+#: What rmw says of an endpoint whose node it does not know yet, and how long that may take [s].
+UNKNOWN, PATIENCE = '_NODE_NAME_UNKNOWN_', 2.0
+
+
+def full_name(endpoint: TopicEndpointInfo) -> str:
+    """Return the name of the endpoint's node with its namespace."""
+    return f'{endpoint.node_namespace.rstrip("/")}/{endpoint.node_name}'
+
+
+def wait_for_names(look: Callable[[], Sequence[TopicEndpointInfo]], count: int = 0) -> list[TopicEndpointInfo]:
+    """Return the endpoints that ``look`` finds, once there are ``count`` and the nodes of all are known.
+
+    DDS knows an endpoint before the name of its node. After ``PATIENCE`` it returns the endpoints that are known.
+    """
+    deadline = time.monotonic() + PATIENCE
+    while True:
+        found = list(look())
+        complete = len(found) >= count and all(each.node_name != UNKNOWN for each in found)
+        if complete or time.monotonic() >= deadline:
+            return found
+        time.sleep(0.02)
+
+
+def name_publishers(node: Node, topic: str, count: int, wait: bool = False) -> str:
+    """Return a sentence that names the ``count`` publishers of a topic that only one program may publish.
+
+    It counts publishers whose names are unknown, with ``wait`` after it waited for the names.
+    """
+
+    def look() -> list[TopicEndpointInfo]:
+        return list(node.get_publishers_info_by_topic(topic))
+
+    found = wait_for_names(look, count) if wait else look()
+    names = sorted(full_name(each) for each in found if each.node_name != UNKNOWN)
+    count = max(count, len(found))
+    if len(names) < count:
+        names.append(f'{count - len(names)} of unknown name')
+    return (
+        f'{topic} has {count} publisher{"s" * (count > 1)}: {", ".join(names)}; only one program may publish there: '
+        'end the others (a killed program counts until its DDS lease ends, after up to 20 s)'
+    )
+
+
+def name_rivals(node: Node, subscription: Subscription, wait: bool = False) -> str:
+    """Return a sentence that names the publishers of a subscription if there are several, else ''."""
+    count = subscription.get_publisher_count()
+    return name_publishers(node, subscription.topic_name, count, wait) if count > 1 else ''
 
 
 def check_names(topics: Sequence[str], setting: str = 'topics') -> None:
@@ -96,7 +144,7 @@ class Fetcher:
         known = self._subscriptions.get(name)
         return known.qos_profile if known else None
 
-    def subscribe(self, name: str, message_type: type, qos: QoSProfile) -> None:
+    def subscribe(self, name: str, message_type: type, qos: QoSProfile) -> Subscription:
         """Subscribe to a topic; a second time in place of the first, of which nothing that came is lost."""
         with self._lock:
             if name in self._subscriptions:
@@ -105,6 +153,7 @@ class Fetcher:
             self._subscriptions[name] = self._node.create_subscription(
                 message_type, name, lambda _: None, qos, callback_group=self._group, raw=True
             )
+            return self._subscriptions[name]
 
     def fetch(self) -> bool:
         """Take what has come, up to a batch of each topic; return whether there may be more."""

@@ -32,7 +32,7 @@ from .diagnostics import StatusPublisher, diagnostics_message, stamp_now
 from .messages import LATCHED, flat, vector_message
 from .runtime import SettingsNode, run
 from .shutdown import Shutdown
-from .topics import DEPTH, Fetcher, quality
+from .topics import DEPTH, Fetcher, name_rivals, quality
 
 Array = NDArray[np.float64]
 
@@ -67,7 +67,8 @@ class Tracker(SettingsNode):
         self._tell = StatusPublisher(self)
         self._decode = JointDecoder(s['joint_names'], self.resolve_topic_name('joint_states'))
         self._fetcher = Fetcher(self, lambda _, data, info: self._waiting.append(data))
-        self._fetcher.subscribe('joint_states', JointState, quality(DEPTH, reliable=True, latched=False))
+        self._joint_states = self._fetcher.subscribe('joint_states', JointState, quality(DEPTH, True, False))
+        self._rivals = ''  # names the publishers of joint states while there are several
         self._waiting: list[bytes] = []
         self._first_ns: int | None = None
         self._taken = 0
@@ -118,12 +119,22 @@ class Tracker(SettingsNode):
                     self._published = None
                 while self._fetcher.fetch() and not self._closing.is_set():
                     pass
+                self._refuse_second_rig()
                 self._learn()
                 self._publish()
             except PendubotError as error:
                 self.get_logger().error(str(error), throttle_duration_sec=10.0)
             except Exception as error:  # nobody else would hear of it
                 self.get_logger().error(f'{type(error).__name__}: {error}', throttle_duration_sec=10.0)
+
+    def _refuse_second_rig(self) -> None:
+        """Drop the samples where they have several publishers, and begin anew: nobody knows whose they are."""
+        before, self._rivals = self._rivals, name_rivals(self, self._joint_states, wait=True)
+        if self._rivals and not before:
+            self.get_logger().error(self._rivals)
+        if self._rivals or before:
+            self._waiting.clear()
+            self._forget.set()
 
     def _learn(self) -> None:
         waiting, self._waiting = self._waiting, []
@@ -152,6 +163,9 @@ class Tracker(SettingsNode):
     def _publish(self) -> None:
         state = self._tracker.state
         if self._held.is_set():
+            return
+        if self._rivals:
+            self._say(Level.ERROR, self._rivals, {})
             return
         if state is None:
             self._say(Level.WARN, self._tracker.waiting, {})
@@ -203,6 +217,8 @@ class Tracker(SettingsNode):
             values |= {'moving': state.moving, 'unexplained torque [N m]': state.unexplained}
         level = Level.WARN if state is None else state.level
         summary = self._tracker.waiting if state is None else self._headline(state)
+        if self._rivals:
+            level, summary = Level.ERROR, self._rivals
         self._tell(level, ('held; ' if self._held.is_set() else '') + summary, values)
 
 

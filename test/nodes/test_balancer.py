@@ -7,15 +7,19 @@ import signal
 
 import numpy as np
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
 
 from pendubot_identification.model.parameters import BALANCE
+from pendubot_identification.nodes.messages import LATCHED
 from test.faults.witness import steady_machine
 from test.live import LiveRig
 from test.processes import parameters
 from test.rig import ARMED, PATIENT
 
 pytestmark = pytest.mark.ros
-
+EFFORT, PARAMS = '/pendubot/effort_command', '/pendubot/params'
 #: How old a sample may be [s], where it is not what is tested ...
 PATIENCE = 2.0
 #: ... and the longest pause [ms] of a machine on which none of the usual timeouts, of 0.1 s, passes unasked.
@@ -125,33 +129,100 @@ def test_wrong_signs_stop_it_within_a_fifth_of_a_second(rig):
     assert (armed[-1] - armed[0]) / 200 < 0.5, 'noticed within 0.2 s by its own clock, and a service call'
 
 
-def test_it_refuses_to_start_where_an_exciter_drives_and_one_that_was_not_found_leaves_the_rig_to_it(rig):
+def test_it_publishes_torques_only_while_it_drives_and_refuses_to_start_beside_another_program(rig):
     rig.start_board(start='hanging', spread=0.0)
     rig.start_bridge(*PATIENT)
-    exciter = rig.start('exciter', *parameters(**GENTLE))
-    exciter.wait_for('exciting')
     balancer = rig.start('balancer', *parameters(max_age=PATIENCE))
     rig.publish()
     balancer.wait_for('prepared', 60.0)
+    assert not rig.node.count_publishers(EFFORT)
+    # Beside an idle balancer an exciter begins, and goes on.
+    exciter = rig.start('exciter', *parameters(**GENTLE))
+    exciter.wait_for('exciting')
     refused = rig.call('/balancer/start')
     assert not refused.success
-    assert '/exciter drives this rig, or is about to; end it' in refused.message
+    assert f'{EFFORT} has 1 publisher: /exciter; only one program may publish there' in refused.message
+    rig.until(lambda: rig.trace()[-1, 3])
     cut = len(rig.trace())
     rig.until(lambda: len(rig.trace()) > cut + 200)
-    assert exciter.process.poll() is None, 'beside an idle balancer it goes on'
     torques = rig.motion()[2][cut:]
     assert torques.min() >= 0.05
     assert torques.max() <= 0.15
     assert exciter.stop() == 0
     rig.begin()
-    assert balancer.stop() == 0
-    # Of a name that is no exciter's: to the balancer, one that has not been discovered.
-    exciter = rig.start('exciter', *parameters(**GENTLE), '-r', '__node:=pulses')
-    exciter.wait_for('exciting')
+    assert rig.node.count_publishers(EFFORT) == 1
+    # An exciter that comes while it drives gives way, and disarms nothing.
     cut = len(rig.trace())
-    rig.start('balancer', *parameters(max_age=PATIENCE))
-    rig.begin()
-    exciter.wait_for('/balancer drives this rig, too')
+    exciter = rig.start('exciter', *parameters(**GENTLE))
+    exciter.wait_for(f'{EFFORT} has 1 publisher: /balancer;')
     assert exciter.process.wait(10) == 1
     rig.until(lambda: rig.held()[1] > 0.5, 60.0)
-    assert (rig.trace()[cut:, 4] & ARMED).all(), 'it was not disarmed'
+    assert (rig.trace()[cut:, 4] & ARMED).all()
+    assert rig.call('/balancer/stop').success
+    rig.until(lambda: not rig.node.count_publishers(EFFORT))
+    rig.until(lambda: not rig.trace()[-1, 4] & ARMED)
+
+
+@pytest.fixture
+def stranger(ros):
+    node = ros.create_node('stranger', namespace='elsewhere')
+    yield node
+    node.destroy_node()
+
+
+def test_parameters_of_two_publishers_are_not_taken_and_it_starts_with_those_of_the_one_that_is_left(rig, stranger):
+    foreign = stranger.create_publisher(Float64MultiArray, PARAMS, LATCHED)
+    foreign.publish(Float64MultiArray(data=[3.0 * value for value in BALANCE.vector()]))
+    rig.publish()
+    rig.start_board()
+    rig.start_bridge(*PATIENT)
+    balancer = rig.start('balancer', *parameters(max_age=PATIENCE))
+    rivals = f'{PARAMS} has 2 publishers: /elsewhere/stranger, /listener; only one program may publish there'
+    balancer.wait_for(f'a message was not taken: {rivals}')
+    rig.until(lambda: any(each.level == b'\2' and rivals in each.message for each in rig.said()))
+    refused = rig.call('/balancer/start')
+    assert not refused.success
+    assert refused.message.startswith(rivals)
+    stranger.destroy_publisher(foreign)
+    begin_and_hold(rig)
+    # While it moves, those of a second publisher change nothing.
+    prepared = balancer.output.count('prepared')
+    foreign = stranger.create_publisher(Float64MultiArray, PARAMS, LATCHED)
+    foreign.publish(Float64MultiArray(data=[3.0 * value for value in BALANCE.vector()]))
+    balancer.wait_for('a message was not taken: /pendubot/params has 2 publishers')
+    rig.until(lambda: rig.held()[1] > 2.0, 60.0)
+    assert balancer.output.count('prepared') == prepared
+
+
+@pytest.mark.parametrize(
+    ('kind', 'topic', 'own'),
+    [(DiagnosticArray, '/pendubot/identification', '/listener'), (JointState, '/joint_states', '/bridge')],
+)
+def test_it_refuses_to_start_where_an_input_has_two_publishers(rig, stranger, kind, topic, own):
+    rig.start_board()
+    rig.start_bridge(*PATIENT)
+    balancer = rig.start('balancer', *parameters(max_age=PATIENCE))
+    rig.publish()
+    balancer.wait_for('prepared', 60.0)
+    second = stranger.create_publisher(kind, topic, LATCHED)
+    names = ', '.join(sorted([own, '/elsewhere/stranger']))
+    rivals = f'{topic} has 2 publishers: {names}; only one program may publish there'
+    rig.until(lambda: any(each.level == b'\2' and rivals in each.message for each in rig.said()))
+    refused = rig.call('/balancer/start')
+    assert not refused.success
+    assert refused.message.startswith(rivals)
+    stranger.destroy_publisher(second)
+    rig.begin()
+
+
+def test_a_second_publisher_of_joint_states_stops_it(rig, stranger):
+    rig.start_board()
+    rig.start_bridge(*PATIENT)
+    balancer = rig.start('balancer', *parameters(max_age=PATIENCE))
+    rig.publish()
+    begin_and_hold(rig)
+    stranger.create_publisher(JointState, '/joint_states', 1)
+    balancer.wait_for('stopped: /joint_states has 2 publishers: ')
+    rig.until(lambda: not rig.trace()[-1, 4] & ARMED)
+    names = '/joint_states has 2 publishers: /bridge, /elsewhere/stranger;'
+    rig.until(lambda: rig.said()[-1].level == b'\2' and names in rig.said()[-1].message)

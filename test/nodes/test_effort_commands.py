@@ -1,19 +1,30 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Two who command one rig: the bridge obeys one of them, refuses the other, and says who they are."""
+"""The motor has one owner: the bridge disarms at a second publisher of effort commands, and applies no old one."""
 
-import math
+import signal
+from pathlib import Path
 
 import pytest
 
-from test.rig import ARMED
+from test.processes import Program, parameters
+from test.rig import ARMED, WATCHDOG
 
-pytestmark = [pytest.mark.ros, pytest.mark.usefixtures('each_board')]
+pytestmark = pytest.mark.ros
 TOPIC = '/pendubot/effort_command'
-#: In micro-N m, as the board's trace has them: what the driver wants, and the other.
-DRIVER, OTHER = 100_000, 400_000
-REFUSED = 'effort commands of /elsewhere/intruder are refused, for /listener drives; end one'
+#: [micro-N m], as in the board's trace.
+OWN, OTHER = 100_000, 400_000
+RIVALS = f'{TOPIC} has 2 publishers: /elsewhere/intruder, /listener; only one program may publish there: end the others'
+#: Fast DDS forgets a program that was killed after 3 s.
+LEASE = """
+<dds xmlns="http://www.eprosima.com"><profiles>
+  <participant profile_name="short" is_default_profile="true"><rtps><builtin><discovery_config>
+    <leaseDuration><sec>3</sec></leaseDuration>
+    <leaseAnnouncement><sec>0</sec><nanosec>200000000</nanosec></leaseAnnouncement>
+  </discovery_config></builtin></rtps></participant>
+</profiles></dds>
+"""
 
 
 @pytest.fixture
@@ -23,64 +34,87 @@ def intruder(ros):
     node.destroy_node()
 
 
-def both_until(rig, other, condition, torque=OTHER / 1e6):
-    """Both command, the driver first each time, until a condition holds."""
-
-    def command():
-        rig.effort(DRIVER / 1e6)
-        other.publish(rig.float64(data=torque))
-        return condition()
-
-    rig.until(command, 20.0)
+def arm_and_drive(rig):
+    assert rig.call('arm').success
+    rig.drive_until(OWN / 1e6, lambda: rig.samples[-1][6] == OWN / 1e6)
 
 
-def started(rig, timeout, other):
-    rig.start_board()
-    bridge = rig.start_bridge(f'command_timeout:={timeout}')
-    rig.until_samples()
-    rig.until(lambda: other.get_subscription_count() and rig.effort_publisher.get_subscription_count())
-    return bridge
-
-
-def test_only_the_driver_moves_the_motor_until_it_is_gone_and_the_other_is_named_once(rig, intruder):
+@pytest.mark.usefixtures('each_board')
+def test_a_second_publisher_disarms_and_both_are_named_until_one_is_left_and_it_is_armed_again(rig, intruder):
     r = rig()
+    r.start_board()
+    # What is not tested is not to disarm.
+    bridge = r.start_bridge('watchdog_ms:=5000', 'link_timeout:=5.0')
+    r.until_samples()
+    arm_and_drive(r)
     other = intruder.create_publisher(r.float64, TOPIC, 1)
-    # Even one that a busy machine holds up for long still drives.
-    bridge = started(r, 600.0, other)
-    assert r.call('arm').success
-    r.drive_until(DRIVER / 1e6, lambda: r.samples[-1][6] == DRIVER / 1e6)
-    both_until(r, other, lambda: sum(d.level == b'\x01' and REFUSED in d.message for d in r.diagnoses) >= 2)
-    assert bridge.output.count(REFUSED) == 1, 'once while it lasts'
-    # Nor does the other disarm by a command that would.
-    r.diagnoses.clear()
-    both_until(r, other, lambda: r.diagnosed(1, REFUSED), math.nan)
-    values = r.fresh_values()
-    assert int(values['refused']) > 0
-    assert values['not_finite'] == '0'
-    # Two of the same name are told apart.
-    twin = r.node.create_publisher(r.float64, TOPIC, 1)
-    r.until(twin.get_subscription_count)
-    said = 'effort commands of another /listener are refused, for /listener drives'
-    both_until(r, twin, lambda: r.diagnosed(1, said))
-    assert set(r.trace()[:, 3]) == {0, DRIVER}
-    assert r.trace()[-1, 4] == ARMED
-    r.node.destroy_publisher(r.effort_publisher)
-    r.until(lambda: other.publish(r.float64(data=OTHER / 1e6)) or r.samples[-1][6] == OTHER / 1e6)
+    r.until(lambda: other.publish(r.float64(data=OTHER / 1e6)) or not r.trace()[-1, 4] & ARMED)
+    r.until(lambda: r.diagnosed(2, f'disarmed: {TOPIC} has 2 publishers: '))
+    # Named, at an ERROR, as long as there are two; the log names them once, with what was known at first.
+    r.until(lambda: sum(d.level == b'\2' and RIVALS in d.message for d in r.diagnoses) >= 3)
+    assert bridge.output.count(RIVALS) == 1
+    answer = r.call('arm')
+    assert not answer.success
+    assert answer.message.startswith(RIVALS)
+    intruder.destroy_publisher(other)
+    r.until(lambda: r.diagnoses and r.diagnoses[-1].level == b'\0')
+    # It does not go on by itself.
+    end = len(r.trace()) + 50
+    r.drive_until(OWN / 1e6, lambda: len(r.trace()) > end)
+    assert not r.trace()[-50:, 4].any()
+    arm_and_drive(r)
+    assert set(r.trace()[:, 3]) == {0, OWN}
+    assert not (r.trace()[:, 4] & WATCHDOG).any(), 'by command, not by the watchdog'
 
 
-def test_it_is_not_armed_while_two_command_and_another_drives_once_the_first_is_silent(rig, intruder):
+def test_a_second_publisher_disarms_even_if_nobody_commands(rig, intruder):
     r = rig()
-    other = intruder.create_publisher(r.float64, TOPIC, 1)
-    started(r, 1.0, other)
-    client = r.node.create_client(r.trigger, '/bridge/arm')
-    assert client.wait_for_service(10)
-    # The first from whom a command comes drives.
-    r.drive_until(DRIVER / 1e6, lambda: r.diagnoses and int(r.values()['discarded']))
-    both_until(r, other, lambda: r.diagnosed(1, REFUSED))
-    asked = client.call_async(r.trigger.Request())
-    both_until(r, other, asked.done)
-    assert (asked.result().success, asked.result().message) == (False, REFUSED)
-    assert not (r.trace()[:, 4] & ARMED).any()
-    r.drive_until(DRIVER / 1e6, lambda: r.call('arm').success)
-    r.drive_until(DRIVER / 1e6, lambda: r.samples[-1][6] == DRIVER / 1e6)
-    r.until(lambda: other.publish(r.float64(data=OTHER / 1e6)) or r.samples[-1][6] == OTHER / 1e6)
+    r.start_board()
+    r.start_bridge('watchdog_ms:=5000', 'link_timeout:=5.0')
+    r.until_samples()
+    arm_and_drive(r)
+    intruder.create_publisher(r.float64, TOPIC, 1)
+    r.until(lambda: not r.trace()[-1, 4] & ARMED)
+    assert not (r.trace()[:, 4] & WATCHDOG).any()
+
+
+def test_a_publisher_that_was_killed_counts_until_its_lease_ends(rig, tmp_path):
+    profile = tmp_path / 'short.xml'
+    profile.write_text(LEASE)
+    r = rig()
+    r.start_board()
+    r.start_bridge('watchdog_ms:=5000', 'link_timeout:=5.0')
+    r.until_samples()
+    with Program('exciter', *parameters(), env={'FASTRTPS_DEFAULT_PROFILES_FILE': str(profile)}) as exciter:
+        exciter.wait_for('waiting to be armed')
+        r.until(lambda: r.node.count_publishers(TOPIC) == 1)
+        exciter.kill()
+    r.until(r.effort_publisher.get_subscription_count)
+    answer = r.call('arm')
+    assert not answer.success
+    assert '2 publishers: /exciter, /listener;' in answer.message
+    assert 'a killed program counts until its DDS lease ends' in answer.message
+    r.until(lambda: r.call('arm').success, 30.0)
+
+
+def test_a_command_that_waited_while_the_bridge_was_stopped_is_not_applied(rig):
+    r = rig()
+    r.start_board()
+    bridge = r.start_bridge('watchdog_ms:=5000', 'link_timeout:=5.0')
+    r.until_samples()
+    arm_and_drive(r)
+    bridge.process.send_signal(signal.SIGSTOP)
+    state = Path(f'/proc/{bridge.process.pid}/stat')
+    r.until(lambda: state.read_text().rpartition(')')[2].split()[0] == 'T')
+    # In the board's time it waits for twice the command timeout: longer, and the board's watchdog would stop the motor.
+    end = len(r.trace()) + 20
+    r.effort(OTHER / 1e6)
+    r.until(lambda: len(r.trace()) > end)
+    bridge.process.send_signal(signal.SIGCONT)
+    r.until(lambda: r.diagnosed(1, 's old and was not applied; at most 0.1 s (command_timeout) are allowed'))
+    assert bridge.output.count('s old and was not applied') == 1
+    assert int(r.fresh_values()['stale']) == 1
+    r.until(lambda: not r.trace()[-1, 3])
+    # On a busy machine the watchdog may have tripped.
+    arm_and_drive(r)
+    assert r.trace()[:, 3].max() == OWN

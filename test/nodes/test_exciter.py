@@ -18,6 +18,7 @@ from test.processes import Program, parameters, run_program, spin_until
 from test.rig import ARMED, PATIENT, Rig
 
 pytestmark = pytest.mark.ros
+EFFORT = '/pendubot/effort_command'
 #: Pulses without end and without a pause.
 PULSES = {'duration': 0.0, 'width': 1.0, 'amplitude_min': 0.1, 'amplitude_max': 0.2}
 
@@ -93,49 +94,87 @@ def test_moves_nothing_that_is_not_recorded(rig, tmp_path):
     assert torque.any()
 
 
-def test_refuses_where_another_drives_the_rig_and_ends_disarmed_at_a_signal(rig, ros):
+@pytest.fixture
+def stranger(ros):
+    node = ros.create_node('stranger', namespace='elsewhere')
+    yield node
+    node.destroy_node()
+
+
+def ends_with_1(program):
+    assert program.process.wait(10) == 1
+    assert 'excitation done' not in program.output
+    assert 'Traceback' not in program.output
+
+
+def test_refuses_where_another_program_commands_which_goes_on_and_ends_disarmed_at_a_signal(rig):
     with exciter(arm='true', **PULSES) as first:
         first.wait_for('exciting')
         with exciter(arm='true', duration=0.0, amplitude_max=0.9) as second:
-            second.wait_for('/exciter drives this rig, too; end it')
-            assert second.process.wait(10) == 1
+            second.wait_for('/pendubot/effort_command has 1 publisher: /exciter; only one program may publish there')
+            ends_with_1(second)
         assert first.process.poll() is None, 'the first goes on'
         assert first.stop(signal.SIGTERM) == 0
     assert np.count_nonzero(np.diff(rig.armed())) == 2, 'armed once, and till the end'
     assert rig.torques().max() <= 200_000
     assert rig.torques()[-1] == 0
-    balancer = ros.create_node('balancer', namespace='lab')
-    try:
-        balancer.create_publisher(Float64, '/pendubot/effort_command', 1)
-        # It does not arm: so it looks around for longer than a busy machine takes to show it who is there.
-        with exciter() as program:
-            program.wait_for('/lab/balancer drives this rig, too')
-    finally:
-        balancer.destroy_node()
 
 
-def test_leaves_the_rig_to_a_balancer_that_moves_and_to_no_idle_one(rig, ros):
+@pytest.mark.parametrize('arm', ['true', 'false'])
+def test_refuses_to_begin_beside_a_controller_of_any_name(rig, stranger, arm):
+    controller = stranger.create_publisher(Float64, EFFORT, 1)
+    with exciter(arm=arm, **PULSES) as program:
+        assert spin_until(stranger, lambda: controller.publish(Float64(data=0.4)) or program.process.poll() is not None)
+        program.wait_for(f'{EFFORT} has 1 publisher: /elsewhere/stranger; only one program may publish there')
+        ends_with_1(program)
+    assert not rig.armed().any()
+
+
+def test_ends_disarmed_where_a_controller_comes_meanwhile(rig, stranger):
     with exciter(arm='true', **PULSES) as program:
         program.wait_for('exciting')
-        balancer = ros.create_node('balancer')
-        try:
-            balancer.create_publisher(Float64, '/pendubot/effort_command', 1)
-            diagnostics = balancer.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        rig.until(lambda: rig.torques().any())
+        controller = stranger.create_publisher(Float64, EFFORT, 1)
+        assert spin_until(stranger, lambda: controller.publish(Float64(data=0.4)) or program.process.poll() is not None)
+        program.wait_for('2 publishers: /elsewhere/stranger, /exciter; only one program may publish there')
+        ends_with_1(program)
+    rig.until(lambda: not rig.armed()[-1])
+    assert rig.torques().max() <= 200_000
 
-            def say(phase):
-                values = [KeyValue(key='phase', value=phase)]
-                diagnostics.publish(DiagnosticArray(status=[DiagnosticStatus(name='balancer', values=values)]))
 
-            assert spin_until(balancer, lambda: diagnostics.get_subscription_count() > 1)
-            cut = len(rig.torques())
-            assert spin_until(balancer, lambda: say('idle') or len(rig.torques()) > cut + 100)
-            assert program.process.poll() is None
-            assert spin_until(balancer, lambda: say('running') or program.process.poll() is not None)
-            assert program.process.returncode == 1
-            program.wait_for('/balancer drives this rig, too')
-        finally:
-            balancer.destroy_node()
-    assert rig.armed()[-1], 'it would fall'
+@pytest.mark.parametrize('ahead', [0, 3600])
+def test_ends_disarmed_and_not_done_at_a_second_publisher_of_joint_states(rig, stranger, ahead):
+    """It is told of samples with the rig's time, and with times at which the excitation would be done."""
+    with exciter(arm='true', **PULSES | {'duration': 600.0}) as program:
+        program.wait_for('exciting')
+        samples = stranger.create_publisher(JointState, '/joint_states', 10)
+
+        def publish():
+            message = JointState(name=['shoulder', 'elbow'], position=[0.0, 0.0], effort=[0.0, 0.0])
+            message.header.stamp = stranger.get_clock().now().to_msg()
+            message.header.stamp.sec += ahead
+            samples.publish(message)
+
+        assert spin_until(stranger, lambda: publish() or program.process.poll() is not None)
+        program.wait_for('/joint_states has 2 publishers: /bridge, /elsewhere/stranger; only one program may publish')
+        ends_with_1(program)
+    rig.until(lambda: not rig.armed()[-1])
+
+
+def test_ends_disarmed_after_it_was_held_up_itself(rig):
+    with exciter(arm='true', **PULSES) as program:
+        program.wait_for('exciting')
+        rig.until(lambda: rig.torques().any())
+        program.process.send_signal(signal.SIGSTOP)
+        cut = len(rig.torques())
+        rig.until(lambda: len(rig.torques()) > cut + 300)
+        assert rig.torques()[-1] == 0
+        cut = len(rig.torques())
+        program.process.send_signal(signal.SIGCONT)
+        program.wait_for('stopped: no joint states for')
+        ends_with_1(program)
+    rig.until(lambda: not rig.armed()[-1])
+    assert not rig.torques()[cut:].any(), 'it went on'
 
 
 def test_waits_for_the_first_sample_for_so_long_and_arms_only_then(ros):

@@ -17,7 +17,7 @@ from test.tracking.rig import Day, record, truth
 
 pytestmark = pytest.mark.ros
 DAY = Day(payload=0.2, payload_at=20.0)
-OK, WARN = b'\x00', b'\x01'
+OK, WARN, ERROR = b'\x00', b'\x01', b'\x02'
 
 
 class Listener:
@@ -92,6 +92,34 @@ def test_what_is_true_now_is_published_in_its_namespace(ros):
         assert not listener.node.count_publishers('/pendubot/params')
         assert tracker.stop() == 0
     listener.node.destroy_node()
+
+
+def test_samples_of_two_publishers_are_refused_and_it_begins_anew_with_the_one_that_is_left(ros):
+    listener, stranger = Listener(ros), ros.create_node('stranger', namespace='/elsewhere')
+    said = []
+    listener.node.create_subscription(DiagnosticArray, '/diagnostics', lambda m: said.extend(m.status), 10)
+    rivals = '/lab1/joint_states has 2 publishers: /elsewhere/stranger, /lab1/listener; only one program may publish'
+    with Program('tracker', '--ros-args', '-r', '__ns:=/lab1') as tracker:
+        listener.hears(lambda: listener.samples.get_subscription_count())
+        listener.send(15.0)
+        listener.hears(lambda: listener.params)
+        second = stranger.create_publisher(JointState, '/lab1/joint_states', quality(10, True, False))
+        tracker.wait_for(rivals)
+        listener.hears(lambda: listener.status[-1].level == ERROR and rivals in listener.status[-1].message)
+        listener.hears(lambda: said[-1].level == ERROR and rivals in said[-1].message)
+        # Whoever publishes them: none is learned from.
+        listener.params.clear()
+        taken = {pair.key: pair.value for pair in said[-1].values}['samples']
+        listener.send(28.0)
+        said.clear()
+        listener.hears(lambda: len(said) > 2)
+        assert {pair.key: pair.value for pair in said[-1].values}['samples'] == taken
+        stranger.destroy_publisher(second)
+        listener.hears(lambda: 'waiting for 8 s of motion' in listener.status[-1].message)
+        assert not listener.params
+        listener.hears(lambda: said[-1].level == WARN)
+    listener.node.destroy_node()
+    stranger.destroy_node()
 
 
 def test_a_start_that_cannot_be_read_is_refused(tmp_path):
