@@ -74,6 +74,7 @@ class Motor:
         self._sent = array('i', bytes(4 * _SEQS))  # torques [micro-N m] by the numbers of their frames
         self._obeyed = 0  # number of the frame that the last STATE obeyed
         self._applied = 0  # torque of the last STATE
+        self._moved = False  # whether the last STATE was armed or had a torque
         self._refused: int | None = None
         self._last_foreign = -SECOND
         self._torque = 0
@@ -207,17 +208,20 @@ class Motor:
                 self._output.report(Level.ERROR, reason)
             self.stop(reason, now)
         self._obeyed, self._applied = state.cmd_seq, state.torque
+        self._moved = bool(status & _ARMED or state.torque)
 
     def _follow_disarmed(self, state: State, risen: int, now: int) -> None:
-        moves = state.status & _ARMED or state.torque
-        if self._disarming_since is None:
-            if moves:
-                self.lost = 'another program armed the motor, or a bridge that was killed'
-                if self._output.is_new('armed by another', now):
-                    text = f'the board gives {state.torque / 1e6:g} N m, armed by another program; disarming it'
-                    self._output.report(Level.ERROR, f'{text}: end that program')
-                self.stop(self.lost, now)
-            elif risen & _FAULTS:
+        moves = bool(state.status & _ARMED or state.torque)
+        # From off to on without an ARM of this host, or on although it was disarmed.
+        foreign = moves and (self._disarming_since is None or not (self._moved or state.lock == self._lock))
+        if foreign:
+            self.lost = 'another program armed the motor, or a bridge that was killed'
+            if self._output.is_new('armed by another', now):
+                text = f'the board gives {state.torque / 1e6:g} N m, armed by another program; disarming it'
+                self._output.report(Level.ERROR, f'{text}: end that program')
+            self.stop(self.lost, now)
+        elif self._disarming_since is None:
+            if risen & _FAULTS:
                 self.stop('a fault', now)  # asks it to forget a fault that is over
         elif not moves and self._is_own(state.cmd_seq):
             self._disarming_since, self.disobeyed = None, False

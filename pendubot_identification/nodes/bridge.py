@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import gc
 import math
+import secrets
 import threading
 import time
 from collections.abc import Callable
@@ -61,14 +62,21 @@ class Bridge(SettingsNode):
         Setting('watchdog_ms', 100, 'without a command for so long the board stops its motor', 'ms', 10, 65535),
         Setting('command_timeout', 0.1, 'without an effort command for so long the torque is 0', 's', 0.001, 3600.0),
         Setting('link_timeout', 0.1, 'without anything valid for so long the link is lost: disarmed', 's', 0.01, 60.0),
-        Setting('max_speed', 100.0, 'a sample that would need a higher speed is not published', 'rad/s', 0.1, 1e6),
+        Setting(
+            'max_speed', 100.0, 'fastest speed of a joint; a higher one is not published and disarms', 'rad/s', 0.1, 1e6
+        ),
+        Setting(
+            'max_travel', [0.0, 0.0], 'how far each joint may be from count 0; 0: as the board says', 'rad', 0.0, 1e4
+        ),
+        Setting('confirm_zeros', True, 'whether ~/confirm_zeros has to be called once after every start of the board'),
     )
 
     def __init__(self, ended: Shutdown) -> None:
         super().__init__(ended)
         s = self.settings()
         frozen: dict[str, Any] = {name: tuple(v) if isinstance(v, list) else v for name, v in s.items()}
-        self._host = Host(HostConfig(**{each.name: frozen[each.name] for each in fields(HostConfig)}))
+        config = HostConfig(**{each.name: frozen[each.name] for each in fields(HostConfig)})
+        self._host = Host(config, new_session=lambda: 1 + secrets.randbelow((1 << 32) - 1))
         self._lock = threading.Lock()
         self._closing = threading.Event()
         self._arming: list[Future] = []
@@ -86,6 +94,7 @@ class Bridge(SettingsNode):
         group = ReentrantCallbackGroup()
         self.create_service(Trigger, '~/arm', self._on_arm, callback_group=group)
         self.create_service(Trigger, '~/disarm', self._on_disarm, callback_group=group)
+        self.create_service(Trigger, '~/confirm_zeros', self._on_confirm_zeros, callback_group=group)
         self._link = SerialPort(
             s['port'],
             s['baud'],
@@ -101,7 +110,7 @@ class Bridge(SettingsNode):
 
     def check(self, values: dict[str, Any]) -> None:
         """Refuse settings that make no sense together."""
-        for name in ('joint_names', 'sign', 'zero', 'counts_per_turn'):
+        for name in ('joint_names', 'sign', 'zero', 'counts_per_turn', 'max_travel'):
             if len(values[name]) != 2:
                 raise ParameterError(f'{name} has {len(values[name])} values; two are expected, shoulder and elbow')
         if 0 in values['sign']:
@@ -134,8 +143,8 @@ class Bridge(SettingsNode):
                         self._answer(event)
             for event in events:
                 if isinstance(event, Sample):
-                    stamp_ns, q, qd, effort = event
-                    self._joint_states.publish(self._message.fill(stamp_ns + self._epoch_ns, q, qd, effort))
+                    stamp_ns, q, qd, effort, current = event
+                    self._joint_states.publish(self._message.fill(stamp_ns + self._epoch_ns, q, qd, effort, current))
         except Exception as error:
             self._fail(error)
 
@@ -237,7 +246,14 @@ class Bridge(SettingsNode):
     def _on_disarm(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._step(self._host.disarm)
         response.success = self._host.link == 'up'
-        response.message = 'disarmed' if response.success else f'no board to tell: {self._host.condition().text}'
+        condition = self._host.condition(time.monotonic_ns())
+        response.message = 'disarmed' if response.success else f'no board to tell: {condition.text}'
+        return response
+
+    def _on_confirm_zeros(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        with self._lock:
+            response.success, response.message = self._host.confirm_zeros()
+        self.get_logger().info(f'zeros: {response.message}')
         return response
 
 

@@ -45,7 +45,7 @@ class JointStateBytes:
         q: tuple[float, float],
         qd: tuple[float, float],
         effort: float,
-        current: float = 0.0,
+        current: float,
     ) -> bytes:
         """Return the message of one sample.
 

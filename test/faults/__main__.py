@@ -15,12 +15,12 @@ from pathlib import Path
 from test.firmware.building import made
 from test.processes import BOARDS, MODULES
 
-from . import bridge, recorder
+from . import bridge, ownership, recorder
 from .table import HEADER, row
 
 
 def main():
-    trials = [*bridge.TRIALS, *recorder.TRIALS]
+    trials = [*bridge.TRIALS, *ownership.TRIALS, *recorder.TRIALS]
     names = [trial.name for trial in trials]
     parser = argparse.ArgumentParser(prog='python -m test.faults', description=__doc__)
     parser.add_argument('names', nargs='*', metavar='NAME', help=f'which: {", ".join(names)} (default: all)')

@@ -139,8 +139,8 @@ def usurper(folder, _):
             order = Command(2, 0, 1, 500, round(MICRO * FOREIGN), 0, 99)
             tap.inject(Arm(1, 0, tap.boot_id, 99, tap.lock, 500), order)
             rig.until(lambda begun=begun: (rig.trace()[begun:, 4] & ARMED).any())
-            rig.until(lambda: rig.diagnosed(2, 'armed by another program'))
-            last, stayed = until_off(rig, begun)
+            rig.until(lambda: rig.diagnosed(1, 'another program armed the motor'))
+            _, stayed = until_off(rig, begun)
             held.append((np.count_nonzero(rig.trace()[begun:, 3]), stayed))
     yield 'disarmed, and it stays so', f'{sum(stayed for _, stayed in held)} of 10', all(stayed for _, stayed in held)
     longest = max(count for count, _ in held)
@@ -195,14 +195,14 @@ def wires(folder, _):
 
 
 def stuck(folder, _):
-    """The shoulder's encoder stands still under 0.8 N m."""
-    with live_rig(folder, '--fault', 'stuck_at=0') as rig:
+    """The shoulder's encoder stands still under a torque that moves the shoulder, gently enough for the elbow."""
+    with live_rig(folder, '--fault', 'stuck_at=0', '--limit', 'stall_torque=300000') as rig:
         rig.start_board()
         rig.start_bridge()
         rig.until_samples(20)
-        drive(rig, 0.8)
+        drive(rig, 0.35)
         begun = int(np.flatnonzero(rig.trace()[:, 3])[0])
-        rig.drive_until(0.8, lambda: rig.diagnosed(2, 'stall'))
+        rig.drive_until(0.35, lambda: rig.diagnosed(2, 'stall'))
         last, stayed = until_off(rig, begun)
     yield 'named, off, and it stays so', f'{stayed}', stayed
     yield 'within the 500 ms of the limit', f'{last} samples', last <= 501
@@ -231,7 +231,9 @@ def runaway(folder, _):
             tripped = bool((rows[:, 4] & (Status.SPEED | Status.TRAVEL)).any())
             named = bool((rows[:, 4] & bit).any()) or not limits
         figures = f'with torque at most {fastest:.0f} rad/s and {farthest:.1f} rad'
-        within = (fastest <= 22 or name != 'speed') and (farthest <= 6.1 or name != 'travel') if limits else farthest <= 61
+        within = (
+            (fastest <= 22 or name != 'speed') and (farthest <= 6.1 or name != 'travel') if limits else farthest <= 61
+        )
         yield f'{" ".join(limits) or "limits by default"}: off', figures, tripped and named and within
 
 
@@ -244,13 +246,17 @@ def restart(folder, _):
         assert not rig.call('arm').success
         confirmed = rig.call('confirm_zeros')
         drive(rig, OWN)
-        rig.drive_until(OWN, lambda: rig.diagnosed(1, 'restarted'))
+        rig.drive_until(OWN, lambda: rig.diagnosed(1, 'the board restarted: '))
         begun = len(rig.trace())
         refused = rig.call('arm')
         moving = rig.call('confirm_zeros')
         samples(rig, 300, OWN)
         given = torques_since(rig, begun)
-    yield 'confirmed at rest, with the angles', confirmed.message, confirmed.success and 'q1 = -1.57' in confirmed.message
+    yield (
+        'confirmed at rest, with the angles',
+        confirmed.message,
+        confirmed.success and 'q1 = -1.57' in confirmed.message,
+    )
     yield 'not armed after the restart', refused.message, not refused.success and 'confirm_zeros' in refused.message
     yield 'not confirmed while it moves', moving.message, not moving.success and 'moves' in moving.message
     yield 'no torque', f'{sorted(given)} micro-N m', given == {0}

@@ -4,6 +4,7 @@
 """Serial ports of one's own to misbehave on, an independent receiver, and damage from a seed."""
 
 import binascii
+import contextlib
 import os
 import pty
 import select
@@ -165,6 +166,7 @@ class Tap:
         tty.setraw(slave)
         link.symlink_to(os.ttyname(slave))
         self._slave = slave  # open, so that a host may come and go
+        os.set_blocking(self._host, False)
         self._ended = threading.Event()
         self._lock = threading.Lock()
         self._thread = threading.Thread(target=self._carry, daemon=True)
@@ -197,7 +199,9 @@ class Tap:
                     heard = data
                     if self.rewrite is not None:
                         heard = b''.join(encode(self.rewrite(e)) for e in events if isinstance(e, (State, Hello)))
-                    os.write(self._host, heard)
+                    # A host that does not read loses what no longer fits, as on a line.
+                    with contextlib.suppress(BlockingIOError):
+                        os.write(self._host, heard)
 
     def close(self):
         self._ended.set()
