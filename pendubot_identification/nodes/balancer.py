@@ -176,7 +176,8 @@ class Balancer(SettingsNode):
 
     def _supervise(self) -> None:
         """Notice silence; prepare for what has come in, in a thread of its own; while idle, publish no torque."""
-        if self._balancing.phase is Phase.IDLE:
+        # While the program ends, close() still needs the publisher.
+        if self._balancing.phase is Phase.IDLE and not self.ended.is_set():
             self._driver.end()
             if self._missed and not self._rivals():
                 self._subscribe_parameters()

@@ -85,10 +85,12 @@ def until_off(rig, begun, timeout=20.0):
     """Wait until the motor is off; return after how many samples from ``begun`` on it was, and whether it stayed so."""
     rig.until(lambda: not newest(rig.trace_file)[3] and not newest(rig.trace_file)[4] & ARMED, timeout)
     samples(rig, 300, OWN)
-    given = np.flatnonzero(rig.trace()[begun:, 3])
-    armed = (rig.trace()[begun:, 4] & ARMED).astype(bool)
-    last = int(given[-1]) + 1 if given.size else 0
-    return last, not armed[np.flatnonzero(~armed)[0] :].any() if (~armed).any() else False
+    rows = rig.trace()[begun:]
+    on = np.flatnonzero((rows[:, 3] != 0) | (rows[:, 4] & ARMED != 0))
+    # Once off, it is never on again.
+    stayed = bool(on.size) and on[-1] - on[0] == len(on) - 1 and on[-1] < len(rows) - 1
+    given = np.flatnonzero(rows[:, 3])
+    return (int(given[-1]) + 1 if given.size else 0), stayed
 
 
 def foreign(folder, _):

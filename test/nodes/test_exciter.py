@@ -121,11 +121,19 @@ def test_refuses_where_another_program_commands_which_goes_on_and_ends_disarmed_
 
 
 @pytest.mark.parametrize('arm', ['true', 'false'])
-def test_refuses_to_begin_beside_a_controller_of_any_name(rig, stranger, arm):
-    controller = stranger.create_publisher(Float64, EFFORT, 1)
+@pytest.mark.parametrize(
+    ('kind', 'topic', 'found'),
+    [
+        (Float64, EFFORT, '1 publisher: /elsewhere/stranger'),
+        (JointState, '/joint_states', '2 publishers: /bridge, /elsewhere/stranger'),
+    ],
+    ids=['controller', 'second rig'],
+)
+def test_refuses_to_begin_beside_a_program_of_any_name(rig, stranger, arm, kind, topic, found):
+    publisher = stranger.create_publisher(kind, topic, 1)
     with exciter(arm=arm, **PULSES) as program:
-        assert spin_until(stranger, lambda: controller.publish(Float64(data=0.4)) or program.process.poll() is not None)
-        program.wait_for(f'{EFFORT} has 1 publisher: /elsewhere/stranger; only one program may publish there')
+        assert spin_until(stranger, lambda: publisher.publish(kind()) or program.process.poll() is not None)
+        program.wait_for(f'{topic} has {found}; only one program may publish there')
         ends_with_1(program)
     assert not rig.armed().any()
 
