@@ -44,9 +44,10 @@ uint32_t board_boot_id(void)
     return SEED ^ boots * 0x9e3779b9u;
 }
 
-uint8_t board_reset_cause(void)
+struct pendubot_reset board_reset(void)
 {
-    return boots == 1 ? 1 : 4;
+    struct pendubot_reset reset = { .cause = boots == 1 ? 1 : 4 };
+    return reset;
 }
 
 void board_read(struct pendubot_reading *reading)

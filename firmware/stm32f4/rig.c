@@ -140,9 +140,10 @@ uint32_t board_boot_id(void)
     return RNG->DR ^ boots * 0x9e3779b9u;
 }
 
-uint8_t board_reset_cause(void)
+struct pendubot_reset board_reset(void)
 {
-    return cause;
+    struct pendubot_reset reset = { .cause = cause };
+    return reset;
 }
 
 /* Sampling */

@@ -79,6 +79,9 @@ def test_a_launch_file_starts_it_or_says_what_is_missing(launch, tmp_path, monke
         (['--preset', 'rig'], '--preset is rig; paper or balance is expected'),
         (['--fault', 'bit_flip=2'], 'bit_flip is 2; a number from 0 to 1 is expected'),
         (['--fault', 'rust=1'], 'no fault rust=1'),
+        (['--limit', 'max_speed=-1'], 'max_speed is -1; a number from 0 to 4.29497e+09 is expected'),
+        (['--limit', 'stall_ms=65536'], 'stall_ms is 65536; a number from 0 to 65535 is expected'),
+        (['--limit', 'beauty=1'], 'no limit beauty=1'),
         (['--nonsense'], 'usage: pendubot_board'),
     ],
 )
