@@ -16,7 +16,20 @@ static const struct pendubot_settings settings = {
     .torque_limit = TORQUE_LIMIT_MICRO_NM,
     .sample_period_us = 1000000 / SAMPLE_HZ,
     .watchdog_max_ms = WATCHDOG_MAX_MS,
-    .firmware = "emulated 1",
+    .torque_constant = MICRO_NM_PER_A,
+    .build = BUILD_ID,
+    .limits = { /* the same as in the package's virtual board */
+        .torque_slew = 1000000,
+        .max_speed = 100000,
+        .max_travel1 = 60000,
+        .max_travel2 = 300000,
+        .stall_torque = 500000,
+        .stall_ms = 500,
+        .continuous_ma = 15000,
+        .overload_ms = 2000,
+        .max_vbus = 3000,
+    },
+    .firmware = "emulated 2",
 };
 
 enum { VBUS_10MV = 2400, MICRO_NM_PER_MA = MICRO_NM_PER_A / 1000 };
@@ -46,8 +59,7 @@ uint32_t board_boot_id(void)
 
 struct pendubot_reset board_reset(void)
 {
-    struct pendubot_reset reset = { .cause = boots == 1 ? 1 : 4 };
-    return reset;
+    return fault_log_read(boots == 1 ? 1 : 4);
 }
 
 void board_read(struct pendubot_reading *reading)

@@ -54,6 +54,7 @@ static struct pendubot_settings settings = {
     .sample_period_us = 10000,
     .watchdog_max_ms = 500,
     .torque_constant = 100000,
+    .build = BUILD_ID,
     .limits = {
         .torque_slew = 1000000,
         .max_speed = 100000,
