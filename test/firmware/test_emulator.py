@@ -15,6 +15,7 @@ import time
 import pytest
 
 from pendubot_identification.link.protocol import Arm, Command, Hello, HelloRequest, State, Status, encode
+from pendubot_identification.link.virtual_board import LIMITS
 
 from .building import FIRMWARE, made, need
 from .emulator import Emulator, Line
@@ -83,6 +84,17 @@ def test_a_fault_of_the_processor_takes_the_voltage_away_and_begins_again_disarm
     assert heard[-1].fault_cause == HARD_FAULT
     assert emulator.written(TIM1, BDTR)[-1] == OFF
     assert emulator.written(TIM1, CCR1)[-1] == 0
+
+
+def test_hello_tells_limits_and_commit(emulator, line):
+    line.write(encode(HelloRequest(1, 0)))
+    hello = line.events(10, lambda e: isinstance(e, Hello))[-1]
+    assert (hello.firmware, hello.limits, hello.torque_constant) == ('emulated 2', LIMITS, 200_000)
+    # 0 where files were changed since the last commit, or where there is none.
+    git = ('git', '-C', FIRMWARE)
+    log = subprocess.run([*git, 'log', '-1', '--format=%H', '--', '.'], capture_output=True, text=True)
+    changed = log.returncode or subprocess.run([*git, 'diff', '--quiet', 'HEAD', '--', '.']).returncode
+    assert hello.build == (0 if changed else int(log.stdout[:8], 16))
 
 
 def test_every_interrupt_but_two_is_a_fault():
