@@ -45,7 +45,7 @@ def test_it_stands_behind_its_link_until_a_signal_ends_it(tmp_path):
         while os.path.exists(port):
             assert time.monotonic() < deadline, 'QEMU goes on'
             time.sleep(0.01)
-    assert (boots[0].firmware, boots[0].sample_period_us) == ('emulated 1', 10_000)
+    assert (boots[0].firmware, boots[0].sample_period_us) == ('emulated 2', 10_000)
     assert boots[0].boot_id != boots[1].boot_id
 
 
