@@ -1,27 +1,33 @@
 /* Copyright 2026 The pendubot_identification authors
  * SPDX-License-Identifier: Apache-2.0 */
-/* What a port gives to firmware.c, and what it calls there: all that another board needs. */
+/* The nine functions that a port supplies, and the two that it calls. */
 #ifndef BOARD_H
 #define BOARD_H
 
 #include "pendubot_link.h"
 
-/* What a port gives. */
+#ifdef __cplusplus
+extern "C" {
+#endif
 
-/* Counts per turn, torque limit, sample period and name. */
+/* A port supplies these. */
+
+/* Returns the board's constants and limits. */
 const struct pendubot_settings *board_settings(void);
 
-/* Another number at every boot, and why it booted (README.md lists the causes). */
+/* Returns another number at every boot. An ARM that was made before a restart must not fit after it. */
 uint32_t board_boot_id(void);
-uint8_t board_reset_cause(void);
 
-/* The time of this sample: a clock that begins at 0 and wraps at 2^32. */
+/* Returns why the board booted, and the processor fault before, if there was one. */
+struct pendubot_reset board_reset(void);
+
+/* Returns the time of this sample in microseconds: a clock that begins at 0 and wraps at 2^32. */
 uint32_t board_micros(void);
 
-/* Encoders first, because they are what the time is of; then current, supply, and the faults that stand. */
+/* Reads the encoders first, because the time of the sample is theirs; then current, supply and faults. */
 void board_read(struct pendubot_reading *reading);
 
-/* Lets the motor give a torque until the next call; 0 takes all voltage from it. */
+/* Lets the motor give a torque [micro-N m] until the next call; 0 takes all voltage from it. */
 void board_torque(int32_t torque);
 
 /* Fills `data` with what the host has sent, at most `room` bytes, and returns how many; it never waits. */
@@ -33,15 +39,19 @@ size_t board_room(void);
 /* Sends; returns whether all of it went out. */
 bool board_send(const uint8_t *data, size_t size);
 
-/* What firmware.c gives. */
+/* firmware.c supplies these. */
 
-/* The board's link; for a port to read. */
+/* The board's link. A port may read it. */
 extern struct pendubot_link firmware_link;
 
-/* Boots: to be called once, motor off, before the first sample. */
+/* Begins with the motor off. Call it once, before the first sample. */
 void firmware_boot(void);
 
-/* Takes a sample: to be called every sample period, by one interrupt or one thread alone. */
+/* Takes a sample. Call it every sample period, from one interrupt or one thread alone. */
 void firmware_sample(void);
+
+#ifdef __cplusplus
+}
+#endif
 
 #endif

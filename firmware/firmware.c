@@ -1,9 +1,9 @@
 /* Copyright 2026 The pendubot_identification authors
  * SPDX-License-Identifier: Apache-2.0 */
-/* What every port does at a sample. */
+/* The steps of a sample, the same in every port. */
 #include "board.h"
 
-/* Taken or sent at one sample at most: more than a line of 921600 bit/s carries in 1 ms. */
+/* Largest number of bytes received or sent at a sample: more than a line of 921600 bit/s carries in 1 ms. */
 enum { ROOM = 256 };
 
 struct pendubot_link firmware_link;
@@ -11,7 +11,7 @@ struct pendubot_link firmware_link;
 void firmware_boot(void)
 {
     board_torque(0);
-    pendubot_boot(&firmware_link, board_settings(), board_boot_id(), board_reset_cause());
+    pendubot_boot(&firmware_link, board_settings(), board_boot_id(), board_reset());
 }
 
 void firmware_sample(void)

@@ -1,16 +1,16 @@
 /* Copyright 2026 The pendubot_identification authors
  * SPDX-License-Identifier: Apache-2.0 */
-/* The board's side of the serial protocol, version 1, as docs/protocol.md has it.
+/* The board's side of the serial protocol, version 2, as docs/protocol.md describes it.
  *
- * Bytes and the board's time come in, bytes and a torque go out. Nothing here reads a clock, a port or a pin,
- * allocates, or has a variable of its own: all that lasts is in the struct that the caller keeps. None of the functions
- * may interrupt another one with the same struct. All torques are in micro-N m, all times in microseconds.
+ * The caller passes in bytes, readings and the time; it gets back bytes and a torque. The functions read no clock, no
+ * port and no pin. They allocate nothing and have no variables of their own: all state is in the caller's struct. None
+ * of them may interrupt another one on the same struct. Torques are in micro-N m, times in microseconds.
  *
- * A board does this, and every sample period calls pendubot_receive and then pendubot_sample:
+ * A board calls pendubot_boot once, and pendubot_receive and then pendubot_sample every sample period:
  *
- *     pendubot_boot(&link, &settings, boot_id, reset_cause);
+ *     pendubot_boot(&link, &settings, boot_id, reset);
  *     ...
- *     pendubot_receive(&link, now, faults, bytes, count);
+ *     pendubot_receive(&link, now, reading.faults, bytes, count);
  *     size = pendubot_sample(&link, now, &reading, &torque, out, room);
  */
 #ifndef PENDUBOT_LINK_H
@@ -20,34 +20,49 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 /* The status bits of a STATE. */
-enum {
-    PENDUBOT_ARMED = 1 << 0,
-    PENDUBOT_WATCHDOG = 1 << 1,
-    PENDUBOT_EMERGENCY_STOP = 1 << 2,
-    PENDUBOT_SATURATED = 1 << 3,
-    PENDUBOT_ENCODER_1 = 1 << 4,
-    PENDUBOT_ENCODER_2 = 1 << 5,
-    PENDUBOT_OVER_CURRENT = 1 << 6,
-    PENDUBOT_OVER_TEMPERATURE = 1 << 7,
-    PENDUBOT_UNDERVOLTAGE = 1 << 8,
-    PENDUBOT_DAMAGED_FRAME = 1 << 9,
-    PENDUBOT_OVERRUN = 1 << 10,
-    /* Those that keep the motor off while they stand; a board reports any of them as faults. */
-    PENDUBOT_FAULTS = PENDUBOT_EMERGENCY_STOP | PENDUBOT_ENCODER_1 | PENDUBOT_ENCODER_2 | PENDUBOT_OVER_CURRENT
-                      | PENDUBOT_OVER_TEMPERATURE | PENDUBOT_UNDERVOLTAGE,
-};
+#define PENDUBOT_ARMED (UINT32_C(1) << 0)
+#define PENDUBOT_WATCHDOG (UINT32_C(1) << 1)
+#define PENDUBOT_EMERGENCY_STOP (UINT32_C(1) << 2)
+#define PENDUBOT_SATURATED (UINT32_C(1) << 3)
+#define PENDUBOT_ENCODER_1 (UINT32_C(1) << 4)
+#define PENDUBOT_ENCODER_2 (UINT32_C(1) << 5)
+#define PENDUBOT_OVER_CURRENT (UINT32_C(1) << 6)
+#define PENDUBOT_OVER_TEMPERATURE (UINT32_C(1) << 7)
+#define PENDUBOT_UNDERVOLTAGE (UINT32_C(1) << 8)
+#define PENDUBOT_DAMAGED_FRAME (UINT32_C(1) << 9)
+#define PENDUBOT_OVERRUN (UINT32_C(1) << 10)
+#define PENDUBOT_REFUSED (UINT32_C(1) << 11)
+#define PENDUBOT_LATE (UINT32_C(1) << 12)
+#define PENDUBOT_SLEW (UINT32_C(1) << 13)
+#define PENDUBOT_OVERVOLTAGE (UINT32_C(1) << 14)
+#define PENDUBOT_SPEED (UINT32_C(1) << 15)
+#define PENDUBOT_TRAVEL (UINT32_C(1) << 16)
+#define PENDUBOT_STALL (UINT32_C(1) << 17)
+#define PENDUBOT_OVERLOAD (UINT32_C(1) << 18)
+#define PENDUBOT_ZEROED (UINT32_C(1) << 19)
+
+/* The bits that keep the motor off while they are set. The link finds the limits' faults; a port may report any. */
+#define PENDUBOT_FAULTS                                                                                                \
+    (PENDUBOT_EMERGENCY_STOP | PENDUBOT_ENCODER_1 | PENDUBOT_ENCODER_2 | PENDUBOT_OVER_CURRENT                         \
+        | PENDUBOT_OVER_TEMPERATURE | PENDUBOT_UNDERVOLTAGE | PENDUBOT_OVERVOLTAGE | PENDUBOT_SPEED | PENDUBOT_TRAVEL  \
+        | PENDUBOT_STALL | PENDUBOT_OVERLOAD)
 
 /* Sizes of whole frames on the wire, delimiter included. */
-enum { PENDUBOT_STATE_FRAME = 34, PENDUBOT_HELLO_FRAME = 54 };
+enum { PENDUBOT_STATE_FRAME = 40, PENDUBOT_HELLO_FRAME = 94 };
 
-/* The longest frame without its delimiter; what is longer is dropped. */
-enum { PENDUBOT_MAX_FRAME = 53 };
+/* The size of the longest frame without its delimiter. The decoder drops longer ones. */
+enum { PENDUBOT_MAX_FRAME = 93 };
 
-/* What ended with a byte: nothing yet, a message, or bytes that are dropped, and why. */
+/* What ended with a byte: nothing yet, a message, or dropped bytes with the reason. */
 enum pendubot_event {
     PENDUBOT_NOTHING,
     PENDUBOT_COMMAND,
+    PENDUBOT_ARM,
     PENDUBOT_HELLO_REQUEST,
     PENDUBOT_OVERLONG,
     PENDUBOT_BAD_COBS,
@@ -57,32 +72,57 @@ enum pendubot_event {
     PENDUBOT_BAD_TYPE,
 };
 
-struct pendubot_command {
-    uint16_t seq;
+/* A COMMAND or an ARM. */
+struct pendubot_request {
     uint32_t t_us; /* the host's clock */
-    uint8_t mode;  /* 0 disarm and unlock, 1 torque */
-    uint8_t flags;
+    uint32_t session;
+    uint32_t boot_id; /* of an ARM */
+    int32_t torque;   /* of a COMMAND */
+    uint16_t seq;
     uint16_t watchdog_ms;
-    int32_t torque;
+    uint16_t lock; /* of an ARM */
+    uint8_t mode;  /* of a COMMAND: 0 disarm, 1 torque */
+    uint8_t flags;
 };
 
-/* Begins as zeros. */
+/* It begins as zeros. */
 struct pendubot_decoder {
     uint8_t frame[PENDUBOT_MAX_FRAME];
     uint8_t size;
     bool overlong;
 };
 
-/* Takes one byte; `command` is filled where a PENDUBOT_COMMAND ends with it. */
-enum pendubot_event pendubot_decode(struct pendubot_decoder *decoder, uint8_t byte, struct pendubot_command *command);
+/* Takes one byte; fills `request` if a COMMAND or an ARM ends with it. */
+enum pendubot_event pendubot_decode(struct pendubot_decoder *decoder, uint8_t byte, struct pendubot_request *request);
 
-/* What a HELLO says. */
+/* The limits of HELLO; 0 where the board has no such limit. */
+struct pendubot_limits {
+    uint32_t torque_slew;                /* largest change of the torque, micro-N m per ms */
+    uint32_t max_speed;                  /* of either joint, mrad/s */
+    uint32_t max_travel1, max_travel2;   /* of shoulder and elbow to either side of count 0, mrad */
+    uint32_t stall_torque;               /* from this torque on the shoulder has to move ... */
+    uint16_t stall_ms;                   /* ... within this time */
+    uint16_t continuous_ma, overload_ms; /* the motor's continuous current; it bears twice as much for this time */
+    uint16_t max_vbus;                   /* highest supply, 10 mV */
+};
+
+/* The constants of a board that HELLO tells. */
 struct pendubot_settings {
-    uint32_t cpr1, cpr2; /* encoder counts per turn */
+    uint32_t cpr1, cpr2;  /* encoder counts per turn */
     int32_t torque_limit; /* 0 or more */
     uint32_t sample_period_us;
     uint16_t watchdog_max_ms;
-    const char *firmware; /* at most 16 characters of ASCII */
+    uint32_t torque_constant; /* torque at the shoulder per A; 0 if not known */
+    uint32_t build;           /* which source this is; 0 if not known */
+    struct pendubot_limits limits;
+    const char *firmware; /* name, at most 16 characters of ASCII */
+};
+
+/* Why the board booted. */
+struct pendubot_reset {
+    uint32_t fault_pc;   /* program counter at the last processor fault since power came; 0 if not known */
+    uint8_t fault_cause; /* exception number of that fault; 0 if there was none */
+    uint8_t cause;       /* 1 power, 2 reset pin or debugger, 3 watchdog, 4 software */
 };
 
 /* What the board measured at a sample. */
@@ -90,43 +130,68 @@ struct pendubot_reading {
     int32_t enc1, enc2; /* counts, not wrapped per turn */
     int16_t current_ma;
     uint16_t vbus_10mv;
-    uint32_t faults; /* of PENDUBOT_FAULTS, what is wrong now */
+    uint32_t faults; /* bits of PENDUBOT_FAULTS: what is wrong now */
+};
+
+/* The state of a limit check, and what pendubot_boot computes for it. */
+struct pendubot_monitor {
+    uint64_t speed[2];     /* max_speed times counts per turn */
+    uint32_t travel[2];    /* counts */
+    uint32_t stall_us;     /* stall_ms */
+    int64_t heat, hottest; /* mA^2 us */
+    uint32_t still_us;     /* how long the shoulder has stood under torque ... */
+    int32_t still_at;      /* ... and where */
+    int32_t before[2];     /* counts at the sample before */
+    uint8_t fast;          /* fast samples in a row */
 };
 
 /* A board; only the functions below change it. */
 struct pendubot_link {
     struct pendubot_settings settings;
     struct pendubot_decoder decoder;
+    struct pendubot_monitor monitor;
+    struct pendubot_reset reset;
     uint32_t boot_id;
-    uint8_t reset_cause;
+    uint32_t session;        /* that may command; 0 before the first ARM */
+    uint32_t status;         /* of the last STATE */
+    uint32_t latched;        /* why it was disarmed, until a mode 0 or an ARM */
+    uint32_t exceeded;       /* limits, at the last sample */
+    uint32_t notes;          /* status bits for the next STATE alone */
+    uint32_t holds_until_us; /* the end of the watchdog's time */
+    uint32_t sampled_us;     /* the time of the last sample */
+    uint32_t step;           /* largest change of the torque from one sample to the next */
+    int32_t wanted;          /* torque of the last COMMAND */
+    int32_t applied;         /* torque of the last STATE */
+    int32_t slewed;          /* the torque from which the next change begins */
+    uint16_t seq;            /* of the next frame */
+    uint16_t cmd_seq;        /* of the last request that was obeyed */
+    uint16_t lock, refused;
     uint8_t hellos_due;
-    uint16_t seq;     /* of the next frame */
-    uint16_t cmd_seq; /* of the last command obeyed */
-    uint16_t status;  /* of the last STATE */
-    bool fresh; /* nothing was sent yet */
-    bool armed, locked, tripped, stopped;
-    int32_t wanted; /* torque of the last command obeyed */
-    uint32_t holds_until_us;
-    uint32_t notes; /* PENDUBOT_DAMAGED_FRAME and PENDUBOT_OVERRUN, for the next STATE */
+    bool fresh;   /* nothing was sent yet */
+    bool sampled; /* there was a sample before */
+    bool armed, stopped, zeroed;
 };
 
-/* Begins: disarmed, locked, torque 0, a HELLO due. `boot_id` differs from that of the boots before. */
-void pendubot_boot(
-    struct pendubot_link *link, const struct pendubot_settings *settings, uint32_t boot_id, uint8_t reset_cause);
+/* Begins: disarmed, torque 0, a HELLO due. `boot_id` differs from that of every boot before. */
+void pendubot_boot(struct pendubot_link *link, const struct pendubot_settings *settings, uint32_t boot_id,
+    struct pendubot_reset reset);
 
-/* Takes bytes from the host; what they command counts from the next sample on. `faults`: what is wrong now. */
-void pendubot_receive(
-    struct pendubot_link *link, uint32_t now_us, uint32_t faults, const uint8_t *data, size_t size);
+/* Takes bytes from the host. Their commands count from the next sample on. `faults`: what is wrong now. */
+void pendubot_receive(struct pendubot_link *link, uint32_t now_us, uint32_t faults, const uint8_t *data, size_t size);
 
-/* Decides about the motor, writes the frames that are due into `out`, and returns their size.
+/* Checks the limits, decides about the motor, writes the due frames into `out`, and returns their size.
  *
- * `torque` is what the motor is to give from now until the next sample. Of HELLOs as many are written as leave room for
- * the STATE, the others later; where there is no room for the STATE, it is lost and the next one says so.
+ * `torque` is what the motor has to give from now until the next sample. HELLOs leave room for the STATE; those that do
+ * not fit wait for a later sample. Without room for the STATE it is lost, and the next one says so.
  */
 size_t pendubot_sample(struct pendubot_link *link, uint32_t now_us, const struct pendubot_reading *reading,
     int32_t *torque, uint8_t *out, size_t room);
 
-/* For a port that finds out later that it could not send a sample's frames: the next STATE says so. */
+/* For a port that could not send a sample's frames: the next STATE says so. */
 void pendubot_note_overrun(struct pendubot_link *link);
+
+#ifdef __cplusplus
+}
+#endif
 
 #endif

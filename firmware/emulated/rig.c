@@ -16,7 +16,20 @@ static const struct pendubot_settings settings = {
     .torque_limit = TORQUE_LIMIT_MICRO_NM,
     .sample_period_us = 1000000 / SAMPLE_HZ,
     .watchdog_max_ms = WATCHDOG_MAX_MS,
-    .firmware = "emulated 1",
+    .torque_constant = MICRO_NM_PER_A,
+    .build = BUILD_ID,
+    .limits = { /* the same as in the package's virtual board */
+        .torque_slew = 1000000,
+        .max_speed = 100000,
+        .max_travel1 = 60000,
+        .max_travel2 = 300000,
+        .stall_torque = 500000,
+        .stall_ms = 500,
+        .continuous_ma = 15000,
+        .overload_ms = 2000,
+        .max_vbus = 3000,
+    },
+    .firmware = "emulated 2",
 };
 
 enum { VBUS_10MV = 2400, MICRO_NM_PER_MA = MICRO_NM_PER_A / 1000 };
@@ -44,9 +57,9 @@ uint32_t board_boot_id(void)
     return SEED ^ boots * 0x9e3779b9u;
 }
 
-uint8_t board_reset_cause(void)
+struct pendubot_reset board_reset(void)
 {
-    return boots == 1 ? 1 : 4;
+    return fault_log_read(boots == 1 ? 1 : 4);
 }
 
 void board_read(struct pendubot_reading *reading)

@@ -31,24 +31,52 @@
 
 static const char usage[] =
     "usage: pendubot_board [--link PATH] [--rate HZ] [--counts N] [--torque-limit NM] [--preset paper|balance]\n"
-    "                      [--trace FILE] [--duration S] [--seed N] [--fault NAME=VALUE ...]\n"
+    "                      [--trace FILE] [--duration S] [--seed N] [--fault NAME=VALUE ...] [--limit NAME=VALUE ...]\n"
     "faults: bit_flip, drop_byte, double_byte, lose_frame, duplicate_frame (probability, of each sample's bytes),\n"
-    "glitch (of each sample), reset_at, emergency_stop_at, over_current_at (seconds after the start)\n";
+    "glitch (of each sample), reset_at, emergency_stop_at, over_current_at, stuck_at (seconds after the start)\n"
+    "limits, in the units of HELLO, 0 for none: torque_slew, max_speed, max_travel1, max_travel2, stall_torque, stall_ms,\n"
+    "continuous_ma, overload_ms, max_vbus\n";
 
 /* In the order of `fault_names`. */
 static const char *const fault_names[] = { "bit_flip", "drop_byte", "double_byte", "lose_frame", "duplicate_frame",
-    "glitch", "reset_at", "emergency_stop_at", "over_current_at" };
+    "glitch", "reset_at", "emergency_stop_at", "over_current_at", "stuck_at" };
 enum { BIT_FLIP, DROP_BYTE, DOUBLE_BYTE, LOSE_FRAME, DUPLICATE_FRAME, GLITCH, RESET_AT, EMERGENCY_STOP_AT,
-    OVER_CURRENT_AT, FAULTS };
+    OVER_CURRENT_AT, STUCK_AT, FAULTS };
 
-static struct pendubot_settings settings = { 4000, 4000, 2000000, 10000, 500, "host in C" };
+/* Micro-N m: twice the gravity torque (P4 + P5) g of the paper's rig, and 1.5 times that of plant_to_balance. */
+enum { STALL_TORQUE = 500000, STALL_TORQUE_TO_BALANCE = 1920000 };
 
-static double faults[FAULTS] = { [RESET_AT] = INFINITY, [EMERGENCY_STOP_AT] = INFINITY, [OVER_CURRENT_AT] = INFINITY };
+/* Limits for the paper's rig, the same as in the package's virtual board. */
+static struct pendubot_settings settings = {
+    .cpr1 = 4000,
+    .cpr2 = 4000,
+    .torque_limit = 2000000,
+    .sample_period_us = 10000,
+    .watchdog_max_ms = 500,
+    .torque_constant = 100000,
+    .build = BUILD_ID,
+    .limits = {
+        .torque_slew = 1000000,
+        .max_speed = 100000,
+        .max_travel1 = 60000,
+        .max_travel2 = 300000,
+        .stall_torque = STALL_TORQUE,
+        .stall_ms = 500,
+        .continuous_ma = 15000,
+        .overload_ms = 2000,
+        .max_vbus = 3000,
+    },
+    .firmware = "host in C",
+};
+
+static double faults[FAULTS] = { [RESET_AT] = INFINITY, [EMERGENCY_STOP_AT] = INFINITY, [OVER_CURRENT_AT] = INFINITY,
+    [STUCK_AT] = INFINITY };
 static struct plant plant;
 static const char *link_path;
 static FILE *trace;
 static uint64_t elapsed_us, booted_us; /* since the start, and then */
 static int32_t origin[2], counts[2], torque_now;
+static bool stuck; /* the shoulder's encoder stands still */
 static uint8_t cause = 1;
 static char slave_path[64];
 static int master = -1;
@@ -156,9 +184,10 @@ uint32_t board_boot_id(void)
     return (uint32_t)mrand48() | 1;
 }
 
-uint8_t board_reset_cause(void)
+struct pendubot_reset board_reset(void)
 {
-    return cause;
+    struct pendubot_reset reset = { .cause = cause };
+    return reset;
 }
 
 uint32_t board_micros(void)
@@ -169,12 +198,13 @@ uint32_t board_micros(void)
 void board_read(struct pendubot_reading *reading)
 {
     uint32_t cpr[2] = { settings.cpr1, settings.cpr2 };
-    for (int joint = 0; joint < 2; joint++) {
+    for (int joint = stuck ? 1 : 0; joint < 2; joint++) {
         counts[joint] = plant_counts(&plant, joint, cpr[joint]) - origin[joint];
     }
+    stuck = (double)elapsed_us >= faults[STUCK_AT] * 1e6;
     reading->enc1 = counts[0] + (chance(faults[GLITCH]) ? (int32_t)cpr[0] / 2 : 0);
     reading->enc2 = counts[1];
-    reading->current_ma = (int16_t)fmax(-32768, fmin(32767, torque_now * MILLIAMPERE_PER_MICRO_NM));
+    reading->current_ma = (int16_t)lrint(fmax(-32768, fmin(32767, torque_now * MILLIAMPERE_PER_MICRO_NM)));
     reading->vbus_10mv = VBUS_10MV;
     double at = (double)elapsed_us, over = faults[OVER_CURRENT_AT] * 1e6, stop = faults[EMERGENCY_STOP_AT] * 1e6;
     /* The button is pressed for one period; that the stop stands is the link's part. */
@@ -205,8 +235,8 @@ bool board_send(const uint8_t *data, size_t size)
     memcpy(bytes, data, size);
     if (trace != NULL) {
         /* Before it is sent, so that the trace holds every sample that a host has. */
-        const int status = firmware_link.status;
-        fprintf(trace, "%u,%d,%d,%d,%d\n", board_micros(), counts[0], counts[1], torque_now, status);
+        const uint32_t status = firmware_link.status;
+        fprintf(trace, "%u,%d,%d,%d,%u\n", board_micros(), counts[0], counts[1], torque_now, status);
         fflush(trace);
     }
     if (!plugged_in) {
@@ -274,11 +304,47 @@ static void set_fault(const char *text)
     exit(2);
 }
 
+static void set_limit(const char *text)
+{
+    struct pendubot_limits *to = &settings.limits;
+    const struct {
+        const char *name;
+        uint32_t *wide;
+        uint16_t *narrow;
+    } limits[] = {
+        { "torque_slew", &to->torque_slew, NULL },
+        { "max_speed", &to->max_speed, NULL },
+        { "max_travel1", &to->max_travel1, NULL },
+        { "max_travel2", &to->max_travel2, NULL },
+        { "stall_torque", &to->stall_torque, NULL },
+        { "stall_ms", NULL, &to->stall_ms },
+        { "continuous_ma", NULL, &to->continuous_ma },
+        { "overload_ms", NULL, &to->overload_ms },
+        { "max_vbus", NULL, &to->max_vbus },
+    };
+    for (size_t k = 0; k < sizeof limits / sizeof *limits; k++) {
+        size_t size = strlen(limits[k].name);
+        if (strncmp(text, limits[k].name, size) == 0 && text[size] == '=') {
+            double most = limits[k].wide != NULL ? UINT32_MAX : UINT16_MAX;
+            uint32_t value = (uint32_t)number(limits[k].name, text + size + 1, 0, most);
+            if (limits[k].wide != NULL) {
+                *limits[k].wide = value;
+            } else {
+                *limits[k].narrow = (uint16_t)value;
+            }
+            return;
+        }
+    }
+    fprintf(stderr, "pendubot_board: no limit %s\n%s", text, usage);
+    exit(2);
+}
+
 static double parse(int argc, char **argv)
 {
     static const struct option options[] = { { "link", 1, NULL, 'l' }, { "rate", 1, NULL, 'r' },
         { "counts", 1, NULL, 'c' }, { "torque-limit", 1, NULL, 't' }, { "preset", 1, NULL, 'p' },
         { "trace", 1, NULL, 'f' }, { "duration", 1, NULL, 'd' }, { "seed", 1, NULL, 's' }, { "fault", 1, NULL, 'x' },
+        { "limit", 1, NULL, 'L' },
         { NULL, 0, NULL, 0 } };
     double duration = INFINITY;
     plant = plant_of_the_paper;
@@ -292,6 +358,9 @@ static double parse(int argc, char **argv)
         case 'p':
             if (strcmp(optarg, "balance") == 0) {
                 plant = plant_to_balance;
+                if (settings.limits.stall_torque == STALL_TORQUE) {
+                    settings.limits.stall_torque = STALL_TORQUE_TO_BALANCE;
+                }
             } else if (strcmp(optarg, "paper") != 0) {
                 fprintf(stderr, "pendubot_board: --preset is %s; paper or balance is expected\n", optarg);
                 exit(2);
@@ -300,6 +369,7 @@ static double parse(int argc, char **argv)
         case 'd': duration = number("--duration", optarg, 0, INFINITY); break;
         case 's': srand48((long)number("--seed", optarg, 0, UINT32_MAX)); break;
         case 'x': set_fault(optarg); break;
+        case 'L': set_limit(optarg); break;
         case 'f':
             trace = fopen(optarg, "wx");
             if (trace == NULL) {
@@ -336,6 +406,7 @@ int main(int argc, char **argv)
         if (reset_due && (double)elapsed_us >= faults[RESET_AT] * 1e6) {
             reset_due = false;
             cause = 2;
+            stuck = false;
             booted_us = elapsed_us;
             origin[0] = plant_counts(&plant, 0, settings.cpr1);
             origin[1] = plant_counts(&plant, 1, settings.cpr2);

@@ -21,8 +21,23 @@ bool motor_was_stopped(void); /* by TIM1's break input, since motor_start */
 void uart_start(void);
 void USART1_IRQHandler(void);
 
-/* main.c */
+/* sample.c */
+void sample_start(void);
+void SysTick_Handler(void);
 extern volatile uint32_t samples_taken;
-extern volatile uint32_t longest_sample_cycles; /* from the moment a sample was due until its bytes were on their way */
+extern volatile uint32_t longest_sample_cycles; /* from the interrupt of a sample until it returns */
+
+/* watchdog.c */
+void watchdog_start(void);
+void watchdog_feed(void); /* while samples come */
+
+/* fault.c */
+void fault_begin_again(const uint32_t *frame, uint32_t exception) __attribute__((noreturn));
+struct pendubot_reset fault_log_read(uint8_t reset_cause);
+
+/* Which source this is built from; the Makefile knows. */
+#ifndef BUILD_ID
+#define BUILD_ID 0
+#endif
 
 #endif

@@ -117,8 +117,23 @@ struct systick {
 
 #define NVIC_ISER ((reg *)0xe000e100u)
 #define NVIC_ISPR ((reg *)0xe000e200u)
+#define SCB_ICSR (*(reg *)0xe000ed04u)
+#define SCB_ICSR_PENDSTCLR (1u << 25) /* SysTick is no longer pending */
 #define SCB_AIRCR (*(reg *)0xe000ed0cu)
 #define SCB_AIRCR_RESET 0x05fa0004u
 #define SCB_SHPR3 (*(reg *)0xe000ed20u)
+
+/* The cycle counter; QEMU has none, it reads 0. */
+#define DEMCR (*(reg *)0xe000edfcu)
+#define DEMCR_TRCENA (1u << 24)
+#define DWT_CTRL (*(reg *)0xe0001000u)
+#define DWT_CTRL_CYCCNTENA (1u << 0)
+#define DWT_CYCCNT (*(reg *)0xe0001004u)
+
+#define DBGMCU_APB1_FZ (*(reg *)0xe0042008u)
+#define DBGMCU_APB1_FZ_IWDG_STOP (1u << 12) /* the independent watchdog stops while a debugger halts the processor */
+
+#define RAM_BEGIN 0x20000000u
+#define RAM_END 0x20020000u
 
 #endif

@@ -17,7 +17,20 @@ static const struct pendubot_settings settings = {
     .torque_limit = TORQUE_LIMIT_MICRO_NM,
     .sample_period_us = 1000000 / SAMPLE_HZ,
     .watchdog_max_ms = WATCHDOG_MAX_MS,
-    .firmware = "stm32f4 1",
+    .torque_constant = MICRO_NM_PER_A,
+    .build = BUILD_ID,
+    .limits = {
+        .torque_slew = TORQUE_SLEW_MICRO_NM_PER_MS,
+        .max_speed = MAX_SPEED_MRAD_S,
+        .max_travel1 = MAX_TRAVEL_SHOULDER_MRAD,
+        .max_travel2 = MAX_TRAVEL_ELBOW_MRAD,
+        .stall_torque = STALL_TORQUE_MICRO_NM,
+        .stall_ms = STALL_MS,
+        .continuous_ma = CONTINUOUS_MA,
+        .overload_ms = OVERLOAD_MS,
+        .max_vbus = OVERVOLTAGE_10MV,
+    },
+    .firmware = "stm32f4 2",
 };
 
 static uint32_t vbus_10mv;
@@ -140,9 +153,9 @@ uint32_t board_boot_id(void)
     return RNG->DR ^ boots * 0x9e3779b9u;
 }
 
-uint8_t board_reset_cause(void)
+struct pendubot_reset board_reset(void)
 {
-    return cause;
+    return fault_log_read(cause);
 }
 
 /* Sampling */

@@ -1,11 +1,13 @@
 /* Copyright 2026 The pendubot_identification authors
  * SPDX-License-Identifier: Apache-2.0 */
-/* Your rig: pins and constants, the only file to change for another one. docs/rig.md has the wiring.
+/* Your rig: pins, constants and limits. It is the only file to change for another rig. docs/rig.md has the wiring.
  *
- * What is marked "measure" is of a rig that nobody has measured: with the motor disconnected, begin with it.
+ * Values marked "measure" are guesses. Measure them on your rig, with the motor disconnected, before you arm it.
  */
 #ifndef RIG_H
 #define RIG_H
+
+#include <stdint.h>
 
 /* Time and line */
 
@@ -39,6 +41,8 @@
 #define MOTOR_MILLIOHM 2000
 #define SIGN_MOTOR 1                  /* -1 where a positive torque makes the shoulder fall */
 #define TORQUE_LIMIT_MICRO_NM 1500000 /* never more, whatever the host asks for */
+/* Largest change of the torque per ms. Measure: the largest at which the links do not shake. */
+#define TORQUE_SLEW_MICRO_NM_PER_MS 300000
 #define PWM_HZ 20000                  /* what your bridge can switch; above what one hears */
 #define DUTY_MAX_PERMILLE 950         /* bridges that charge their high side by switching need a little off time */
 
@@ -51,6 +55,22 @@
 #define CURRENT_ZERO_STEPS 2048
 #define MICROAMPERE_PER_STEP 8057
 #define OVER_CURRENT_MA 10000
+
+/* Limits at which the board switches the motor off. HELLO tells them to the host. */
+
+/* Measure: 1.2 times the fastest motion that an experiment needs, of either joint. */
+#define MAX_SPEED_MRAD_S 60000
+/* Measure: how far each joint turns from its place at boot before a cable pulls or a stop is hit. */
+#define MAX_TRAVEL_SHOULDER_MRAD 25000
+#define MAX_TRAVEL_ELBOW_MRAD 100000
+/* From this torque on the shoulder has to move within STALL_MS, or its encoder's plug is out, or it is blocked.
+ * Measure: 1.5 times the torque that holds both links level and overcomes friction. */
+#define STALL_TORQUE_MICRO_NM 500000
+#define STALL_MS 500
+/* Measure, or take from the motor's data sheet: the current that it bears for ever; it bears twice as much this long. */
+#define CONTINUOUS_MA 5000
+#define OVERLOAD_MS 2000
+#define OVERVOLTAGE_10MV 3000 /* below what the bridge, the motor and a supply that takes back energy bear */
 
 /* Pins, as letter of the port and number. Those with a timer, the USART or the ADC behind them are fixed by RM0090's
  * table of alternate functions; what is behind them is set up in rig.c and motor.c. */
@@ -81,5 +101,21 @@ _Static_assert(TORQUE_LIMIT_MICRO_NM >= 0
         && 1ll * TORQUE_LIMIT_MICRO_NM * MOTOR_MILLIOHM / MICRO_NM_PER_A * 1000
                <= 10ll * UNDERVOLTAGE_10MV * DUTY_MAX_PERMILLE,
     "the supply, at its lowest, cannot give the torque limit: lower the limit");
+_Static_assert(TORQUE_SLEW_MICRO_NM_PER_MS > 0 && 100ll * TORQUE_SLEW_MICRO_NM_PER_MS >= TORQUE_LIMIT_MICRO_NM,
+    "the slew takes more than 0.1 s to the torque limit: no controller balances with that");
+_Static_assert(1ll * MAX_SPEED_MRAD_S * COUNTS_SHOULDER >= 2 * 6284ll * SAMPLE_HZ
+        && 1ll * MAX_SPEED_MRAD_S * COUNTS_ELBOW >= 2 * 6284ll * SAMPLE_HZ,
+    "two counts in a sample are beyond MAX_SPEED_MRAD_S: raise it, or sample more slowly");
+_Static_assert(MAX_SPEED_MRAD_S < 6283ll * FASTEST_TURNS_PER_S, "a joint at MAX_SPEED_MRAD_S is an encoder fault");
+_Static_assert(MAX_TRAVEL_SHOULDER_MRAD > 0 && 1ll * MAX_TRAVEL_SHOULDER_MRAD * COUNTS_SHOULDER / 6283 < INT32_MAX
+        && MAX_TRAVEL_ELBOW_MRAD > 0 && 1ll * MAX_TRAVEL_ELBOW_MRAD * COUNTS_ELBOW / 6283 < INT32_MAX,
+    "a travel of more counts than 31 bits hold is no limit");
+_Static_assert(STALL_TORQUE_MICRO_NM > 0 && STALL_TORQUE_MICRO_NM < TORQUE_LIMIT_MICRO_NM,
+    "the motor never reaches STALL_TORQUE_MICRO_NM: a blocked joint would not be noticed");
+_Static_assert(STALL_MS * SAMPLE_HZ >= 10 * 1000 && STALL_MS <= 65535, "a stall takes at least ten samples");
+_Static_assert(CONTINUOUS_MA > 0 && CONTINUOUS_MA < OVER_CURRENT_MA && OVERLOAD_MS > 0 && OVERLOAD_MS <= 65535,
+    "the motor has to bear less for ever than for a moment");
+_Static_assert(OVERVOLTAGE_10MV > UNDERVOLTAGE_10MV && 4095ll * MICROVOLT_PER_STEP / 10000 > OVERVOLTAGE_10MV,
+    "the input cannot show OVERVOLTAGE_10MV, or it lies below UNDERVOLTAGE_10MV");
 
 #endif

@@ -25,6 +25,17 @@ void Reset_Handler(void)
     main();
 }
 
+/* Every exception and interrupt that nobody expects. It hands on where the processor has pushed its registers, and which
+ * exception it is, on an empty stack. */
+__attribute__((naked)) void Fault_Handler(void)
+{
+    __asm__ volatile("mrs r0, msp\n"
+                     "mrs r1, ipsr\n"
+                     "ldr r2, =stack_top\n"
+                     "mov sp, r2\n"
+                     "b fault_begin_again\n");
+}
+
 typedef void vector(void);
 
 __attribute__((section(".vectors"), used)) static const struct {

@@ -56,16 +56,15 @@ class LimitMonitor:
 
     def _stall(self, counts: int, elapsed_us: int, torque: int) -> int:
         limits = self._limits
+        longest = 1000 * limits.stall_ms
         if not limits.stall_torque or abs(torque) < limits.stall_torque or abs(counts - self._still_at) > STILL_COUNTS:
             self._still_at, self._still_us = counts, 0
             return 0
-        self._still_us = min(self._still_us + elapsed_us, 1000 * limits.stall_ms)
-        return Status.STALL.value if self._still_us >= 1000 * limits.stall_ms else 0
+        self._still_us = min(self._still_us + elapsed_us, longest)
+        return Status.STALL.value if longest and self._still_us == longest else 0
 
     def _overload(self, current: int, elapsed_us: int) -> int:
-        if not self._limits.continuous_ma:
-            return 0
         bearable = self._limits.continuous_ma**2
         limit = 3 * bearable * self._limits.overload_ms * 1000
         self._heat = min(max(self._heat + (current**2 - bearable) * elapsed_us, 0), limit)
-        return Status.OVERLOAD.value if self._heat >= limit else 0
+        return Status.OVERLOAD.value if limit and self._heat == limit else 0

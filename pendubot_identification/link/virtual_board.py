@@ -205,16 +205,17 @@ class VirtualBoard:
             state = state._replace(enc1=state.enc1 + self.settings.counts // 2)
         return out + self._transmit(state)
 
-    def move(self) -> None:
-        """Let the plant move until the next sample is due."""
+    def move(self, late_us: int = 0) -> None:
+        """Let the plant move until the next sample, which comes ``late_us`` after it is due."""
         due, self._due = self._due, None
         if due is not None:
             self._plant.become(due)
         self._held = self._held and not self.armed
+        elapsed_us = self.settings.sample_period_us + late_us
         if not self._held and self.last is not None:
-            self._plant.advance((self.last.torque / 1e6, 0.0), self.settings.sample_period_us * 1e-6)
-        self._clock_us += self.settings.sample_period_us
-        self._elapsed_us += self.settings.sample_period_us
+            self._plant.advance((self.last.torque / 1e6, 0.0), elapsed_us * 1e-6)
+        self._clock_us += elapsed_us
+        self._elapsed_us += elapsed_us
 
     def _boot(self, reset_cause: int, clock_us: int = 0) -> None:
         self._decoder = Decoder(accept=(Command, HelloRequest, Arm))
@@ -231,7 +232,9 @@ class VirtualBoard:
         self._stuck = None
         self._latched = 0  # why it was disarmed, until a mode 0 or the next arming
         self._stopped = False
-        self._wanted = self._applied = 0
+        self._wanted = 0
+        self._applied = 0  # until the next sample
+        self._slewed = 0  # from here the torque changes next; a disarming makes it 0
         self._holds_until_us = 0
         self._sampled_us: int | None = None
         self._monitor = LimitMonitor(self.settings.limits, (self.settings.counts,) * 2)
@@ -279,7 +282,7 @@ class VirtualBoard:
         self._latched |= reason
         self._lock = (self._lock + 1) & 0xFFFF
         self.armed = False
-        self._wanted = 0
+        self._wanted = self._slewed = 0
 
     def _refuse(self) -> None:
         self._refused = (self._refused + 1) & 0xFFFF
@@ -314,9 +317,9 @@ class VirtualBoard:
         limit = round(self.settings.torque_limit * 1e6)
         allowed = max(-limit, min(limit, self._wanted))
         step = self.settings.limits.torque_slew * period // 1000
-        slewed = max(self._applied - step, min(self._applied + step, allowed))
-        torque = slewed if step and self.armed else allowed
-        self._applied = torque
+        slewed = max(self._slewed - step, min(self._slewed + step, allowed))
+        torque = slewed if self.settings.limits.torque_slew else allowed
+        self._applied = self._slewed = torque
         status = faults | self._latched | self._notes
         status |= _ARMED if self.armed else 0
         status |= _SATURATED if allowed != self._wanted else 0

@@ -12,7 +12,8 @@ import pytest
 from test.conftest import ROOT
 
 FIRMWARE = ROOT / 'firmware'
-WARNINGS = ('-std=c11', '-Wall', '-Wextra', '-Werror', '-Wconversion')
+WARNINGS = ('-Wall', '-Wextra', '-Werror', '-Wconversion')
+COMPILERS = {'c': ('gcc', '-std=c11'), 'c++': ('g++', '-std=c++17')}
 SANITIZERS = ('-g', '-O1', '-fsanitize=address,undefined', '-fno-sanitize-recover=all')
 
 
@@ -22,10 +23,11 @@ def need(program, package):
         pytest.skip(f'{program} is not installed (Debian: {package})')
 
 
-def compiled(target, *sources, options=()):
-    """Compile sources for this computer, under sanitizers; returns the program's path."""
-    need('gcc', 'gcc')
-    words = ['gcc', *WARNINGS, *SANITIZERS, *options, '-I', FIRMWARE, *sources, '-o', target, '-lm']
+def compiled(target, *sources, options=(), language='c'):
+    """Compile sources for this computer, under sanitizers; return the program's path."""
+    compiler, standard = COMPILERS[language]
+    need(compiler, compiler)
+    words = [compiler, standard, *WARNINGS, *SANITIZERS, *options, '-I', FIRMWARE, *sources, '-o', target, '-lm']
     done = subprocess.run(list(map(str, words)), capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     return target

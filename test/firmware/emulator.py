@@ -58,7 +58,11 @@ class Emulator:
     def written(self, device, offset):
         """Return the values that were written to a register of a device that QEMU does not have, in order."""
         pattern = rf'{device}: unimplemented device write \(size 4, offset 0x0*{offset:x}, value 0x([0-9a-f]+)\)'
-        return [int(value, 16) for value in re.findall(pattern, self._log.read_text(), re.IGNORECASE)]
+        return [int(value, 16) for value in re.findall(pattern, self.log(), re.IGNORECASE)]
+
+    def log(self):
+        """Return which accesses to registers that it does not have QEMU has logged."""
+        return self._log.read_text()
 
     def place(self, symbol):
         """Return where a function or variable lies, and its size."""

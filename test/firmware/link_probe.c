@@ -39,16 +39,29 @@ int main(void)
             struct {
                 uint32_t boot_id, cpr1, cpr2;
                 int32_t torque_limit;
-                uint32_t sample_period_us;
+                uint32_t sample_period_us, fault_pc, build, torque_constant;
+                uint32_t torque_slew, max_speed, max_travel1, max_travel2, stall_torque;
+                uint16_t stall_ms, continuous_ma, overload_ms, max_vbus;
                 uint16_t watchdog_max_ms;
-                uint8_t reset_cause, pad;
+                uint8_t reset_cause, fault_cause;
                 char firmware[16];
             } given;
             take(&given, sizeof given);
             memcpy(firmware, given.firmware, 16);
-            struct pendubot_settings settings = { given.cpr1, given.cpr2, given.torque_limit, given.sample_period_us,
-                given.watchdog_max_ms, firmware };
-            pendubot_boot(&link, &settings, given.boot_id, given.reset_cause);
+            struct pendubot_settings settings = {
+                .cpr1 = given.cpr1,
+                .cpr2 = given.cpr2,
+                .torque_limit = given.torque_limit,
+                .sample_period_us = given.sample_period_us,
+                .watchdog_max_ms = given.watchdog_max_ms,
+                .torque_constant = given.torque_constant,
+                .build = given.build,
+                .limits = { given.torque_slew, given.max_speed, given.max_travel1, given.max_travel2,
+                    given.stall_torque, given.stall_ms, given.continuous_ma, given.overload_ms, given.max_vbus },
+                .firmware = firmware,
+            };
+            struct pendubot_reset reset = { given.fault_pc, given.fault_cause, given.reset_cause };
+            pendubot_boot(&link, &settings, given.boot_id, reset);
         } else if (call == 'R') {
             struct {
                 uint32_t now, faults, size;
@@ -83,7 +96,7 @@ int main(void)
             uint32_t size;
             take(&size, sizeof size);
             for (uint32_t k = 0; k < size; k++) {
-                struct pendubot_command c = { 0 };
+                struct pendubot_request c = { 0 };
                 uint8_t byte = 0;
                 take(&byte, 1);
                 uint8_t event = (uint8_t)pendubot_decode(&decoder, byte, &c);

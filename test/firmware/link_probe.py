@@ -5,12 +5,13 @@
 
 import struct
 import subprocess
+from dataclasses import astuple
 
-from pendubot_identification.link.protocol import Command, Damaged, HelloRequest
+from pendubot_identification.link.protocol import Arm, Command, Damaged, HelloRequest, Limits
 
 #: In the order of enum pendubot_event, from PENDUBOT_OVERLONG on.
 REASONS = ('overlong', 'cobs', 'length', 'crc', 'version', 'type')
-_COMMAND = struct.Struct('=HxxIBBHi')
+_REQUEST = struct.Struct('=IIIiHHHBB')
 
 
 class LinkProbe:
@@ -35,10 +36,14 @@ class LinkProbe:
         period_us=10_000,
         watchdog_max_ms=500,
         firmware='virtual',
+        limits=Limits(),  # noqa: B008
+        fault_pc=0,
+        fault_cause=0,
+        build=0,
+        torque_constant=0,
     ):
-        self._call(
-            'B', '=IIIiIHBx16s', boot_id, *cpr, limit, period_us, watchdog_max_ms, reset_cause, firmware.encode()
-        )
+        numbers = boot_id, *cpr, limit, period_us, fault_pc, build, torque_constant, *astuple(limits)
+        self._call('B', '=IIIiIIII5I4HHBB16s', *numbers, watchdog_max_ms, reset_cause, fault_cause, firmware.encode())
 
     def receive(self, data, now=0, faults=0):
         self._call('R', '=III', now, faults, len(data))
@@ -61,12 +66,16 @@ class LinkProbe:
         self._flush()
         events = []
         while kind := self._read(1)[0]:
-            seq, t_us, mode, flags, watchdog_ms, torque = _COMMAND.unpack(self._read(_COMMAND.size))
+            request = _REQUEST.unpack(self._read(_REQUEST.size))
+            t_us, session, boot_id, torque, seq, watchdog_ms, lock, mode, flags = request
             if kind == 1:
-                events.append(Command(seq, t_us, mode, watchdog_ms, torque, flags))
+                events.append(Command(seq, t_us, mode, watchdog_ms, torque, flags, session))
+            elif kind == 2:
+                events.append(Arm(seq, t_us, boot_id, session, lock, watchdog_ms, flags))
+            elif kind == 3:
+                events.append(HelloRequest(seq, t_us))
             else:
-                # The C code does not say which request it was: nobody needs it.
-                events.append(HelloRequest(0, 0) if kind == 2 else Damaged(REASONS[kind - 3]))
+                events.append(Damaged(REASONS[kind - 4]))
         return events
 
     def _call(self, name, layout, *values):
@@ -85,6 +94,6 @@ class LinkProbe:
         return data
 
 
-def anonymous(event):
-    """An event of Python's decoder as the C code tells it."""
-    return HelloRequest(0, 0) if isinstance(event, HelloRequest) else event
+def without_version(event):
+    """An event of Python's decoder as the C code tells it: which other version a frame had is the host's concern."""
+    return Damaged(event.reason) if isinstance(event, Damaged) else event

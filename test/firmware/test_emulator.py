@@ -14,7 +14,8 @@ import time
 
 import pytest
 
-from pendubot_identification.link.protocol import Command, Hello, HelloRequest, State, encode
+from pendubot_identification.link.protocol import Arm, Command, Hello, HelloRequest, State, Status, encode
+from pendubot_identification.link.virtual_board import LIMITS
 
 from .building import FIRMWARE, made, need
 from .emulator import Emulator, Line
@@ -27,6 +28,7 @@ MAY_SWITCH, OFF = 0xB400, 0x3400
 ENDLESS_LOOP = 0xE7FE
 FEED = 0xAAAA
 PERIOD_CYCLES = 168_000
+SESSION = 17
 
 
 @pytest.fixture
@@ -43,36 +45,56 @@ def line(emulator):
 
 
 def drive(line, torque=300_000, watchdog_ms=500):
-    """Arm; returns what the board said until it obeys."""
-    line.events(10, lambda e: isinstance(e, State))
-    line.write(encode(HelloRequest(1, 0)) + encode(Command(2, 0, 0, 100, 0)))
-    line.write(encode(Command(3, 0, 1, watchdog_ms, torque)))
-    return line.events(10, lambda e: isinstance(e, State) and e.torque == torque)
+    """Arm; return what the board said until it obeys."""
+    line.write(encode(HelloRequest(1, 0)))
+    heard = line.events(10, lambda e: isinstance(e, Hello))
+    hello = heard[-1]
+    heard += line.events(10, lambda e: isinstance(e, State))
+    line.write(encode(Arm(2, 0, hello.boot_id, SESSION, heard[-1].lock, watchdog_ms)))
+    line.write(encode(Command(3, 0, 1, watchdog_ms, torque, session=SESSION)))
+    return heard + line.events(10, lambda e: isinstance(e, State) and e.torque == torque)
 
 
-#: What a debugger does to it: it goes on where there is no program; its stack leaves the RAM, where the fault itself
-#: would be kept.
-FAULTS = {'nowhere': 'Pf=00000060', 'stack': 'Pd=10000020'}
+#: What a debugger does to it, and the fault_pc that HELLO then has: it goes on where there is no program; its stack
+#: leaves the RAM, where the fault itself would be kept.
+FAULTS = {'nowhere': ('Pf=00000060', 0x60000000), 'stack': ('Pd=10000020', 0)}
+HARD_FAULT = 3
 
 
-@pytest.mark.parametrize('fault', FAULTS.values(), ids=FAULTS)
-def test_a_fault_of_the_processor_takes_the_voltage_away_and_begins_again_locked(emulator, line, fault):
+@pytest.mark.parametrize(('fault', 'pc'), FAULTS.values(), ids=FAULTS)
+def test_a_fault_of_the_processor_takes_the_voltage_away_and_begins_again_disarmed(emulator, line, fault, pc):
     before = next(e for e in drive(line) if isinstance(e, Hello))
+    assert (before.fault_cause, before.fault_pc) == (0, 0)
     assert emulator.written(TIM1, BDTR)[-1] == MAY_SWITCH
     with emulator.debugger() as ask:
         assert ask(fault) == 'OK'
     after = line.events(10, lambda e: isinstance(e, Hello))[-1]
     assert (before.reset_cause, after.reset_cause) == (1, 4)
+    assert (after.fault_cause, after.fault_pc) == (HARD_FAULT, pc)
     assert after.boot_id != before.boot_id
     assert after.t_us == 0
-    line.write(encode(Command(4, 0, 1, 500, 300_000)) + encode(HelloRequest(5, 0)))
+    stale = encode(Arm(4, 0, before.boot_id, SESSION, 1, 500))
+    line.write(stale + encode(Command(4, 0, 1, 500, 300_000, session=SESSION)) + encode(HelloRequest(5, 0)))
     heard = line.events(10, lambda e: isinstance(e, Hello))
     later = line.events(10, lambda e: isinstance(e, State) and e.t_us > heard[-1].t_us + 50_000)
     states = [e for e in heard + later if isinstance(e, State)]
     assert len(later) > 50
-    assert not any(s.torque or s.status for s in states)
+    assert not any(s.torque or s.status & ~Status.REFUSED for s in states)
+    assert states[-1].refused == 2
+    assert heard[-1].fault_cause == HARD_FAULT
     assert emulator.written(TIM1, BDTR)[-1] == OFF
     assert emulator.written(TIM1, CCR1)[-1] == 0
+
+
+def test_hello_tells_limits_and_commit(emulator, line):
+    line.write(encode(HelloRequest(1, 0)))
+    hello = line.events(10, lambda e: isinstance(e, Hello))[-1]
+    assert (hello.firmware, hello.limits, hello.torque_constant) == ('emulated 2', LIMITS, 200_000)
+    # 0 where files were changed since the last commit, or where there is none.
+    git = ('git', '-C', FIRMWARE)
+    log = subprocess.run([*git, 'log', '-1', '--format=%H', '--', '.'], capture_output=True, text=True)
+    changed = log.returncode or subprocess.run([*git, 'diff', '--quiet', 'HEAD', '--', '.']).returncode
+    assert hello.build == (0 if changed else int(log.stdout[:8], 16))
 
 
 def test_every_interrupt_but_two_is_a_fault():
@@ -97,6 +119,7 @@ def test_a_firmware_that_hangs_feeds_the_watchdog_no_more(emulator, line, where)
     begun = line.events(10, lambda _: True)[-1].t_us
     line.events(10, lambda e: e.t_us > begun + 30_000)
     assert emulator.written(IWDG, 0).count(FEED) > 20
+    assert emulator.log().count('Write of unassigned area of PPB: offset 0x42008') > 20  # a debugger's bit is cleared
     emulator.patch(where, ENDLESS_LOOP)
     for _ in range(200):
         line.events(0.02)  # or QEMU would wait for who reads
@@ -158,7 +181,7 @@ def hear(emulator, data):
 
 def test_a_sample_takes_less_than_a_fifth_of_its_period(emulator, line):
     """Counted in QEMU, one by one. On the chip most take one cycle, some two or three."""
-    command, request = encode(Command(2, 0, 0, 100, 0)), encode(HelloRequest(1, 0))
+    command, request = encode(Command(2, 0, 1, 100, 0)), encode(HelloRequest(1, 0))
     line.events(0.2)
     costs = {
         'a sample': instructions(emulator, 'firmware_sample'),

@@ -9,11 +9,12 @@ play the hardware: they set what it would show, and read what was written.
 
 import ctypes
 import re
+import struct
 import threading
 
 import pytest
 
-from pendubot_identification.link.protocol import Command, Status, encode
+from pendubot_identification.link.protocol import Arm, Command, Status, encode
 from test.conftest import ROOT
 
 from .building import FIRMWARE, compiled
@@ -33,8 +34,11 @@ PINS = {
     'PA15': (1, PULL_UP), 'PB3': (1, PULL_UP), 'PB4': (2, PULL_UP), 'PB5': (2, PULL_UP), 'PA8': (1, PULL_DOWN),
     'PB12': (1, PULL_UP), 'PB6': (7, 0), 'PB7': (7, PULL_UP), 'PB0': ANALOG, 'PB1': ANALOG,
 }  # fmt: skip
-REGIONS = (0x40000000, 0x30000), (0x50060000, 0x1000), (0xE000E000, 0x1000)
+#: The cycle counter, and the register by which a pending SysTick is taken back.
+CYCCNT, ICSR, PENDSTCLR, PERIOD_CYCLES = 0xE0001004, 0xE000ED04, 1 << 25, 168_000
+REGIONS = (0x40000000, 0x30000), (0x50060000, 0x1000), (0xE0000000, 0x50000)
 FIXED_NOREPLACE = 0x100000
+SESSION = 17
 
 
 class Memory:
@@ -70,6 +74,8 @@ class Board:
         library.motor_start()
         library.uart_start()
         library.firmware_boot()
+        library.sample_start()
+        ctypes.c_uint32.in_dll(library, 'probe_takes').value = 0
         self.sample()  # of the board before, here alone, the encoders' last counts are remembered
 
     def quiet(self):
@@ -87,7 +93,12 @@ class Board:
 
     def command(self, mode, torque=0, **given):
         self._seq += 1
-        self.hear(encode(Command(self._seq, 0, mode, 500, torque)), **given)
+        self.hear(encode(Command(self._seq, 0, mode, 500, torque, session=SESSION)), **given)
+
+    def arm(self):
+        self._seq += 1
+        boot_id, lock = self.library.probe_boot_id(), self.library.probe_lock()
+        self.hear(encode(Arm(self._seq, 0, boot_id, SESSION, lock, 500)))
 
     def sample(self, line_ready=True):
         return Status(self.library.probe_sample(line_ready))
@@ -100,7 +111,7 @@ class Board:
         return on
 
     def drive(self):
-        self.command(0)
+        self.arm()
         self.command(1, 300_000)
         assert self.sample() == Status.ARMED
         assert self.motor_is_on
@@ -111,7 +122,7 @@ class Board:
 def library(tmp_path_factory):
     path = tmp_path_factory.mktemp('rig') / 'rig.so'
     sources = [FIRMWARE / name for name in ('pendubot_link.c', 'firmware.c')]
-    sources += [FIRMWARE / 'stm32f4' / name for name in ('rig.c', 'motor.c', 'uart.c')]
+    sources += [FIRMWARE / 'stm32f4' / name for name in ('rig.c', 'motor.c', 'uart.c', 'fault.c', 'watchdog.c')]
     options = '-shared', '-fPIC', '-fno-sanitize=all', '-Wno-int-to-pointer-cast', '-I', FIRMWARE / 'stm32f4'
     compiled(path, *sources, ROOT / 'test/firmware/rig_probe.c', options=options)
     mmap = ctypes.CDLL(None).mmap
@@ -123,6 +134,8 @@ def library(tmp_path_factory):
     library = ctypes.CDLL(str(path))
     library.probe_hear.argtypes = ctypes.c_uint8, ctypes.c_uint32
     library.probe_sample.argtypes = (ctypes.c_bool,)
+    library.probe_boot_id.restype = library.board_micros.restype = ctypes.c_uint32
+    library.probe_lock.restype = ctypes.c_uint16
     return library
 
 
@@ -165,12 +178,13 @@ def test_pins_are_those_of_the_data_sheet_and_of_the_wiring_table(board):
 FAULTS = {
     'emergency stop pressed': (Status.EMERGENCY_STOP, lambda r: r.set_pin('PB12', True)),
     'emergency stop shorter than a sample': (Status.EMERGENCY_STOP, lambda r: r.__setitem__(TIM1 + SR, BIF)),
-    'shoulder encoder': (Status.ENCODER_1, lambda r: r.__setitem__(TIM2 + CNT, r[TIM2 + CNT] ^ 0x8000)),
-    'elbow encoder': (Status.ENCODER_2, lambda r: r.__setitem__(TIM3 + CNT, r[TIM3 + CNT] ^ 0x8000)),
+    'shoulder encoder': (Status.ENCODER_1, lambda r: r.__setitem__(TIM2 + CNT, r[TIM2 + CNT] ^ 0x100)),
+    'elbow encoder': (Status.ENCODER_2, lambda r: r.__setitem__(TIM3 + CNT, r[TIM3 + CNT] ^ 0x100)),
     'current': (Status.OVER_CURRENT, lambda r: r.__setitem__(ADC + JDR1, 4095)),
     'current, negative': (Status.OVER_CURRENT, lambda r: r.__setitem__(ADC + JDR1, 0)),
     'bridge': (Status.OVER_TEMPERATURE, lambda r: r.set_pin('PB15', False)),
     'motor supply': (Status.UNDERVOLTAGE, lambda r: r.__setitem__(ADC + JDR2, 0)),
+    'motor supply, too high': (Status.OVERVOLTAGE, lambda r: r.__setitem__(ADC + JDR2, 4095)),
     "processor's supply": (Status.UNDERVOLTAGE, lambda r: r.__setitem__(PWR_CSR, PVDO)),
 }
 
@@ -185,18 +199,20 @@ def test_each_fault_takes_the_voltage_away_until_the_host_begins_anew(board, bit
     stands = bit & Status.EMERGENCY_STOP
     for _ in range(3):
         board.command(1, 300_000)
-        assert board.sample() == stands
+        assert board.sample() == bit
         assert not board.motor_is_on
     board.command(0)
+    assert board.sample() == stands
+    board.arm()
     board.command(1, 300_000)
     board.sample()
     assert board.motor_is_on == (not stands)
 
 
-def test_the_motor_is_off_until_the_first_command_is_obeyed_and_after_the_watchdog(board):
+def test_the_motor_is_off_until_an_arm_is_obeyed_and_after_the_watchdog(board):
     assert not board.motor_is_on
     board.command(1, 300_000)
-    assert board.sample() == Status(0)
+    assert board.sample() == Status.REFUSED
     assert not board.motor_is_on
     board.drive()
     assert [board.sample() for _ in range(500)] == [Status.ARMED] * 499 + [Status.WATCHDOG]
@@ -209,7 +225,7 @@ def test_an_overrun_of_the_receiver_costs_a_frame_and_one_of_the_transmitter_is_
     board.drive()
     board.command(1)
     said = [board.sample(line_ready=False) for _ in range(9)]
-    assert said[:7] == [Status.ARMED] * 7
+    assert said[:6] == [Status.ARMED] * 6
     assert board.sample() & Status.OVERRUN
     assert [board.sample() & Status.OVERRUN for _ in range(2)] == [Status.OVERRUN, Status(0)]
 
@@ -237,3 +253,60 @@ def test_counters_of_16_bits_are_followed_across_their_wraps(board):
             board.registers[TIM3 + CNT] = (board.registers[TIM3 + CNT] - step) % 65536
             assert read() == (at[0] + k * step, at[1] - k * step)
         at = read()
+
+
+def test_the_watchdog_is_fed_and_a_debugger_must_not_stop_it(board):
+    """RM0090: IWDG_KR at 0x40003000; DBG_IWDG_STOP is bit 12 of DBGMCU_APB1_FZ at 0xE0042008."""
+    board.registers[0xE0042008] = 0xFFFFFFFF
+    board.library.watchdog_feed()
+    assert (board.registers[0x40003000], board.registers[0xE0042008]) == (0xAAAA, 0xFFFFFFFF & ~(1 << 12))
+
+
+def test_the_settings_are_the_constants_of_rig_h(board):
+    constants = dict(re.findall(r'#define (\w+) (\d+)\b', (FIRMWARE / 'stm32f4/rig.h').read_text()))
+    words = (
+        'COUNTS_SHOULDER',
+        'COUNTS_ELBOW',
+        'TORQUE_LIMIT_MICRO_NM',
+        None,
+        'WATCHDOG_MAX_MS',
+        'MICRO_NM_PER_A',
+        None,
+    )
+    words += ('TORQUE_SLEW_MICRO_NM_PER_MS', 'MAX_SPEED_MRAD_S', 'MAX_TRAVEL_SHOULDER_MRAD', 'MAX_TRAVEL_ELBOW_MRAD')
+    words += ('STALL_TORQUE_MICRO_NM',)
+    halves = 'STALL_MS', 'CONTINUOUS_MA', 'OVERLOAD_MS', 'OVERVOLTAGE_10MV'
+    # struct pendubot_settings; test_link.py has its way to HELLO.
+    board.library.board_settings.restype = ctypes.c_void_p
+    data = ctypes.string_at(board.library.board_settings(), 56)
+    found = struct.unpack('=4IHxx7I4H', data)
+    for name, value in zip(words + halves, found, strict=True):
+        assert name is None or value == int(constants[name]), name
+
+
+def test_a_sample_that_overruns_its_period_does_not_stretch_the_clock_and_is_told(board):
+    takes = ctypes.c_uint32.in_dll(board.library, 'probe_takes')
+
+    def sample(at_period, cycles):
+        """Begin one so many periods after the start; return time, late bit, whether a tick was taken back."""
+        takes.value, board.registers[ICSR] = cycles, 0
+        # 50 cycles of latency, and near the counter's wrap.
+        board.registers[CYCCNT] = (start + at_period * PERIOD_CYCLES + 50) % 2**32
+        status = board.sample()
+        assert status & ~Status.LATE == 0
+        return board.library.board_micros(), bool(status & Status.LATE), board.registers[ICSR] == PENDSTCLR
+
+    board.library.firmware_boot()
+    board.registers[CYCCNT] = start = 2**32 - 2 * PERIOD_CYCLES
+    board.library.sample_start()
+    assert sample(1, 100_000) == (0, False, False)
+    assert sample(2, 167_000) == (1000, False, False)
+    assert sample(3, 168_100) == (2000, False, True)
+    assert sample(5, 600_000) == (4000, True, True)
+    assert sample(9, 1000) == (8000, True, False)
+    assert sample(10, 1000) == (9000, False, False)
+
+
+def test_where_the_cycle_counter_stands_still_samples_are_counted(board):
+    at = board.library.board_micros()
+    assert [board.sample() or board.library.board_micros() - at for _ in range(3)] == [1000, 2000, 3000]

@@ -1,0 +1,25 @@
+/* Copyright 2026 The pendubot_identification authors
+ * SPDX-License-Identifier: Apache-2.0 */
+/* The independent watchdog resets the chip when it is not fed for HUNG_MS. The pins then let go of the bridge. */
+#include "port.h"
+#include "registers.h"
+#include "rig.h"
+
+void watchdog_start(void)
+{
+    IWDG->KR = IWDG_START;
+    IWDG->KR = IWDG_UNLOCK;
+    IWDG->PR = 1; /* 32 kHz / 8 */
+    IWDG->RLR = 4 * HUNG_MS;
+    while (IWDG->SR != 0) {
+    }
+    IWDG->KR = IWDG_FEED;
+}
+
+/* A debugger that connects may set a bit that stops the watchdog while the processor is halted; the PWM would go on.
+ * Cleared at every feeding, the bit is not set when the processor is halted later. */
+void watchdog_feed(void)
+{
+    IWDG->KR = IWDG_FEED;
+    DBGMCU_APB1_FZ &= ~DBGMCU_APB1_FZ_IWDG_STOP;
+}

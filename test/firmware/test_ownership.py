@@ -1,0 +1,215 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Who may move the motor: random requests to both boards, in Python and in C, against a model of the rules.
+
+The motor may get torque only after an ARM that fits this boot, only from COMMANDs of the session that armed, within the
+watchdog, and not from the sample of any disarming on. The model predicts armed bit, torque, lock and refused requests.
+"""
+
+import os
+import random
+from collections import Counter
+
+import pytest
+
+from pendubot_identification.link.protocol import (
+    FAULTS,
+    Arm,
+    Command,
+    Decoder,
+    HelloRequest,
+    Limits,
+    State,
+    Status,
+    encode,
+)
+from pendubot_identification.link.virtual_board import BoardSettings, Faults, VirtualBoard
+from pendubot_identification.model.parameters import PAPER
+from pendubot_identification.model.simulation import Plant
+from test.conftest import ROOT
+
+from .building import FIRMWARE, compiled
+from .link_probe import LinkProbe
+
+#: Frames that are sent to each board; a million by hand: OWNERSHIP_FRAMES=1000000.
+FRAMES = int(os.environ.get('OWNERSHIP_FRAMES', '20000'))
+PERIOD_US, WATCHDOG_MAX_MS, TORQUE_LIMIT, SLEW = 1000, 30, 1_000_000, 400_000
+OVER_CURRENT_US = 100_000
+
+
+class Model:
+    """The rules of docs/protocol.md on ownership, for one boot of a board."""
+
+    def __init__(self, boot_id):
+        self.boot_id, self.session, self.lock, self.refused = boot_id, 0, 1, 0
+        self.armed = False
+        self.wanted = self.torque = self.until_us = 0
+
+    def disarm(self):
+        self.armed, self.wanted, self.torque = False, 0, 0
+        self.lock = (self.lock + 1) % 65536
+
+    def hear(self, request, now_us, fault):
+        """Take a request; return what became of it."""
+        if isinstance(request, Command) and request.mode == 0:
+            self.disarm()
+            return 'disarmed'
+        if isinstance(request, Command) and request.mode == 1:
+            if request.session == 0 or request.session != self.session:
+                return self.refuse()
+            if not self.armed or fault:
+                return 'ignored'
+            self.wanted = request.torque
+        elif isinstance(request, Arm):
+            if self.armed and request.session == self.session:
+                return 'repeated'
+            fits = request.boot_id == self.boot_id and request.lock == self.lock and request.session > 0
+            if not fits or self.armed or fault:
+                return self.refuse()
+            self.armed, self.session = True, request.session
+        else:
+            return 'nothing'
+        self.until_us = now_us + 1000 * min(request.watchdog_ms, WATCHDOG_MAX_MS)
+        return 'armed' if isinstance(request, Arm) else 'commanded'
+
+    def refuse(self):
+        self.refused = (self.refused + 1) % 65536
+        return 'refused'
+
+    def sample(self, now_us, fault):
+        """Return whether the board is armed, and the torque that it applies."""
+        if self.armed and (fault or now_us >= self.until_us):
+            self.disarm()
+        allowed = max(-TORQUE_LIMIT, min(TORQUE_LIMIT, self.wanted))
+        self.torque = max(self.torque - SLEW, min(self.torque + SLEW, allowed))
+        return self.armed, self.torque
+
+
+LIMITS = Limits(torque_slew=SLEW)
+
+
+class BoardInPython:
+    def boot(self, rng, clock_us, faults):
+        settings = BoardSettings(
+            torque_limit=TORQUE_LIMIT / 1e6,
+            sample_period_us=PERIOD_US,
+            watchdog_max_ms=WATCHDOG_MAX_MS,
+            clock_start_us=clock_us,
+            limits=LIMITS,
+        )
+        self._board = VirtualBoard(Plant(PAPER), settings, faults, rng.randrange(2**32))
+        return self._board.sample()
+
+    def step(self, late_us, now_us, faults, data):
+        self._board.move(late_us)
+        self._board.receive(data)
+        return self._board.sample()
+
+
+class BoardInC:
+    def __init__(self, probe):
+        self._probe = probe
+
+    def boot(self, rng, clock_us, faults):
+        self._probe.boot(
+            rng.randrange(1, 2**32),
+            limit=TORQUE_LIMIT,
+            period_us=PERIOD_US,
+            watchdog_max_ms=WATCHDOG_MAX_MS,
+            limits=LIMITS,
+        )
+        return self._probe.sample(clock_us)[1]
+
+    def step(self, late_us, now_us, faults, data):
+        self._probe.receive(data, now_us % 2**32, faults)
+        return self._probe.sample(now_us % 2**32, faults=faults)[1]
+
+
+@pytest.fixture(params=['python', 'c'])
+def board(request, tmp_path):
+    if request.param == 'python':
+        yield BoardInPython()
+    else:
+        program = compiled(tmp_path / 'probe', ROOT / 'test/firmware/link_probe.c', FIRMWARE / 'pendubot_link.c')
+        probe = LinkProbe(program)
+        yield BoardInC(probe)
+        probe.close()
+
+
+def requests(rng, model, history):
+    """Return a few random requests; None is damaged. Many fit; others are of old boots, locks and sessions."""
+    made = []
+    for _ in range(rng.choice([0, 1, 1, 2, 3, 6])):
+        seq, kind = rng.randrange(65536), rng.random()
+        session = model.session if rng.random() < 0.7 else rng.choice([0, 1, 2, 3, 0xFFFFFFFF])
+        watchdog_ms = rng.choice([0, 1, 5, 20, 30, 31, 1000, 65535])
+        if kind < 0.45:
+            mode = 1 if rng.random() < 0.95 else rng.randrange(256)
+            torque = rng.choice([-(2**31), 2**31 - 1, rng.randint(-1_200_000, 1_200_000)])
+            made.append(Command(seq, 0, mode, watchdog_ms, torque, rng.randrange(256), session))
+        elif kind < 0.75:
+            boot_id = model.boot_id if rng.random() < 0.8 else rng.choice([0, model.boot_id ^ 1])
+            lock = (model.lock + rng.choice([0, 0, 0, 0, 0, -1, 1])) % 65536
+            session = rng.choice([1, 2, 3, session])
+            made.append(Arm(seq, 0, boot_id, session, lock, watchdog_ms, rng.randrange(2)))
+        elif kind < 0.8:
+            made.append(Command(seq, 0, 0, watchdog_ms, rng.randrange(1000), 0, session))
+        elif kind < 0.85:
+            made.append(HelloRequest(seq, 0))
+        elif kind < 0.95 and history:
+            made.append(rng.choice(history))  # once more, from this boot or an earlier one
+        else:
+            made.append(None)
+    return made
+
+
+def damaged(rng):
+    """Bytes that no board obeys: a right frame with one wrong byte, or any bytes."""
+    frame = bytearray(encode(Command(1, 0, 1, 500, 500_000, session=1)))
+    at = rng.randrange(len(frame) - 1)
+    frame[at] = frame[at] % 255 + 1
+    return bytes(frame) if rng.random() < 0.5 else rng.randbytes(rng.randrange(40)) + b'\0'
+
+
+def test_torque_needs_an_arming_of_this_boot_and_a_command_of_its_session_in_time(board):
+    rng = random.Random(int(os.environ.get('OWNERSHIP_SEED', '1')))
+    seen, history, frames = Counter(), [], 0
+    while frames < FRAMES:
+        clock_us = start_us = rng.choice([0, 0, 2**32 - 50_000])
+        # Between the times of samples, so that rounding decides nothing.
+        stop_us, current_us = rng.randrange(50, 4_000_000, 100), rng.randrange(50, 1_000_000, 100)
+        faults = Faults(emergency_stop_at=stop_us / 1e6, over_current_at=current_us / 1e6)
+        hello, first = (decoder := Decoder()).feed(board.boot(rng, clock_us, faults))
+        model = Model(hello.boot_id)
+        assert (first.torque, first.status & Status.ARMED) == (0, 0)
+        for _ in range(rng.randrange(1, 500)):
+            late_us = rng.choice([0, 0, 0, 0, 0, 0, 300, 700, 50_000])
+            clock_us += PERIOD_US + late_us
+            elapsed_us = clock_us - start_us
+            fault = Status.EMERGENCY_STOP if elapsed_us >= stop_us else Status(0)
+            fault |= Status.OVER_CURRENT if 0 <= elapsed_us - current_us < OVER_CURRENT_US else Status(0)
+            heard = requests(rng, model, history)
+            data = b''.join(encode(request) if request else damaged(rng) for request in heard)
+            for request in heard:
+                seen[model.hear(request, clock_us, fault)] += 1
+            history = (history + [request for request in heard if request])[-50:]
+            frames += len(heard)
+            was = model.armed
+            armed, torque = model.sample(clock_us, fault)
+            seen['samples with torque'] += torque != 0
+            seen['disarmed by a fault' if fault else 'disarmed by the watchdog'] += was and not armed
+            said = decoder.feed(board.step(late_us, clock_us, int(fault), data))
+            state = next(event for event in said if isinstance(event, State))
+            told = bool(state.status & Status.ARMED), state.torque, state.lock, state.refused
+            assert told == (armed, torque, model.lock, model.refused), (heard, model.__dict__)
+            assert not (armed and state.status & FAULTS)
+        seen['boots'] += 1
+    print(frames, 'frames:', dict(seen))
+    # Or there was nothing to be seen.
+    assert seen['armed'] > frames / 40
+    assert seen['commanded'] > frames / 25
+    assert seen['samples with torque'] > frames / 25
+    assert seen['refused'] > frames / 10
+    assert min(seen['disarmed by a fault'], seen['ignored'], seen['repeated'], seen['boots']) > frames / 4000
+    assert min(seen['disarmed by the watchdog'], seen['disarmed']) > frames / 80

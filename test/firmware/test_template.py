@@ -1,0 +1,141 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Ports to begin with: the template compiles in C and C++, and the Arduino sketch does what a host asks for."""
+
+import subprocess
+
+import pytest
+
+from pendubot_identification.link.protocol import Arm, Command, Decoder, Hello, HelloRequest, State, Status, encode
+from test.conftest import ROOT
+
+from .building import FIRMWARE, compiled
+
+TEMPLATE, STAND_IN = FIRMWARE / 'template', ROOT / 'test/firmware/arduino'
+SHOULDER_A, SHOULDER_B, ELBOW_A, ELBOW_B, STOP, CURRENT, SUPPLY = 2, 3, 4, 5, 6, 14, 15
+SESSION = 9
+
+
+@pytest.fixture(scope='module')
+def objects(tmp_path_factory):
+    """What a port links against, compiled as C."""
+    folder = tmp_path_factory.mktemp('objects')
+    names = 'pendubot_link', 'firmware'
+    return [compiled(folder / f'{name}.o', FIRMWARE / f'{name}.c', options=['-c']) for name in names]
+
+
+@pytest.mark.parametrize('language', ['c', 'c++'])
+def test_the_template_compiles_links_and_runs(objects, tmp_path, language):
+    port = compiled(tmp_path / 'port.o', TEMPLATE / 'board.c', options=['-c'], language=language)
+    board = compiled(tmp_path / 'board', *objects, port, language=language)
+    assert subprocess.run([board], timeout=10).returncode == 0
+
+
+def test_a_port_has_nine_functions_and_the_template_supplies_each_with_a_comment():
+    header, template = (FIRMWARE / 'board.h').read_text(), (TEMPLATE / 'board.c').read_text()
+    names = {name for name in header.replace('(', ' ').replace('*', ' ').split() if name.startswith('board_')}
+    names = {name for name in names if f'{name}(' in header}
+    assert len(names) == 9
+    for name in names:
+        before = template[: template.index(f'{name}(')].rsplit('\n\n', 1)[-1]
+        assert before.startswith('/* Replace'), name
+
+
+class Sketch:
+    """The sketch with 24 V and the emergency stop closed, and a host at its line."""
+
+    def __init__(self, program):
+        self._process = subprocess.Popen([program], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        self._decoder, self._seq = Decoder(), 0
+        self.tell(f'analog {CURRENT} 2048', f'analog {SUPPLY} 2708', f'pin {STOP} 0', 'setup')
+
+    def tell(self, *lines):
+        self._process.stdin.write('\n'.join(lines) + '\n')
+        self._process.stdin.flush()
+
+    def wait(self, milliseconds):
+        """Let time pass; return what the board said, and duty and direction at the end."""
+        self.tell(f'wait {1000 * milliseconds}')
+        duty, direction, *said = map(int, self._process.stdout.readline().split())
+        return self._decoder.feed(bytes(said)), (duty, direction)
+
+    def state(self):
+        events, pwm = self.wait(4)
+        return [event for event in events if isinstance(event, State)][-1], pwm
+
+    def send(self, message):
+        self.tell(*(f'hear {byte}' for byte in encode(message)))
+
+    def command(self, torque, mode=1):
+        self.send(Command(5, 0, mode, 50, torque, session=SESSION))
+
+    def close(self):
+        self._process.communicate()
+        assert self._process.returncode == 0
+
+
+@pytest.fixture
+def sketch(objects, tmp_path):
+    folders = '-I', STAND_IN, '-I', TEMPLATE / 'arduino/pendubot'
+    program = compiled(tmp_path / 'sketch', *objects, STAND_IN / 'sketch_probe.cpp', options=folders, language='c++')
+    sketch = Sketch(program)
+    yield sketch
+    sketch.close()
+
+
+def test_the_sketch_says_hello_arms_moves_and_lets_go_when_no_command_comes(sketch):
+    events, pwm = sketch.wait(20)
+    hello = events[0]
+    states = [event for event in events if isinstance(event, State)]
+    assert isinstance(hello, Hello)
+    assert (hello.firmware, hello.sample_period_us, hello.limits.max_speed) == ('arduino 2', 2000, 60_000)
+    assert [s.t_us for s in states[:3]] == [0, 2000, 4000]
+    assert (states[-1].status, states[-1].vbus, pwm[0]) == (0, 2399, 0)
+    sketch.send(HelloRequest(1, 0))
+    assert any(isinstance(event, Hello) for event in sketch.wait(6)[0])
+    sketch.command(300_000)
+    assert sketch.state()[0].refused == 1
+    sketch.send(Arm(2, 0, hello.boot_id, SESSION, 1, 50))
+    sketch.command(300_000)
+    state, pwm = sketch.state()
+    # 3 V of 23.99 V, of 4095 steps.
+    assert (state.status, state.torque, pwm) == (Status.ARMED, 300_000, (512, 1))
+    sketch.command(-300_000)
+    state, pwm = sketch.state()
+    assert (state.torque, pwm) == (-300_000, (512, 0))
+    sketch.wait(60)
+    state, pwm = sketch.state()
+    assert (state.status, state.torque, pwm[0]) == (Status.WATCHDOG, 0, 0)
+
+
+def test_the_sketch_counts_both_encoders_and_notices_an_edge_that_it_missed(sketch):
+    for a, b in (1, 0), (1, 1), (0, 1), (0, 0), (1, 0):
+        sketch.tell(f'pin {SHOULDER_A} {a}', f'pin {SHOULDER_B} {b}')
+        sketch.tell(f'pin {ELBOW_A} {b}', f'pin {ELBOW_B} {a}')
+    state, _ = sketch.state()
+    assert (state.enc1, state.enc2, state.status) == (-5, 5, 0)
+    sketch.tell(f'quietly {ELBOW_A} 1', f'pin {ELBOW_B} 0')
+    state, _ = sketch.state()
+    assert (state.enc2, state.status) == (5, 0)
+    sketch.tell(f'quietly {ELBOW_A} 0', f'pin {ELBOW_B} 1')
+    assert Status.ENCODER_2 in Status(sketch.wait(2)[0][-1].status)
+
+
+@pytest.mark.parametrize(
+    ('fault', 'lines'),
+    [
+        (Status.EMERGENCY_STOP, [f'pin {STOP} 1']),
+        (Status.OVER_CURRENT, [f'analog {CURRENT} 4000']),
+        (Status.UNDERVOLTAGE, [f'analog {SUPPLY} 1000']),
+        (Status.OVERVOLTAGE, [f'analog {SUPPLY} 4000']),
+    ],
+)
+def test_a_fault_of_the_sketch_switches_off(sketch, fault, lines):
+    hello = sketch.wait(20)[0][0]
+    sketch.send(Arm(2, 0, hello.boot_id, SESSION, 1, 50))
+    sketch.command(300_000)
+    assert sketch.state()[0].torque == 300_000
+    sketch.tell(*lines)
+    state, pwm = sketch.state()
+    assert (state.status, state.torque, pwm[0]) == (fault, 0, 0)
