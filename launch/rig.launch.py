@@ -15,6 +15,7 @@ from launch.substitutions import LaunchConfiguration
 from pendubot_identification.errors import ParameterError
 from pendubot_identification.launching import described, include, program
 from pendubot_identification.nodes.emulated_board import firmware
+from pendubot_identification.parameter_files import refuse_untaken
 from pendubot_identification.resources import resource
 
 ARGUMENTS = {
@@ -43,6 +44,8 @@ def start(given):
             raise ParameterError(
                 f'{argument} is {given[argument]}, and there is no such file; name a parameter file of {name}'
             )
+        if path:
+            refuse_untaken(path, f'{given["namespace"]}/{name}')
         return path or str(resource(f'config/{name}.yaml'))
 
     # With a virtual board not the port in the bridge's file: there a rig may be.

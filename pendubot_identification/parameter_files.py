@@ -13,6 +13,8 @@ from typing import Any
 
 import yaml
 
+from pendubot_identification.errors import ParameterError
+
 
 def addressed(content: Any, above: str = '') -> Iterator[tuple[str, dict[str, Any]]]:
     """Return the nodes that a file's content names, namespace and wildcards included, each with its parameters."""
@@ -24,25 +26,30 @@ def addressed(content: Any, above: str = '') -> Iterator[tuple[str, dict[str, An
                 yield from addressed(inner, f'{above}/{str(key).lstrip("/")}')
 
 
-def unheard(argv: Sequence[str], node: str) -> list[str]:
-    """Say, in a sentence each, from which of the files in a program's arguments ROS takes nothing: it does not say so.
+def refuse_untaken(path: str, node: str) -> None:
+    """Refuse a parameter file that holds no parameter of a node: ROS would ignore it and use the defaults.
 
     Args:
-        argv: the program's arguments.
-        node: its fully qualified name, such as ``/lab1/bridge``.
+        path: the file.
+        node: the node's fully qualified name, such as ``/lab1/bridge``.
+
+    Raises:
+        ParameterError: ROS takes nothing from the file.
     """
-    sentences = []
-    for path in (path for option, path in pairwise(argv) if option == '--params-file'):
-        try:
-            content = yaml.safe_load(Path(path).read_text(encoding='utf-8'))
-        except (OSError, ValueError, yaml.YAMLError):
-            content = None
-        names = [name for name, parameters in addressed(content) if parameters]
-        # As rclpy does it, with the same regular expression: * is one part of a name, ** are any number.
-        if not any(re.fullmatch(name.replace('/*', r'(/\w+)'), node, re.ASCII) for name in names):
-            held = f'parameters of {", ".join(names)}' if names else 'no parameters of any node'
-            sentences.append(
-                f'nothing is taken from {path}: it holds {held}, and none of {node}; name {node} in it, or '
-                f'/**/{node.rpartition("/")[2]} for every namespace'
-            )
-    return sentences
+    try:
+        content = yaml.safe_load(Path(path).read_text(encoding='utf-8'))
+    except (OSError, ValueError, yaml.YAMLError):
+        content = None
+    names = [name for name, parameters in addressed(content) if parameters]
+    # rclpy uses the same regular expression: * is one part of a name, ** is any number of parts.
+    if not any(re.fullmatch(name.replace('/*', r'(/\w+)'), node, re.ASCII) for name in names):
+        held = f'parameters of {", ".join(names)}' if names else 'no parameters of any node'
+        raise ParameterError(
+            f'nothing is taken from {path}: it holds {held}, and none of {node}; name {node} in it, or '
+            f'/**/{node.rpartition("/")[2]} for every namespace'
+        )
+
+
+def parameter_files(argv: Sequence[str]) -> list[str]:
+    """Return the parameter files that a program's arguments name."""
+    return [path for option, path in pairwise(argv) if option == '--params-file']

@@ -51,10 +51,10 @@ class Program:
         self._start(name, ['-m', MODULES[name], *map(str, args)], env, before)
 
     @classmethod
-    def of_file(cls, path):
+    def of_file(cls, path, *args, env=None, before=()):
         """Run a file of Python."""
         program = cls.__new__(cls)
-        program._start(path.name, [str(path)])
+        program._start(path.name, [str(path), *map(str, args)], env, before)
         return program
 
     def _start(self, name, args, env=None, before=()):

@@ -26,6 +26,7 @@ import yaml
 from pendubot_identification.errors import ParameterError, PendubotError
 from pendubot_identification.formats.export import export
 from pendubot_identification.model.parameters import BALANCE
+from pendubot_identification.nodes.shutdown import LAUNCH
 from pendubot_identification.results.result_file import read_result
 from test import processes
 from test.conftest import ROOT
@@ -37,6 +38,7 @@ PROGRAMS = 'bridge', 'recorder', 'exciter', 'player', 'identifier', 'virtual_boa
 #: Programs of others, which are packages of the same name.
 OTHERS = 'robot_state_publisher', 'rviz2', 'plotjuggler'
 RANGE = 'ROS_AUTOMATIC_DISCOVERY_RANGE'
+PROFILES = 'FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE'
 
 
 class Started(NamedTuple):
@@ -49,7 +51,7 @@ class Started(NamedTuple):
     files: list
     values: dict
     namespace: str
-    discovery: str
+    environment: dict
     on_exit: object
 
 
@@ -120,10 +122,29 @@ def evaluated(value):
     return value.value if isinstance(value, ParameterValue) else tuple(value) if isinstance(value, list) else value
 
 
-def declare_launch_argument(name, *, default_value, description):
+class Description:
+    """Entities, and the arguments that they declare, those of files that are included among them."""
+
+    def __init__(self, entities):
+        self.entities = entities
+
+    def visit(self, context):
+        return self.entities
+
+    def get_launch_arguments(self):
+        inner = [each.inner() if hasattr(each, 'inner') else each for each in self.entities]
+        files = [
+            argument for each in inner if isinstance(each, Description) for argument in each.get_launch_arguments()
+        ]
+        return [*files, *(each for each in inner if hasattr(each, 'name'))]
+
+
+def declare_launch_argument(name, *, default_value, description='an argument'):
     assert isinstance(default_value, str)
     assert description
-    return Action(lambda context: context.launch_configurations.setdefault(name, default_value) and None)
+    declared = Action(lambda context: context.launch_configurations.setdefault(name, default_value) and None)
+    declared.name = name
+    return declared
 
 
 def include_launch_description(path, *, launch_arguments=(), condition=None):
@@ -132,26 +153,29 @@ def include_launch_description(path, *, launch_arguments=(), condition=None):
             context.launch_configurations[name] = performed(value, context)
         return [described(path)]
 
-    return Action(execute, condition)
+    included = Action(execute, condition)
+    included.inner = lambda: described(path)
+    return included
 
 
 def node(
-    *, package, executable, exec_name, namespace, output, prefix, additional_env,
+    *, package, executable, exec_name, namespace, output, additional_env, sigterm_timeout, sigkill_timeout, prefix='',
     parameters=(), arguments=(), remappings=(), name=None, on_exit=None,
 ):  # fmt: skip
     def execute(context):
         ExecutableInPackage(executable, package).perform(context)
         assert (exec_name, output) == (executable, 'screen')
+        assert float(performed(sigterm_timeout, context)) < float(performed(sigkill_timeout, context))
         files = [each for each in parameters if isinstance(each, str)]
         typed = [each for each in parameters if isinstance(each, dict)]
         values = {key: evaluated(value) for each in typed for key, value in each.items()}
         assert list(parameters) == [*files, *typed], 'what is given as an argument has to come last, to count'
         assert name == (executable if package == PACKAGE else None), 'a parameter file is addressed to this node'
         assert all(re.fullmatch(r'/(\w+)', topic)[1] == relative for topic, relative in remappings)
-        where, environment = performed(namespace, context), performed(additional_env[RANGE], context)
+        where = performed(namespace, context)
         before = performed(prefix, context).split()
         context.started.append(
-            Started(package, executable, before, list(arguments), files, values, where, environment, on_exit)
+            Started(package, executable, before, list(arguments), files, values, where, additional_env, on_exit)
         )
 
     return Action(execute)
@@ -161,12 +185,13 @@ def node(
 STAND_INS = {
     'launch': {
         'LaunchContext': SimpleNamespace,
-        'LaunchDescription': lambda entities: SimpleNamespace(visit=lambda context: entities),
+        'LaunchDescription': Description,
     },
     'launch.actions': {
         'DeclareLaunchArgument': declare_launch_argument,
         'EmitEvent': lambda *, event: SimpleNamespace(event=event),
         'IncludeLaunchDescription': include_launch_description,
+        'LogInfo': lambda *, msg: Action(lambda context: context.logged.append(msg)),
         'OpaqueFunction': lambda *, function: Action(function),
     },
     'launch.conditions': {'IfCondition': IfCondition},
@@ -196,9 +221,9 @@ def read_back(action):
     (namespace,) = [word.removeprefix('__ns:=').removeprefix('/') for word in ros if word.startswith('__ns:=')]
     on_exit = action._ExecuteLocal__on_exit
     arguments = words[: words.index('--ros-args')]
-    discovery = program.final_env[RANGE]
+    own = {name: value for name, value in program.final_env.items() if os.environ.get(name) != value or name == RANGE}
     return Started(
-        action.node_package, action.node_executable, before, arguments, files, values, namespace, discovery, on_exit
+        action.node_package, action.node_executable, before, arguments, files, values, namespace, own, on_exit
     )
 
 
@@ -222,13 +247,17 @@ def launch(monkeypatch, packages, tmp_path):
     monkeypatch.delitem(sys.modules, f'{PACKAGE}.launching', raising=False)
     if REAL:
         import launch as library
-        from launch.actions import ExecuteLocal
+        from launch.actions import ExecuteLocal, LogInfo
 
         def execute(action, context):
             action.prepare(context)
             run.started.append(read_back(action))
 
+        def log(action, context):
+            run.logged.append(performed(action.msg, context))
+
         monkeypatch.setattr(ExecuteLocal, 'execute', execute)
+        monkeypatch.setattr(LogInfo, 'execute', log)
     else:
         for name, content in STAND_INS.items():
             module = ModuleType(name)
@@ -240,15 +269,24 @@ def launch(monkeypatch, packages, tmp_path):
             visit(each, context)
 
     def run(name, **arguments):
-        run.started = []
-        run.context = (
-            library.LaunchContext() if REAL else SimpleNamespace(launch_configurations={}, started=run.started)
-        )
+        run.started, run.logged, words = [], [], [f'{name}:={value}' for name, value in arguments.items()]
+        description = described(name if isinstance(name, Path) else ROOT / 'launch' / f'{name}.launch.py')
+        event = SimpleNamespace(launch_description=description)
+        if REAL:
+            run.context = library.LaunchContext(argv=words)
+            run.context.extend_locals({'event': event})
+        else:
+            run.context = SimpleNamespace(
+                launch_configurations={}, started=run.started, logged=run.logged, argv=words,
+                locals=SimpleNamespace(event=event),
+            )  # fmt: skip
         run.context.launch_configurations.update(arguments)
-        visit(described(ROOT / 'launch' / f'{name}.launch.py'), run.context)
+        visit(description, run.context)
         return {each.executable: each for each in run.started}
 
+    before = signal.getsignal(signal.SIGTERM)
     yield run
+    signal.signal(signal.SIGTERM, before)
     sys.modules.pop(f'{PACKAGE}.launching', None)
 
 
@@ -276,9 +314,37 @@ def test_starts_the_programs_with_parameters_that_they_have_on_this_machine_in_o
         module = importlib.import_module(f'{PACKAGE}.nodes.{program}')
         assert set(started[program].values) <= {setting.name for setting in getattr(module, program.title()).SETTINGS}
         assert started[program].files in ([], [str(ROOT / 'config' / f'{program}.yaml')])
-    assert {(each.namespace, each.discovery) for each in started.values()} == {('', 'LOCALHOST')}
+    assert {(each.namespace, each.environment[RANGE]) for each in started.values()} == {('', 'LOCALHOST')}
     told = launch(name, namespace='lab1', discovery='SUBNET').values()
-    assert {(each.namespace, each.discovery) for each in told} == {('lab1', 'SUBNET')}
+    assert {(each.namespace, each.environment[RANGE]) for each in told} == {('lab1', 'SUBNET')}
+
+
+@pytest.mark.parametrize('name', ['rig', 'virtual', 'view', 'identification', 'replay'])
+def test_programs_of_other_machines_are_kept_out_unless_they_are_wanted_or_a_profile_is_there(
+    launch, monkeypatch, name
+):
+    """By a profile of Fast DDS; test_network.py shows what it does."""
+
+    def profiles(**arguments):
+        (set_,) = {
+            tuple(each.environment.get(name) for name in PROFILES) for each in launch(name, **arguments).values()
+        }
+        return set_
+
+    monkeypatch.delenv(RANGE, raising=False)
+    for variable in PROFILES:
+        monkeypatch.delenv(variable, raising=False)
+    assert profiles() == (str(ROOT / 'config' / 'this_machine.xml'),) * 2
+    assert launch.logged == []
+    assert profiles(discovery='SUBNET') == (None, None)
+    for variable in PROFILES:
+        monkeypatch.setenv(variable, '/mine.xml')
+        assert profiles() == (None, None)
+        assert launch.logged
+        assert all('is kept: it decides whether programs on other machines can arm' in line for line in launch.logged)
+        assert profiles(discovery='SUBNET') == (None, None)
+        assert launch.logged == []
+        monkeypatch.delenv(variable)
 
 
 @pytest.mark.parametrize(
@@ -292,6 +358,9 @@ def test_starts_the_programs_with_parameters_that_they_have_on_this_machine_in_o
         ('rig', {'discovery': 'MOON'}, None, 'discovery is MOON; one of LOCALHOST, SUBNET, SYSTEM_DEFAULT is expected'),
         ('rig', {'bridge': '/no.yaml'}, None, 'bridge is /no.yaml, and there is no such file; name a'),
         ('rig', {'excitation': '/'}, None, 'there is no such file; name a parameter file of exciter'),
+        ('rig', {'amplitud': '0.05'}, None, 'this launch has no argument amplitud; is amplitude meant? --show-args'),
+        ('virtual', {'plot_juggler': '1'}, None, 'this launch has no argument plot_juggler; is plotjuggler meant?'),
+        ('replay', {'xyz': '1'}, None, 'this launch has no argument xyz; which is meant?'),
         ('virtual', {'l2': '-1'}, None, 'the length l2 is -1 m; a number above 0 is expected'),
         ('virtual', {'amplitude': 'abc'}, None, 'amplitude is abc; a number is expected'),
         ('view', {'plotjuggler': '2'}, None, 'plotjuggler is 2; true or false is expected'),
@@ -315,6 +384,48 @@ def test_what_cannot_work_is_refused_before_anything_is_started(launch, packages
         assert launch(name, **arguments, view='false'), 'what nobody wants is not missing'
 
 
+#: A launch file of a user, with an argument of its own.
+USERS = f"""
+from launch import LaunchDescription
+from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription
+from launch.launch_description_sources import PythonLaunchDescriptionSource
+
+def generate_launch_description():
+    rig = PythonLaunchDescriptionSource({str(ROOT / 'launch' / 'rig.launch.py')!r})
+    return LaunchDescription([DeclareLaunchArgument('speed', default_value='1'), IncludeLaunchDescription(rig)])
+"""
+
+
+def test_a_launch_file_that_includes_ours_may_have_arguments_of_its_own(launch, tmp_path):
+    file = tmp_path / 'users.launch.py'
+    file.write_text(USERS)
+    started = launch(file, speed='3', amplitude='0.05', l1='0.3', **{'launch-prefix': ''})
+    assert started['exciter'].values['amplitude_max'] == 0.05
+    with pytest.raises(ParameterError, match='this launch has no argument sped; is speed meant'):
+        launch(file, sped='3')
+    assert launch.started == []
+
+
+@pytest.mark.parametrize('namespace', ['', 'lab1', '/lab1'])
+@pytest.mark.parametrize(('argument', 'program'), [('bridge', 'bridge'), ('excitation', 'exciter')])
+def test_a_parameter_file_of_which_nothing_is_taken_is_refused(launch, tmp_path, namespace, argument, program):
+    """A rig would move by the defaults instead, within limits far from those of the file."""
+    file = tmp_path / 'mine.yaml'
+    given = {argument: str(file), **({'namespace': namespace} if namespace else {})}
+    node = f'/lab1/{program}' if namespace else f'/{program}'
+    for name in (f'/**/{program}', node, *([] if namespace else [program])):
+        file.write_text(yaml.safe_dump({name: {'ros__parameters': {'seed': 1}}}))
+        assert str(file) in launch('rig', **given)[program].files
+    for name in ('recorder', f'/lab2/{program}', *([program] if namespace else [])):
+        file.write_text(yaml.safe_dump({name: {'ros__parameters': {'seed': 1}}}))
+        said = f'nothing was started: nothing is taken from {file}: it holds parameters of /{name.strip("/")}, and none'
+        with pytest.raises(
+            ParameterError, match=re.escape(f'{said} of {node}; name {node} in it, or /**/{program} for')
+        ):
+            launch('rig', **given)
+        assert launch.started == []
+
+
 def test_when_a_program_ends_everything_ends_and_when_one_failed_with_an_error(launch):
     """Launch returns another status than 0 only where something raises."""
     for program in launch('virtual', rviz='true').values():
@@ -329,7 +440,9 @@ def test_when_a_program_ends_everything_ends_and_when_one_failed_with_an_error(l
             with pytest.raises(PendubotError, match=f'it failed, with status {status}: everything ends'):
                 program.on_exit(ended, context)
         context.is_shutdown = True
-        assert program.on_exit(ended, context), 'a Ctrl-C is no failure'
+        for number in (signal.SIGINT, signal.SIGTERM):
+            ended.returncode = -number
+            assert program.on_exit(ended, context), 'who is told to end has not failed'
 
 
 @pytest.mark.ros
@@ -343,10 +456,12 @@ def test_programs_end_disarmed_when_launch_is_killed(launch, tmp_path):
         typed.write_text(yaml.safe_dump({'/**': {'ros__parameters': program.values}}))
         files = [word for file in (*program.files, typed) for word in ('--params-file', str(file))]
         start = [sys.executable, '-m', processes.MODULES[program.executable]]
+        assert program.environment[LAUNCH] == str(os.getpid())
         commands.append([*program.before, *start, *program.arguments, '--ros-args', *files])
     script.write_text(
-        'import subprocess\n'
-        f'started = [subprocess.Popen(command) for command in {commands}]\n'
+        'import os, subprocess\n'
+        f'environment = {{**os.environ, {LAUNCH!r}: str(os.getpid())}}\n'
+        f'started = [subprocess.Popen(command, env=environment) for command in {commands}]\n'
         'print("started", *(each.pid for each in started), flush=True)\n'
         'started[0].wait()\n'
     )
@@ -389,7 +504,7 @@ def test_parameters_are_those_of_the_file_but_for_what_is_an_argument(
     launch, tmp_path, monkeypatch, name, arguments, program, file, values
 ):
     monkeypatch.setenv('HOME', str(tmp_path))
-    (tmp_path / 'mine.yaml').write_text(yaml.safe_dump({program: {'ros__parameters': {}}}))
+    (tmp_path / 'mine.yaml').write_text(yaml.safe_dump({program: {'ros__parameters': {'seed': 1}}}))
     started = launch(name, **arguments)
     expected = str(tmp_path / 'mine.yaml' if file else ROOT / 'config' / f'{program}.yaml')
     assert (started[program].files, started[program].values) == ([expected], values)

@@ -1,15 +1,21 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The programs as they are started, on a computer without ROS and with a reader that leaves."""
+"""The programs as they are started: without ROS, with a reader that leaves, and with a parent that ends."""
 
+import csv
 import os
+import select
+import signal
 import subprocess
 import sys
+import time
 
 import pytest
 
+from pendubot_identification.nodes.shutdown import LAUNCH
 from test.conftest import ROOT
+from test.processes import MODULES, Program
 
 CHILD = """
 import sys
@@ -69,3 +75,73 @@ def test_a_reader_that_has_seen_enough_is_no_failure(words, unbuffered):
     )
     os.close(writes)
     assert (ended.returncode, ended.stderr) == (0, '')
+
+
+#: Starts a program from a thread, which ends, and waits for it.
+PARENT = """
+import subprocess, sys, threading
+children = []
+starter = threading.Thread(target=lambda: children.append(subprocess.Popen(sys.argv[1:])))
+starter.start()
+starter.join()
+print('child', children[0].pid, flush=True)
+children[0].wait()
+"""
+
+
+@pytest.fixture
+def parent(tmp_path):
+    """Starts a virtual board as the child of another program; gives that program and a descriptor of the board."""
+    board = None
+
+    def start(way, *, before=(), env=None):
+        nonlocal board
+        file = tmp_path / 'parent.py'
+        file.write_text(PARENT)
+        words = ['-m', MODULES['virtual_board']] if way == 'module' else ['-c', CHILD, '', 'virtual_board']
+        words += ['--link', tmp_path / 'board', '--trace', tmp_path / 'trace.csv']
+        program = Program.of_file(file, sys.executable, *words, before=before, env=env)
+        board = os.pidfd_open(int(program.wait_for('child').split()[1]))
+        program.wait_for('virtual board on')
+        return program, board
+
+    yield start
+    if board is not None and not select.select([board], [], [], 0)[0]:
+        signal.pidfd_send_signal(board, signal.SIGKILL)
+
+
+@pytest.mark.parametrize('number', [signal.SIGTERM, signal.SIGKILL])
+@pytest.mark.parametrize('way', ['module', 'installed'])
+def test_a_program_ends_in_order_when_its_parent_ends(parent, tmp_path, way, number):
+    """The end of the thread that started it is no such end: the program has begun to work after that."""
+    program, board = parent(way)
+    program.stop(number)
+    assert select.select([board], [], [], 10.0)[0]
+    assert not (tmp_path / 'board').is_symlink(), 'it was killed'
+
+
+def test_a_program_that_was_started_by_nohup_outlives_its_parent(parent, tmp_path):
+    program, board = parent('installed', before=('nohup',))
+    program.kill()
+    samples = lambda: len(list(csv.reader((tmp_path / 'trace.csv').open())))  # noqa: E731
+    least, deadline = samples() + 100, time.monotonic() + 30.0
+    while samples() < least:
+        assert time.monotonic() < deadline
+        assert not select.select([board], [], [], 0.05)[0]
+    signal.pidfd_send_signal(board, signal.SIGTERM)
+    assert select.select([board], [], [], 10.0)[0]
+
+
+def test_a_program_of_a_launch_file_ends_with_launch_even_with_nohup_and_another_parent(parent):
+    with subprocess.Popen(['sleep', '1000']) as launch:
+        _, board = parent('installed', before=('nohup',), env={LAUNCH: str(launch.pid)})
+        launch.kill()
+        assert select.select([board], [], [], 10.0)[0]
+
+
+def test_a_program_whose_launch_ended_before_it_began_does_nothing(tmp_path):
+    launch = subprocess.Popen(['true'])
+    launch.wait()
+    ended = run('', 'virtual_board', '--trace', tmp_path / 'trace.csv', **{LAUNCH: str(launch.pid)})
+    assert ended.returncode == 0
+    assert not (tmp_path / 'trace.csv').exists() or len((tmp_path / 'trace.csv').read_text().splitlines()) <= 1

@@ -29,7 +29,7 @@ from rclpy.timer import Timer
 from rclpy.utilities import remove_ros_args
 
 from pendubot_identification.errors import ParameterError, PendubotError
-from pendubot_identification.parameter_files import unheard
+from pendubot_identification.parameter_files import parameter_files, refuse_untaken
 from pendubot_identification.resources import resource
 from pendubot_identification.setting import Setting
 
@@ -69,6 +69,8 @@ class SettingsNode(Node):
 
     def __init__(self, ended: Shutdown) -> None:
         super().__init__(self.PROGRAM)
+        for path in parameter_files(sys.argv):
+            refuse_untaken(path, self.get_fully_qualified_name())
         self.exit_status = 0
         self.ended = ended
         for setting in self.SETTINGS:
@@ -183,7 +185,7 @@ def run(node_class: type[SettingsNode]) -> int:
         return 2
     try:
         rclpy.init(args=argv, signal_handler_options=SignalHandlerOptions.NO)
-        return _run_until_ended(node_class, argv)
+        return _run_until_ended(node_class)
     except Exception as error:
         if '--debug' in own:
             traceback.print_exc()
@@ -196,7 +198,7 @@ def run(node_class: type[SettingsNode]) -> int:
         ended()
 
 
-def _run_until_ended(node_class: type[SettingsNode], argv: Sequence[str]) -> int:
+def _run_until_ended(node_class: type[SettingsNode]) -> int:
     ending = Shutdown()
     ending.set_at_signal()
     # In two steps, so that a node that refuses its parameters takes leave: else others go on seeing its services.
@@ -207,8 +209,6 @@ def _run_until_ended(node_class: type[SettingsNode], argv: Sequence[str]) -> int
         with suppress(Exception):
             node.destroy_node()
         raise
-    for sentence in unheard(argv, node.get_fully_qualified_name()):
-        node.get_logger().warning(sentence)
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     failures: list[BaseException] = []

@@ -1,18 +1,24 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The signals that end a program, from its start to its very end. Needs no ROS."""
+"""What ends a program, from its start to its very end: a signal, or the end of its parent. Needs no ROS."""
 
 from __future__ import annotations
 
 import os
 import select
 import signal
+import threading
 from collections.abc import Callable
 from contextlib import suppress
+from functools import cache
+
+from . import PARENT
 
 #: The last comes when a terminal is closed, or a connection over which the program was started is lost.
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+#: The environment variable in which the launch files name their own process.
+LAUNCH = 'PENDUBOT_LAUNCH_PID'
 
 
 class Shutdown:
@@ -49,11 +55,39 @@ class Shutdown:
 
 
 def at_signal(end: Callable[[], object]) -> None:
-    """Have this called at every signal that ends a program; it may be interrupted by itself."""
+    """Call ``end`` at every signal that ends a program and when its parent ends; it may interrupt itself."""
     for number in SIGNALS:
         # Who starts it by nohup wants it to go on.
         if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:
             signal.signal(number, lambda *_: end())
+    _terminate_with_parent()
+
+
+@cache  # one thread is enough
+def _terminate_with_parent() -> None:
+    """Have this process sent SIGTERM when its parent ends, or has ended, whatever the reason.
+
+    The parent is launch where the launch files name it, even if a ``launch-prefix`` stands in between. Otherwise it is
+    the process that started this one, unless that used nohup. PR_SET_PDEATHSIG would not do: it tells the end of the
+    thread that started this process.
+    """
+    launch = int(os.environ.get(LAUNCH, 0))
+    nohup = signal.getsignal(signal.SIGHUP) == signal.SIG_IGN
+    parent = launch or (0 if nohup else PARENT)
+    if not parent:  # 0 is also the parent of the first process of a container
+        return
+    watched = None
+    with suppress(ProcessLookupError):
+        watched = os.pidfd_open(parent)
+    if watched is None or (not launch and os.getppid() != parent):
+        signal.raise_signal(signal.SIGTERM)
+        return
+
+    def watch() -> None:
+        select.select([watched], [], [])
+        os.kill(os.getpid(), signal.SIGTERM)
+
+    threading.Thread(target=watch, daemon=True).start()
 
 
 def ended() -> None:

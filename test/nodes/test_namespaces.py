@@ -15,7 +15,7 @@ from std_srvs.srv import Trigger
 from pendubot_identification.model.parameters import PAPER
 from pendubot_identification.nodes.messages import LATCHED
 from pendubot_identification.resources import resource
-from test.processes import Program, call, parameters, spin_until
+from test.processes import Program, call, parameters, run_program, spin_until
 
 pytestmark = pytest.mark.ros
 PULSES = {'arm': 'true', 'width': 0.5, 'amplitude_min': 0.05, 'amplitude_max': 0.1}
@@ -132,13 +132,12 @@ def test_a_bridge_of_another_name_is_asked_for_and_driven_once_its_services_are_
     assert int(trace()[-1]['status']) & 1 == 0
 
 
-def test_a_file_for_another_namespace_is_named_once(tmp_path):
+def test_a_parameter_file_for_another_namespace_ends_the_node(tmp_path):
     file = tmp_path / 'mine.yaml'
-    file.write_text('bridge:\n  ros__parameters:\n    port: /nowhere\n')
-    with Program('bridge', '--ros-args', '-r', '__ns:=/lab1', '--params-file', file) as bridge:
-        bridge.wait_for(
-            f'nothing is taken from {file}: it holds parameters of /bridge, and none of /lab1/bridge; name '
-            '/lab1/bridge in it, or /**/bridge for every namespace'
-        )
-        assert bridge.stop() == 0
-        assert bridge.output.count('nothing is taken') == 1
+    file.write_text('bridge:\n  ros__parameters:\n    torque_limit: 0.1\n')
+    ended = run_program('bridge', '--ros-args', '-r', '__ns:=/lab1', '--params-file', file)
+    assert (ended.returncode, ended.stderr) == (
+        1,
+        f'bridge: nothing is taken from {file}: it holds parameters of /bridge, and none of /lab1/bridge; name '
+        '/lab1/bridge in it, or /**/bridge for every namespace\n',
+    )

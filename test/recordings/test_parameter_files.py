@@ -5,7 +5,8 @@
 
 import pytest
 
-from pendubot_identification.parameter_files import unheard
+from pendubot_identification.errors import ParameterError
+from pendubot_identification.parameter_files import parameter_files, refuse_untaken
 
 pytestmark = pytest.mark.ros
 NAMES = [
@@ -28,25 +29,42 @@ def takes(rclpy, file, namespace):
         context.try_shutdown()
 
 
-def test_says_of_a_file_that_nothing_is_taken_when_that_is_so(ros, tmp_path):
+def test_refuses_a_file_from_which_rclpy_takes_nothing(ros, tmp_path):
     file = tmp_path / 'mine.yaml'
     for name in NAMES:
         file.write_text(f'{name}: {{ros__parameters: {{port: /nowhere}}}}' + '}' * name.count('{'))
         for namespace in ('/', '/lab1', '/a/b'):
             node = f'{namespace.rstrip("/")}/bridge'
-            sentences = unheard(['bridge', '--ros-args', '--params-file', str(file)], node)
-            assert (sentences == []) == takes(ros, file, namespace), (name, namespace)
-            assert all(f'nothing is taken from {file}: it holds parameters of /' in sentence for sentence in sentences)
+            if takes(ros, file, namespace):
+                refuse_untaken(str(file), node)
+            else:
+                with pytest.raises(ParameterError, match=f'nothing is taken from {file}: it holds parameters of /'):
+                    refuse_untaken(str(file), node)
 
 
-def test_says_it_of_each_file_on_its_own(tmp_path):
-    mine, others, none = (tmp_path / f'{name}.yaml' for name in ('mine', 'others', 'none'))
-    mine.write_text('/**/bridge: {ros__parameters: {port: /nowhere}}')
-    others.write_text('recorder: {ros__parameters: {output: swing}}\nexciter: {ros__parameters: {seed: 2}}')
-    none.write_text('{}')
-    arguments = [word for file in (mine, others, none) for word in ('--params-file', str(file))]
-    advice = 'and none of /lab1/bridge; name /lab1/bridge in it, or /**/bridge for every namespace'
-    assert unheard(arguments, '/lab1/bridge') == [
-        f'nothing is taken from {others}: it holds parameters of /recorder, /exciter, {advice}',
-        f'nothing is taken from {none}: it holds no parameters of any node, {advice}',
-    ]
+@pytest.mark.parametrize(
+    ('content', 'held'),
+    [
+        (
+            'recorder: {ros__parameters: {output: swing}}\nexciter: {ros__parameters: {seed: 2}}',
+            'parameters of /recorder, /exciter',
+        ),
+        ('bridge: {ros__parameters: {}}', 'no parameters of any node'),
+        ('{}', 'no parameters of any node'),
+        ('{', 'no parameters of any node'),
+    ],
+)
+def test_says_what_the_file_holds_and_what_to_write(tmp_path, content, held):
+    file = tmp_path / 'mine.yaml'
+    file.write_text(content)
+    with pytest.raises(ParameterError) as refused:
+        refuse_untaken(str(file), '/lab1/bridge')
+    assert str(refused.value) == (
+        f'nothing is taken from {file}: it holds {held}, and none of /lab1/bridge; name /lab1/bridge in it, or '
+        '/**/bridge for every namespace'
+    )
+
+
+def test_finds_the_files_in_the_arguments_of_a_program():
+    arguments = ['bridge', '--ros-args', '--params-file', 'a', '-p', 'port:=x', '--params-file', 'b']
+    assert parameter_files(arguments) == ['a', 'b']

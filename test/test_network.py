@@ -1,0 +1,121 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Who can arm the motor over a network: programs in two network namespaces, as on two machines joined by a cable."""
+
+import os
+import subprocess
+import sys
+import time
+
+import pytest
+
+from test.conftest import ROOT
+from test.processes import Program
+
+pytestmark = pytest.mark.ros
+RANGE = 'ROS_AUTOMATIC_DISCOVERY_RANGE'
+NAMES = 'FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE'
+PROFILE = dict.fromkeys(NAMES, str(ROOT / 'config' / 'this_machine.xml'))
+#: The tests' own, which only hastens discovery.
+NO_PROFILE = dict.fromkeys(NAMES, str(ROOT / 'test' / 'discovery.xml'))
+#: Arms the bridge, and says so, or that it found none within some time [s].
+ARM = """
+import sys
+import rclpy
+from std_srvs.srv import Trigger
+rclpy.init()
+node = rclpy.create_node('operator')
+client = node.create_client(Trigger, '/bridge/arm')
+if not client.wait_for_service(float(sys.argv[1])):
+    print('found no bridge', flush=True)
+    sys.exit()
+future = client.call_async(Trigger.Request())
+rclpy.spin_until_future_complete(node, future, timeout_sec=10.0)
+print(future.result().message if future.done() else 'no answer', flush=True)
+"""
+
+
+@pytest.fixture
+def machines():
+    """Two network namespaces; gives what stands before a command to run it in the rig's, and in the other one."""
+    rig, other = (f'pendubot{os.getpid()}{letter}' for letter in 'ab')
+    plan = [
+        *(f'netns add {name}' for name in (rig, other)),
+        f'link add eth0 netns {rig} type veth peer name eth0 netns {other}',
+        f'-n {rig} address add 10.99.0.1/24 dev eth0',
+        f'-n {other} address add 10.99.0.2/24 dev eth0',
+        *(f'-n {name} link set {device} up' for name in (rig, other) for device in ('lo', 'eth0')),
+    ]
+    try:
+        try:
+            for command in plan:
+                subprocess.run(['ip', *command.split()], check=True, capture_output=True, text=True)
+        except FileNotFoundError:
+            pytest.skip('no program ip: install iproute2')
+        except subprocess.CalledProcessError as error:
+            pytest.skip(f'no right to make network namespaces: {error.stderr.strip()}')
+        # Fast DDS takes no interface that comes up later.
+        for name in (rig, other):
+            deadline = time.monotonic() + 10.0
+            show = ['ip', '-n', name, 'link', 'show', 'eth0', 'up']
+            while 'state UP' not in subprocess.run(show, capture_output=True, text=True, check=True).stdout:
+                assert time.monotonic() < deadline
+        yield [('ip', 'netns', 'exec', name) for name in (rig, other)]
+    finally:
+        for name in (rig, other):
+            subprocess.run(['ip', 'netns', 'delete', name], capture_output=True, check=False)
+
+
+@pytest.mark.parametrize('range_', ['LOCALHOST', 'SUBNET'])
+def test_the_profile_keeps_another_machine_from_arming_and_nobody_on_this_one(machines, tmp_path, range_):
+    rig, other = machines
+    script = tmp_path / 'arm.py'
+    script.write_text(ARM)
+
+    def answer(where, seconds, **env):
+        with Program.of_file(script, seconds, env={**NO_PROFILE, **env}, before=where) as program:
+            program.process.wait(seconds + 30)
+            program.wait_for('')
+            return program.lines[-1]
+
+    with Program('virtual_board', '--link', tmp_path / 'board') as board:
+        board.wait_for('virtual board on')
+
+        def bridge(profile):
+            env = {RANGE: range_, **profile}
+            program = Program('bridge', '--ros-args', '-p', f'port:={tmp_path / "board"}', env=env, before=rig)
+            program.wait_for('counts per turn')
+            return program
+
+        outsider = {'ROS_STATIC_PEERS': '10.99.0.1', RANGE: 'SUBNET'}
+        with bridge(NO_PROFILE):
+            assert answer(other, 30, **outsider) == 'armed', 'the attack does not work, so that the rest shows nothing'
+        with bridge(PROFILE) as kept:
+            assert answer(other, 5, **outsider) == 'found no bridge'
+            assert 'arming' not in kept.output
+            for inside in ('SUBNET', 'LOCALHOST'):
+                assert answer(rig, 30, **{RANGE: inside}) == 'armed'
+
+
+def test_a_bridge_with_the_profile_is_found_by_programs_without_it_on_the_same_machine(tmp_path):
+    """As ros2 service call in another terminal."""
+    script = tmp_path / 'arm.py'
+    script.write_text(ARM)
+    with (
+        Program('virtual_board', '--link', tmp_path / 'board') as board,
+        Program(
+            *('bridge', '--ros-args', '-p', f'port:={tmp_path / "board"}'), env={RANGE: 'LOCALHOST', **PROFILE}
+        ) as bridge,
+    ):
+        board.wait_for('virtual board on')
+        bridge.wait_for('counts per turn')
+        for inside in ('SUBNET', 'LOCALHOST'):
+            done = subprocess.run(
+                [sys.executable, script, '30'],
+                env={**os.environ, **NO_PROFILE, RANGE: inside},
+                capture_output=True,
+                text=True,
+                timeout=60,
+            )
+            assert done.stdout == 'armed\n', done.stderr
