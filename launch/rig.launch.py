@@ -51,6 +51,8 @@ def start(given):
     # With a virtual board not the port in the bridge's file: there a rig may be.
     port = given['port'] or ('/tmp/pendubot' if given['virtual'] else '')
     link = {name: value for name, value in (('port', port), ('baud', given['baud'])) if value}
+    if given['virtual']:
+        link['confirm_zeros'] = False  # a virtual board starts where its zeros are
     boards = {'python': [], 'qemu': ['--qemu']}
     if given['board'] not in boards:
         raise ParameterError(f'board is {given["board"]}; one of {", ".join(boards)} is expected')

@@ -449,7 +449,15 @@ def test_when_a_program_ends_everything_ends_and_when_one_failed_with_an_error(l
 def test_programs_end_disarmed_when_launch_is_killed(launch, tmp_path):
     """The programs of a real launch by a parent that can tell them nothing more."""
     trace, script = tmp_path / 'trace.csv', tmp_path / 'launch.py'
-    given = {'port': str(tmp_path / 'rig'), 'output': str(tmp_path / 'bag'), 'arm': 'true', 'view': 'false'}
+    own = tmp_path / 'bridge.yaml'
+    own.write_text('/**/bridge: {ros__parameters: {confirm_zeros: false}}')
+    given = {
+        'port': str(tmp_path / 'rig'),
+        'output': str(tmp_path / 'bag'),
+        'arm': 'true',
+        'view': 'false',
+        'bridge': str(own),
+    }
     commands = []
     for program in launch('rig', **given).values():
         typed = tmp_path / f'{program.executable}.yaml'
@@ -492,8 +500,9 @@ TRAIN = {'duration': 10.0, 'amplitude_min': -0.5, 'amplitude_max': 0.5, 'seed': 
         ('rig', {'port': '7', 'baud': '115200'}, 'bridge', None, {'port': '7', 'baud': 115200}),
         # A limit on the torque above all is the file's; with a virtual board never its port, where a rig may be.
         ('rig', {'bridge': MINE}, 'bridge', MINE, {}),
-        ('rig', {'bridge': MINE, 'virtual': 'true'}, 'bridge', MINE, {'port': '/tmp/pendubot'}),
-        ('virtual', {'port': '/tmp/x'}, 'bridge', None, {'port': '/tmp/x'}),
+        ('rig', {'bridge': MINE, 'virtual': 'true'}, 'bridge', MINE,
+         {'port': '/tmp/pendubot', 'confirm_zeros': False}),
+        ('virtual', {'port': '/tmp/x'}, 'bridge', None, {'port': '/tmp/x', 'confirm_zeros': False}),
         # Nothing is moved that is not recorded.
         ('rig', {'amplitude': '0.5', 'duration': '10', 'seed': '3', 'arm': 'true'}, 'exciter', None,
          {'arm': True, 'recorded': True, **TRAIN}),

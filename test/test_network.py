@@ -84,7 +84,16 @@ def test_the_profile_keeps_another_machine_from_arming_and_nobody_on_this_one(ma
 
         def bridge(profile):
             env = {RANGE: range_, **profile}
-            program = Program('bridge', '--ros-args', '-p', f'port:={tmp_path / "board"}', env=env, before=rig)
+            program = Program(
+                'bridge',
+                '--ros-args',
+                '-p',
+                f'port:={tmp_path / "board"}',
+                '-p',
+                'confirm_zeros:=false',
+                env=env,
+                before=rig,
+            )
             program.wait_for('counts per turn')
             return program
 

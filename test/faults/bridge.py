@@ -153,7 +153,7 @@ def stream(folder, seconds, wanted):
     board = Program('virtual_board', '--link', folder / 'board', '--rate', 1000, '--trace', trace)
     listener = Program('listener', heard)
     recorder = Program('recorder', *parameters(output=folder / 'bag'))
-    bridge = Program('bridge', *parameters(port=folder / 'board'))
+    bridge = Program('bridge', *parameters(port=folder / 'board', confirm_zeros='false'))
     with board, listener, recorder, bridge:
         listener.wait_for('listening')
         bridge.wait_for('counts per turn')

@@ -135,7 +135,7 @@ def usurper(folder, _):
     """A program that knows the protocol arms the board itself, once and again."""
     held = []
     with tapped_rig(folder) as (rig, tap):
-        for k in range(10):
+        for _ in range(10):
             rig.diagnoses.clear()
             begun = len(rig.trace())
             order = Command(2, 0, 1, 500, round(MICRO * FOREIGN), 0, 99)

@@ -70,7 +70,7 @@ def broken(*args):
     return whole(*args)
 
 {place} = broken
-sys.argv += ['--ros-args', '-p', 'port:={port}', '-p', 'watchdog_ms:=5000']
+sys.argv += ['--ros-args', '-p', 'port:={port}', '-p', 'watchdog_ms:=5000', '-p', 'confirm_zeros:=false']
 sys.exit(bridge.main())
 """
 
