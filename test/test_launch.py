@@ -449,7 +449,7 @@ def test_when_a_program_ends_everything_ends_and_when_one_failed_with_an_error(l
 def test_programs_end_disarmed_when_launch_is_killed(launch, tmp_path):
     """The programs of a real launch by a parent that can tell them nothing more."""
     trace, script = tmp_path / 'trace.csv', tmp_path / 'launch.py'
-    own = tmp_path / 'bridge.yaml'
+    own = tmp_path / 'own.yaml'
     own.write_text('/**/bridge: {ros__parameters: {confirm_zeros: false}}')
     given = {
         'port': str(tmp_path / 'rig'),

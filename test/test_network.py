@@ -114,7 +114,8 @@ def test_a_bridge_with_the_profile_is_found_by_programs_without_it_on_the_same_m
     with (
         Program('virtual_board', '--link', tmp_path / 'board') as board,
         Program(
-            *('bridge', '--ros-args', '-p', f'port:={tmp_path / "board"}'), env={RANGE: 'LOCALHOST', **PROFILE}
+            *('bridge', '--ros-args', '-p', f'port:={tmp_path / "board"}', '-p', 'confirm_zeros:=false'),
+            env={RANGE: 'LOCALHOST', **PROFILE},
         ) as bridge,
     ):
         board.wait_for('virtual board on')

@@ -81,7 +81,7 @@ class BoardSettings:
             if not low <= value <= high:
                 raise ParameterError(f'{name} is {value:g}; a number from {low:g} to {high:g} is expected')
         for each in fields(self.limits):
-            high = 65535 if each.name in ('stall_ms', 'continuous_ma', 'overload_ms', 'max_vbus') else 10**9
+            high = 65535 if each.name in ('stall_ms', 'continuous_ma', 'overload_ms', 'max_vbus') else 0xFFFFFFFF
             if not 0 <= (value := getattr(self.limits, each.name)) <= high:
                 raise ParameterError(f'{each.name} is {value:g}; a number from 0 to {high} is expected')
 

@@ -113,7 +113,7 @@ def test_a_command_that_waited_while_the_bridge_was_stopped_is_not_applied(rig):
     bridge.process.send_signal(signal.SIGCONT)
     r.until(lambda: r.diagnosed(1, 's old and was not applied; at most 0.1 s (command_timeout) are allowed'))
     assert bridge.output.count('s old and was not applied') == 1
-    assert int(r.fresh_values()['stale']) == 1
+    assert int(r.fresh_values()['stale']) >= 1
     r.until(lambda: not r.trace()[-1, 3])
     # On a busy machine the watchdog may have tripped.
     arm_and_drive(r)

@@ -34,7 +34,16 @@ def traces(tmp_path_factory):
             board = Program('virtual_board', '--link', link, '--trace', trace)
             programs.enter_context(board).wait_for('virtual board on')
             # Of two values of a parameter the later one counts.
-            named = ['--ros-args', '-r', f'__ns:=/{name}', *options, '-p', f'port:={link}']
+            named = [
+                '--ros-args',
+                '-r',
+                f'__ns:=/{name}',
+                *options,
+                '-p',
+                f'port:={link}',
+                '-p',
+                'confirm_zeros:=false',
+            ]
             programs.enter_context(Program('bridge', *named)).wait_for('counts per turn')
             return lambda: list(csv.DictReader(trace.open()))
 

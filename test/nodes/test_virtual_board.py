@@ -12,7 +12,7 @@ import pytest
 import yaml
 
 from pendubot_identification.errors import ParameterError, ResultError
-from pendubot_identification.link.protocol import Command, Mode, encode
+from pendubot_identification.link.protocol import Arm, Command, Decoder, Mode, encode
 from pendubot_identification.model.parameters import PAPER
 from pendubot_identification.nodes.virtual_board import make_board, parser
 from pendubot_identification.results.result_file import SCHEMA
@@ -20,10 +20,18 @@ from test.processes import run_program
 from test.rig import ARMED, WATCHDOG
 
 
+def arm(board, torque=0):
+    """Arm a board for half a second, as a host does that has heard its HELLO, and command a torque [micro-N m]."""
+    hello, state = Decoder().feed(board.sample())
+    board.move()
+    request = Arm(1, 0, hello.boot_id, 7, state.lock, 500)
+    board.receive(encode(request) + encode(Command(2, 0, Mode.TORQUE, 500, torque, session=7)))
+
+
 def pushed(*options):
     """Return where the shoulder is [counts] after 0.3 s under 0.05 N m."""
     board = make_board(parser().parse_args(['--seed', '1', *map(str, options)]))
-    board.receive(encode(Command(1, 0, Mode.DISARM, 0, 0)) + encode(Command(2, 0, Mode.TORQUE, 500, 50_000)))
+    arm(board, 50_000)
     for _ in range(31):
         board.advance()
     return board.last.enc1
@@ -53,12 +61,15 @@ def test_parameters_that_no_pendubot_has_are_refused(tmp_path):
 def test_it_is_held_where_it_begins_until_it_is_first_armed():
     options = ['--preset', 'balance', '--start', 'upright', '--spread', '0.1', '--rate', '200', '--seed', '3']
     board = make_board(parser().parse_args(options))
+    first = board.sample()
     for _ in range(200):
-        board.advance()
+        board.move()
+        board.sample()
     begin = board.last.enc1, board.last.enc2
     assert np.abs(np.subtract(begin, (2000, 0))).max() < 0.1 * 4000 / 6.28 + 1
     assert begin != (2000, 0)
-    board.receive(encode(Command(1, 0, Mode.DISARM, 0, 0)) + encode(Command(2, 0, Mode.TORQUE, 500, 0)))
+    hello, state = Decoder().feed(first)
+    board.receive(encode(Arm(1, 0, hello.boot_id, 7, state.lock, 500)))
     for _ in range(100):
         board.advance()
     assert abs(board.last.enc1 - begin[0]) > 100, 'then it falls'
@@ -75,6 +86,8 @@ def test_it_is_held_where_it_begins_until_it_is_first_armed():
         (['--delay', 'nan'], 1, 'a number from 0 to 1 is expected'),
         (['--fault', 'rust=1'], 1, "no fault 'rust'"),
         (['--fault', 'bit_flip=often'], 1, 'has no number'),
+        (['--limit', 'heat=1'], 1, "no limit 'heat'; the limits are torque_slew, max_speed"),
+        (['--limit', 'max_speed=-1'], 1, 'max_speed is -1; a number from 0'),
         (['--link', __file__], 1, 'no link to a pty'),
     ],
 )
