@@ -480,7 +480,7 @@ def flood(folder, long):
 def torques(folder, _):
     refused = reported = 0
     # The board itself would let more pass than the bridge may.
-    with live_rig(folder, '--torque-limit', 3) as rig:
+    with live_rig(folder, '--torque-limit', 3, '--limit', 'torque_slew=0') as rig:
         rig.start_board()
         # A board that trips on a busy machine would seem to have been disarmed.
         rig.start_bridge('watchdog_ms:=500', 'torque_limit:=1.5')

@@ -7,14 +7,14 @@ import pytest
 
 from test.processes import BOARDS
 
-from .bridge import TRIALS
+from . import bridge, ownership
 
 pytestmark = [pytest.mark.ros, pytest.mark.faults]
 
 
 CASES = [
     pytest.param(trial, board, id=f'{trial.name}-{board}' if trial.board else trial.name)
-    for trial in TRIALS
+    for trial in (*bridge.TRIALS, *ownership.TRIALS)
     for board in (BOARDS if trial.board else ['python'])
 ]
 
