@@ -29,7 +29,14 @@ LIVE = {'demo'}
 QUICK = {'--design': ('--generations', '1', '--duration', '4'), 'reproduce': ('--only', 'table7', '--runs', '2')}
 #: Topics and services that users of the design rely on.
 SERVED = {'/joint_states', '/pendubot/effort_command', '/pendubot/params', '/pendubot/identification'}
-SERVED |= {'/bridge/arm', '/bridge/disarm', '/identifier/identify', '/balancer/start', '/balancer/stop'}
+SERVED |= {
+    '/bridge/arm',
+    '/bridge/disarm',
+    '/bridge/confirm_zeros',
+    '/identifier/identify',
+    '/balancer/start',
+    '/balancer/stop',
+}
 every_page = pytest.mark.parametrize('page', PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 
 
@@ -173,6 +180,13 @@ def test_the_frames_on_the_protocols_page_are_what_it_says():
         told = [int(n) for n in re.findall(r' (-?\d+)(?=,|$)', fields.split(', firmware')[0])]
         kept = [v for k, v in enumerate(values) if not isinstance(v, bytes) and (kind, k) != (2, 1)]
         assert kept == told, name
+
+
+def test_the_tests_that_the_rigs_page_names_are_there():
+    named = re.findall(r'`([\w/]+\.py)::(\w+)`', (ROOT / 'docs' / 'rig.md').read_text())
+    assert len(named) > 30
+    for file, name in named:
+        assert re.search(rf'^def {name}\(', (ROOT / 'test' / file).read_text(), re.MULTILINE), f'{file}::{name}'
 
 
 def code_of(language, page=ROOT / 'docs' / 'controller.md'):

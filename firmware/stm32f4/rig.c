@@ -180,7 +180,7 @@ void board_read(struct pendubot_reading *reading)
     vbus_10mv = ADC1->JDR[1] * MICROVOLT_PER_STEP / 10000;
     int32_t current_ma = ((int32_t)ADC1->JDR[0] - CURRENT_ZERO_STEPS) * MICROAMPERE_PER_STEP / 1000;
     reading->vbus_10mv = (uint16_t)vbus_10mv;
-    reading->current_ma = (int16_t)current_ma;
+    reading->current_ma = (int16_t)(SIGN_MOTOR * current_ma); /* positive with a positive torque */
     uint32_t faults = 0;
     /* Also one that was shorter than a sample, or a contact that bounces. */
     faults |= is_high(PIN_EMERGENCY) || motor_was_stopped() ? PENDUBOT_EMERGENCY_STOP : 0u;

@@ -102,13 +102,13 @@ class Counters:
 class Output:
     """What leaves a host, until it is taken: events, and frames while the port is ``open``; and its counters.
 
-    ``seq`` is the number of the last frame.
+    ``seq`` is the number of the last frame, ``frames`` how many there were.
     """
 
     def __init__(self) -> None:
         self.counters = Counters()
         self.open = False
-        self.seq = 0
+        self.seq = self.frames = 0
         self.data = b''
         self._events: list[HostEvent] = []
         self._last: dict[str, int] = {}
@@ -146,6 +146,7 @@ class Output:
 
     def _next_seq(self) -> int:
         self.seq = (self.seq + 1) & 0xFFFF
+        self.frames += 1
         return self.seq
 
     def _send(self, message: HelloRequest | Command | Arm) -> None:

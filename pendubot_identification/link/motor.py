@@ -68,7 +68,7 @@ class Motor:
         self._zeros_confirmed = False
         self._arming_since = 0
         self._lock: int | None = None  # what the ARM under way carries
-        self._first_seq = (output.seq + 1) % _SEQS  # of the last disarming; what was sent since is this host's own
+        self._frames_before = 0  # the last disarming; what was sent since is this host's own
         self._arm_seq = 0  # number of the first ARM of this arming
         self._disarming_since: int | None = None  # until a STATE shows a mode 0 obeyed
         self._sent = array('i', bytes(4 * _SEQS))  # torques [micro-N m] by the numbers of their frames
@@ -132,7 +132,7 @@ class Motor:
             self._output.report(Level.WARN, f'disarmed: {reason}; arm again when it is safe')
         if self._disarming_since is None:
             self._disarming_since = now
-            self._first_seq = (self._output.seq + 1) % _SEQS
+            self._frames_before = self._output.frames
         self._send(Mode.DISARM, now)
 
     def effort(self, torque: float, now: int) -> None:
@@ -306,12 +306,11 @@ class Motor:
             self._output.report(Level.ERROR, f'the board reports a fault: {names(untold)}')
 
     def _is_own(self, seq: int) -> bool:
-        """Tell whether a frame belongs to the present arming or disarming; of a long one, to its last half minute."""
-        last = self._output.seq
-        return (last - seq) % _SEQS <= min((last - self._first_seq) % _SEQS, _SEQS // 2)
+        """Tell whether a frame was sent since the last disarming began; of a long time, in its last half minute."""
+        return (self._output.seq - seq) % _SEQS < min(self._output.frames - self._frames_before, _SEQS // 2)
 
     def _is_before_arming(self, seq: int) -> bool:
-        return (seq - self._first_seq) % _SEQS < (self._arm_seq - self._first_seq) % _SEQS
+        return (self._output.seq - seq) % _SEQS > (self._output.seq - self._arm_seq) % _SEQS
 
     def _request(self, lock: int, now: int) -> None:
         if self.board is not None:

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
@@ -34,6 +35,9 @@ from .messages import LATCHED, joint_sample
 from .runtime import SettingsNode, run
 from .shutdown import Shutdown
 from .topics import name_rivals
+
+#: The first message of a new publisher may come this long [s] before it is counted.
+MATCHING = 0.05
 
 
 class Balancer(SettingsNode):
@@ -74,6 +78,7 @@ class Balancer(SettingsNode):
         # The newest alone: a torque for an older one would come too late.
         self._samples = self.create_subscription(JointState, 'joint_states', self._on_sample, QoSProfile(depth=1))
         self._identified: list[Subscription] = []
+        self._newest: tuple[list[float], float] | None = None  # parameters, and when they came
         self._subscribe_parameters()
         self.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
         self.create_service(Trigger, '~/start', self._on_start, callback_group=group)
@@ -112,9 +117,14 @@ class Balancer(SettingsNode):
                 self._driver.effort(torque)
 
     def _on_params(self, m: Float64MultiArray) -> None:
-        with self._stopping_on_error():
+        self._newest = list(m.data), time.monotonic()
+
+    def _take_parameters(self) -> None:
+        """Take the newest parameters once their publisher, if it is a new one, has been counted."""
+        if self._newest is not None and time.monotonic() - self._newest[1] >= MATCHING:
+            values, self._newest = self._newest[0], None
             if self._has_one_publisher(self._identified[0]):
-                self._balancing.offer(list(m.data))
+                self._balancing.offer(values)
 
     def _on_identification(self, array: DiagnosticArray) -> None:
         if not self._has_one_publisher(self._identified[1]):
@@ -183,6 +193,7 @@ class Balancer(SettingsNode):
                 self._subscribe_parameters()
         with self._stopping_on_error():
             self._refuse_second_rig()
+            self._take_parameters()
             self._balancing.silence(self.get_clock().now().nanoseconds * 1e-9, self._max_age)
         if self._worker is None or not self._worker.is_alive():
             before = self._balancing.obstacle

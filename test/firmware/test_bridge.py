@@ -5,6 +5,7 @@
 
 import os
 import threading
+from contextlib import closing
 
 import numpy as np
 import pytest
@@ -12,6 +13,8 @@ import pytest
 from pendubot_identification.link.protocol import Arm, Command, Hello, HelloRequest, State, Status, encode
 from pendubot_identification.model.parameters import PAPER
 from pendubot_identification.model.simulation import Plant
+from test.faults.ownership import commands, samples, stranger
+from test.faults.wire import Tap
 from test.rig import PATIENT
 
 from .emulator import Emulator, Line
@@ -87,11 +90,55 @@ def test_1_khz_reaches_the_bridge_whole_and_the_boards_watchdog_outlasts_the_bri
 
 
 @pytest.mark.ros
+def test_a_foreign_program_moves_nothing_and_is_seen(emulator, rig, tmp_path):
+    """It streams torque commands to the port: locked, disarmed by ~/disarm, and armed."""
+    r = rig()
+    r.port, r.bridge_port = emulator.port, tmp_path / 'tap'
+    with closing(Tap(r.port, r.bridge_port)) as tap:
+        r.start_bridge(*PATIENT)
+        r.until_samples(20)
+        for state in ('locked', 'disarmed', 'armed'):
+            if state == 'disarmed':
+                assert r.call('disarm').success
+            if state == 'armed':
+                r.until(lambda: r.call('arm').success, 20)
+                r.drive_until(0.1, lambda: r.samples[-1][6] == 0.1)
+            r.diagnoses.clear()
+            begun = len(r.samples)
+            with stranger(tap, commands(np.random.default_rng(1))):
+                samples(r, 500, 0.1)
+                r.until(lambda: r.diagnosed(1, 'another program sends commands'), 20)
+            given = {sample[6] for sample in r.samples[begun:]}
+            assert given <= ({0.0, 0.1} if state == 'armed' else {0.0}), state
+
+
+@pytest.mark.ros
+def test_the_firmware_stops_a_rig_that_runs_away(emulator, rig):
+    """0.6 N m for as long as the board gives it: the limits of rig.h are 60 rad/s, 25 and 100 rad."""
+    r = rig()
+    r.port = emulator.port
+    r.start_bridge(*PATIENT)
+    r.until_samples(20)
+    assert r.call('arm').success
+    r.samples.clear()
+    r.drive_until(0.6, lambda: r.diagnosed(2, 'the board reports a fault: '))
+    samples(r, 300, 0.6)
+    q, torque = np.array([sample[2:4] for sample in r.samples]), np.array([sample[6] for sample in r.samples])
+    assert not torque[-300:].any()
+    speed = np.abs(np.diff(q, axis=0)).max(axis=1)[torque[1:] != 0] * 1000
+    # Three samples in a row may be faster.
+    assert np.sort(speed)[-4] <= 60 + 4 * COUNT * 1000
+    assert (np.abs(q[torque != 0] - [-np.pi / 2, 0]).max(axis=0) <= [25.1, 100.1]).all()
+
+
+@pytest.mark.ros
 def test_a_fault_of_the_processor_disarms_until_told_and_its_samples_go_on(emulator, rig):
     r = rig()
     r.port = emulator.port
-    bridge = r.start_bridge(*PATIENT)
-    r.until_samples()
+    bridge = r.start_bridge(*PATIENT, 'confirm_zeros:=true')
+    r.until_samples(1100)
+    assert not r.call('arm').success
+    assert r.call('confirm_zeros').success
     assert r.call('arm').success
     r.drive_until(0.1, lambda: r.samples[-1][6] == 0.1)
     with emulator.debugger() as ask:
@@ -104,6 +151,9 @@ def test_a_fault_of_the_processor_disarms_until_told_and_its_samples_go_on(emula
 
     r.drive_until(0.1, lambda: torques().count(0.0) > 200)
     assert not any(torques()[torques().index(0.0) :])
+    answer = r.call('arm')
+    assert (answer.success, 'confirm_zeros' in answer.message) == (False, True), 'the angles are unknown'
+    r.until(lambda: r.call('confirm_zeros').success, 60)
     assert r.call('arm').success
     r.drive_until(0.1, lambda: r.samples[-1][6] == 0.1)
 

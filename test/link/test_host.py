@@ -387,6 +387,15 @@ def test_a_board_that_another_program_armed_or_that_gives_torque_is_disarmed_and
     assert wire.host.condition(wire.now).level is Level.WARN
 
 
+def test_it_stays_armed_when_the_numbers_of_commands_wrap():
+    wire = armed_wire()
+    for k in range(3, 140_000):
+        wire.host.effort(0.1, wire.now)
+        (command,) = only(wire.sent(), Command)
+        wire.state(k % 65536, 1000 * k, torque=100_000, status=Status.ARMED, cmd_seq=command.seq, step=MS)
+    assert wire.host.armed
+
+
 def test_requests_of_others_that_the_board_refuses_are_counted_and_told_and_keep_it_from_being_armed():
     wire, health = Wire(), Health()
     wire.state(1, 10_000)
