@@ -14,13 +14,11 @@ from launch.substitutions import LaunchConfiguration
 
 from pendubot_identification.errors import ParameterError
 from pendubot_identification.launching import described, include, program
-from pendubot_identification.nodes.emulated_board import firmware
 from pendubot_identification.parameter_files import refuse_untaken
 from pendubot_identification.resources import resource
 
 ARGUMENTS = {
     'virtual': (False, 'true: start a virtual board and talk to it instead of a rig'),
-    'board': ('python', 'with virtual:=true: python, or qemu: the firmware of a real board, run by QEMU'),
     'bridge': ('', "the bridge's parameter file, your copy of config/bridge.yaml; empty: the one of the package"),
     'port': ('', "the board's serial port; empty: the parameter file's, or with virtual:=true a link in /tmp"),
     'baud': (0, "baud rate of the port; 0: the parameter file's"),
@@ -53,11 +51,6 @@ def start(given):
     link = {name: value for name, value in (('port', port), ('baud', given['baud'])) if value}
     if given['virtual']:
         link['confirm_zeros'] = False  # a virtual board starts where its zeros are
-    boards = {'python': [], 'qemu': ['--qemu']}
-    if given['board'] not in boards:
-        raise ParameterError(f'board is {given["board"]}; one of {", ".join(boards)} is expected')
-    if given['virtual'] and given['board'] == 'qemu':
-        firmware()  # or a sentence about what is missing
     train = {
         'duration': given['duration'],
         'amplitude_min': -abs(given['amplitude']),
@@ -66,7 +59,7 @@ def start(given):
     }
     moving = {'arm': given['arm'], 'recorded': True} | ({} if given['excitation'] else train)
     return [
-        *([program('virtual_board', arguments=['--link', port, *boards[given['board']]])] if given['virtual'] else []),
+        *([program('virtual_board', arguments=['--link', port])] if given['virtual'] else []),
         program('bridge', file('bridge', 'bridge'), link),
         program('recorder', str(resource('config/recorder.yaml')), {'output': given['output']}),
         program('exciter', file('exciter', 'excitation'), moving),

@@ -23,8 +23,6 @@ whatever ROS_DOMAIN_ID and the like say, and reaches no real rig.
 BAG = 'paper_experiment'
 SAMPLES = 1800
 RATE = 100
-#: Options of virtual_board.
-BOARDS = {'python': [], 'qemu': ['--qemu']}
 
 
 def add_parser(subparsers: Any) -> None:
@@ -32,12 +30,6 @@ def add_parser(subparsers: Any) -> None:
     parser = subparsers.add_parser('demo', help='the whole chain on a virtual rig (needs ROS)', description=DESCRIPTION)
     parser.add_argument(
         '--output', type=Path, metavar='DIR', help='new folder for bag and result (default: a temporary one)'
-    )
-    parser.add_argument(
-        '--board',
-        choices=BOARDS,
-        default='python',
-        help='the virtual board, or the firmware of a real one, run by QEMU (default %(default)s)',
     )
     parser.add_argument('--seed', type=seed, default=1, help='of the torque, 0 or more (default %(default)s)')
     then = parser.add_mutually_exclusive_group()
@@ -86,8 +78,8 @@ def run(args: argparse.Namespace) -> int:
     bag, written = folder / BAG, folder / 'result.yaml'
     with interruptible(bag), own_ros() as (rclpy, domain):
         print(f'virtual rig in ROS domain {domain}, files in {folder}', flush=True)
-        print(f'virtual board ({args.board}): {RATE} Hz, 4000 counts per turn, the parameters of the paper')
-        once_more(lambda: record_excitation(rclpy, bag, SAMPLES, RATE, BOARDS[args.board], seed=args.seed))
+        print(f'virtual board: {RATE} Hz, 4000 counts per turn, the parameters of the paper')
+        once_more(lambda: record_excitation(rclpy, bag, SAMPLES, RATE, seed=args.seed))
         with Programs(folder) as programs:
             # The bridge's torques are held; to find that out from the data would take some seconds more.
             identifier = programs.start('identifier', *parameters(bags=f"['{bag}']", output=written, hold='zero'))

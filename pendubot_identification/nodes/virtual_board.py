@@ -26,7 +26,6 @@ from pendubot_identification.model.dynamics import GRAVITY
 from pendubot_identification.model.parameters import PRESETS
 from pendubot_identification.model.simulation import HANGING, LatePlant
 
-from .emulated_board import emulate
 from .shutdown import Shutdown, ended
 
 EPILOG = f"""\
@@ -85,8 +84,6 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument('--fault', action='append', default=[], metavar='NAME=VALUE', help=fault)
     limit = 'a limit at which the board switches its motor off, see below; repeatable'
     p.add_argument('--limit', action='append', default=[], metavar='NAME=VALUE', help=limit)
-    qemu = "the firmware of a real board, run by QEMU: 100 Hz, the paper's pendubot; only --link counts besides"
-    p.add_argument('--qemu', action='store_true', help=qemu)
     number('--duration', math.inf, 'S', 'end after so many seconds')
     return p
 
@@ -161,9 +158,6 @@ def main() -> int:
     stop = Shutdown()
     stop.set_at_signal()
     try:
-        if options.qemu:
-            emulate(options.link, stop)
-            return 0
         board = make_board(options)
         with (
             PtyServer(board, options.link, options.trace, _tell, options.patient) as server,

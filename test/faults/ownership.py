@@ -8,6 +8,7 @@ Torques and times are those of the board's own trace, a sample every millisecond
 
 import contextlib
 import itertools
+import os
 import signal
 import threading
 import time
@@ -15,7 +16,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pendubot_identification.link.protocol import Arm, Command, Hello, State, Status
+from pendubot_identification.link.protocol import Arm, Command, Hello, State, Status, encode
 from test.processes import Program, parameters, spin_until
 from test.rig import ARMED
 
@@ -132,27 +133,33 @@ def foreign(folder, _):
 
 
 def usurper(folder, long):
-    """A program that knows the protocol arms the board itself, once and again."""
+    """A program that knows the protocol arms the board itself, again and again."""
     held = []
-    with tapped_rig(folder) as (rig, tap):
-        for _ in range(50 if long else 3):
+    with live_rig(folder) as rig:
+        rig.start_board()
+        rig.start_bridge()
+        rig.until_samples(20)
+        try:
+            port = os.open(rig.port, os.O_WRONLY | os.O_NOCTTY)
+        except OSError as error:
+            # The bridge holds the port alone, but for root.
+            yield 'another program may not open the port', str(error), os.geteuid() != 0
+            return
+        boot_id, order = int(rig.fresh_values()['boot_id']), Command(2, 0, 1, 500, round(MICRO * FOREIGN), 0, 99)
+        for k in range(50 if long else 3):
+            # It cannot hear the board beside the bridge: so it tries all lock numbers that may be.
+            requests = [Arm(1, 0, boot_id, 99, lock, 500) for lock in range(k + 1, k + 41)]
             rig.diagnoses.clear()
             begun = len(rig.trace())
-            order = Command(2, 0, 1, 500, round(MICRO * FOREIGN), 0, 99)
-            tap.inject(Arm(1, 0, tap.boot_id, 99, tap.lock, 500), order)
-            rig.until(lambda begun=begun: (rig.trace()[begun:, 4] & ARMED).any())
+            os.write(port, b'\0' + b''.join(map(encode, [*requests, order])))
             rig.until(lambda: rig.diagnosed(1, 'another program armed the motor'))
             _, stayed = until_off(rig, begun)
             held.append((np.count_nonzero(rig.trace()[begun:, 3]), stayed))
-    stayed = sum(stayed for _, stayed in held)
-    yield 'disarmed, and it stays so', f'{stayed} of {len(held)}', stayed == len(held)
-    longest = max(count for count, _ in held)
-    yield (
-        'within 3 samples, and 3 on the way through two ptys',
-        f'torque in at most {longest} samples',
-        longest <= 6,
-        True,
-    )
+        os.close(port)
+    counts, stays = zip(*held, strict=True)
+    yield 'disarmed, and it stays so', f'{sum(stays)} of {len(stays)}', all(stays)
+    said = f'torque in {np.median(counts):g} in the median, in {max(counts)} at most'
+    yield 'within 3 samples', said, max(counts) <= 3, True
 
 
 def forged(folder, _):

@@ -1,75 +1,18 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""``virtual_board --qemu``: the firmware at 100 Hz, where launch files and the demo look for a virtual board."""
+"""The board that is a Linux program: its options, limits and faults."""
 
-import os
 import subprocess
-import time
 from dataclasses import replace
 
 import pytest
 
-from pendubot_identification.errors import LinkError, ParameterError
 from pendubot_identification.link.protocol import FAULTS, Arm, Command, Hello, HelloRequest, State, Status, encode
 from pendubot_identification.link.virtual_board import LIMITS
-from pendubot_identification.nodes import emulated_board
-from test import test_launch
-from test.processes import Program
 
 from .building import made, need
 from .emulator import Line
-
-#: Fixtures.
-launch, packages = test_launch.launch, test_launch.packages
-
-
-def test_it_stands_behind_its_link_until_a_signal_ends_it(tmp_path):
-    need('qemu-system-arm', 'qemu-system-arm')
-    need('arm-none-eabi-gcc', 'gcc-arm-none-eabi libnewlib-arm-none-eabi')
-    made('arm')
-    boots = []
-    for _ in range(2):
-        with Program('virtual_board', '--qemu', '--link', tmp_path / 'board', '--patient', '--rate', 100) as board:
-            board.wait_for('virtual board on')
-            line = Line(tmp_path / 'board')
-            line.events(10, lambda _: True)
-            line.write(encode(HelloRequest(1, 0)))
-            boots.append(line.events(10, lambda e: isinstance(e, Hello))[-1])
-            line.close()
-            assert board.stop() == 0
-        assert not (tmp_path / 'board').is_symlink()
-    with Program('virtual_board', '--qemu', '--link', tmp_path / 'board') as board:
-        board.wait_for('virtual board on')
-        port = os.readlink(tmp_path / 'board')
-        board.kill()
-        deadline = time.monotonic() + 10
-        while os.path.exists(port):
-            assert time.monotonic() < deadline, 'QEMU goes on'
-            time.sleep(0.01)
-    assert (boots[0].firmware, boots[0].sample_period_us) == ('emulated 2', 10_000)
-    assert boots[0].boot_id != boots[1].boot_id
-
-
-def test_what_is_missing_is_named(tmp_path, monkeypatch):
-    monkeypatch.setattr(emulated_board, 'resource', lambda _: tmp_path)
-    with pytest.raises(LinkError, match=r'emulated-100.elf is missing; build it by: make -C firmware'):
-        emulated_board.firmware()
-    (tmp_path / 'build').mkdir()
-    (tmp_path / 'build/emulated-100.elf').touch()
-    monkeypatch.setenv('PATH', '')
-    with pytest.raises(LinkError, match='qemu-system-arm is not installed'):
-        emulated_board.firmware()
-
-
-def test_a_launch_file_starts_it_or_says_what_is_missing(launch, tmp_path, monkeypatch):
-    monkeypatch.setattr(emulated_board, 'resource', lambda _: tmp_path)
-    with pytest.raises(ParameterError, match='nothing was started: board is z80; one of python, qemu is expected'):
-        launch('virtual', board='z80')
-    with pytest.raises(ParameterError, match=r'nothing was started: .*emulated-100.elf is missing'):
-        launch('virtual', board='qemu')
-    monkeypatch.setattr(emulated_board, 'firmware', lambda: None)
-    assert launch('virtual', board='qemu')['virtual_board'].arguments == ['--link', '/tmp/pendubot', '--qemu']
 
 
 @pytest.mark.parametrize(
