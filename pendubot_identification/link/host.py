@@ -32,8 +32,10 @@ from .sequence import Sequence
 HELLO_INTERVAL = 200 * MS
 #: So many requests without an answer are reported.
 UNANSWERED = 5
-#: The link is lost when nothing valid came for the longer of so many sample periods and the configured time.
+#: The link is lost when nothing valid came for the longer of so many sample periods and the configured time ...
 SILENT_PERIODS = 5
+#: ... of which the former count for at most so long [ns], or the watchdog's time, while armed.
+LONGEST_UNSEEN = 500 * MS
 #: Who polls so late [ns] was held up itself.
 HELD_UP = 50 * MS
 #: A board whose clock went back further than this, and did not wrap, has restarted.
@@ -409,12 +411,17 @@ class Host:
             return f'the board says a torque limit of {hello.torque_limit / 1e6:g} N m; mend its firmware'
         return ''
 
+    @property
+    def _period_us(self) -> float:
+        """The mean time between the last samples by the board's clock [us]; 0 while there were too few."""
+        return sum(self._steps) / STEPS if len(self._steps) == STEPS else 0.0
+
     def _contradiction(self) -> str:
         """Return how HELLO's sampling period contradicts the samples; empty where it does not."""
-        hello = self.hello
-        if hello is None or len(self._steps) < STEPS:
+        measured = self._period_us
+        if self.hello is None or not measured:
             return ''
-        period, measured = hello.sample_period_us, sum(self._steps) / STEPS
+        period = self.hello.sample_period_us
         if abs(period - measured) <= PERIOD_TOLERANCE * measured:
             return ''
         return (
@@ -459,10 +466,11 @@ class Host:
 
     @property
     def _silence_ns(self) -> int:
-        periods = SILENT_PERIODS * self.hello.sample_period_us * 1000 if self.hello else 0
+        # The period that the samples show; what HELLO says of it must not keep a motor on that nobody sees.
+        period_us = self._period_us or (self.hello.sample_period_us if self.hello else 0)
+        periods = round(SILENT_PERIODS * period_us * 1000)
         if self.armed:
-            # What the board says about itself must not keep a motor on that nobody sees.
-            periods = min(periods, self._motor.watchdog_ns)
+            periods = min(periods, max(self._motor.watchdog_ns, LONGEST_UNSEEN))
         return max(round(self.config.link_timeout * SECOND), periods)
 
     def _ask(self, now: int) -> None:
