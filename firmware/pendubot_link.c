@@ -4,11 +4,10 @@
 
 enum { VERSION = 2 };
 enum { TYPE_STATE = 1, TYPE_COMMAND = 2, TYPE_HELLO = 3, TYPE_HELLO_REQUEST = 4, TYPE_ARM = 5 };
-enum { MODE_DISARM = 0, MODE_TORQUE = 1 };
-enum { ZEROS_CONFIRMED = 1 };
+enum { MODE_DISARM = 0, MODE_TORQUE = 1, MODE_CONFIRM_ZEROS = 2 };
 
 /* Bytes: a header is type, version, seq and t_us; a CRC follows the payload. */
-enum { HEADER = 8, CRC = 4, COMMAND_PAYLOAD = 12, ARM_PAYLOAD = 13, NAME = 16, LONGEST_BODY = 88 };
+enum { HEADER = 8, CRC = 4, COMMAND_PAYLOAD = 12, ARM_PAYLOAD = 12, NAME = 16, LONGEST_BODY = 88 };
 
 /* Numbers as bytes, little-endian */
 
@@ -129,7 +128,6 @@ static enum pendubot_event read_frame(uint8_t *frame, size_t size, struct pendub
         request->session = get32(payload + 4);
         request->lock = get16(payload + 8);
         request->watchdog_ms = get16(payload + 10);
-        request->flags = payload[12];
         return PENDUBOT_ARM;
     default:
         return PENDUBOT_BAD_TYPE;
@@ -317,6 +315,8 @@ static void obey(struct pendubot_link *link, uint32_t now_us, uint32_t faults, c
         disarm(link, 0);
         link->latched = 0;
         link->cmd_seq = command->seq;
+    } else if (command->mode == MODE_CONFIRM_ZEROS) {
+        link->zeroed = link->zeroed || command->session == link->boot_id;
     } else if (command->mode != MODE_TORQUE) {
         return;
     } else if (command->session == 0 || command->session != link->session) {
@@ -340,7 +340,6 @@ static void arm(struct pendubot_link *link, uint32_t now_us, uint32_t faults, co
     link->armed = true;
     link->session = request->session;
     link->latched = 0;
-    link->zeroed = link->zeroed || request->flags & ZEROS_CONFIRMED;
     hold(link, now_us, request);
 }
 

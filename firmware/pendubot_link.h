@@ -81,7 +81,7 @@ struct pendubot_request {
     uint16_t seq;
     uint16_t watchdog_ms;
     uint16_t lock; /* of an ARM */
-    uint8_t mode;  /* of a COMMAND: 0 disarm, 1 torque */
+    uint8_t mode;  /* of a COMMAND, likewise: 0 disarm, 1 torque, 2 zeros confirmed */
     uint8_t flags;
 };
 

@@ -13,7 +13,7 @@ from pendubot_identification.level import Level
 from pendubot_identification.model.dynamics import Pair
 
 from .clock import SECOND, WRAP
-from .protocol import ZEROS_CONFIRMED, Arm, Command, HelloRequest, Mode, encode
+from .protocol import Arm, Command, HelloRequest, Mode, encode
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,10 +139,9 @@ class Output:
         """Command a torque [micro-N m] or disarm, at ``now`` [ns]."""
         self._send(Command(self._next_seq(), now // 1000 % WRAP, mode, watchdog_ms, torque, session=session))
 
-    def arm(self, boot_id: int, session: int, lock: int, watchdog_ms: int, zeros_confirmed: bool, now: int) -> None:
+    def arm(self, boot_id: int, session: int, lock: int, watchdog_ms: int, now: int) -> None:
         """Ask the board to obey a session from now on, at ``now`` [ns]."""
-        flags = ZEROS_CONFIRMED if zeros_confirmed else 0
-        self._send(Arm(self._next_seq(), now // 1000 % WRAP, boot_id, session, lock, watchdog_ms, flags))
+        self._send(Arm(self._next_seq(), now // 1000 % WRAP, boot_id, session, lock, watchdog_ms))
 
     def _next_seq(self) -> int:
         self.seq = (self.seq + 1) & 0xFFFF

@@ -25,8 +25,8 @@ from .clock import MS, SECOND, WRAP, BoardClock
 from .events import ArmingFailed, HostConfig, HostEvent, Output, Report, Sample
 from .joints import Joints
 from .limits import LimitMonitor
-from .motor import Motor, names
-from .protocol import FAULTS, VERSION, Damaged, Decoder, Hello, Limits, State, Status
+from .motor import REPEAT_INTERVAL, Motor, names
+from .protocol import FAULTS, VERSION, Damaged, Decoder, Hello, Limits, Mode, State, Status
 from .sequence import Sequence
 
 HELLO_INTERVAL = 200 * MS
@@ -105,6 +105,7 @@ class Host:
         self._other_version = 0
         self._limits: LimitMonitor | None = None
         self._zeros_confirmed = False
+        self._zeros_told = 0
         self._rest: tuple[int, int, int] | None = None  # counts near which the rig is, and since when [us, board time]
 
     # What can be asked at any time
@@ -247,10 +248,10 @@ class Host:
         elif not self.armed and (obstacle := self._obstacle(now)):
             self._output.tell(ArmingFailed(obstacle))
         else:
-            self._motor.arm(self.state, self._zeros_confirmed, now)
+            self._motor.arm(self.state, now)
         return self._output.take_events()
 
-    def confirm_zeros(self) -> tuple[bool, str]:
+    def confirm_zeros(self, now: int) -> tuple[bool, str]:
         """Take the angles of a rig at rest as right until the board restarts; return whether, and a sentence."""
         if not self._up or self.state is None or self._joints.q is None:
             return False, 'no angle comes from the board; look at the bridge'
@@ -259,7 +260,14 @@ class Host:
         if self._board_us is None or self._rest is None or self._board_us - self._rest[2] < REST_US:
             return False, f'the rig moves ({angles}); let both links hang at rest for a second, then call again'
         self._zeros_confirmed = True
+        self._tell_zeros(now)
         return True, f'confirmed: {angles}; if that is wrong, restart the board while both links hang at rest'
+
+    def _tell_zeros(self, now: int) -> None:
+        """Have the board remember until it restarts that its zeros were confirmed, for other hosts too."""
+        self._zeros_told = now
+        if self.hello is not None:
+            self._output.command(Mode.CONFIRM_ZEROS, 0, 0, self.hello.boot_id, now)
 
     def _obstacle(self, now: int) -> str:
         """Return why the motor must not be armed, and what to do; empty where it may be."""
@@ -318,6 +326,8 @@ class Host:
         frames = 1 if self.state is None else max(1, (state.seq - self.state.seq) & 0xFFFF)
         applied = self.state.torque if self.state else 0
         self.state, self._state_arrival = state, now
+        if self._zeros_confirmed and not status & _ZEROED and now - self._zeros_told >= REPEAT_INTERVAL:
+            self._tell_zeros(now)
         counters = self.counters
         if status:
             counters.board_damaged += bool(status & _DAMAGED_FRAME)

@@ -65,7 +65,6 @@ class Motor:
         self._new_session = new_session or count(1).__next__
         self._phase = _Phase.DISARMED
         self._session = 0
-        self._zeros_confirmed = False
         self._arming_since = 0
         self._lock: int | None = None  # what the ARM under way carries
         self._frames_before = 0  # the last disarming; what was sent since is this host's own
@@ -105,7 +104,7 @@ class Motor:
         self._disarming_since = self._refused = None
         self.disobeyed = False
 
-    def arm(self, state: State, zeros_confirmed: bool, now: int) -> None:
+    def arm(self, state: State, now: int) -> None:
         """Begin to arm a board that is heard; ``state`` is its last one."""
         if self.armed:
             self._output.tell(Armed())
@@ -113,7 +112,6 @@ class Motor:
             self._phase = _Phase.ARMING
             self.lost = ''
             self._session = self._new_session()
-            self._zeros_confirmed = zeros_confirmed
             self._arming_since = now
             self._lock = None
             self._torque = 0
@@ -315,8 +313,7 @@ class Motor:
     def _request(self, lock: int, now: int) -> None:
         if self.board is not None:
             self._lock = lock
-            watchdog_ms, zeroed = self._config.watchdog_ms, self._zeros_confirmed
-            self._output.arm(self.board.boot_id, self._session, lock, watchdog_ms, zeroed, now)
+            self._output.arm(self.board.boot_id, self._session, lock, self._config.watchdog_ms, now)
             self._sent[self._output.seq] = 0
             self._last_sent = self._last_torque_sent = now
 

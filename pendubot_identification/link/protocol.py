@@ -57,10 +57,7 @@ class Mode(IntEnum):
 
     DISARM = 0
     TORQUE = 1
-
-
-#: ``flags`` of an ARM: the zeros of both encoders were confirmed.
-ZEROS_CONFIRMED = 1
+    CONFIRM_ZEROS = 2
 
 
 class State(NamedTuple):
@@ -86,9 +83,11 @@ class State(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """Host to board: ``torque`` [micro-N m] held for ``watchdog_ms`` (mode 1), or disarm (mode 0).
+    """Host to board: disarm (mode 0), ``torque`` [micro-N m] held for ``watchdog_ms`` (mode 1), or note that the zeros
+    of both encoders were confirmed (mode 2).
 
-    Mode 1 is obeyed only with the ``session`` that armed the board; mode 0 is obeyed from anybody.
+    Mode 1 is obeyed only with the ``session`` that armed the board, mode 2 only with the board's ``boot_id`` in its
+    place; mode 0 is obeyed from anybody.
     """
 
     seq: int
@@ -104,8 +103,7 @@ class Command:
 class Arm:
     """Host to board: obey COMMANDs of ``session`` (not 0) from now on, with torque 0 for ``watchdog_ms``.
 
-    ``boot_id`` and ``lock`` have to be the board's own, as HELLO and the newest STATE say them. ``flags`` bit 0: the
-    zeros of both encoders were confirmed.
+    ``boot_id`` and ``lock`` have to be the board's own, as HELLO and the newest STATE say them.
     """
 
     seq: int
@@ -114,7 +112,6 @@ class Arm:
     session: int
     lock: int
     watchdog_ms: int
-    flags: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -194,7 +191,7 @@ _PAYLOADS: dict[type, tuple[struct.Struct, tuple[str, ...]]] = {
     Command: (struct.Struct('<BBHiI'), ('mode', 'flags', 'watchdog_ms', 'torque', 'session')),
     Hello: (struct.Struct('<IBBHIIiIIIIIIIIIHHHH16s'), (*_HELLO, *_LIMITS, 'firmware')),
     HelloRequest: (struct.Struct(''), ()),
-    Arm: (struct.Struct('<IIHHB'), ('boot_id', 'session', 'lock', 'watchdog_ms', 'flags')),
+    Arm: (struct.Struct('<IIHH'), ('boot_id', 'session', 'lock', 'watchdog_ms')),
 }
 #: A STATE's whole body, type and version skipped: unpacked at once, because it comes a thousand times a second.
 _STATE_BODY = struct.Struct('<xxHIiiihHHIHH')

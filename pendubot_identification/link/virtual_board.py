@@ -20,7 +20,6 @@ from pendubot_identification.model.simulation import HANGING, Plant
 from .clock import WRAP
 from .limits import LimitMonitor
 from .protocol import (
-    ZEROS_CONFIRMED,
     Arm,
     Command,
     Damaged,
@@ -247,6 +246,9 @@ class VirtualBoard:
         if command.mode == Mode.DISARM:
             self._disarm(0)
             self._latched = 0
+        elif command.mode == Mode.CONFIRM_ZEROS:
+            self._zeroed |= command.session == self._boot_id
+            return
         elif command.mode != Mode.TORQUE:
             return
         elif command.session != self._session or not self._session:
@@ -270,7 +272,6 @@ class VirtualBoard:
         self._session = request.session
         self._wanted = 0
         self._latched = 0
-        self._zeroed |= bool(request.flags & ZEROS_CONFIRMED)
         self._hold(request.watchdog_ms)
         self._cmd_seq = request.seq
 

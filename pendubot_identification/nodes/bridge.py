@@ -252,7 +252,9 @@ class Bridge(SettingsNode):
 
     def _on_confirm_zeros(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         with self._lock:
-            response.success, response.message = self._host.confirm_zeros()
+            response.success, response.message = self._host.confirm_zeros(time.monotonic_ns())
+            if data := self._host.data_to_send():
+                self._link.write(data)
         self.get_logger().info(f'zeros: {response.message}')
         return response
 

@@ -71,7 +71,7 @@ class LinkProbe:
             if kind == 1:
                 events.append(Command(seq, t_us, mode, watchdog_ms, torque, flags, session))
             elif kind == 2:
-                events.append(Arm(seq, t_us, boot_id, session, lock, watchdog_ms, flags))
+                events.append(Arm(seq, t_us, boot_id, session, lock, watchdog_ms))
             elif kind == 3:
                 events.append(HelloRequest(seq, t_us))
             else:

@@ -77,10 +77,10 @@ class Bench:
         command = Command(self.seq if seq is None else seq, 0, mode, watchdog_ms, torque, session=session)
         self.probe.receive(encode(command), self.now, faults)
 
-    def arm(self, boot_id=None, session=SESSION, lock=None, watchdog_ms=100, flags=0, faults=0):
+    def arm(self, boot_id=None, session=SESSION, lock=None, watchdog_ms=100, faults=0):
         self.seq += 1
         boot_id, lock = self.boot_id if boot_id is None else boot_id, self.lock if lock is None else lock
-        self.probe.receive(encode(Arm(self.seq, 0, boot_id, session, lock, watchdog_ms, flags)), self.now, faults)
+        self.probe.receive(encode(Arm(self.seq, 0, boot_id, session, lock, watchdog_ms)), self.now, faults)
 
     def armed(self):
         self.arm()
@@ -99,7 +99,7 @@ def test_the_frames_of_the_page(probe):
     )
     assert probe.decode(request) == [HelloRequest(1, 1000)]
     assert probe.decode(command) == [Command(7, 250_000, 1, 100, -500_000, session=2882400018)]
-    assert probe.decode(arm) == [Arm(6, 240_000, 3405643777, 2882400018, 3, 100, 1)]
+    assert probe.decode(arm) == [Arm(6, 240_000, 3405643777, 2882400018, 3, 100)]
     limits = Limits(300_000, 60_000, 25_000, 100_000, 500_000, 500, 5000, 2000, 3000)
     constants = {'build': 439041101, 'torque_constant': 200_000}
     probe.boot(3405643777, firmware='my board 1', limits=limits, **constants)
@@ -169,17 +169,19 @@ messages = st.one_of(
         st.sampled_from([0, 0, 255]),
         sessions,
     ),
-    st.builds(Arm, numbers, times, times, sessions, numbers, watchdogs, st.integers(0, 255)),
+    st.builds(Arm, numbers, times, times, sessions, numbers, watchdogs),
     st.builds(HelloRequest, numbers, times),
 )
 armings = st.builds(
     lambda wrong, ahead, arm: lambda boot_id, lock: encode(replace(arm, boot_id=boot_id ^ wrong, lock=lock + ahead)),
     st.sampled_from([0, 0, 0, 1]),
     st.sampled_from([0, 0, 0, 1, 2]),
-    st.builds(Arm, numbers, times, st.just(0), sessions, st.just(0), watchdogs, st.integers(0, 255)),
+    st.builds(Arm, numbers, times, st.just(0), sessions, st.just(0), watchdogs),
 )
+zeros = st.just(lambda boot_id, _: encode(Command(1, 0, 2, 0, 0, session=boot_id)))
 heard = st.one_of(
     armings,
+    zeros,
     messages.map(encode),
     messages.map(encode),
     st.tuples(messages.map(encode), st.integers(0, 30), st.integers(1, 255)).map(
@@ -333,6 +335,16 @@ def test_a_frame_that_a_restart_cut_short_takes_none_along(probe):
     assert (type(damaged), hello.boot_id, state.seq) == (Damaged, 2, 1)
 
 
+def test_confirmed_zeros_are_remembered_until_a_restart_and_change_nothing_else(probe):
+    bench = Bench(probe, boot_id=7).armed()
+    for boot_id, bit in ((8, 0), (7, Status.ZEROED)):
+        probe.receive(encode(Command(99, 0, 2, 0, 900_000, session=boot_id)), bench.now)
+        state = bench.step()
+        assert (state.status, state.torque, state.refused) == (Status.ARMED | bit, 0, 0)
+        assert state.cmd_seq != 99
+    assert not Bench(probe, boot_id=8).step().status
+
+
 @pytest.mark.parametrize('wrong', [{'boot_id': 2}, {'lock': 0}, {'lock': 2}, {'session': 0}])
 def test_an_arm_that_does_not_fit_is_refused_and_one_that_fits_arms(probe, wrong):
     bench = Bench(probe)
@@ -340,10 +352,10 @@ def test_an_arm_that_does_not_fit_is_refused_and_one_that_fits_arms(probe, wrong
     bench.arm(**wrong)
     state = bench.step()
     assert (state.status, state.torque, state.cmd_seq, state.refused) == (Status.REFUSED, 0, 0, 2)
-    bench.arm(flags=1)
+    bench.arm()
     bench.send(1, 500_000)
     state = bench.step()
-    assert (state.status, state.torque, state.cmd_seq) == (Status.ARMED | Status.ZEROED, 500_000, 4)
+    assert (state.status, state.torque, state.cmd_seq) == (Status.ARMED, 500_000, 4)
     bench.arm()
     assert (bench.step().refused, bench.step().lock) == (2, 1)
 

@@ -152,7 +152,7 @@ def requests(rng, model, history):
             boot_id = model.boot_id if rng.random() < 0.8 else rng.choice([0, model.boot_id ^ 1])
             lock = (model.lock + rng.choice([0, 0, 0, 0, 0, -1, 1])) % 65536
             session = rng.choice([1, 2, 3, session])
-            made.append(Arm(seq, 0, boot_id, session, lock, watchdog_ms, rng.randrange(2)))
+            made.append(Arm(seq, 0, boot_id, session, lock, watchdog_ms))
         elif kind < 0.8:
             made.append(Command(seq, 0, 0, watchdog_ms, rng.randrange(1000), 0, session))
         elif kind < 0.85:

@@ -490,24 +490,27 @@ def test_a_limit_that_the_board_does_not_keep_disarms(limits, state, named):
 
 def test_zeros_are_confirmed_at_rest_once_for_every_boot():
     wire = Wire(HostConfig())
-    assert wire.host.confirm_zeros() == (False, 'no angle comes from the board; look at the bridge')
+    assert wire.host.confirm_zeros(0) == (False, 'no angle comes from the board; look at the bridge')
     for k in range(1, 60):
         wire.state(k, 10_000 * k, enc1=10 * (k < 30), enc2=k % 3)
     assert 'let both links hang at rest' in only(wire.host.arm(wire.now), ArmingFailed)[0].reason
-    confirmed, said = wire.host.confirm_zeros()
+    confirmed, said = wire.host.confirm_zeros(wire.now)
     assert (confirmed, 'the rig moves (q1 = -1.5708 rad' in said) == (False, True)
     for k in range(60, 160):
         wire.state(k, 10_000 * k)
-    assert wire.host.confirm_zeros()[0]
     wire.sent()
-    wire.host.arm(wire.now)
-    assert wire.sent()[-1].flags == 1, 'the board keeps it'
-    wire.hear(replace(HELLO, seq=160, boot_id=78))
-    wire.state(161, 1000)
-    wire.hear(replace(HELLO, seq=162, boot_id=78))
+    assert wire.host.confirm_zeros(wire.now)[0]
+    # The board is told until it says that it keeps it.
+    for k in range(160, 170):
+        wire.state(k, 10_000 * k, status=Status.ZEROED * (k > 165))
+    assert {(c.mode, c.session) for c in wire.sent()} == {(Mode.CONFIRM_ZEROS, HELLO.boot_id)}
+    assert wire.host.arm(wire.now) == []
+    wire.hear(replace(HELLO, seq=170, boot_id=78))
+    wire.state(171, 1000)
+    wire.hear(replace(HELLO, seq=172, boot_id=78))
     assert 'confirm_zeros' in only(wire.host.arm(wire.now), ArmingFailed)[0].reason
     # Another bridge confirmed them.
-    wire.state(163, 21_000, status=Status.ZEROED)
+    wire.state(173, 21_000, status=Status.ZEROED)
     assert wire.host.arm(wire.now) == []
 
 

@@ -39,7 +39,7 @@ messages = st.one_of(
     st.builds(State, u16, u32, i32, i32, i32, i16, u16, u16, u32, u16, u16),
     st.builds(Command, u16, u32, u8, u16, i32, u8, u32),
     st.builds(Hello, u16, u32, u32, u8, u16, u32, u32, i32, u32, ascii_name, u8, u32, u32, u32, limits),
-    st.builds(Arm, u16, u32, u32, u32, u16, u16, u8),
+    st.builds(Arm, u16, u32, u32, u32, u16, u16),
     st.builds(HelloRequest, u16, u32),
 )
 
@@ -75,7 +75,7 @@ def reference_frame(body):
             ),
         ),
         (HelloRequest(9, 10), '<BBHI', (4, 2, 9, 10)),
-        (Arm(9, 10, 0xDEADBEEF, 77, 5, 100, 1), '<BBHIIIHHB', (5, 2, 9, 10, 0xDEADBEEF, 77, 5, 100, 1)),
+        (Arm(9, 10, 0xDEADBEEF, 77, 5, 100), '<BBHIIIHH', (5, 2, 9, 10, 0xDEADBEEF, 77, 5, 100)),
     ],
 )  # fmt: skip
 def test_every_message_is_laid_out_as_the_protocol_says(message, layout, fields):

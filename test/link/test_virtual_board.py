@@ -47,12 +47,12 @@ class Bench:
         self.seq += 1
         self.board.receive(encode(Command(self.seq, 0, mode, watchdog_ms, torque, session=session)))
 
-    def arm(self, session=5, lock=None, boot_id=None, watchdog_ms=100, flags=0):
+    def arm(self, session=5, lock=None, boot_id=None, watchdog_ms=100):
         """Ask to be armed, by default as it fits; a sample has to have been taken."""
         self.seq += 1
         lock = self.last.lock if lock is None else lock
         boot_id = self.hello.boot_id if boot_id is None else boot_id
-        self.board.receive(encode(Arm(self.seq, 0, boot_id, session, lock, watchdog_ms, flags)))
+        self.board.receive(encode(Arm(self.seq, 0, boot_id, session, lock, watchdog_ms)))
 
     def armed(self):
         self.step()
@@ -127,11 +127,14 @@ def test_after_a_watchdog_trip_it_obeys_only_after_another_arming():
 def test_confirmed_zeros_are_remembered_until_a_restart():
     bench = Bench(faults=Faults(reset_at=0.1))
     bench.step()
-    bench.arm(flags=1)
+    bench.send(2, session=bench.hello.boot_id ^ 1)
+    assert bench.step().status == 0
+    bench.send(2, session=bench.hello.boot_id)
+    assert (bench.step().status, bench.last.cmd_seq) == (Status.ZEROED, 0)
+    bench.arm()
     assert bench.step().status == Status.ARMED | Status.ZEROED
     bench.send(0)
-    assert bench.step().status == Status.ZEROED
-    assert bench.step(8).status == 0
+    assert bench.step(7).status == 0
 
 
 #: Limits, what happens, after how many samples of 10 ms the motor is off, and by what fault.
