@@ -23,7 +23,7 @@ ARGUMENTS = {
     'port': ('', "the board's serial port; empty: the parameter file's, or with virtual:=true a link in /tmp"),
     'baud': (0, "baud rate of the port; 0: the parameter file's"),
     'output': ('', 'folder of the bag; empty: named after the time'),
-    'arm': (False, 'true: the exciter arms the motor by itself. Stand clear of the rig.'),
+    'arm': (False, 'true: the exciter arms the motor by itself, if the zeros are confirmed. Stand clear of the rig.'),
     'excitation': ('', "the exciter's parameter file, as pendubot excite writes it; empty: the arguments that follow"),
     'duration': (18.0, 'length of the excitation [s]'),
     'amplitude': (1.0, 'torques are drawn within plus and minus this [N m]'),

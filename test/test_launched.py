@@ -59,7 +59,16 @@ def launched(prefix, tmp_path):
     """Launches the rig on a virtual board that launch does not know of; tells torque and armed of its last sample."""
     script, trace = tmp_path / 'start.py', tmp_path / 'trace.csv'
     script.write_text(LAUNCH)
-    given = [f'port:={tmp_path / "rig"}', f'output:={tmp_path / "bag"}', 'arm:=true', 'view:=false', 'duration:=100.0']
+    own = tmp_path / 'own.yaml'
+    own.write_text('/**/bridge: {ros__parameters: {confirm_zeros: false}}')
+    given = [
+        f'bridge:={own}',
+        f'port:={tmp_path / "rig"}',
+        f'output:={tmp_path / "bag"}',
+        'arm:=true',
+        'view:=false',
+        'duration:=100.0',
+    ]
 
     def last():
         *_, torque, status = trace.read_text().rpartition('\n')[0].splitlines()[-1].split(',')

@@ -94,7 +94,7 @@ def until_off(rig, begun, timeout=20.0):
     return (int(given[-1]) + 1 if given.size else 0), stayed
 
 
-def foreign(folder, _):
+def foreign(folder, long):
     """Another program streams commands while the board is locked, disarmed, armed, tripped, and without a bridge."""
     found, seen = {}, {}
     with tapped_rig(folder, bridge=('watchdog_ms:=500',)) as (rig, tap):
@@ -103,7 +103,7 @@ def foreign(folder, _):
             rig.diagnoses.clear()
             begun = len(rig.trace())
             with stranger(tap, commands(np.random.default_rng(1))):
-                samples(rig, 600, torque)
+                samples(rig, 2000 if long else 300, torque)
                 rig.until(lambda: rig.diagnosed(1, 'another program sends commands'))
             found[state], seen[state] = torques_since(rig, begun), True
 
@@ -118,12 +118,12 @@ def foreign(folder, _):
         rig.until(lambda: newest(rig.trace_file)[4] & Status.WATCHDOG)
         begun = len(rig.trace())
         with stranger(tap, commands(np.random.default_rng(2))):
-            spin_until(rig.node, lambda: len(rig.trace()) > begun + 600)
+            spin_until(rig.node, lambda: len(rig.trace()) > begun + 300)
         found['tripped'] = torques_since(rig, begun)
         rig.programs[-1].kill()
         begun = len(rig.trace())
         with stranger(tap, commands(np.random.default_rng(3))):
-            spin_until(rig.node, lambda: len(rig.trace()) > begun + 600)
+            spin_until(rig.node, lambda: len(rig.trace()) > begun + 300)
         found['without a bridge'] = torques_since(rig, begun)
     own = round(MICRO * OWN)
     for state, given in found.items():
@@ -186,10 +186,10 @@ def forged(folder, _):
     yield 'no torque', f'{sorted(given)} micro-N m', given == {0}
 
 
-def wires(folder, _):
+def wires(folder, long):
     """Either wire is cut while the motor runs, and whole again later; with a HELLO that lies meanwhile, too."""
     results = {}
-    cases = [('to_host', 100), ('to_board', 100), ('to_board', 300)]
+    cases = [('to_host', 100), ('to_board', 100), ('to_board', 300)][: 3 if long else 2]
     for wire, watchdog_ms in cases:
         (place := folder / f'{wire}{watchdog_ms}').mkdir()
         with tapped_rig(place, bridge=(f'watchdog_ms:={watchdog_ms}',)) as (rig, tap):
@@ -254,7 +254,7 @@ def runaway(folder, _):
 
 def restart(folder, _):
     """The board restarts while the rig moves; the zeros have to be confirmed at rest."""
-    with live_rig(folder, '--fault', 'reset_at=6') as rig:
+    with live_rig(folder, '--fault', 'reset_at=4') as rig:
         rig.start_board()
         rig.start_bridge('confirm_zeros:=true')
         rig.until_samples(1200)
@@ -328,7 +328,7 @@ def second_rig(folder, _):
 
 def stopped(folder, long):
     """SIGSTOP of the bridge and of the exciter at each watchdog setting; what comes after SIGCONT is too old."""
-    for watchdog_ms, pause in ((50, 0.35), (100, 0.35), (500, 0.35), (500, 0.8)):
+    for watchdog_ms, pause in ((500, 0.35), (50, 0.35), (100, 0.35), (500, 0.8))[: 4 if long else 2]:
         (place := folder / f'{watchdog_ms}{pause}').mkdir()
         with live_rig(place) as rig:
             rig.start_board()
