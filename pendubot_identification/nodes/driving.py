@@ -75,11 +75,14 @@ class Driver:
         return self.disarm.call_async(Trigger.Request())
 
     def let_go_and_wait(self) -> None:
-        """Command zero torque and disarm; wait, for a second at most, until the bridge has answered."""
+        """Command zero torque and disarm; wait, for a second at most, until the bridge has answered or is gone."""
         answered = threading.Event()
         self.let_go().add_done_callback(lambda _: answered.set())
-        if not (self.disarm.service_is_ready() and answered.wait(1.0)):
-            self._node.get_logger().warning('the bridge did not answer to disarm; look whether it has done so')
+        deadline = time.monotonic() + 1.0
+        while not answered.wait(0.02):
+            if not self.disarm.service_is_ready() or time.monotonic() > deadline:
+                self._node.get_logger().warning('the bridge did not answer to disarm; look whether it has done so')
+                return
 
     def rivals(self) -> str:
         """Return a sentence that names the publishers of effort commands if another program is one, else ''."""
