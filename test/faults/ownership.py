@@ -110,12 +110,13 @@ def foreign(folder, long):
         during('locked')
         assert rig.call('disarm').success
         during('disarmed')
-        rig.until(lambda: rig.call('arm').success, 20)  # not before it has been quiet for a second
+        # Not before it has been quiet for a second.
+        rig.until(lambda: spin_until(rig.node, lambda: False, 0.2) or rig.call('arm').success, 20)
         drive(rig, OWN)
         during('armed', OWN)
         drive(rig, OWN)
         rig.programs[-1].process.send_signal(signal.SIGSTOP)
-        rig.until(lambda: newest(rig.trace_file)[4] & Status.WATCHDOG)
+        rig.until(lambda: not newest(rig.trace_file)[4] & ARMED)
         begun = len(rig.trace())
         with stranger(tap, commands(np.random.default_rng(2))):
             spin_until(rig.node, lambda: len(rig.trace()) > begun + 300)
