@@ -56,8 +56,8 @@ def drive(line, torque=300_000, watchdog_ms=500):
 
 
 #: What a debugger does to it, and the fault_pc that HELLO then has: it goes on where there is no program; its stack
-#: leaves the RAM, where the fault itself would be kept.
-FAULTS = {'nowhere': ('Pf=00000060', 0x60000000), 'stack': ('Pd=10000020', 0)}
+#: leaves the RAM, where the fault itself would be kept. Then it depends on where the program was what it finds there.
+FAULTS = {'nowhere': ('Pf=00000060', 0x60000000), 'stack': ('Pd=10000020', None)}
 HARD_FAULT = 3
 
 
@@ -70,7 +70,8 @@ def test_a_fault_of_the_processor_takes_the_voltage_away_and_begins_again_disarm
         assert ask(fault) == 'OK'
     after = line.events(10, lambda e: isinstance(e, Hello))[-1]
     assert (before.reset_cause, after.reset_cause) == (1, 4)
-    assert (after.fault_cause, after.fault_pc) == (HARD_FAULT, pc)
+    assert after.fault_cause == HARD_FAULT
+    assert pc in (None, after.fault_pc)
     assert after.boot_id != before.boot_id
     assert after.t_us == 0
     stale = encode(Arm(4, 0, before.boot_id, SESSION, 1, 500))
