@@ -193,8 +193,8 @@ class BoardClock:
         above = sum(p.delay_ns - left.delay_ns - slope * (p.board_us - left.board_us) for p in minima)
         # The line goes through two of them.
         error = DOUBT * max(above / (count - 2), FINEST) / seen_us
-        # Most of the window was used in earlier updates: a bucket brings only its share of the information.
         self._rate_error = slope, error
+        # Most of the window was used in earlier updates: a bucket brings only its share of the information.
         noise = error**2 * seen_us / self._span_us
         self._variance += WANDER**2 * self._span_us
         gain = self._variance / (self._variance + noise)

@@ -16,7 +16,7 @@ from .protocol import Status
 
 #: Counters that grow only while something is wrong.
 WORRYING = ['lost', 'duplicates', 'out_of_order', 'damaged', 'flagged', 'irregular_stamps', 'late_samples']
-WORRYING += ['clamped', 'not_finite', 'board_damaged', 'board_overruns']
+WORRYING += ['clamped', 'not_finite', 'board_damaged', 'board_overruns', 'foreign_requests']
 
 
 class Health:

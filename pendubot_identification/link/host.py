@@ -25,7 +25,7 @@ from .clock import MS, SECOND, WRAP, BoardClock
 from .events import ArmingFailed, HostConfig, HostEvent, Output, Report, Sample
 from .joints import Joints
 from .limits import LimitMonitor
-from .motor import REPEAT_INTERVAL, Motor, names
+from .motor import DISOBEYED, REPEAT_INTERVAL, Motor, names
 from .protocol import FAULTS, VERSION, Damaged, Decoder, Hello, Limits, Mode, State, Status
 from .sequence import Sequence
 
@@ -53,7 +53,7 @@ PERIOD_TOLERANCE = 0.1
 
 # As plain numbers, because a status comes a thousand times a second and IntFlag is slow.
 _DAMAGED_FRAME, _OVERRUN, _FAULTS = int(Status.DAMAGED_FRAME), int(Status.OVERRUN), int(FAULTS)
-_ARMED, _LATE, _ZEROED = int(Status.ARMED), int(Status.LATE), int(Status.ZEROED)
+_LATE, _ZEROED = int(Status.LATE), int(Status.ZEROED)
 
 
 class Host:
@@ -143,7 +143,7 @@ class Host:
         if not self._up:
             return Report(Level.ERROR, self._version_text() or 'no valid sample comes from the board')
         if self._motor.disobeyed:
-            return Report(Level.ERROR, 'the board does not obey the request to disarm: press the emergency stop')
+            return Report(Level.ERROR, DISOBEYED)
         if status & _FAULTS:
             return Report(Level.ERROR, names(status & _FAULTS))
         if self.hello is None:
@@ -159,6 +159,8 @@ class Host:
             return Report(Level.WARN, 'armed at torque 0: no effort command comes')
         if self._motor.lost:
             return Report(Level.WARN, f'disarmed: {self._motor.lost}; arm again when it is safe')
+        if rate := self._rate_text():
+            return Report(Level.WARN, rate)
         return Report(Level.OK, 'armed' if self.armed else 'disarmed')
 
     def data_to_send(self) -> bytes:
@@ -363,16 +365,23 @@ class Host:
             )
         if frames == 1 and clock.irregular == irregular and before is not None:
             self._steps.append(board_us - before)
-        if (rate := clock.wrong_rate) and self._output.is_new('rate', now):
-            faster = 'slow' if rate > 0 else 'fast'
-            text = f"the board's clock runs {abs(rate) * 100:.2g} % {faster}: check CRYSTAL_MHZ, or its timer"
-            self._output.report(Level.WARN, f'{text}; speeds and parameters are wrong by as much')
+        if clock.wrong_rate and self._output.is_new('rate', now):
+            self._output.report(Level.WARN, self._rate_text())
         return board_us
 
     def _note_rest(self, state: State, board_us: int) -> None:
         rest = self._rest
         if rest is None or abs(state.enc1 - rest[0]) > REST_COUNTS or abs(state.enc2 - rest[1]) > REST_COUNTS:
             self._rest = state.enc1, state.enc2, board_us
+
+    def _rate_text(self) -> str:
+        """Return by how much the board's clock is off; empty where crystals may differ by that."""
+        rate = self.clock.wrong_rate
+        if not rate:
+            return ''
+        faster = 'slow' if rate > 0 else 'fast'
+        text = f"the board's clock runs {abs(rate) * 100:.2g} % {faster}: check CRYSTAL_MHZ, or its timer"
+        return f'{text}; speeds and parameters are wrong by as much'
 
     def _check_limits(self, state: State, elapsed_us: int, applied: int, now: int) -> None:
         """Disarm where a limit is exceeded and the board, which has the same or a lower one, did nothing."""

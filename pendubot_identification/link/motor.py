@@ -26,6 +26,8 @@ ARMING_TIMEOUT = 500 * MS
 REPEAT_INTERVAL = 50 * MS
 #: So long after its last command a request that the board refuses may be this host's own, of an ended session.
 IN_FLIGHT = 200 * MS
+#: What is reported while the board goes on without obeying the request to disarm.
+DISOBEYED = 'the board does not obey the request to disarm: press the emergency stop, then look at its wiring'
 #: The numbers of frames wrap here.
 _SEQS = 1 << 16
 
@@ -225,8 +227,7 @@ class Motor:
             self._disarming_since, self.disobeyed = None, False
         elif moves and now - self._disarming_since >= ARMING_TIMEOUT and not self.disobeyed:
             self.disobeyed = True
-            text = 'the board does not obey the request to disarm: press the emergency stop, then look at its wiring'
-            self._output.report(Level.ERROR, text)
+            self._output.report(Level.ERROR, DISOBEYED)
 
     def _go_on_arming(self, state: State, now: int) -> None:
         """Ask the board to be armed once it has obeyed the last mode 0; notice when it is, or will not be."""

@@ -407,6 +407,16 @@ def test_requests_of_others_that_the_board_refuses_are_counted_and_told_and_keep
     for k in range(3, 110):
         wire.state(k, 10_000 * k, refused=3)
     assert wire.host.arm(wire.now) == []
+    # While it goes on beside an armed motor, every diagnosis says so.
+    wire, health = armed_wire(), Health()
+    for k in range(3, 400):
+        wire.host.effort(0.0, wire.now)
+        (command,) = only(wire.sent(), Command)
+        status = Status.ARMED | Status.REFUSED
+        wire.state(k, 10_000 * k, status=status, cmd_seq=command.seq, refused=k)
+        if k % 100 == 0:
+            assert health.diagnose(wire.host, wire.now).level is Level.WARN
+    assert wire.host.armed
     # What it sent itself before the board restarted is not foreign.
     wire = armed_wire()
     wire.hear(replace(HELLO, seq=0, boot_id=78))
@@ -554,6 +564,7 @@ def test_one_wrong_time_moves_no_stamp_and_is_counted_and_a_wrong_rate_is_told_w
     reports = [r.text for k in range(1, 100) for r in only(fast.state(k, 10_500 * k), Report)]
     assert len(reports) == 1
     assert "the board's clock runs 4.8 % fast" in reports[0]
+    assert fast.host.condition(fast.now) == Report(Level.WARN, reports[0]), 'as long as it is so'
 
 
 # Commanding
