@@ -18,17 +18,7 @@ static const struct pendubot_settings settings = {
     .watchdog_max_ms = WATCHDOG_MAX_MS,
     .torque_constant = MICRO_NM_PER_A,
     .build = BUILD_ID,
-    .limits = { /* the same as in the package's virtual board */
-        .torque_slew = 1000000,
-        .max_speed = 100000,
-        .max_travel1 = 60000,
-        .max_travel2 = 300000,
-        .stall_torque = 500000,
-        .stall_ms = 500,
-        .continuous_ma = 15000,
-        .overload_ms = 2000,
-        .max_vbus = 3000,
-    },
+    .limits = SIMULATED_LIMITS,
     .firmware = "emulated 2",
 };
 

@@ -46,7 +46,6 @@ enum { BIT_FLIP, DROP_BYTE, DOUBLE_BYTE, LOSE_FRAME, DUPLICATE_FRAME, GLITCH, RE
 /* Micro-N m: twice the gravity torque (P4 + P5) g of the paper's rig, and 1.5 times that of plant_to_balance. */
 enum { STALL_TORQUE = 500000, STALL_TORQUE_TO_BALANCE = 1920000 };
 
-/* Limits for the paper's rig, the same as in the package's virtual board. */
 static struct pendubot_settings settings = {
     .cpr1 = 4000,
     .cpr2 = 4000,
@@ -55,17 +54,7 @@ static struct pendubot_settings settings = {
     .watchdog_max_ms = 500,
     .torque_constant = 100000,
     .build = BUILD_ID,
-    .limits = {
-        .torque_slew = 1000000,
-        .max_speed = 100000,
-        .max_travel1 = 60000,
-        .max_travel2 = 300000,
-        .stall_torque = STALL_TORQUE,
-        .stall_ms = 500,
-        .continuous_ma = 15000,
-        .overload_ms = 2000,
-        .max_vbus = 3000,
-    },
+    .limits = SIMULATED_LIMITS,
     .firmware = "host in C",
 };
 

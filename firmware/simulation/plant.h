@@ -18,6 +18,13 @@ extern const struct plant plant_of_the_paper;
 /* One with the proportions of rigs that people balance. */
 extern const struct plant plant_to_balance;
 
+/* Limits of a board with the paper's rig, the same as in the package's virtual board; stall torque: twice gravity's. */
+#define SIMULATED_LIMITS                                                                                              \
+    {                                                                                                                 \
+        .torque_slew = 1000000, .max_speed = 100000, .max_travel1 = 60000, .max_travel2 = 300000,                     \
+        .stall_torque = 500000, .stall_ms = 500, .continuous_ma = 15000, .overload_ms = 2000, .max_vbus = 3000,       \
+    }
+
 /* Moves on by a time [s] under a torque at the shoulder [N m], in Runge-Kutta steps of at most 1 ms. */
 void plant_advance(struct plant *plant, double torque, double duration);
 
