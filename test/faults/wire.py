@@ -154,12 +154,10 @@ class Tap:
     Attributes:
         cut: the wires that are cut: ``to_host``, ``to_board``.
         rewrite: makes of each message of the board the one that the host hears; None leaves the bytes alone.
-        lock, boot_id: what the board last said, for a program that knows the protocol.
     """
 
     def __init__(self, board, link):
         self.cut, self.rewrite = set(), None
-        self.lock = self.boot_id = 0
         self._board = os.open(board, os.O_RDWR | os.O_NOCTTY)
         tty.setraw(self._board)
         self._host, slave = pty.openpty()
@@ -192,9 +190,6 @@ class Tap:
             if self._board in ready:
                 data = os.read(self._board, 4096)
                 events = decoder.feed(data)
-                for event in events:
-                    self.lock = getattr(event, 'lock', self.lock)
-                    self.boot_id = getattr(event, 'boot_id', self.boot_id)
                 if 'to_host' not in self.cut:
                     heard = data
                     if self.rewrite is not None:
