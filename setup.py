@@ -18,11 +18,12 @@ BAGS = [(f'{SHARE}/{folder}', sorted(glob(f'{folder}/*.*'))) for folder in ['bag
 # alike.
 KERNEL = Extension(
     f'{NAME}._kernel',
-    [f'{NAME}/{source}.c' for source in ('model/rollout', 'optimizers/mde', 'trajectories/piecewise')],
+    [f'{NAME}/{source}.c' for source in ('model/rollout', 'model/filter', 'optimizers/mde', 'trajectories/piecewise')],
     extra_compile_args=[
         *('-std=gnu11', '-O3', '-ffp-contract=off', '-fno-math-errno', '-fno-trapping-math'),
         *('-fvisibility=hidden', '-Wno-psabi', '-pthread'),
     ],
+    depends=[f'{NAME}/model/motion.h'],
     extra_link_args=['-pthread'],
     libraries=['m'],
     optional=True,

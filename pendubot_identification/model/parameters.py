@@ -125,8 +125,9 @@ class Parameters:
         """
         values = asdict(self)
         problems = [f'{name} = {value:.4g} is not finite' for name, value in values.items() if not math.isfinite(value)]
-        problems += [f'{name} = {values[name]:.4g} is not positive' for name in ('P1', 'P2') if values[name] <= 0]
-        if self.P1 * self.P2 <= self.P3**2:
+        nothing = [f'{name} = {values[name]:.4g} is not positive' for name in ('P1', 'P2') if values[name] <= 0]
+        problems += nothing
+        if not nothing and self.P1 * self.P2 <= self.P3**2:
             problems.append(
                 f'M(q) is not positive definite for every q: P1 P2 = {self.P1 * self.P2:.4g} '
                 f'does not exceed P3^2 = {self.P3**2:.4g}'
@@ -221,6 +222,12 @@ class Bounds:
         """Return the bounds of all parameters: these, then the default ones."""
         default, size = default_bounds(), len(self.names)
         return Bounds(np.append(self.lower, default.lower[size:]), np.append(self.upper, default.upper[size:]))
+
+    def scaled(self, factor: float) -> Bounds:
+        """Return these bounds with the default upper ones, of whatever has a torque's unit, multiplied by a factor."""
+        upper = default_bounds().upper[: len(self.names)]
+        default = (self.lower == 0) & (self.upper == upper) & ~np.isin(self.names, UNDER_LOAD)
+        return Bounds(self.lower, np.where(default, factor * upper, self.upper), self.names)
 
     def at_bound(self, theta: Sequence[float] | Vector, tolerance: float = 1e-9) -> NDArray[np.bool_]:
         """Tell, per component, whether theta lies on a bound (within ``tolerance`` of the interval's width)."""

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Many short simulations at once, with their sensitivities: the inner loop of the trajectory criterion.
+"""Many short simulations at once, with their sensitivities: the inner loop of prediction errors.
 
 The compiled kernel does both where it was built; without it numpy does, with the same results to about 1e-12. The last
 axis of every array holds the simulations, called lanes: they are fastest when they are many.

@@ -1,0 +1,311 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Extended Kalman filters of many recordings and many parameter vectors side by side.
+
+The state is (q, q') and M(q) q'' + ... = tau + w, where w is white torque noise of each joint. The measurement is
+q + offset + r, where r is white. The mean is predicted by classic Runge-Kutta steps with the mean torque of each step,
+the covariance by I + h A + h^2 A^2 / 2 with the analytic Jacobian A. The sign of dry friction, tanh(v / width), is
+linearised statistically (Gelb, Applied Optimal Estimation, 1974, section 6.2): its width becomes
+sqrt(width^2 + pi / 2 var(v)), so that innovations are smooth functions of the parameters.
+
+The compiled kernel (filter.c) does this where it was built; without it numpy does, with the same results to rounding.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from dataclasses import dataclass, fields
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pendubot_identification import kernel as compiled
+
+from .dynamics import GRAVITY, SIGN_WIDTH, STRIBECK_SPEED
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+#: The most terms that filter.c takes.
+MOST_TERMS = 256
+
+
+class TermKind(IntEnum):
+    """A torque beside the model's, as a function of its joint's angle and speed; the order is that of filter.c."""
+
+    CONSTANT = 0
+    ANGLE = 1  #: q
+    DRAG = 2  #: v |v|
+    DIRECTION = 3  #: |tanh(v / width)|
+    VISCOUS_DRIFT = 4  #: v times the elapsed fraction
+    COULOMB_DRIFT = 5  #: tanh(v / width) times the elapsed fraction
+    SINE = 6  #: sin(number q)
+    COSINE = 7  #: cos(number q)
+    CREEP = 8  #: tanh(v / width) exp(-(v / number)^2)
+
+
+@dataclass(frozen=True, slots=True)
+class Term:
+    """A torque at one joint (0 or 1) per unit of its coefficient."""
+
+    kind: TermKind
+    joint: int
+    number: float = 0.0  #: repetitions per turn, or a speed [rad/s].
+
+    def torque(self, q: Array, v: Array, elapsed: float) -> Array:
+        """Return it at angles [rad] and speeds [rad/s], with friction's change of sign as wide as in the model."""
+        width = np.full_like(v, SIGN_WIDTH)
+        return _term(self.kind, self.number, q, v, np.tanh(v / width), width, np.array(elapsed))[0]
+
+
+@dataclass(frozen=True, slots=True)
+class Samples:
+    """What G filters are driven by and compared with, on S steps at most; N measurements in all.
+
+    Attributes:
+        start: mean of the first state as it was read [rad, rad/s], shape (G, 4).
+        spread: its variance, shape (G, 4).
+        level: which noise each filter has, shape (G,).
+        length: how many steps each has, shape (G,).
+        h: length of each step [s], shape (G, S).
+        elapsed: fraction of all time that has passed, from -0.5 to 0.5, shape (G, S).
+        tau: mean torques of each step [N m] in each of T tables, shape (T, G, S, 2).
+        y: positions that were read at the end of the step [rad], shape (G, S, 2).
+        row: number of that measurement, from 0 to N - 1; -1 where there is none, shape (G, S).
+    """
+
+    start: Array
+    spread: Array
+    level: Indices
+    length: Indices
+    h: Array
+    elapsed: Array
+    tau: Array
+    y: Array
+    row: Indices
+
+    @property
+    def measurements(self) -> int:
+        """N."""
+        return int(self.row.max(initial=-1)) + 1
+
+
+@dataclass(frozen=True, slots=True)
+class Vectors:
+    """L parameter vectors.
+
+    Attributes:
+        theta: the 14 parameters, shape (14, L).
+        offset: of the positions that are read [rad], shape (2, L).
+        noise: variances of both positions [rad^2] and intensities of both torques [(N m)^2 s] at each of K levels,
+            shape (K, 4, L).
+        width: of the change of sign of dry friction [rad/s], shape (2, L).
+        coefficient: of each term, shape (E, L).
+        table: which table of torques, shape (L,).
+    """
+
+    theta: Array
+    offset: Array
+    noise: Array
+    width: Array
+    coefficient: Array
+    table: Indices
+
+    @classmethod
+    def of(cls, theta: Array, noise: Array, offset: Array | None = None, terms: int = 0) -> Vectors:
+        """Return vectors without effects, from theta (14, L) and noise (K, 4, L)."""
+        lanes = theta.shape[1]
+        return cls(
+            theta=theta,
+            offset=np.zeros((2, lanes)) if offset is None else offset,
+            noise=noise,
+            width=np.full((2, lanes), SIGN_WIDTH),
+            coefficient=np.zeros((terms, lanes)),
+            table=np.zeros(lanes, dtype=np.int64),
+        )
+
+
+class _Work(ctypes.Structure):
+    """The struct Filter of filter.c."""
+
+    _fields_ = [(name, ctypes.c_int64) for name in ('lanes', 'groups', 'steps', 'terms', 'tables')] + [
+        (name, ctypes.c_void_p)
+        for name in (
+            *('kind', 'joint', 'number', 'theta', 'width', 'coefficient', 'offset', 'noise', 'table'),
+            *('level', 'length', 'start', 'spread', 'h', 'elapsed', 'tau', 'y', 'row', 'e', 's'),
+        )
+    ]
+
+
+def innovations(samples: Samples, vectors: Vectors, terms: tuple[Term, ...] = ()) -> tuple[Array, Array]:
+    """Return the innovations [rad] and their variances, both of shape (N, 2, L).
+
+    That of the elbow is what remains once the shoulder's is known, so that all are independent. Where a filter
+    diverges they become NaN or infinite, without a warning.
+    """
+    lanes = vectors.theta.shape[1]
+    e, s = (np.empty((samples.measurements, 2, lanes)) for _ in range(2))
+    if (library := compiled.library()) is None or len(terms) > MOST_TERMS:
+        with np.errstate(all='ignore'):
+            _Filter(samples, vectors, terms).run(e, s)
+        return e, s
+    groups, steps = samples.h.shape
+    numbers = {
+        'kind': np.array([t.kind for t in terms], dtype=np.int64),
+        'joint': np.array([t.joint for t in terms], dtype=np.int64),
+        'number': np.array([t.number for t in terms], dtype=float),
+        'e': e,
+        's': s,
+    }
+    for part in (samples, vectors):
+        for field in fields(part):
+            value = getattr(part, field.name)
+            numbers[field.name] = np.ascontiguousarray(value, np.int64 if value.dtype.kind == 'i' else float)
+    work = _Work(lanes, groups, steps, len(terms), len(samples.tau))
+    for name, array in numbers.items():
+        setattr(work, name, array.ctypes.data)
+    library.pendubot_filter(compiled.threads, ctypes.addressof(work))
+    return e, s
+
+
+class _Filter:
+    """The same in numpy, on arrays of shape (G, L)."""
+
+    def __init__(self, samples: Samples, vectors: Vectors, terms: tuple[Term, ...]) -> None:
+        self._samples, self._vectors, self._terms = samples, vectors, terms
+        self._theta = [row[None] for row in vectors.theta]
+        self._noise = np.moveaxis(vectors.noise[samples.level], 1, 0)
+
+    def run(self, e: Array, s: Array) -> None:
+        """Fill e and s."""
+        samples, vectors = self._samples, self._vectors
+        groups, lanes = len(samples.start), len(vectors.table)
+        x = np.repeat(samples.start.T[:, :, None], lanes, axis=2)
+        x[:2] -= vectors.offset[:, None]
+        p = np.zeros((4, 4, groups, lanes))
+        p[range(4), range(4)] = samples.spread.T[:, :, None]
+        for k in range(samples.h.shape[1]):
+            tau = samples.tau[vectors.table, :, k].transpose(2, 1, 0)
+            x, p = self._predicted(x, p, tau, samples.h[:, k, None], samples.elapsed[:, k, None])
+            measured = np.flatnonzero(samples.row[:, k] >= 0)
+            if measured.size:
+                row, y = samples.row[measured, k], samples.y[measured, k]
+                x[:, measured], p[:, :, measured] = self._corrected(
+                    x[:, measured], p[:, :, measured], measured, row, y, e, s
+                )
+
+    def _corrected(
+        self, x: Array, p: Array, groups: Indices, row: Indices, y: Array, e: Array, s: Array
+    ) -> tuple[Array, Array]:
+        for joint in range(2):  # one after the other: their errors are independent
+            innovation = y[:, joint, None] - self._vectors.offset[joint] - x[joint]
+            variance = p[joint, joint] + self._noise[joint, groups]
+            e[row, joint], s[row, joint] = innovation, variance
+            gain = p[:, joint] / variance
+            x = x + gain * innovation
+            p = p - gain[:, None] * gain * variance
+        return x, p
+
+    def _predicted(self, x: Array, p: Array, tau: Array, h: Array, elapsed: Array) -> tuple[Array, Array]:
+        width = np.sqrt(self._vectors.width[:, None] ** 2 + np.pi / 2 * p[[2, 3], [2, 3]])
+        a, by, inverse = self._linearised(x, tau, elapsed, width)
+        A = np.zeros((4, 4, *h.shape[:1], x.shape[2]))
+        A[0, 2] = A[1, 3] = 1.0
+        A[2:] = by
+        F = h * A + h * h / 2 * _product(A, A)
+        F[range(4), range(4)] += 1.0
+        p = _product(_product(F, p), F.swapaxes(0, 1))
+        w = _product(inverse * self._noise[2:], inverse)  # M^-1 is symmetric
+        p[:2, :2] += h**3 / 3 * w
+        p[:2, 2:] += h**2 / 2 * w
+        p[2:, :2] += h**2 / 2 * w
+        p[2:, 2:] += h * w
+        q, v, half = x[:2], x[2:], h / 2
+        v2 = v + half * a
+        a2 = self._accelerations(q + half * v, v2, tau, elapsed, width)
+        v3 = v + half * a2
+        a3 = self._accelerations(q + half * v2, v3, tau, elapsed, width)
+        a4 = self._accelerations(q + h * v3, v + h * a3, tau, elapsed, width)
+        return np.concatenate([q + h * (v + h / 6 * (a + a2 + a3)), v + h / 6 * (a + 2 * (a2 + a3) + a4)]), p
+
+    def _accelerations(self, q: Array, v: Array, tau: Array, elapsed: Array, width: Array) -> Array:
+        return self._linearised(q, tau, elapsed, width, v, derive=False)[0]
+
+    def _linearised(
+        self, x: Array, tau: Array, elapsed: Array, width: Array, v: Array | None = None, derive: bool = True
+    ) -> tuple[Array, Array, Array]:
+        """Return accelerations, (2, G, L), their derivatives by the state, (2, 4, G, L), and M^-1, (2, 2, G, L)."""
+        q, v = (x[:2], x[2:]) if v is None else (x, v)
+        P1, P2, P3, P4, P5, b1, b2, Fc1, Fc2, J2, Fs1, Fs2, k1, k2 = self._theta
+        (v1, v2), c2, s2 = v, np.cos(q[1]), np.sin(q[1])
+        sign = np.tanh(v / width)
+        fade = np.exp(-((v / STRIBECK_SPEED) ** 2))
+        dry = np.stack([Fc1 + Fs1 * fade[0] + k1 * abs(tau[0]), Fc2 + Fs2 * fade[1] + k2 * abs(tau[1])])
+        extra, by_q, by_v = self._extra(q, v, sign, width, elapsed)
+        c12 = GRAVITY * np.cos(q[0] + q[1])
+        h1 = tau[0] + extra[0] - b1 * v1 - dry[0] * sign[0] + P3 * s2 * v2 * (2 * v1 + v2)
+        h1 -= P4 * GRAVITY * np.cos(q[0]) + P5 * c12
+        h2 = tau[1] + extra[1] - b2 * v2 - dry[1] * sign[1] - P3 * s2 * v1 * v1 - P5 * c12
+        m11, m12, m22 = P1 + P2 + 2 * P3 * c2, P2 + P3 * c2, P2 + J2
+        scale = 1 / (m11 * m22 - m12 * m12)
+        inverse = np.array([[m22 * scale, -m12 * scale], [-m12 * scale, m11 * scale]])
+        a1, a2 = a = np.stack([inverse[0, 0] * h1 + inverse[0, 1] * h2, inverse[1, 0] * h1 + inverse[1, 1] * h2])
+        if not derive:
+            return a, a, a
+        slope = (1 - sign * sign) / width * dry - by_v
+        slope += np.stack([b1 - 0 * v1, b2 - 0 * v2])
+        slope -= np.stack([Fs1 * v1, Fs2 * v2]) * fade * sign * (2 / STRIBECK_SPEED**2)
+        g1, g12 = P4 * GRAVITY * np.sin(q[0]), P5 * GRAVITY * np.sin(q[0] + q[1])
+        right = np.empty((2, 4, *a1.shape))
+        right[0, 0] = g1 + g12 + by_q[0]
+        right[0, 1] = P3 * (c2 * v2 * (2 * v1 + v2) + s2 * (2 * a1 + a2)) + g12
+        right[0, 2] = 2 * P3 * s2 * v2 - slope[0]
+        right[0, 3] = 2 * P3 * s2 * (v1 + v2)
+        right[1, 0] = g12
+        right[1, 1] = P3 * (s2 * a1 - c2 * v1 * v1) + g12 + by_q[1]
+        right[1, 2] = -2 * P3 * s2 * v1
+        right[1, 3] = -slope[1]
+        return a, _product(inverse, right), inverse
+
+    def _extra(self, q: Array, v: Array, sign: Array, width: Array, elapsed: Array) -> tuple[Array, Array, Array]:
+        """Return the terms' torques and their derivatives by angle and speed, shapes (2, G, L)."""
+        extra, by_q, by_v = (np.zeros_like(v) for _ in range(3))
+        for term, coefficient in zip(self._terms, self._vectors.coefficient, strict=True):
+            j, own = term.joint, np.flatnonzero(coefficient)
+            at = q[j][:, own], v[j][:, own], sign[j][:, own], width[j][:, own]
+            for total, each in zip((extra, by_q, by_v), _term(term.kind, term.number, *at, elapsed), strict=True):
+                total[j][:, own] += coefficient[own] * each
+        return extra, by_q, by_v
+
+
+def _product(a: Array, b: Array) -> Array:
+    """Return the matrix products over the first two axes."""
+    return np.asarray(np.matmul(a, b, axes=[(0, 1), (0, 1), (0, 1)]))
+
+
+def _term(
+    kind: TermKind, number: float, q: Array, v: Array, sign: Array, width: Array, elapsed: Array
+) -> tuple[Array, Array, Array]:
+    """Return a term's torque per unit of its coefficient, and its derivatives by angle and speed."""
+    none, slope = np.zeros_like(q), (1 - sign**2) / width
+    match kind:
+        case TermKind.ANGLE:
+            return q, none + 1, none
+        case TermKind.DRAG:
+            return v * abs(v), none, 2 * abs(v)
+        case TermKind.DIRECTION:
+            return abs(sign), none, np.copysign(slope, v)
+        case TermKind.VISCOUS_DRIFT:
+            return elapsed * v, none, none + elapsed
+        case TermKind.COULOMB_DRIFT:
+            return elapsed * sign, none, elapsed * slope
+        case TermKind.SINE:
+            return np.sin(number * q), number * np.cos(number * q), none
+        case TermKind.COSINE:
+            return np.cos(number * q), -number * np.sin(number * q), none
+        case TermKind.CREEP:
+            fade = np.exp(-((v / number) ** 2))
+            return sign * fade, none, (slope - sign * v * (2 / number**2)) * fade
+    return none + 1, none, none

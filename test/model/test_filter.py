@@ -1,0 +1,215 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The innovations of many filters, by the kernel, by numpy, and by an independent Kalman filter where one exists."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.linalg import expm
+
+from pendubot_identification import kernel
+from pendubot_identification.model.dynamics import GRAVITY
+from pendubot_identification.model.filter import MOST_TERMS, Samples, Term, TermKind, Vectors, _Filter, innovations
+from pendubot_identification.model.rollout import roll
+from test.model.paths import both_paths, path
+from test.strategies import physical_parameters
+from test.virtual import GEARED
+
+#: One term of each kind at each joint, with the repetitions or the speed that the kind needs.
+NUMBER = {TermKind.SINE: 7.0, TermKind.COSINE: 3.0, TermKind.CREEP: 0.3}
+TERMS = tuple(Term(kind, joint, NUMBER.get(kind, 0.0)) for kind in TermKind for joint in range(2))
+
+
+def samples(groups=3, steps=40, tables=2, every=4, h=0.004, seed=1):
+    """Return groups of decreasing length, padded to one; two levels; a measurement at the end of every few steps."""
+    rng = np.random.default_rng(seed)
+    length = steps - every * np.arange(groups)
+    row = np.full((groups, steps), -1)
+    measured = [(g, k) for g in range(groups) for k in range(every - 1, length[g], every)]
+    row[tuple(np.transpose(measured))] = np.arange(len(measured))
+    inside = np.arange(steps) < length[:, None]
+    start = rng.normal(scale=[1, 1, 3, 3], size=(groups, 4))
+    tau = rng.normal(size=(tables, groups, steps, 2)) * inside[..., None]
+    moved = roll(GEARED, start.T, tau[0].transpose(2, 1, 0), h)[1:, :2].transpose(2, 0, 1)
+    return Samples(
+        start=start,
+        spread=np.tile([1e-6, 1e-6, 0.04, 0.04], (groups, 1)),
+        level=np.arange(groups) % 2,
+        length=length,
+        h=np.where(inside, h * rng.uniform(0.9, 1.1, (groups, steps)), 0.0),
+        elapsed=np.where(inside, np.linspace(-0.5, 0.5, steps), 0.0),
+        tau=tau,
+        y=moved + rng.normal(scale=1e-3, size=(groups, steps, 2)),
+        row=row,
+    )
+
+
+def vectors(lanes=6, tables=2, terms=TERMS, seed=1):
+    """Return random parameters; each term has a coefficient in half of the lanes."""
+    rng = np.random.default_rng(seed)
+    return Vectors(
+        theta=GEARED[:, None] * rng.uniform(0.8, 1.2, (14, lanes)),
+        offset=rng.normal(scale=0.01, size=(2, lanes)),
+        noise=np.array([1e-6, 1e-6, 1e-3, 1e-3])[:, None] * rng.uniform(0.5, 2, (2, 4, lanes)),
+        width=rng.uniform(0.02, 0.2, (2, lanes)),
+        coefficient=rng.normal(scale=0.02, size=(len(terms), lanes)) * (rng.random((len(terms), lanes)) < 0.5),
+        table=rng.integers(tables, size=lanes),
+    )
+
+
+def both(*arguments):
+    """Return what the kernel and numpy find."""
+    found = []
+    for compiled in (True, False):
+        with path(compiled):
+            found.append(innovations(*arguments))
+    return found
+
+
+@pytest.mark.parametrize('lanes', [1, 3, 4, 21])
+def test_kernel_and_numpy_agree(lanes):
+    read, unknown = samples(), vectors(lanes)
+    kernels, numpys = both(read, unknown, TERMS)
+    assert kernels[0].shape == (read.measurements, 2, lanes)
+    assert np.isfinite(kernels).all()
+    for a, b in zip(kernels, numpys, strict=True):
+        np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-11)
+
+
+@pytest.mark.parametrize('term', TERMS, ids=lambda term: f'{term.kind.name}-{term.joint}')
+def test_each_term_acts_alike_in_kernel_and_numpy(term):
+    read, unknown = samples(), replace(vectors(terms=(term,)), coefficient=np.full((1, 6), 0.02))
+    found = both(read, unknown, (term,))
+    for a, b in zip(*found, strict=True):
+        np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-11)
+    with path(False):
+        without, _ = innovations(read, replace(unknown, coefficient=np.zeros((1, 6))), (term,))
+    assert abs(found[1][0] - without).max() > 1e-5
+
+
+@both_paths
+def test_lanes_and_groups_do_not_mix(compiled):
+    read, unknown = samples(), vectors()
+    with path(compiled):
+        e, s = innovations(read, unknown, TERMS)
+        for lane in range(6):
+            alone = Vectors(**{name: getattr(unknown, name)[..., lane : lane + 1] for name in Vectors.__slots__})
+            for a, b in zip((e, s), innovations(read, alone, TERMS), strict=True):
+                np.testing.assert_allclose(a[:, :, lane], b[:, :, 0], rtol=1e-10, atol=1e-12)
+        for g in range(len(read.start)):
+            n, rows = read.length[g], read.row[g][read.row[g] >= 0]
+            own = {name: getattr(read, name)[g : g + 1] for name in ('start', 'spread', 'level', 'length')}
+            cut = {name: getattr(read, name)[g : g + 1, :n] for name in ('h', 'elapsed', 'y')}
+            row = np.where(read.row[g, :n] >= 0, read.row[g, :n] - rows[0], -1)[None]
+            single = Samples(**own, **cut, tau=read.tau[:, g : g + 1, :n], row=row)
+            for a, b in zip((e, s), innovations(single, unknown, TERMS), strict=True):
+                np.testing.assert_allclose(a[rows], b, rtol=1e-10, atol=1e-12)
+
+
+def test_no_number_depends_on_the_threads(monkeypatch):
+    read, unknown = samples(groups=8, steps=200), vectors(40)
+    found = []
+    with path(True):
+        for threads in (1, 2, 5):
+            monkeypatch.setattr(kernel, 'threads', threads)
+            found.append(innovations(read, unknown, TERMS))
+    for other in found[1:]:
+        np.testing.assert_array_equal(found[0], other)
+
+
+def test_more_terms_than_the_kernel_takes_are_numpys():
+    terms = (TERMS * (MOST_TERMS // len(TERMS) + 1))[: MOST_TERMS + 1]
+    for a, b in zip(*both(samples(steps=8, groups=1), vectors(1, terms=terms), terms), strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+@given(physical_parameters('geared'), st.integers(0, 10**6))
+def test_the_jacobian_is_the_accelerations_derivative(rig, seed):
+    rng = np.random.default_rng(seed)
+    unknown = replace(vectors(1, seed=seed), theta=rig.vector('geared')[:, None])
+    made = _Filter(samples(groups=1), unknown, TERMS)
+    x = rng.normal(scale=[1, 1, 3, 3], size=4)
+    x[2:] += np.copysign(1e-3, x[2:])  # Some terms have a corner at rest.
+    tau, elapsed, width = rng.normal(size=(2, 1, 1)), np.full((1, 1), 0.3), np.full((2, 1, 1), 0.1)
+    _, by, _ = made._linearised(x[:, None, None], tau, elapsed, width)
+    step = 1e-5
+    near = x + step * np.vstack([np.eye(4), -np.eye(4)])
+    a = np.array([made._linearised(each[:, None, None], tau, elapsed, width)[0] for each in near])[..., 0, 0]
+    expected = (a[:4] - a[4:]).T / (2 * step)
+    np.testing.assert_allclose(by[..., 0, 0], expected, rtol=1e-4, atol=1e-6 * abs(a).max() + 1e-6 * abs(by).max())
+
+
+def test_without_torque_noise_the_mean_is_a_rollout():
+    """Without torque noise the mean is a rollout, and dry friction is no wider than in the model."""
+    read = samples(groups=1, steps=50, every=50, tables=1, h=0.002)
+    read = replace(read, h=np.full((1, 50), 0.002), spread=np.zeros((1, 4)))
+    noise = np.array([1e-10, 1e-10, 0, 0])[:, None]
+    unknown = Vectors.of(GEARED[:, None], np.stack([noise, noise]))
+    for e, s in both(read, unknown):
+        states = roll(GEARED, read.start.T, read.tau[0, 0].T[:, :, None], 0.002)
+        np.testing.assert_allclose(read.y[0, -1] - e[0, :, 0], states[-1, :2, 0], rtol=1e-9)
+        np.testing.assert_allclose(s, 1e-10)
+
+
+def test_a_linear_rig_has_the_innovations_of_a_kalman_filter():
+    """Two uncoupled pendulums near their lowest point: Van Loan's discretisation, and both positions at once."""
+    theta = np.zeros(14)
+    theta[[0, 1, 3, 5, 6]] = 0.05, 0.03, 0.2, 0.02, 0.01
+    theta[9] = 0.02
+    read = samples(groups=1, steps=400, every=2, tables=1, h=0.002, seed=3)
+    tiny = 1e-4  # of all angles, so that a sine is its angle
+    h = 0.002
+    read = replace(
+        read,
+        start=np.array([[-np.pi / 2, 0, 0, 0]]) + tiny * np.array([[1, -2, 3, 1]]),
+        spread=np.array([[1.0, 2.0, 3.0, 4.0]]) * tiny**2,
+        h=np.full((1, 400), h),
+        tau=tiny * read.tau,
+        y=np.array([-np.pi / 2, 0]) + tiny * np.random.default_rng(4).normal(size=(1, 400, 2)),
+    )
+    noise = np.array([1.0, 2.0, 3e-3, 4e-3]) * tiny**2
+    found = both(read, Vectors.of(theta[:, None], np.tile(noise[:, None], (2, 1, 1))))
+
+    M = np.array([[theta[0] + theta[1], theta[1]], [theta[1], theta[1] + theta[9]]])
+    A, B = np.zeros((4, 4)), np.zeros((4, 2))
+    A[:2, 2:] = np.eye(2)
+    A[2:, :2] = -np.linalg.solve(M, np.diag([theta[3] * GRAVITY, 0.0]))
+    A[2:, 2:] = -np.linalg.solve(M, np.diag(theta[5:7]))
+    B[2:] = np.linalg.inv(M)
+    steps = expm(h * np.block([[A, B], [np.zeros((2, 6))]]))
+    F, G = steps[:4, :4], steps[:4, 4:]
+    loan = expm(h * np.block([[-A, B @ np.diag(noise[2:]) @ B.T], [np.zeros((4, 4)), A.T]]))
+    Q = loan[4:, 4:].T @ loan[:4, 4:]
+    rest = np.array([-np.pi / 2, 0, 0, 0])
+    x, P, R, H = read.start[0] - rest, np.diag(read.spread[0]), np.diag(noise[:2]), np.eye(2, 4)
+    expected = []
+    for k in range(400):
+        x, P = F @ x + G @ read.tau[0, 0, k], F @ P @ F.T + Q
+        if read.row[0, k] >= 0:
+            S, innovation = H @ P @ H.T + R, read.y[0, k] - rest[:2] - x[:2]
+            lower = np.linalg.cholesky(S)
+            expected.append((np.linalg.solve(lower, innovation) * np.diag(lower), np.diag(lower) ** 2))
+            gain = P @ H.T @ np.linalg.inv(S)
+            x, P = x + gain @ innovation, P - gain @ H @ P
+    for e, s in found:
+        np.testing.assert_allclose(e[:, :, 0], np.array(expected)[:, 0], rtol=2e-3, atol=1e-4 * tiny)
+        np.testing.assert_allclose(s[:, :, 0], np.array(expected)[:, 1], rtol=1e-3)
+
+
+@both_paths
+@pytest.mark.filterwarnings('error')
+def test_a_filter_that_diverges_is_not_finite_and_alone(compiled):
+    read, unknown = samples(), vectors(5)
+    theta = unknown.theta.copy()
+    theta[5:7, 2] = 1e6  # too much friction for the step
+    theta[2, 4] = np.sqrt(theta[0, 4] * theta[1, 4]) * 50  # M(q) is not positive definite
+    with path(compiled):
+        good = innovations(read, unknown, TERMS)
+        bad = innovations(read, replace(unknown, theta=theta), TERMS)
+    for a, b in zip(good, bad, strict=True):
+        np.testing.assert_array_equal(a[:, :, [0, 1, 3]], b[:, :, [0, 1, 3]])
+    assert not np.isfinite(bad[0][-1, :, 2]).any()
