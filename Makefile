@@ -29,9 +29,9 @@ benchmark: $(VENV)/.benchmark
 faults: $(VENV)/.test
 	$(BIN)/python -m test.faults
 
-# What docs/criteria.md shows of errors, intervals and predictions; long.
+# What docs/criteria.md shows of the estimator on real rigs; long.
 criteria: $(VENV)/.test
-	$(BIN)/python -m test.benchmark.criteria
+	$(BIN)/python -m test.estimator real
 
 # The paper's tables and figures, in build/reproduction: read index.md there.
 reproduce: $(VENV)/.ros

@@ -33,5 +33,5 @@ motion = read(path, columns=columns, degrees=True, zero='hanging')
 print(f'{len(motion)} samples, {motion.duration:.2f} s; it starts at {motion.q[0]} rad')
 
 # The first ten seconds estimate, the rest judges.
-found = identify(motion.window(0, 10), validate=[motion.window(10, 15)], criterion='weak')
+found = identify(motion.window(0, 10), validate=[motion.window(10, 15)])
 print(found)

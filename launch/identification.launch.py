@@ -13,7 +13,7 @@ from pendubot_identification.resources import resource
 ARGUMENTS = {
     'bags': ([''], "bags that estimate, each BAG or BAG@START:END; several as a list: \"['swing@0:9', 'swing2']\""),
     'validate': ([''], 'bags that only judge, likewise'),
-    'criterion': ('', 'some of energy, weak, trajectory, with commas between them; empty: all'),
+    'criterion': ('', 'some of energy, weak, likelihood, with commas between them; empty: likelihood'),
     'model': ('auto', 'viscous, coulomb, rotor, geared, or auto'),
     'output': ('', 'result file to write; empty: none'),
     'force': (False, 'true: overwrite an existing result file'),

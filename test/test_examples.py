@@ -41,7 +41,7 @@ def test_a_bag_becomes_parameters_and_these_a_regulator(example, tmp_path):
 def test_a_file_of_ones_own_becomes_parameters(example):
     said = example('own_csv.py')
     assert '1500 samples, 14.99 s; it starts at [-1.57' in said
-    (P1,) = re.findall(r'P1 \[kg m\^2\] +(\S+)', said)
+    P1, *_ = re.findall(r'P1 \[kg m\^2\] +(\S+)', said)
     assert float(P1) == pytest.approx(BALANCE.P1, rel=0.01)
 
 

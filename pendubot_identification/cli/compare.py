@@ -18,15 +18,15 @@ from pendubot_identification.errors import UsageError, wrong_usage
 from .reading import add_joints, add_reading, reading_of, save_map
 
 if TYPE_CHECKING:
-    from pendubot_identification.identify.result import Given, Result
+    from pendubot_identification.identify.result import Given, Parameter, Result
     from pendubot_identification.trajectories.reading import Reading
 
 Part = tuple[str, float, float]
 
 DESCRIPTION = """\
 Set results side by side: every parameter with its standard error, and how far it is from that of the first result,
-in standard errors of both together. Differences of up to about 2 are chance; far larger ones say that something
-changed, or that the standard errors are too small for what the model cannot describe.
+in standard errors of both together, t. p is the probability of a t as large by chance (Welch's t test). A p far below
+0.05 says that something changed, or that the standard errors are too small for what the model cannot describe.
 
 With --on BAG the motion of a bag is simulated by each of them, again and again from a measured state on: parameters
 that differ may predict alike, and then the difference does not matter to a controller.
@@ -83,9 +83,10 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _parameters(results: Sequence[Result | Given]) -> dict[str, Any]:
-    """Return by parameter its unit and, a result each, value, standard error, and distance from the first result's.
+    """Return by parameter its unit and, a result each, value, standard error, and Welch's t test against the first.
 
-    The distance is in standard errors of both together; None where one of them is not known or not estimated.
+    ``apart`` is the distance in standard errors of both together, ``p`` its two-sided probability; None where one of
+    them is not known or not estimated.
     """
     from pendubot_identification.model.parameters import NAMES, UNITS
 
@@ -95,14 +96,24 @@ def _parameters(results: Sequence[Result | Given]) -> dict[str, Any]:
         values = [None if e is None else e.value for e in entries]
         # How far the data would let a parameter off its bound is not how uncertain it is.
         errors = [None if e is None or e.on_bound else e.std_error for e in entries]
-        first, first_error = values[0], errors[0]
-        apart = [
-            None if first is None or v is None or not first_error or not e else (v - first) / math.hypot(first_error, e)
-            for v, e in zip(values, errors, strict=True)
-        ]
+        tests = [_welch(entries[0], entry) for entry in entries]
         if any(entries):
-            rows[name] = {'unit': unit, 'value': values, 'std_error': errors, 'apart': apart}
+            apart, p = (list(column) for column in zip(*tests, strict=True))
+            rows[name] = {'unit': unit, 'value': values, 'std_error': errors, 'apart': apart, 'p': p}
     return rows
+
+
+def _welch(a: Parameter | None, b: Parameter | None) -> tuple[float | None, float | None]:
+    """Return t and its two-sided probability (Welch, Biometrika 34, 1947)."""
+    from scipy.special import ndtr, stdtr
+
+    if a is None or b is None or a.on_bound or b.on_bound or not a.std_error or not b.std_error:
+        return None, None
+    parts = [(a.std_error**2, a.degrees_of_freedom), (b.std_error**2, b.degrees_of_freedom)]
+    variance = sum(s for s, _ in parts)
+    t = (b.value - a.value) / math.sqrt(variance)
+    inverse = sum(s**2 / n for s, n in parts if n) / variance**2
+    return t, float(2 * (stdtr(1 / inverse, -abs(t)) if inverse else ndtr(-abs(t))))
 
 
 def _training(result: Result | Given) -> list[Part]:

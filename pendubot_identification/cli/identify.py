@@ -65,11 +65,11 @@ At most ten minutes are taken at once, or three of more than 200 000 samples. Wh
 track does, to name the minutes of it that are worth identifying; where the rest of a bag validates and is longer, its
 first minute does.
 
-Three criteria can be minimised. Each is held against data that it has not seen, by simulation; the one that predicts
-them best is published, and the others stand beside it:
+Three criteria can be minimised. The likelihood is published unless others are asked for. MDE minimises the paper's
+energy in every identification, and its answer stands beside the published one:
   energy      the paper's: the work done equals the energy gained. Quadratic
-  weak        the equations of motion times smooth bumps, integrated: no acceleration is needed. Quadratic
-  trajectory  simulated motion equals recorded motion, over short segments. The sharpest; starts where weak ends
+  weak        the equations of motion times smooth test functions, integrated. Quadratic
+  likelihood  what Kalman filters expect of the next samples, then prediction errors. Starts from weak
 Four models, each with all of the one before it:
   viscous     P1 to P5, b1, b2: the paper's
   coulomb     and Coulomb friction, Fc1 Fc2
@@ -78,7 +78,7 @@ Four models, each with all of the one before it:
 """
 EXAMPLES = """\
 examples:
-  pendubot identify swing                                     halves of one bag, all criteria, the model chosen
+  pendubot identify swing                                     one half of a bag estimates, the other validates
   pendubot identify swing --criterion energy --model viscous --spread 0   as in the paper, all 4000 generations
   pendubot identify swing@0:9 --validate swing@9:18           windows of your own
   pendubot identify a b c --validate d --output result.yaml   several recordings pooled
@@ -108,7 +108,8 @@ def add_parser(subparsers: Any) -> None:
         action='append',
         default=[],
         metavar='NAME=LOW:HIGH',
-        help='search interval of a parameter, such as P1=0:0.5; equal ends hold it; may be repeated',
+        help='search interval of a parameter, such as P1=0:0.5; equal ends hold it; may be repeated; default ones '
+        'grow with the rig',
     )
     what.add_argument(
         '--fix',
@@ -300,13 +301,11 @@ def _settings(args: argparse.Namespace) -> Settings:
     without = None
     if settings.optimizer == 'lsq':
         without = '--optimizer lsq does without; leave one of the two out'
-    elif settings.optimizer == 'auto' and criteria == 'trajectory':
-        without = '--criterion trajectory does without unless it is asked for; leave it out, or add --optimizer mde'
     for option in MDE:
         if without and option.name in given:
             raise UsageError(f'{flag(option.name)} is of MDE, and {without}')
     # Of energy, a delay would but silence what is said of stamps that are off.
-    for name, users in (('sliding', ('energy',)), ('delay', ('weak', 'trajectory')), ('start', ('trajectory',))):
+    for name, users in (('delay', ('weak', 'likelihood')), ('start', ('likelihood',))):
         if name in given and not set(users) & set(settings.criteria):
             raise UsageError(
                 f'--{name} is of {" and ".join(users)}, and --criterion {criteria} does without; leave one of the two '

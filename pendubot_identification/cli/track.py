@@ -159,6 +159,8 @@ def follow(
                 track.add(told)
                 if not isinstance(told, State):
                     minutes.happened(told, base)
+        if until > base and (cut := window.cut(until - base)):
+            track.notes.append(cut)
         track.windows += [str(BagWindow(window.path, *found)) for found in minutes.best()]
         base = until + BETWEEN
     return tracker, track

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,9 +19,10 @@ from pendubot_identification.trajectories.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
-#: No joint of a bench-top rig turns faster [rad/s]: an angle in degrees, wrapped at a turn, or a jump of an encoder.
-TOP_SPEED = 100.0
-#: Nor any for half of the time faster than this [rad/s], but in degrees.
+#: No joint of a bench-top rig turns faster [rad/s], or further between two samples [rad]: its angle is in degrees,
+#: wrapped at a turn, or its encoder jumped. Links of 2 cm reach 300 rad/s; a smoothed wrap steps by pi.
+TOP_SPEED, TOP_STEP = 500.0, 0.8 * math.pi
+#: Above this median [rad/s] such angles may be in degrees.
 FAST = 30.0
 
 
@@ -72,7 +74,7 @@ def _sums(recorded: Trajectory, even: Trajectory, smoothing: float, size: int) -
     """Return what multiplies the parameters, and the work [J], summed from the start on, of a recording made even."""
     step = even.interval
     q, qd = differentiate(even.q, step, smoothing)
-    require_plausible_speed(even.name, step * np.arange(len(q), dtype=float), qd)
+    require_plausible_speed(even.name, step * np.arange(len(q), dtype=float), qd, step)
     # A held torque does the work tau[k] (q[k+1] - q[k]) on its joint, whatever the motion in between. It is summed
     # over the samples as they were recorded: on a grid of other times a torque may be held for no time.
     done = _accumulated((recorded.tau[:-1] * np.diff(recorded.q, axis=0)).sum(axis=1))
@@ -87,22 +89,24 @@ def _sums(recorded: Trajectory, even: Trajectory, smoothing: float, size: int) -
     return np.asarray(phi[:, :size]), work
 
 
-def require_plausible_speed(name: str, elapsed: Array, qd: Array) -> None:
+def require_plausible_speed(name: str, elapsed: Array, qd: Array, interval: float) -> None:
     """Refuse velocities [rad/s], shape (N, 2), at ``elapsed`` seconds of a recording, that no rig can have.
+
+    ``interval`` is the time between two recorded samples [s].
 
     Raises:
         TrajectoryError: it says which joint turns so fast, and when.
     """
-    fastest = np.abs(qd).max(axis=0)
-    if fastest.max() > TOP_SPEED:
+    fastest, limit = np.abs(qd).max(axis=0), min(TOP_SPEED, TOP_STEP / interval)
+    if fastest.max() > limit:
         joint = int(fastest.argmax())
         # Angles that jump do so now and then.
         degrees = float(np.median(np.abs(qd).max(axis=1))) > FAST
         raise TrajectoryError(
             f'{name}: the {("shoulder", "elbow")[joint]} turns at {fastest[joint]:.4g} rad/s, '
-            f'{elapsed[np.abs(qd[:, joint]).argmax()]:.3f} s after its start, and at most {TOP_SPEED:g} '
+            f'{elapsed[np.abs(qd[:, joint]).argmax()]:.3f} s after its start, and at most {limit:.4g} '
             'is plausible; are its angles in radians, unwrapped and without jumps, and its stamps true?'
-            + (' They look like degrees: add --degrees' if degrees else ''),
+            + (' If they are in degrees, add --degrees' if degrees else ''),
             **({'degrees': 'true'} if degrees else {}),
         )
 

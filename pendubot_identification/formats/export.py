@@ -46,7 +46,7 @@ def export(
     parameters = _vector(result)
     if format in ROBOTS:
         rig = rig_of(result.theta, link_length)
-        said = [*rig.choices, *limits(rig.parameters, armature=format == 'mjcf'), *_late(result)]
+        said = [*rig.choices, *limits(rig.parameters, armature=format == 'mjcf'), *_beside(result)]
         named = [f'{name} = {entry.value!r} {_described(name, entry)}' for name, entry in parameters.items()]
         return ROBOTS[format](rig, [*provenance(result), *named, *said], torque_limit), said
     if format == 'json':
@@ -54,7 +54,7 @@ def export(
     if format == 'yaml':
         return _yaml(parameters, provenance(result)), []
     entries = [Entry(name, e.value, e.std_error, _described(name, e)) for name, e in parameters.items()]
-    return LANGUAGES[format](entries, [*provenance(result), *_late(result)]), _late(result)
+    return LANGUAGES[format](entries, [*provenance(result), *_beside(result)]), _beside(result)
 
 
 def require_limit(torque: float | None) -> None:
@@ -81,10 +81,14 @@ def provenance(result: Exported) -> list[str]:
     return [' '.join(str(line).split()) for line in lines]
 
 
-def _late(result: Exported) -> list[str]:
-    """Return what a model without a motor does not say."""
+def _beside(result: Exported) -> list[str]:
+    """Return what acts on the rig beside the model: a delay, and effects that were estimated together with it."""
     delay = result.effort.delay
-    return [f'torques act {delay:.4g} s later than they are stamped, which is not in this model'] if delay else []
+    said = [f'torques act {delay:.4g} s later than they are stamped, which is not in this model'] if delay else []
+    effects = [f'{e.name} ({e.where})' for e in result.effects if e.accepted]
+    if effects:
+        said.append(f'estimated together with {", ".join(effects)}, not in this model; its friction holds beside that')
+    return said
 
 
 def _yaml(parameters: dict[str, Parameter], comments: list[str]) -> str:

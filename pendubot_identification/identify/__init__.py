@@ -3,5 +3,5 @@
 
 """Trajectories and settings in; parameters with covariance, level and warnings out: one pipeline.
 
-It reads from the top in :mod:`.identification`: prepare, choose the model, minimise each criterion, predict, check.
+It reads from the top in :mod:`.identification`: prepare, check conventions, fit, predict, assess.
 """

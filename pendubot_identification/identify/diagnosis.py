@@ -3,9 +3,9 @@
 
 """What is wrong with the conventions of a recording: signs, order, zeros and stamps, from the motion itself.
 
-A recording that breaks a convention is poorly explained by any physical parameters, and well explained once it is put
-right. So every known fault is put right on trial, and named where that makes the weak criterion fall markedly, to what
-a sound recording leaves. Where nothing does that, all that is said is that the motion fits no pendubot.
+No physical parameters explain a recording that breaks a convention. So every known correction is applied on trial, the
+weak criterion is fitted, and the corrections are ranked by the residual. The best one is named if the residual falls
+markedly, to that of a sound recording. If none does, the message says that the motion fits no pendubot.
 
 What cannot be noticed: an effort through another gear ratio or in other units, which scales all parameters (but for
 one a thousand times too large, with which no link could be so small and so heavy); both joints and both efforts
@@ -18,7 +18,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,61 +42,67 @@ from .uncertainty import Blocks, bootstrap_covariance
 
 Array = NDArray[np.float64]
 Matrix = tuple[Pair, Pair]
-#: Unit vectors of both joints' angles.
-JOINTS = np.eye(2)
-
 #: Dry friction and a rotor are allowed for; a richer model would explain faults away.
 MODEL = 'rotor'
 _BOX = default_bounds().of(MODELS[MODEL])
 #: The effort may be in any units.
 BOUNDS = Bounds(_BOX.lower, 1e6 * _BOX.upper, _BOX.names)
-#: Of the balances of the shoulder, the elbow and energy: smoothing spoils energy, and elbows are small.
-WEIGHTS = (1.0, 3.0, 0.1)
-#: From bump to bump [s].
-STRIDE = 0.03
-#: Recordings shorter than this [s] tell nothing.
-SHORTEST = 1.0
-#: By how much putting it right must lower the unexplained part: a sense or an order, and a zero or a delay.
-TURNED, SHIFTED = 2.0, 1.2
-#: A motion in degrees is as large [rad]: what is small fits any rig, and little moves as a pendulum in any unit.
-AS_DEGREES = 10.0
-#: Another sense or order makes the squared effort, work included, at most so many times as large.
-OTHER_EFFORT = 2.0
-#: By how much a sense must lower what is left of the elbow's own balance, where that is much.
-ELBOW = 30.0
-#: A zero or an offset that lowers it by so much had made some parameter wrong by a sixth and more, on virtual and real
-#: rigs.
-GRAVE = 5.0
-#: A sound recording leaves no more than this part unexplained, and so must one that is put right: real rigs leave 2 %,
-#: 5 % with stamps 20 ms late, and 12 % and more with what cures nothing.
-SOUND = 0.1
-#: What leaves less than this part has no fault: it is rounding.
-FLAWLESS = 1e-6
-#: What leaves more than this part, whatever is put right, moves as no pendubot.
-UNFIT = 0.3
-#: So much of a motion [s], and of either joint [rad], is needed to say that; so much time, too, to tell an offset.
-LONG_ENOUGH, FAR_ENOUGH = 3.0, 0.5
-#: Link 2 would be so dense [kg/m^3], all its mass in a cube as wide as its centre of mass is far from its joint: those
-#: of real rigs are 16 to 80, steel is 7800.
-TOO_DENSE = 5000.0
-#: A link 2 that is not so dense must leave so many times as much unexplained: of few counts the least squares alone may
-#: make P2 nothing.
-TOLD = 1.01
-#: Remedies that leave up to so many times as much unexplained as the best one are named beside it.
-ALIKE = 1.5
-#: Another smoothing and hold than were given must leave so many times less, for half an interval looks like a delay.
-REREAD = 10.0
-#: Remedies that leave up to so many times what the best one does are tried with a second one.
-TRIED = 5.0
-#: A zero that is off by less [rad] matters little.
-LEAST_ZERO = math.radians(2.0)
-#: How many times the angle at which friction holds a hanging link a zero must be off; zeros of several recordings are
-#: taken to be independent.
-FRICTION_ANGLES = 1.3
-#: A delay that is off by less [s] matters little.
-LEAST_DELAY = 0.01
-#: A link's length must be off by so many standard errors and by this part of it.
-LENGTH_ERRORS, LENGTH_PART = 5.0, 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class DiagnosisSettings:
+    """When a fault is named; fractions are of the squared effort that the model does not explain."""
+
+    #: Of the residuals of shoulder, elbow and energy: smoothing spoils energy, and elbows are small.
+    weights: tuple[float, float, float] = (1.0, 3.0, 0.1)
+    #: From test function to test function [s].
+    stride: float = 0.03
+    #: Shorter recordings tell nothing; shorter ones together tell no offset and no motion that fits no rig [s].
+    shortest: float = 1.0
+    long_enough: float = 3.0
+    #: Both joints must move so far [rad] before a motion fits no rig.
+    far_enough: float = 0.5
+    #: Degrees read as radians move so far [rad]: a small motion fits any rig.
+    far_in_degrees: float = 10.0
+    #: A correction leaves at most so many times the squared residual: one that makes the effort larger is no better.
+    more_effort: float = 2.0
+    #: A sound recording leaves less: real rigs leave .02, and .05 with stamps 20 ms late.
+    sound: float = 0.1
+    #: Quantization alone leaves so much.
+    flawless: float = 1e-6
+    #: A motion that leaves more, whatever is corrected, fits no rig.
+    unfit: float = 0.3
+    #: A correction of sense or order, of a zero or a delay, and of the elbow's own equation must divide the fraction
+    #: by so much.
+    turned: float = 2.0
+    shifted: float = 1.2
+    elbow: float = 30.0
+    #: An offset that explains no more does not matter: it is 1 % of the effort's RMS.
+    least_offset: float = 1e-4
+    #: A zero or an offset that divides the fraction by so much made some parameter wrong by a sixth and more.
+    severe: float = 5.0
+    #: Corrections that leave up to so many times as much as the best one are named beside it.
+    alike: float = 1.5
+    #: Another smoothing and hold than were given must divide the fraction by so much: half an interval looks like a
+    #: delay.
+    reread: float = 10.0
+    #: A zero [rad] and a delay [s] that are off by less matter little.
+    least_zero: float = math.radians(2.0)
+    least_delay: float = 0.01
+    #: How many times the angle at which friction holds a hanging link a zero must be off.
+    friction_angles: float = 1.3
+    #: Link 2 is no denser [kg/m^3], all its mass in a cube as wide as its centre of mass is far from its joint (real
+    #: rigs: 16 to 80, steel: 7800), unless a less dense one leaves no more than so many times as much.
+    densest: float = 5000.0
+    denser: float = 1.01
+    #: A link's length must be off by so many standard errors and by this part of it.
+    length_errors: float = 5.0
+    length_part: float = 0.1
+
+
+SETTINGS = DiagnosisSettings()
+#: By joint, the numbers of the parameters whose columns depend on its zero: P4 and P5, P3 and P5.
+TURNING = ([3, 4], [2, 4])
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,52 +157,37 @@ _WHAT_IS_EXPECTED = {
     'degrees': 'positions must be in radians',
 }
 _NEGATED, _DISORDERED = 'has the wrong sign', 'are in the wrong order'
-_RELATIVELY = "subtract the shoulder's position"
-_CONVERTED = 'convert them'
+_OPPOSITE = (
+    'the elbow turns the other way than the shoulder',
+    "negate the elbow's position and effort (or the shoulder's)",
+)
+_TO_HANGING = "negate the shoulder's position, so that hanging is -90 degrees"
 _NO_SHIFT = (0.0, 0.0)
 _DEGREE = math.pi / 180
 _IN_RADIANS = ((_DEGREE, 0.0), (0.0, _DEGREE))
+_MIRROR, _FROM_HORIZONTAL = f"the shoulder's position {_NEGATED}", ', as measured from the horizontal'
+_JOINTS, _POSITIONS = f'the joints {_DISORDERED}', f"the joints' positions {_DISORDERED}"
+_ABSOLUTE = 'absolute', "the elbow's position is absolute", "subtract the shoulder's position"
+_DEGREES, _UPRIGHT = 'the positions are in degrees', ((1 - _DEGREE) * math.pi / 2, 0.0)
 #: Faults of sense or order: name, what is wrong, what to do, and what undoes it: matrices for angles from hanging and
 #: for efforts, and what is then added to the positions [rad] where they were turned about another zero than hanging.
 _TURNS: tuple[tuple[str, str, str, Matrix, Matrix, Pair], ...] = (
     ('sign', f"the elbow's position {_NEGATED}", "negate the elbow's position", _SECOND, _AS_IS, _NO_SHIFT),
-    (
-        'sign',
-        'the elbow turns the other way than the shoulder',
-        "negate the elbow's position and effort (or the shoulder's)",
-        *(_SECOND, _SECOND, _NO_SHIFT),
-    ),
+    ('sign', *_OPPOSITE, _SECOND, _SECOND, _NO_SHIFT),
     ('sign', f'the effort {_NEGATED}', 'negate the effort (or both positions)', _AS_IS, _BOTH, _NO_SHIFT),
-    (
-        'sign',
-        f"the shoulder's position {_NEGATED}",
-        "negate the shoulder's position (or the elbow's and the effort)",
-        *(_FIRST, _AS_IS, _NO_SHIFT),
-    ),
-    (
-        'sign',
-        f"the shoulder's position {_NEGATED}, as measured from the horizontal",
-        "negate the shoulder's position, so that hanging is -90 degrees",
-        *(_FIRST, _AS_IS, _MIRRORED),
-    ),
+    ('sign', _MIRROR, "negate the shoulder's position (or the elbow's and the effort)", _FIRST, _AS_IS, _NO_SHIFT),
+    ('sign', _MIRROR + _FROM_HORIZONTAL, _TO_HANGING, _FIRST, _AS_IS, _MIRRORED),
     ('sign', f"the shoulder's effort {_NEGATED}", "negate the shoulder's effort", _AS_IS, _FIRST, _NO_SHIFT),
     ('sign', f"the elbow's effort {_NEGATED}", "negate the elbow's effort", _AS_IS, _SECOND, _NO_SHIFT),
-    ('order', f'the joints {_DISORDERED}', 'exchange the joints', _EXCHANGED, _EXCHANGED, _NO_SHIFT),
-    ('order', f"the joints' positions {_DISORDERED}", 'exchange the positions', _EXCHANGED, _AS_IS, _NO_SHIFT),
-    ('order', f'the joints {_DISORDERED}', 'exchange the joints', _EXCHANGED, _EXCHANGED, _SWAPPED),
-    ('order', f"the joints' positions {_DISORDERED}", 'exchange the positions', _EXCHANGED, _AS_IS, _SWAPPED),
+    ('order', _JOINTS, 'exchange the joints', _EXCHANGED, _EXCHANGED, _NO_SHIFT),
+    ('order', _POSITIONS, 'exchange the positions', _EXCHANGED, _AS_IS, _NO_SHIFT),
+    ('order', _JOINTS, 'exchange the joints', _EXCHANGED, _EXCHANGED, _SWAPPED),
+    ('order', _POSITIONS, 'exchange the positions', _EXCHANGED, _AS_IS, _SWAPPED),
     ('order', f"the joints' efforts {_DISORDERED}", 'exchange the efforts', _AS_IS, _EXCHANGED, _NO_SHIFT),
-    ('absolute', "the elbow's position is absolute", _RELATIVELY, _RELATIVE, _AS_IS, _NO_SHIFT),
-    ('absolute', "the elbow's position is absolute", _RELATIVELY, _RELATIVE, _AS_IS, _LIFTED),
-    ('degrees', 'the positions are in degrees', _CONVERTED, _IN_RADIANS, _AS_IS, ((1 - _DEGREE) * math.pi / 2, 0.0)),
-    (
-        'degrees',
-        'the positions are in degrees from hanging',
-        _CONVERTED,
-        _IN_RADIANS,
-        _AS_IS,
-        (-_DEGREE * math.pi / 2, 0.0),
-    ),
+    (*_ABSOLUTE, _RELATIVE, _AS_IS, _NO_SHIFT),
+    (*_ABSOLUTE, _RELATIVE, _AS_IS, _LIFTED),
+    ('degrees', _DEGREES, 'convert them', _IN_RADIANS, _AS_IS, _UPRIGHT),
+    ('degrees', f'{_DEGREES} from hanging', 'convert them', _IN_RADIANS, _AS_IS, (-_DEGREE * math.pi / 2, 0.0)),
 )
 #: What the zeros must be.
 _ZEROS = (
@@ -227,22 +219,23 @@ def diagnose(
         delay: what is known of the effort's delay [s], not what was estimated from these recordings.
         expected_link_length: of link 1 [m], to be compared with the one that the elbow's motion tells.
     """
-    rig = _Rig(tuple(m for m in motions if m.recorded.duration >= SHORTEST), delay)
+    rig = _Rig(tuple(m for m in motions if m.recorded.duration >= SETTINGS.shortest), delay)
     if not any(t.tau.any() for t in rig.trajectories):
         return ()
     cured, left, faults = _cured(rig)
-    if faults or left > UNFIT:
+    if faults or left > SETTINGS.unfit:
         # Of spoiled data smoothing and hold, where these were chosen from them, are spoiled as well.
         how = min(smoothing, SMOOTHING), 'linear' if hold == 'zero' else 'zero'
         other = tuple(Motion.prepare(t, *how) for t in rig.trajectories)
-        if (found := _cured(_Rig(other, delay)))[1] * REREAD < left:
+        if (found := _cured(_Rig(other, delay)))[1] * SETTINGS.reread < left:
             cured, left, faults = found
     if not faults:
         faults = _unfit(rig)
     faults += _unit(cured)
     if expected_link_length is not None:
         length, error = link_length(cured.motions, model, cured.delay)
-        if abs(length - expected_link_length) > max(LENGTH_ERRORS * error, LENGTH_PART * expected_link_length):
+        tolerance = max(SETTINGS.length_errors * error, SETTINGS.length_part * expected_link_length)
+        if abs(length - expected_link_length) > tolerance:
             faults.append(
                 Fault(
                     'length',
@@ -272,36 +265,28 @@ def with_options(faults: Iterable[Fault], reading: Reading) -> tuple[Fault, ...]
 
 
 def _cured(rig: _Rig) -> tuple[_Rig, float, list[Fault]]:
-    """Return the rig put right by the remedy, or the two, that leave least, what that is, and what was wrong.
+    """Return the corrected rig, the fraction that it leaves, and what was wrong; the rig as it is if nothing helps.
 
-    The rig as it is where nothing is wrong, or nothing puts it right.
+    The best correction is applied, and the rig diagnosed again, for two faults at most.
     """
-    as_is = rig.unexplained(np.zeros(2))
-    if as_is < FLAWLESS:
-        return rig, as_is, []
-    # Of those that leave the very same only the first: on a pendubot the effort is the shoulder's alone.
-    firsts: dict[float, _Remedy] = {}
-    for remedy in (*_turns(rig), *_others(rig)):
-        firsts.setdefault(remedy[0].put_right, remedy)
-    cures: list[tuple[float, list[_Remedy]]] = []
-    for first in (remedy for after, remedy in firsts.items() if after <= TRIED * min(firsts)):
+    corrected, left, faults = rig, rig.unexplained, list[Fault]()
+    for kinds in ((_turns, _zeros, _offsets, _delays), (_zeros, _offsets, _delays)):
+        if left < SETTINGS.flawless:
+            break
+        # Of those that leave the very same only the first: on a pendubot the effort is the shoulder's alone.
+        found: dict[float, _Remedy] = {}
+        for fault, right in chain.from_iterable(kind(corrected) for kind in kinds):
+            found.setdefault(fault.put_right, (fault, right))
         # Two faults are less likely than one.
-        second = min(_others(first[1]), key=lambda remedy: remedy[0].put_right, default=None)
-        left = second[0].put_right if second else first[0].put_right
-        if left < SOUND:
-            cures.append((left * ALIKE, [first, second]) if second else (left, [first]))
-    if not cures:
-        return rig, as_is, []
-    cures.sort(key=lambda cure: cure[0])
-    least, steps = cures[0]
-    alike = ', or '.join(first.found for score, ((first, _), *_) in cures if score <= least * ALIKE)
-    faults, before = [], as_is
-    for (fault, _), found in zip(steps, (alike, steps[-1][0].found), strict=False):
-        grave = fault.name in _WHAT_IS_EXPECTED or before > GRAVE * fault.put_right
-        level = Level.ERROR if grave else Level.WARN
-        faults.append(replace(fault, found=found, level=level, unexplained=before))
-        before = fault.put_right
-    return steps[-1][1], before, faults
+        if not found or (faults and min(found) * SETTINGS.alike > left):
+            break
+        fault, right = found[min(found)]
+        alike = [found[after][0].found for after in sorted(found) if after <= SETTINGS.alike * min(found)]
+        severe = fault.name in _WHAT_IS_EXPECTED or left > SETTINGS.severe * fault.put_right
+        level = Level.ERROR if severe else Level.WARN
+        faults.append(replace(fault, found=', or '.join(alike), level=level, unexplained=left))
+        corrected, left = right, fault.put_right
+    return (corrected, left, faults) if left < SETTINGS.sound else (rig, rig.unexplained, [])
 
 
 def _unit(rig: _Rig) -> list[Fault]:
@@ -309,11 +294,11 @@ def _unit(rig: _Rig) -> list[Fault]:
 
     m2 is at least P5^2 / P2, and d2 at most P2 / P5.
     """
-    criterion = _pooled(rig.regressions)
-    theta = dict(zip(NAMES, criterion.minimum_in_box(BOUNDS), strict=False))
-    P2, P5 = theta['P2'], theta['P5']
-    left, least = _unexplained(criterion), float((P5**5 / TOO_DENSE) ** 0.25)
-    if not 0 < P2 < least or left > SOUND or _unexplained(criterion, BOUNDS.replaced('P2', least, least)) < TOLD * left:
+    P2, P5 = rig.theta[1], rig.theta[4]
+    left, least = rig.unexplained, float((P5**5 / SETTINGS.densest) ** 0.25)
+    if not 0 < P2 < least or left > SETTINGS.sound:
+        return []
+    if _unexplained(rig.criterion, BOUNDS.replaced('P2', least, least)) < SETTINGS.denser * left:
         return []
     fault = Fault(
         'unit',
@@ -329,10 +314,8 @@ def _unit(rig: _Rig) -> list[Fault]:
 def _unfit(rig: _Rig) -> list[Fault]:
     """Return that the motion is no pendubot's, whatever the units of its effort."""
     moved = np.max([np.ptp(t.q, axis=0) for t in rig.trajectories], axis=0)
-    if rig.duration < LONG_ENOUGH or moved.min() < FAR_ENOUGH:
-        return []
-    left = _unexplained(_pooled(rig.regressions))
-    if left <= UNFIT:
+    left = rig.unexplained
+    if rig.duration < SETTINGS.long_enough or moved.min() < SETTINGS.far_enough or left <= SETTINGS.unfit:
         return []
     return [
         Fault(
@@ -392,96 +375,91 @@ class _Rig:
 
     @cached_property
     def regressions(self) -> list[Regression]:
-        return [self._regression(motion) for motion in self.motions]
-
-    def _regression(self, motion: Motion) -> Regression:
-        """Return the balances of a motion, which are made once."""
-        what = 'conventions', self.delay
-        return motion.once(
-            what, lambda: weak_regression(motion, MODEL, self.delay, weights=WEIGHTS, stride=STRIDE, coarse=True)
-        )
+        """The weak-form residuals of each motion, made once."""
+        weights, stride = SETTINGS.weights, SETTINGS.stride
+        made = partial(weak_regression, model=MODEL, delay=self.delay, weights=weights, stride=stride, coarse=True)
+        return [motion.once(('conventions', self.delay), partial(made, motion)) for motion in self.motions]
 
     @cached_property
+    def criterion(self) -> Quadratic:
+        return _pooled(self.regressions)
+
+    @cached_property
+    def theta(self) -> Array:
+        """The parameters of least residual, shape (D,)."""
+        return self.criterion.minimum_in_box(BOUNDS)
+
+    @property
     def effort(self) -> float:
         """The squared effort that is to be explained."""
-        return sum(float((part.y**2).sum()) for part in self.regressions)
+        return self.criterion.count * float(self.criterion(np.zeros_like(self.theta)))
 
-    def leaves_more_than(self, squares: float) -> bool:
-        """Tell, mostly by the first recordings, whether more is left: together they leave what each alone does."""
-        for motion in self.motions:
-            criterion = _pooled([self._regression(motion)])
-            squares -= criterion.count * float(criterion(criterion.minimum_in_box(BOUNDS)))
-            if squares < 0:
-                return True
-        return False
-
-    def changed(self, change: Affine) -> _Rig:
-        return replace(self, motions=tuple(m.changed(change) for m in self.motions))
-
-    def turned_by(self, angles: Array) -> _Rig:
-        """Return the rig with angles [rad] taken from its joints' positions."""
-        return self.changed(Affine.of(c=-angles))
+    @cached_property
+    def unexplained(self) -> float:
+        """The fraction of the squared effort that the model does not explain."""
+        return _unexplained(self.criterion)
 
     @cached_property
     def elbow(self) -> float:
-        """What is left unexplained of the elbow's own balance, in which a light elbow counts as much as a heavy one."""
+        """The same of the elbow's own equation, in which a light elbow counts as much as a heavy one."""
         criterion = _pooled(_elbows_own(self.motions, MODEL, self.delay))
         gravity = float(criterion(np.zeros_like(criterion.y)))
         return float(criterion(criterion.free_minimum())) / gravity if gravity > 0 else 0.0
 
-    @cached_property
-    def turned(self) -> list[Regression]:
-        """The regressions with more columns, those of the same motion turned by a right angle.
+    def changed(self, change: Affine) -> _Rig:
+        return replace(self, motions=tuple(m.changed(change) for m in self.motions))
 
-        In both together what depends on a zero is linear in the cosine and the sine of its error: P3 in q2's, P4 in
-        q1's, P5 in that of both.
-        """
-        first, second = (self.turned_by(math.pi / 2 * joint).regressions for joint in JOINTS)
+    def turned_by(self, joint: int, angle: float) -> _Rig:
+        """Return the rig with an angle [rad] taken from a joint's position."""
+        return self.changed(Affine.of(c=-angle * np.eye(2)[joint]))
+
+    @cached_property
+    def turned(self) -> list[list[Array]]:
+        """For each joint the columns that depend on its zero, of the same motion turned by a right angle."""
         return [
-            Regression(np.column_stack([as_is.phi, other.phi[:, 2], one.phi[:, 3:5]]), as_is.y, as_is.t)
-            for as_is, one, other in zip(self.regressions, first, second, strict=True)
+            [part.phi[:, TURNING[joint]] for part in self.turned_by(joint, math.pi / 2).regressions] for joint in (0, 1)
         ]
 
-    @cached_property
-    def _criterion(self) -> Quadratic:
-        return _pooled(self.turned)
+    def slopes(self, joint: int) -> list[Array]:
+        """Return the derivative of what theta explains by the error of a zero, for each motion."""
+        return [columns @ self.theta[TURNING[joint]] for columns in self.turned[joint]]
 
-    def theta(self, angles: Array) -> Array:
-        """Return the parameters, shape (D,), when the zeros are off by angles [rad]."""
-        return self._criterion.along(_turned(angles)).minimum_in_box(BOUNDS)
-
-    def unexplained(self, angles: Array) -> float:
-        """Return the part of the squared effort that is left unexplained when the zeros are off by angles [rad]."""
-        return _unexplained(self._criterion.along(_turned(angles)))
-
-    def zero(self, joint: int, low: float, high: float, others: Array | float = 0.0) -> float:
-        """Return the angle [rad] between two by which the zero of one joint is most likely off, given the other's."""
-        return lowest_between(lambda angle: self.unexplained(angle * JOINTS[joint] + others), low, high, 1e-4)
-
-    def tolerance(self, joint: int, angles: Array) -> float:
+    def tolerance(self, joint: int) -> float:
         """Return by how much a zero [rad] may be off that was set while the rig hung at rest."""
-        values = dict(zip(NAMES, self.theta(angles), strict=False))
+        values = dict(zip(NAMES, self.theta, strict=False))
         weight = GRAVITY * (values['P5'] + (values['P4'] if joint == 0 else 0.0))
         dry = values['Fc1' if joint == 0 else 'Fc2']
         held = math.asin(min(1.0, dry / weight)) if weight > 0 else math.pi / 2
-        return max(LEAST_ZERO, FRICTION_ANGLES * held / math.sqrt(len(self.motions)))
+        return max(SETTINGS.least_zero, SETTINGS.friction_angles * held / math.sqrt(len(self.motions)))
 
     @cached_property
     def tolerated(self) -> float:
-        """What is left unexplained when both zeros are off by no more than their tolerances."""
-        first, second = (self.tolerance(joint, np.zeros(2)) for joint in (0, 1))
-        q1 = self.zero(0, -first, first) * JOINTS[0]
-        return self.unexplained(q1 + self.zero(1, -second, second, q1) * JOINTS[1])
+        """The fraction that is left when both zeros are off by no more than their tolerances."""
+        rows = zip(self.regressions, self.slopes(0), self.slopes(1), strict=True)
+        criterion = _pooled(_beside(part, first, second) for part, first, second in rows)
+        most = np.array([self.tolerance(0), self.tolerance(1)])
+        names = (*BOUNDS.names, 'zero1', 'zero2')
+        return _unexplained(criterion, Bounds(np.append(BOUNDS.lower, -most), np.append(BOUNDS.upper, most), names))
 
-    def std_error(self, joint: int, angles: Array) -> float:
-        """Return the standard error of a zero [rad]: that of the coefficient of what changes with it."""
-        theta = self.theta(angles)
-        turning = [(3, 4), (2, 4)][joint]
-        further = _turned(angles + math.pi / 2 * JOINTS[joint])
-        columns = np.column_stack([_turned(angles), further[:, turning] @ theta[list(turning)]])
-        blocks = Blocks.of([Regression(part.phi @ columns, part.y, part.t) for part in self.turned])
-        free = np.append(~BOUNDS.at_bound(theta, 1e-6), True)
-        return math.sqrt(bootstrap_covariance(blocks, np.append(theta, 0.0), free)[-1, -1])
+    def zero(self, joint: int) -> float:
+        """Return the angle [rad] by which the zero of a joint is off: the residual is linear in its cosine and sine."""
+        size, turning, step = len(BOUNDS.names), TURNING[joint], math.radians(15)
+        criterion = _pooled(map(_beside, self.regressions, self.turned[joint]))
+
+        def unexplained(angle: float) -> float:
+            directions = np.eye(size + 2, size)
+            directions[turning, turning], directions[[size, size + 1], turning] = math.cos(angle), math.sin(angle)
+            return _unexplained(criterion.along(directions))
+
+        nearest = min(np.arange(-math.pi, math.pi, step), key=unexplained)
+        return lowest_between(unexplained, nearest - step, nearest + step, 1e-4)
+
+    def zero_error(self, joint: int) -> float:
+        """Return the standard error of a zero [rad] that is right: of the coefficient of its derivative."""
+        slopes = self.slopes(joint)
+        blocks = Blocks.of([_beside(part, slope) for part, slope in zip(self.regressions, slopes, strict=True)])
+        free = np.append(~BOUNDS.at_bound(self.theta, 1e-6), True)
+        return math.sqrt(bootstrap_covariance(blocks, np.append(self.theta, 0.0), free)[-1, -1])
 
 
 #: A fault, and the rig put right.
@@ -492,44 +470,38 @@ def _turns(rig: _Rig) -> Iterator[_Remedy]:
     hanging = np.array(HANGING)
     moved = max(float(np.ptp(t.q, axis=0).max()) for t in rig.trajectories)
     for name, found, remedy, positions, efforts, shift in _TURNS:
-        if name == 'degrees' and moved < AS_DEGREES:
+        if name == 'degrees' and moved < SETTINGS.far_in_degrees:
             continue
         change = Affine.of(positions, hanging + shift - np.array(positions) @ hanging, efforts)
         right = rig.changed(change)
         try:
-            if right.leaves_more_than(OTHER_EFFORT * rig.tolerated * rig.effort):
-                continue
-            after = _unexplained(_pooled(right.regressions))
+            after = right.unexplained
             # Of a light elbow a wrong sense changes little of all the effort.
-            elbow = after < rig.tolerated and rig.elbow > SOUND and right.elbow * ELBOW < rig.elbow
+            light = after < rig.tolerated and rig.elbow > SETTINGS.sound and right.elbow * SETTINGS.elbow < rig.elbow
         except TrajectoryError:  # read like this, the rig moves as none can
             continue
-        if after * TURNED < rig.tolerated or elbow:
+        # Where a sense makes more effort, work included, a smaller fraction of it is as much.
+        if after * right.effort > SETTINGS.more_effort * rig.tolerated * rig.effort:
+            continue
+        if after * SETTINGS.turned < rig.tolerated or light:
             expected = f'{_WHAT_IS_EXPECTED[name]}: {remedy}'
             yield Fault(name, found, expected, put_right=after, change=change), right
 
 
-def _others(rig: _Rig) -> Iterator[_Remedy]:
-    for kind in (_zeros, _offsets, _delays):
-        yield from kind(rig)
-
-
 def _zeros(rig: _Rig) -> Iterator[_Remedy]:
-    coarse, step = np.radians(np.arange(-180, 180, 15)), math.radians(15)
     for joint, expected in enumerate(_ZEROS):
-        nearest = coarse[np.argmin([rig.unexplained(angle * JOINTS[joint]) for angle in coarse])]
-        angle = rig.zero(joint, nearest - step, nearest + step)
-        angles = angle * JOINTS[joint]
-        after = rig.unexplained(angles)
-        if after * SHIFTED < rig.unexplained(np.zeros(2)) and abs(angle) > rig.tolerance(joint, angles):
-            degrees, error = math.degrees(angle), math.degrees(rig.std_error(joint, angles))
+        angle = rig.zero(joint)
+        right = rig.turned_by(joint, angle)
+        after, tolerance = right.unexplained, right.tolerance(joint)
+        if after * SETTINGS.shifted < rig.unexplained and abs(angle) > tolerance:
+            degrees, error = math.degrees(angle), math.degrees(right.zero_error(joint))
             found = f"q{joint + 1}'s zero is off by {degrees:.1f} +- {error:.1g} degrees"
             remedy = f'{expected}: subtract {degrees:.1f} degrees'
             # A zero that somebody chose, and not one that is off.
-            right = round(angle / (math.pi / 2)) * math.pi / 2
-            chosen = right * JOINTS[joint] if right and abs(angle - right) < rig.tolerance(joint, angles) else angles
-            change = Affine.of(c=-chosen)
-            yield Fault('zero', found, remedy, put_right=after, change=change), rig.turned_by(angles)
+            quarter = round(angle / (math.pi / 2)) * math.pi / 2
+            chosen = quarter if quarter and abs(angle - quarter) < tolerance else angle
+            change = Affine.of(c=-chosen * np.eye(2)[joint])
+            yield Fault('zero', found, remedy, put_right=after, change=change), right
 
 
 def _offsets(rig: _Rig) -> Iterator[_Remedy]:
@@ -539,18 +511,15 @@ def _offsets(rig: _Rig) -> Iterator[_Remedy]:
         return rig.changed(Affine.of(d=(effort, 0.0)))
 
     most = max(float(np.abs(t.tau[:, 0]).max()) for t in rig.trajectories)
-    if not most > 0 or rig.duration < LONG_ENOUGH:
+    if not most > 0 or rig.duration < SETTINGS.long_enough:
         return
-    criterion = _pooled(
-        Regression(np.column_stack([as_is.phi, more.y - as_is.y]), as_is.y, as_is.t)
-        for as_is, more in zip(rig.regressions, by(most).regressions, strict=True)
-    )
-    box = Bounds(np.append(BOUNDS.lower, -1.0), np.append(BOUNDS.upper, 1.0), (*BOUNDS.names, 'offset'))
-    offset = most * float(criterion.minimum_in_box(box)[-1])
+    pairs = zip(rig.regressions, by(most).regressions, strict=True)
+    criterion = _pooled(_beside(as_is, more.y - as_is.y) for as_is, more in pairs)
+    offset = most * float(criterion.minimum_in_box(BOUNDS.beside(('offset',), 1.0))[-1])
     right = by(-offset)
-    after = _unexplained(_pooled(right.regressions))
+    after = right.unexplained
     # Zeros that dry friction holds off look like a small offset.
-    if after * SHIFTED < rig.tolerated:
+    if after * SETTINGS.shifted < rig.tolerated and rig.tolerated - after > SETTINGS.least_offset:
         found = f"the shoulder's effort is off by a constant {offset:.3g} N m"
         remedy = f'it must be 0 where no torque acts: subtract {offset:.3g} N m'
         yield Fault('offset', found, remedy, put_right=after, change=Affine.of(d=(-offset, 0.0))), right
@@ -559,27 +528,23 @@ def _offsets(rig: _Rig) -> Iterator[_Remedy]:
 def _delays(rig: _Rig) -> Iterator[_Remedy]:
     motions = rig.motions
     try:
-        delay = estimate_delay(motions, MODEL, BOUNDS, weights=WEIGHTS)
+        delay = estimate_delay(motions, MODEL, BOUNDS, weights=SETTINGS.weights)
     except TrajectoryError:  # too short for that
         return
     right = replace(rig, delay=delay)
-    after = _unexplained(_pooled(right.regressions))
+    after = right.unexplained
     # Whether an effort was held or measured makes half an interval of difference, and is not known for certain.
-    least = LEAST_DELAY + max(motion.interval for motion in motions) / 2
-    if abs(delay - rig.delay) >= least and after * SHIFTED < rig.tolerated:
+    least = SETTINGS.least_delay + max(motion.interval for motion in motions) / 2
+    if abs(delay - rig.delay) >= least and after * SETTINGS.shifted < rig.tolerated:
         late = round(1000 * (rig.delay - delay))
         what = f'is stamped {late} ms later than it acts' if late > 0 else f'acts {-late} ms later than it is stamped'
         remedy = f'each effort must bear the time from which it acts: identify with a delay of {delay:.3f} s'
         yield Fault('delay', f'the effort {what}', remedy, put_right=after, delay=delay), right
 
 
-def _turned(angles: Array) -> Array:
-    """Return directions in which theta counts when zeros are off by angles [rad], shape (D + 3, D)."""
-    size = len(BOUNDS.names)
-    directions = np.eye(size + 3)[:, :size]
-    for k, angle in ((2, angles[1]), (3, angles[0]), (4, angles[0] + angles[1])):
-        directions[k, k], directions[size + k - 2, k] = math.cos(angle), math.sin(angle)
-    return directions
+def _beside(part: Regression, *columns: Array) -> Regression:
+    """Return residuals with more columns."""
+    return Regression(np.column_stack([part.phi, *columns]), part.y, part.t)
 
 
 def _pooled(parts: Iterable[Regression]) -> Quadratic:

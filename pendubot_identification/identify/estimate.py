@@ -5,17 +5,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pendubot_identification.level import NORMAL_95, POOR, Level
+from pendubot_identification.level import POOR, Level
 from pendubot_identification.model.parameters import NAMES
 from pendubot_identification.optimizers.optimizer import OptimizationResult
 
 from .prediction import Prediction
+from .uncertainty import student_quantile
 
 Array = NDArray[np.float64]
 
@@ -28,10 +30,8 @@ REACHED = 1e-6
 WIDE = 0.5
 #: Below this an eigenvalue of a correlation matrix is 0, but for rounding.
 INDEPENDENT = 1e-10
-#: With fewer recordings than this, parts of their time take their place.
-FEWEST_RECORDINGS = 3
 #: Of J.
-UNITS_OF_J = {'energy': 'J^2', 'weak': '(N m)^2', 'trajectory': 'variance'}
+UNITS_OF_J = {'energy': 'J^2', 'weak': '(N m)^2', 'likelihood': 'nat per measurement'}
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,17 +69,17 @@ class Estimate:
     """The answer of one criterion.
 
     Attributes:
-        criterion: ``energy``, ``weak`` or ``trajectory``.
+        criterion: ``energy``, ``weak`` or ``likelihood``.
         model: the name of one of :data:`.parameters.MODELS`.
         theta: the estimate, shape (D,).
         free: which parameters lie on no bound, nor are held, shape (D,).
-        covariance: shape (D, D); NaN in the rows and columns of parameters on a bound. Scaled so that an interval of
-            1.96 standard errors to both sides holds the truth in 95 % of cases, however few the recordings.
+        covariance: shape (D, D); NaN in the rows and columns of parameters on a bound.
         correlation: of the errors by the information matrix at theta, shape (D, D): which parameters the motion tells
             apart. (That of few recordings' differences has only as many directions as there are differences.) NaN in
             the rows and columns of parameters on a bound, and of those that nothing tells.
         std_error: shape (D,); of a parameter on its bound, how far the data would let it off; NaN of one that is not in
             the model.
+        freedom: degrees of freedom of the standard errors, infinite where they are normal, shape (D,) or ().
         uncertainty: in words, how the covariance was found.
         effort: how the effort was taken.
         J: the criterion on the training data, in :attr:`unit`.
@@ -87,7 +87,7 @@ class Estimate:
         condition_number: of the scaled information.
         converged: whether the optimiser found a minimum.
         steps: in words, what each step of the optimisation came to.
-        unexplained: J over what it is with all parameters zero; NaN for ``trajectory``.
+        unexplained: J over what it is with all parameters zero; NaN for ``likelihood``.
         J_exact: the exact minimum of a quadratic criterion within the bounds; NaN for others.
         runs: what the runs of MDE found; None without.
         J_validation: the criterion on validation data, NaN without.
@@ -97,8 +97,6 @@ class Estimate:
         exact: whether the residuals are those of the encoders alone.
         held: which parameters were held at a value, shape (D,).
         absent: the parameters that are not in the model of this rig; theta has them as 0.
-        resized: what is added to the sizes of the effects' torques that were allowed for, where the criterion estimates
-            them along, shape (E,).
         level: how far to trust it.
         warnings: why, in sentences for the user.
         consequences: what follows from a grave fault of the recordings that the warnings name.
@@ -129,7 +127,7 @@ class Estimate:
     zeros: Zeros | None = None
     exact: bool = False
     absent: tuple[str, ...] = ()
-    resized: Array = field(default_factory=lambda: np.empty(0))
+    freedom: Array = field(default_factory=lambda: np.array(math.inf))
     level: Level = Level.OK
     warnings: tuple[str, ...] = ()
     consequences: tuple[str, ...] = ()
@@ -146,9 +144,14 @@ class Estimate:
         return ~np.isin(NAMES[: len(self.theta)], self.absent)
 
     @property
+    def half_width(self) -> Array:
+        """Half-width of the 95 % intervals, shape (D,)."""
+        return np.asarray(self.std_error * student_quantile(self.freedom))
+
+    @property
     def intervals(self) -> Array:
         """95 % intervals, shape (D, 2), cut where friction or inertia would be negative and the estimate is not."""
-        reach = NORMAL_95 * self.std_error
+        reach = self.half_width
         low = np.where(self.theta >= 0, np.maximum(self.theta - reach, 0.0), self.theta - reach)
         return np.column_stack([low, self.theta + reach])
 
@@ -162,7 +165,7 @@ class Estimate:
         """By name, the parameters of which too little is known for the level to say anything of them, and why."""
         found = {}
         for k in np.flatnonzero(self.present & ~self.held):
-            value, reach = abs(self.theta[k]), NORMAL_95 * self.std_error[k]
+            value, reach = abs(self.theta[k]), self.half_width[k]
             if not self.free[k]:
                 found[NAMES[k]] = 'on its bound'
             elif not np.isfinite(reach):
@@ -194,43 +197,3 @@ class Estimate:
             return 1
         least = self.J_runs.min() if np.isnan(self.J_exact) else self.J_exact
         return int((self.J_runs <= least * (1 + REACHED)).sum())
-
-
-def average(vectors: Sequence[Array], weights: Sequence[float] | Array) -> Array:
-    """Return the weighted mean of parameter vectors; what a smaller model lacks is 0."""
-    size = max(map(len, vectors))
-    return np.asarray(sum(w * np.pad(v, (0, size - len(v))) for w, v in zip(weights, vectors, strict=True)))
-
-
-def averaged(answers: Sequence[Estimate], weights: Sequence[float]) -> Estimate:
-    """Return the average of several models' answers, the largest model's last.
-
-    The variance is the mean of theirs, and that of the answers: what the choice of the model leaves open is a part of
-    it. All else, J among it, is the largest model's.
-    """
-    largest, size = answers[-1], len(answers[-1].theta)
-    theta = average([e.theta for e in answers], weights)
-    delay = float(np.dot(weights, [e.effort.delay for e in answers]))
-    off = np.array([np.pad(e.theta, (0, size - len(e.theta))) - theta for e in answers])
-    spread = np.einsum('m,mi,mj->ij', weights, off, off)
-    # On its bound in one model alone, a parameter is free in the average.
-    free = np.any([np.pad(e.free, (0, size - len(e.free))) for e in answers], axis=0)
-    covariance = spread + sum(
-        w * np.pad(np.nan_to_num(e.covariance, nan=0.0, posinf=np.inf), (0, size - len(e.theta)))
-        for w, e in zip(weights, answers, strict=True)
-    )
-    covariance[~free], covariance[:, ~free] = np.nan, np.nan
-    errors = [np.pad(e.std_error, (0, size - len(e.theta))) for e in answers]
-    said = ', '.join(f'{100 * w:.0f} % {e.model}' for w, e in zip(weights, answers, strict=True))
-    return replace(
-        largest,
-        theta=theta,
-        free=free,
-        covariance=covariance,
-        std_error=np.sqrt(np.dot(weights, np.array(errors) ** 2) + np.diag(spread)),
-        uncertainty=f'{largest.uncertainty}; and how models differ',
-        effort=replace(largest.effort, delay=delay),
-        resized=average([e.resized for e in answers], weights),
-        converged=all(e.converged for e in answers),
-        steps=(*largest.steps, f'average of models, weighted by how they predict: {said}'),
-    )

@@ -12,19 +12,18 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pendubot_identification.criteria.trajectory_fit import segment_errors
+from pendubot_identification.criteria.prediction_error import STEP, Simulations
 from pendubot_identification.criteria.weak import WIDTH, weak_regression
 from pendubot_identification.level import NORMAL_95
 from pendubot_identification.model.parameters import NAMES
-from pendubot_identification.model.rollout import roll
 from pendubot_identification.trajectories.motion import Motion
 
-from .effects import Found, catalogue_of, seen_of
+from .effects import EffectSettings, FoundEffect, catalogue
+from .fitting import standardised_innovations
 from .linear import linear
-from .prediction import HORIZONS, LOST, measured_ends
+from .prediction import HORIZONS, LOST
 from .result import EffectFound
 from .settings import Settings
-from .unexplained import Unexplained, unexplained
 
 Array = NDArray[np.float64]
 
@@ -113,45 +112,55 @@ class Excitation:
 
 
 @dataclass(frozen=True, slots=True)
-class TorqueLeft:
-    """The unexplained torque, and what the rig did when it acted.
+class UnexplainedTorque:
+    """The torque that parameters do not explain, and what the rig did meanwhile.
 
     Attributes:
-        found: it and its bursts.
         names: of the recordings.
         starts: when each begins [s].
-        seen: what each is drawn against, in words: of shoulder and elbow, at all of its times, shape (K, 2).
+        times: of each recording [s], shapes (K,).
+        torque: of both joints, averaged by the weak criterion's test functions [N m], shapes (K, 2).
+        share: root mean square over that of the effort, of each joint, shape (2,).
+        seen: by words what it is plotted against, of shoulder and elbow, at all times, shape (K, 2).
     """
 
-    found: Unexplained
     names: tuple[str, ...]
     starts: tuple[float, ...]
+    times: tuple[Array, ...]
+    torque: tuple[Array, ...]
+    share: Array
     seen: dict[str, Array]
 
 
-def torque_left(motions: Sequence[Motion], answer: Answer, smoothing: float, hold: str) -> TorqueLeft:
-    """Return the unexplained torque of recordings, as :func:`.unexplained.unexplained` finds it.
+def unexplained_torque(motions: Sequence[Motion], answer: Answer) -> UnexplainedTorque:
+    """Return the torque that an answer does not explain: residuals of the momentum balances.
 
     Raises:
-        TrajectoryError: a recording is shorter than a bump.
+        TrajectoryError: a recording is shorter than a test function.
     """
-    found = unexplained(motions, smoothing, hold, answer.delay)
-    seen = [seen_of(motion, t, answer.delay) for motion, t in zip(motions, found.times, strict=True)]
-    against = {
-        'its angle [rad]': np.concatenate([np.column_stack(s.q) for s in seen]),
-        'its speed [rad/s]': np.concatenate([np.column_stack(s.v) for s in seen]),
-        'torque [N m]': np.concatenate([np.column_stack([s.mean(WIDTH / 4)] * 2) for s in seen]),
-    }
-    return TorqueLeft(found, tuple(m.name for m in motions), tuple(m.start for m in motions), against)
+    made = [weak_regression(m, answer.model, answer.delay, weights=(1, 1, 1), stride=WIDTH / 4) for m in motions]
+    times = [r.t[::3] for r in made]
+    left = [(r.y - r.phi @ answer.theta).reshape(-1, 3)[:, :2] for r in made]
+    effort = np.sqrt((np.concatenate([r.y.reshape(-1, 3)[:, :2] for r in made]) ** 2).sum(axis=1).mean())
+    states = np.concatenate([m.states(t) for m, t in zip(motions, times, strict=True)], axis=1)
+    tau = np.concatenate([m.impulse(t - answer.delay, 1) for m, t in zip(motions, times, strict=True)])
+    return UnexplainedTorque(
+        names=tuple(m.name for m in motions),
+        starts=tuple(m.start for m in motions),
+        times=tuple(times),
+        torque=tuple(left),
+        share=np.sqrt((np.concatenate(left) ** 2).mean(axis=0)) / max(float(effort), np.finfo(float).tiny),
+        seen={'its angle [rad]': states[:2].T, 'its speed [rad/s]': states[2:].T, 'torque [N m]': tau[:, [0, 0]]},
+    )
 
 
-def known_effects(motions: Sequence[Motion], listed: Sequence[EffectFound]) -> list[Found]:
-    """Return the effects of these motions that a result allows for."""
-    by_words = {(effect.name, effect.where): effect for effect in catalogue_of(motions)}
+def known_effects(motions: Sequence[Motion], listed: Sequence[EffectFound]) -> list[FoundEffect]:
+    """Return the accepted effects of a result, by the catalogue of the motions that it was made of."""
+    known = {(effect.name, effect.where): effect for effect in catalogue(motions, EffectSettings())}
     return [
-        Found(by_words[each.name, each.where], np.array(each.sizes, dtype=float), np.nan, np.empty(0))
-        for each in listed
-        if each.allowed and (each.name, each.where) in by_words
+        FoundEffect(known[e.name, e.where], np.array(e.sizes, dtype=float), np.nan, np.nan, True, np.zeros(5))
+        for e in listed
+        if e.accepted and (e.name, e.where) in known
     ]
 
 
@@ -167,22 +176,23 @@ def simulate_beside(motions: Sequence[Motion], answer: Answer, scale: Array) -> 
         TrajectoryError: the recordings are too short to be simulated.
     """
     margin = max(abs(answer.delay), 1e-9)
-    ahead = min(AHEAD, max(m.end - m.start - m.interval for m in motions) - 2 * margin)
+    longest = max(m.end - m.start - m.interval for m in motions) - 2 * margin
+    ahead = STEP * int(min(AHEAD, longest) / STEP)
     found = []
     for motion in (m for m in motions if m.end - m.start - 2 * margin >= ahead):
-        segments, begin, end = measured_ends([motion], ahead, ahead, answer.delay)
+        simulations = Simulations.of([motion], answer.delay, np.zeros(2), (ahead,), ahead)
         with np.errstate(all='ignore'):
-            states = roll(answer.theta, begin, segments.tau, segments.step)
-            off = np.nan_to_num(np.abs((states[-1] - end) / scale[:, None]), nan=LOST, posinf=LOST)
+            off, states = simulations.errors(answer.theta)
+            off = np.nan_to_num(np.abs(off[0] / scale[:, None]), nan=LOST, posinf=LOST)
         errors = (np.minimum(off, LOST) ** 2).mean(axis=0)
         count = min(len(errors), max(1, round(SHOWN / ahead)))
         sums = np.convolve(errors, np.ones(count), mode='valid') / count
         first = int(np.argmax(sums))
-        found.append((float(sums[first]), motion, segments, states, slice(first, first + count)))
-    _, motion, segments, states, shown = max(found, key=lambda each: each[0])
-    t = segments.start[shown] + answer.delay + segments.step * np.arange(segments.steps + 1)[:, None]
+        found.append((float(sums[first]), motion, simulations.t, states, slice(first, first + count)))
+    _, motion, starts, states, shown = max(found, key=lambda each: each[0])
+    t = starts[shown] + STEP * np.arange(len(states))[:, None]
     recorded = motion.recorded
-    whole = len(motions) == 1 and len(segments) <= shown.stop - shown.start
+    whole = len(motions) == 1 and len(starts) <= shown.stop - shown.start
     within = slice(None) if whole else (recorded.t >= t[0, 0]) & (recorded.t <= t[-1, -1])
     times = recorded.t[within]
     return Simulation(
@@ -199,10 +209,10 @@ def simulate_beside(motions: Sequence[Motion], answer: Answer, scale: Array) -> 
 def residuals(
     motions: Sequence[Motion], answer: Answer, settings: Settings, smoothing: float, scale: Array
 ) -> Residuals:
-    """Return what an answer leaves of its training data; their mean square is its J.
+    """Return what an answer leaves of its training data.
 
-    Of ``trajectory`` only segments that do not overlap are returned, a part of those that J averages, and not what
-    J adds for initial states that leave the smoothed ones.
+    Of ``likelihood`` (``trajectory`` in earlier results) they are the innovations at 0.05 s over their standard
+    deviations.
 
     Args:
         motions: the training data.
@@ -214,11 +224,12 @@ def residuals(
     Raises:
         TrajectoryError: the recordings are too short.
     """
-    if answer.criterion == 'trajectory':
-        names, unit, shared = STATES, 'standard deviations', smoothing
-        t, errors = segment_errors(motions, answer.theta, answer.delay, settings.box(answer.model), scale)
-        parts = [_side_by_side(*each) for each in zip(t, errors, strict=True)]
-        interval = float(t[0][1, 0] - t[0][0, 0]) if len(t[0]) > 1 else AHEAD
+    if answer.criterion in ('likelihood', 'trajectory'):
+        names: tuple[str, ...] = ('q1', 'q2')
+        unit, shared = 'standard deviations', 0.0
+        t, z = standardised_innovations(motions, answer.theta, answer.delay, settings)
+        parts = list(zip(t, z, strict=True))
+        interval = float(np.median(np.diff(t[0])))
     else:
         names, unit, shared = BALANCES, 'N m', WIDTH
         if answer.criterion == 'energy':
@@ -286,12 +297,3 @@ def excitation(motions: Sequence[Motion], answer: Answer, names: Collection[str]
 
 def _by_balance(rows: Array) -> Array:
     return np.asarray(np.sqrt((rows.reshape(-1, 3) ** 2).mean(axis=0)))
-
-
-def _side_by_side(t: Array, errors: Array) -> tuple[Array, Array]:
-    """Return, of a recording's segments, those that do not overlap, one after the other."""
-    chosen: list[int] = []
-    for k in range(t.shape[1]):
-        if not chosen or t[0, k] > t[-1, chosen[-1]]:
-            chosen.append(k)
-    return t[:, chosen].T.ravel(), errors[:, :, chosen].transpose(2, 0, 1).reshape(-1, 4)

@@ -1,41 +1,42 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""From motions to parameters: prepare, choose the model, minimise every criterion, predict, judge."""
+"""From motions to parameters: prepare, check conventions, fit, predict, assess."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pendubot_identification.errors import TrajectoryError
 from pendubot_identification.level import Level
+from pendubot_identification.model.parameters import MODELS
 from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.reading import Reading
 from pendubot_identification.trajectories.signals import evenly_stamped
 from pendubot_identification.trajectories.suspicions import suspicions
 from pendubot_identification.trajectories.trajectory import Trajectory
 
-from .agreement import contradictions, disagreement
+from .consistency import contradictions, disturbances, recorded_zeros
 from .diagnosis import Fault, diagnose, link_length, with_options
-from .effects import allowing_for, together
-from .estimate import Estimate, Progress
+from .effects import FoundEffect, compensated
+from .estimate import Effort, Estimate, Progress
+from .fitting import Composite, FittingSettings, TrainingData, fit_composite
 from .judgement import judge, require_excitation
-from .prediction import Prediction, predict
-from .recipes import SHORTEST, Data, estimate
-from .selection import TRUST, Comparison, ModelScore
+from .linear import estimate_linear, linear
+from .options import CRITERIA
+from .prediction import Fold, Prediction, folds, predict
 from .settings import Settings
-from .trajectory_effects import found_by_trajectory
-from .unexplained import Unexplained, unexplained
+from .uncertainty import correlations, influence_covariance, scaled_condition_number
 
 Array = NDArray[np.float64]
 
-#: How often effects are looked for once more, beside those that were found.
-LOOKS = 2
-#: How much better, in the logarithm of the error, a criterion must predict than one that is trusted more.
-BETTER = 0.02
+#: The criteria in the order in which they are published.
+TRUST = ('likelihood', 'weak', 'energy')
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,29 +45,28 @@ class Identification:
 
     Attributes:
         settings: what was asked for.
-        estimates: one a criterion, in the order of the settings.
-        published: the number of the one that predicts the validation data best.
+        estimates: one a criterion: those that were asked for, and the paper's, energy.
+        published: the number of the one that is published.
         faults: of the recordings.
-        models: what the choice of the model compared; empty where the model was given.
-        comparison: in words, by which criterion and how.
         interval: between the training samples [s].
         smoothing: the window [s] that made the states.
         validation: what the predictions are of, in words.
         link_length: P3 / P5 [m] of the elbow's own equation, and its standard error.
-        unexplained: the torque that no parameters explain; None where it was not looked at.
+        effects: unmodelled effects, the accepted ones first.
+        unmodelled: fraction of the innovations' variance of both joints that quantization does not explain; None where
+            the likelihood was not minimised, or nothing but quantization is left.
     """
 
     settings: Settings
     estimates: tuple[Estimate, ...]
     published: int
     faults: tuple[Fault, ...]
-    models: tuple[ModelScore, ...]
-    comparison: str
     interval: float
     smoothing: float
     validation: str
     link_length: tuple[float, float]
-    unexplained: Unexplained | None
+    effects: tuple[FoundEffect, ...] = ()
+    unmodelled: Array | None = None
 
     @property
     def best(self) -> Estimate:
@@ -87,6 +87,10 @@ class Identification:
     def warnings(self) -> tuple[str, ...]:
         """Why, in sentences for the user."""
         return self.best.warnings
+
+    def compensated(self, motion: Motion) -> Motion:
+        """Return a motion with the torques that act, as far as accepted effects tell them."""
+        return compensated(motion, self.effects, self.best.effort.delay)
 
 
 def identify(
@@ -113,139 +117,158 @@ def identify(
         ExcitationError: a motion from which some parameters are not identifiable.
     """
     settings = settings or Settings()
-    progress = progress or (lambda what, done, of, best: None)
+    tell = progress or (lambda what, done, of, best: None)
     given = [*training, *validation]
     training, validation = ([evenly_stamped(motion) for motion in part] for part in (training, validation))
     for motion in (*training, *validation):
         motion.require_samples()
     require_excitation(training, settings)
-    settings, notes = settings.of_rig(training), [*notes, *suspicions(given)]
-
-    progress('preparing', 0, 0, np.nan)
-    data = Data.prepare(training, settings)
+    settings = settings.of_rig(training)
+    tell('preparing', 0, 0, np.nan)
+    data = TrainingData.prepare(training, settings)
+    tell('checking signs, zeros and stamps', 0, 0, np.nan)
+    faults = _diagnosed(data, data.motions)
+    sound = not any(f.level is Level.ERROR and f.name not in ('delay', 'motion', 'offset') for f in faults)
+    answer = None
+    said = [*notes, *suspicions(given)]
+    if 'likelihood' in settings.criteria:
+        tell('weak: rough parameters', 0, 0, np.nan)
+        answer = fit_composite(data, tell, effects=settings.compensate and sound)
+        data = answer.data
+        if faults and any(found.accepted for found in answer.effects):
+            faults = _left(faults, data, answer)
+        said += _notes(answer, sound, faults, tell)
     judges = [Motion.prepare(motion, data.smoothing, data.hold) for motion in validation]
-    progress('checking signs, zeros and stamps', 0, 0, np.nan)
-    low, high = settings.delays
-    faults = _diagnosed(data)
-    # What is estimated along does not stand in the way, nor does what an effect may explain.
-    look = all(f.name in ('offset', 'motion') or (f.delay is not None and low <= f.delay <= high) for f in faults)
-    as_is = data
-    left, data, comparison = _rid_of_effects(data, progress, look)
-    if any(f.name == 'motion' for f in faults):
-        again = faults if left is None else _diagnosed(data)
-        if any(f.name == 'motion' for f in again):  # what was found then explains nothing
-            left, data, comparison = None, as_is, Comparison(as_is, progress)
-        else:
-            faults = again
-    if any(found.effect.name == 'offset' for found in data.effects):
-        faults = tuple(replace(f, level=Level.WARN) if f.name == 'offset' else f for f in faults)
-    if left is not None:
-        notes += left.sentences({fault.name for fault in faults})
-        judges = [allowing_for(motion, data.effects, data.delay) for motion in judges]
-    models, scores = comparison.choose() if settings.model == 'auto' else ((settings.model,), [])
-    model = models[-1]
-
-    estimates = []
-    for criterion in settings.criteria:
-        weights = comparison.weights(criterion, models)
-        answer = estimate(criterion, data, judges, weights, progress)
-        parts = [predict([j], answer.theta, answer.effort.delay, data.scale) for j in judges]
-        parts = parts or comparison.predicted(criterion, weights)
-        estimates.append(replace(answer, prediction=Prediction.pool(parts)))
-    published = _best(estimates)
-    estimates, differences = disagreement(estimates)
-    notes += differences
-    if left is not None and (said := left.rest_sentence(any(e.exact for e in estimates))):
-        notes.append(said)
-
-    length = link_length(data.motions, model, estimates[published].effort.delay)
-    # Recordings that have a grave fault in common seem to contradict each other, too; but not for a delay, which is
-    # estimated along.
-    spoiled = any(f.level is Level.ERROR and f.name not in ('delay', 'motion') for f in faults)
-    if len(data.groups) > 1 and settings.criteria != ('energy',) and not spoiled:
-        progress('looking whether recordings agree', 0, 0, np.nan)
-        notes += contradictions(data, model, comparison.fit(model), comparison.without(model))
-    if faults:
+    left_out = [] if judges else folds(data.motions)
+    criteria: list[str] = [c for c in CRITERIA if c in settings.criteria or c == 'energy']
+    estimates = [_estimated(criterion, data, answer, judges, left_out, tell) for criterion in criteria]
+    published = next(criteria.index(c) for c in TRUST if c in settings.criteria)
+    best = estimates[published]
+    length = link_length(data.motions, best.model, best.effort.delay)
+    if not sound:
         # Zeros of single recordings would make up for what is wrong with all of them.
         estimates = [replace(e, zeros=None) for e in estimates]
-    lost = [
-        f'{e.criterion} did not converge, so that it does not confirm what others say: start it elsewhere, or choose '
-        'another part of the recording'
-        for e in estimates
-        if not e.converged
-    ]
+    whole = len(left_out) == len(data.motions)
     return Identification(
         settings=settings,
-        estimates=tuple(
-            judge(e, settings, length, faults, [*notes, *lost] if e.converged else notes) for e in estimates
-        ),
+        estimates=tuple(judge(e, settings, length, faults, said if e is best else notes) for e in estimates),
         published=published,
         faults=faults,
-        models=tuple(scores),
-        comparison=f'{comparison.deciding}, {comparison.method}' if scores else '',
         interval=float(np.median([m.interval for m in data.motions])),
         smoothing=data.smoothing,
-        validation='on data that was not used for estimation' if judges else comparison.method,
+        validation='on data that was not used for estimation'
+        if judges
+        else 'each recording predicted from the others'
+        if whole
+        else f'each of {len(left_out)} blocks of time predicted from the others',
         link_length=length,
-        unexplained=left,
+        effects=() if answer is None else answer.effects,
+        unmodelled=None if answer is None or answer.exact else answer.unexplained,
     )
 
 
-def _diagnosed(data: Data) -> tuple[Fault, ...]:
+def _diagnosed(data: TrainingData, motions: Sequence[Motion]) -> tuple[Fault, ...]:
     """Return what is wrong with the recordings' conventions, with the options that put it right."""
     settings, (low, high) = data.settings, data.settings.delays
     model, delay = 'rotor' if settings.model == 'auto' else settings.model, low if low == high else 0.0
-    faults = diagnose(data.motions, data.smoothing, data.hold, model, delay, settings.link_length)
+    faults = diagnose(motions, data.smoothing, data.hold, model, delay, settings.link_length)
     return with_options(faults, settings.reading)
 
 
-def _rid_of_effects(data: Data, progress: Progress, look: bool) -> tuple[Unexplained | None, Data, Comparison]:
-    """Return what no parameters explain, and the data without bursts and without effects that are torques.
+def _left(faults: Sequence[Fault], data: TrainingData, answer: Composite) -> tuple[Fault, ...]:
+    """Return the faults that accepted effects do not explain, and a constant effort, which has an option."""
+    motions = [compensated(motion, answer.effects, answer.delay) for motion in data.motions]
+    named = {fault.name for fault in _diagnosed(data, motions)}
+    mild = [replace(fault, level=Level.WARN) if fault.name not in named else fault for fault in faults]
+    return tuple(fault for fault in mild if fault.name in {*named, 'offset'})
 
-    Energy, whose answer is that of the recorded torques, allows for none of these.
-    """
+
+def _notes(answer: Composite, sound: bool, faults: Sequence[Fault], tell: Progress) -> list[str]:
+    """Return what the user should know of the residuals; what a fault says is not said again."""
+    said = [found.sentence for found in answer.effects if found.name not in {fault.name for fault in faults}]
+    if sound and not answer.exact:
+        said += disturbances(answer.rough)
+    if sound:
+        tell('checking whether recordings agree', 0, 0, np.nan)
+        said += contradictions(answer)
+    if not answer.exact:
+        shoulder, elbow = (f'{100 * part:.3g} %' for part in answer.unexplained)
+        said.append(
+            f'the rig has unmodelled effects: they make {shoulder} and {elbow} of the variance of the innovations at '
+            'shoulder and elbow; the intervals allow for them as far as recordings differ'
+        )
+    return said
+
+
+def _estimated(
+    criterion: str,
+    data: TrainingData,
+    answer: Composite | None,
+    judges: Sequence[Motion],
+    left_out: Sequence[Fold],
+    tell: Progress,
+) -> Estimate:
+    """Return one criterion's answer with its prediction errors."""
     settings = data.settings
-    long_enough = [m for m in data.motions if m.end - m.start >= SHORTEST]
-    if not look or not long_enough:
-        return None, data, Comparison(data, progress)
-    energy = settings.criteria == ('energy',)
-    seen = data.only(long_enough) if energy else data
-    delay = seen.linear('weak', 'rotor').delay
-    progress(f'{_so_far(seen)}; looking for what the models lack', 0, 0, np.nan)
-    left = unexplained(long_enough, data.smoothing, data.hold, delay)
-    if energy:
-        left = replace(left, effects=tuple(replace(found, most=False) for found in left.effects))
-    data = data.without(left.bursts).allowing_for(left.effects, delay)
-    comparison = Comparison(data, progress)
-    if comparison.deciding != 'trajectory':
-        return left, data, comparison
-    for _ in range(LOOKS):
-        # Not from a start that the user gave, which may lie far off.
-        near = comparison.fit('geared') if settings.start is None else data.started_by_weak.fit('geared')
-        more, beyond = found_by_trajectory(data.motions, data.recordings, near, settings.box('geared'), settings.delays)
-        left = replace(left, effects=together(left.effects, more), beyond=beyond)
-        if not any(found.allowed for found in more):
-            break
-        data = data.allowing_for(more, delay)
-        comparison = Comparison(data, progress)
-    return left, data, comparison
+    if criterion == 'likelihood' and answer is not None:
+        found = _likelihood_estimate(answer)
+        motions = [compensated(m, answer.effects, answer.delay) for m in judges]
+        size = len(found.theta)
+        parts = [predict([m], found.theta, answer.delay, data.scale) for m in motions]
+        for fold in left_out:
+            times = [answer.readings.block_times(k) for k in range(len(answer.owner))]
+            held = (answer.owner == fold.recording) & [
+                fold.held_out.start - 1e-9 <= t <= fold.held_out.end + 1e-9 for t in times
+            ]
+            part = compensated(fold.held_out, answer.effects, answer.delay)
+            parts.append(predict([part], answer.without(held)[:size], answer.delay, data.scale))
+    else:
+        model = settings.model
+        if model == 'auto':
+            model = 'viscous' if criterion == 'energy' else 'geared' if answer is None else answer.model
+        made = data.linear(criterion, model)
+        judge = linear(criterion, judges, model, settings, like=made) if judges else None
+        found = estimate_linear(criterion, made, model, settings, data.hold, tell, judge)
+        parts = [predict([m], found.theta, made.delay, data.scale) for m in judges]
+        for fold in left_out:
+            try:
+                rest = linear(criterion, fold.rest, model, settings, like=made).criterion.minimum(settings.box(model))
+            except TrajectoryError:  # too short for a test function
+                continue
+            parts.append(predict([fold.held_out], rest, made.delay, data.scale))
+    return replace(found, prediction=Prediction.pool(parts) if parts else Prediction.none())
 
 
-def _so_far(data: Data) -> str:
-    """Return in words what the weak criterion says of P1 to P5, long before all is done."""
-    theta = data.linear('weak', 'rotor').criterion.minimum(data.settings.box('rotor'))
-    return 'weak so far: P1 to P5 ' + ' '.join(f'{value:.3g}' for value in theta[:5])
-
-
-def _best(estimates: Sequence[Estimate]) -> int:
-    """Return the number of the estimate to publish: of those that predict best, the most trusted.
-
-    One that leaves nothing but the encoders' rounding predicts as well as can be measured: what then tells predictions
-    apart is how well the states are known in which they start.
-    """
-    if exact := [k for k, e in enumerate(estimates) if e.exact]:
-        return exact[0]
-    losses = np.array([e.prediction.loss for e in estimates])
-    least = min(losses[np.isfinite(losses)], default=np.nan)
-    good = [k for k, loss in enumerate(losses) if not loss > least + BETTER]
-    return min(good, key=lambda k: TRUST.index(estimates[k].criterion))
+def _likelihood_estimate(answer: Composite) -> Estimate:
+    settings, size = answer.data.settings, MODELS[answer.model]
+    bounds, free = settings.box(answer.model), answer.free[:size]
+    information = answer.information[:size, :size]
+    covariance, std_error, freedom, words = influence_covariance(
+        information,
+        answer.slopes[:, :size],
+        answer.owner,
+        free,
+        exact=answer.exact,
+        several=FittingSettings().several,
+    )
+    return Estimate(
+        criterion='likelihood',
+        model=answer.model,
+        theta=answer.theta[:size],
+        free=free,
+        covariance=covariance,
+        correlation=correlations(information, free),
+        std_error=np.where(bounds.held, 0.0, np.where(bounds.present, std_error, math.nan)),
+        freedom=freedom,
+        uncertainty=words,
+        effort=Effort(answer.data.hold, answer.delay, answer.delay_std_error),
+        J=answer.J,
+        residuals=2 * answer.readings.measurements,
+        condition_number=scaled_condition_number(information, free),
+        converged=answer.converged,
+        steps=answer.steps,
+        zeros=recorded_zeros(answer.rough),
+        exact=answer.exact,
+        absent=bounds.absent,
+        held=bounds.held,
+    )

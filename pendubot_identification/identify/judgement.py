@@ -20,7 +20,8 @@ from pendubot_identification.trajectories.signals import SMOOTHING
 from pendubot_identification.trajectories.trajectory import Trajectory
 
 from .advice import advise
-from .diagnosis import LEAST_DELAY, Fault
+from .diagnosis import SETTINGS as DIAGNOSIS
+from .diagnosis import Fault
 from .estimate import Estimate
 from .prediction import HORIZONS, JUDGED
 from .settings import Settings
@@ -97,9 +98,10 @@ def judge(
         notes: what else the user should know of the data.
     """
     failures = tuple(_failures(estimate, settings))
-    doubts = (*_doubts(estimate, settings), *_wrong_zeros(estimate), *_wrong_length(estimate, *link_length))
     grave = tuple(fault.sentence for fault in faults if _grave(fault, estimate))
     mild = tuple(fault.sentence for fault in faults if not _grave(fault, estimate))
+    named = () if grave else faults
+    doubts = (*_doubts(estimate, settings), *_unexplained_by(named, estimate, settings, link_length))
     warnings = (*grave, *mild, *notes) if grave else (*failures, *mild, *notes, *doubts)
     return replace(
         estimate,
@@ -112,7 +114,7 @@ def judge(
 
 def _grave(fault: Fault, estimate: Estimate) -> bool:
     """Tell whether a fault makes an estimate useless: not where the estimate has found the same delay itself."""
-    allowed_for = fault.delay is not None and abs(estimate.effort.delay - fault.delay) < LEAST_DELAY / 2
+    allowed_for = fault.delay is not None and abs(estimate.effort.delay - fault.delay) < DIAGNOSIS.least_delay / 2
     return fault.level is Level.ERROR and not allowed_for
 
 
@@ -149,39 +151,58 @@ def _failures(e: Estimate, settings: Settings) -> Iterator[str]:
 def _doubts(e: Estimate, settings: Settings) -> Iterator[str]:
     """Say what speaks against trusting the result."""
     theta, bounds, names = e.theta, settings.box(e.model), np.array(NAMES)
+    # Friction of one kind may well be nothing where there is another.
+    matters = (np.arange(len(theta)) < 5) | (len(theta) == len(SEVEN))
     unidentifiable = np.isinf(e.std_error)
     if unidentifiable.any():
         yield (
             f'not identifiable: {", ".join(names[: len(theta)][unidentifiable])}; the residuals do not depend on them '
             '(the information matrix is singular): excite both joints more, or choose another window'
         )
-    elif e.condition_number > ILL_CONDITIONED:
-        yield (
-            f'ill-conditioned: condition number {e.condition_number:.3g} (above {ILL_CONDITIONED:g}); this '
-            'motion hardly tells some parameters apart: excite both joints more'
-        )
-    # Friction of one kind may well be nothing where there is another.
-    matters = (np.arange(len(theta)) < 5) | (len(theta) == len(SEVEN))
-    high_half = theta > bounds.lower + 0.5 * (bounds.upper - bounds.lower)
-    for k in np.flatnonzero(~e.free & ~e.held & (matters | high_half)):
-        nearest = _nearest_bound(theta, bounds)[k]
-        yield f'{NAMES[k]} lies on its bound {nearest:g} {UNITS[k]}: the data ask for a value beyond'
     poor = e.free & ~e.determined & ~unidentifiable & matters
     if poor.any():
         poorest = ', '.join(names[: len(theta)][poor])
         yield f'poorly determined: the standard error of {poorest} exceeds half the value'
-    if e.criterion != 'trajectory' and e.runs_at_minimum < len(e.J_runs):
+    elif e.condition_number > ILL_CONDITIONED and not e.exact and not unidentifiable.any():
+        yield (
+            f'ill-conditioned: condition number {e.condition_number:.3g} (above {ILL_CONDITIONED:g}); this '
+            'motion hardly tells some parameters apart: excite both joints more'
+        )
+    high_half = theta > bounds.lower + 0.5 * (bounds.upper - bounds.lower)
+    # P1 or P2 at 0 is a failure, and named there.
+    failed = np.isin(names[: len(theta)], ('P1', 'P2')) & (_nearest_bound(theta, bounds) <= 0)
+    for k in np.flatnonzero(~e.free & ~e.held & ~failed & (matters | high_half)):
+        nearest = _nearest_bound(theta, bounds)[k]
+        yield f'{NAMES[k]} lies on its bound {nearest:g} {UNITS[k]}: the data ask for a value beyond'
+    if e.runs_at_minimum < len(e.J_runs):
         yield (
             f'only {e.runs_at_minimum} of {len(e.J_runs)} runs reached the exact minimum of J; give more '
             'generations or a larger population'
         )
     if not e.converged:
         yield 'the optimiser did not converge: start elsewhere, or choose another part of the recording'
-    if e.criterion != 'trajectory' and e.J_validation > UNFORESEEN * e.J:
+    if e.J_validation > UNFORESEEN * e.J:
         yield (
             f'J on validation is {e.J_validation / e.J:.0f} times J on training: these parameters do not '
             'predict data that they have not seen'
         )
+
+
+def _unexplained_by(
+    faults: Sequence[Fault], e: Estimate, settings: Settings, link_length: tuple[float, float]
+) -> Iterator[str]:
+    """Say what looks like a fault of the recordings, unless a fault is named that explains it."""
+    named = {fault.name for fault in faults}
+    if 'delay' not in named:
+        yield from _delay_at_end(e, settings)
+    if 'zero' not in named:
+        yield from _wrong_zeros(e)
+    # Signs, order, zeros, units, counts and stamps all change the length.
+    if not named:
+        yield from _wrong_length(e, *link_length)
+
+
+def _delay_at_end(e: Estimate, settings: Settings) -> Iterator[str]:
     (low, high), delay = settings.delays, e.effort.delay
     # No delay at all is what a rig has at best, and no end of a search.
     at_end = delay >= high - 1e-4 or (low != 0 and delay <= low + 1e-4)

@@ -19,10 +19,9 @@ from pendubot_identification.optimizers.mde import mde
 from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.signals import SMOOTHING
 
-from .covariance import correlations
 from .estimate import REACHED, Effort, Estimate, Progress
 from .settings import Settings
-from .uncertainty import BLOCK, Blocks, bootstrap_covariance
+from .uncertainty import BLOCK, Blocks, bootstrap_covariance, correlations
 
 Array = NDArray[np.float64]
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 from pendubot_identification.model import MODELS
 from pendubot_identification.setting import Setting
 
-CRITERIA = ('energy', 'weak', 'trajectory')
+CRITERIA = ('energy', 'weak', 'likelihood')
 #: The effort's delay is searched within these [s].
 DELAYS = (-0.1, 0.1)
 #: A run of MDE stops when its population has come together this closely: then its best J has long been the minimum's
@@ -21,21 +21,22 @@ SPREAD = 1e-9
 CRITERION = Setting(
     'criterion',
     '',
-    f'what is minimised, of {", ".join(CRITERIA)}, with commas between them; by default all',
+    f'what is minimised, of {", ".join(CRITERIA)}, with commas between them; by default likelihood. MDE minimises '
+    'energy in every identification',
     choices=CRITERIA,
     optional=True,
 )
 DELAY = Setting(
     'delay',
     DELAYS,
-    'how much later than stamped the torque acts (of weak and trajectory), estimated between two values, or fixed '
+    'how much later than stamped the torque acts (of weak and likelihood), estimated between two values, or fixed '
     'where they are equal',
     's',
     -0.5,
     0.5,
 )
 START = Setting(
-    'start', '', 'result file from whose parameters trajectory starts; by default the answer of weak', optional=True
+    'start', '', 'result file from whose parameters likelihood starts; by default the answer of weak', optional=True
 )
 PER_VECTOR = Setting('per_vector', False, "draw MDE's operator once per vector; beyond energy and viscous it always is")
 WHAT = (
@@ -79,12 +80,12 @@ DATA = (
     ),
 )
 MDE = (
-    Setting('runs', 0, 'independent runs of MDE; by default 10, 1 for trajectory', '', 1, 100_000, optional=True),
-    Setting('population', 0, 'vectors of a run, NP; by default 30, 40 for trajectory', '', 5, 100_000, optional=True),
+    Setting('runs', 0, 'independent runs of MDE; by default 10', '', 1, 100_000, optional=True),
+    Setting('population', 0, 'vectors of a run, NP; by default 30', '', 5, 100_000, optional=True),
     Setting(
         'generations',
         0,
-        'generations of a run, at most; by default 4000, 120 for trajectory',
+        'generations of a run, at most; by default 4000',
         '',
         1,
         10_000_000,
@@ -94,7 +95,7 @@ MDE = (
         'spread',
         SPREAD,
         'stop a run when the worst J of its population exceeds the best by no more than this fraction; by default '
-        '1e-9, which loses nothing, 1e-6 for trajectory; 0 takes every generation, as in the paper',
+        '1e-9, which loses nothing; 0 takes every generation, as in the paper',
         '',
         0.0,
         1.0,
@@ -106,8 +107,8 @@ HOW = (
     Setting(
         'optimizer',
         'auto',
-        "mde: modified differential evolution, the paper's; lsq: the exact least-squares answer for energy and weak, "
-        'Levenberg-Marquardt for trajectory; auto: lsq for trajectory, mde held against lsq for the others',
+        "of energy and weak; mde: modified differential evolution, the paper's; lsq: the exact least-squares answer "
+        'alone; auto: mde, compared with lsq',
         choices=('auto', 'mde', 'lsq'),
     ),
     START,

@@ -7,12 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pendubot_identification.criteria.shooting import Segments
-from pendubot_identification.model.rollout import roll
+from pendubot_identification.criteria.prediction_error import Simulations
 from pendubot_identification.trajectories.motion import Motion
 
 Array = NDArray[np.float64]
@@ -82,13 +82,34 @@ class Prediction:
         return cls(mean([p.errors for p in parts]), mean([p.still for p in parts]), starts.sum(axis=0))
 
 
-def measured_ends(
-    motions: Sequence[Motion], length: float, stride: float, delay: float
-) -> tuple[Segments, Array, Array]:
-    """Cut segments of ``length`` [s] every ``stride`` [s]; return them and the states at their ends, shapes (4, L)."""
-    segments = Segments.cut(motions, length, stride, max(abs(delay), 1e-9))
-    begin, end = (segments.measured(np.array([delay + at]))[:, 0] for at in (0.0, segments.steps * segments.step))
-    return segments, begin, end
+@dataclass(frozen=True, slots=True)
+class Fold:
+    """Parts of recordings that are left out and predicted from the rest.
+
+    Attributes:
+        held_out: the part.
+        recording: the number of its recording.
+        rest: all else.
+    """
+
+    held_out: Motion
+    recording: int
+    rest: tuple[Motion, ...]
+
+
+def folds(motions: Sequence[Motion], several: int = 3, blocks: int = 5) -> list[Fold]:
+    """Leave out each recording in turn or, of fewer than ``several``, each of about five blocks of time."""
+    result = []
+    for number, m in enumerate(motions):
+        others = [other for other in motions if other is not m]
+        if len(motions) >= several:
+            result.append(Fold(m, number, tuple(others)))
+            continue
+        count = blocks if len(motions) == 1 else (blocks + 1) // 2
+        for low, high in pairwise(np.linspace(m.start, m.end, count + 1)):
+            rest = [m.part(begin, end) for begin, end in ((m.start, low), (high, m.end)) if end > begin]
+            result.append(Fold(m.part(low, high), number, (*others, *rest)))
+    return result
 
 
 def predict(motions: Sequence[Motion], theta: Array, delay: float, scale: Array) -> Prediction:
@@ -101,17 +122,19 @@ def predict(motions: Sequence[Motion], theta: Array, delay: float, scale: Array)
         scale: the states' standard deviations, shape (4,).
     """
     result = Prediction.none()
+    longest = np.array([m.end - m.start - abs(delay) for m in motions])
     for row, horizon in enumerate(HORIZONS):
-        long = [m for m in motions if m.end - m.start - 2 * max(abs(delay), 1e-9) >= horizon + m.interval]
+        long = [m for m, length in zip(motions, longest, strict=True) if length >= horizon + m.interval]
         if not long:
             continue
-        segments, begin, end = measured_ends(long, horizon, STRIDE, delay)
+        simulations = Simulations.of(long, delay, np.zeros(2), (horizon,), STRIDE)
         with np.errstate(all='ignore'):
-            off = (roll(theta, begin, segments.tau, segments.step)[-1] - end) / scale[:, None]
+            off = simulations.errors(theta)[0][0] / scale[:, None]
         off = np.where(np.isfinite(off), np.clip(off, -LOST, LOST), LOST)
+        still = (simulations.start - simulations.end[0]) / scale[:, None]
         result.errors[row] = np.sqrt((off**2).mean(axis=1))
-        result.still[row] = np.sqrt((((begin - end) / scale[:, None]) ** 2).mean(axis=1))
-        result.starts[row] = len(segments)
+        result.still[row] = np.sqrt((still**2).mean(axis=1))
+        result.starts[row] = len(simulations.t)
     return result
 
 

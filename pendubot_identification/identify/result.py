@@ -20,7 +20,7 @@ from typing import Any, Union, get_args, get_origin, get_type_hints
 import numpy as np
 
 from pendubot_identification.errors import ResultError
-from pendubot_identification.level import Level
+from pendubot_identification.level import NORMAL_95, Level
 from pendubot_identification.model.parameters import Parameters
 
 #: None stands for what is not known, or no finite number.
@@ -33,16 +33,25 @@ SCHEMA = 1
 class Parameter:
     """A parameter: its 95 % ``interval``, whether it lies on a bound, and whether the motion determines it.
 
+    ``degrees_of_freedom``: of its standard error; None where it is normal.
+
     One that was ``held`` at its value does neither.
     """
 
     value: float
     std_error: Number = None
+    degrees_of_freedom: Number = None
     interval: tuple[Number, Number] = (None, None)
     unit: str = ''
     on_bound: bool | None = None
     determined: bool | None = None
     held: bool = False
+
+    @property
+    def quantile(self) -> float:
+        """Half-width of the 95 % interval in standard errors."""
+        high = self.interval[1]
+        return (high - self.value) / self.std_error if self.std_error and high is not None else NORMAL_95
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,35 +68,15 @@ class FaultFound:
 
 @dataclass(frozen=True, kw_only=True)
 class EffectFound:
-    """An effect that the models lack, see :class:`.effects.Found`; ``moved``: P1 to P5 beside it, in parts."""
+    """An unmodelled effect, see :class:`.effects.FoundEffect`; ``moved``: P1 to P5 beside it, as fractions."""
 
     name: str
     where: str
-    share: Number
-    moved: list[Number]
     sizes: list[Number]
-    allowed: bool = True
-
-
-@dataclass(frozen=True, kw_only=True)
-class BurstFound:
-    """A torque from nowhere, see :class:`.unexplained.Burst`; times [s] since the recording's start."""
-
-    recording: str
-    begin: float
-    end: float
-    joint: str
-    torque: float
-
-
-@dataclass(frozen=True, kw_only=True)
-class UnexplainedTorque:
-    """What no parameters explain at shoulder and elbow, and what rounded angles make of it, as parts of the effort."""
-
-    share: list[Number]
-    rounding: list[Number]
-    effects: list[EffectFound]
-    bursts: list[BurstFound]
+    gain: Number = None
+    z: Number = None
+    accepted: bool = False
+    moved: list[Number] = field(default_factory=list)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -146,26 +135,6 @@ class _Method:
 @dataclass(frozen=True, kw_only=True)
 class PublishedPrediction(Predicted, _Method):
     """The same of what is published, and what was predicted from what."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class ComparedModel:
-    """How far behind the best a model predicts, as a logarithm of the error."""
-
-    model: str
-    parameters: int
-    error: list[Number]
-    behind: Number
-    behind_std_error: Number
-    exact: bool
-
-
-@dataclass(frozen=True, kw_only=True)
-class ModelChoice:
-    """The models that were compared, and ``by`` which criterion and how; None where the model was given."""
-
-    by: str | None
-    compared: list[ComparedModel]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -284,6 +253,7 @@ class Result(_Vector):
     Attributes:
         not_covered: by name, parameters of which the level says nothing, and why; None in results of earlier versions.
         consequences: what follows from a grave fault.
+        unmodelled: fraction of the innovations' variance at shoulder and elbow that nothing known explains.
         not_in_model: the parameters that the rig cannot have, and why.
         reading: how the recordings were read, see :class:`.reading.Reading`.
         covariance_rank: below the number of parameters where it comes from few recordings; None in earlier results.
@@ -296,7 +266,8 @@ class Result(_Vector):
     warnings: list[str]
     consequences: list[str] = field(default_factory=list)
     faults: list[FaultFound] = field(default_factory=list)
-    unexplained_torque: UnexplainedTorque | None = None
+    effects: list[EffectFound] = field(default_factory=list)
+    unmodelled: list[Number] | None = None
     advice: list[str] = field(default_factory=list)
     criterion: str
     model: str
@@ -306,7 +277,6 @@ class Result(_Vector):
     smoothing: float
     J: CriterionValue
     prediction: PublishedPrediction
-    models: ModelChoice
     link_length: LinkLength
     condition_number: Number
     criteria: dict[str, CriterionAnswer]
@@ -337,6 +307,7 @@ class Given(_Vector):
     level: Level | None = None
     not_covered: dict[str, str] | None = None
     warnings: list[str] = field(default_factory=list)
+    effects: list[EffectFound] = field(default_factory=list)
     criterion: str | None = None
     model: str | None = None
     effort: EffortTaken = field(default_factory=EffortTaken)

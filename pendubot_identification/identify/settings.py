@@ -5,17 +5,23 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
-from pendubot_identification.errors import ParameterError
+from pendubot_identification.criteria.energy import energy_regression
+from pendubot_identification.criteria.quadratic import Quadratic
+from pendubot_identification.criteria.weak import WIDTH, weak_regression
+from pendubot_identification.errors import ParameterError, TrajectoryError
 from pendubot_identification.model.parameters import MODELS, UNDER_LOAD, Bounds, Parameters, default_bounds
 from pendubot_identification.optimizers.mde import MDESettings
 from pendubot_identification.optimizers.optimizer import require_runs
+from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.reading import Reading
+from pendubot_identification.trajectories.signals import SMOOTHING
 from pendubot_identification.trajectories.trajectory import Trajectory
 
 from .options import CRITERIA, DELAYS, OPTIONS, SPREAD
@@ -26,9 +32,9 @@ RUNS = 10
 THE_PAPERS = MDESettings(spread=SPREAD)
 #: Beyond them the operator is drawn once per vector: per component MDE does not arrive in thousands of generations.
 PER_VECTOR = MDESettings(per_component=False, spread=SPREAD)
-#: On ``trajectory`` MDE looks for a basin, and Levenberg-Marquardt goes to its bottom: so much is enough. (Per
-#: component, the valley in which all parameters grow together is too narrow.)
-SEARCH, SEARCH_RUNS = MDESettings(population=40, generations=120, per_component=False, spread=1e-6), 1
+#: The model by which the search box is sized, up to how many default ones it may be large, and in which part of it the
+#: least-squares answer lies.
+SIZING, LARGEST_RIG, INNER = 'rotor', 1e6, 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,18 +45,19 @@ class Settings:
     are given otherwise than by a user:
 
     Attributes:
-        criteria: option criterion. Of several, the one that predicts the validation data best is published.
+        criteria: option criterion. Of several, the likelihood is published, or else weak.
         delays: option delay, the two ends [s].
         start: the parameters themselves.
         bounds: the search box, of all 14 parameters or the first of them; the others' are then the default ones.
         reading: how the recordings were read, which tells by what options faults of theirs are mended.
         applied: those of its options that were found out from the recordings themselves.
+        compensate: whether unmodelled effects that are sure are estimated along.
 
     Raises:
         ParameterError: a name that is not known, or a number that makes no sense.
     """
 
-    criteria: tuple[str, ...] = CRITERIA
+    criteria: tuple[str, ...] = ('likelihood',)
     model: str = 'auto'
     optimizer: str = 'auto'
     sliding: float | None = None
@@ -68,8 +75,11 @@ class Settings:
     bounds: Bounds = field(default_factory=default_bounds)
     reading: Reading = field(default_factory=Reading)
     applied: tuple[str, ...] = ()
+    compensate: bool = True
 
     def __post_init__(self) -> None:
+        if 'trajectory' in self.criteria:
+            raise ParameterError('the criterion trajectory was replaced by likelihood; ask for likelihood')
         if not self.criteria or len(set(self.criteria)) < len(self.criteria):
             raise ParameterError(f'the criteria are {self.criteria}; one or more of {", ".join(CRITERIA)} are expected')
         named = {'criterion': self.criteria, 'delay': self.delays}
@@ -90,15 +100,38 @@ class Settings:
             require_runs(runs, mde.population, self.seed)
 
     @classmethod
-    def of(cls, criterion: tuple[str, ...] = CRITERIA, delay: tuple[float, float] = DELAYS, **others: Any) -> Settings:
+    def of(
+        cls, criterion: tuple[str, ...] = ('likelihood',), delay: tuple[float, float] = DELAYS, **others: Any
+    ) -> Settings:
         """Return the settings of options as they are named to a user; what is not given has its default."""
         return cls(criteria=criterion, delays=delay, **others)
 
     def of_rig(self, motions: Sequence[Trajectory]) -> Settings:
-        """Return the settings for the rig that moved so: a joint without any effort has no friction under load."""
+        """Return the settings for the rig that moved so: its search box, and no friction under load without a motor.
+
+        Default bounds are but a search box. They grow by powers of ten until the least-squares answer of ``weak``, or
+        of ``energy`` where motions are too short for that, lies in the inner half. Bounds that were given stay; one
+        that equals the default counts as not given.
+        """
         driven = np.any([motion.tau.any(axis=0) for motion in motions], axis=0)
         absent = [name for name, motor in zip(UNDER_LOAD, driven, strict=True) if not motor]
-        return replace(self, bounds=self.bounds.without(absent))
+        bounds = self.bounds.without(absent)
+        wide, default = (bounds.scaled(factor).of(MODELS[SIZING]) for factor in (LARGEST_RIG, 1.0))
+        theta = Quadratic.pool([self._reduced(motion) for motion in motions]).minimum_in_box(wide)
+        open_ = wide.upper > default.upper
+        share = max(theta[open_] / default.upper[open_], default=0.0)
+        factor = 10.0 ** max(0, math.ceil(math.log10(max(share / INNER, 1.0))))
+        return replace(self, bounds=bounds.scaled(factor))
+
+    def _reduced(self, motion: Trajectory) -> Quadratic:
+        """Return the least-squares criterion of a motion by which the search box is sized."""
+        smoothing = SMOOTHING if self.smoothing is None else self.smoothing
+        try:
+            states = Motion.prepare(motion, smoothing)
+            made = weak_regression(states, SIZING, self.least_delay, stride=WIDTH / 3, coarse=True)
+        except TrajectoryError:
+            made = energy_regression(motion, self.sliding, smoothing, SIZING)
+        return Quadratic.reduce(made.phi, made.y)
 
     @property
     def least_delay(self) -> float:
@@ -113,9 +146,7 @@ class Settings:
     def search(self, criterion: str, model: str) -> tuple[MDESettings, int]:
         """Return how MDE minimises a criterion of a model, and in how many runs."""
         how, runs = PER_VECTOR, RUNS
-        if criterion == 'trajectory':
-            how, runs = SEARCH, SEARCH_RUNS
-        elif criterion == 'energy' and model == 'viscous':
+        if criterion == 'energy' and model == 'viscous':
             how = THE_PAPERS
         how = replace(
             how,

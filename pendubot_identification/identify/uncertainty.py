@@ -1,19 +1,22 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""How far an estimate may be off: standard errors that allow for residuals which hang together in time."""
+"""How far an estimate may be off: standard errors for residuals that are correlated in time."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import stdtrit
 
 from pendubot_identification.criteria.energy import Regression
 from pendubot_identification.criteria.quadratic import Quadratic
+from pendubot_identification.level import NORMAL_95
 
 Array = NDArray[np.float64]
 
@@ -104,3 +107,121 @@ def bootstrap_covariance(
     steps = np.linalg.solve(sums, (drawn @ gradients)[:, :, None])[:, :, 0] @ unwhitened.T
     covariance[np.ix_(free, free)] = np.atleast_2d(np.cov(steps, rowvar=False)) * count / (count - 1)
     return covariance
+
+
+def student_quantile(freedom: ArrayLike) -> Array:
+    """Return the half-width of 95 % intervals in standard errors; infinite degrees of freedom are normal."""
+    n = np.asarray(freedom, dtype=float)
+    return np.where(np.isfinite(n), stdtrit(np.where(np.isfinite(n), n, 1.0), 0.975), NORMAL_95)
+
+
+def influence_covariance(
+    information: Array, slopes: Array, owner: NDArray[np.intp], free: NDArray[np.bool_], *, exact: bool, several: int
+) -> tuple[Array, Array, Array, str]:
+    """Return how far the minimum of a composite criterion may be off.
+
+    The curvature H of a composite criterion overstates what is known, for its parts share data. What each recording
+    does to the minimum is its influence u = H^-1 g; the variance by these is m / (m - 1) sum u u', with m - 1 degrees
+    of freedom (the infinitesimal jackknife). Where recordings are few, blocks of time stand beside them: they have the
+    recording's peculiarities in common, and count as 3 degrees of freedom. The widest interval counts.
+
+    Args:
+        information: H, shape (D, D).
+        slopes: of each block of time at the minimum, shape (B, D).
+        owner: the recording of each block, shape (B,).
+        free: which unknowns lie on no bound, shape (D,).
+        exact: whether nothing but quantization is left: then recordings have nothing in common, and blocks of time
+            count alone.
+        several: so many recordings are enough to vary by themselves.
+
+    Returns:
+        Covariance, shape (D, D), NaN where a bound holds; standard errors, shape (D,), of what a bound holds those
+        that it would have without; degrees of freedom, shape (D,); in words how they were found.
+    """
+    size, count = len(free), int(owner.max(initial=-1)) + 1
+    inverse = inverse_information(information, free)
+    curvature = np.sqrt(np.diag(inverse))
+    if len(owner) < 2:
+        covariance, std_error, freedom = inverse, curvature, np.full(size, math.inf)
+        words = 'curvature of the likelihood'
+    else:
+        ways, words = [], ''
+        if exact:
+            ways, words = [(slopes, len(owner) - 1)], f'influence of {len(owner)} blocks of time'
+        elif count < several:
+            ways, words = [(slopes, 3)], f'influence of {len(owner)} blocks of time'
+        if count > 1 and not exact:
+            ways.append((np.array([slopes[owner == k].sum(axis=0) for k in range(count)]), count - 1))
+            words += f'{" and " if words else "influence "}of {count} recordings'
+        std_error, freedom = curvature, np.full(size, math.inf)
+        spread = np.zeros_like(inverse)
+        for parts, n in ways:
+            moves = (parts - parts.mean(axis=0)) @ inverse
+            each = len(parts) / (len(parts) - 1) * moves.T @ moves
+            varied, spread = np.sqrt(np.diag(each)), spread + each
+            wide = varied * student_quantile(n) >= std_error * student_quantile(freedom)
+            std_error, freedom = np.where(wide, varied, std_error), np.where(wide, float(n), freedom)
+        known = np.sqrt(np.diag(spread + inverse))
+        known = np.where(known > 0, known, 1.0)
+        covariance = (spread + inverse) / known / known[:, None] * std_error * std_error[:, None]
+        words += ', or the curvature of the likelihood where that says less'
+    lost = unidentifiable(information, free)
+    std_error = np.where(lost, np.inf, std_error)
+    for k in np.flatnonzero(~free & (np.diag(information) > 0)):
+        beside = free.copy()
+        beside[k] = True
+        ratio = np.median((std_error / np.maximum(curvature, 1e-300))[free & ~lost]) if (free & ~lost).any() else 1.0
+        std_error[k] = ratio * math.sqrt(inverse_information(information, beside)[k, k])
+    covariance = covariance.copy()
+    covariance[lost, lost] = np.inf
+    covariance[~free], covariance[:, ~free] = np.nan, np.nan
+    return covariance, std_error, freedom, words
+
+
+def correlations(information: Array, free: NDArray[np.bool_]) -> Array:
+    """Return the correlations of errors by an information matrix, shape (D, D).
+
+    They are NaN in the rows and columns of what is not free, and of what has a part in a direction that nothing tells.
+    """
+    covariance = inverse_information(information, free)
+    deviation = np.sqrt(np.where(free & ~unidentifiable(information, free), np.diag(covariance), np.nan))
+    return np.asarray(covariance / deviation / deviation[:, None])
+
+
+def scaled_condition_number(information: Array, free: NDArray[np.bool_]) -> float:
+    """Return the condition number of the residuals' derivative, columns scaled to one, of what is free."""
+    scaled, scale = _scaled(information[np.ix_(free, free)])
+    return float(np.sqrt(np.linalg.cond(scaled))) if np.isfinite(scale).all() and scaled.size else float('inf')
+
+
+def unidentifiable(information: Array, free: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return which free unknowns have a part in a direction of which there is no information, shape (D,)."""
+    lost = free & (np.diag(information) <= 0)
+    _, vectors = _identifiable(_scaled(information[np.ix_(free, free)])[0])
+    lost[free] |= (vectors**2).sum(axis=1) < 1 - 1e-6
+    return lost
+
+
+def inverse_information(information: Array, free: NDArray[np.bool_]) -> Array:
+    """Return the pseudo-inverse of what is free; the rest is 0."""
+    result = np.zeros_like(information)
+    scaled, scale = _scaled(information[np.ix_(free, free)])
+    values, vectors = _identifiable(scaled)
+    result[np.ix_(free, free)] = (vectors / values) @ vectors.T / scale / scale[:, None]
+    return result
+
+
+def _identifiable(scaled: Array) -> tuple[Array, Array]:
+    """Return the eigenvalues and eigenvectors of the identifiable directions: a variance below 0 is none."""
+    values, vectors = np.linalg.eigh(scaled)
+    identifiable = values > len(values) * 4 * np.finfo(float).eps * values.max(initial=0.0)
+    return values[identifiable], vectors[:, identifiable]
+
+
+def _scaled(information: Array) -> tuple[Array, Array]:
+    """Return a matrix with ones on its diagonal and what it was divided by; infinite where there is no information."""
+    diagonal = np.diag(information)
+    scale = np.sqrt(np.where(diagonal > 0, diagonal, np.inf))
+    scaled = information / scale / scale[:, None]
+    np.fill_diagonal(scaled, 1.0)
+    return scaled, scale

@@ -59,15 +59,14 @@ def identification_values(result: Result) -> dict[str, Any]:
     """Return the entries of a result under flat names.
 
     ``P1``, ``P1.std_error``, ``P1.unit``, ``J.training``, ``prediction.error``, ``criterion``, ``bags.0.bag``,
-    ``warnings.0``, ``criteria.energy.P1`` ... Matrices, single runs and the models that were not chosen are left to the
-    result file.
+    ``warnings.0``, ``criteria.energy.P1`` ... Matrices and single runs are left to the result file.
     """
     data, values = plain(result), {}
     for name, entry in data['parameters'].items():
         values[name] = entry['value']
         values |= flat(name, {key: value for key, value in entry.items() if key != 'value'})
     for key, entry in data.items():
-        if key not in ('parameters', 'criteria', 'covariance', 'covariance_rank', 'models'):
+        if key not in ('parameters', 'criteria', 'covariance', 'covariance_rank'):
             values |= flat(key, entry)
     for name, answer in data['criteria'].items():
         J = {which: answer['J'][which] for which in ('training', 'validation', 'unit')}

@@ -33,6 +33,8 @@ LATENCY_NS = 1_000_000_000
 LONGEST, MANY, LONGEST_OF_MANY = 600.0, 200_000, 180.0
 #: What of such a recording is usually enough [s].
 ENOUGH = 60.0
+#: A window may end so long after the last sample without a warning [s]: one sampling interval, or a rounded duration.
+LATE_END = 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,6 +79,15 @@ class BagWindow:
     def of(self, motion: Trajectory) -> Trajectory:
         """Return what of a motion, t [s] from the bag's first sample, lies in the window; it may be nothing."""
         return motion[(motion.t >= (self.start or 0.0)) & (motion.t < (self.end or math.inf))]
+
+    def cut(self, last: float) -> str:
+        """Return a warning if the window ends after the last sample, at ``last`` [s]; else nothing."""
+        if self.end is None or self.end <= last + LATE_END:
+            return ''
+        return (
+            f'{self} ends at {self.end:g} s, but its last sample is at {last:.3f} s: the samples up to there are used; '
+            'check END, or whether the recording stopped early'
+        )
 
     def __str__(self) -> str:
         if self.start is None and self.end is None:

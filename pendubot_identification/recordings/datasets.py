@@ -12,7 +12,7 @@ from itertools import combinations
 from pathlib import Path
 
 from pendubot_identification.errors import LongRecordingError, ParameterError, TrajectoryError
-from pendubot_identification.identify.recipes import SHORTEST
+from pendubot_identification.identify.fitting import FittingSettings
 from pendubot_identification.identify.result import Source
 from pendubot_identification.trajectories.conventions import OF_FILES
 from pendubot_identification.trajectories.reading import Reading, options
@@ -73,6 +73,7 @@ def load_datasets(
         validation = [rest for window in _rest(windows) if (rest := _worth_judging(window, read)) is not None]
     pairs = [('training', r) for r in training] + [('validation', r) for r in validation]
     notes = [r.note for _, r in pairs if r.note]
+    notes += filter(None, (r.window.cut(span(r.trajectory)[1]) for _, r in pairs))
     for (role, first), (_, second) in combinations(pairs, 2):
         starts, ends = zip(span(first.trajectory), span(second.trajectory), strict=True)
         if role == 'training' and first.sha256 == second.sha256 and max(starts) <= min(ends):
@@ -135,7 +136,7 @@ def _worth_judging(window: BagWindow, read: Callable[[BagWindow], RecordedTrajec
     except TrajectoryError:
         return None
     found = recorded.trajectory
-    return recorded if len(found) >= MINIMUM_SAMPLES and found.duration >= SHORTEST else None
+    return recorded if len(found) >= MINIMUM_SAMPLES and found.duration >= FittingSettings().shortest else None
 
 
 def span(recording: Trajectory) -> tuple[float, float]:

@@ -17,8 +17,8 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from pendubot_identification.identify.evidence import Excitation, Residuals, Simulation, TorqueLeft
-from pendubot_identification.identify.result import Convergence, CriterionValue, Result
+from pendubot_identification.identify.evidence import Excitation, Residuals, Simulation, UnexplainedTorque
+from pendubot_identification.identify.result import Convergence, Result
 from pendubot_identification.level import NORMAL_95
 from pendubot_identification.model.parameters import NAMES, UNITS
 from pendubot_identification.tracking.tracker import Change, Event, State
@@ -192,9 +192,8 @@ def draw_residuals(residuals: Residuals, names: Sequence[str] = (), at: Timeline
 
 
 @drawn
-def draw_torque_left(left: TorqueLeft, at: Timeline = NOWHERE) -> list[Picture]:
-    """Draw the unexplained torque of both joints over time, with its bursts; and its means against what the rig did."""
-    found = left.found
+def draw_unexplained_torque(left: UnexplainedTorque, at: Timeline = NOWHERE) -> list[Picture]:
+    """Draw the unexplained torque of both joints over time, and its means against what the rig did."""
     starts = [at.of(name) for name in left.names]
     panels = [
         Panel(
@@ -203,7 +202,7 @@ def draw_torque_left(left: TorqueLeft, at: Timeline = NOWHERE) -> list[Picture]:
             [
                 Line(
                     '',
-                    [(t + s, y[:, k]) for s, t, y in zip(starts, found.times, found.torque, strict=True)],
+                    [(t + s, y[:, k]) for s, t, y in zip(starts, left.times, left.torque, strict=True)],
                     colour,
                     0.7,
                 )
@@ -211,14 +210,11 @@ def draw_torque_left(left: TorqueLeft, at: Timeline = NOWHERE) -> list[Picture]:
         )
         for k, (joint, colour) in enumerate(zip(('shoulder', 'elbow'), COLOURS, strict=False))
     ]
-    begin = {name: s + start for name, s, start in zip(left.names, starts, left.starts, strict=True)}
-    bursts = [Span(begin[b.recording] + b.begin, begin[b.recording] + b.end, SIMULATED) for b in found.bursts]
-    plot = TimePlot(panels, bursts, at.begins)
+    plot = TimePlot(panels, [], at.begins)
     figure, axes = _panels(2.6, 2, sharex=True)
     plot.draw(axes)
-    about: dict[str, Any] = {'bursts': len(found.bursts), 'effects': [f.effect.name for f in found.effects]}
-    over_time = _picture(figure, 'torque_left', plot, **about)
-    everything, rest = np.concatenate(found.torque), np.concatenate(found.rest)
+    over_time = _picture(figure, 'torque_left', plot)
+    everything = np.concatenate(left.torque)
     figure, means_of = _panels(2.6, 2, len(left.seen), sharey='row')
     against = means_of.reshape(2, -1)
     quiet = np.abs(everything) < OUTLYING * np.median(np.abs(everything), axis=0) + np.finfo(float).tiny
@@ -232,28 +228,24 @@ def draw_torque_left(left: TorqueLeft, at: Timeline = NOWHERE) -> list[Picture]:
                 continue
             number = np.clip(np.searchsorted(edges, values[kept, joint], side='right') - 1, 0, len(edges) - 2)
             count = np.maximum(np.bincount(number, minlength=len(edges) - 1), 1)
-            for torque, stroke in ((everything, '-'), (rest, ':')):
-                means = np.bincount(number, torque[kept, joint], minlength=len(edges) - 1) / count / 10.0**power
-                shown.plot((edges[1:] + edges[:-1]) / 2, means, color=colour, linestyle=stroke)
+            means = np.bincount(number, everything[kept, joint], minlength=len(edges) - 1) / count / 10.0**power
+            shown.plot((edges[1:] + edges[:-1]) / 2, means, color=colour)
             shown.axhline(0, color='#bbbbbb', linewidth=0.6, zorder=0)
             against[1, column].set_xlabel(name)
-    return [over_time, _picture(figure, 'torque_means', **about)]
+    return [over_time, _picture(figure, 'torque_means')]
 
 
 @drawn
-def draw_convergence(criterion: str, J: CriterionValue, convergence: Convergence) -> Picture:
-    """Draw the best value of each run of MDE after each generation."""
+def draw_convergence(criterion: str, least: float, convergence: Convergence) -> Picture:
+    """Draw how far the best value of each run of MDE is above the exact minimum ``least``, after each generation."""
     generations = np.array(convergence.generations) + 1.0
     best = np.array(convergence.best, dtype=float)
-    least = J.least_squares
     figure, (axis,) = _panels(3.0, 1)
-    values = best if least is None else np.maximum(best / least - 1, 1e-14)
-    axis.loglog(generations, values.T, color=COLOURS[0], linewidth=0.8, alpha=0.8)
-    axis.set(xlabel='generation', ylabel='best value' if least is None else 'best J / exact minimum - 1')
-    if least is not None:
-        axis.axhline(1e-6, color=SIMULATED, linestyle='--', label='counts as found')
-        _legend(axis, axis.lines[-1:])
-    return _picture(figure, f'convergence_{criterion}', exact=least is not None)
+    axis.loglog(generations, np.maximum(best / least - 1, 1e-14).T, color=COLOURS[0], linewidth=0.8, alpha=0.8)
+    axis.set(xlabel='generation', ylabel='best J / exact minimum - 1')
+    axis.axhline(1e-6, color=SIMULATED, linestyle='--', label='counts as found')
+    _legend(axis, axis.lines[-1:])
+    return _picture(figure, f'convergence_{criterion}')
 
 
 @drawn

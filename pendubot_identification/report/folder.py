@@ -13,8 +13,14 @@ from pathlib import Path
 
 from pendubot_identification.errors import PendubotError
 from pendubot_identification.files import OutputFolder
-from pendubot_identification.identify.effects import allowing_for, passed_by
-from pendubot_identification.identify.evidence import excitation, known_effects, residuals, simulate_beside, torque_left
+from pendubot_identification.identify.effects import compensated
+from pendubot_identification.identify.evidence import (
+    excitation,
+    known_effects,
+    residuals,
+    simulate_beside,
+    unexplained_torque,
+)
 from pendubot_identification.identify.prediction import state_scale
 from pendubot_identification.identify.result import Result
 from pendubot_identification.recordings.bag_reader import BagReader, BagWindow
@@ -118,12 +124,9 @@ def _wanted(
             [Motion.prepare(motion, result.smoothing, hold(result)) for motion in recorded] for recorded in motions
         )
         at = figures.timeline([*motions[0], *motions[1]])
-        scale, asked, whole, listed = state_scale(training), settings(result), training, result.unexplained_torque
-        if listed is not None and listed.effects:
-            known = known_effects(training, listed.effects)
-            parts = zip(training, passed_by(training), strict=True)
-            training = [allowing_for(motion, known, best.delay, passed) for motion, passed in parts]
-            validation = [allowing_for(motion, known, best.delay) for motion in validation]
+        scale, asked, known = state_scale(training), settings(result), known_effects(training, result.effects)
+        training = [compensated(motion, known, best.delay) for motion in training]
+        validation = [compensated(motion, known, best.delay) for motion in validation]
 
         def simulated() -> Picture:
             shown = simulate_beside(validation or training, best, scale)
@@ -137,19 +140,18 @@ def _wanted(
             return figures.draw_residuals(shown, [motion.name for motion in training], at)
 
         def unexplained() -> list[Picture]:
-            return figures.draw_torque_left(torque_left(whole, best, result.smoothing, hold(result)), at)
+            return figures.draw_unexplained_torque(unexplained_torque(training, best), at)
 
         yield 'the data', partial(figures.draw_recordings, *motions)
-        if listed is not None:
-            yield 'the unexplained torque', unexplained
+        yield 'the unexplained torque', unexplained
         yield 'the simulation', simulated
         yield 'the excitation', excited
         for criterion in found:
             yield f'the residuals of {criterion}', partial(left, criterion)
     for criterion, answer in result.criteria.items():
-        # Without MDE there is none, and results of earlier versions do not hold it.
-        if answer.convergence:
-            drawn = partial(figures.draw_convergence, criterion, answer.J, answer.convergence)
+        # Without MDE there is none, and results of earlier versions do not hold it, or not its minimum.
+        if answer.convergence and answer.J.least_squares is not None:
+            drawn = partial(figures.draw_convergence, criterion, answer.J.least_squares, answer.convergence)
             yield f'the convergence of {criterion}', drawn
 
 

@@ -16,12 +16,14 @@ from pendubot_identification.level import NORMAL_95, Level
 
 from .table import Cell, Number, Table, wrapped
 
-#: What each level means. That of OK holds where every parameter is known.
+#: What each level means.
 VERDICTS = {
-    Level.OK: 'nothing speaks against these parameters',
+    Level.OK: 'the 95 % intervals hold',
     Level.WARN: 'use these parameters with the reservations below',
     Level.ERROR: 'do not use these parameters in a controller',
 }
+#: What no recording tells.
+GIVEN = 'given the torque scale, the clock and g'
 HOLDS = {'zero': 'held from sample to sample', 'linear': 'changing linearly from sample to sample'}
 STATES = {'q1': 'angle of link 1', 'q2': 'angle of link 2', 'dq1': 'velocity of link 1', 'dq2': 'velocity of link 2'}
 
@@ -33,6 +35,7 @@ class ParameterRow:
     Attributes:
         value: with the half of its 95 % interval.
         part: what part of the value that is, at most all of it; None where it is not known.
+        paper: its value in the paper's answer.
         beside: its value in what stands beside the result.
         doubts: why it is not to be relied upon, and with which others it is correlated.
         advice: what would tell more of it.
@@ -42,6 +45,7 @@ class ParameterRow:
     unit: str
     value: Cell
     part: float | None
+    paper: Cell
     beside: Cell
     doubts: list[Cell]
     advice: list[str]
@@ -67,14 +71,45 @@ def number(result: Result | Given, path: str, format: str = '', of: str = '') ->
     return Number(entry(result, path), format, path, of)
 
 
-def _with_error(result: Result, path: str, format: str, error: str = '') -> Cell:
-    """Return the number at a path with, where it is known, the half of its 95 % interval.
+def _with_error(result: Result, path: str, format: str, error: str = '', quantile: float = NORMAL_95) -> Cell:
+    """Return the number at a path with, where it is known, the half-width of its 95 % interval.
 
-    That is so many standard errors, which are at ``error`` or beside the number.
+    That is ``quantile`` standard errors, which are at ``error`` or beside the number.
     """
     at = error or f'{path}_std_error'
     value, known = number(result, path, format), entry(result, at)
-    return value if known is None else (value, ' ± ', Number(known, format, at, times=NORMAL_95))
+    return value if known is None else (value, ' ± ', Number(known, format, at, times=quantile))
+
+
+def _estimate(result: Result, at: str, format: str) -> Cell:
+    """Return the parameter at a path with the half-width of its 95 % interval."""
+    return _with_error(result, f'{at}.value', format, f'{at}.std_error', entry(result, at).quantile)
+
+
+def papers_head(result: Result) -> str:
+    """Return what to call the paper's answer, which stands beside the published one; empty where there is none."""
+    energy = result.criteria.get('energy')
+    if energy is None or result.criterion == 'energy':
+        return ''
+    return 'energy' if energy.mde is None else 'energy by MDE'
+
+
+def _papers(result: Result, name: str, format: str) -> Cell:
+    answer = result.criteria['energy'].parameters
+    return number(result, f'criteria.energy.parameters.{name}.value', format) if name in answer else '-'
+
+
+def J_sentence(result: Result) -> Cell:
+    """Return J of what is published, and of the paper's answer."""
+
+    def J(name: str) -> Cell:
+        at = f'criteria.{name}.J'
+        judged = entry(result, at).validation is not None
+        validation: Cell = (', ', number(result, f'{at}.validation', '.4g'), ' on validation') if judged else ''
+        return f'{name} ', number(result, f'{at}.training', '.4g'), ' ', entry(result, f'{at}.unit'), validation
+
+    paper: Cell = ('; ', J('energy')) if papers_head(result) else ''
+    return 'J: ', J(result.criterion), paper
 
 
 def _joined(separator: str, numbers: Iterable[Number]) -> Cell:
@@ -108,12 +143,14 @@ def parameter_table(result: Result, beside: Beside | None = None) -> Table:
         ('estimate', [number(result, f'parameters.{name}.value', exact) for name in entries]),
         ('95 % interval', [interval(result, name) for name in entries]),
     ]
+    if head := papers_head(result):
+        columns.append((head, [_papers(result, name, exact) for name in entries]))
     columns += [(beside[1], [reference(beside[0], name) for name in entries])] if beside else []
     columns += [('', doubts)] if any(doubts) else []
-    head, cells = zip(*columns, strict=True)
+    heads, cells = zip(*columns, strict=True)
     notes = [f'95 % intervals: {result.criteria[result.criterion].uncertainty}']
     return Table(
-        head, list(zip(*cells, strict=True)), notes + [f'not in the model: {which}' for which in result.not_in_model]
+        heads, list(zip(*cells, strict=True)), notes + [f'not in the model: {which}' for which in result.not_in_model]
     )
 
 
@@ -134,13 +171,14 @@ def parameter_rows(result: Result, beside: Beside | None = None) -> list[Paramet
             for k, other in enumerate(names)
             if other != name and abs(published.correlation[names.index(name)][k] or 0.0) > TOGETHER
         ]
-        error, size = found.std_error, abs(found.value)
+        error, size, paper = found.std_error, abs(found.value), papers_head(result)
         rows.append(
             ParameterRow(
                 name,
                 found.unit,
-                _with_error(result, f'parameters.{name}.value', exact, f'parameters.{name}.std_error'),
-                None if error is None or not size else min(NORMAL_95 * error / size, 1.0),
+                _estimate(result, f'parameters.{name}', exact),
+                None if error is None or not size else min(found.quantile * error / size, 1.0),
+                _papers(result, name, exact) if paper else '',
                 number(beside[0], f'parameters.{name}.value', exact, 'reference')
                 if beside and name in beside[0].parameters
                 else '',
@@ -174,8 +212,10 @@ def comparison_table(result: Result, truth: Mapping[str, float] | None = None) -
 
     def cell(criterion: str, name: str) -> Cell:
         at = f'criteria.{criterion}.parameters.{name}'
+        if name not in result.criteria[criterion].parameters:
+            return '-'
         if truth is None:
-            return _with_error(result, f'{at}.value', exact, f'{at}.std_error')
+            return _estimate(result, at, exact)
         value, true = number(result, f'{at}.value', exact), truth[name]
         found = entry(result, f'{at}.value')
         off = f'{100 * (found / true - 1):+.1f} %' if true else f'{found:+.1e}'
@@ -220,8 +260,8 @@ def criterion_table(result: Result) -> Table:
     """Return a column a criterion: the J that it minimised, the effort's delay, its condition number and its level."""
     paths = [f'criteria.{name}' for name in result.criteria]
     rows = [
-        ['J training', *(number(result, f'{at}.J.training', '.3e') for at in paths)],
-        ['J validation', *(number(result, f'{at}.J.validation', '.3e') for at in paths)],
+        ['J training', *(number(result, f'{at}.J.training', '.4g') for at in paths)],
+        ['J validation', *(number(result, f'{at}.J.validation', '.4g') for at in paths)],
         ['unit of J', *(entry(result, f'{at}.J.unit') for at in paths)],
         ['effort acts later by [s]', *(_with_error(result, f'{at}.effort.delay', '.3g') for at in paths)],
         ['condition number', *(number(result, f'{at}.condition_number', '.4g') for at in paths)],
@@ -254,21 +294,23 @@ def run_table(result: Result) -> Table | None:
     return Table([f'energy: J [{J.unit}]', 'best', 'worst', 'average'], rows)
 
 
-def unexplained_table(result: Result) -> Table | None:
-    """Return the unexplained torque as a part of the effort, and the effects that were named; None without."""
-    left = result.unexplained_torque
-    if left is None:
+def effects_table(result: Result) -> Table | None:
+    """Return the unmodelled effects, and what nothing explains; None where there is neither."""
+    if result.unmodelled is None and not result.effects:
         return None
-    at = 'unexplained_torque'
     rows: list[list[Cell]] = [
-        ['left unexplained', *(number(result, f'{at}.share.{k}', '.2%') for k in (0, 1))],
-        ['of which rounded angles explain', *(number(result, f'{at}.rounding.{k}', '.2%') for k in (0, 1))],
+        [
+            f'{e.name} ({e.where})',
+            'compensated' if e.accepted else 'possible',
+            number(result, f'effects.{k}.gain', '.0f'),
+            number(result, f'effects.{k}.z', '.1f'),
+        ]
+        for k, e in enumerate(result.effects)
     ]
-    notes = [
-        f'{e.name} ({e.where}): P1 to P5 change by up to {max(abs(m or 0.0) for m in e.moved):.2g} of themselves'
-        for e in left.effects
-    ]
-    return Table(['torque, in parts of the effort', 'shoulder', 'elbow'], rows, notes)
+    if result.unmodelled is not None:
+        parts = (number(result, f'unmodelled.{k}', '.2%') for k in (0, 1))
+        rows.append(['unexplained innovations at shoulder and elbow', _joined(' and ', parts), '', ''])
+    return Table(['effect', '', 'gain in J', "Vuong's z"], rows)
 
 
 def zero_table(result: Result) -> Table | None:
@@ -278,34 +320,6 @@ def zero_table(result: Result) -> Table | None:
         for k, zero in enumerate(result.zeros)
     ]
     return Table(['zeros are off by [degrees]', 'q1', 'q2'], rows) if rows else None
-
-
-def model_table(result: Result) -> Table | None:
-    """Return how well each model predicts, which one was chosen, and why; None where the model was given."""
-    compared = result.models.compared
-    if not compared:
-        return None
-    rows = [
-        [
-            score.model,
-            number(result, f'models.compared.{k}.parameters'),
-            _joined(' ', (number(result, f'models.compared.{k}.error.{h}', '.4f') for h in range(len(score.error)))),
-            _with_error(result, f'models.compared.{k}.behind', '.1%'),
-        ]
-        for k, score in enumerate(compared)
-    ]
-    why = f'{result.model} was chosen: the smallest model that '
-    if compared[-1].exact:
-        why += "leaves nothing but the encoders' rounding; larger ones were not tried"
-    elif len(compared) == 1:
-        why = 'none leaves but the rounding of the encoders: the largest is taken'
-    elif len(compared) == 2:
-        why = 'none leaves but the rounding of the encoders: their answers are averaged, weighted by how they predict'
-    else:
-        why += 'predicts the training data within one standard error of the best'
-    after = _joined(', ', (number(result, f'prediction.horizons.{h}', 'g') for h in range(len(compared[0].error))))
-    note = f'{why} ({result.models.by})'
-    return Table(['model', 'parameters', ('error after ', after, ' s'), 'above the best by'], rows, [note])
 
 
 def data_sentences(result: Result) -> list[Cell]:
@@ -334,7 +348,7 @@ def steps(result: Result) -> str:
 
 
 def verdict(result: Result) -> str:
-    """Return what the level of a result means, in a sentence; one of OK names the parameters that it does not cover."""
+    """Return what the level of a result means, in a sentence; OK names the parameters that it does not cover."""
     if result.level is not Level.OK:
         return VERDICTS[result.level]
     doubts = result.not_covered
@@ -342,8 +356,8 @@ def verdict(result: Result) -> str:
         doubts = {name: doubt for name, entry in result.parameters.items() if (doubt := _doubt(entry))}
     if doubts:
         named = ', '.join(f'{name} ({why})' for name, why in doubts.items())
-        return f'use these parameters, but do not rely on {named}'
-    return VERDICTS[Level.OK]
+        return f'{VERDICTS[Level.OK]}, {GIVEN}; do not rely on {named}'
+    return f'{VERDICTS[Level.OK]}, {GIVEN}'
 
 
 def judgement(result: Result) -> str:
@@ -384,7 +398,10 @@ def summary(result: Result) -> str:
     """Return all that a terminal shows of a result."""
     sources = [f'{b.role}: {b.bag}, {b.samples} samples, {b.duration:.2f} s' for b in result.bags]
     published = f'published: the answer of {result.criterion}, {result.model} model'
-    shown: list[str | Table | None] = ['\n'.join(sources), f'{published}\n{parameter_table(result).text()}']
+    shown: list[str | Table | None] = [
+        '\n'.join(sources),
+        f'{published}\n{parameter_table(result).text()}\n{wrapped(J_sentence(result))}',
+    ]
     # Where a fault of the recordings explains all that is odd, the rest would only hide it.
     if not result.consequences:
         design = 'pendubot excite --design proposes an excitation that identifies all parameters as well as can be'
@@ -393,9 +410,8 @@ def summary(result: Result) -> str:
             prediction_table(result),
             criterion_table(result),
             '\n'.join(map(wrapped, data_sentences(result))),
-            unexplained_table(result),
+            effects_table(result),
             zero_table(result),
-            model_table(result),
             run_table(result),
             steps(result),
             '\n'.join(map(wrapped, [*result.advice, design])) if result.advice else None,
@@ -415,12 +431,15 @@ def comparison(compared: Mapping[str, Any]) -> str:
         [
             f'{name} [{row["unit"]}]',
             *((Number(value, exact), '' if error is None else f' ± {error:{exact}}') for value, error in pair),
-            *(Number(z, '+.1f') for z in row['apart'][1:]),
+            *(
+                '-' if t is None else (Number(t, '+.1f'), ' (', Number(p, '.2g'), ')')
+                for t, p in zip(row['apart'][1:], row['p'][1:], strict=True)
+            ),
         ]
         for (name, row), pair in zip(compared['parameters'].items(), pairs, strict=True)
     ]
-    note = 'z: the difference from A in standard errors of both together'
-    tables = [Table(['', *letters, *(f'z of {letter} - A' for letter in letters[1:])], rows, [note])]
+    note = '±: standard errors; t: difference from A in standard errors of both; p: how likely chance makes it as large'
+    tables = [Table(['', *letters, *(f't (p) of {letter} - A' for letter in letters[1:])], rows, [note])]
     if 'on' in compared:
         columns = zip(compared['horizons'], *compared['error'], compared['persistence'], strict=True)
         rows = [[f'error after {horizon:g} s', *(Number(e, '.3f') for e in errors)] for horizon, *errors in columns]

@@ -61,9 +61,11 @@ def recordings(result: Result, folder: Path | None = None) -> tuple[list[Traject
 def settings(result: Result) -> Settings:
     """Return with what settings a result was made, but for those of MDE and where a search started."""
     made = result.made_by
+    # Likelihood took the place of trajectory, which earlier versions had.
+    criteria = tuple('likelihood' if name == 'trajectory' else name for name in made.criteria)
     same = ('delays', 'model', 'optimizer', 'smoothing', 'hold', 'link_length', 'seed')
     return Settings(
-        criteria=tuple(made.criteria),
+        criteria=criteria,
         sliding=made.sliding_window,
         reading=Reading.of(result.reading),
         bounds=Bounds(np.array(made.lower_bounds), np.array(made.upper_bounds), NAMES[: len(made.lower_bounds)]),

@@ -19,7 +19,16 @@ from numpy.typing import NDArray
 from pendubot_identification import __version__
 from pendubot_identification.errors import ResultError
 from pendubot_identification.files import read_yaml, write_whole
-from pendubot_identification.identify.result import SCHEMA, FaultFound, Given, Result, Source, plain, structured
+from pendubot_identification.identify.result import (
+    SCHEMA,
+    EffectFound,
+    FaultFound,
+    Given,
+    Result,
+    Source,
+    plain,
+    structured,
+)
 from pendubot_identification.model.parameters import MODELS, NAMES, UNDER_LOAD, UNITS, Parameters
 
 if TYPE_CHECKING:
@@ -32,8 +41,9 @@ Array = NDArray[np.float64]
 #: Generations of which a result file tells the best values.
 SHOWN_GENERATIONS = 30
 REQUIRED = NAMES[: MODELS['viscous']]
-#: What is told of a fault.
+#: Fields of a fault and of an effect.
 FAULT = [f.name for f in fields(FaultFound)]
+EFFECT = [f.name for f in fields(EffectFound)]
 #: A name of the first files of this schema, and what it is called now.
 EARLIER = ('standing_still:', 'persistence:')
 
@@ -48,27 +58,14 @@ def result_of(found: Identification, sources: Sequence[Source]) -> Result:
         **answers[best.criterion],
         'not_covered': best.not_covered,
         'faults': [{name: getattr(f, name) for name in FAULT} for f in found.faults],
-        'unexplained_torque': _unexplained_torque(found),
+        'effects': [{name: getattr(e, name) for name in EFFECT} for e in found.effects],
+        'unmodelled': found.unmodelled,
         'advice': best.advice,
         'criterion': best.criterion,
         'model': best.model,
         'not_in_model': [f'{name}, for the effort of the {joints[name]} is zero throughout' for name in best.absent],
         'smoothing': found.smoothing,
         'prediction': {'method': found.validation, **answers[best.criterion]['prediction']},
-        'models': {
-            'by': found.comparison or None,
-            'compared': [
-                {
-                    'model': score.model,
-                    'parameters': int(settings.box(score.model).present.sum()),
-                    'error': score.error,
-                    'behind': score.behind[0],
-                    'behind_std_error': score.behind[1],
-                    'exact': score.exact,
-                }
-                for score in found.models
-            ],
-        },
         'link_length': {'value': length, 'std_error': error, 'expected': settings.link_length},
         'criteria': answers,
         'covariance': best.covariance[np.ix_(best.present, best.present)],
@@ -87,24 +84,6 @@ def result_of(found: Identification, sources: Sequence[Source]) -> Result:
     }
     result: Result = structured(Result, plain(data), 'this identification')
     return result
-
-
-def _unexplained_torque(found: Identification) -> dict[str, Any] | None:
-    left = found.unexplained
-    if left is None:
-        return None
-    effects = [
-        {
-            'name': e.effect.name,
-            'where': e.effect.where,
-            'share': e.share,
-            'moved': e.moved,
-            'sizes': e.sizes,
-            'allowed': e.allowed,
-        }
-        for e in left.effects
-    ]
-    return {'share': left.share, 'rounding': left.noise, 'effects': effects, 'bursts': left.bursts}
 
 
 def _answer(e: Estimate, found: Identification) -> dict[str, Any]:
@@ -129,6 +108,7 @@ def _answer(e: Estimate, found: Identification) -> dict[str, Any]:
             NAMES[k]: {
                 'value': e.theta[k],
                 'std_error': e.std_error[k],
+                'degrees_of_freedom': np.broadcast_to(e.freedom, e.theta.shape)[k],
                 'interval': e.intervals[k],
                 'unit': UNITS[k],
                 'on_bound': not (e.free[k] or e.held[k]),

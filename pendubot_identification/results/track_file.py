@@ -72,7 +72,8 @@ def start_of(path: Path | None, model: str | None = None) -> Start:
         raise ResultError(f'{path} is of level ERROR: {"; ".join(result.warnings)}; begin with another result, or none')
     size = MODELS[named]
     names = list(result.parameters)
-    errors = {name: entry.std_error or 0.0 for name, entry in result.parameters.items()}
+    # A filter's errors are normal: those with the same 95 % interval.
+    errors = {name: (e.std_error or 0.0) * e.quantile / NORMAL_95 for name, e in result.parameters.items()}
     theta = result.theta.vector(named)[:size]
     level = Level.WARN if result.level is None else result.level
     why = [f'of {path}, with which it began: {warning}' for warning in result.warnings]

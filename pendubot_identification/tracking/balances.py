@@ -101,7 +101,7 @@ def rows_of(motion: Motion, begin: float, count: int, delay: float, accuracy: Ac
     # One node more at either end, for the means over cells.
     nodes = begin + CELL * np.arange(-1.0, (count - 1) * _STEP + _REACH + 2)
     states = np.ascontiguousarray(motion.states(nodes))
-    require_plausible_speed(motion.name, nodes - motion.start, states[2:].T)
+    require_plausible_speed(motion.name, nodes - motion.start, states[2:].T, motion.interval)
     impulse = np.ascontiguousarray(motion.impulse(nodes - delay).T)
     cells = _under(_columns(states, impulse, len(accuracy.theta), accuracy.speed), _REACH)
     rows = cells @ _BUMPS[0, :, 1:-1:2].T

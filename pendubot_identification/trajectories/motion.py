@@ -32,8 +32,6 @@ class Motion:
     smoothed: Piecewise  #: q1, q2, q1', q2' [rad, rad/s] as a spline of time.
     impulse: Piecewise  #: integral of both torques [N m s] since the start, as a piecewise polynomial of time.
     recorded: Trajectory  #: what all this was made of.
-    #: Integrals [s] of E unit torques beside the recorded ones, whose sizes are unknown: both joints' of each in turn.
-    unit_impulse: Piecewise | None = None
     #: What was made of this motion, and of no other: it is asked for again and again.
     _made: dict[Hashable, Any] = field(default_factory=dict, init=False, repr=False, compare=False)
 
@@ -101,15 +99,5 @@ class Motion:
 
     def torques(self, start: Array, step: float, steps: int) -> Array:
         """Return the mean torques [N m] over consecutive steps from each of the times ``start``, shape (2, K, L)."""
-        return _means(self.impulse, start, step, steps)
-
-    def unit_torques(self, start: Array, step: float, steps: int) -> Array:
-        """Return likewise the means of the unit torques, shape (E, 2, K, L)."""
-        if self.unit_impulse is None:
-            return np.empty((0, 2, steps, len(start)))
-        return _means(self.unit_impulse, start, step, steps).reshape(-1, 2, steps, len(start))
-
-
-def _means(impulse: Piecewise, start: Array, step: float, steps: int) -> Array:
-    edges = start + step * np.arange(steps + 1)[:, None]
-    return np.asarray(np.moveaxis(np.diff(impulse(edges), axis=0), -1, 0) / step)
+        edges = start + step * np.arange(steps + 1)[:, None]
+        return np.asarray(np.moveaxis(np.diff(self.impulse(edges), axis=0), -1, 0) / step)

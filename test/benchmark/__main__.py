@@ -27,7 +27,6 @@ PARTS = {
     'sensitivities': motions.with_sensitivities,
     'start': start.whole,
     'session': session.whole,
-    'scipy': session.beside_scipy,
     'growth': lambda: growth.figure(FIGURE),
     'work': growth.identifications,
     'hour': bags.hour,

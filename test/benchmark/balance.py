@@ -42,7 +42,7 @@ LAG, LIMIT, TIME = 0.004, 2.0, 10.0
 #: Where it starts, how far each angle may be from there [rad], and when it has to be held [s].
 STARTS = {'upright': ((UPRIGHT, 0.0), 0.1, 1.0), 'hanging': (HANGING, 0.2, 10.0)}
 #: Where the parameters come from.
-SOURCES = ('truth', 'trajectory', 'weak', 'energy', 'energy over 0.5 s')
+SOURCES = ('truth', 'likelihood', 'weak', 'energy', 'energy over 0.5 s')
 
 
 class Known(NamedTuple):
@@ -127,7 +127,10 @@ def identified():
         states.append(rig.q)
         rig.advance((torque[0], 0.0), 0.01)
     motion = quantised(Trajectory(t, np.array(states), tau), 4000)
-    ways = {'': {}, ' over 0.5 s': {'criteria': ('energy',), 'sliding': 0.5}}
+    ways = {
+        '': {'criteria': ('energy', 'weak', 'likelihood')},
+        ' over 0.5 s': {'criteria': ('energy',), 'sliding': 0.5},
+    }
     return {
         e.criterion + way: (Known(Parameters.from_vector(e.theta), max(0.0, e.effort.delay)), e.level.name)
         for way, chosen in ways.items()

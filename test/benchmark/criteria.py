@@ -28,11 +28,8 @@ import numpy as np
 from pendubot_identification.criteria.energy import energy_regression
 from pendubot_identification.criteria.quadratic import Quadratic
 from pendubot_identification.excitation.excitation import PulseTrain
-from pendubot_identification.identify.diagnosis import diagnose, link_length
 from pendubot_identification.identify.identification import identify
-from pendubot_identification.identify.judgement import judge
 from pendubot_identification.identify.prediction import HORIZONS, Prediction, predict, state_scale
-from pendubot_identification.identify.recipes import Data, estimate
 from pendubot_identification.identify.settings import Settings
 from pendubot_identification.level import Level
 from pendubot_identification.model.parameters import BALANCE, NAMES, PAPER, Parameters, default_bounds
@@ -40,7 +37,6 @@ from pendubot_identification.model.simulation import quantised, simulate
 from pendubot_identification.recordings.table_reader import TableReader
 from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.reading import Reading
-from pendubot_identification.trajectories.suspicions import suspicions
 from test.conftest import RECORDINGS
 
 COUNTS, RATE, SAMPLES, SEVEN = 4000, 100, 900, NAMES[:7]
@@ -48,8 +44,8 @@ RIGS = {'paper': PAPER, 'larger': BALANCE}
 PULSES = {'1 s, ±1 N m': PulseTrain(), '5 s, ±2 N m': PulseTrain(period=5, amplitude_min=-2, amplitude_max=2)}
 CELLS = [(rig, pulses) for rig in RIGS for pulses in PULSES]
 #: How the recordings are identified: criterion, and what is not the default.
-WAYS = {'energy': {}, 'energy over 0.5 s': {'sliding': 0.5}, 'weak': {}, 'trajectory': {}}
-WAYS |= {'trajectory, start off by 3': {}, 'trajectory, MDE': {'optimizer': 'mde'}}
+WAYS = {'energy': {}, 'energy over 0.5 s': {'sliding': 0.5}, 'weak': {}, 'likelihood': {}}
+WAYS |= {'likelihood, start off by 3': {}}
 #: The energy criterion elsewhere: rate [Hz], counts per turn (0: exact), smoothing [s], sliding window [s].
 ENERGY = ((100, 4000, 0.02, None), (100, 0, 0.02, None), (100, 4000, 0.05, 0.5), (1000, 4000, 0.02, None))
 ENERGY += ((1000, 0, 0.02, None), (1000, 4000, 0.02, 0.5))
@@ -87,29 +83,22 @@ def fits(job):
     cell, seed = job
     truth, motion = RIGS[cell[0]].vector(), recording(*cell, seed)
     first, second = motion[:SAMPLES], motion[SAMPLES:]
-    begin = time.perf_counter()
-    data = Data.prepare([first], Settings(model='viscous'))
-    preparing, result = time.perf_counter() - begin, []
-    judges = [Motion.prepare(second, data.smoothing, data.hold)]
-    notes, faults = suspicions([first, second]), diagnose(data.motions, data.smoothing, data.hold, 'viscous')
+    result = []
     for way, options in WAYS.items():
         settings = Settings((way.replace(',', '').split()[0],), 'viscous', seed=seed + 1, **options)
         if 'start' in way:
             off = 3.0 ** np.random.default_rng([seed, 7]).choice([-1, 1], 7)
             settings = replace(settings, start=Parameters.from_vector(truth * off))
         begin = time.perf_counter()
-        found = estimate(
-            *settings.criteria, replace(data, settings=settings), (judges, judges), {'viscous': 1.0}, lambda *_: None
-        )
+        answers = identify([first], [second], settings).estimates
         seconds = time.perf_counter() - begin
-        found = replace(found, prediction=predict(judges, found.theta, found.effort.delay, data.scale))
-        found = judge(found, settings, link_length(data.motions, 'viscous', found.effort.delay), faults, notes)
-        error, held = (found.theta / truth - 1) * 100, np.abs(found.theta - truth) <= 1.96 * found.std_error
+        found = next(e for e in answers if e.criterion == settings.criteria[0])
+        error, held = (found.theta / truth - 1) * 100, np.abs(found.theta - truth) <= found.half_width
         converged = found.converged and (np.isnan(found.J_exact) or found.runs_at_minimum == len(found.J_runs))
         near, flags = np.abs(error[:5]).max() < 1, found.warnings if found.level > Level.OK else ()
         told = converged, found.exact, near, bool(flags), not (near or flags)
         result.append(Fit(*job, way, error, held, told, flags, seconds))
-    return preparing, result
+    return result
 
 
 def energy_error(job):
@@ -136,10 +125,10 @@ def errors_row(names, errors, *more):
 
 def virtual(seeds, pool):
     """Print what is found of the virtual rigs."""
-    preparing, results = zip(*pool.map(fits, [(c, seed) for c in CELLS for seed in range(seeds)]), strict=True)
+    results = pool.map(fits, [(c, seed) for c in CELLS for seed in range(seeds)])
     everything = [fit for result in results for fit in result]
     print(f'\n## Virtual rigs: {SAMPLES} samples at {RATE} Hz, {COUNTS} counts per turn, {seeds} seeds each\n')
-    print(f'Errors in %. Smoothing and hold were chosen in {np.median(preparing):.1f} s before the seconds told here.')
+    print('Errors in %.')
     head('rig', 'pulses', 'way', *SEVEN, 'worst', 's')
     for cell in CELLS:
         for way in WAYS:
@@ -147,13 +136,13 @@ def virtual(seeds, pool):
             errors_row([*cell, way], [fit.error for fit in of], f'{np.median([fit.seconds for fit in of]):.1f}')
     head('way', 'rig', 'pulses', 'fits', *TOLD, *SEVEN, 'all')
     for way in WAYS:
-        for cell in [*(CELLS if way == 'trajectory' else []), ('all', 'all')]:
+        for cell in [*(CELLS if way == 'likelihood' else []), ('all', 'all')]:
             of = [fit for fit in everything if fit.way == way and cell in (fit.cell, ('all', 'all'))]
             held, told = np.mean([fit.held for fit in of], axis=0), np.sum([fit.told for fit in of], axis=0)
             row(way, *cell, len(of), *told, *(f'{100 * share:.0f}' for share in held), f'{100 * held.mean():.1f}')
-    print('\nThe trajectory criterion with an error of 1 % or more in P1 to P5:\n')
+    print('\nThe likelihood with an error of 1 % or more in P1 to P5:\n')
     for fit in everything:
-        if 'trajectory' in fit.way and not fit.told[2]:
+        if 'likelihood' in fit.way and not fit.told[2]:
             said = '; '.join(fit.flags) or 'NOT FLAGGED'
             print(f'- {", ".join(fit.cell)}, seed {fit.seed}, {fit.way}: {np.round(fit.error, 1)} % {said}')
     print("\nThe energy criterion's exact minimum on the paper's rig, pulses of 1 s:")

@@ -7,18 +7,15 @@ import os
 import subprocess
 import sys
 import tempfile
-from functools import partial
 from pathlib import Path
 from statistics import median
 
 import numpy as np
-from scipy.optimize import least_squares
-from scipy.sparse import block_diag, hstack
+from scipy.optimize import minimize
 
 import pendubot_identification as pendubot
-from pendubot_identification.criteria.levenberg_marquardt import levenberg_marquardt
-from pendubot_identification.criteria.shooting import AgainstStates, Segments
-from pendubot_identification.identify.recipes import Data
+from pendubot_identification.criteria.likelihood import fit, fitted_information, physical
+from pendubot_identification.identify.fitting import GEARED, TrainingData, fit_composite
 from pendubot_identification.identify.settings import Settings
 from test.benchmark.measure import REPETITIONS, cpu, seconds
 from test.conftest import RECORDINGS, ROOT
@@ -26,9 +23,9 @@ from test.conftest import RECORDINGS, ROOT
 PENDUBOT = Path(sys.executable).with_name('pendubot')
 BAG = 'bags/paper_experiment'
 #: Of single criteria.
-ALONE = ('--criterion energy', '--criterion weak --model geared', '--criterion trajectory --model geared')
-#: Segments [s] from one to the next; a residual at which a motion is lost.
-LENGTH, STRIDE, LOST = 0.5, 0.2, 1e5
+ALONE = ('--criterion energy', '--criterion weak --model geared', '--criterion likelihood --model geared')
+#: Fits start with all parameters so many times too large; J where a filter diverges; where scipy stops at the latest.
+OFF, LOST, LIMITS = 1.2, 1e9, {'maxiter': 500, 'maxfun': 500}
 
 
 def rigs():
@@ -76,52 +73,50 @@ def whole():
 
 
 def beside_scipy():
-    """Return a table of one fit of half-second segments by processor time, here and by scipy: the same residuals."""
-    rows = ['| segments of | by | unknowns | J | processor | over ours |', '|---|---|---|---|---|---|']
+    """Return a table of one fit of the likelihood at 0.05 s by processor time: scoring here, and scipy's L-BFGS-B."""
+    rows = [
+        '| likelihood of | by | unknowns | evaluations | J | processor | over ours |',
+        '|---|---|---|---|---|---|---|',
+    ]
     for rig, paths in {'sample bag': [str(ROOT / BAG)], **rigs()}.items():
-        data = Data.prepare([pendubot.read(path) for path in paths], Settings())
-        model = 'viscous' if rig == 'sample bag' else 'geared'
-        limits = data.settings.box(model), data.settings.delays
-        comparison = AgainstStates(Segments.cut(data.motions, LENGTH, STRIDE, max(map(abs, limits[1]))), data.scale)
-        start, lanes = data.start(model), len(comparison.segments)
-        works = {'this package': ours, 'least_squares, told what depends on what': scipys}
-        if rig == 'sample bag':  # minutes of any other
-            works['least_squares'] = partial(scipys, told=False)
+        trajectories = [pendubot.read(path) for path in paths]
+        data = TrainingData.prepare(trajectories, Settings().of_rig(trajectories))
+        problem = fit_composite(data, lambda *_: None, effects=False).rough
+        start = np.where(np.arange(len(problem.fit.x)) < GEARED, OFF, 1.0) * problem.fit.x
         spent = {}
-        for name, work in works.items():
+        for name, work in {'this package': ours, 'L-BFGS-B': scipys}.items():
             begin = cpu()
-            cost = work(comparison, *start, *limits)
+            cost, evaluations = work(problem, np.clip(start, problem.lower, problem.upper))
             spent[name] = cpu() - begin
             ratio = spent[name] / spent['this package']
-            unknowns = len(start[0]) + 1 + 4 * lanes
+            unknowns = int((problem.lower < problem.upper).sum())
             rows.append(
-                f'| {rig} | {name} | {unknowns} | {cost / (4 * lanes):.6g} | {seconds(spent[name])} | {ratio:.3g} |'
+                f'| {rig} | {name} | {unknowns} | {evaluations} | {cost:.6g} | {seconds(spent[name])} | {ratio:.3g} |'
             )
     return '\n'.join(rows)
 
 
-def ours(comparison, theta, delay, box, delays):
-    """Return the least cost that this package finds."""
-    return levenberg_marquardt(comparison, theta, delay, box, delays, tolerance=1e-6).cost
+def ours(problem, start):
+    """Return the least cost that this package finds, and the number of its steps."""
+    found = fit(problem.likelihood, start, problem.lower, problem.upper, 40, 0.05)
+    return found.cost, found.iterations
 
 
-def scipys(comparison, theta, delay, box, delays, told=True):
-    """Return the least cost that scipy finds, every motion simulated by the kernel."""
-    initial = comparison.initial(delay)
-    size, lanes = len(theta) + 1, initial.shape[1]
+def scipys(problem, start):
+    """Return the least cost that scipy finds with the same slopes, and how often it asked for them."""
+    like, sought = problem.likelihood, problem.lower < problem.upper
+    scale = np.append(like.scale, np.ones(len(start) - len(like.scale)))
 
-    def residuals(z):
-        states = comparison.segments.roll(z[: size - 1], z[size:].reshape(lanes, 4).T)
-        return np.clip(np.nan_to_num(comparison.residuals(states, z[size - 1]).ravel(), nan=LOST), -LOST, LOST)
+    def value(z):
+        x = start.copy()
+        x[sought] = z * scale[sought]
+        if not physical(x):
+            return LOST, np.zeros(len(z))
+        evaluation = like.evaluate(x, sought)
+        slope, _ = fitted_information(like, evaluation, x)
+        cost = float(evaluation.costs.sum()) + like.prior(x)
+        return (cost, (slope * scale)[sought]) if np.isfinite(cost) else (LOST, np.zeros(len(z)))
 
-    start = np.concatenate([theta, [delay], initial.T.ravel()])
-    lower, upper = np.full((2, len(start)), [[-np.inf], [np.inf]])
-    lower[:size], upper[:size] = [*box.lower, delays[0]], [*box.upper, delays[1]]
-    # It takes no bounds that are equal, and no start on one.
-    lower, upper = lower - 1e-9, upper + 1e-9
-    depends = None
-    if told:
-        rows = residuals(start).size // lanes
-        depends = hstack([np.ones((rows * lanes, size)), block_diag([np.ones((rows, 4))] * lanes)])
-    limits = {'bounds': (lower, upper), 'ftol': 1e-6, 'max_nfev': 200}
-    return 2 * least_squares(residuals, start, jac_sparsity=depends, x_scale='jac', **limits).cost
+    bounds = np.column_stack([problem.lower, problem.upper])[sought] / scale[sought, None]
+    found = minimize(value, (start / scale)[sought], jac=True, method='L-BFGS-B', bounds=bounds, options=LIMITS)
+    return found.fun, found.nfev

@@ -24,7 +24,9 @@ from mujoco import sysid
 from scipy.signal import savgol_filter
 
 import pendubot_identification as pendubot
-from pendubot_identification.identify.prediction import HORIZONS, JUDGED, STRIDE, measured_ends, predict, state_scale
+from pendubot_identification.criteria.prediction_error import STEP as OURS
+from pendubot_identification.criteria.prediction_error import Simulations
+from pendubot_identification.identify.prediction import HORIZONS, JUDGED, STRIDE, predict, state_scale
 from pendubot_identification.model.parameters import NAMES, PAPER
 from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.signals import choose_smoothing, evenly_stamped
@@ -127,15 +129,15 @@ def simulated(model, motions, scale):
     """Return the errors of a MuJoCo model's predictions, as identify.prediction has them."""
     data, errors = mujoco.MjData(model), []
     for horizon in HORIZONS[:JUDGED]:
-        segments, begin, end = measured_ends(motions, horizon, STRIDE, 0.0)
-        model.opt.timestep, last = segments.step, []
-        for start, tau in zip(begin.T, np.moveaxis(segments.tau, 2, 0), strict=True):
+        cut = Simulations.of(motions, 0.0, np.zeros(2), (horizon,), STRIDE)
+        model.opt.timestep, last = OURS, []
+        for start, tau in zip(cut.start.T, np.moveaxis(cut.tau, 2, 0), strict=True):
             data.qpos, data.qvel = start[:2], start[2:]
             for torque in tau.T:
                 data.ctrl = torque
                 mujoco.mj_step(model, data)
             last.append([*data.qpos, *data.qvel])
-        errors.append(np.sqrt((((np.array(last).T - end) / scale[:, None]) ** 2).mean()))
+        errors.append(np.sqrt((((np.array(last).T - cut.end[0]) / scale[:, None]) ** 2).mean()))
     return errors
 
 

@@ -8,6 +8,7 @@ import math
 
 import pytest
 import yaml
+from scipy.stats import t as student
 
 from pendubot_identification.recordings.bag_reader import BagReader
 from pendubot_identification.results.result_file import write_result
@@ -55,13 +56,25 @@ def test_differences_are_in_standard_errors_of_both_together(compared):
         if None not in row['std_error']:
             together = math.hypot(a[name]['std_error'], b[name]['std_error'])
             assert row['apart'] == [0.0, pytest.approx((b[name]['value'] - a[name]['value']) / together)]
+            assert row['p'] == [1.0, pytest.approx(math.erfc(abs(row['apart'][1]) / math.sqrt(2)))]
+
+
+def test_few_degrees_of_freedom_make_a_difference_less_sure(results, compared):
+    """Of three recordings a standard error has two, and of two such results a difference has four."""
+    for name, value in (('c', 1.0), ('d', 1.3)):
+        data = plain(('weak',))
+        data['parameters']['P1'] |= {'value': value, 'std_error': 0.1, 'degrees_of_freedom': 2.0, 'on_bound': False}
+        write_result(results / f'{name}.yaml', data)
+    row = compared('c.yaml', 'd.yaml')['parameters']['P1']
+    assert row['apart'][1] == pytest.approx(3 / math.sqrt(2))
+    assert row['p'][1] == pytest.approx(2 * student(4).sf(3 / math.sqrt(2)))
 
 
 def test_they_stand_side_by_side_with_what_each_predicts_of_a_bag(compared, run):
     status, out, _ = run('compare', 'a.yaml', 'b.yaml', '--on', f'{SAMPLE}@9:18')
     assert status == 0
     assert out.startswith('A  a.yaml\nB  b.yaml\n')
-    assert 'z of B - A' in out
+    assert 't (p) of B - A' in out
     assert sum(line.startswith(('P', 'b')) and '±' in line for line in out.splitlines()) >= 6
     assert 'error after 0.5 s' in out
     assert 'persistence' in out
@@ -102,6 +115,7 @@ def test_models_of_different_size_and_parameters_by_hand(compared):
         'value': [None, 0.001, 0.001],
         'std_error': nothing,
         'apart': nothing,
+        'p': nothing,
     }
     assert found['error'][1] == found['error'][2]
 

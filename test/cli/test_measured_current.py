@@ -24,7 +24,7 @@ from pendubot_identification.recordings.joint_states import (
 
 #: The motor's constant [N m/A], and the part of the commanded torque that it gives with a winding 50 K warmer.
 K, LEFT = 0.05, 0.8
-IDENTIFY = ('--criterion', 'trajectory', '--model', 'viscous', '--json')
+IDENTIFY = ('--criterion', 'likelihood', '--model', 'viscous', '--json')
 INERTIAL = ('P1', 'P2', 'P3', 'P4', 'P5')
 
 

@@ -83,7 +83,7 @@ def test_jitter_of_the_stamps_does_not_move_a_pulse(jitter):
 
 def test_degrees_wrapped_angles_and_jumps_are_refused():
     t = np.arange(200) / 100
-    q, tau = np.column_stack([t, np.sin(3 * t)]), np.ones((len(t), 2))
+    q, tau = np.column_stack([t, np.sin(9 * t)]), np.ones((len(t), 2))
     energy_regression(Trajectory(t, q, tau))
     wrapped = q + np.where(t > 1, -2 * np.pi, 0)[:, None] * [1, 0]
     for wrong, joint in ((np.rad2deg(q), 'elbow'), (wrapped, 'shoulder')):

@@ -17,7 +17,7 @@ from pendubot_identification.model.parameters import MODELS, PAPER, Parameters, 
 from pendubot_identification.model.simulation import quantised, simulate
 from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.trajectory import Trajectory
-from test.identify.test_identification import recorded
+from test.real import recorded
 from test.strategies import physical_parameters
 from test.virtual import recording
 
@@ -118,7 +118,7 @@ def test_what_is_shorter_than_a_bump_or_faster_than_a_rig_is_refused():
     short = pulses().window(0, 0.6)
     with pytest.raises(TrajectoryError, match=r'0\.190 s with known torque are shorter than the bump of 0\.3 s'):
         weak_regression(Motion.prepare(short, 0.02), 'viscous', delay=-0.4)
-    degrees = Trajectory(short.t, np.rad2deg(np.column_stack([3 * short.t, short.t])), short.tau)
+    degrees = Trajectory(short.t, np.rad2deg(np.column_stack([9 * short.t, short.t])), short.tau)
     with pytest.raises(TrajectoryError, match=r'the shoulder turns at .* in radians'):
         weak_regression(Motion.prepare(degrees, 0.02), 'viscous')
 

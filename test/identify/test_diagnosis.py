@@ -16,12 +16,12 @@ from pendubot_identification.identify.diagnosis import diagnose, link_length
 from pendubot_identification.identify.identification import identify
 from pendubot_identification.identify.settings import Settings
 from pendubot_identification.level import Level
-from pendubot_identification.model.parameters import PAPER, Parameters
+from pendubot_identification.model.parameters import BALANCE, PAPER, Parameters
 from pendubot_identification.model.simulation import HANGING, quantised, simulate
 from pendubot_identification.trajectories.motion import Motion
-from test.identify import test_identification
+from test import real
 
-recorded = functools.cache(test_identification.recorded)
+recorded = functools.cache(real.recorded)
 LENGTHS = {'dfki_C1_sysid': 0.2, 'dfki_A0_sysid': 0.3}
 HANG = np.array(HANGING)
 
@@ -122,7 +122,7 @@ def test_a_constant_effort_is_no_zero(smoothing, hold):
 
 
 def test_a_result_with_a_wrong_sign_is_an_error():
-    found = identify([FAULTS['effort'][0](pulses())], (), Settings(('trajectory',), 'viscous', hold='zero'))
+    found = identify([FAULTS['effort'][0](pulses())], (), Settings(('likelihood',), 'viscous', hold='zero'))
     assert found.level == Level.ERROR
     assert found.warnings[0].startswith('the effort has the wrong sign')
 
@@ -150,6 +150,25 @@ def test_a_late_effort_is_grave_where_no_delay_is_estimated():
     assert weak.warnings[0].startswith('the effort is stamped 20 ms later than it acts')
     assert energy.consequences
     assert not weak.consequences
+
+
+@pytest.mark.parametrize('rate', [200, 1000])
+def test_a_tiny_fast_rig_is_not_in_degrees(rate):
+    """Links of 3 and 2 cm, 6 and 4 g, turn 50 times in 10 s, at up to 350 rad/s."""
+    rig = Parameters(P1=5.4e-6, P2=5.33e-7, P3=1.2e-6, P4=2.1e-4, P5=4e-5, b1=5e-6, b2=2.5e-7, Fc1=1e-4, Fc2=6e-6)
+    t = np.arange(10 * rate) / rate
+    tau = np.repeat(np.random.default_rng(0).uniform(-0.006, 0.006, 100), rate // 10)
+    motion = quantised(simulate(rig, t, np.column_stack([tau, 0 * tau])), 2000)
+    assert np.ptp(motion.q) > 2 * np.pi * 30
+    assert diagnosed([motion], 0.02, 'zero', 'coulomb') == ()
+
+
+def test_angles_in_degrees_are_named():
+    t = np.arange(900) / 100
+    tau = np.column_stack([[0.3 * PulseTrain(seed=1).torque(x) for x in t], np.zeros(len(t))])
+    motion = quantised(simulate(BALANCE, t, tau), 4000)
+    (named,) = diagnosed([replace(motion, q=np.rad2deg(motion.q))], 0.02, 'zero', 'viscous')
+    assert named.found == 'the positions are in degrees'
 
 
 def test_too_little_to_tell_is_no_fault():

@@ -9,7 +9,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pendubot_identification.criteria.trajectory_fit import segment_errors
 from pendubot_identification.identify.evidence import (
     SHOWN,
     Answer,
@@ -19,6 +18,7 @@ from pendubot_identification.identify.evidence import (
     simulate_beside,
 )
 from pendubot_identification.identify.prediction import state_scale
+from pendubot_identification.identify.settings import Settings
 from pendubot_identification.model.parameters import PAPER
 from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.trajectory import Trajectory
@@ -28,7 +28,7 @@ from test.virtual import exact_motion, recording, vector
 THETA = PAPER.vector()
 
 
-def answer(theta=THETA, criterion='trajectory', model='viscous', delay=0.0):
+def answer(theta=THETA, criterion='likelihood', model='viscous', delay=0.0):
     return Answer(criterion, model, np.array(theta), delay)
 
 
@@ -55,19 +55,14 @@ def test_the_mean_square_of_the_residuals_is_J(found, criterion):
     assert all(np.diff(t).min() > 0 for t, _ in left.parts)
 
 
-def test_of_trajectory_J_is_that_and_what_holds_the_initial_states(found):
-    result, motions, scale = found
-    estimate = next(e for e in result.estimates if e.criterion == 'trajectory')
-    bounds = result.settings.bounds.of(7)
-    _, errors = segment_errors(motions, estimate.theta, estimate.effort.delay, bounds, scale)
-    mean = (errors[0] ** 2).mean()
-    assert errors[0].size == estimate.residuals
-    assert 0.3 * estimate.J < mean < estimate.J
-    left = residuals(motions, answer(estimate.theta), result.settings, result.smoothing, scale)
+def test_innovations_of_the_likelihood_are_white_and_of_unit_variance():
+    motion = Motion.prepare(recording(900), 0.02)
+    left = residuals([motion], answer(), Settings(hold='zero'), 0.02, state_scale([motion]))
     ((t, values),) = left.parts
-    assert np.diff(t).min() > 0, 'segments that overlap would show times twice'
-    assert values.shape == (len(t), 4)
-    assert (values**2).mean() < 5 * estimate.J
+    assert (left.unit, left.interval) == ('standard deviations', pytest.approx(0.05))
+    np.testing.assert_allclose(np.diff(t), 0.05)
+    np.testing.assert_allclose((values**2).mean(axis=0), 1, atol=0.35)
+    assert (np.abs(left.autocorrelation[1:]) < 1.5 * left.band).mean() > 0.85
 
 
 def test_autocorrelation_against_the_sum_itself():
@@ -82,7 +77,7 @@ def test_autocorrelation_against_the_sum_itself():
 
 def test_nothing_lies_between_an_exact_motion_and_its_simulation():
     theta = vector('viscous')
-    motion = exact_motion(theta, samples=1500)
+    motion = exact_motion(theta, 1500, 0.005)
     shown = simulate_beside([motion], answer(theta), state_scale([motion]))
     assert shown.whole
     assert shown.ahead == 1.0

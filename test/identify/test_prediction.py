@@ -12,7 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from pendubot_identification.identify.prediction import HORIZONS, Prediction, predict, state_scale
+from pendubot_identification.criteria.prediction_error import STEP
+from pendubot_identification.identify.prediction import HORIZONS, Prediction, folds, predict, state_scale
 from pendubot_identification.model.parameters import PAPER
 from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.trajectory import Trajectory
@@ -24,15 +25,15 @@ COUNT = len(HORIZONS)
 
 @pytest.mark.parametrize(('model', 'delay'), [('viscous', 0), ('coulomb', 3), ('rotor', 0), ('geared', -5)])
 def test_the_truth_predicts_exactly_and_nothing_else_does(model, delay):
-    motions = [exact_motion(vector(model), 450, seed=seed, start=seed, delay=delay) for seed in (1, 2)]
+    motions = [exact_motion(vector(model), 450, STEP, seed=seed, start=seed, delay=delay) for seed in (1, 2)]
     scale = state_scale(motions)
-    prediction = predict(motions, vector(model), 0.004 * delay, scale)
+    prediction = predict(motions, vector(model), STEP * delay, scale)
     np.testing.assert_allclose(prediction.errors, 0, atol=1e-6)
     np.testing.assert_allclose(prediction.fit, 100, atol=1e-3)
     assert prediction.loss < -10
     assert (prediction.starts > 20).all()
-    assert (predict(motions, vector(model), 0.004 * delay + 0.02, scale).error > 0.005).all()
-    assert (predict(motions, vector(model) * 1.5, 0.004 * delay, scale).error[1:] > 0.001).all()
+    assert (predict(motions, vector(model), STEP * delay + 0.02, scale).error > 0.005).all()
+    assert (predict(motions, vector(model) * 1.5, STEP * delay, scale).error[1:] > 0.001).all()
     assert (prediction.persistence > 0.05).all()
 
 
@@ -149,3 +150,29 @@ def test_the_scale_is_the_deviation_of_all_motions_together():
     t = np.arange(100) * 0.01
     at_rest = Motion.prepare(Trajectory(t, np.zeros((100, 2)), np.zeros((100, 2))), 0.0)
     assert (state_scale([at_rest]) > 0).all()
+
+
+def still(samples, start, name):
+    t = start + 0.01 * np.arange(samples)
+    return Motion.prepare(Trajectory(t, np.zeros((samples, 2)), np.zeros((samples, 2)), name=name), 0.0)
+
+
+@given(st.lists(st.integers(100, 900), min_size=1, max_size=6))
+def test_folds_leave_nothing_out_twice_and_lose_nothing(lengths):
+    motions = [still(n, 3.0 * k, f'recording {k}') for k, n in enumerate(lengths)]
+    found = folds(motions)
+    for number, whole in enumerate(motions):
+        held_out = sorted((f.held_out.start, f.held_out.end) for f in found if f.recording == number)
+        edges = np.array(held_out).ravel()
+        assert (edges[0], edges[-1]) == (whole.start, whole.end)
+        np.testing.assert_array_equal(edges[1:-1:2], edges[2::2], 'one begins where the other ends')
+        assert (np.diff(edges)[::2] > 0).all()
+    total = sum(m.end - m.start for m in motions)
+    for fold in found:
+        assert sum(m.end - m.start for m in (fold.held_out, *fold.rest)) == pytest.approx(total)
+        own = [m for m in fold.rest if m.name == fold.held_out.name]
+        assert all(m.end <= fold.held_out.start or m.start >= fold.held_out.end for m in own)
+    if len(motions) >= 3:
+        assert [f.held_out for f in found] == motions
+    else:
+        assert len(found) == (5, 6)[len(motions) - 1]

@@ -1,14 +1,22 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Standard errors by the block bootstrap against textbooks, where these hold, and against the spread of estimates."""
+"""Standard errors against textbooks, where these hold, and against the spread of estimates."""
 
 import numpy as np
+import pytest
 
 from pendubot_identification.criteria.energy import Regression
 from pendubot_identification.criteria.quadratic import Quadratic
 from pendubot_identification.criteria.weak import balance_weights, weak_regression
-from pendubot_identification.identify.uncertainty import Blocks, bootstrap_covariance
+from pendubot_identification.identify.uncertainty import (
+    Blocks,
+    bootstrap_covariance,
+    correlations,
+    influence_covariance,
+    scaled_condition_number,
+    student_quantile,
+)
 from pendubot_identification.model.parameters import default_bounds
 from pendubot_identification.trajectories.motion import Motion
 from test.virtual import recording
@@ -92,3 +100,92 @@ def test_of_the_weak_criterion_it_is_about_the_spread_over_recordings():
     ratio = np.median(errors, axis=0) / np.std(estimates, axis=0, ddof=1)
     assert (ratio > 0.4).all()
     assert (ratio < 3).all()
+
+
+def line(phi, y, owner, free=FREE, *, exact=False, several=3):
+    """Return a least-squares line of one block a row of ``owner``, phi of shape (B, M, D), and its covariance."""
+    theta = np.zeros(phi.shape[2])
+    theta[free] = np.linalg.lstsq(phi[..., free].reshape(-1, free.sum()), y.ravel(), rcond=None)[0]
+    slopes = np.einsum('bmi,bm->bi', phi, phi @ theta - y)
+    information = np.einsum('bmi,bmj->ij', phi, phi)
+    return theta, *influence_covariance(information, slopes, owner, free, exact=exact, several=several)
+
+
+def clustered(seed, recordings, each=20):
+    """Rows of recordings, each with an error of its own that all of its blocks share."""
+    rng, owner = np.random.default_rng(seed), np.repeat(np.arange(recordings), each)
+    phi = rng.normal(size=(len(owner), 6, 3)) + rng.normal(size=(recordings, 1, 3))[owner]
+    return phi, rng.normal(size=phi.shape[:2]) + 2 * rng.normal(size=recordings)[owner, None], owner
+
+
+def test_of_an_exact_line_it_is_at_least_the_curvature():
+    phi, y, owner = clustered(1, 4)
+    _, covariance, std_error, freedom, words = line(phi * [1, 1e-3, 1e4], y, owner, exact=True)
+    flat = (phi * [1, 1e-3, 1e4]).reshape(-1, 3)
+    np.testing.assert_allclose(std_error, np.sqrt(np.diag(covariance)))
+    curvature = np.sqrt(np.diag(np.linalg.inv(flat.T @ flat)))
+    assert (std_error * student_quantile(freedom) >= 0.999 * student_quantile(np.inf) * curvature).all()
+    assert words.startswith('influence of ')
+
+
+def test_of_recordings_it_is_about_the_jackknife_that_leaves_one_out():
+    phi, y, owner = clustered(2, 12)
+    _, _, std_error, freedom, words = line(phi, y, owner)
+    without = [line(*(each[owner != k] for each in (phi, y, owner)))[0] for k in range(12)]
+    np.testing.assert_allclose(
+        std_error, np.sqrt(11 / 12 * ((without - np.mean(without, axis=0)) ** 2).sum(axis=0)), rtol=0.3
+    )
+    assert set(freedom) == {11.0}
+    assert words.startswith('influence of 12 recordings')
+    few = owner < 2
+    *_, freedom, words = line(phi[few], y[few], owner[few])
+    assert set(freedom) <= {1.0, 3.0, np.inf}, 'the widest of blocks, recordings and curvature'
+    assert words.startswith('influence of 40 blocks of time and of 2 recordings')
+
+
+@pytest.mark.parametrize('recordings', [4, 12])
+def test_intervals_hold_the_truth_where_recordings_err_by_themselves(recordings):
+    """What takes their residuals for white holds it half of the time."""
+    held, naive = [], []
+    for seed in range(150):
+        phi, y, owner = clustered(100 + seed, recordings)
+        theta, _, std_error, freedom, _ = line(phi, y, owner)
+        held.append(np.abs(theta) < student_quantile(freedom) * std_error)
+        naive.append(np.abs(theta) < 1.96 * line(phi, y, owner, exact=True)[2])
+    assert np.mean(held) > 0.88
+    assert np.mean(naive) < np.mean(held) - 0.1
+
+
+def test_a_bound_leaves_a_standard_error_and_what_nothing_tells_spoils_no_other():
+    phi, y, owner = clustered(3, 8)
+    free = np.array([True, False, True])
+    _, covariance, std_error, *_ = line(phi, y, owner, free)
+    assert np.isnan(covariance[1]).all()
+    assert np.isnan(covariance[:, 1]).all()
+    alone = line(phi[..., free], y, owner, FREE[:2])[2]
+    np.testing.assert_allclose(std_error[free], alone)
+    assert 0.2 < std_error[1] / line(phi, y, owner)[2][1] < 5, 'about what it would have without'
+    phi[..., 1] = 0.0
+    untold = line(phi, y, owner)[2]
+    np.testing.assert_allclose(untold[free], alone, rtol=0.01)
+    assert untold[1] == np.inf
+
+
+def test_what_cannot_be_told_apart_has_infinite_errors():
+    phi, y, owner = clustered(4, 6)
+    phi[..., 1] = 0.3 * phi[..., 0]
+    assert np.isinf(line(phi, y, owner)[2]).tolist() == [True, True, False]
+    assert np.isfinite(line(phi, y, owner, np.array([True, False, True]))[2]).all()
+
+
+def test_correlations_and_condition_number_are_those_of_the_columns_scaled_to_one():
+    flat = clustered(5, 3)[0].reshape(-1, 3)
+    flat[:, 2] = flat[:, 0] + 0.01 * flat[:, 2]
+    information = flat.T @ flat * np.outer([1, 1e-3, 1e4], [1, 1e-3, 1e4])
+    covariance = np.linalg.inv(flat.T @ flat)
+    deviation = np.sqrt(np.diag(covariance))
+    np.testing.assert_allclose(correlations(information, FREE), covariance / np.outer(deviation, deviation), atol=1e-6)
+    scaled = flat / np.linalg.norm(flat, axis=0)
+    assert scaled_condition_number(information, FREE) == pytest.approx(np.linalg.cond(scaled), rel=1e-4)
+    held = np.array([True, True, False])
+    assert scaled_condition_number(information, held) == pytest.approx(np.linalg.cond(scaled[:, held]), rel=1e-4)

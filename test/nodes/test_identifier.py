@@ -150,7 +150,7 @@ def listener(ros):
 
 def test_a_subscriber_that_joins_late_receives_the_result(ros, bag, tmp_path, listener):
     output = tmp_path / 'result.yaml'
-    named = {'validate': [f'{bag}@9:18'], 'output': str(output), 'criterion': 'energy,weak,trajectory'}
+    named = {'validate': [f'{bag}@9:18'], 'output': str(output), 'criterion': 'energy,weak,likelihood'}
     listener.identified(f'{bag}@0:9', **named)
     late = Listener(ros)
     try:
@@ -169,7 +169,7 @@ def test_a_subscriber_that_joins_late_receives_the_result(ros, bag, tmp_path, li
     assert float(values['P1.std_error']) == result['parameters']['P1']['std_error']
     assert values['P1.unit'] == 'kg m^2'
     assert float(values['J.training']) == result['J']['training']
-    assert float(values['J.validation']) == result['J']['validation']
+    assert float(values['criteria.energy.J.validation']) == result['criteria']['energy']['J']['validation']
     assert values['criterion'] == result['criterion'] != 'energy'
     assert float(values['criteria.energy.P1']) == result['criteria']['energy']['parameters']['P1']['value']
     assert values['prediction.error'] == str(result['prediction']['error'])
@@ -263,15 +263,15 @@ def test_a_level_of_ok_says_what_it_does_not_cover(tmp_path, listener):
     write_trajectory(tmp_path / 'dry', recording(rig=replace(PAPER, b1=0.0, b2=0.0, Fc1=0.02, Fc2=0.0005), seed=3))
     status, values, _ = listener.identified(tmp_path / 'dry', criterion='weak', model='coulomb')
     assert status.level == OK
-    said = 'use these parameters, but do not rely on b1 (on its bound), b2 (on its bound)'
-    assert status.message == f'identified: {said}'
+    assert status.message.startswith('identified: the 95 % intervals hold, given ')
+    assert status.message.endswith('; do not rely on b1 (on its bound), b2 (on its bound)')
     assert (values['not_covered.b1'], values['not_covered.b2']) == ('on its bound', 'on its bound')
 
 
 @pytest.mark.parametrize(
     ('name', 'value', 'reason'),
     [
-        ('criterion', 'energy,magic', 'criterion is magic; one of energy, weak, trajectory'),
+        ('criterion', 'energy,magic', 'criterion is magic; one of energy, weak, likelihood'),
         ('model', 'magic', 'one of auto, viscous'),
         ('hold', 'magic', 'one of auto, zero, linear'),
         ('delay_min', 0.2, 'the delay is searched from 0.2 to 0.1 s'),

@@ -13,9 +13,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pendubot_identification.identify.evidence import Excitation, Residuals, Simulation, TorqueLeft
+from pendubot_identification.identify.evidence import Excitation, Residuals, Simulation, UnexplainedTorque
 from pendubot_identification.identify.result import Given, Parameter
-from pendubot_identification.identify.unexplained import Burst, Unexplained
 from pendubot_identification.report import figures, time_plot
 from pendubot_identification.trajectories.trajectory import Trajectory
 from test.identified import made, plain
@@ -45,14 +44,11 @@ def left(samples=300, interval=0.01, shared=0.3, channels=3):
     return Residuals('weak', 'N m', names, ((t, values), (t, values)), interval, shared, lags, flat, 0.1)
 
 
-def torque_left():
+def unexplained_torque():
     t = 0.02 * np.arange(200)
     torque = np.column_stack([np.sin(7 * t), np.zeros_like(t)])
-    burst = Burst('b', 1.0, 1.4, 0.3, 'elbow')
-    share = np.full(2, 0.1)
-    found = Unexplained((t, t), (torque, torque), (0 * torque, 0 * torque), share, share / 10, (burst,), (), 0.0)
     seen = {'its angle [rad]': np.concatenate([torque, torque]), 'its speed [rad/s]': np.zeros((400, 2))}
-    return TorqueLeft(found, ('a', 'b'), (0.0, -0.15), seen)
+    return UnexplainedTorque(('a', 'b'), (0.0, -0.15), (t, t), (torque, torque), np.full(2, 0.1), seen)
 
 
 @functools.cache
@@ -64,8 +60,8 @@ def every_picture():
         figures.draw_recordings([motion()], [motion(start=3.0)]),
         figures.draw_simulation(simulation(), validation=True),
         *figures.draw_residuals(left()),
-        *figures.draw_torque_left(torque_left()),
-        figures.draw_convergence('energy', energy.J, energy.convergence),
+        *figures.draw_unexplained_torque(unexplained_torque()),
+        figures.draw_convergence('energy', energy.J.least_squares, energy.convergence),
         figures.draw_parameters(result, (by_hand, 'by hand')),
         figures.draw_correlation(result),
         figures.draw_excitation(list(result.parameters), Excitation(np.ones((7, 3)), np.ones((7, 3)), np.ones(3))),
@@ -108,16 +104,11 @@ def test_recordings_of_one_bag_share_its_time_and_others_stand_behind_it():
     plot = figures.draw_recordings(parts[:2], parts[2:]).plot
     others = [
         figures.draw_simulation(simulation(), at, validation=True),
-        figures.draw_torque_left(torque_left(), at)[0],
+        figures.draw_unexplained_torque(unexplained_torque(), at)[0],
     ]
     assert all(each.boundaries == [0.0, pytest.approx(5.99)] for each in (plot, *(other.plot for other in others)))
     assert figures.timeline(parts[::2]).begins == ()
     assert [(s.begin, s.end) for s in plot.spans] == [(0, 2.99), (pytest.approx(5.99), pytest.approx(8.98)), (3, 5.99)]
-
-
-def test_a_burst_is_shaded_where_it_was_since_the_start_of_its_recording():
-    (span,) = figures.draw_torque_left(torque_left())[0].plot.spans
-    assert (span.begin, span.end) == (pytest.approx(0.85), pytest.approx(1.25))
 
 
 def test_simulations_that_are_lost_are_drawn_as_far_as_they_go():

@@ -10,8 +10,11 @@ from dataclasses import asdict
 import pytest
 
 from pendubot_identification.model.parameters import NAMES, PAPER
+from pendubot_identification.report.table import text
 from pendubot_identification.report.tables import (
     comparison_table,
+    effects_table,
+    parameter_rows,
     parameter_table,
     summary,
     verdict,
@@ -22,6 +25,7 @@ from test.identified import result as typed
 
 TRUTH = asdict(PAPER)
 MDE = (('energy',), 'auto', 'mde')
+OK = 'the 95 % intervals hold, given the torque scale, the clock and g'
 
 
 def columns(text):
@@ -68,33 +72,64 @@ def test_criteria_stand_beside_the_truth_where_it_is_known():
     result = plain(('weak',))
     rows = columns(comparison_table(typed(result), TRUTH).text())
     for name in NAMES[:7]:
-        value, error, true = ' '.join(rows[f'{name} [{result["parameters"][name]["unit"]}]']).replace(' %', '').split()
+        *cells, true = ' '.join(rows[f'{name} [{result["parameters"][name]["unit"]}]']).replace(' %', '').split()
         assert float(true) == pytest.approx(TRUTH[name], abs=1e-7)
-        assert float(error) == pytest.approx(100 * (float(value) / float(true) - 1), abs=0.2)
+        for value, error in (cells[:2], cells[2:]):
+            assert float(error) == pytest.approx(100 * (float(value) / float(true) - 1), abs=0.2)
 
 
-def test_the_choice_of_the_model_is_shown_with_its_reason():
-    text = summary(typed(plain(*MDE)))
-    assert re.search(r'^(viscous|coulomb|rotor|geared) was chosen: the smallest model', text, re.MULTILINE)
-    assert 'energy, each of 5 blocks of time' in ' '.join(text.split())
-    assert 'was chosen' not in summary(typed(plain()))
+def test_the_papers_answer_stands_beside_the_published_one_with_its_J():
+    result, mde = plain(('weak',), 'auto'), plain(*MDE)['criteria']['energy']
+    assert parameter_table(typed(result)).head[3] == 'energy'
+    result['criteria']['energy'] = energy = mde
+    table = parameter_table(typed(result))
+    at = table.head.index('energy by MDE')
+    shown = {text(row[0]).split()[0]: text(row[at]) for row in table.rows}
+    assert {name for name, value in shown.items() if value == '-'} == set(result['parameters']) - set(NAMES[:7])
+    for name, entry in energy['parameters'].items():
+        assert float(shown[name]) == pytest.approx(entry['value'], abs=5.1e-5)
+    J = f'energy {energy["J"]["training"]:.4g} J^2, {energy["J"]["validation"]:.4g} on validation'
+    assert J in ' '.join(summary(typed(result)).split())
+    assert 'energy by MDE' not in text(parameter_table(typed(plain(*MDE))).head)
+
+
+def test_intervals_are_by_the_degrees_of_freedom_of_their_standard_errors():
+    result = plain()
+    first = result['parameters']['P1'] | {'std_error': 0.1, 'degrees_of_freedom': 3.0}
+    first['interval'] = [first['value'] - 0.318, first['value'] + 0.318]
+    for parameters in (result['parameters'], result['criteria'][result['criterion']]['parameters']):
+        parameters['P1'] = first
+    assert parameter_rows(typed(result))[0].part == 1.0
+    assert '± 0.31' in text(parameter_rows(typed(result))[0].value)
+    assert '± 0.31' in comparison_table(typed(result)).text()
+
+
+@pytest.mark.parametrize('accepted', [True, False])
+def test_effects_are_shown_whether_compensated_or_not(accepted):
+    result = plain()
+    effect = {'name': 'dead zone', 'where': 'motor', 'sizes': [0.02], 'gain': 81.2, 'z': 7.3, 'moved': [0.01] * 5}
+    result['effects'] = [effect | {'accepted': accepted}]
+    rows = columns(effects_table(typed(result)).text())
+    assert rows['dead zone (motor)'] == ['compensated' if accepted else 'possible', '81', '7.3']
+    result |= {'unmodelled': None, 'effects': []}
+    assert effects_table(typed(result)) is None
 
 
 def test_warnings_come_last_and_the_level_first():
     result = plain(('energy',))
     last = ' '.join(summary(typed(result)).split()).rsplit(f'{result["level"]}: ', len(result['warnings']))[1:]
     assert [warning.strip() for warning in last] == [' '.join(w.split()) for w in result['warnings']]
-    assert 'energy alone, ' in summary(typed(plain())).split('OK: nothing speaks against these parameters')[1]
+    assert 'energy alone, ' in summary(typed(plain())).split('OK: the 95 % intervals hold, given')[1]
 
 
 def test_what_a_level_of_ok_does_not_cover_is_named_also_of_results_that_only_mark_it():
     result = plain()
     named = result | {'not_covered': {'b2': 'its 95 % interval reaches 0'}}
-    assert verdict(typed(named)) == 'use these parameters, but do not rely on b2 (its 95 % interval reaches 0)'
+    assert verdict(typed(named)) == f'{OK}; do not rely on b2 (its 95 % interval reaches 0)'
     del result['not_covered']
-    assert verdict(typed(result)) == 'nothing speaks against these parameters'
+    assert verdict(typed(result)) == OK
     result['parameters']['b1']['on_bound'], result['parameters']['b2']['determined'] = True, False
-    assert verdict(typed(result)) == 'use these parameters, but do not rely on b1 (on its bound), b2 (undetermined)'
+    assert verdict(typed(result)) == f'{OK}; do not rely on b1 (on its bound), b2 (undetermined)'
 
 
 def test_where_a_fault_explains_the_rest_little_else_is_shown():

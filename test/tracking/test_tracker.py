@@ -16,8 +16,8 @@ from pendubot_identification.identify.settings import Settings
 from pendubot_identification.level import Level
 from pendubot_identification.model.parameters import BALANCE, Parameters
 from pendubot_identification.tracking.tracker import Burst, Change, Start, State, Tracker
-from test.effects.rig import EFFECTS
-from test.effects.rig import record as with_effects
+from test.estimator.rig import CATALOGUE, UNKNOWN, Rig
+from test.estimator.rig import record as with_effects
 from test.real import RIGS, known, recorded, strung
 
 from .recovery import trial
@@ -35,9 +35,9 @@ DAYS = {
     'drift': Day(drift=1.0),
 }
 
-
-#: What hardly shows in the balances of one motion.
-UNSEEN = ('stribeck', 'width', 'drift', 'tilt')
+#: Imperfections that show in the balances of one motion.
+SEEN = ('saturation', 'lag', 'offset', 'asymmetry', 'drag', 'spring, elbow', 'cogging, shoulder, 7 a turn')
+SEEN += ('backlash', 'shaft', 'eccentric', 'jitter', 'stop', 'push')
 
 
 @pytest.fixture(scope='module')
@@ -289,8 +289,9 @@ def test_without_motion_it_waits_and_says_so():
 
 
 def test_a_rig_that_has_what_the_models_lack_is_followed_and_warned_of():
-    names = [name for name in EFFECTS if name not in UNSEEN]
-    rigs = with_effects([5] * len(names), [EFFECTS[name][1] for name in names], seconds=16.0)
+    names = ('nothing', *SEEN)
+    strong = [(CATALOGUE | UNKNOWN)[name][2] for name in SEEN]
+    rigs = with_effects([5] * len(names), [Rig(), *strong], seconds=16.0)
     for name, rig in zip(names, rigs, strict=True):
         _, states, _ = follow(np.column_stack([rig.t, rig.q, rig.tau, 0 * rig.t]))
         warned = [any('models lack' in warning for warning in state.warnings) for state in states]

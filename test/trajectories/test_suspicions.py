@@ -17,7 +17,7 @@ from pendubot_identification.trajectories.signals import evenly_stamped
 from pendubot_identification.trajectories.suspicions import suspicions
 from test.virtual import recording
 
-FAST = Settings(('trajectory',), model='viscous', hold='zero')
+FAST = Settings(('likelihood',), model='viscous', hold='zero')
 
 
 @pytest.mark.parametrize('interval', [0.002, 0.04])

@@ -1,0 +1,494 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The composite innovations likelihood of recordings: what one filter expects, again and again, of the next sample.
+
+An extended Kalman filter (:mod:`.model.filter`) reads each recording at several sampling intervals. Its innovations e
+with variances s are Student-t distributed with nu degrees of freedom:
+
+    J = 1/K sum over K intervals of sum[ log(s) / 2 + (nu + 1) / 2 log(1 + e^2 / (nu s)) ] + |offset / prior|^2 / 2
+
+J is a composite likelihood (Varin, Reid and Firth, Statistica Sinica 21, 2011): the intervals share data, so that its
+curvature overstates what is known. Short intervals see friction and inertia, long ones what a model predicts. White
+torque noise, with one intensity for each interval, takes the place of what the model lacks.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pendubot_identification.model.dynamics import SIGN_WIDTH
+from pendubot_identification.model.filter import Samples, Term, Vectors, innovations
+from pendubot_identification.model.parameters import LARGEST_COUPLING
+from pendubot_identification.trajectories.motion import Motion
+from pendubot_identification.trajectories.piecewise import Piecewise
+from pendubot_identification.trajectories.signals import encoder_step
+
+from .bounded import least_squares_within
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+#: The motion under the torque that acts, from that under the recorded one and some numbers.
+Shape = Callable[[Motion, Array], Motion]
+#: Unknowns before those of effects: theta, delay, offsets.
+SHARED = 17
+
+
+@dataclass(frozen=True, slots=True)
+class LikelihoodSettings:
+    """How recordings are read and compared.
+
+    Attributes:
+        intervals: at which recordings are read [s]; beyond 0.2 s the likelihood has wrong optima.
+        step: longest Runge-Kutta step [s].
+        freedom: nu, degrees of freedom of the innovations; infinite: Gaussian.
+        offset: standard deviation of the zeros of both positions [rad].
+        rest: a sample with both joints within so many quanta over ``still`` [s] to both sides has no weight: at rest
+            neither torque noise nor quantization is white.
+        block: about how long neighbouring errors depend on each other [s].
+        fine: longest step [s] where a joint is slower than ``slow`` [rad/s], so that dry friction changes its sign.
+        slow: see there.
+    """
+
+    intervals: tuple[float, ...] = (0.05, 0.1, 0.2)
+    step: float = 0.005
+    freedom: float = 12.0
+    offset: float = 0.005
+    rest: float = 2.5
+    still: float = 0.1
+    block: float = 1.0
+    fine: float = math.inf
+    slow: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Readings:
+    """Recordings as the filters take them: R recordings at K intervals, in the order of :class:`.filter.Samples`.
+
+    Attributes:
+        motions: the recordings.
+        settings: how they are read.
+        samples: without torques.
+        edges: where steps begin and end [s], of each filter.
+        recording: the number of each filter's recording, shape (G,).
+        rows: which measurements each filter has.
+        weight: of each measurement, 1 or, at rest, 0, shape (N,).
+        t: when they were read [s], shape (N,).
+        block: the number of each measurement's block of time, shape (N,).
+        owner: the number of each block's recording, shape (B,).
+        quantization: variance of the positions' quantization [rad^2], shape (2,).
+    """
+
+    motions: tuple[Motion, ...]
+    settings: LikelihoodSettings
+    samples: Samples
+    edges: tuple[Array, ...]
+    recording: NDArray[np.intp]
+    rows: tuple[slice, ...]
+    weight: Array
+    t: Array
+    block: NDArray[np.intp]
+    owner: NDArray[np.intp]
+    quantization: Array
+
+    @classmethod
+    def of(cls, motions: Sequence[Motion], settings: LikelihoodSettings | None = None) -> Readings:
+        """Read recordings at every interval."""
+        settings = settings or LikelihoodSettings()
+        quantum = np.max([encoder_step(m.recorded.q) for m in motions], axis=0)
+        ends = np.cumsum([0.0, *(m.end - m.start for m in motions)])
+        parts, row = [], 0
+        for level, interval in enumerate(settings.intervals):
+            for number, motion in enumerate(motions):
+                chosen = _thinned(motion.recorded.t, interval)
+                t = motion.recorded.t[chosen]
+                longest = np.full(len(t) - 1, settings.step)
+                if settings.fine < settings.step:
+                    speed = np.abs(motion.states(t)[2:]).min(axis=0)
+                    longest[np.minimum(speed[:-1], speed[1:]) < settings.slow] = settings.fine
+                count = np.ceil(np.diff(t) / longest - 1e-9).astype(int)
+                part = np.arange(1, count.sum() + 1) - np.repeat(np.cumsum(count) - count, count)
+                edges = np.append(t[0], np.repeat(t[:-1], count) + part * np.repeat(np.diff(t) / count, count))
+                rows = np.full(count.sum(), -1)
+                rows[np.cumsum(count) - 1] = row + np.arange(len(t) - 1)
+                passed = (ends[number] + (edges[1:] + edges[:-1]) / 2 - motion.start) / ends[-1] - 0.5
+                weight = (~_at_rest(motion, settings.rest * quantum, settings.still)[chosen[1:]]).astype(float)
+                parts.append(
+                    (level, number, motion, t, chosen, edges, rows, passed, weight, slice(row, row + len(t) - 1))
+                )
+                row += len(t) - 1
+        steps = max(len(p[6]) for p in parts)
+        counts = [max(1, round((m.end - m.start) / settings.block)) for m in motions]
+        first = np.cumsum([0, *counts])
+        block = [
+            first[p[1]]
+            + np.clip(
+                ((p[3][1:] - p[2].start) / (p[2].end - p[2].start) * counts[p[1]]).astype(int), 0, counts[p[1]] - 1
+            )
+            for p in parts
+        ]
+
+        def padded(values: Array, fill: float = 0.0) -> Array:
+            shape = (steps - len(values), *values.shape[1:])
+            return np.concatenate([values, np.full(shape, fill, values.dtype)])
+
+        y = []
+        for _, _, motion, _, chosen, _, rows, *_ in parts:
+            read = np.zeros((len(rows), 2))
+            read[rows >= 0] = motion.recorded.q[chosen[1:]]
+            y.append(padded(read))
+        start = np.array([[*p[2].recorded.q[p[4][0]], *p[2].states(p[3][:1])[2:, 0]] for p in parts])
+        speed = np.array([0.1 + 0.1 * p[2].states(p[3])[2:].std(axis=1) for p in parts])
+        spread = np.column_stack([np.maximum(quantum**2 / 12, 1e-10) * np.ones((len(parts), 2)), speed**2])
+        samples = Samples(
+            start=start,
+            spread=spread,
+            level=np.array([p[0] for p in parts]),
+            length=np.array([len(p[6]) for p in parts]),
+            h=np.array([padded(np.diff(p[5])) for p in parts]),
+            elapsed=np.array([padded(p[7]) for p in parts]),
+            tau=np.empty((0, len(parts), steps, 2)),
+            y=np.array(y),
+            row=np.array([padded(p[6], -1) for p in parts]),
+        )
+        return cls(
+            motions=tuple(motions),
+            settings=settings,
+            samples=samples,
+            edges=tuple(p[5] for p in parts),
+            recording=np.array([p[1] for p in parts]),
+            rows=tuple(p[9] for p in parts),
+            weight=np.concatenate([p[8] for p in parts]),
+            t=np.concatenate([p[3][1:] for p in parts]),
+            block=np.concatenate(block),
+            owner=np.repeat(np.arange(len(motions)), counts),
+            quantization=np.maximum(quantum**2 / 12, 1e-14),
+        )
+
+    @property
+    def measurements(self) -> int:
+        """How many have weight."""
+        return int(self.weight.sum())
+
+    def block_times(self, block: int) -> float:
+        """Return the middle of a block of time [s]."""
+        motion, own = self.motions[self.owner[block]], np.flatnonzero(self.owner == self.owner[block])
+        return float(motion.start + (block - own[0] + 0.5) / len(own) * (motion.end - motion.start))
+
+    def block_of(self, recording: int, t: Array) -> NDArray[np.intp]:
+        """Return the number of the block of time of a recording in which each time lies."""
+        motion, own = self.motions[recording], np.flatnonzero(self.owner == recording)
+        part = (t - motion.start) / max(motion.end - motion.start, 1e-9) * len(own)
+        return np.asarray(own[np.clip(part.astype(int), 0, len(own) - 1)])
+
+    def torques(self, impulses: Sequence[Piecewise], delay: float) -> Array:
+        """Return mean torques of all steps [N m] with a delay [s], shape (G, S, 2)."""
+        tau = np.zeros((*self.samples.h.shape, 2))
+        for g, edges in enumerate(self.edges):
+            impulse = impulses[self.recording[g]](edges - delay)
+            tau[g, : len(edges) - 1] = np.diff(impulse, axis=0) / np.diff(edges)[:, None]
+        return tau
+
+
+def _thinned(t: Array, interval: float) -> NDArray[np.intp]:
+    """Return the numbers of samples that are about ``interval`` apart, or one sample where that is longer."""
+    usual = float(np.median(np.diff(t)))
+    every = max(1, round(interval / usual)) * usual
+    nearest = np.searchsorted(t, np.arange(t[0], t[-1] + usual / 2, every) - usual / 2)
+    return np.unique(np.minimum(nearest, len(t) - 1))
+
+
+def _at_rest(motion: Motion, limit: Array, still: float) -> Flags:
+    """Tell of each sample whether both joints stay within a limit [rad] for about some time [s] to both sides."""
+    t, q = motion.recorded.t, motion.recorded.q
+    block = ((t - t[0]) / still).astype(int)
+    first = np.flatnonzero(np.append(True, np.diff(block) > 0))
+    low, high = (np.pad(f.reduceat(q, first), ((1, 1), (0, 0)), mode='edge') for f in (np.minimum, np.maximum))
+    around = [slice(k, len(first) + k) for k in range(3)]
+    span = np.max([high[part] for part in around], axis=0) - np.min([low[part] for part in around], axis=0)
+    return np.asarray((span <= np.maximum(limit, 1e-9)).all(axis=1)[np.cumsum(np.isin(np.arange(len(t)), first)) - 1])
+
+
+@dataclass(frozen=True, slots=True)
+class Extension:
+    """What an effect adds to the model: E unknowns.
+
+    Attributes:
+        terms: torques, the coefficients of which are the first unknowns.
+        shape: changes the recorded torque by the other unknowns.
+        width: whether the last two unknowns are the widths of dry friction's change of sign at both joints.
+        scale: the size of each unknown, shape (E,).
+        lower, upper: bounds, shape (E,).
+        start: shape (E,).
+    """
+
+    terms: tuple[Term, ...] = ()
+    shape: Shape | None = None
+    width: tuple[int, ...] = ()
+    scale: tuple[float, ...] = ()
+    lower: tuple[float, ...] = ()
+    upper: tuple[float, ...] = ()
+    start: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Evaluation:
+    """J of each block of time, its slope and expected information, of P unknowns: (B,), (B, P), (B, P, P)."""
+
+    costs: Array
+    slopes: Array
+    informations: Array
+
+
+@dataclass(frozen=True)
+class Likelihood:
+    """J as a function of x: theta (14), delay, both offsets, effects, and at each level log r and log sigma."""
+
+    readings: Readings
+    effects: tuple[Extension, ...] = ()
+    scale: Array = field(default_factory=lambda: np.ones(SHARED))
+    _impulses: dict[bytes, list[Piecewise]] = field(default_factory=dict, repr=False)
+
+    @property
+    def levels(self) -> int:
+        """At how many intervals the recordings are read."""
+        return len(self.readings.settings.intervals)
+
+    @property
+    def shared(self) -> int:
+        """How many unknowns all levels share."""
+        return SHARED + sum(len(e.scale) for e in self.effects)
+
+    @property
+    def size(self) -> int:
+        """P."""
+        return self.shared + 4 * self.levels
+
+    def _vectors(self, lanes: Array) -> tuple[Samples, Vectors, tuple[Term, ...]]:
+        """Return what the filters need of lanes of unknowns, shape (P, L)."""
+        count, levels = lanes.shape[1], self.levels
+        width = np.full((2, count), SIGN_WIDTH)
+        terms: list[Term] = []
+        coefficients, shapes = [], []
+        at = SHARED
+        for effect in self.effects:
+            own = lanes[at : at + len(effect.scale)]
+            at += len(effect.scale)
+            n = len(effect.terms)
+            terms += effect.terms
+            coefficients.append(own[:n])
+            if effect.shape is not None:
+                shapes.append((effect.shape, own[n:]))
+            for k, joint in enumerate(effect.width):
+                width[joint] = own[n + k]
+        tables: dict[bytes, tuple[int, int]] = {}
+        keys = np.vstack([lanes[14], *(own for _, own in shapes)])
+        table = np.empty(count, dtype=np.int64)
+        for lane in range(count):
+            table[lane], _ = tables.setdefault(keys[:, lane].tobytes(), (len(tables), lane))
+        tau = np.stack([self._torques(keys[:, lane], shapes, lane) for _, lane in tables.values()])
+        noise = np.exp(2 * lanes[self.shared :].reshape(levels, 4, count))
+        vectors = Vectors(
+            theta=lanes[:14],
+            offset=lanes[15:17],
+            noise=noise,
+            width=width,
+            coefficient=np.concatenate(coefficients) if coefficients else np.zeros((0, count)),
+            table=table,
+        )
+        return replace(self.readings.samples, tau=tau), vectors, tuple(terms)
+
+    def _torques(self, key: Array, shapes: list[tuple[Shape, Array]], lane: int) -> Array:
+        made = key[1:].tobytes()
+        if made not in self._impulses:
+            if len(self._impulses) > 30:
+                self._impulses.clear()
+            motions = self.readings.motions
+            for shape, own in shapes:
+                motions = tuple(shape(m, own[:, lane]) for m in motions)
+            self._impulses[made] = [m.impulse for m in motions]
+        return self.readings.torques(self._impulses[made], float(key[0]))
+
+    def innovations(self, x: Array) -> tuple[Array, Array]:
+        """Return innovations and their scales squared, shapes (N, 2)."""
+        e, s = innovations(*self._vectors(x[:, None]))
+        return e[:, :, 0], s[:, :, 0]
+
+    @np.errstate(all='ignore')
+    def costs(self, x: Array) -> Array:
+        """Return J of each block, without the prior, shape (B,)."""
+        e, s = self.innovations(x)
+        return self._costs(e, s)
+
+    def _costs(self, e: Array, s: Array) -> Array:
+        readings, nu = self.readings, self.readings.settings.freedom
+        if np.isinf(nu):
+            each = np.log(s) / 2 + e * e / s / 2
+        else:
+            each = np.log(s) / 2 + (nu + 1) / 2 * np.log1p(e * e / (nu * s))
+        each = (np.where(readings.weight[:, None] > 0, each, 0.0)).sum(axis=1) / self.levels
+        return np.asarray(np.bincount(readings.block, each, minlength=len(readings.owner)), dtype=float)
+
+    @np.errstate(all='ignore')
+    def evaluate(self, x: Array, free: Flags) -> Evaluation:
+        """Return J with its slopes and information, by differences, of those unknowns that are free."""
+        readings, nu = self.readings, self.readings.settings.freedom
+        shared = np.flatnonzero(free[: self.shared])
+        steps = 1e-5 * self.scale[shared]
+        lanes = np.repeat(x[:, None], 1 + len(shared) + 4, axis=1)
+        lanes[shared, 1 + np.arange(len(shared))] += steps
+        own = self.shared + np.arange(4 * self.levels).reshape(self.levels, 4)
+        for k in range(4):  # of all levels at once: a filter knows no noise but its own
+            lanes[own[:, k], 1 + len(shared) + k] += 1e-5
+        e, s = innovations(*self._vectors(lanes))
+        by = np.concatenate([steps, np.full(4, 1e-5)])
+        de, ds = (np.ascontiguousarray((each[:, :, 1:] - each[:, :, :1]) / by) for each in (e, s))
+        e, s = e[:, :, 0], s[:, :, 0]
+        costs = self._costs(e, s)
+        w = np.broadcast_to(readings.weight[:, None] / self.levels, e.shape)
+        if np.isinf(nu):
+            to_e, to_s, ee, ss = e / s, 0.5 / s - e * e / (2 * s * s), 1 / s, 0.5 / s**2
+        else:
+            to_e = (nu + 1) * e / (nu * s + e * e)
+            to_s = 0.5 / s - (nu + 1) / 2 * e * e / (s * (nu * s + e * e))
+            ee, ss = (nu + 1) / ((nu + 3) * s), nu / (2 * (nu + 3) * s * s)
+        count = len(readings.owner)
+        slopes, informations = np.zeros((count, self.size)), np.zeros((count, self.size, self.size))
+        for g, rows in enumerate(readings.rows):
+            index = np.concatenate([shared, own[readings.samples.level[g]]])
+            first = rows.start + np.append(0, np.flatnonzero(np.diff(readings.block[rows])) + 1)
+            for part in map(slice, first, [*first[1:], rows.stop]):
+                a, b = de[part].reshape(-1, len(index)), ds[part].reshape(-1, len(index))
+                weight, block = w[part].ravel(), readings.block[part.start]
+                slopes[block, index] += (weight * to_e[part].ravel()) @ a + (weight * to_s[part].ravel()) @ b
+                informations[block][np.ix_(index, index)] += (a * (weight * ee[part].ravel())[:, None]).T @ a
+                informations[block][np.ix_(index, index)] += (b * (weight * ss[part].ravel())[:, None]).T @ b
+        return Evaluation(costs, slopes, informations)
+
+    def prior(self, x: Array) -> float:
+        """Return what the offsets cost."""
+        return float((x[15:17] ** 2).sum() / self.readings.settings.offset**2 / 2)
+
+
+def fitted_information(likelihood: Likelihood, evaluation: Evaluation, x: Array) -> tuple[Array, Array]:
+    """Return slope and information of all blocks and the prior together, shapes (P,), (P, P)."""
+    prior = np.zeros(len(x))
+    prior[[15, 16]] = 1 / likelihood.readings.settings.offset**2
+    return evaluation.slopes.sum(axis=0) + prior * x, evaluation.informations.sum(axis=0) + np.diag(prior)
+
+
+@dataclass(frozen=True, slots=True)
+class LikelihoodFit:
+    """Where Fisher scoring came to rest.
+
+    Attributes:
+        x: the unknowns, shape (P,).
+        free: those that are sought and lie on no bound, shape (P,).
+        cost: J with the prior.
+        evaluation: at x.
+        information: of all recordings and the prior, shape (P, P).
+        iterations: how many it took.
+        converged: whether nothing was left to gain.
+    """
+
+    x: Array
+    free: Flags
+    cost: float
+    evaluation: Evaluation
+    information: Array
+    iterations: int
+    converged: bool
+
+
+def fit(
+    likelihood: Likelihood,
+    x: Array,
+    lower: Array,
+    upper: Array,
+    iterations: int = 30,
+    tolerance: float = 1e-3,
+    progress: Callable[[float], None] | None = None,
+) -> LikelihoodFit:
+    """Minimise J within bounds by Fisher scoring with Levenberg and Marquardt's damping.
+
+    Args:
+        likelihood: J.
+        x: where to start, shape (P,).
+        lower: bounds; equal ones hold an unknown.
+        upper: likewise.
+        iterations: at most.
+        tolerance: stop when a step is predicted to gain less than this.
+        progress: called with J after every iteration.
+    """
+    sought = lower < upper
+    x = np.clip(x, lower, upper)
+    damping, converged, number = 1e-3, False, 0
+    reach = np.where(np.arange(len(x)) < likelihood.shared, np.inf, 1.0)  # of noise: e times at once
+    now = likelihood.evaluate(x, sought)
+    cost = float(now.costs.sum()) + likelihood.prior(x)
+    if not np.isfinite(cost) or not np.isfinite(now.informations).all():
+        raise FloatingPointError
+    while True:
+        slope, information = fitted_information(likelihood, now, x)
+        if number == iterations:
+            break
+        for _ in range(12):
+            step, gain = bounded_step(
+                information, slope, damping, np.maximum(lower - x, -reach), np.minimum(upper - x, reach), sought
+            )
+            if gain < tolerance:
+                converged = True
+                break
+            trial = x + step
+            with np.errstate(all='ignore'):
+                value = np.inf
+                if physical(trial):
+                    value = float(likelihood.costs(trial).sum()) + likelihood.prior(trial)
+            if value < cost - 0.01 * gain:
+                after = likelihood.evaluate(trial, sought)
+                if np.isfinite(after.informations).all():
+                    break
+            damping *= 8.0
+        else:
+            converged = gain < 1.0
+            break
+        if converged:
+            break
+        ratio = (cost - value) / gain
+        x, number = trial, number + 1
+        damping = max(damping * (0.2 if ratio > 0.6 else 1.0 if ratio > 0.2 else 3.0), 1e-9)
+        now, cost = after, value
+        if progress is not None:
+            progress(cost)
+    margin = 1e-9 * np.maximum(upper - lower, 0)
+    free = sought & (x > lower + margin) & (x < upper - margin)
+    return LikelihoodFit(x, free, cost, now, information, number, converged)
+
+
+def physical(x: Array) -> bool:
+    """Tell whether P1 to P3, the first of the unknowns, make M(q) positive definite for every q."""
+    return bool(x[0] > 0 and x[1] > 0 and x[2] ** 2 <= LARGEST_COUPLING**2 * x[0] * x[1])
+
+
+def bounded_step(
+    information: Array, slope: Array, damping: float, low: Array, high: Array, sought: Flags
+) -> tuple[Array, float]:
+    """Return the damped scoring step within bounds, and by how much J should fall."""
+    index = np.flatnonzero(sought & (np.diag(information) > 0))
+    H, g = information[np.ix_(index, index)], slope[index]
+    scale = np.sqrt(np.diag(H))
+    H = H / scale / scale[:, None] + damping * np.eye(len(index))
+    g = g / scale
+    values, vectors = np.linalg.eigh(H)
+    values = np.maximum(values, 1e-10 * values.max())
+    root = (vectors * np.sqrt(values)).T
+    target = -(vectors / np.sqrt(values)).T @ g
+    d = least_squares_within(root, target, low[index] * scale, high[index] * scale)
+    step = np.zeros(len(slope))
+    step[index] = d / scale
+    return step, float(-(g @ d) - d @ H @ d / 2)

@@ -1,0 +1,535 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The estimator: composite innovations likelihood, then prediction error with it as prior, or a last exact step.
+
+Rigs that leave nothing but the quantization of their encoders end with one filter on all samples. All others end with
+the prediction error, unless an unmodelled effect was accepted: then the joint likelihood stands.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pendubot_identification.criteria.likelihood import (
+    SHARED,
+    Likelihood,
+    LikelihoodFit,
+    LikelihoodSettings,
+    Readings,
+    bounded_step,
+    fit,
+    physical,
+)
+from pendubot_identification.criteria.prediction_error import refine
+from pendubot_identification.errors import TrajectoryError
+from pendubot_identification.model.parameters import MODELS, NAMES, Bounds
+from pendubot_identification.trajectories.motion import Motion
+from pendubot_identification.trajectories.signals import choose_smoothing
+from pendubot_identification.trajectories.trajectory import Trajectory
+
+from .effects import EffectSettings, FoundEffect, Problem, find_effects, vuong
+from .estimate import Progress
+from .linear import Linear, linear
+from .prediction import state_scale
+from .settings import Settings
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+GEARED = MODELS['geared']
+
+
+@dataclass(frozen=True, slots=True)
+class FittingSettings:
+    """How the likelihood is minimised, and when a rig is exact.
+
+    Attributes:
+        shortest: recordings shorter than this [s] are not fitted.
+        least_share: at the start neither P1 nor P2 is less than this fraction of their sum: on a bound nothing moves.
+        noise: torque noise at the start, averaged over 0.1 s, as a fraction of the effort.
+        louder: after a filter has diverged its noise starts so many times larger.
+        smaller: and P1 to P5 so many times smaller.
+        held_step: above this sampling interval [s] held and measured torque differ by more than a delay.
+        quiet: torque noise of an exact rig over 0.1 s as a fraction of the effort, at shoulder and elbow: the geometric
+            mean of the most that simulated rigs have, 6e-4 and 3e-3, and the least that real ones have, .07 and .16.
+        quantized: positions' noise over their quantization, at most.
+        variance: mean of the squared innovations over their expected variances, at most, in every recording.
+        decided: by so much each unknown of an effect must lower J of all samples.
+        fine: Runge-Kutta step [s] of the exact step where a joint is slower than ``slow`` [rad/s].
+        slow: six widths of the change of sign of dry friction.
+        between: longest such step [s] where the delay lets the torque change between samples, by more than a tenth of
+            it: steps take its mean.
+        several: with fewer recordings, blocks of time take their place.
+    """
+
+    shortest: float = 1.0
+    least_share: float = 0.05
+    noise: float = 0.1
+    louder: float = 10.0
+    smaller: float = 0.7
+    held_step: float = 0.004
+    quiet: tuple[float, float] = (6e-3, 2e-2)
+    quantized: float = 1.15
+    variance: float = 1.25
+    decided: float = 10.0
+    fine: float = 0.0005
+    slow: float = 0.3
+    between: float = 0.001
+    several: int = 3
+
+
+@dataclass(frozen=True, slots=True)
+class TrainingData:
+    """Recordings ready to be fitted.
+
+    Attributes:
+        motions: with states and torques.
+        smoothing: the window [s] that made their states.
+        hold: of the torque between samples: ``zero`` or ``linear``.
+        scale: the states' standard deviations, shape (4,).
+        settings: what was asked for.
+    """
+
+    motions: tuple[Motion, ...]
+    smoothing: float
+    hold: str
+    scale: Array
+    settings: Settings
+
+    @classmethod
+    def prepare(cls, trajectories: Sequence[Trajectory], settings: Settings) -> TrainingData:
+        """Choose the smoothing, and make the recordings ready.
+
+        Raises:
+            TrajectoryError: all are too short for what is asked for.
+        """
+        longest, shortest = max(trajectories, key=lambda t: t.duration), FittingSettings().shortest
+        if settings.criteria != ('energy',) and longest.duration < shortest:
+            raise TrajectoryError(
+                f'{longest.name}: {longest.duration:.3f} s are too short for the criteria weak and likelihood, which '
+                f'need {shortest:g} s; choose a longer window, or the criterion energy alone'
+            )
+        smoothing = choose_smoothing(trajectories) if settings.smoothing is None else settings.smoothing
+        hold = 'zero' if settings.hold == 'auto' else settings.hold
+        motions = tuple(Motion.prepare(t, smoothing, hold) for t in trajectories)
+        return cls(motions, smoothing, hold, state_scale(motions), settings)
+
+    def otherwise(self) -> TrainingData:
+        """Return the same with torques measured at their samples and linear between them, or held where they were."""
+        hold = 'linear' if self.hold == 'zero' else 'zero'
+        motions = tuple(Motion.prepare(m.recorded, self.smoothing, hold) for m in self.motions)
+        return replace(self, motions=motions, hold=hold)
+
+    def linear(self, criterion: str, model: str) -> Linear:
+        """Return a quadratic criterion, with the delay and the weights that suit the motions; it is made once."""
+        what = criterion, model, self.hold, tuple(m.name for m in self.motions)
+        return self.motions[0].once(what, lambda: linear(criterion, self.motions, model, self.settings))
+
+
+@dataclass(frozen=True, slots=True)
+class Composite:
+    """The estimator's answer for recordings of one rig, with what each block of time says of it.
+
+    Attributes:
+        data: what was fitted, with the hold that was chosen.
+        model: the name of one of :data:`.parameters.MODELS`.
+        theta: shape (14,).
+        free: which of them are sought and lie on no bound, shape (14,).
+        delay: of the effort [s], and ``delay_std_error``; NaN where it was not estimated.
+        exact: whether nothing but quantization is left.
+        effects: that were found.
+        information: of theta, all else eliminated, shape (14, 14).
+        slopes: of each block of time at theta, shape (B, 14).
+        informations: likewise, shape (B, 14, 14).
+        owner: each block's recording, shape (B,).
+        readings: how the recordings were read.
+        innovations: of all measurements [rad], and their expected variances, shapes (N, 2).
+        unexplained: the fraction of the innovations' variance that quantization does not explain, shape (2,).
+        J: the likelihood per measurement.
+        converged: whether they ended at a minimum.
+        steps: in words.
+        likelihood: that was minimised last, ``x`` its unknowns.
+        rough: the fit of the shortest interval.
+    """
+
+    data: TrainingData
+    model: str
+    theta: Array
+    free: Flags
+    delay: float
+    delay_std_error: float
+    exact: bool
+    effects: tuple[FoundEffect, ...]
+    information: Array
+    slopes: Array
+    informations: Array
+    owner: NDArray[np.intp]
+    readings: Readings
+    innovations: tuple[Array, Array]
+    unexplained: Array
+    J: float
+    converged: bool
+    steps: tuple[str, ...]
+    likelihood: Likelihood
+    x: Array
+    rough: Problem
+
+    @property
+    def offsets(self) -> Array:
+        """Of the positions [rad], shape (2,)."""
+        return self.x[15:17]
+
+    def without(self, blocks: Flags) -> Array:
+        """Return theta without some blocks of time, shape (14,): one scoring step of all others, within bounds."""
+        rest = self.information - self.informations[blocks].sum(axis=0)
+        box = self.data.settings.box('geared')
+        bounds = Bounds(
+            np.where(self.free, box.lower, self.theta), np.where(self.free, box.upper, self.theta), box.names
+        )
+        pull = -self.slopes[blocks].sum(axis=0)
+        step, _ = bounded_step(
+            rest, pull, 1e-6, bounds.lower - self.theta, bounds.upper - self.theta, bounds.lower < bounds.upper
+        )
+        while not physical(self.theta + step):
+            step = step / 2
+        return np.asarray(self.theta + step)
+
+
+def fit_composite(
+    data: TrainingData, progress: Progress, settings: FittingSettings | None = None, *, effects: bool = True
+) -> Composite:
+    """Estimate parameters by the composite likelihood and what follows it."""
+    settings = settings or FittingSettings()
+    rough = _first_fit(data, settings, progress)
+    steps = [f'innovations at 0.05 s: {rough.fit.iterations} scoring steps, J = {rough.fit.cost:.6g}']
+    data, rough, _ = _best_hold(data, rough, settings, progress)
+    found: list[FoundEffect] = []
+    if effects:
+        progress('looking for unmodelled effects', 0, 0, math.nan)
+        found = find_effects(rough, EffectSettings())
+    whole = _all_levels(data, rough, progress)
+    accepted: list[FoundEffect] = []
+    for k, each in enumerate(found):
+        # Long intervals must say so too: within short ones a torque that grows with an angle may pass for gravity.
+        if not each.accepted:
+            break
+        more = rough.with_effects([each.effect], iterations=30)
+        beside = _all_levels(data, more, progress)
+        if not _surely_better(whole, beside, EffectSettings().sure):
+            found = [*found[:k], replace(each, accepted=False)]
+            break
+        rough, whole = more, beside
+        accepted.append(each)
+        steps.append(f'together with {each.name}: J = {rough.fit.cost:.6g}')
+    steps.append(f'innovations at 0.05, 0.1 and 0.2 s: {whole.fit.iterations} scoring steps, J = {whole.fit.cost:.6g}')
+    if accepted:
+        data, rough, changed = _best_hold(data, rough, settings, progress)
+        whole = _all_levels(data, rough, progress) if changed else whole
+    if data.hold == 'linear' and data.settings.hold == 'auto':
+        steps.append(f'torque measured at its samples, not held: J = {rough.fit.cost:.6g}')
+    exact = _exact_fit(data, whole, settings, progress)
+    if found and not found[-1].accepted:
+        # All samples decide about an effect that is not sure, where nothing but it and quantization is left.
+        more = rough.with_effects([found[-1].effect], iterations=30)
+        beside = _all_levels(data, more, progress)
+        exact_beside = _exact_fit(data, beside, settings, progress)
+        count = len(found[-1].sizes)
+        lower_by = settings.decided * count
+        if exact_beside is not None and (exact is None or exact_beside.fit.cost < exact.fit.cost - lower_by):
+            sizes = exact_beside.fit.x[rough.likelihood.shared :][:count]
+            found[-1] = replace(found[-1], accepted=True, sizes=sizes)
+            rough, whole, exact = more, beside, exact_beside
+            steps.append(f'together with {found[-1].name}, by all samples: J = {exact.fit.cost:.6g}')
+    if found and not found[-1].accepted and found[-1].z < EffectSettings().possible:
+        found = found[:-1]
+    last = whole if exact is None else exact
+    answer = _composite(data, last, found, exact is not None, rough)
+    if exact is not None:
+        steps.append(f'all samples: {exact.fit.iterations} scoring steps; nothing but quantization is left')
+        return replace(answer, steps=tuple(steps))
+    if not accepted:
+        progress('likelihood: prediction error', 0, 0, math.nan)
+        answer = _refined(answer)
+        steps.append('prediction errors after 0.1, 0.25 and 0.5 s, with the likelihood as prior')
+    return replace(answer, steps=tuple(steps))
+
+
+def _best_hold(
+    data: TrainingData, rough: Problem, settings: FittingSettings, progress: Progress
+) -> tuple[TrainingData, Problem, bool]:
+    """Return the data and their fit with the hold of the torque that is likelier, and whether that is another one."""
+    if data.settings.hold != 'auto' or max(m.interval for m in data.motions) <= settings.held_step:
+        return data, rough, False
+    other = data.otherwise()
+    tried = _first_fit(other, settings, progress, near=rough)
+    better = tried.fit.cost < rough.fit.cost
+    return (other, tried, True) if better else (data, rough, False)
+
+
+def _surely_better(before: Problem, after: Problem, sure: float) -> bool:
+    """Tell whether more unknowns lower J of all intervals surely, and in every recording."""
+    if before.likelihood.levels != after.likelihood.levels:
+        return after.likelihood.levels > before.likelihood.levels
+    gains, owner = before.fit.evaluation.costs - after.fit.evaluation.costs, before.likelihood.readings.owner
+    return vuong(gains, 0.0) > sure and bool((np.bincount(owner, gains) > 0).all())
+
+
+def standardised_innovations(
+    motions: Sequence[Motion], theta: Array, delay: float, settings: Settings
+) -> tuple[list[Array], list[Array]]:
+    """Return, of each recording, times [s], shape (K,), and innovations at 0.05 s over their deviations, shape (K, 2).
+
+    Theta and delay stay as they are; the noise is fitted.
+    """
+    data = TrainingData(tuple(motions), 0.0, 'zero', state_scale(motions), settings)
+    readings = Readings.of(motions, LikelihoodSettings(intervals=LikelihoodSettings().intervals[:1]))
+    lower, upper = _limits(data, readings)
+    known = np.array([*theta, *np.zeros(GEARED - len(theta)), delay, 0.0, 0.0])
+    lower[:SHARED], upper[:SHARED] = known, known
+    noise = math.sqrt(0.1) * _effort(data) * FittingSettings().noise
+    x = np.append(known, np.log([*(1.5 * np.sqrt(readings.quantization)), *noise]))
+    like = Likelihood(readings)
+    try:
+        x = fit(like, x, lower, upper, 20, 0.1).x
+    except FloatingPointError as error:
+        raise TrajectoryError(f'{motions[0].name}: no filter follows this motion with these parameters') from error
+    e, s = like.innovations(x)
+    return [readings.t[rows] for rows in readings.rows], [(e / np.sqrt(s))[rows] for rows in readings.rows]
+
+
+def _scale(data: TrainingData, theta: Array) -> Array:
+    """Return the size of the shared unknowns, from which differences are taken."""
+    inertia, mass = max(theta[:2].sum(), 1e-9), max(theta[3:5].sum(), 1e-9)
+    effort, speed = _effort(data).max(), max(float(data.scale[2:].max()), 1e-3)
+    of = {'P1': inertia, 'P2': inertia, 'P3': inertia, 'P4': mass, 'P5': mass, 'J2': inertia, 'k1': 1.0, 'k2': 1.0}
+    friction = {name: effort / speed if name[0] == 'b' else effort for name in NAMES if name not in of}
+    return np.array([*((of | friction)[name] for name in NAMES), 0.01, 0.01, 0.01])
+
+
+def _effort(data: TrainingData) -> Array:
+    """Return the root mean square of both torques [N m]; of a joint without a motor a tenth of the other's."""
+    tau = np.sqrt(np.mean(np.concatenate([m.recorded.tau for m in data.motions]) ** 2, axis=0))
+    return np.asarray(np.maximum(tau, max(0.1 * tau.max(), 1e-9)))
+
+
+def _limits(data: TrainingData, readings: Readings) -> tuple[Array, Array]:
+    """Return bounds of theta, delay, offsets and noise: positions are at least as noisy as their quantization."""
+    box, size = data.settings.box('geared'), MODELS['geared' if data.settings.model == 'auto' else data.settings.model]
+    inside = np.arange(GEARED) < size
+    low, high = data.settings.delays
+    noise = np.log(readings.quantization) / 2
+    levels, effort = len(readings.settings.intervals), np.log(_effort(data))
+    return (
+        np.concatenate([np.where(inside, box.lower, 0.0), [low, -0.1, -0.1], np.tile([*noise, *effort - 16], levels)]),
+        np.concatenate(
+            [np.where(inside, box.upper, 0.0), [high, 0.1, 0.1], np.tile([*noise + 3, *effort + 2], levels)]
+        ),
+    )
+
+
+def _first_fit(
+    data: TrainingData, settings: FittingSettings, progress: Progress, near: Problem | None = None
+) -> Problem:
+    """Fit the shortest interval alone, from the weak criterion, from given parameters, or from another fit."""
+    shortest = LikelihoodSettings().intervals[:1]
+    readings = Readings.of(data.motions, LikelihoodSettings(intervals=shortest))
+    lower, upper = _limits(data, readings)
+    asked = data.settings.start
+    if near is not None:
+        x = near.fit.x.copy()
+        x[14] += (0.5 if data.hold == 'zero' else -0.5) * np.median([m.interval for m in data.motions])
+        like = replace(near.likelihood, readings=readings, _impulses={})
+        return replace(near, likelihood=like, fit=_fit(like, x, near.lower, near.upper, progress))
+    if asked is not None:
+        theta, delay = asked.vector('geared'), data.settings.least_delay
+    else:
+        model = 'geared' if data.settings.model == 'auto' else data.settings.model
+        made = data.linear('weak', model)
+        theta, delay = np.zeros(GEARED), made.delay
+        theta[: MODELS[model]] = made.criterion.minimum(data.settings.box(model))
+    theta[:2] = np.maximum(theta[:2], settings.least_share * max(theta[:2].sum(), 1e-6))
+    like = Likelihood(readings, scale=_scale(data, theta))
+    quantum, noise = np.sqrt(readings.quantization), settings.noise * math.sqrt(0.1) * _effort(data)
+    louder, smaller, none = settings.louder, settings.smaller, data.settings.least_delay
+    for noisy, small, late in ((1.0, 1.0, delay), (louder, 1.0, delay), (louder, 1.0, none), (louder, smaller, none)):
+        begin = np.append(small * theta[:5], theta[5:])
+        x = np.concatenate([begin, [late, 0.0, 0.0], np.log([*(1.5 * quantum), *(noisy * noise)])])
+        try:
+            return Problem(like, _fit(like, x, lower, upper, progress), lower, upper)
+        except FloatingPointError:
+            continue
+    raise TrajectoryError(
+        f'{data.motions[0].name}: no filter follows this motion from the rough parameters; look at signs, units and '
+        'stamps, or choose another part of the recording'
+    )
+
+
+def _fit(like: Likelihood, x: Array, lower: Array, upper: Array, progress: Progress) -> LikelihoodFit:
+    return fit(like, x, lower, upper, 40, 0.05, lambda cost: progress('likelihood: scoring', 0, 0, cost))
+
+
+def _all_levels(data: TrainingData, rough: Problem, progress: Progress) -> Problem:
+    """Fit all intervals, from the shortest one's answer; intervals at which a filter diverges are left out."""
+    intervals = LikelihoodSettings().intervals
+    while True:
+        readings = Readings.of(data.motions, LikelihoodSettings(intervals=intervals))
+        like, at = replace(rough.likelihood, readings=readings, _impulses={}), rough.likelihood.shared
+
+        def wider(values: Array, at: int = at, count: int = len(intervals)) -> Array:
+            return np.append(values[:at], np.tile(values[at:], count))
+
+        x, lower, upper = wider(rough.fit.x), wider(rough.lower), wider(rough.upper)
+        try:
+            return Problem(like, _fit(like, x, lower, upper, progress), lower, upper)
+        except FloatingPointError:
+            if len(intervals) == 1:
+                return rough
+            intervals = intervals[:-1]
+
+
+def _exact_fit(data: TrainingData, whole: Problem, settings: FittingSettings, progress: Progress) -> Problem | None:
+    """Fit all samples by one Gaussian filter if nothing but quantization is left then; None otherwise."""
+    quiet = np.array(settings.quiet) * _effort(data)
+    at = whole.likelihood.shared
+    noise = np.exp(whole.fit.x[at:].reshape(-1, 4))
+    if (noise[:, 2:].min(axis=0) / math.sqrt(0.1) > 10 * quiet).any():
+        return None
+    interval = min(m.interval for m in data.motions)
+    off = abs(math.remainder(whole.fit.x[14], interval)) > settings.between / 10
+    native = LikelihoodSettings(
+        intervals=(interval / 2,),
+        step=settings.between if off else LikelihoodSettings().step,
+        freedom=math.inf,
+        fine=settings.fine,
+        slow=settings.slow,
+        rest=-1.0,
+    )
+    readings = Readings.of(data.motions, native)
+    like = replace(whole.likelihood, readings=readings, _impulses={})
+    quantum = np.log(readings.quantization) / 2
+    start = np.append(whole.fit.x[:at], [*quantum, *np.log(noise[:, 2:].min(axis=0))])
+    lower, upper = (np.append(each[:at], each[at : at + 4]) for each in (whole.lower, whole.upper))
+    lower[at : at + 2] -= 1.0
+    progress('likelihood: all samples', 0, 0, math.nan)
+    try:
+        found = fit(like, start, lower, upper, 15, 0.02)
+    except FloatingPointError:
+        return None
+    last = np.exp(found.x[at:])
+    if (last[2:] / math.sqrt(0.1) > quiet).any() or (last[:2] / np.exp(quantum) > settings.quantized).any():
+        return None
+    e, s = like.innovations(found.x)
+    for rows in readings.rows:
+        if not ((e[rows] ** 2 / s[rows]).mean(axis=0) < settings.variance).all():
+            return None
+    return _smallest(data, Problem(like, found, lower, upper))
+
+
+def _smallest(data: TrainingData, problem: Problem) -> Problem:
+    """Return the fit of the smallest model that explains exact recordings as well, by Schwarz's criterion."""
+    if data.settings.model != 'auto':
+        return problem
+    worth = math.log(max(problem.likelihood.readings.measurements, 2)) / 2
+    for size in sorted(MODELS.values()):
+        dropped = np.flatnonzero(problem.fit.free[:GEARED] & (np.arange(GEARED) >= size))
+        if size == GEARED:
+            break
+        lower, upper = problem.lower.copy(), problem.upper.copy()
+        lower[size:GEARED], upper[size:GEARED] = 0.0, 0.0
+        x = problem.fit.x.copy()
+        others = np.setdiff1d(np.flatnonzero(problem.fit.free), dropped)
+        H = problem.fit.information
+        # Where the others go once these are held at 0.
+        if dropped.size:
+            x[others] += np.linalg.lstsq(
+                H[np.ix_(others, others)], H[np.ix_(others, dropped)] @ x[dropped], rcond=1e-12
+            )[0]
+        x[size:GEARED] = 0.0
+        x = np.clip(x, lower, upper)
+        if not physical(x):
+            continue
+        costs = float(problem.likelihood.costs(x).sum()) + problem.likelihood.prior(x)
+        if not costs < problem.fit.cost + 40 * worth:
+            continue
+        found = fit(problem.likelihood, x, lower, upper, 10, 0.02)
+        if found.cost < problem.fit.cost + worth * max(dropped.size, 1):
+            return Problem(problem.likelihood, found, lower, upper)
+    return problem
+
+
+def _composite(
+    data: TrainingData, problem: Problem, found: Sequence[FoundEffect], exact: bool, rough: Problem
+) -> Composite:
+    """Return the answer of a likelihood, with all but theta eliminated."""
+    like, solved = problem.likelihood, problem.fit
+    H, free = solved.information, solved.free
+    theta, rest = np.arange(GEARED), np.setdiff1d(np.flatnonzero(free), np.arange(GEARED))
+    gain = H[np.ix_(theta, rest)] @ np.linalg.pinv(H[np.ix_(rest, rest)], hermitian=True)
+    onto = np.zeros((GEARED, len(H)))
+    onto[:, :GEARED], onto[:, rest] = np.eye(GEARED), -gain
+    blocks = solved.evaluation
+    inverse = np.zeros_like(H)
+    inverse[np.ix_(free, free)] = np.linalg.pinv(H[np.ix_(free, free)], hermitian=True)
+    moves = blocks.slopes @ inverse[:, 14]
+    e, s = like.innovations(solved.x)
+    near = rough.likelihood
+    shortest, expected = near.innovations(rough.fit.x)
+    # The first innovations, of a speed that is not known yet, would hide all others.
+    variance = np.average(shortest**2, axis=0, weights=(near.readings.weight[:, None] + 1e-12) / expected)
+    lower, upper = problem.lower, problem.upper
+    size = int(np.flatnonzero(upper[:GEARED] > lower[:GEARED]).max(initial=0)) + 1
+    model = next(name for name, count in MODELS.items() if count >= size)
+    return Composite(
+        data=data,
+        model=model if data.settings.model == 'auto' else data.settings.model,
+        theta=solved.x[:GEARED],
+        free=free[:GEARED],
+        delay=float(solved.x[14]),
+        delay_std_error=math.sqrt(max(inverse[14, 14], float((moves**2).sum()))) if free[14] else math.nan,
+        exact=exact,
+        effects=tuple(found),
+        information=onto @ H @ onto.T,
+        slopes=blocks.slopes @ onto.T,
+        informations=onto @ blocks.informations @ onto.T,
+        owner=like.readings.owner,
+        readings=like.readings,
+        innovations=(e, s),
+        unexplained=np.clip(1 - near.readings.quantization / np.maximum(variance, 1e-300), 0.0, 1.0),
+        J=solved.cost / max(like.readings.measurements, 1),
+        converged=solved.converged and rough.fit.converged,
+        steps=(),
+        likelihood=like,
+        x=solved.x,
+        rough=rough,
+    )
+
+
+def _refined(answer: Composite) -> Composite:
+    """Return the answer that predicts, with the likelihood's as prior."""
+    data, like = answer.data, answer.likelihood
+    box = data.settings.box('geared')
+    size = MODELS[answer.model]
+    inside = np.arange(GEARED) < size
+    bounds = Bounds(np.where(inside, box.lower, 0.0), np.where(inside, box.upper, 0.0), box.names)
+    pull = np.where(answer.free, 0.0, answer.slopes.sum(axis=0))
+    try:
+        better = refine(
+            data.motions, answer.theta, answer.information, pull, answer.delay, answer.offsets, bounds, like.readings
+        )
+    except TrajectoryError:
+        return answer
+    margin = 1e-9 * (bounds.upper - bounds.lower)
+    return replace(
+        answer,
+        theta=better.theta,
+        free=(better.theta > bounds.lower + margin) & (better.theta < bounds.upper - margin),
+        information=better.information,
+        # The prior's slope at its own minimum moves along with theta.
+        slopes=answer.slopes + np.einsum('bij,j->bi', answer.informations, better.theta - answer.theta) + better.slopes,
+        informations=answer.informations + better.informations,
+    )

@@ -1,0 +1,213 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The composite innovations likelihood: its slopes, its blocks of time, and where it is least."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pendubot_identification.criteria.likelihood import SHARED, Extension, Readings, fit, fitted_information, physical
+from pendubot_identification.model.filter import Term, TermKind
+from pendubot_identification.model.simulation import quantised, simulate
+from pendubot_identification.trajectories.motion import Motion
+from test.criteria.likelihoods import TRUE, likelihood, motions
+from test.virtual import C1, CHAOTIC, recording
+
+
+def scaled(motion, own):
+    """Return the motion under torques that are larger by a fraction."""
+    return replace(motion, impulse=replace(motion.impulse, c=motion.impulse.c * (1 + own[0])))
+
+
+#: A torque, a change of the recorded torque, and the width of the shoulder's dry friction.
+EFFECTS = (
+    Extension((Term(TermKind.DRAG, 1),), None, (), (0.01,), (-1.0,), (1.0,), (0.003,)),
+    Extension((), scaled, (), (0.1,), (-0.5,), (0.5,), (0.02,)),
+    Extension((), None, (0,), (0.05,), (0.005,), (3.0,), (0.08,)),
+)
+
+
+@pytest.fixture(scope='module')
+def moved():
+    return motions()
+
+
+@pytest.mark.parametrize('freedom', [12.0, math.inf])
+@pytest.mark.parametrize('effects', [(), EFFECTS], ids=['model', 'effects'])
+def test_slopes_are_the_differences_of_costs(moved, effects, freedom):
+    like, x, *_ = likelihood(moved, 1.02 * TRUE + 0.01, effects, freedom=freedom, intervals=(0.05, 0.2))
+    x[14:SHARED] = 0.002, 0.001, -0.002
+    free = np.ones(like.size, dtype=bool)
+    evaluation = like.evaluate(x, free)
+    np.testing.assert_allclose(evaluation.costs, like.costs(x))
+    steps = 1e-4 * np.append(like.scale, np.ones(4 * like.levels))
+    expected = [(like.costs(x + d) - like.costs(x - d)) / (2 * abs(d).sum()) for d in np.diag(steps)]
+    # Of the likelihood's own size: what changes J by 1 where only the curvature counts.
+    size = np.sqrt(np.diagonal(evaluation.informations.sum(axis=0)))
+    size = np.where(size > 0, size, 1.0)  # Nothing tells of k2 without a torque at the elbow.
+    np.testing.assert_allclose(evaluation.slopes / size, np.transpose(expected) / size, rtol=2e-3, atol=2e-2)
+
+
+def test_unknowns_that_are_not_free_have_no_slope(moved):
+    like, x, *_ = likelihood(moved, intervals=(0.1,))
+    free = np.ones(like.size, dtype=bool)
+    free[[3, 14]] = False
+    all_free, some = like.evaluate(x, np.ones(like.size, dtype=bool)), like.evaluate(x, free)
+    assert not some.slopes[:, ~free].any()
+    np.testing.assert_allclose(some.slopes[:, free], all_free.slopes[:, free], rtol=1e-6, atol=1e-6)
+
+
+def test_the_information_of_the_noise_is_fishers(moved):
+    """Of Gaussian innovations: the sum of de^2 / s + (ds / s)^2 / 2, where de and ds are their derivatives."""
+    like, x, lower, upper = likelihood(moved, intervals=(0.05,), freedom=math.inf)
+    found = fit(like, x, lower, upper)
+    e, s = like.innovations(found.x)
+    noise = like.shared + np.arange(2, 4)
+    slopes = []
+    for k in noise:
+        step = 1e-5 * (np.arange(like.size) == k)
+        de, ds = (np.subtract(a, b) / 1e-5 for a, b in zip(like.innovations(found.x + step), (e, s), strict=True))
+        slopes.append((de / np.sqrt(s), ds / s / math.sqrt(2)))
+    w = like.readings.weight[:, None]
+    for i, k in enumerate(noise):
+        expected = sum((w * a * a).sum() for a in slopes[i])
+        assert found.evaluation.informations.sum(axis=0)[k, k] == pytest.approx(expected, rel=1e-3)
+
+
+def test_blocks_add_up_to_the_whole(moved):
+    like, x, *_ = likelihood(moved)
+    whole, *_ = likelihood(moved, block=math.inf)
+    assert len(like.readings.owner) == 10
+    assert len(whole.readings.owner) == 2
+    np.testing.assert_array_equal(like.readings.owner, np.repeat([0, 1], 5))
+    free = np.ones(like.size, dtype=bool)
+    parts, sums = like.evaluate(x, free), whole.evaluate(x, free)
+    for name in ('costs', 'slopes', 'informations'):
+        part, total = getattr(parts, name), getattr(sums, name)
+        np.testing.assert_allclose(part.reshape(2, 5, *part.shape[1:]).sum(axis=1), total, rtol=1e-9, atol=1e-6)
+    alone = [likelihood([m])[0] for m in moved]
+    quantization = [a.readings.quantization for a in alone]
+    np.testing.assert_allclose(quantization, [like.readings.quantization] * 2)
+    for k, one in enumerate(alone):
+        np.testing.assert_allclose(one.costs(x), parts.costs[like.readings.owner == k], rtol=1e-9)
+
+
+def test_the_prior_holds_the_offsets(moved):
+    like, x, *_ = likelihood(moved, intervals=(0.2,))
+    x[15:17] = 0.005, -0.01
+    assert like.prior(x) == pytest.approx(0.5 * (1 + 4))
+    evaluation = like.evaluate(x, np.ones(like.size, dtype=bool))
+    slope, information = fitted_information(like, evaluation, x)
+    own = np.zeros(like.size)
+    own[15:17] = 0.005 / 0.005**2, -0.01 / 0.005**2
+    np.testing.assert_allclose(slope - evaluation.slopes.sum(axis=0), own, atol=1e-6)
+    assert information[15, 15] - evaluation.informations.sum(axis=0)[15, 15] == pytest.approx(1 / 0.005**2)
+
+
+def test_a_rig_is_found_from_a_start_that_is_far_off(moved):
+    start = TRUE * np.where(np.arange(14) % 2, 0.7, 1.3)
+    like, x, lower, upper = likelihood(moved, start)
+    costs = []
+    found = fit(like, x, lower, upper, iterations=60, progress=costs.append)
+    assert found.converged
+    np.testing.assert_allclose(found.x[:5], TRUE[:5], rtol=1e-3)
+    np.testing.assert_allclose(found.x[7:10], TRUE[7:10], rtol=1e-2)
+    assert len(costs) == found.iterations
+    assert (np.diff(costs) < 0).all()
+    assert found.cost == pytest.approx(like.costs(found.x).sum() + like.prior(found.x))
+
+
+def test_a_delay_and_offsets_are_found():
+    late = motions(delay=0.008)
+    late = [Motion.prepare(replace(m.recorded, q=m.recorded.q + np.array([0.004, -0.006])), 0.05) for m in late]
+    found = fit(*likelihood(late, 0.9 * TRUE), iterations=60)
+    assert found.x[14] == pytest.approx(0.008, abs=2e-4)
+    np.testing.assert_allclose(found.x[15:17], [0.004, -0.006], atol=5e-4)
+    np.testing.assert_allclose(found.x[:5], TRUE[:5], rtol=3e-3)
+
+
+def test_white_torque_noise_is_measured():
+    """What each interval leaves to torque noise is the intensity of the noise that acts."""
+    rng = np.random.default_rng(5)
+    sigma, interval = 0.02, 0.005
+    noisy = []
+    for seed in (1, 2):
+        clean = recording(2000, interval, seed=seed, **CHAOTIC)
+        hidden = rng.normal(scale=sigma / math.sqrt(interval), size=clean.tau.shape)
+        simulated = quantised(simulate(C1, clean.t, clean.tau + hidden), 4000)
+        noisy.append(Motion.prepare(replace(simulated, tau=clean.tau), 0.05))
+    like, x, lower, upper = likelihood(noisy, TRUE)
+    found = fit(like, x, lower, upper, iterations=60)
+    intensities = np.exp(found.x[like.shared :].reshape(3, 4)[:, 2:])
+    np.testing.assert_allclose(intensities, sigma, rtol=0.4)
+
+
+def test_bounds_are_kept(moved):
+    like, x, lower, upper = likelihood(moved, 0.9 * TRUE, intervals=(0.1,))
+    upper[0] = 0.97 * TRUE[0]
+    lower[3] = upper[3] = 1.02 * TRUE[3]
+    found = fit(like, x, lower, upper)
+    assert found.x[0] == upper[0]
+    assert found.x[3] == upper[3]
+    assert not found.free[[0, 3]].any()
+    assert found.free[[1, 2, 4]].all()
+    assert (found.x >= lower).all()
+    assert (found.x <= upper).all()
+    assert physical(found.x)
+
+
+def test_a_start_that_cannot_be_followed_is_refused(moved):
+    like, x, lower, upper = likelihood(moved, intervals=(0.1,))
+    x[2] = 50 * TRUE[2]
+    upper[2] = math.inf
+    with pytest.raises(FloatingPointError):
+        fit(like, x, lower, upper)
+
+
+def test_samples_at_rest_have_no_weight():
+    """The rig hangs for two seconds before it moves."""
+    moving = recording(600, 0.005, seed=1, **CHAOTIC).tau
+    t = np.arange(1000) * 0.005
+    tau = np.concatenate([np.zeros((400, 2)), moving])
+    at_rest = Motion.prepare(quantised(simulate(C1, t, tau), 4000), 0.05)
+    like, x, lower, upper = likelihood([at_rest])
+    readings = like.readings
+    resting = readings.weight == 0
+    assert resting[readings.t < 1.9].all()
+    assert not resting[readings.t > 2.2].all()
+    assert like.costs(x)[0] == 0.0
+    evaluation = like.evaluate(x, lower < upper)
+    assert not evaluation.slopes[0].any()
+    assert not evaluation.informations[0].any()
+    assert evaluation.costs[-1] != 0.0
+
+
+def test_a_hole_is_a_longer_step(moved):
+    whole = moved[0].recorded
+    kept = ~((whole.t > 2.0) & (whole.t < 2.09)) & (np.arange(len(whole.t)) % 41 != 40)
+    holed = Motion.prepare(whole[kept], 0.05)
+    readings = Readings.of([holed])
+    for g, (edges, rows) in enumerate(zip(readings.edges, readings.rows, strict=True)):
+        t = np.append(edges[0], readings.t[rows])
+        assert np.isin(t, holed.recorded.t).all()
+        assert np.isin(t, edges).all()
+        assert (np.diff(edges) > 0).all()
+        assert np.diff(edges).max() <= 0.005 + 1e-9
+        assert np.diff(t).max() >= 0.09 - 1e-9
+        assert (readings.samples.row[g] >= 0).sum() == len(t) - 1
+        np.testing.assert_allclose(readings.samples.h[g].sum(), t[-1] - t[0])
+    found = fit(*likelihood([holed, moved[1]], 0.9 * TRUE), iterations=60)
+    np.testing.assert_allclose(found.x[:5], TRUE[:5], rtol=1e-3)
+
+
+@pytest.mark.parametrize('interval', [0.033, 0.002, 0.09])
+def test_every_interval_reads_samples_that_are_about_as_far_apart(interval):
+    moved = motions(samples=round(4 / interval), interval=interval, seeds=(1,))
+    readings = Readings.of(moved)
+    assert np.bincount(readings.samples.level, minlength=3).tolist() == [1, 1, 1]
+    for wanted, edges, rows in zip(readings.settings.intervals, readings.edges, readings.rows, strict=True):
+        apart = np.diff(np.append(edges[0], readings.t[rows]))
+        np.testing.assert_allclose(apart, max(1, round(wanted / interval)) * interval, rtol=1e-6)

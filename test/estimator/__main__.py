@@ -1,0 +1,105 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Measure the estimator, and print Markdown tables.
+
+    python -m test.estimator real [--test]            shared recordings: each left out, and every split in halves
+    python -m test.estimator clean [--seeds 20]       rigs without effects, of three sizes
+    python -m test.estimator effects [--seeds 20]     rigs with the effects of the catalogue
+    python -m test.estimator unknown [--seeds 20]     rigs with other imperfections
+    python -m test.estimator pushes [--seeds 20]      unmodelled friction and pushes by hand
+    python -m test.estimator time                     wall time
+    python -m test.estimator beside FILE FILE ...     tables of several --json files, row beside row
+
+Errors are open-loop simulation errors over the standard deviations of the scored recordings' states (geometric mean
+over the fits; "with effects": with the torques that the result compensates). dP: |P_a - P_b| / mean of P1 to P5
+between two disjoint halves. Inside: how many of these differences are within the root of both 95 % half-widths
+squared. An effect that is compensated has a star.
+"""
+
+import os
+import sys
+
+if sys.argv[1:2] != ['time']:  # each process works alone
+    os.environ['OMP_NUM_THREADS'] = os.environ['OPENBLAS_NUM_THREADS'] = os.environ['PENDUBOT_THREADS'] = '1'
+
+import argparse
+import json
+import subprocess
+from pathlib import Path
+
+from . import measurements
+from .outcome import outcome
+from .rig import CATALOGUE, SIZES, UNKNOWN
+from .tables import TABLES, markdown
+
+
+def arguments():
+    """Return what the user asks for."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument('what', choices=[*TABLES, 'beside'])
+    parser.add_argument('files', nargs='*', type=Path, help='of beside')
+    parser.add_argument('--json', type=Path, help='where to write all outcomes')
+    parser.add_argument('--seeds', type=int, default=20)
+    parser.add_argument('--only', nargs='+', help='rigs, sizes, effects or cases')
+    parser.add_argument('--strengths', nargs='+', default=measurements.STRENGTHS, choices=measurements.STRENGTHS)
+    parser.add_argument('--rates', nargs='+', type=int, default=measurements.RATES, help='of clean rigs [Hz]')
+    parser.add_argument('--counts', nargs='+', type=int, default=measurements.COUNTS, help='of clean rigs, a turn')
+    parser.add_argument('--recordings', nargs='+', type=int, default=(1, 2, 3), choices=(1, 2, 3), help='of clean rigs')
+    parser.add_argument('--test', action='store_true', help='of real: fit all train recordings, score the test ones')
+    parser.add_argument('--processes', type=int, default=1)
+    return parser.parse_args()
+
+
+def timed(only):
+    """Yield the wall time of each case, in a process of its own."""
+    for case in only:
+        kernel, _ = measurements.TIMED[case]
+        environment = os.environ | {'PENDUBOT_KERNEL': 'on' if kernel else 'off'}
+        program = f'from test.estimator.__main__ import timed_alone; timed_alone({case!r})'
+        done = subprocess.run([sys.executable, '-c', program], env=environment, capture_output=True, text=True)
+        if done.returncode:
+            raise SystemExit(done.stderr)
+        yield json.loads(done.stdout)
+
+
+def timed_alone(case):
+    """Print the outcome of one case."""
+    _, recordings = measurements.TIMED[case]
+    print(json.dumps(outcome(recordings(), case=case)))
+
+
+def jobs(args):
+    """Return the jobs of a command."""
+    catalogue = {'effects': CATALOGUE, 'unknown': UNKNOWN}
+    if args.what == 'real':
+        return measurements.real(args.only or measurements.RIGS, args.test)
+    if args.what == 'clean':
+        return measurements.clean(args.seeds, args.only or SIZES, args.rates, args.counts, args.recordings)
+    if args.what == 'pushes':
+        return measurements.pushed(args.seeds)
+    return measurements.imperfect(args.only or catalogue[args.what], args.seeds, args.strengths)
+
+
+def main():
+    """Measure, keep every outcome as soon as it is known, and print the table."""
+    args = arguments()
+    if args.what == 'beside':
+        known = [(path.stem, json.loads(path.read_text())) for path in args.files]
+        print(markdown(known[0][1]['what'], *((label, one['outcomes']) for label, one in known)))
+        return
+    found = []
+    made = (
+        timed(args.only or measurements.TIMED) if args.what == 'time' else measurements.each(jobs(args), args.processes)
+    )
+    for result in made:
+        found.append(result)
+        key = [value for value in result.values() if isinstance(value, str | int)][:6]
+        print(len(found), *key, f'{result["seconds"]:.1f} s', file=sys.stderr, flush=True)
+        if args.json:
+            args.json.write_text(json.dumps({'what': args.what, 'outcomes': found}))
+    print(markdown(args.what, ('', found)))
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,109 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""One identification, as numbers and words for a table. All that depends on the result's structure is here."""
+
+import time
+
+import numpy as np
+
+from pendubot_identification.errors import PendubotError
+from pendubot_identification.identify.identification import identify
+from pendubot_identification.identify.prediction import predict, state_scale
+from pendubot_identification.identify.settings import Settings
+from pendubot_identification.model.parameters import NAMES
+from pendubot_identification.trajectories.motion import Motion
+from pendubot_identification.trajectories.signals import choose_smoothing
+from pendubot_identification.trajectories.trajectory import Trajectory
+
+PHYSICAL, FRICTION = NAMES[:5], ('b1', 'b2', 'Fc1', 'Fc2')
+HORIZONS = 3  # of the predictions: .1, .25 and .5 s
+
+
+def named(found):
+    """Return (name, where, whether it is compensated) of every effect or fault that a result names."""
+    result = [(fault.name, '', False) for fault in getattr(found, 'faults', ())]
+    if left := getattr(found, 'unexplained', None):
+        result += [(each.effect.name, each.effect.where, each.allowed) for each in left.effects]
+        result += [('burst', '', True)] * bool(left.bursts)
+    return result + [(e.name, str(e.where), bool(e.accepted)) for e in getattr(found, 'effects', ())]
+
+
+def without_compensation():
+    """Return settings that compensate no effect, or None if there is no such option."""
+    return Settings(compensate=False) if 'compensate' in Settings.__dataclass_fields__ else None
+
+
+def compensated(found, motion):
+    """Return a motion with the compensated effects' torques subtracted, if the result can do that."""
+    subtract = getattr(found, 'compensated', None)
+    return subtract(motion) if subtract else motion
+
+
+def trajectories(recordings):
+    """Return simulated recordings as the estimator takes them."""
+    return [Trajectory(r.t, r.q, np.column_stack([r.tau, 0 * r.tau]), name=str(k)) for k, r in enumerate(recordings)]
+
+
+def outcome(training, *, truth=None, scored=(), bare=False, **key):
+    """Identify and return what tables need: of a refusal its message alone.
+
+    ``truth``: the true parameters by name. ``scored``: recordings to predict. ``bare``: identify once more without
+    compensation, for its error. ``key``: what tells this one from others.
+    """
+    begin, processor = time.perf_counter(), time.process_time()
+    try:
+        found = identify(training)
+    except PendubotError as error:
+        return key | {'level': 'refused', 'warnings': [str(error)], 'named': [], 'seconds': time.perf_counter() - begin}
+    seconds, processor = time.perf_counter() - begin, time.process_time() - processor
+    best = found.best
+    result = key | {
+        'level': found.level.name,
+        'criterion': getattr(best, 'criterion', ''),
+        'named': named(found),
+        'warnings': list(found.warnings),
+        'seconds': seconds,
+        'processor': processor,
+        'theta': best.theta.tolist(),
+        'std_error': best.std_error.tolist(),
+        'half_width': (best.intervals[:, 1] - best.theta).tolist(),
+        'own_prediction': best.prediction.error.tolist(),
+    }
+    if truth:
+        result |= {'error': errors(best.theta, truth), 'held': held(best.intervals, truth)}
+        settings = without_compensation() if bare else None
+        if settings:
+            result['error_without_compensation'] = errors(identify(training, (), settings).best.theta, truth)
+    if scored:
+        result |= scores(found, scored)
+    return result
+
+
+def errors(theta, truth):
+    """Return by name the relative errors of parameters."""
+    return {name: float(value / truth[name] - 1) for name, value in zip(NAMES, theta, strict=False) if name in truth}
+
+
+def held(intervals, truth):
+    """Return by name whether the intervals hold the truth."""
+    rows = zip(NAMES, intervals.tolist(), strict=False)
+    return {name: low <= truth[name] <= high for name, (low, high) in rows if name in truth}
+
+
+def scores(found, recordings):
+    """Return the RMS errors of open-loop simulation over the standard deviations of the recordings' states.
+
+    ``prediction`` is of the parameters alone, ``prediction_with_effects`` also of what the result compensates.
+    """
+    best, smoothing = found.best, choose_smoothing(recordings)
+    motions = [Motion.prepare(recording, smoothing, getattr(best.effort, 'hold', 'zero')) for recording in recordings]
+    scale, delay = state_scale(motions), best.effort.delay
+    rest = [compensated(found, motion) for motion in motions]
+    made = {'prediction': motions, 'prediction_with_effects': rest}
+    return {name: mean_error([predict([m], best.theta, delay, scale) for m in each]) for name, each in made.items()}
+
+
+def mean_error(predictions):
+    """Return the RMS over recordings of the errors at every horizon."""
+    return np.sqrt(np.mean([p.error[:HORIZONS] ** 2 for p in predictions], axis=0)).tolist()

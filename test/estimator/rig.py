@@ -1,0 +1,363 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""A simulated rig with the imperfections of real ones. It shares no code with the package.
+
+It has its own equations of motion (from the positions of the bodies) and its own Runge-Kutta integrator. All motions
+of a batch, shape (K,), are simulated side by side. The fields of :class:`Rig` are the size and the imperfections.
+"""
+
+from dataclasses import dataclass, field, fields
+from types import SimpleNamespace
+
+import numpy as np
+
+GRAVITY = 9.81
+STEP = 0.0005
+#: Masses [kg], the lengths to their centres [m] and of link 1 [m], inertias about the centres [kg m^2].
+M1, M2, C1, C2, L1, I1, I2 = 0.4, 0.3, 0.10, 0.11, 0.15, 0.0010, 0.0008
+#: Viscous [N m s/rad] and Coulomb friction [N m] of both joints; the speed [rad/s] over which the latter changes sign.
+B, FC, WIDTH = (0.003, 0.0008), (0.010, 0.004), 0.05
+#: Largest recorded torque [N m].
+STRENGTH = 0.35
+#: Of the motor behind a shaft or a backlash: inertia [kg m^2], stiffness [N m/rad] and damping [N m s/rad] of contact.
+MOTOR, STIFF, DAMPED = 0.001, 60.0, 0.03
+#: Mass of a base that sways [kg], its damping ratio.
+BASE, BASE_DAMPING = 3.0, 0.05
+#: Time constants [s] of friction and of the motor's temperature; time [s] after which a clamp has come off.
+WARMING, HEATING, LOOSENED = 20.0, 30.0, 20.0
+#: Speed [rad/s] of the added Stribeck friction, which is .5 in the package's model.
+STRIBECK = 0.1
+
+TRUE = {
+    'P1': M1 * C1**2 + M2 * L1**2 + I1,
+    'P2': M2 * C2**2 + I2,
+    'P3': M2 * L1 * C2,
+    'P4': M1 * C1 + M2 * L1,
+    'P5': M2 * C2,
+    'b1': B[0],
+    'b2': B[1],
+    'Fc1': FC[0],
+    'Fc2': FC[1],
+}
+
+
+@dataclass(frozen=True)
+class Rig:
+    """The size of a rig, and its imperfections; the defaults are the package's model."""
+
+    length: float = 1.0  # scale of all lengths
+    mass: float = 1.0  # scale of all masses
+    strength: float = 1.0  # scale of the torque
+    # Effects that an estimator's catalogue may have.
+    saturation: float = np.inf  # largest torque of the motor [N m]
+    dead_zone: float = 0.0  # the driver subtracts this much from every torque [N m]
+    lag: float = 0.0  # time constant between the recorded and the acting torque [s]
+    offset: float = 0.0  # a torque at the shoulder that is not recorded [N m]
+    asymmetry: float = 0.0  # of Coulomb friction between the two directions, as a fraction of it
+    width: float = WIDTH  # speed over which Coulomb friction changes sign [rad/s]
+    stribeck: float = 0.0  # more Coulomb friction below STRIBECK, as a fraction of it
+    drag: float = 0.0  # of the air, at both joints [N m s^2/rad^2]
+    spring1: float = 0.0  # of a cable at the shoulder [N m/rad]
+    spring2: float = 0.0  # of a cable at the elbow [N m/rad]
+    drift: float = 0.0  # fraction of friction that is gone in the end, with time constant WARMING
+    cogging1: tuple = (0.0, 1)  # amplitude [N m] and number a turn, at the shoulder
+    cogging2: tuple = (0.0, 1)  # the same at the elbow
+    # Motor.
+    no_load: float = np.inf  # speed [rad/s] at which back-EMF leaves no torque
+    heat: float = 0.0  # fraction of the torque that a hot motor lacks, with time constant HEATING
+    quantised: float = 0.0  # step of the torque that the driver applies [N m]
+    # Gear.
+    backlash: float = 0.0  # between motor and link 1, in all [rad]; the encoder is on the link
+    shaft: float = 0.0  # compliance between motor, with the encoder, and link 1 [rad/(N m)]
+    rub: float = 0.0  # friction varies once a turn by this fraction
+    # Mount.
+    sway: float = np.inf  # eigenfrequency of the base, sideways [Hz]
+    lean: float = 0.0  # of the base in the plane of motion, after its zeros were set [rad]
+    # Sensors.
+    eccentric: float = 0.0  # error of the elbow's encoder, once a turn [rad]
+    slip: float = 0.0  # the elbow's encoder loses so many counts, three times [rad]
+    jitter: float = 0.0  # of the stamps, uniform +- [s]; the samples are even
+    # Wiring.
+    dropped: float = 0.0  # fraction of the samples that is missing
+    swapped: float = 0.0  # fraction of the samples that changes places with the next one
+    # Handling.
+    stop: float = np.inf  # elbow's end stops [rad]
+    cable: float = 0.0  # a cable touches link 2 over half a turn, up to this torque [N m]
+    loose: float = 0.0  # fraction of link 2's mass that a clamp adds until it comes off after LOOSENED
+    pushes: int = 0  # by a hand, in each recording
+
+
+def times(name, *values):
+    """Return rigs of which one imperfection has these strengths."""
+    return tuple(Rig(**{name: value}) for value in values)
+
+
+#: The effects of the estimator's catalogue, weak, medium and strong.
+CATALOGUE = {
+    'saturation': times('saturation', 0.30, 0.26, 0.22),
+    'dead zone': times('dead_zone', 0.005, 0.015, 0.04),
+    'lag': times('lag', 0.005, 0.01, 0.02),
+    'offset': times('offset', 0.01, 0.02, 0.04),
+    'asymmetry': times('asymmetry', 0.3, 0.5, 0.8),
+    'width': times('width', 0.015, 0.2, 0.6),
+    'stribeck': times('stribeck', 0.5, 1.0, 2.0),
+    'drag': times('drag', 0.00005, 0.00012, 0.0003),
+    'spring, shoulder': times('spring1', 0.005, 0.012, 0.03),
+    'spring, elbow': times('spring2', 0.005, 0.012, 0.03),
+    'drift': times('drift', 0.3, 0.5, 0.8),
+    'cogging, shoulder, 7 a turn': times('cogging1', (0.01, 7), (0.02, 7), (0.04, 7)),
+    'cogging, shoulder, 18 a turn': times('cogging1', (0.01, 18), (0.02, 18), (0.04, 18)),
+    'cogging, elbow, 4 a turn': times('cogging2', (0.002, 4), (0.004, 4), (0.008, 4)),
+    'cogging, elbow, 11 a turn': times('cogging2', (0.002, 11), (0.004, 11), (0.008, 11)),
+}
+#: Imperfections that no catalogue has.
+UNKNOWN = {
+    'back-EMF': times('no_load', 30.0, 20.0, 12.0),
+    'heat': times('heat', 0.05, 0.1, 0.2),
+    'quantised torque': times('quantised', 0.01, 0.03, 0.07),
+    'backlash': times('backlash', 0.01, 0.02, 0.05),
+    'shaft': times('shaft', 0.02, 0.05, 0.1),
+    'rub': times('rub', 0.2, 0.5, 0.9),
+    'sway': times('sway', 15.0, 8.0, 4.0),
+    'lean': times('lean', 0.005, 0.02, 0.06),
+    'eccentric': times('eccentric', 0.005, 0.01, 0.02),
+    'slip': times('slip', 0.01, 0.03, 0.1),
+    'jitter': times('jitter', 0.0005, 0.001, 0.002),
+    'dropped': times('dropped', 0.01, 0.05, 0.2),
+    'swapped': times('swapped', 0.005, 0.02, 0.05),
+    'stop': times('stop', 2.0, 1.6, 1.2),
+    'cable': times('cable', 0.005, 0.015, 0.05),
+    'loose': times('loose', 0.01, 0.03, 0.1),
+    'push': times('pushes', 1, 2, 4),
+}
+#: Sizes: links of 3, 15 and 50 cm.
+SIZES = {'tiny': Rig(length=0.2, mass=0.2, strength=0.14), 'present': Rig(), 'large': Rig(length=10 / 3, mass=3.0)}
+
+
+def true(rig):
+    """Return the parameters of a rig without its imperfections; a motor behind a gear turns with link 1."""
+    force = rig.mass * rig.length
+    unit = {'P1': force * rig.length, 'P4': force, 'b1': force * rig.length**0.5, 'Fc1': force}
+    unit |= {'P2': unit['P1'], 'P3': unit['P1'], 'P5': force, 'b2': unit['b1'], 'Fc2': force}
+    values = {name: value * unit[name] for name, value in TRUE.items()}
+    return values | {'P1': values['P1'] + (MOTOR if rig.backlash or rig.shaft else 0.0)}
+
+
+@dataclass
+class Recording:
+    """Stamps [s], positions [rad], the shoulder's torque [N m]; shapes (N,), (N, 2), (N,)."""
+
+    t: np.ndarray
+    q: np.ndarray
+    tau: np.ndarray
+    pushed: list = field(default_factory=list)  # begin and end [s] of each push
+
+
+def bodies(length=1.0, mass=1.0, more=0.0):
+    """Return masses, lengths and inertias of rigs of these scales, link 2 heavier by the fraction ``more``."""
+    second = mass * (1 + np.asarray(more))
+    inertia = np.asarray(length) ** 2
+    return SimpleNamespace(
+        m1=M1 * mass,
+        m2=M2 * second,
+        c1=C1 * length,
+        c2=C2 * length,
+        l1=L1 * length,
+        i1=I1 * mass * inertia,
+        i2=I2 * second * inertia,
+    )
+
+
+def accelerations(q1, q2, v1, v2, torque1, torque2, b=None, gravity=(0.0, GRAVITY), base=None):
+    """Return both accelerations under the sum of torques about each joint (the elbow's acts on link 1 reversed).
+
+    ``gravity``: towards -x and -y [m/s^2]. ``base``: mass [kg] and force [N] of a base that sways, whose acceleration
+    is returned as a third.
+    """
+    b = b or bodies()
+    # Jacobians of the two centres, J1 = (-c1 sin, c1 cos) and J2 with both joints, and M = sum m J^T J + inertias.
+    s1, k1, s12, k12 = np.sin(q1), np.cos(q1), np.sin(q1 + q2), np.cos(q1 + q2)
+    x2, y2 = -b.c2 * s12, b.c2 * k12
+    x1, y1 = x2 - b.l1 * s1, y2 + b.l1 * k1
+    m11 = b.m1 * b.c1**2 + b.m2 * (x1**2 + y1**2) + b.i1 + b.i2
+    m12 = b.m2 * (x1 * x2 + y1 * y2) + b.i2
+    m22 = b.m2 * (x2**2 + y2**2) + b.i2
+    # The second centre's acceleration with both joints at constant speed.
+    both = (v1 + v2) ** 2
+    gx, gy = gravity
+    ax = -b.l1 * k1 * v1**2 - b.c2 * k12 * both
+    ay = -b.l1 * s1 * v1**2 - b.c2 * s12 * both
+    r1 = torque1 - b.m2 * (x1 * (ax + gx) + y1 * (ay + gy)) - b.m1 * b.c1 * (gy * k1 - gx * s1)
+    r2 = torque2 - b.m2 * (x2 * (ax + gx) + y2 * (ay + gy))
+    determinant = m11 * m22 - m12**2
+    a1, a2 = (m22 * r1 - m12 * r2) / determinant, (m11 * r2 - m12 * r1) / determinant
+    if base is None:
+        return a1, a2
+    # The base accelerates by a0: M a + h a0 = r, and h a + (all masses) a0 = its force less what both links exert.
+    h1, h2 = b.m2 * x1 - b.m1 * b.c1 * s1, b.m2 * x2
+    d1, d2 = (m22 * h1 - m12 * h2) / determinant, (m11 * h2 - m12 * h1) / determinant
+    heavy, force = base
+    exerted = b.m2 * ax - b.m1 * b.c1 * k1 * v1**2
+    a0 = (force - exerted - h1 * a1 - h2 * a2) / (heavy + b.m1 + b.m2 - h1 * d1 - h2 * d2)
+    return a1 - d1 * a0, a2 - d2 * a0, a0
+
+
+def pulses(rng, samples, rate, strength, shortest, longest):
+    """Return a torque that takes a new random value every so often, as its samples, shape (N,)."""
+    held = rng.uniform(shortest, longest, int(samples / rate / shortest) + 2)
+    values = rng.uniform(-strength, strength, held.size)
+    return values[np.searchsorted(np.cumsum(held), np.arange(samples) / rate, side='right')]
+
+
+def record(seeds, rigs, *, seconds=10.0, rate=200.0, counts=4096, held=(0.1, 0.5), begin=0.0, delay=0.0, step=STEP):
+    """Return one recording for each seed and rig.
+
+    ``counts`` of the encoders, one for each or for all; ``held``: for how long a torque is held [s], in the time scale
+    of the rig; ``begin``: how long each rig ran before [s]; ``step``: of the integration, in that time scale.
+    """
+    samples = round(seconds * rate)
+    begin = np.broadcast_to(begin, len(seeds))
+    e = SimpleNamespace(**{f.name: np.array([getattr(rig, f.name) for rig in rigs]).T for f in fields(Rig)})
+    slowness = np.sqrt(e.length)
+    every = max(1, int(np.ceil(1 / rate / (step * slowness.min()) - 1e-9)))
+    h = 1 / rate / every
+    rngs = [np.random.default_rng([seed, 19]) for seed in seeds]
+    e.unit = e.mass * e.length
+    shapes = zip(rngs, STRENGTH * e.unit * e.strength, slowness, strict=True)
+    tau = np.array([pulses(rng, samples, rate, most, held[0] * s, held[1] * s) for rng, most, s in shapes])
+    hands, pushed = _pushed(rngs, e, seconds, h, samples * every)
+    e.bodies = bodies(e.length, e.mass, e.loose * (begin < LOOSENED))
+    e.geared = (e.backlash > 0) | (e.shaft > 0)
+    e.stiffness = np.where(e.shaft > 0, 1 / np.where(e.shaft > 0, e.shaft, 1.0), STIFF)
+    e.swaying = np.isfinite(e.sway)
+    e.base = np.where(e.swaying, BASE, np.inf), 2 * np.pi * np.where(e.swaying, e.sway, 0.0)
+    e.gravity = GRAVITY * np.sin(e.lean), GRAVITY * np.cos(e.lean)
+    e.any = SimpleNamespace(
+        **{f.name: any(getattr(rig, f.name) != f.default for rig in rigs) for f in fields(Rig)},
+        geared=e.geared.any(),
+        friction=any((rig.stribeck, rig.asymmetry, rig.rub) != (0, 0, 0) for rig in rigs),
+    )
+    acting = _driven(tau, e, begin, rate)
+    x = np.zeros((9, len(seeds)))  # q1 q2 v1 v2, motor's angle and speed, acting torque, base's place and speed
+    x[0] = x[4] = -np.pi / 2
+    read = np.empty((samples, 2, len(seeds)))
+    behind = round(delay / h)
+    none = np.zeros(len(seeds))
+    for n in range(samples * every):
+        if n % every == 0:
+            read[n // every] = np.where(e.shaft > 0, x[4], x[0]), x[1]
+        torque = acting[:, (n - behind) // every] if n >= behind else none
+        e.worn = 1 - e.drift * (1 - np.exp(-(begin + n * h) / WARMING)) if e.any.drift else 1.0
+        hand = hands[:, n] if hands is not None else (0.0, 0.0)
+        x = _advance(x, torque, hand, e, h)
+    counts = np.broadcast_to(counts, len(seeds))
+    q = np.moveaxis(read, 2, 0)
+    made = zip(rngs, rigs, q, tau, counts, pushed, strict=True)
+    return [_sampled(rng, rig, *rest, np.arange(samples) / rate) for rng, rig, *rest in made]
+
+
+def _pushed(rngs, e, seconds, h, steps):
+    """Return the torques of hands, shape (2, steps, K), None without any, and when they begin and end."""
+    pushed = []
+    hands = np.zeros((2, steps, len(rngs))) if e.pushes.any() else None
+    shape = np.sin(np.pi * np.arange(round(0.2 / h)) * h / 0.2)
+    for k, rng in enumerate(rngs):
+        begins = np.sort(rng.uniform(0.5, seconds - 0.7, e.pushes[k]))
+        pushed.append([(at, at + 0.2) for at in begins])
+        for at in begins:
+            first = round(at / h)
+            hands[rng.integers(2), first : first + shape.size, k] += rng.choice([-0.3, 0.3]) * e.unit[k] * shape
+    return hands, pushed
+
+
+def _driven(tau, e, begin, rate):
+    """Return the torque that the driver asks of the motor for the recorded one, shape (K, N)."""
+    column = SimpleNamespace(**{n: getattr(e, n)[:, None] for n in ('dead_zone', 'quantised', 'heat', 'saturation')})
+    acting = np.sign(tau) * np.maximum(abs(tau) - column.dead_zone, 0)
+    if e.any.quantised:
+        coarse = np.where(column.quantised > 0, column.quantised, 1.0)
+        acting = np.where(column.quantised > 0, np.round(acting / coarse) * coarse, acting)
+    if e.any.heat:
+        heated = np.empty_like(tau)
+        warm = 1 - np.exp(-begin / HEATING)
+        power = tau**2 / (tau**2).mean(axis=1, keepdims=True)
+        for n in range(tau.shape[1]):
+            heated[:, n] = warm
+            warm = warm + (power[:, n] - warm) / HEATING / rate
+        acting = acting * (1 - column.heat * heated)
+    return np.clip(acting, -column.saturation, column.saturation)
+
+
+def _sampled(rng, rig, q, tau, counts, pushed, t):
+    """Return the recording that the sensors and the wiring make of a motion."""
+    samples = len(t)
+    q = q.copy()
+    q[:, 1] += rig.eccentric * np.sin(q[:, 1])
+    if rig.slip:
+        for at in rng.uniform(0, t[-1], 3):
+            q[t > at, 1] += rng.choice([-1, 1]) * rig.slip
+    unit = 2 * np.pi / counts
+    q = np.round(q / unit) * unit
+    if rig.swapped:
+        first = rng.choice(samples // 2 - 1, round(rig.swapped * samples), replace=False) * 2
+        order = np.arange(samples)
+        order[first], order[first + 1] = first + 1, first
+        q, tau = q[order], tau[order]
+    stamps = t + rng.uniform(-rig.jitter, rig.jitter, samples) if rig.jitter else t
+    kept = rng.uniform(size=samples) >= rig.dropped if rig.dropped else slice(None)
+    return Recording(stamps[kept], q[kept], tau[kept], pushed)
+
+
+def _advance(x, torque, hand, e, h):
+    a = _slope(x, torque, hand, e)
+    b = _slope(x + h / 2 * a, torque, hand, e)
+    c = _slope(x + h / 2 * b, torque, hand, e)
+    d = _slope(x + h * c, torque, hand, e)
+    return x + h / 6 * (a + 2 * b + 2 * c + d)
+
+
+def _slope(x, wanted, hand, e):
+    q1, q2, v1, v2, angle, speed, lagging, place, sway = x
+    used = e.any
+    if used.no_load:
+        least = -STRENGTH * np.maximum(1 + v1 / e.no_load, 0)
+        wanted = np.clip(wanted, least, STRENGTH * np.maximum(1 - v1 / e.no_load, 0))
+    acting = np.where(e.lag > 0, lagging, wanted) if used.lag else wanted
+    on1 = hand[0] - _friction(q1, v1, 0, e) + e.offset
+    on2 = hand[1] - _friction(q2, v2, 1, e)
+    if used.spring1 or used.spring2:
+        on1, on2 = on1 - e.spring1 * (q1 + np.pi / 2), on2 - e.spring2 * q2
+    if used.cogging1 or used.cogging2:
+        on1 = on1 + e.cogging1[0] * np.sin(e.cogging1[1] * q1 + 1)
+        on2 = on2 + e.cogging2[0] * np.sin(e.cogging2[1] * q2 + 1)
+    if used.stop:
+        beyond = np.sign(q2) * np.maximum(abs(q2) - e.stop, 0)
+        on2 = on2 - np.where(beyond != 0, 20.0 * beyond + 0.05 * v2, 0)
+    if used.cable:
+        on2 = on2 - e.cable * np.maximum(np.sin(q2 - 1), 0) * (1 + 0.5 * np.tanh(v2 / 0.2))
+    slope = np.zeros_like(x)
+    if used.geared:
+        twist = np.sign(angle - q1) * np.maximum(abs(angle - q1) - e.backlash / 2, 0)
+        through = e.stiffness * twist + np.where(twist != 0, DAMPED * (speed - v1), 0)
+        slope[4], slope[5] = speed, np.where(e.geared, (acting - through) / MOTOR, 0)
+        acting = np.where(e.geared, through, acting)
+    if used.sway:
+        mass, frequency = e.base
+        force = -BASE * (frequency**2 * place + 2 * BASE_DAMPING * frequency * sway)
+        a1, a2, a0 = accelerations(q1, q2, v1, v2, on1 + acting, on2, e.bodies, e.gravity, (mass, force))
+        slope[7], slope[8] = sway, a0
+    else:
+        a1, a2 = accelerations(q1, q2, v1, v2, on1 + acting, on2, e.bodies, e.gravity)
+    slope[0], slope[1], slope[2], slope[3] = v1, v2, a1, a2
+    if used.lag:
+        slope[6] = np.where(e.lag > 0, (wanted - lagging) / np.where(e.lag > 0, e.lag, 1), 0)
+    return slope
+
+
+def _friction(q, v, joint, e):
+    dry = FC[joint] * e.unit
+    if e.any.friction:
+        dry = dry * (1 + e.asymmetry * np.sign(v) / 2) * (1 + e.stribeck * np.exp(-((v / STRIBECK) ** 2)))
+        dry = dry * (1 + e.rub * np.sin(q + 0.5 + joint))
+    return (B[joint] * e.unit * np.sqrt(e.length) * v + dry * np.tanh(v / e.width)) * e.worn + e.drag * v * abs(v)

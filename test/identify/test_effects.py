@@ -1,0 +1,176 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Unmodelled effects compete: of a simulated rig with one effect that one is named, and of a clean rig none."""
+
+from dataclasses import dataclass, replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from pendubot_identification.criteria.likelihood import fit
+from pendubot_identification.identify.effects import (
+    MEANINGS,
+    EffectSettings,
+    Problem,
+    blind,
+    catalogue,
+    compensated,
+    find_effects,
+)
+from pendubot_identification.trajectories.motion import Motion
+from pendubot_identification.trajectories.trajectory import Trajectory
+from test.criteria.likelihoods import likelihood
+from test.estimator import rig
+from test.estimator.rig import Rig
+
+TRUE = np.append(list(rig.TRUE.values()), np.zeros(5))
+RECORDINGS, SECONDS = 3, 8.0
+
+
+@dataclass(frozen=True)
+class Lopsided(Rig):
+    """A rig whose shoulder alone has more dry friction in one direction, and less in the other."""
+
+    shoulder: float = 0.0  # [N m]
+
+
+#: Each effect's rig, where it acts, and its size or sizes.
+EFFECTS = {
+    'dead zone': (Rig(dead_zone=0.02), {'motor': 0.02}),
+    'saturation': (Rig(saturation=0.22), {'motor': 0.22}),
+    'lag': (Rig(lag=0.02), {'motor': 0.02}),
+    'offset': (Rig(offset=0.02), {'shoulder': 0.02}),
+    'asymmetry': (Lopsided(shoulder=0.004), {'shoulder': -0.004}),
+    'drag': (Rig(drag=0.0003), {'shoulder': -0.0003, 'elbow': -0.0003}),
+    'cogging': (Rig(cogging2=(0.008, 4)), {'elbow, 4 a turn': 0.008}),
+}
+
+
+@pytest.fixture(scope='module')
+def recorded():
+    """Return three recordings of each rig by its effect's name; all rigs are simulated at once."""
+    rigs = {'clean': Rig(), **{name: made for name, (made, _) in EFFECTS.items()}}
+    batch = [made for made in rigs.values() for _ in range(RECORDINGS)]
+    more = np.array([getattr(made, 'shoulder', 0.0) for made in batch])
+
+    def friction(q, v, joint, e, usual=rig._friction):
+        return usual(q, v, joint, e) + (more * abs(np.tanh(v / rig.WIDTH)) if joint == 0 else 0.0)
+
+    seeds = [*range(RECORDINGS)] * len(rigs)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(rig, '_friction', friction)
+        made = iter(rig.record(seeds, batch, seconds=SECONDS, step=0.0025, begin=10.0 * np.array(seeds)))
+    return {name: [next(made) for _ in range(RECORDINGS)] for name in rigs}
+
+
+@pytest.fixture(scope='module')
+def problem(recorded):
+    """Return the solved problem of a rig by its effect's name."""
+
+    @cache
+    def solved(name):
+        read = [Trajectory(r.t, r.q, np.column_stack([r.tau, 0 * r.tau])) for r in recorded[name]]
+        like, x, lower, upper = likelihood([Motion.prepare(t, 0.05) for t in read], 1.05 * TRUE, intervals=(0.05,))
+        return Problem(like, fit(like, x, lower, upper, 30, 0.1), lower, upper)
+
+    return solved
+
+
+def candidate(base, name, where):
+    """Return the first candidate of this name."""
+    found = catalogue(base.likelihood.readings.motions, EffectSettings())
+    return next(c for c in found if (c.name, c.where) == (name, where))
+
+
+@pytest.mark.parametrize('name', EFFECTS)
+def test_the_effect_of_a_rig_is_accepted_and_no_other(problem, name):
+    base, (_, sizes) = problem(name), EFFECTS[name]
+    found = find_effects(base)
+    assert {(f.name, f.where) for f in found} == {(name, where) for where in sizes}
+    assert all(f.accepted for f in found)
+    P = base.fit.x[:5]
+    for f in found:
+        assert np.linalg.norm(f.sizes) == pytest.approx(abs(sizes[f.where]), rel=0.02)
+        assert np.sign(f.sizes[0]) == np.sign(sizes[f.where])
+        P = P * (1 + f.moved)
+        assert f'({f.where}, ' in f.sentence
+        assert ' compensated, P1 to P5 change by ' in f.sentence
+    np.testing.assert_allclose(P, TRUE[:5], rtol=2e-3)
+
+
+def test_a_clean_rig_has_no_effect(problem):
+    base = problem('clean')
+    np.testing.assert_allclose(base.fit.x[:5], TRUE[:5], rtol=1e-3)
+    assert find_effects(base) == []
+
+
+@pytest.mark.parametrize(('right', 'wrong'), [('offset', 'asymmetry'), ('asymmetry', 'offset')])
+def test_a_constant_torque_and_lopsided_friction_are_told_apart(problem, right, wrong):
+    """Both are nearly a constant torque at the shoulder: only slow motion differs."""
+    base = problem(right)
+    gains = [base.fit.cost - base.with_effects([candidate(base, name, 'shoulder')]).fit.cost for name in (right, wrong)]
+    assert gains[1] > 10
+    assert gains[0] > gains[1] + 10
+
+
+def test_an_effect_that_is_not_sure_is_possible_and_changes_nothing(problem):
+    base = problem('dead zone')
+    (found,) = find_effects(base, EffectSettings(sure=np.inf))
+    assert (found.name, found.accepted) == ('dead zone', False)
+    assert found.sentence.startswith('possible, not compensated: the motor gives no torque below a threshold (motor)')
+    motion = base.likelihood.readings.motions[0]
+    assert compensated(motion, [found], 0.0) is motion
+    assert find_effects(base, EffectSettings(sure=np.inf, tried=np.inf)) == []
+
+
+def test_each_candidate_starts_as_the_model(problem):
+    """The model is nested in each effect, but for those that the likelihood's slope does not see."""
+    base = problem('clean')
+    free = np.zeros(base.likelihood.size, dtype=bool)
+    cost = base.likelihood.costs(base.fit.x)
+    for c in catalogue(base.likelihood.readings.motions, EffectSettings()):
+        assert c.name in MEANINGS
+        extension = c.extension
+        sizes = len(extension.scale), len(extension.lower), len(extension.upper), len(extension.start)
+        assert len(set(sizes)) == 1
+        assert np.all(np.less_equal(extension.lower, extension.start))
+        assert np.all(np.less_equal(extension.start, extension.upper))
+        like, x, lower, upper = base.extended([c])
+        assert like.size == len(x) == len(lower) == len(upper) == len(free) + sizes[0]
+        if not blind(c):
+            np.testing.assert_allclose(like.costs(x), cost, rtol=1e-7, atol=1e-6)
+
+
+def test_cogging_is_a_candidate_where_the_joint_turns(problem):
+    base = problem('clean')
+    settings = EffectSettings()
+    both = [c.where for c in catalogue(base.likelihood.readings.motions, settings) if c.name == 'cogging']
+    assert len(both) == 2 * (settings.repetitions - 1)
+    still = [
+        replace(m, recorded=replace(m.recorded, q=m.recorded.q * [0.01, 1.0])) for m in base.likelihood.readings.motions
+    ]
+    alone = [c.where for c in catalogue(still, settings) if c.name == 'cogging']
+    assert alone == [where for where in both if where.startswith('elbow')]
+
+
+def test_compensated_torques_are_those_that_act(problem):
+    """A dead zone changes the recorded torque; a drag adds one that follows the smoothed speed."""
+    for name in ('dead zone', 'drag'):
+        motion = problem(name).likelihood.readings.motions[0]
+        found = find_effects(problem(name))
+        t = np.arange(0.5, 7.0, 0.005)
+        acting = np.diff(compensated(motion, found, 0.0).impulse(t), axis=0) / 0.005
+        given = np.diff(motion.impulse(t), axis=0) / 0.005
+        if name == 'dead zone':
+            expected = np.sign(given) * np.maximum(abs(given) - 0.02, 0)
+        else:
+            v = motion.states((t[1:] + t[:-1]) / 2)[2:].T
+            expected = given - 0.0003 * v * abs(v)
+        np.testing.assert_allclose(acting, expected, atol=0.02 * abs(acting - given).max())
+
+
+def test_each_effect_of_the_catalogue_has_a_meaning(problem):
+    names = {c.name for c in catalogue(problem('clean').likelihood.readings.motions, EffectSettings())}
+    assert names == set(MEANINGS)

@@ -1,0 +1,88 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The composite likelihood's answer: exact rigs whole or not at all, the hold, what diverges, short recordings."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pendubot_identification.errors import TrajectoryError
+from pendubot_identification.identify import fitting
+from pendubot_identification.identify.fitting import TrainingData, fit_composite
+from pendubot_identification.identify.settings import Settings
+from pendubot_identification.model.parameters import PAPER
+from test.virtual import recording
+
+
+def fitted(*recordings, effects=False, **options):
+    """Return the answer, and the steps in words."""
+    data = TrainingData.prepare(recordings, Settings(**options).of_rig(recordings))
+    answer = fit_composite(data, lambda *_: None, effects=effects)
+    return answer, ' '.join(answer.steps)
+
+
+def noisy(samples=400, seed=3):
+    """A recording with 3 mrad of noise."""
+    motion = recording(samples, seed=seed)
+    return replace(motion, q=motion.q + np.random.default_rng(1).normal(scale=0.003, size=motion.q.shape))
+
+
+def test_an_exact_rig_ends_with_one_step_on_all_samples():
+    answer, steps = fitted(recording(400, seed=2))
+    assert answer.exact
+    assert answer.model == 'viscous'
+    assert 'nothing but quantization is left' in steps
+    np.testing.assert_allclose(answer.theta[:7], PAPER.vector(), rtol=0.005)
+    assert answer.readings.measurements == 399
+
+
+def test_one_recording_with_noise_leaves_none_exact():
+    answer, steps = fitted(recording(400, seed=2), noisy())
+    assert not answer.exact
+    assert 'all samples' not in steps
+    assert 'prediction errors' in steps
+    np.testing.assert_allclose(answer.theta[:5], PAPER.vector()[:5], rtol=0.5)
+
+
+@pytest.mark.parametrize('asked', ['zero', 'linear'])
+def test_a_hold_that_is_asked_for_stays(asked):
+    assert fitted(recording(300, 0.02), hold=asked)[0].data.hold == asked
+
+
+def test_a_torque_that_is_held_is_taken_so():
+    answer, steps = fitted(recording(300, 0.02))
+    assert answer.data.hold == 'zero'
+    assert 'not held' not in steps
+
+
+def test_an_interval_at_which_a_filter_diverges_is_left_out(monkeypatch):
+    real, longest = fitting.fit, [0.15]
+
+    def fails(likelihood, *args):
+        if likelihood.readings.settings.intervals[-1] > longest[-1]:
+            raise FloatingPointError
+        return real(likelihood, *args)
+
+    monkeypatch.setattr(fitting, 'fit', fails)
+    answer, _ = fitted(noisy())
+    assert answer.readings.settings.intervals == (0.05, 0.1)
+    longest.append(0.0)
+    with pytest.raises(TrajectoryError, match='no filter follows this motion'):
+        fitted(noisy())
+
+
+def test_short_recordings_are_fitted_or_refused():
+    answer, _ = fitted(recording(200, seed=3), model='viscous')
+    np.testing.assert_allclose(answer.theta[:5], PAPER.vector()[:5], rtol=0.05)
+    with pytest.raises(TrajectoryError, match='too short for the criteria weak and likelihood'):
+        fitted(recording(95, seed=2))
+
+
+def test_without_a_block_of_time_the_rest_decides():
+    answer, _ = fitted(*(recording(400, seed=seed) for seed in (1, 2)), model='viscous')
+    for gone in range(2):
+        alone, _ = fitted(recording(400, seed=2 - gone), model='viscous')
+        np.testing.assert_allclose(answer.without(answer.owner == gone)[:7], alone.theta[:7], rtol=0.01)
+    np.testing.assert_allclose(answer.without(answer.owner < 0), answer.theta, rtol=1e-6)

@@ -1,0 +1,71 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Windows of a recording: each that is not what the user asked for is named in one sentence."""
+
+import numpy as np
+import pytest
+
+from pendubot_identification.cli.main import main
+from pendubot_identification.errors import PendubotError
+from pendubot_identification.recordings.datasets import load_datasets
+from pendubot_identification.recordings.joint_states import write_trajectory
+from pendubot_identification.trajectories.trajectory import Trajectory
+
+
+@pytest.fixture(scope='module')
+def recordings(tmp_path_factory):
+    """The same 12 s as a bag and as a file with columns."""
+    folder = tmp_path_factory.mktemp('recordings')
+    t = np.arange(1200) * 0.01
+    motion = Trajectory(t, np.column_stack([np.sin(t), np.cos(t)]), np.column_stack([np.sin(3 * t), 0 * t]))
+    write_trajectory(folder / 'bag', motion)
+    rows = np.column_stack([motion.t, motion.q, motion.tau[:, 0]])
+    np.savetxt(folder / 'file.csv', rows, delimiter=',', header='t,q1,q2,tau1', comments='')
+    return folder
+
+
+@pytest.mark.parametrize('name', ['bag', 'file.csv'])
+def test_a_window_beyond_the_end_is_named_with_both_times(recordings, name):
+    path = recordings / name
+    data = load_datasets([f'{path}@0:50'])
+    (note,) = data.notes
+    assert note.startswith(f'{path}@0:50 ends at 50 s, but its last sample is at 11.990 s')
+    assert [len(motion) for motion in data.training] == [1200]
+    with pytest.raises(PendubotError, match=r'@13:50: the window holds no sample; the recording lasts 11\.99. s'):
+        load_datasets([f'{path}@13:50'])
+
+
+@pytest.mark.parametrize('window', ['', '@:', '@0:', '@2:', '@0:6', '@6:12', '@0:12'])
+def test_of_a_window_within_the_recording_nothing_is_said(recordings, window):
+    assert load_datasets([f'{recordings / "bag"}{window}']).notes == ()
+
+
+@pytest.mark.parametrize(
+    ('window', 'sentence'),
+    [
+        ('-5:', r'-5 is no time in a bag; START and END are seconds from its first sample'),
+        ('5:3', r'the window is empty or reversed; give START:END'),
+        ('nan:', r'nan is no time in a bag'),
+        (':inf', r'inf is no time in a bag'),
+        ('5', r'names no window of a bag; BAG@START:END in seconds is expected'),
+    ],
+)
+def test_a_window_that_makes_no_sense_is_refused_in_one_sentence(recordings, window, sentence):
+    with pytest.raises(PendubotError, match=sentence):
+        load_datasets([f'{recordings / "bag"}@{window}'])
+
+
+def test_windows_that_overlap_are_named_once(recordings):
+    bag = recordings / 'bag'
+    (note,) = load_datasets([f'{bag}@0:8', f'{bag}@6:12']).notes
+    assert note.startswith(f'{bag}@0:8 and {bag}@6:12 share samples')
+
+
+def test_a_tracked_window_beyond_the_end_is_named(tmp_path, capsys):
+    swing = tmp_path / 'swing'
+    main(['simulate', '--output', str(swing), '--samples', '1200'])
+    capsys.readouterr()
+    main(['track', f'{swing}@0:50'])
+    said = ' '.join(capsys.readouterr().out.split())
+    assert f'{swing}@0:50 ends at 50 s, but its last sample is at 11.990 s' in said
