@@ -18,6 +18,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -102,7 +103,7 @@ class Readings:
         settings = settings or LikelihoodSettings()
         quantum = np.max([encoder_step(m.recorded.q) for m in motions], axis=0)
         ends = np.cumsum([0.0, *(m.end - m.start for m in motions)])
-        parts, row = [], 0
+        parts, row = list[_Reading](), 0
         for level, interval in enumerate(settings.intervals):
             for number, motion in enumerate(motions):
                 chosen = _thinned(motion.recorded.t, interval)
@@ -118,53 +119,56 @@ class Readings:
                 rows[np.cumsum(count) - 1] = row + np.arange(len(t) - 1)
                 passed = (ends[number] + (edges[1:] + edges[:-1]) / 2 - motion.start) / ends[-1] - 0.5
                 weight = (~_at_rest(motion, settings.rest * quantum, settings.still)[chosen[1:]]).astype(float)
+                own = slice(row, row + len(t) - 1)
                 parts.append(
-                    (level, number, motion, t, chosen, edges, rows, passed, weight, slice(row, row + len(t) - 1))
+                    _Reading(level, number, motion, t, motion.recorded.q[chosen], edges, rows, passed, weight, own)
                 )
-                row += len(t) - 1
-        steps = max(len(p[6]) for p in parts)
+                row = own.stop
+        steps = max(len(p.rows) for p in parts)
         counts = [max(1, round((m.end - m.start) / settings.block)) for m in motions]
         first = np.cumsum([0, *counts])
         block = [
-            first[p[1]]
+            first[p.number]
             + np.clip(
-                ((p[3][1:] - p[2].start) / (p[2].end - p[2].start) * counts[p[1]]).astype(int), 0, counts[p[1]] - 1
+                ((p.t[1:] - p.motion.start) / (p.motion.end - p.motion.start) * counts[p.number]).astype(int),
+                0,
+                counts[p.number] - 1,
             )
             for p in parts
         ]
 
-        def padded(values: Array, fill: float = 0.0) -> Array:
+        def padded(values: NDArray[Any], fill: float = 0.0) -> NDArray[Any]:
             shape = (steps - len(values), *values.shape[1:])
             return np.concatenate([values, np.full(shape, fill, values.dtype)])
 
         y = []
-        for _, _, motion, _, chosen, _, rows, *_ in parts:
-            read = np.zeros((len(rows), 2))
-            read[rows >= 0] = motion.recorded.q[chosen[1:]]
+        for p in parts:
+            read = np.zeros((len(p.rows), 2))
+            read[p.rows >= 0] = p.q[1:]
             y.append(padded(read))
-        start = np.array([[*p[2].recorded.q[p[4][0]], *p[2].states(p[3][:1])[2:, 0]] for p in parts])
-        speed = np.array([0.1 + 0.1 * p[2].states(p[3])[2:].std(axis=1) for p in parts])
+        start = np.array([[*p.q[0], *p.motion.states(p.t[:1])[2:, 0]] for p in parts])
+        speed = np.array([0.1 + 0.1 * p.motion.states(p.t)[2:].std(axis=1) for p in parts])
         spread = np.column_stack([np.maximum(quantum**2 / 12, 1e-10) * np.ones((len(parts), 2)), speed**2])
         samples = Samples(
             start=start,
             spread=spread,
-            level=np.array([p[0] for p in parts]),
-            length=np.array([len(p[6]) for p in parts]),
-            h=np.array([padded(np.diff(p[5])) for p in parts]),
-            elapsed=np.array([padded(p[7]) for p in parts]),
+            level=np.array([p.level for p in parts]),
+            length=np.array([len(p.rows) for p in parts]),
+            h=np.array([padded(np.diff(p.edges)) for p in parts]),
+            elapsed=np.array([padded(p.elapsed) for p in parts]),
             tau=np.empty((0, len(parts), steps, 2)),
             y=np.array(y),
-            row=np.array([padded(p[6], -1) for p in parts]),
+            row=np.array([padded(p.rows, -1) for p in parts]),
         )
         return cls(
             motions=tuple(motions),
             settings=settings,
             samples=samples,
-            edges=tuple(p[5] for p in parts),
-            recording=np.array([p[1] for p in parts]),
-            rows=tuple(p[9] for p in parts),
-            weight=np.concatenate([p[8] for p in parts]),
-            t=np.concatenate([p[3][1:] for p in parts]),
+            edges=tuple(p.edges for p in parts),
+            recording=np.array([p.number for p in parts]),
+            rows=tuple(p.own for p in parts),
+            weight=np.concatenate([p.weight for p in parts]),
+            t=np.concatenate([p.t[1:] for p in parts]),
             block=np.concatenate(block),
             owner=np.repeat(np.arange(len(motions)), counts),
             quantization=np.maximum(quantum**2 / 12, 1e-14),
@@ -193,6 +197,21 @@ class Readings:
             impulse = impulses[self.recording[g]](edges - delay)
             tau[g, : len(edges) - 1] = np.diff(impulse, axis=0) / np.diff(edges)[:, None]
         return tau
+
+
+class _Reading(NamedTuple):
+    """A recording at one interval: what was read when, the steps between, and where it stands among all."""
+
+    level: int
+    number: int
+    motion: Motion
+    t: Array
+    q: Array
+    edges: Array
+    rows: NDArray[np.int_]
+    elapsed: Array
+    weight: Array
+    own: slice
 
 
 def _thinned(t: Array, interval: float) -> NDArray[np.intp]:

@@ -197,7 +197,6 @@ def refine(
             raise TrajectoryError(f'{motions[0].name}: no simulation follows this motion with these parameters')
         return slopes, informations
 
-    r, _ = simulations.errors(theta)
     for _ in range(settings.alternations):
         r, _ = simulations.errors(theta)
         scale, factor = scaled(r)

@@ -262,7 +262,6 @@ class Problem:
         """Return the likelihood with more effects, where they start, and bounds."""
         like, at = self.likelihood, self.likelihood.shared
         more = [e.extension for e in effects]
-        # A sample-wise change of the torque comes before a lag.
         grown = replace(
             like, effects=(*like.effects, *more), scale=np.append(like.scale, [s for e in more for s in e.scale])
         )

@@ -59,7 +59,6 @@ class FittingSettings:
             mean of the most that simulated rigs have, 6e-4 and 3e-3, and the least that real ones have, .07 and .16.
         quantized: positions' noise over their quantization, at most.
         variance: mean of the squared innovations over their expected variances, at most, in every recording.
-        decided: by so much each unknown of an effect must lower J of all samples.
         fine: Runge-Kutta step [s] of the exact step where a joint is slower than ``slow`` [rad/s].
         slow: six widths of the change of sign of dry friction.
         between: longest such step [s] where the delay lets the torque change between samples, by more than a tenth of
@@ -76,7 +75,6 @@ class FittingSettings:
     quiet: tuple[float, float] = (6e-3, 2e-2)
     quantized: float = 1.15
     variance: float = 1.25
-    decided: float = 10.0
     fine: float = 0.0005
     slow: float = 0.3
     between: float = 0.001
@@ -148,12 +146,11 @@ class Composite:
         informations: likewise, shape (B, 14, 14).
         owner: each block's recording, shape (B,).
         readings: how the recordings were read.
-        innovations: of all measurements [rad], and their expected variances, shapes (N, 2).
         unexplained: the fraction of the innovations' variance that quantization does not explain, shape (2,).
         J: the likelihood per measurement.
         converged: whether they ended at a minimum.
         steps: in words.
-        likelihood: that was minimised last, ``x`` its unknowns.
+        offsets: of the positions [rad], shape (2,).
         rough: the fit of the shortest interval.
     """
 
@@ -170,19 +167,12 @@ class Composite:
     informations: Array
     owner: NDArray[np.intp]
     readings: Readings
-    innovations: tuple[Array, Array]
     unexplained: Array
     J: float
     converged: bool
     steps: tuple[str, ...]
-    likelihood: Likelihood
-    x: Array
+    offsets: Array
     rough: Problem
-
-    @property
-    def offsets(self) -> Array:
-        """Of the positions [rad], shape (2,)."""
-        return self.x[15:17]
 
     def without(self, blocks: Flags) -> Array:
         """Return theta without some blocks of time, shape (14,): one scoring step of all others, within bounds."""
@@ -200,6 +190,52 @@ class Composite:
         return np.asarray(self.theta + step)
 
 
+@dataclass(frozen=True, slots=True)
+class Fits:
+    """One model's fits.
+
+    Attributes:
+        data: with the hold of the torque.
+        rough: of the shortest interval.
+        whole: of all intervals.
+        exact: of all samples; None where more than quantization is left.
+    """
+
+    data: TrainingData
+    rough: Problem
+    whole: Problem
+    exact: Problem | None
+
+    @classmethod
+    def of(cls, data: TrainingData, rough: Problem, settings: FittingSettings, progress: Progress) -> Fits:
+        """Go on from the shortest interval."""
+        whole = _all_levels(data, rough, progress)
+        return cls(data, rough, whole, _exact_fit(data, whole, settings, progress))
+
+    @property
+    def last(self) -> Problem:
+        """The fit that counts."""
+        return self.exact or self.whole
+
+    def surely_better(self, before: Fits, found: FoundEffect) -> bool:
+        """Tell whether an effect is sure.
+
+        It is where nothing but quantization is left with it alone. Otherwise all samples of an exact rig decide by
+        Vuong's test, and all intervals of others: within short ones a torque that grows with an angle may pass for
+        gravity.
+        """
+        if (self.exact is None) is not (before.exact is None):
+            return self.exact is not None
+        if self.exact is None and not found.accepted:
+            return False
+        old, new = before.last, self.last
+        if old.likelihood.levels != new.likelihood.levels:
+            return new.likelihood.levels > old.likelihood.levels
+        gains = old.fit.evaluation.costs - new.fit.evaluation.costs
+        everywhere = bool((np.bincount(old.likelihood.readings.owner, gains) > 0).all())
+        return everywhere and vuong(gains, 0.0) > EffectSettings().sure
+
+
 def fit_composite(
     data: TrainingData, progress: Progress, settings: FittingSettings | None = None, *, effects: bool = True
 ) -> Composite:
@@ -207,76 +243,53 @@ def fit_composite(
     settings = settings or FittingSettings()
     rough = _first_fit(data, settings, progress)
     steps = [f'innovations at 0.05 s: {rough.fit.iterations} scoring steps, J = {rough.fit.cost:.6g}']
-    data, rough, _ = _best_hold(data, rough, settings, progress)
-    found: list[FoundEffect] = []
+    data, rough = _best_hold(data, rough, settings, progress)
+    best, found = Fits.of(data, rough, settings, progress), list[FoundEffect]()
     if effects:
         progress('looking for unmodelled effects', 0, 0, math.nan)
-        found = find_effects(rough, EffectSettings())
-    whole = _all_levels(data, rough, progress)
-    accepted: list[FoundEffect] = []
-    for k, each in enumerate(found):
-        # Long intervals must say so too: within short ones a torque that grows with an angle may pass for gravity.
-        if not each.accepted:
-            break
-        more = rough.with_effects([each.effect], iterations=30)
-        beside = _all_levels(data, more, progress)
-        if not _surely_better(whole, beside, EffectSettings().sure):
-            found = [*found[:k], replace(each, accepted=False)]
-            break
-        rough, whole = more, beside
-        accepted.append(each)
-        steps.append(f'together with {each.name}: J = {rough.fit.cost:.6g}')
-    steps.append(f'innovations at 0.05, 0.1 and 0.2 s: {whole.fit.iterations} scoring steps, J = {whole.fit.cost:.6g}')
-    if accepted:
-        data, rough, changed = _best_hold(data, rough, settings, progress)
-        whole = _all_levels(data, rough, progress) if changed else whole
-    if data.hold == 'linear' and data.settings.hold == 'auto':
-        steps.append(f'torque measured at its samples, not held: J = {rough.fit.cost:.6g}')
-    exact = _exact_fit(data, whole, settings, progress)
-    if found and not found[-1].accepted:
-        # All samples decide about an effect that is not sure, where nothing but it and quantization is left.
-        more = rough.with_effects([found[-1].effect], iterations=30)
-        beside = _all_levels(data, more, progress)
-        exact_beside = _exact_fit(data, beside, settings, progress)
-        count = len(found[-1].sizes)
-        lower_by = settings.decided * count
-        if exact_beside is not None and (exact is None or exact_beside.fit.cost < exact.fit.cost - lower_by):
-            sizes = exact_beside.fit.x[rough.likelihood.shared :][:count]
-            found[-1] = replace(found[-1], accepted=True, sizes=sizes)
-            rough, whole, exact = more, beside, exact_beside
-            steps.append(f'together with {found[-1].name}, by all samples: J = {exact.fit.cost:.6g}')
-    if found and not found[-1].accepted and found[-1].z < EffectSettings().possible:
-        found = found[:-1]
-    last = whole if exact is None else exact
-    answer = _composite(data, last, found, exact is not None, rough)
-    if exact is not None:
-        steps.append(f'all samples: {exact.fit.iterations} scoring steps; nothing but quantization is left')
-        return replace(answer, steps=tuple(steps))
-    if not accepted:
+        best, found = _with_effects(best, settings, progress)
+    steps += [f'together with {each.name} ({each.where})' for each in found if each.accepted]
+    if best.data.hold == 'linear' and best.data.settings.hold == 'auto':
+        steps.append(f'torque measured at its samples, not held: J = {best.rough.fit.cost:.6g}')
+    whole = best.whole.fit
+    steps.append(f'innovations at 0.05, 0.1 and 0.2 s: {whole.iterations} scoring steps, J = {whole.cost:.6g}')
+    answer = _composite(best, found)
+    if best.exact is not None:
+        steps.append(f'all samples: {best.exact.fit.iterations} scoring steps; nothing but quantization is left')
+    elif not any(each.accepted for each in found):
         progress('likelihood: prediction error', 0, 0, math.nan)
         answer = _refined(answer)
         steps.append('prediction errors after 0.1, 0.25 and 0.5 s, with the likelihood as prior')
     return replace(answer, steps=tuple(steps))
 
 
+def _with_effects(best: Fits, settings: FittingSettings, progress: Progress) -> tuple[Fits, list[FoundEffect]]:
+    """Return the fits with the effects that are sure, and these, the last perhaps a possible one."""
+    found = []
+    for each in find_effects(best.rough):
+        beside = Fits.of(best.data, best.rough.with_effects([each.effect], iterations=30), settings, progress)
+        sure = beside.surely_better(best, each)
+        if sure or each.z > EffectSettings().possible:
+            found.append(replace(each, accepted=sure))
+        if not sure:
+            break
+        best = beside
+    if found and found[0].accepted:
+        data, rough = _best_hold(best.data, best.rough, settings, progress)
+        if data is not best.data:
+            best = Fits.of(data, rough, settings, progress)
+    return best, found
+
+
 def _best_hold(
     data: TrainingData, rough: Problem, settings: FittingSettings, progress: Progress
-) -> tuple[TrainingData, Problem, bool]:
-    """Return the data and their fit with the hold of the torque that is likelier, and whether that is another one."""
+) -> tuple[TrainingData, Problem]:
+    """Return the data and their fit with the hold of the torque that is likelier."""
     if data.settings.hold != 'auto' or max(m.interval for m in data.motions) <= settings.held_step:
-        return data, rough, False
+        return data, rough
     other = data.otherwise()
     tried = _first_fit(other, settings, progress, near=rough)
-    better = tried.fit.cost < rough.fit.cost
-    return (other, tried, True) if better else (data, rough, False)
-
-
-def _surely_better(before: Problem, after: Problem, sure: float) -> bool:
-    """Tell whether more unknowns lower J of all intervals surely, and in every recording."""
-    if before.likelihood.levels != after.likelihood.levels:
-        return after.likelihood.levels > before.likelihood.levels
-    gains, owner = before.fit.evaluation.costs - after.fit.evaluation.costs, before.likelihood.readings.owner
-    return vuong(gains, 0.0) > sure and bool((np.bincount(owner, gains) > 0).all())
+    return (other, tried) if tried.fit.cost < rough.fit.cost else (data, rough)
 
 
 def standardised_innovations(
@@ -317,18 +330,21 @@ def _effort(data: TrainingData) -> Array:
     return np.asarray(np.maximum(tau, max(0.1 * tau.max(), 1e-9)))
 
 
+def _box(settings: Settings, model: str) -> Bounds:
+    """Return bounds of all of theta; what is not in the model is held at 0."""
+    box, inside = settings.box('geared'), np.arange(GEARED) < MODELS[model]
+    return Bounds(np.where(inside, box.lower, 0.0), np.where(inside, box.upper, 0.0), box.names)
+
+
 def _limits(data: TrainingData, readings: Readings) -> tuple[Array, Array]:
     """Return bounds of theta, delay, offsets and noise: positions are at least as noisy as their quantization."""
-    box, size = data.settings.box('geared'), MODELS['geared' if data.settings.model == 'auto' else data.settings.model]
-    inside = np.arange(GEARED) < size
+    box = _box(data.settings, 'geared' if data.settings.model == 'auto' else data.settings.model)
     low, high = data.settings.delays
     noise = np.log(readings.quantization) / 2
     levels, effort = len(readings.settings.intervals), np.log(_effort(data))
     return (
-        np.concatenate([np.where(inside, box.lower, 0.0), [low, -0.1, -0.1], np.tile([*noise, *effort - 16], levels)]),
-        np.concatenate(
-            [np.where(inside, box.upper, 0.0), [high, 0.1, 0.1], np.tile([*noise + 3, *effort + 2], levels)]
-        ),
+        np.concatenate([box.lower, [low, -0.1, -0.1], np.tile([*noise, *effort - 16], levels)]),
+        np.concatenate([box.upper, [high, 0.1, 0.1], np.tile([*noise + 3, *effort + 2], levels)]),
     )
 
 
@@ -435,10 +451,8 @@ def _smallest(data: TrainingData, problem: Problem) -> Problem:
     if data.settings.model != 'auto':
         return problem
     worth = math.log(max(problem.likelihood.readings.measurements, 2)) / 2
-    for size in sorted(MODELS.values()):
+    for size in sorted(set(MODELS.values()) - {GEARED}):
         dropped = np.flatnonzero(problem.fit.free[:GEARED] & (np.arange(GEARED) >= size))
-        if size == GEARED:
-            break
         lower, upper = problem.lower.copy(), problem.upper.copy()
         lower[size:GEARED], upper[size:GEARED] = 0.0, 0.0
         x = problem.fit.x.copy()
@@ -462,10 +476,9 @@ def _smallest(data: TrainingData, problem: Problem) -> Problem:
     return problem
 
 
-def _composite(
-    data: TrainingData, problem: Problem, found: Sequence[FoundEffect], exact: bool, rough: Problem
-) -> Composite:
+def _composite(fits: Fits, found: Sequence[FoundEffect]) -> Composite:
     """Return the answer of a likelihood, with all but theta eliminated."""
+    data, rough, problem = fits.data, fits.rough, fits.last
     like, solved = problem.likelihood, problem.fit
     H, free = solved.information, solved.free
     theta, rest = np.arange(GEARED), np.setdiff1d(np.flatnonzero(free), np.arange(GEARED))
@@ -476,7 +489,6 @@ def _composite(
     inverse = np.zeros_like(H)
     inverse[np.ix_(free, free)] = np.linalg.pinv(H[np.ix_(free, free)], hermitian=True)
     moves = blocks.slopes @ inverse[:, 14]
-    e, s = like.innovations(solved.x)
     near = rough.likelihood
     shortest, expected = near.innovations(rough.fit.x)
     # The first innovations, of a speed that is not known yet, would hide all others.
@@ -491,35 +503,38 @@ def _composite(
         free=free[:GEARED],
         delay=float(solved.x[14]),
         delay_std_error=math.sqrt(max(inverse[14, 14], float((moves**2).sum()))) if free[14] else math.nan,
-        exact=exact,
-        effects=tuple(found),
+        exact=fits.exact is not None,
+        effects=_sized(found, solved.x),
         information=onto @ H @ onto.T,
         slopes=blocks.slopes @ onto.T,
         informations=onto @ blocks.informations @ onto.T,
         owner=like.readings.owner,
         readings=like.readings,
-        innovations=(e, s),
         unexplained=np.clip(1 - near.readings.quantization / np.maximum(variance, 1e-300), 0.0, 1.0),
         J=solved.cost / max(like.readings.measurements, 1),
         converged=solved.converged and rough.fit.converged,
         steps=(),
-        likelihood=like,
-        x=solved.x,
+        offsets=solved.x[15:17],
         rough=rough,
+    )
+
+
+def _sized(found: Sequence[FoundEffect], x: Array) -> tuple[FoundEffect, ...]:
+    """Return the effects with the sizes that the last fit found."""
+    ends = SHARED + np.cumsum([len(each.sizes) for each in found], dtype=int)
+    return tuple(
+        replace(each, sizes=x[end - len(each.sizes) : end]) if each.accepted else each
+        for each, end in zip(found, ends, strict=True)
     )
 
 
 def _refined(answer: Composite) -> Composite:
     """Return the answer that predicts, with the likelihood's as prior."""
-    data, like = answer.data, answer.likelihood
-    box = data.settings.box('geared')
-    size = MODELS[answer.model]
-    inside = np.arange(GEARED) < size
-    bounds = Bounds(np.where(inside, box.lower, 0.0), np.where(inside, box.upper, 0.0), box.names)
+    data, bounds = answer.data, _box(answer.data.settings, answer.model)
     pull = np.where(answer.free, 0.0, answer.slopes.sum(axis=0))
     try:
         better = refine(
-            data.motions, answer.theta, answer.information, pull, answer.delay, answer.offsets, bounds, like.readings
+            data.motions, answer.theta, answer.information, pull, answer.delay, answer.offsets, bounds, answer.readings
         )
     except TrajectoryError:
         return answer

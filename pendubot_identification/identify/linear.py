@@ -46,10 +46,6 @@ class Linear(NamedTuple):
         """The pooled criterion."""
         return self.blocks.criterion
 
-    def first(self, size: int) -> Linear:
-        """Return the criterion of the first ``size`` parameters, the others being 0."""
-        return self._replace(residuals=[], blocks=self.blocks.first(size))
-
 
 def linear(name: str, motions: Sequence[Motion], model: str, settings: Settings, like: Linear | None = None) -> Linear:
     """Make the criterion ``name`` of recordings, with the delay and the weights that suit them or those of another."""

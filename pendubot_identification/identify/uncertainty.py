@@ -56,11 +56,6 @@ class Blocks:
             triangles += [Quadratic.reduce(r.phi[a:b], r.y[a:b]).triangle for a, b in pairwise(ends)]
         return cls(np.array(triangles), sum(len(r.y) for r in residuals), length)
 
-    def first(self, size: int) -> Blocks:
-        """Return the blocks of the first ``size`` parameters, the others being 0."""
-        shown = np.concatenate([self.triangles[:, :, :size], self.triangles[:, :, -1:]], axis=2)
-        return replace(self, triangles=np.asarray(np.linalg.qr(shown, mode='r')))
-
     @property
     def criterion(self) -> Quadratic:
         """The criterion of all the residuals together."""
