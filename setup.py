@@ -18,7 +18,7 @@ BAGS = [(f'{SHARE}/{folder}', sorted(glob(f'{folder}/*.*'))) for folder in ['bag
 # alike.
 KERNEL = Extension(
     f'{NAME}._kernel',
-    [f'{NAME}/{source}.c' for source in ('model/rollout', 'model/filter', 'optimizers/mde', 'trajectories/piecewise')],
+    [f'{NAME}/{source}.c' for source in ('model/rollout', 'model/filter', 'optimizers/mde')],
     extra_compile_args=[
         *('-std=gnu11', '-O3', '-ffp-contract=off', '-fno-math-errno', '-fno-trapping-math'),
         *('-fvisibility=hidden', '-Wno-psabi', '-pthread'),

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from ctypes import CDLL
 
 #: Of the kernel's functions; a library of another version is not used.
-VERSION = 7
+VERSION = 8
 
 #: Set by the package from the environment: whether to use the kernel, and on how many threads at most (0: one on each
 #: core that this process may use). Results do not depend on the threads.
@@ -56,11 +56,9 @@ def _library() -> CDLL | None:
         found.pendubot_roll.argtypes = [*[sizes] * 5, c_double, *[pointer] * 4]
         found.pendubot_sensitivities.argtypes = [*[sizes] * 5, c_double, *[pointer] * 4]
         found.pendubot_filter.argtypes = [sizes, pointer]
-        found.pendubot_piecewise.argtypes = [*[sizes] * 5, *[pointer] * 4]
-        found.pendubot_tridiagonal.argtypes = [*[sizes] * 2, *[pointer] * 4]
         found.pendubot_mde.argtypes = [pointer, sizes, *[pointer] * 7]
         found.pendubot_mde.restype = c_int64
-        for name in ('roll', 'sensitivities', 'filter', 'piecewise', 'tridiagonal'):
+        for name in ('roll', 'sensitivities', 'filter'):
             getattr(found, f'pendubot_{name}').restype = None
     except (OSError, AttributeError):
         return None  # made for another processor, or for another version

@@ -22,15 +22,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import PPoly
+from scipy.optimize import lsq_linear
 
 from pendubot_identification.model.dynamics import SIGN_WIDTH
 from pendubot_identification.model.filter import Samples, Term, Vectors, innovations
 from pendubot_identification.model.parameters import LARGEST_COUPLING
 from pendubot_identification.trajectories.motion import Motion
-from pendubot_identification.trajectories.piecewise import Piecewise
 from pendubot_identification.trajectories.signals import encoder_step
-
-from .bounded import least_squares_within
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -190,7 +189,7 @@ class Readings:
         part = (t - motion.start) / max(motion.end - motion.start, 1e-9) * len(own)
         return np.asarray(own[np.clip(part.astype(int), 0, len(own) - 1)])
 
-    def torques(self, impulses: Sequence[Piecewise], delay: float) -> Array:
+    def torques(self, impulses: Sequence[PPoly], delay: float) -> Array:
         """Return mean torques of all steps [N m] with a delay [s], shape (G, S, 2)."""
         tau = np.zeros((*self.samples.h.shape, 2))
         for g, edges in enumerate(self.edges):
@@ -271,7 +270,7 @@ class Likelihood:
     readings: Readings
     effects: tuple[Extension, ...] = ()
     scale: Array = field(default_factory=lambda: np.ones(SHARED))
-    _impulses: dict[bytes, list[Piecewise]] = field(default_factory=dict, repr=False)
+    _impulses: dict[bytes, list[PPoly]] = field(default_factory=dict, repr=False)
 
     @property
     def levels(self) -> int:
@@ -507,7 +506,7 @@ def bounded_step(
     values = np.maximum(values, 1e-10 * values.max())
     root = (vectors * np.sqrt(values)).T
     target = -(vectors / np.sqrt(values)).T @ g
-    d = least_squares_within(root, target, low[index] * scale, high[index] * scale)
+    d = lsq_linear(root, target, (low[index] * scale, high[index] * scale), 'bvls', tol=1e-15).x
     step = np.zeros(len(slope))
     step[index] = d / scale
     return step, float(-(g @ d) - d @ H @ d / 2)

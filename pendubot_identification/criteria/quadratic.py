@@ -12,11 +12,10 @@ from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import lsq_linear, minimize_scalar
 
 from pendubot_identification.errors import ParameterError
 from pendubot_identification.model.parameters import LARGEST_COUPLING, Bounds, coupling_excess
-
-from .bounded import least_squares_within, lowest_between
 
 Array = NDArray[np.float64]
 
@@ -115,7 +114,8 @@ class Quadratic:
             def offset_costs(offset: float, centre: float = centre) -> float:
                 return float(self(best(centre + offset)))
 
-            at = centre + min(0.0, lowest_between(offset_costs, -reach, reach, 1e-9 * reach), key=offset_costs)
+            how = {'bounds': (-reach, reach), 'method': 'bounded', 'options': {'xatol': 1e-9 * reach}}
+            at = centre + min(0.0, minimize_scalar(offset_costs, **how).x, key=offset_costs)
         return np.clip(best(at), bounds.lower, bounds.upper)
 
     def minimum_in_box(self, bounds: Bounds) -> Array:
@@ -144,7 +144,7 @@ class Quadratic:
         phi = self.phi @ directions
         scale = _column_scale(phi)
         above = np.maximum(upper, lower + 1e-12 * np.abs(lower) + 1e-300)  # closed, or turned round by rounding
-        x = least_squares_within(phi / scale, self.y, lower * scale, above * scale)
+        x = lsq_linear(phi / scale, self.y, (lower * scale, above * scale), 'bvls', tol=1e-15).x
         return np.asarray(directions @ np.clip(x / scale, lower, upper))
 
     def free_minimum(self) -> Array:

@@ -25,14 +25,14 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import PPoly
+from scipy.optimize import minimize_scalar
 
 from pendubot_identification.errors import TrajectoryError
 from pendubot_identification.model.dynamics import GRAVITY, dry_friction_terms, energy_terms
 from pendubot_identification.model.parameters import MODELS, Bounds
 from pendubot_identification.trajectories.motion import Motion
-from pendubot_identification.trajectories.piecewise import Piecewise
 
-from .bounded import lowest_between
 from .energy import Regression, require_plausible_speed
 from .quadratic import Quadratic
 
@@ -148,7 +148,9 @@ def estimate_delay(
             within[k] = unexplained(*criteria[k])
     best, none = delays[np.argmin(within)], np.argmin(np.abs(delays))
     around = max(lowest, best - DELAY_STEP), min(highest, best + DELAY_STEP)
-    found = lowest_between(lambda delay: unexplained(*criterion_at(delay)), *around, 1e-5)
+    found = minimize_scalar(
+        lambda delay: unexplained(*criterion_at(delay)), bounds=around, method='bounded', options={'xatol': 1e-5}
+    ).x
     telling = unexplained(*criterion_at(found)) < TELLING * unexplained(*criteria[none])
     return found if telling else float(delays[none])
 
@@ -244,7 +246,7 @@ class _Balances:
         self._still = bumps.columns({place: np.diff(values) for place, values in change.items()}, STILL)
         self._still += bumps.columns({place: _means(values) * bumps.step for place, values in happens.items()}, STILL)
         self._sense, self._sensed = _means(sense), _means(sense * v)
-        self._angles = Piecewise(np.ascontiguousarray(motion.smoothed.c[:, :, :2]), motion.smoothed.x)
+        self._angles = PPoly(np.ascontiguousarray(motion.smoothed.c[:, :, :2]), motion.smoothed.x)
 
     def triangles(self, delay: float) -> Array:
         """Return the triangle of the QR factorisation of each balance, shape (3, 15, 15)."""

@@ -23,8 +23,8 @@ from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
 
-from pendubot_identification.criteria.bounded import lowest_between
 from pendubot_identification.criteria.energy import Regression
 from pendubot_identification.criteria.quadratic import Quadratic
 from pendubot_identification.criteria.weak import WIDTH, estimate_delay, weak_regression
@@ -452,7 +452,8 @@ class _Rig:
             return _unexplained(criterion.along(directions))
 
         nearest = min(np.arange(-math.pi, math.pi, step), key=unexplained)
-        return lowest_between(unexplained, nearest - step, nearest + step, 1e-4)
+        around = nearest - step, nearest + step
+        return float(minimize_scalar(unexplained, bounds=around, method='bounded', options={'xatol': 1e-4}).x)
 
     def zero_error(self, joint: int) -> float:
         """Return the standard error of a zero [rad] that is right: of the coefficient of its derivative."""

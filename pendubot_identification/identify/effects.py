@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import PPoly
 
 from pendubot_identification.criteria.likelihood import (
     Extension,
@@ -28,7 +29,6 @@ from pendubot_identification.criteria.likelihood import (
 from pendubot_identification.model.dynamics import SIGN_WIDTH
 from pendubot_identification.model.filter import Term, TermKind
 from pendubot_identification.trajectories.motion import Motion
-from pendubot_identification.trajectories.piecewise import Piecewise
 
 Array = NDArray[np.float64]
 JOINTS = ('shoulder', 'elbow')
@@ -153,7 +153,7 @@ def _sample_wise(change: Callable[[Array, float], Array]) -> Shape:
         held = len(motion.impulse.c) == 2
         pieces = [tau[:-1]] if held else [np.diff(tau, axis=0) / np.diff(t)[:, None], tau[:-1]]
         return replace(
-            motion, impulse=Piecewise(np.array(pieces), t).antiderivative(), recorded=replace(motion.recorded, tau=tau)
+            motion, impulse=PPoly(np.array(pieces), t).antiderivative(), recorded=replace(motion.recorded, tau=tau)
         )
 
     return shaped
@@ -172,7 +172,7 @@ def _lagged(motion: Motion, own: Array) -> Motion:
         past *= 2
     before = np.vstack([np.zeros((1, 2)), late[:-1]])
     part = (1 - decay) * max(float(own[0]), 1e-6) / step
-    return replace(motion, impulse=Piecewise((mean + (before - mean) * part)[None], t).antiderivative())
+    return replace(motion, impulse=PPoly((mean + (before - mean) * part)[None], t).antiderivative())
 
 
 def catalogue(motions: Sequence[Motion], settings: EffectSettings) -> Iterator[Effect]:
@@ -241,7 +241,7 @@ def compensated(motion: Motion, effects: Sequence[FoundEffect], delay: float) ->
     for term, size in terms:
         q, v = states[term.joint], states[2 + term.joint]
         tau[:, term.joint] += size * term.torque(q, v, 0.5)
-    return replace(result, impulse=Piecewise(tau[None], t).antiderivative())
+    return replace(result, impulse=PPoly(tau[None], t).antiderivative())
 
 
 def blind(effect: Effect) -> bool:

@@ -3,7 +3,7 @@
 /* Many simulations of the pendubot side by side, as rollout.py has them. */
 #include "motion.h"
 
-#define VERSION 7 /* of the calls below, in filter.c, mde.c and piecewise.c; kernel.py asks for it */
+#define VERSION 8 /* of the calls below, in filter.c and mde.c; kernel.py asks for it */
 /* Nanoseconds that a block takes for a step, about. */
 #define ROLLING 150.0
 #define DERIVING 500.0

@@ -11,8 +11,8 @@ from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline, PPoly
 
-from .piecewise import Piecewise, cubic_spline
 from .reading import Affine
 from .signals import differentiate, resample
 from .trajectory import Trajectory
@@ -29,8 +29,8 @@ class Motion:
     start: float  #: time of its first sample [s].
     end: float  #: time of its last one [s].
     interval: float  #: its sampling interval [s].
-    smoothed: Piecewise  #: q1, q2, q1', q2' [rad, rad/s] as a spline of time.
-    impulse: Piecewise  #: integral of both torques [N m s] since the start, as a piecewise polynomial of time.
+    smoothed: PPoly  #: q1, q2, q1', q2' [rad, rad/s] as a spline of time.
+    impulse: PPoly  #: integral of both torques [N m s] since the start, as a piecewise polynomial of time.
     recorded: Trajectory  #: what all this was made of.
     #: What was made of this motion, and of no other: it is asked for again and again.
     _made: dict[Hashable, Any] = field(default_factory=dict, init=False, repr=False, compare=False)
@@ -54,7 +54,7 @@ class Motion:
         q, qd = differentiate(even.q, interval, smoothing)
         if q is even.q:
             # Samples too far apart to be smoothed: a spline knows their speed ten times better than differences.
-            qd = cubic_spline(even.t, q)(even.t, 1)
+            qd = CubicSpline(even.t, q)(even.t, 1)
         t, tau = trajectory.t, trajectory.tau
         pieces = [tau[:-1]] if hold == 'zero' else [np.diff(tau, axis=0) / np.diff(t)[:, None], tau[:-1]]
         return cls(
@@ -62,8 +62,8 @@ class Motion:
             start=float(even.t[0]),
             end=float(even.t[-1]),
             interval=interval,
-            smoothed=cubic_spline(even.t, np.column_stack([q, qd])),
-            impulse=Piecewise(np.array(pieces), t).antiderivative(),
+            smoothed=CubicSpline(even.t, np.column_stack([q, qd])),
+            impulse=PPoly(np.array(pieces), t).antiderivative(),
             recorded=trajectory,
         )
 
@@ -84,8 +84,8 @@ class Motion:
         impulses[-1] += (x[:-1] - x[0])[:, None] * d
         return replace(
             self,
-            smoothed=Piecewise(states, self.smoothed.x),
-            impulse=Piecewise(impulses, x),
+            smoothed=PPoly(states, self.smoothed.x),
+            impulse=PPoly(impulses, x),
             recorded=replace(recorded, q=recorded.q @ Q.T + c, tau=recorded.tau @ T.T + d, qd=None),
         )
 

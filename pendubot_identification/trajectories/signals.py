@@ -10,10 +10,10 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 
 from pendubot_identification.errors import TrajectoryError
 
-from .piecewise import cubic_spline
 from .trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -61,8 +61,8 @@ def resample(trajectory: Trajectory) -> Trajectory:
         return replace(trajectory, t=even)
     # Positions and velocities by cubic splines, and torques as they were held.
     grid = t[0] + step * np.arange(int((t[-1] - t[0]) / step + 1e-6) + 1)
-    qd = None if trajectory.qd is None else cubic_spline(t, trajectory.qd)(grid)
-    return replace(trajectory, t=grid, q=cubic_spline(t, trajectory.q)(grid), tau=trajectory.tau[held(t, grid)], qd=qd)
+    qd = None if trajectory.qd is None else CubicSpline(t, trajectory.qd)(grid)
+    return replace(trajectory, t=grid, q=CubicSpline(t, trajectory.q)(grid), tau=trajectory.tau[held(t, grid)], qd=qd)
 
 
 def evenly_stamped(trajectory: Trajectory) -> Trajectory:

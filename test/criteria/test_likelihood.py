@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.interpolate import PPoly
 
 from pendubot_identification.criteria.likelihood import SHARED, Extension, Readings, fit, fitted_information, physical
 from pendubot_identification.model.filter import Term, TermKind
@@ -19,7 +20,7 @@ from test.virtual import C1, CHAOTIC, recording
 
 def scaled(motion, own):
     """Return the motion under torques that are larger by a fraction."""
-    return replace(motion, impulse=replace(motion.impulse, c=motion.impulse.c * (1 + own[0])))
+    return replace(motion, impulse=PPoly(motion.impulse.c * (1 + own[0]), motion.impulse.x))
 
 
 #: A torque, a change of the recorded torque, and the width of the shoulder's dry friction.

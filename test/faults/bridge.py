@@ -26,7 +26,7 @@ from pendubot_identification.model.simulation import Plant
 from test.processes import Program, call, parameters, spin_until
 from test.rig import ARMED, WATCHDOG, Rig
 
-from .table import Trial, ros_node
+from .table import Trial, ros, ros_node
 from .wire import CPR, Line, Receiver, damage, hello, numbered_state, scrambled
 from .witness import Witness
 
@@ -41,7 +41,7 @@ WATCHDOG_MS = 100
 @contextlib.contextmanager
 def live_rig(folder, *board_options):
     """A rig at 1 kHz with a node of its own."""
-    with ros_node():
+    with ros():
         rig = Rig(folder, 1000, *board_options)
         try:
             yield rig

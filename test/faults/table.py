@@ -43,17 +43,26 @@ def row(fault, figure):
 
 
 @contextmanager
-def ros_node(name='fault_trial'):
-    """A node, in ROS as it is here, or begun for it."""
+def ros():
+    """ROS as it is here, or begun for this."""
     import rclpy
 
     begun = not rclpy.ok()
     if begun:
         rclpy.init()
-    node = rclpy.create_node(name)
     try:
-        yield node
+        yield rclpy
     finally:
-        node.destroy_node()
         if begun:
             rclpy.try_shutdown()
+
+
+@contextmanager
+def ros_node(name='fault_trial'):
+    """A node."""
+    with ros() as rclpy:
+        node = rclpy.create_node(name)
+        try:
+            yield node
+        finally:
+            node.destroy_node()

@@ -41,7 +41,7 @@ REFUSED = [
     ('exciter', {'width': 2.0}, 'width is 2.0; a number with a decimal point from 0.001 to 1 is expected'),
     ('exciter', {'period': 'soon'}, 'period is soon'),
     ('exciter', {'period': '.nan'}, 'period is nan'),
-    ('identifier', {'criterion': 'energy,magic'}, 'criterion is magic; one of energy, weak, trajectory'),
+    ('identifier', {'criterion': 'energy,magic'}, 'criterion is magic; one of energy, weak, likelihood'),
     ('identifier', {'population': 4}, 'population is 4; a whole number from 5'),
     ('recorder', {'output': '/dev/null/bag'}, 'cannot be written'),
     ('recorder', {'output': '/'}, 'exists already; give another name'),
