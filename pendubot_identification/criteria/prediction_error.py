@@ -43,6 +43,8 @@ class PredictionSettings:
         weight: kappa; a magnitude adjustment of the composite likelihood gives .07 to .8, median .27.
         shrinkage: so many independent simulations hold each recording's scale at 1.
         alternations: of scales and parameters.
+        steps: between them.
+        tolerance: an alternation that lowers J by less is the last.
     """
 
     horizons: tuple[float, ...] = (0.1, 0.25, 0.5)
@@ -50,6 +52,8 @@ class PredictionSettings:
     weight: float = 0.2
     shrinkage: float = 20.0
     alternations: int = 5
+    steps: int = 3
+    tolerance: float = 0.01
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,69 +166,103 @@ def refine(
     simulations = Simulations.of(motions, delay, offset, settings.horizons, settings.stride)
     if not len(simulations.t):
         raise TrajectoryError(f'all recordings are shorter than {max(settings.horizons):g} s; choose longer windows')
-    count, number, blocks = len(motions), simulations.recording, len(readings.owner)
-    block = np.concatenate([readings.block_of(k, simulations.t[number == k]) for k in range(count)])
+    number = simulations.recording
+    block = np.concatenate([readings.block_of(k, simulations.t[number == k]) for k in range(len(motions))])
     duration = sum(m.end - m.start for m in motions)
-    eps = settings.weight * duration / max(settings.horizons) / max(len(number), 1)
-    own = np.bincount(number, minlength=count) * eps / settings.weight  # independent simulations of each recording
-    first, factor, sought = theta, np.ones(count), bounds.lower < bounds.upper
+    criterion = _Criterion(
+        simulations, theta, prior, pull, block, len(readings.owner), len(motions), duration, settings
+    )
+    for _ in range(settings.alternations):
+        scaled = criterion.scales(theta)
+        theta, gained = _descend(criterion, theta, scaled, bounds)
+        if gained < settings.tolerance:
+            break
+    slopes, informations = criterion.derivatives(theta, scaled)
+    return PredictionFit(theta, informations.sum(axis=0) + prior, slopes, informations, *scaled)
 
-    def scaled(r: Array) -> tuple[Array, Array]:
-        factor, scale = np.ones(count), np.ones(r.shape[:2])
-        for _ in range(settings.alternations):
+
+#: Of each state and horizon, shape (H, 4), and of each recording, shape (R,).
+_Scales = tuple[Array, Array]
+
+
+@dataclass(frozen=True, slots=True)
+class _Criterion:
+    """J of R recordings' simulations, with given scales, and its derivatives by B blocks of time."""
+
+    simulations: Simulations
+    first: Array
+    prior: Array
+    pull: Array
+    block: NDArray[np.intp]
+    blocks: int
+    recordings: int
+    duration: float
+    settings: PredictionSettings
+
+    @property
+    def eps(self) -> float:
+        """Kappa eps."""
+        settings = self.settings
+        return settings.weight * self.duration / max(settings.horizons) / len(self.simulations.t)
+
+    def scales(self, theta: Array) -> _Scales:
+        """Return the scales of the errors at theta."""
+        r, number, count = self.simulations.errors(theta)[0], self.simulations.recording, self.recordings
+        simulations = np.bincount(number, minlength=count)
+        own = simulations * self.eps / self.settings.weight  # independent ones
+        factor = np.ones(count)
+        for _ in range(self.settings.alternations):
             scale = np.maximum(np.sqrt(((r / factor[number]) ** 2).mean(axis=2)), 1e-12)
             z = ((r / scale[:, :, None]) ** 2).mean(axis=(0, 1))
-            mean = np.bincount(number, z, minlength=count) / np.maximum(np.bincount(number, minlength=count), 1)
-            factor = np.sqrt((own * mean + settings.shrinkage) / (own + settings.shrinkage))
+            mean = np.bincount(number, z, minlength=count) / np.maximum(simulations, 1)
+            factor = np.sqrt((own * mean + self.settings.shrinkage) / (own + self.settings.shrinkage))
         return scale, factor
 
-    def value(theta: Array, scale: Array, factor: Array) -> tuple[float, Array, Array]:
-        r, states = simulations.errors(theta)
-        z = r / scale[:, :, None] / factor[number]
-        step = theta - first
-        cost = float(step @ prior @ step / 2 + pull @ step + eps / 2 * (z * z).sum())
-        return (cost if np.isfinite(cost) else np.inf), z, states
+    def _scaled(self, theta: Array, scales: _Scales) -> tuple[Array, Array]:
+        r, states = self.simulations.errors(theta)
+        return r / scales[0][:, :, None] / scales[1][self.simulations.recording], states
 
-    def derived(theta: Array, z: Array, states: Array) -> tuple[Array, Array]:
-        by = simulations.derivatives(theta, states) / scale[:, :, None, None] / factor[number]
-        slopes, informations = np.zeros((blocks, len(theta))), np.zeros((blocks, len(theta), len(theta)))
-        edges = np.searchsorted(block, np.arange(blocks + 1))
+    def value(self, theta: Array, scales: _Scales) -> float:
+        """Return J without the logarithms; infinite where a simulation is lost or the mass matrix is impossible."""
+        if not physical(theta):
+            return np.inf
+        z, _ = self._scaled(theta, scales)
+        step = theta - self.first
+        cost = float(step @ self.prior @ step / 2 + self.pull @ step + self.eps / 2 * (z * z).sum())
+        return cost if np.isfinite(cost) else np.inf
+
+    def derivatives(self, theta: Array, scales: _Scales) -> tuple[Array, Array]:
+        """Return slopes and information of each block's errors, shapes (B, D), (B, D, D)."""
+        z, states = self._scaled(theta, scales)
+        number, size = self.simulations.recording, len(theta)
+        by = self.simulations.derivatives(theta, states) / scales[0][:, :, None, None] / scales[1][number]
+        slopes, informations = np.zeros((self.blocks, size)), np.zeros((self.blocks, size, size))
+        edges = np.searchsorted(self.block, np.arange(self.blocks + 1))
         for k, own in enumerate(map(slice, edges, edges[1:])):
-            rows = np.moveaxis(by[..., own], 2, -1).reshape(-1, len(theta))
-            slopes[k] = eps * rows.T @ z[..., own].reshape(-1)
-            informations[k] = eps * rows.T @ rows
+            rows = np.moveaxis(by[..., own], 2, -1).reshape(-1, size)
+            slopes[k] = self.eps * rows.T @ z[..., own].reshape(-1)
+            informations[k] = self.eps * rows.T @ rows
         if not np.isfinite(informations).all():
-            raise TrajectoryError(f'{motions[0].name}: no simulation follows this motion with these parameters')
+            raise TrajectoryError('no simulation follows this motion with these parameters')
         return slopes, informations
 
-    for _ in range(settings.alternations):
-        r, _ = simulations.errors(theta)
-        scale, factor = scaled(r)
-        damping = 1e-3
-        cost, z, states = value(theta, scale, factor)
-        moved = 0.0
-        for _ in range(3):
-            slopes, informations = derived(theta, z, states)
-            slope = slopes.sum(axis=0) + prior @ (theta - first) + pull
-            information = informations.sum(axis=0) + prior
-            for _ in range(8):
-                step, gain = bounded_step(
-                    information, slope, damping, bounds.lower - theta, bounds.upper - theta, sought
-                )
-                if gain < 1e-4:
-                    break
-                trial = value(theta + step, scale, factor) if physical(theta + step) else (np.inf, z, states)
-                if trial[0] < cost:
-                    break
-                damping *= 10
-            else:
+
+def _descend(criterion: _Criterion, theta: Array, scales: _Scales, bounds: Bounds) -> tuple[Array, float]:
+    """Return theta after a few Gauss-Newton steps, and by how much they lowered J."""
+    settings, sought = criterion.settings, bounds.lower < bounds.upper
+    begin = cost = criterion.value(theta, scales)
+    damping = 1e-3
+    for _ in range(settings.steps):
+        slopes, informations = criterion.derivatives(theta, scales)
+        slope = slopes.sum(axis=0) + criterion.prior @ (theta - criterion.first) + criterion.pull
+        information = informations.sum(axis=0) + criterion.prior
+        for _ in range(8):
+            step, gain = bounded_step(information, slope, damping, bounds.lower - theta, bounds.upper - theta, sought)
+            after = criterion.value(theta + step, scales) if gain > 0.01 * settings.tolerance else np.inf
+            if after < cost or gain <= 0.01 * settings.tolerance:
                 break
-            if gain < 1e-4:
-                break
-            moved += cost - trial[0]
-            theta, (cost, z, states) = theta + step, trial
-            damping /= 5
-        if moved < 1e-2:
+            damping *= 10
+        if not after < cost:
             break
-    slopes, informations = derived(theta, z, states)
-    return PredictionFit(theta, informations.sum(axis=0) + prior, slopes, informations, scale, factor)
+        theta, cost, damping = theta + step, after, damping / 5
+    return theta, begin - cost

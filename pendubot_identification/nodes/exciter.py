@@ -144,36 +144,42 @@ class Exciter(SettingsNode):
         """Arm, if that is wanted, once joint states come in; give up when they no longer do, or a rival comes."""
         if self.ended.is_set():
             return
-        now, name = time.monotonic(), self._joint_states.topic_name
         if rivals := self._driver.rivals() or name_rivals(self, self._joint_states, wait=True):
             self._give_up(rivals)
             return
         if self._armed is False or not self._is_new():
             # A motor that is armed may be driven by a program that was not found yet; a second would disarm it.
             self._driver.begin()
+        now = time.monotonic()
         if self._running:
             if silence := self._silence():
                 self._give_up(silence)
             elif now > self._recorded:
                 self._give_up(f'stopped: nothing was recorded for {UNRECORDED:g} s; look at the recorder')
-        elif self._heard is None or now - self._heard > SILENCE:
-            self.get_logger().info(f'waiting for {name}: start the bridge', throttle_duration_sec=5.0)
-        elif not self._is_new() and not self._driver.arm.service_is_ready():
-            self.get_logger().info(
-                f'waiting for {self._bridge}/arm, which nobody serves: start the bridge or, if its node has another '
-                'name, remap bridge/arm and bridge/disarm',
-                throttle_duration_sec=5.0,
-            )
-        elif now > self._recorded:
-            self.get_logger().info(f'waiting for a recorder of {name}: start it', throttle_duration_sec=5.0)
-        elif not self._arms:
-            self.get_logger().info(f'waiting to be armed: call {self._bridge}/arm', throttle_duration_sec=5.0)
+        elif missing := self._missing(now):
+            self.get_logger().info(f'waiting {missing}', throttle_duration_sec=5.0)
         # An answer may be lost where both sides have only just met, so it asks again.
-        elif self._asked is not None and now - self._asked <= PATIENCE:
-            return
-        elif self._driver.publisher is not None and self._driver.arm.service_is_ready():
+        elif (
+            (self._asked is None or now - self._asked > PATIENCE)
+            and self._driver.publisher is not None
+            and self._driver.arm.service_is_ready()
+        ):
             self._asked = now
             self._driver.arm.call_async(Trigger.Request()).add_done_callback(self._on_armed)
+
+    def _missing(self, now: float) -> str:
+        """Return what is waited for before the bridge is asked to arm, or nothing."""
+        name = self._joint_states.topic_name
+        if self._heard is None or now - self._heard > SILENCE:
+            return f'for {name}: start the bridge'
+        if not self._is_new() and not self._driver.arm.service_is_ready():
+            return (
+                f'for {self._bridge}/arm, which nobody serves: start the bridge or, if its node has another name, '
+                'remap bridge/arm and bridge/disarm'
+            )
+        if now > self._recorded:
+            return f'for a recorder of {name}: start it'
+        return '' if self._arms else f'to be armed: call {self._bridge}/arm'
 
     def _is_new(self) -> bool:
         return time.monotonic() - self._born < DISCOVERY
