@@ -98,7 +98,7 @@ def identify(
     Raises:
         PendubotError: what was given makes no sense, or determines no parameters.
     """
-    from .identify.identification import identify as estimate
+    from .identify.pipeline import identify as estimate
     from .identify.settings import Settings
     from .results.result_file import result_of
 

@@ -5,7 +5,7 @@
 
 import functools
 
-from pendubot_identification.identify.identification import identify
+from pendubot_identification.identify.pipeline import identify
 from pendubot_identification.identify.result import Result, Source, structured
 from pendubot_identification.identify.result import plain as plain_of
 from pendubot_identification.identify.settings import CRITERIA, Settings

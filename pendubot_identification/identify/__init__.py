@@ -3,5 +3,5 @@
 
 """Trajectories and settings in; parameters with covariance, level and warnings out: one pipeline.
 
-It reads from the top in :mod:`.identification`: prepare, check conventions, fit, predict, assess.
+It reads from the top in :mod:`.pipeline`: prepare, check conventions, fit, check residuals, validate, assess.
 """

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -40,6 +40,27 @@ class ConsistencySettings:
     significance: float = 1e-4
     joined: float = 0.5
     listed: int = 3
+
+
+def remarks(answer: Composite, sound: bool, named: Collection[str]) -> Iterator[str]:
+    """Yield what the user should know of the residuals.
+
+    Args:
+        answer: of the likelihood.
+        sound: whether signs, order and zeros are right.
+        named: the faults of the recordings; what these say is not said again.
+    """
+    yield from (found.sentence for found in answer.effects if found.name not in named)
+    if sound and not answer.exact:
+        yield from disturbances(answer.rough)
+    if sound:
+        yield from contradictions(answer)
+    if not answer.exact:
+        shoulder, elbow = (f'{100 * part:.3g} %' for part in answer.unexplained)
+        yield (
+            f'the rig has unmodelled effects: they make {shoulder} and {elbow} of the variance of the innovations at '
+            'shoulder and elbow; the intervals allow for them as far as recordings differ'
+        )
 
 
 def contradictions(answer: Composite, settings: ConsistencySettings | None = None) -> list[str]:

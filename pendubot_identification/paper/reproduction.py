@@ -18,7 +18,7 @@ from pendubot_identification import __version__
 from pendubot_identification.criteria.energy import energy_regression
 from pendubot_identification.criteria.quadratic import Quadratic
 from pendubot_identification.files import OutputFolder
-from pendubot_identification.identify.identification import identify
+from pendubot_identification.identify.pipeline import identify
 from pendubot_identification.identify.settings import Settings
 from pendubot_identification.model.parameters import MODELS, Parameters, default_bounds
 from pendubot_identification.recordings.datasets import Datasets, load_datasets

@@ -10,7 +10,8 @@ from dataclasses import replace
 
 from pendubot_identification.errors import PendubotError
 from pendubot_identification.identify.estimate import Progress
-from pendubot_identification.identify.identification import Identification, identify
+from pendubot_identification.identify.identification import Identification
+from pendubot_identification.identify.pipeline import identify
 from pendubot_identification.identify.settings import Settings
 from pendubot_identification.recordings.datasets import Datasets
 from pendubot_identification.trajectories.reading import Reading

@@ -13,7 +13,7 @@ import numpy as np
 
 from pendubot_identification import __version__
 from pendubot_identification.errors import ResultError
-from pendubot_identification.identify.identification import identify
+from pendubot_identification.identify.pipeline import identify
 from pendubot_identification.identify.result import SCHEMA, EffortTaken, Parameter
 from pendubot_identification.identify.settings import Settings
 from pendubot_identification.level import NORMAL_95, Level

@@ -8,7 +8,7 @@ import numpy as np
 
 from pendubot_identification.criteria.energy import energy_regression
 from pendubot_identification.criteria.quadratic import Penalised, Quadratic
-from pendubot_identification.identify.identification import identify
+from pendubot_identification.identify.pipeline import identify
 from pendubot_identification.model.parameters import Bounds, default_bounds
 from pendubot_identification.trajectories.trajectory import Trajectory
 from test.benchmark.measure import interleaved, on

@@ -186,7 +186,7 @@ def theta(result):
 @pytest.fixture(scope='module')
 def expected(columns, tmp_path_factory):
     """Parameters from a bag."""
-    from pendubot_identification.identify.identification import identify
+    from pendubot_identification.identify.pipeline import identify
     from pendubot_identification.identify.settings import Settings
     from pendubot_identification.trajectories.trajectory import Trajectory
 

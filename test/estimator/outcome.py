@@ -8,7 +8,7 @@ import time
 import numpy as np
 
 from pendubot_identification.errors import PendubotError
-from pendubot_identification.identify.identification import identify
+from pendubot_identification.identify.pipeline import identify
 from pendubot_identification.identify.prediction import predict, state_scale
 from pendubot_identification.identify.settings import Settings
 from pendubot_identification.model.parameters import NAMES

@@ -13,7 +13,7 @@ import pytest
 
 from pendubot_identification.excitation.excitation import PulseTrain
 from pendubot_identification.identify.diagnosis import diagnose, link_length
-from pendubot_identification.identify.identification import identify
+from pendubot_identification.identify.pipeline import identify
 from pendubot_identification.identify.settings import Settings
 from pendubot_identification.level import Level
 from pendubot_identification.model.parameters import BALANCE, PAPER, Parameters

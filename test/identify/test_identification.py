@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from pendubot_identification.errors import ExcitationError, ParameterError, TrajectoryError
 from pendubot_identification.identify.estimate import Effort, Estimate
-from pendubot_identification.identify.identification import identify
 from pendubot_identification.identify.judgement import judge
+from pendubot_identification.identify.pipeline import identify
 from pendubot_identification.identify.prediction import HORIZONS, Prediction, predict, state_scale
 from pendubot_identification.identify.settings import Settings
 from pendubot_identification.level import Level

@@ -6,7 +6,7 @@
 import numpy as np
 import pytest
 
-from pendubot_identification.identify.identification import identify
+from pendubot_identification.identify.pipeline import identify
 from pendubot_identification.identify.settings import Settings
 from pendubot_identification.level import Level
 from pendubot_identification.model.parameters import Parameters, default_bounds

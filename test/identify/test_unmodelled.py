@@ -6,7 +6,7 @@
 import numpy as np
 import pytest
 
-from pendubot_identification.identify.identification import identify
+from pendubot_identification.identify.pipeline import identify
 from pendubot_identification.level import Level
 from pendubot_identification.trajectories.trajectory import Trajectory
 from test.estimator.rig import CATALOGUE, UNKNOWN, Rig, record, true

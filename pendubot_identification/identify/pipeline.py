@@ -1,0 +1,150 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""From motions to parameters: prepare, check conventions, fit, check residuals, validate, assess."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from pendubot_identification.level import Level
+from pendubot_identification.trajectories.motion import Motion
+from pendubot_identification.trajectories.signals import evenly_stamped
+from pendubot_identification.trajectories.suspicions import suspicions
+from pendubot_identification.trajectories.trajectory import Trajectory
+
+from .consistency import remarks
+from .diagnosis import Fault, diagnose, link_length, with_options
+from .effects import compensated
+from .estimate import Progress
+from .fitting import TrainingData, fit_composite
+from .identification import Identification, Run
+from .judgement import judge, require_excitation
+from .prediction import folds
+from .settings import Settings
+from .validation import validated
+
+#: The criteria in the order in which they are published.
+TRUST = ('likelihood', 'weak', 'energy')
+
+
+def identify(
+    training: Sequence[Trajectory],
+    validation: Sequence[Trajectory] = (),
+    settings: Settings | None = None,
+    progress: Progress | None = None,
+    notes: Sequence[str] = (),
+) -> Identification:
+    """Estimate the parameters of a rig from one or more of its motions.
+
+    Where the stamps of one are evidently false, even ones take their place.
+
+    Args:
+        training: the motions that estimate; they are pooled.
+        validation: motions that only judge. Without any, each recording of several (or block of time of one or two)
+            is predicted from the others in turn; the estimates themselves use all of them.
+        settings: see :class:`Settings`.
+        progress: called with what is being done, how much of it is done, of how much (0: not known), and the best J.
+        notes: warnings that come with the data, such as a bag that was never closed.
+
+    Raises:
+        TrajectoryError: a motion that is too short or has gaps.
+        ExcitationError: a motion from which some parameters are not identifiable.
+    """
+    tell = progress or (lambda what, done, of, best: None)
+    prepared = _prepare(training, validation, settings or Settings(), notes, tell)
+    checked = _check_conventions(prepared, tell)
+    fitted = _fit(checked, tell)
+    questioned = _check_residuals(fitted, tell)
+    return _assess(_validate(questioned, tell))
+
+
+def _prepare(
+    training: Sequence[Trajectory],
+    validation: Sequence[Trajectory],
+    settings: Settings,
+    notes: Sequence[str],
+    tell: Progress,
+) -> Run:
+    """Smooth the recordings, where the motion tells the parameters at all."""
+    tell('preparing', 0, 0, math.nan)
+    motions, judges = ([evenly_stamped(motion) for motion in part] for part in (training, validation))
+    for motion in (*motions, *judges):
+        motion.require_samples()
+    require_excitation(motions, settings)
+    of_rig = settings.of_rig(motions)
+    noticed = (*notes, *suspicions([*training, *validation]))
+    return Run(of_rig, TrainingData.prepare(motions, of_rig), tuple(judges), tuple(notes), noticed)
+
+
+def _check_conventions(run: Run, tell: Progress) -> Run:
+    """Look for wrong signs, order, zeros and stamps."""
+    tell('checking signs, zeros and stamps', 0, 0, math.nan)
+    return replace(run, faults=_faults(run, run.data.motions))
+
+
+def _faults(run: Run, motions: Sequence[Motion]) -> tuple[Fault, ...]:
+    """Return what is wrong with the recordings' conventions, with the options that put it right."""
+    data, (low, high) = run.data, run.settings.delays
+    model, delay = 'rotor' if run.settings.model == 'auto' else run.settings.model, low if low == high else 0.0
+    faults = diagnose(motions, data.smoothing, data.hold, model, delay, run.settings.link_length)
+    return with_options(faults, run.settings.reading)
+
+
+def _fit(run: Run, tell: Progress) -> Run:
+    """Minimise the likelihood; what accepted effects explain is no fault, but a constant effort: it has an option."""
+    if 'likelihood' not in run.settings.criteria:
+        return run
+    tell('weak: rough parameters', 0, 0, math.nan)
+    composite = fit_composite(run.data, tell, effects=run.settings.compensate and run.sound)
+    fitted = replace(run, data=composite.data, composite=composite)
+    if not run.faults or not any(found.accepted for found in composite.effects):
+        return fitted
+    left = _faults(fitted, [compensated(m, composite.effects, composite.delay) for m in composite.data.motions])
+    named = {fault.name for fault in left}
+    mild = [fault if fault.name in named else replace(fault, level=Level.WARN) for fault in run.faults]
+    return replace(fitted, faults=tuple(fault for fault in mild if fault.name in {*named, 'offset'}))
+
+
+def _check_residuals(run: Run, tell: Progress) -> Run:
+    """Add what the innovations say: effects, disturbances, recordings that contradict each other."""
+    if run.composite is None:
+        return run
+    tell('checking whether recordings agree', 0, 0, math.nan)
+    said = remarks(run.composite, run.sound, {fault.name for fault in run.faults})
+    return replace(run, remarks=(*run.remarks, *said))
+
+
+def _validate(run: Run, tell: Progress) -> Run:
+    """Let each criterion predict what it was not fitted to."""
+    judges = [Motion.prepare(motion, run.data.smoothing, run.data.hold) for motion in run.judges]
+    left_out = () if judges else tuple(folds(run.data.motions))
+    answers = (validated(c, run.data, run.composite, judges, left_out, tell) for c in run.criteria)
+    # Zeros of single recordings would make up for what is wrong with all of them.
+    estimates = tuple(answer if run.sound else replace(answer, zeros=None) for answer in answers)
+    return replace(run, folds=left_out, estimates=estimates)
+
+
+def _assess(run: Run) -> Identification:
+    """Say how far to trust each answer, and which one is published."""
+    published = next(run.criteria.index(c) for c in TRUST if c in run.settings.criteria)
+    best = run.estimates[published]
+    length = link_length(run.data.motions, best.model, best.effort.delay)
+    told = (run.remarks if each is best else run.notes for each in run.estimates)
+    pairs = zip(run.estimates, told, strict=True)
+    return Identification(
+        settings=run.settings,
+        estimates=tuple(judge(each, run.settings, length, run.faults, said) for each, said in pairs),
+        published=published,
+        faults=run.faults,
+        interval=float(np.median([m.interval for m in run.data.motions])),
+        smoothing=run.data.smoothing,
+        validation=run.validation,
+        link_length=length,
+        effects=() if run.composite is None else run.composite.effects,
+        unmodelled=None if run.composite is None or run.composite.exact else run.composite.unexplained,
+    )

@@ -1,0 +1,118 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The answer of each criterion, with what it predicts of data that it was not fitted to."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pendubot_identification.errors import TrajectoryError
+from pendubot_identification.model.parameters import MODELS
+from pendubot_identification.trajectories.motion import Motion
+
+from .consistency import recorded_zeros
+from .effects import compensated
+from .estimate import Effort, Estimate, Progress
+from .fitting import Composite, FittingSettings, TrainingData
+from .linear import estimate_linear, linear
+from .prediction import Fold, Prediction, predict
+from .uncertainty import correlations, influence_covariance, scaled_condition_number
+
+Array = NDArray[np.float64]
+
+
+def validated(
+    criterion: str,
+    data: TrainingData,
+    answer: Composite | None,
+    judges: Sequence[Motion],
+    left_out: Sequence[Fold],
+    tell: Progress,
+) -> Estimate:
+    """Return one criterion's answer with its prediction errors."""
+    if criterion == 'likelihood' and answer is not None:
+        found, parts = _likelihood(answer, judges, left_out)
+    else:
+        found, parts = _quadratic(criterion, data, answer, judges, left_out, tell)
+    return replace(found, prediction=Prediction.pool(parts) if parts else Prediction.none())
+
+
+def _likelihood(
+    answer: Composite, judges: Sequence[Motion], left_out: Sequence[Fold]
+) -> tuple[Estimate, list[Prediction]]:
+    found, size, delay, scale = _estimate(answer), MODELS[answer.model], answer.delay, answer.data.scale
+
+    def predicted(motion: Motion, theta: Array) -> Prediction:
+        return predict([compensated(motion, answer.effects, delay)], theta[:size], delay, scale)
+
+    parts = [predicted(motion, found.theta) for motion in judges]
+    times = np.array([answer.readings.block_times(k) for k in range(len(answer.owner))])
+    for fold in left_out:
+        inside = (times >= fold.held_out.start - 1e-9) & (times <= fold.held_out.end + 1e-9)
+        parts.append(predicted(fold.held_out, answer.without((answer.owner == fold.recording) & inside)))
+    return found, parts
+
+
+def _quadratic(
+    criterion: str,
+    data: TrainingData,
+    answer: Composite | None,
+    judges: Sequence[Motion],
+    left_out: Sequence[Fold],
+    tell: Progress,
+) -> tuple[Estimate, list[Prediction]]:
+    settings = data.settings
+    automatic = 'viscous' if criterion == 'energy' else 'geared' if answer is None else answer.model
+    model = automatic if settings.model == 'auto' else settings.model
+    made = data.linear(criterion, model)
+    judge = linear(criterion, judges, model, settings, like=made) if judges else None
+    found = estimate_linear(criterion, made, model, settings, data.hold, tell, judge)
+    parts = [predict([m], found.theta, made.delay, data.scale) for m in judges]
+    for fold in left_out:
+        try:
+            rest = linear(criterion, fold.rest, model, settings, like=made).criterion.minimum(settings.box(model))
+        except TrajectoryError:  # too short for a test function
+            continue
+        parts.append(predict([fold.held_out], rest, made.delay, data.scale))
+    return found, parts
+
+
+def _estimate(answer: Composite) -> Estimate:
+    settings, size = answer.data.settings, MODELS[answer.model]
+    bounds, free = settings.box(answer.model), answer.free[:size]
+    information = answer.information[:size, :size]
+    covariance, std_error, freedom, words = influence_covariance(
+        information,
+        answer.slopes[:, :size],
+        answer.owner,
+        free,
+        exact=answer.exact,
+        several=FittingSettings().several,
+    )
+    return Estimate(
+        criterion='likelihood',
+        model=answer.model,
+        theta=answer.theta[:size],
+        free=free,
+        covariance=covariance,
+        correlation=correlations(information, free),
+        std_error=np.where(bounds.held, 0.0, np.where(bounds.present, std_error, math.nan)),
+        freedom=freedom,
+        uncertainty=words,
+        effort=Effort(answer.data.hold, answer.delay, answer.delay_std_error),
+        J=answer.J,
+        residuals=2 * answer.readings.measurements,
+        condition_number=scaled_condition_number(information, free),
+        converged=answer.converged,
+        steps=answer.steps,
+        zeros=recorded_zeros(answer.rough),
+        exact=answer.exact,
+        absent=bounds.absent,
+        held=bounds.held,
+    )
