@@ -174,6 +174,11 @@ class Composite:
     offsets: Array
     rough: Problem
 
+    @property
+    def difference(self) -> Array:
+        """From the estimate of the shortest interval, shape (14,); 0 where nothing but quantization is left."""
+        return np.zeros(GEARED) if self.exact else np.where(self.free, self.theta - self.rough.fit.x[:GEARED], 0.0)
+
     def without(self, blocks: Flags) -> Array:
         """Return theta without some blocks of time, shape (14,): one scoring step of all others, within bounds."""
         rest = self.information - self.informations[blocks].sum(axis=0)

@@ -92,6 +92,7 @@ def _estimate(answer: Composite) -> Estimate:
         answer.slopes[:, :size],
         answer.owner,
         free,
+        answer.difference[:size],
         exact=answer.exact,
         several=FittingSettings().several,
     )

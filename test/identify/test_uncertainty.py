@@ -102,13 +102,15 @@ def test_of_the_weak_criterion_it_is_about_the_spread_over_recordings():
     assert (ratio < 3).all()
 
 
-def line(phi, y, owner, free=FREE, *, exact=False, several=3):
+def line(phi, y, owner, free=FREE, difference=0.0, *, exact=False, several=3):
     """Return a least-squares line of one block a row of ``owner``, phi of shape (B, M, D), and its covariance."""
     theta = np.zeros(phi.shape[2])
     theta[free] = np.linalg.lstsq(phi[..., free].reshape(-1, free.sum()), y.ravel(), rcond=None)[0]
     slopes = np.einsum('bmi,bm->bi', phi, phi @ theta - y)
     information = np.einsum('bmi,bmj->ij', phi, phi)
-    return theta, *influence_covariance(information, slopes, owner, free, exact=exact, several=several)
+    return theta, *influence_covariance(
+        information, slopes, owner, free, difference * np.ones(len(free)), exact=exact, several=several
+    )
 
 
 def clustered(seed, recordings, each=20):
@@ -141,6 +143,17 @@ def test_of_recordings_it_is_about_the_jackknife_that_leaves_one_out():
     *_, freedom, words = line(phi[few], y[few], owner[few])
     assert set(freedom) <= {1.0, 3.0, np.inf}, 'the widest of blocks, recordings and curvature'
     assert words.startswith('influence of 40 blocks of time and of 2 recordings')
+
+
+def test_where_short_intervals_say_something_else_the_interval_reaches_as_far():
+    phi, y, owner = clustered(3, 4)
+    _, _, before, freedom, _ = line(phi, y, owner)
+    far = 2 * before * student_quantile(freedom) / student_quantile(np.inf)
+    _, covariance, std_error, normal, words = line(phi, y, owner, difference=far * [1, 0, -1])
+    np.testing.assert_allclose(std_error, [far[0], before[1], far[2]])
+    np.testing.assert_array_equal(np.isinf(normal), [True, np.isinf(freedom[1]), True])
+    assert covariance[0, 2] < 0, 'they err together'
+    assert words.endswith('what short intervals say else')
 
 
 @pytest.mark.parametrize('recordings', [4, 12])
