@@ -157,7 +157,7 @@ class Exciter(SettingsNode):
             elif now > self._recorded:
                 self._give_up(f'stopped: nothing was recorded for {UNRECORDED:g} s; look at the recorder')
         elif missing := self._missing(now):
-            self.get_logger().info(f'waiting {missing}', throttle_duration_sec=5.0)
+            self.get_logger().info(missing, throttle_duration_sec=5.0)
         # An answer may be lost where both sides have only just met, so it asks again.
         elif (
             (self._asked is None or now - self._asked > PATIENCE)
@@ -171,15 +171,15 @@ class Exciter(SettingsNode):
         """Return what is waited for before the bridge is asked to arm, or nothing."""
         name = self._joint_states.topic_name
         if self._heard is None or now - self._heard > SILENCE:
-            return f'for {name}: start the bridge'
+            return f'waiting for {name}: start the bridge'
         if not self._is_new() and not self._driver.arm.service_is_ready():
             return (
-                f'for {self._bridge}/arm, which nobody serves: start the bridge or, if its node has another name, '
-                'remap bridge/arm and bridge/disarm'
+                f'waiting for {self._bridge}/arm, which nobody serves: start the bridge or, if its node has another '
+                'name, remap bridge/arm and bridge/disarm'
             )
         if now > self._recorded:
-            return f'for a recorder of {name}: start it'
-        return '' if self._arms else f'to be armed: call {self._bridge}/arm'
+            return f'waiting for a recorder of {name}: start it'
+        return '' if self._arms else f'waiting to be armed: call {self._bridge}/arm'
 
     def _is_new(self) -> bool:
         return time.monotonic() - self._born < DISCOVERY
