@@ -17,6 +17,7 @@ from __future__ import annotations
 import ctypes
 from dataclasses import dataclass, fields
 from enum import IntEnum
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -170,13 +171,32 @@ def innovations(samples: Samples, vectors: Vectors, terms: tuple[Term, ...] = ()
     return e, s
 
 
+class _Point(NamedTuple):
+    """Accelerations (2, G, L), M^-1 (2, 2, G, L), P3 cos q2, P3 sin q2, and what dry friction and terms are there."""
+
+    a: Array
+    inverse: Array
+    c2: Array
+    s2: Array
+    q: Array
+    sign: Array
+    fade: Array
+    dry: Array
+    by_q: Array
+    by_v: Array
+
+
 class _Filter:
     """The same in numpy, on arrays of shape (G, L)."""
 
     def __init__(self, samples: Samples, vectors: Vectors, terms: tuple[Term, ...]) -> None:
         self._samples, self._vectors, self._terms = samples, vectors, terms
         self._theta = [row[None] for row in vectors.theta]
+        self._viscous, self._coulomb, self._stribeck, self._load = vectors.theta[
+            [[5, 6], [7, 8], [10, 11], [12, 13]], None
+        ]
         self._noise = np.moveaxis(vectors.noise[samples.level], 1, 0)
+        self._none = (np.zeros((2, len(samples.start), len(vectors.table))),) * 3
 
     def run(self, e: Array, s: Array) -> None:
         """Fill e and s."""
@@ -210,64 +230,66 @@ class _Filter:
 
     def _predicted(self, x: Array, p: Array, tau: Array, h: Array, elapsed: Array) -> tuple[Array, Array]:
         width = np.sqrt(self._vectors.width[:, None] ** 2 + np.pi / 2 * p[[2, 3], [2, 3]])
-        a, by, inverse = self._linearised(x, tau, elapsed, width)
-        A = np.zeros((4, 4, *h.shape[:1], x.shape[2]))
+        at = self._point(x[:2], x[2:], tau, elapsed, width)
+        a, inverse = at.a, at.inverse
+        A = np.zeros_like(p)
         A[0, 2] = A[1, 3] = 1.0
-        A[2:] = by
+        A[2:] = self._derived(x[2:], at, width)
         F = h * A + h * h / 2 * _product(A, A)
         F[range(4), range(4)] += 1.0
         p = _product(_product(F, p), F.swapaxes(0, 1))
         w = _product(inverse * self._noise[2:], inverse)  # M^-1 is symmetric
         p[:2, :2] += h**3 / 3 * w
-        p[:2, 2:] += h**2 / 2 * w
-        p[2:, :2] += h**2 / 2 * w
+        crossed = h**2 / 2 * w
+        p[:2, 2:] += crossed
+        p[2:, :2] += crossed
         p[2:, 2:] += h * w
         q, v, half = x[:2], x[2:], h / 2
         v2 = v + half * a
-        a2 = self._accelerations(q + half * v, v2, tau, elapsed, width)
+        a2 = self._point(q + half * v, v2, tau, elapsed, width).a
         v3 = v + half * a2
-        a3 = self._accelerations(q + half * v2, v3, tau, elapsed, width)
-        a4 = self._accelerations(q + h * v3, v + h * a3, tau, elapsed, width)
+        a3 = self._point(q + half * v2, v3, tau, elapsed, width).a
+        a4 = self._point(q + h * v3, v + h * a3, tau, elapsed, width).a
         return np.concatenate([q + h * (v + h / 6 * (a + a2 + a3)), v + h / 6 * (a + 2 * (a2 + a3) + a4)]), p
 
-    def _accelerations(self, q: Array, v: Array, tau: Array, elapsed: Array, width: Array) -> Array:
-        return self._linearised(q, tau, elapsed, width, v, derive=False)[0]
-
-    def _linearised(
-        self, x: Array, tau: Array, elapsed: Array, width: Array, v: Array | None = None, derive: bool = True
-    ) -> tuple[Array, Array, Array]:
-        """Return accelerations, (2, G, L), their derivatives by the state, (2, 4, G, L), and M^-1, (2, 2, G, L)."""
-        q, v = (x[:2], x[2:]) if v is None else (x, v)
-        P1, P2, P3, P4, P5, b1, b2, Fc1, Fc2, J2, Fs1, Fs2, k1, k2 = self._theta
-        (v1, v2), c2, s2 = v, np.cos(q[1]), np.sin(q[1])
-        sign = np.tanh(v / width)
-        fade = np.exp(-((v / STRIBECK_SPEED) ** 2))
-        dry = np.stack([Fc1 + Fs1 * fade[0] + k1 * abs(tau[0]), Fc2 + Fs2 * fade[1] + k2 * abs(tau[1])])
-        extra, by_q, by_v = self._extra(q, v, sign, width, elapsed)
-        c12 = GRAVITY * np.cos(q[0] + q[1])
-        h1 = tau[0] + extra[0] - b1 * v1 - dry[0] * sign[0] + P3 * s2 * v2 * (2 * v1 + v2)
-        h1 -= P4 * GRAVITY * np.cos(q[0]) + P5 * c12
-        h2 = tau[1] + extra[1] - b2 * v2 - dry[1] * sign[1] - P3 * s2 * v1 * v1 - P5 * c12
-        m11, m12, m22 = P1 + P2 + 2 * P3 * c2, P2 + P3 * c2, P2 + J2
+    def _point(self, q: Array, v: Array, tau: Array, elapsed: Array, width: Array) -> _Point:
+        """Return accelerations, (2, G, L), and what their derivatives share with them."""
+        P1, P2, P3, P4, P5, _, _, _, _, J2, *_ = self._theta
+        (v1, v2), c2, s2 = v, P3 * np.cos(q[1]), P3 * np.sin(q[1])
+        sign, fade = np.tanh(v / width), np.exp(-((v / STRIBECK_SPEED) ** 2))
+        dry = self._coulomb + self._stribeck * fade + self._load * abs(tau)
+        extra, by_q, by_v = self._extra(q, v, sign, width, elapsed) if self._terms else self._none
+        h = tau + extra - self._viscous * v - dry * sign
+        gravity = P5 * GRAVITY * np.cos(q[0] + q[1])
+        h1 = h[0] + s2 * v2 * (2 * v1 + v2) - P4 * GRAVITY * np.cos(q[0]) - gravity
+        h2 = h[1] - s2 * v1 * v1 - gravity
+        m11, m12, m22 = P1 + P2 + 2 * c2, P2 + c2, P2 + J2
         scale = 1 / (m11 * m22 - m12 * m12)
-        inverse = np.array([[m22 * scale, -m12 * scale], [-m12 * scale, m11 * scale]])
-        a1, a2 = a = np.stack([inverse[0, 0] * h1 + inverse[0, 1] * h2, inverse[1, 0] * h1 + inverse[1, 1] * h2])
-        if not derive:
-            return a, a, a
-        slope = (1 - sign * sign) / width * dry - by_v
-        slope += np.stack([b1 - 0 * v1, b2 - 0 * v2])
-        slope -= np.stack([Fs1 * v1, Fs2 * v2]) * fade * sign * (2 / STRIBECK_SPEED**2)
-        g1, g12 = P4 * GRAVITY * np.sin(q[0]), P5 * GRAVITY * np.sin(q[0] + q[1])
+        inverse = np.empty((2, 2, *scale.shape))
+        np.multiply(m22, scale, out=inverse[0, 0])
+        np.multiply(m12, -scale, out=inverse[0, 1])
+        inverse[1, 0] = inverse[0, 1]
+        np.multiply(m11, scale, out=inverse[1, 1])
+        a = inverse[0] * h1 + inverse[1] * h2
+        return _Point(a, inverse, c2, s2, q, sign, fade, dry, by_q, by_v)
+
+    def _derived(self, v: Array, at: _Point, width: Array) -> Array:
+        """Return the accelerations' derivatives by the state, shape (2, 4, G, L)."""
+        P4, P5 = self._theta[3:5]
+        (v1, v2), (a1, a2), (q1, q2), c2, s2 = v, at.a, at.q, at.c2, at.s2
+        slope = (1 - at.sign * at.sign) / width * at.dry - at.by_v + self._viscous
+        slope -= self._stribeck * v * at.fade * at.sign * (2 / STRIBECK_SPEED**2)
+        g1, g12 = P4 * GRAVITY * np.sin(q1), P5 * GRAVITY * np.sin(q1 + q2)
         right = np.empty((2, 4, *a1.shape))
-        right[0, 0] = g1 + g12 + by_q[0]
-        right[0, 1] = P3 * (c2 * v2 * (2 * v1 + v2) + s2 * (2 * a1 + a2)) + g12
-        right[0, 2] = 2 * P3 * s2 * v2 - slope[0]
-        right[0, 3] = 2 * P3 * s2 * (v1 + v2)
+        right[0, 0] = g1 + g12 + at.by_q[0]
+        right[0, 1] = c2 * v2 * (2 * v1 + v2) + s2 * (2 * a1 + a2) + g12
+        right[0, 2] = 2 * s2 * v2 - slope[0]
+        right[0, 3] = 2 * s2 * (v1 + v2)
         right[1, 0] = g12
-        right[1, 1] = P3 * (s2 * a1 - c2 * v1 * v1) + g12 + by_q[1]
-        right[1, 2] = -2 * P3 * s2 * v1
+        right[1, 1] = s2 * a1 - c2 * v1 * v1 + g12 + at.by_q[1]
+        right[1, 2] = -2 * s2 * v1
         right[1, 3] = -slope[1]
-        return a, _product(inverse, right), inverse
+        return _product(at.inverse, right)
 
     def _extra(self, q: Array, v: Array, sign: Array, width: Array, elapsed: Array) -> tuple[Array, Array, Array]:
         """Return the terms' torques and their derivatives by angle and speed, shapes (2, G, L)."""
