@@ -12,7 +12,7 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import stdtrit
+from scipy.special import fdtrc, stdtrit
 
 from pendubot_identification.criteria.energy import Regression
 from pendubot_identification.criteria.quadratic import Quadratic
@@ -135,8 +135,8 @@ def influence_covariance(
         slopes: of each block of time at the minimum, shape (B, D).
         owner: the recording of each block, shape (B,).
         free: which unknowns lie on no bound, shape (D,).
-        exact: whether nothing but quantization is left: then recordings have nothing in common, and blocks of time
-            count alone.
+        exact: whether nothing but quantization is left: then recordings have nothing in common, unless they differ by
+            more than blocks of time do, and blocks of time count alone.
         several: so many recordings are enough to vary by themselves.
         difference: to the estimate of the shortest interval, shape (D,); 0 where nothing but quantization is left.
 
@@ -156,8 +156,9 @@ def influence_covariance(
             ways, words = [(slopes, len(owner) - 1)], f'influence of {len(owner)} blocks of time'
         elif count < several:
             ways, words = [(slopes, 3)], f'influence of {len(owner)} blocks of time'
-        if count > 1 and not exact:
-            ways.append((np.array([slopes[owner == k].sum(axis=0) for k in range(count)]), count - 1))
+        by_recording = np.array([slopes[owner == k].sum(axis=0) for k in range(count)])
+        if count > 1 and (not exact or _differ(by_recording @ inverse, slopes @ inverse)):
+            ways.append((by_recording, count - 1))
             words += f'{" and " if words else "influence "}of {count} recordings'
         std_error, freedom = curvature, np.full(size, math.inf)
         spread = np.zeros_like(inverse)
@@ -186,6 +187,14 @@ def influence_covariance(
     covariance[lost, lost] = np.inf
     covariance[~free], covariance[:, ~free] = np.nan, np.nan
     return covariance, std_error, freedom, words
+
+
+def _differ(recordings: Array, blocks: Array) -> bool:
+    """Tell whether recordings differ by more than blocks of time do, by an F test of each unknown at 1 % in all."""
+    variances = [each.var(axis=0, ddof=1) * len(each) for each in (recordings, blocks)]
+    known = variances[1] > 0
+    chance = fdtrc(len(recordings) - 1, len(blocks) - 1, variances[0][known] / variances[1][known])
+    return bool((chance * known.sum() < 0.01).any())
 
 
 def correlations(information: Array, free: NDArray[np.bool_]) -> Array:

@@ -145,6 +145,14 @@ def test_of_recordings_it_is_about_the_jackknife_that_leaves_one_out():
     assert words.startswith('influence of 40 blocks of time and of 2 recordings')
 
 
+def test_of_an_exact_line_recordings_count_where_they_differ():
+    phi, y, owner = clustered(4, 4)
+    alike = np.random.default_rng(5).normal(size=y.shape)
+    (*_, differing), (*_, same) = (line(phi, each, owner, exact=True) for each in (y, alike))
+    assert differing.startswith('influence of 80 blocks of time and of 4 recordings')
+    assert 'recordings' not in same
+
+
 def test_where_short_intervals_say_something_else_the_interval_reaches_as_far():
     phi, y, owner = clustered(3, 4)
     _, _, before, freedom, _ = line(phi, y, owner)
@@ -164,7 +172,7 @@ def test_intervals_hold_the_truth_where_recordings_err_by_themselves(recordings)
         phi, y, owner = clustered(100 + seed, recordings)
         theta, _, std_error, freedom, _ = line(phi, y, owner)
         held.append(np.abs(theta) < student_quantile(freedom) * std_error)
-        naive.append(np.abs(theta) < 1.96 * line(phi, y, owner, exact=True)[2])
+        naive.append(np.abs(theta) < 1.96 * np.sqrt(np.diag(np.linalg.inv(np.einsum('bmi,bmj->ij', phi, phi)))))
     assert np.mean(held) > 0.88
     assert np.mean(naive) < np.mean(held) - 0.1
 
