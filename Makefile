@@ -59,4 +59,4 @@ $(VENV)/.benchmark: $(VENV)/.test
 	@touch $@
 
 clean:
-	rm -rf $(VENV) build install log *.egg-info pendubot_identification/model/*.so
+	rm -rf $(VENV) build install log *.egg-info pendubot_identification/_kernel*.so
