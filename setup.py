@@ -31,7 +31,7 @@ KERNEL = Extension(
 
 setup(
     name=NAME,
-    version='0.1.0',
+    version='1.0.0',
     packages=find_packages(include=[NAME, f'{NAME}.*']),
     package_data={NAME: ['py.typed', '__init__.pyi', 'report/page.*', 'report/*.jinja', 'report/uplot/*']},
     data_files=[

@@ -12,7 +12,7 @@ from typing import Any
 
 from . import identify, kernel
 
-__version__ = '0.1.0'
+__version__ = '1.0.0'
 #: Names of api.py: importing it takes time, which only who uses it waits for.
 __all__ = [
     'HANGING',
