@@ -21,7 +21,7 @@ test: $(VENV)/.test
 lint: $(VENV)/.test
 	$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/mypy && $(BIN)/lint-imports
 
-# Half an hour, and 1 GB in the temporary folder; what docs/architecture.md shows.
+# Half an hour, and 1 GB in the temporary folder; the speeds of docs/benchmarks.md.
 benchmark: $(VENV)/.benchmark
 	$(BIN)/python -m test.benchmark
 
@@ -29,7 +29,7 @@ benchmark: $(VENV)/.benchmark
 faults: $(VENV)/.test
 	$(BIN)/python -m test.faults
 
-# What docs/criteria.md shows of the estimator on real rigs; long.
+# The real rigs of docs/benchmarks.md; long.
 criteria: $(VENV)/.test
 	$(BIN)/python -m test.estimator real
 

@@ -21,7 +21,12 @@ from pendubot_identification.model.parameters import PAPER
 from pendubot_identification.recordings.bag_reader import read_trajectory
 from test.conftest import RECORDINGS, ROOT
 
-PAGES = [ROOT / 'README.md', ROOT / 'bags' / 'README.md', *sorted((ROOT / 'docs').glob('*.md'))]
+PAGES = [
+    ROOT / 'README.md',
+    ROOT / 'CONTRIBUTING.md',
+    ROOT / 'bags' / 'README.md',
+    *sorted((ROOT / 'docs').glob('*.md')),
+]
 PACKAGE = 'pendubot_identification'
 #: Those of the subcommands that need ROS, or half a minute.
 LIVE = {'demo'}
@@ -131,7 +136,7 @@ def test_links_and_modules_that_are_named_are_there(page):
 
 
 def test_the_walks_through_the_code_name_functions_that_there_are():
-    page = (ROOT / 'docs' / 'architecture.md').read_text()
+    page = (ROOT / 'docs' / 'development.md').read_text()
     (walks,) = re.findall(r'^## Three walks\n(.*?)^## ', page, re.MULTILINE | re.DOTALL)
     code = [path.read_text() for path in (ROOT / PACKAGE).rglob('*.py')]
     for owner, name in re.findall(r'`(?:(\w+)\.)?([a-zA-Z_]\w*)`', walks):
@@ -143,7 +148,7 @@ def test_the_walks_through_the_code_name_functions_that_there_are():
 def test_files_name_only_pages_that_there_are():
     """In code, configuration and what is printed."""
     files = [path for folder in (PACKAGE, 'config', 'launch', 'test') for path in (ROOT / folder).rglob('*.*')]
-    files = [ROOT / 'Makefile', ROOT / 'CHANGELOG.rst', *PAGES, *(path for path in files if path.suffix != '.so')]
+    files = [ROOT / 'Makefile', *PAGES, *(path for path in files if path.suffix != '.so')]
     named = {name for path in files for name in re.findall(rb'\bdocs/[\w-]+\.(?:md|svg|png)\b', path.read_bytes())}
     assert named
     assert not [name for name in named if not (ROOT / name.decode()).exists()]
@@ -182,14 +187,14 @@ def test_the_frames_on_the_protocols_page_are_what_it_says():
         assert kept == told, name
 
 
-def test_the_tests_that_the_rigs_page_names_are_there():
-    named = re.findall(r'`([\w/]+\.py)::(\w+)`', (ROOT / 'docs' / 'rig.md').read_text())
+def test_the_tests_of_the_safety_statements_are_there():
+    named = re.findall(r'`([\w/]+\.py)::(\w+)`', (ROOT / 'docs' / 'development.md').read_text())
     assert len(named) > 30
     for file, name in named:
         assert re.search(rf'^def {name}\(', (ROOT / 'test' / file).read_text(), re.MULTILINE), f'{file}::{name}'
 
 
-def code_of(language, page=ROOT / 'docs' / 'controller.md'):
+def code_of(language, page):
     (code,) = re.findall(rf'```{language}\n(.*?)```', page.read_text(), re.DOTALL)
     return code
 
@@ -213,7 +218,7 @@ def test_the_notebook_of_the_page_identifies_the_sample_bag(tmp_path, monkeypatc
 
 
 @pytest.mark.ros
-def test_the_controller_of_the_page_receives_what_was_latched_before_it_started(ros, tmp_path):
+def test_the_controller_receives_what_was_latched_before_it_started(ros):
     from diagnostic_msgs.msg import DiagnosticArray
     from std_msgs.msg import Float64MultiArray
 
@@ -224,15 +229,13 @@ def test_the_controller_of_the_page_receives_what_was_latched_before_it_started(
     from test.processes import Program
 
     result = made(('weak',))
-    node = ros.create_node('identifier_of_the_page')
+    node = ros.create_node('identifier_of_the_example')
     status = node.create_publisher(DiagnosticArray, '/pendubot/identification', LATCHED)
     params = node.create_publisher(Float64MultiArray, '/pendubot/params', LATCHED)
     status.publish(diagnostics_message(node.get_clock().now().to_msg(), 'identification', Level.WARN, 'so so', {}))
     params.publish(parameters_message(result))
-    program = tmp_path / 'controller.py'
-    program.write_text(code_of('python'))
     try:
-        with Program.of_file(program) as controller:
+        with Program.of_file(ROOT / 'examples' / 'controller.py') as controller:
             for _ in range(3):  # two topics, so in any order
                 controller.wait_for('[controller]:')
             assert 'level 1: so so' in controller.output
@@ -243,7 +246,7 @@ def test_the_controller_of_the_page_receives_what_was_latched_before_it_started(
         node.destroy_node()
 
 
-#: As much of ROS's headers as the C++ of the page uses, for there is no rclcpp to compile it with.
+#: As much of ROS's headers as the C++ example uses, for there is no rclcpp to compile it with.
 STAND_IN = """
 #pragma once
 #include <cstdio>
@@ -279,13 +282,20 @@ struct DiagnosticArray { using ConstSharedPtr = std::shared_ptr<const Diagnostic
 
 
 @pytest.mark.skipif(shutil.which('g++') is None, reason='needs a C++ compiler')
-def test_the_cpp_of_the_page_is_cpp(tmp_path):
+def test_the_cpp_controller_is_cpp(tmp_path):
     (tmp_path / 'all.hpp').write_text(STAND_IN)
-    for name in re.findall(r'#include "(.*)"', code_of('cpp')):
+    for name in re.findall(r'#include "(.*)"', (ROOT / 'examples' / 'controller.cpp').read_text()):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text('#include "all.hpp"\n')
-    (tmp_path / 'controller.cpp').write_text(code_of('cpp'))
-    command = ['g++', '-std=c++17', '-Wall', '-Wextra', '-fsyntax-only', f'-I{tmp_path}', 'controller.cpp']
+    command = [
+        'g++',
+        '-std=c++17',
+        '-Wall',
+        '-Wextra',
+        '-fsyntax-only',
+        f'-I{tmp_path}',
+        ROOT / 'examples' / 'controller.cpp',
+    ]
     run = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
     assert run.returncode == 0, run.stderr
 

@@ -230,7 +230,7 @@ def table_8(found: Mapping[str, Any]) -> Table:
     }
     note = (
         "Of the run with the lowest J. The errors are those of the paper's criterion at 100 samples a second, not of "
-        'the optimiser, which finds the least J. Criteria that do better on the same recording: docs/criteria.md.'
+        'the optimiser, which finds the least J. Criteria that do better on the same recording: docs/method.md.'
     )
     return Table('table8', 'Table 8: parameters', columns, [note])
 

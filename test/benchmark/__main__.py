@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Measures all that docs/architecture.md shows: ``make benchmark``, or ``python -m test.benchmark NAME ...`` for parts.
+"""Measures the speeds of docs/benchmarks.md: ``make benchmark``, or ``python -m test.benchmark NAME ...`` for parts.
 
 Everything is interleaved with its peers in the same run, and shown as medians of at least five and as ratios: they are
 what carries over to another machine.
@@ -19,7 +19,7 @@ from pendubot_identification import kernel
 from test.benchmark import bags, growth, measure, motions, optimisers, session, start
 from test.conftest import ROOT
 
-PAGE, FIGURE = ROOT / 'docs' / 'architecture.md', ROOT / 'docs' / 'growth.svg'
+PAGE, FIGURE = ROOT / 'docs' / 'benchmarks.md', ROOT / 'docs' / 'growth.svg'
 PARTS = {
     'optimisers': optimisers.full_budget,
     'minimum': optimisers.to_the_minimum,
@@ -37,7 +37,7 @@ def main():
     """Print tables, and with --write put them into the page."""
     parser = argparse.ArgumentParser(prog='python -m test.benchmark', description=__doc__.split('\n\n')[0])
     parser.add_argument('parts', nargs='*', metavar='NAME', help=f'of {", ".join(PARTS)} (default: all)')
-    parser.add_argument('--write', action='store_true', help='put the tables into docs/architecture.md')
+    parser.add_argument('--write', action='store_true', help='put the tables into docs/benchmarks.md')
     parser.add_argument('--cpu', action='store_true', help='measure processor time, on a machine that others use too')
     args = parser.parse_args()
     if unknown := set(args.parts) - set(PARTS):
