@@ -1,8 +1,9 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Waits for the parameters of the pendubot, however late it starts, and says how far to trust them."""
+"""Wait for the parameters of the pendubot, and say how far to trust them: python3 controller.py, in a ROS terminal."""
 
+import contextlib
 import math
 
 import rclpy
@@ -17,6 +18,8 @@ GRAVITY = 9.81
 
 
 class Controller(Node):
+    """Subscribes to the level and to the parameters, however late it starts."""
+
     def __init__(self):
         super().__init__('controller')
         self.trusted = False
@@ -25,28 +28,29 @@ class Controller(Node):
         self.create_subscription(Float64MultiArray, 'pendubot/params', self.on_parameters, LATCHED)
 
     def on_identification(self, message):
+        """Keep whether the parameters that follow are of level OK."""
         (status,) = message.status
         self.trusted = status.level == DiagnosticStatus.OK
         self.get_logger().info(f'level {status.level[0]}: {status.message}')
 
     def on_parameters(self, message):
+        """Keep the parameters by name."""
         names = message.layout.dim[0].label.split(',')
-        self.parameters = dict(zip(names, message.data))
+        self.parameters = dict(zip(names, message.data, strict=True))
         self.get_logger().info(f'parameters: {self.parameters}')
         self.get_logger().info(f'to hold link 1 horizontal takes {self.holding_torque(0.0, -math.pi / 2):.4f} N m')
 
     def holding_torque(self, q1, q2):
-        """Return what the shoulder must bear against gravity [N m]."""
+        """Return the torque of the shoulder against gravity [N m]."""
         p = self.parameters
         return GRAVITY * (p['P4'] * math.cos(q1) + p['P5'] * math.cos(q1 + q2))
 
 
 def main():
+    """Run until Ctrl-C."""
     rclpy.init()
-    try:
+    with contextlib.suppress(KeyboardInterrupt, ExternalShutdownException):
         rclpy.spin(Controller())
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass
 
 
 if __name__ == '__main__':
