@@ -188,7 +188,7 @@ def test_the_frames_on_the_protocols_page_are_what_it_says():
 
 
 def test_the_tests_of_the_safety_statements_are_there():
-    named = re.findall(r'`([\w/]+\.py)::(\w+)`', (ROOT / 'docs' / 'development.md').read_text())
+    named = re.findall(r'`([\w/]+\.py)::(\w+)`', (ROOT / 'test' / 'faults' / 'README.md').read_text())
     assert len(named) > 30
     for file, name in named:
         assert re.search(rf'^def {name}\(', (ROOT / 'test' / file).read_text(), re.MULTILINE), f'{file}::{name}'

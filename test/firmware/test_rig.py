@@ -161,7 +161,7 @@ def test_clocks_are_those_that_the_manual_allows(board):
 
 def test_pins_are_those_of_the_data_sheet_and_of_the_wiring_table(board):
     wired = re.findall(
-        r'\bP[A-D]\d+\b', re.search(r'\| from \| to pin.*?\n\n', (ROOT / 'docs/rig.md').read_text(), re.S)[0]
+        r'\bP[A-D]\d+\b', re.search(r'\| from \| to pin.*?\n\n', (ROOT / 'firmware/README.md').read_text(), re.S)[0]
     )
     assert set(wired) == {*PINS, 'PB14', 'PB15'}
     for name, expected in PINS.items():
