@@ -27,6 +27,8 @@ PAGES = [
     ROOT / 'bags' / 'README.md',
     *sorted((ROOT / 'docs').glob('*.md')),
 ]
+#: Pages whose links are checked, too.
+BESIDE = [ROOT / 'firmware' / 'README.md', ROOT / 'test' / 'faults' / 'README.md']
 PACKAGE = 'pendubot_identification'
 #: Those of the subcommands that need ROS, or half a minute.
 LIVE = {'demo'}
@@ -122,8 +124,8 @@ def anchors(page):
     return {re.sub(r'[^\w -]', '', heading.lower()).replace(' ', '-') for heading in headings}
 
 
-@every_page
-def test_links_and_modules_that_are_named_are_there(page):
+@pytest.mark.parametrize('page', [*PAGES, *BESIDE], ids=lambda page: str(page.relative_to(ROOT)))
+def test_links_lead_somewhere(page):
     prose = re.sub(r'```.*?```', '', page.read_text(), flags=re.DOTALL)
     for target in re.findall(r'\]\(([^)]+)\)', prose):
         if not target.startswith('http'):
@@ -131,6 +133,11 @@ def test_links_and_modules_that_are_named_are_there(page):
             found = page.parent / path if path else page
             assert found.exists(), f'{page.name} links to {target}'
             assert not anchor or anchor in anchors(found), f'{page.name} links to {target}'
+
+
+@every_page
+def test_modules_that_are_named_are_there(page):
+    prose = re.sub(r'```.*?```', '', page.read_text(), flags=re.DOTALL)
     for path in re.findall(r'`((?:[a-z]+/)*\w+\.(?:py|c))`', prose):
         assert list((ROOT / PACKAGE).rglob(path)), f'{page.name} names {path}'
 
