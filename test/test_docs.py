@@ -155,7 +155,7 @@ def test_the_walks_through_the_code_name_functions_that_there_are():
 def test_files_name_only_pages_that_there_are():
     """In code, configuration and what is printed."""
     files = [path for folder in (PACKAGE, 'config', 'launch', 'test') for path in (ROOT / folder).rglob('*.*')]
-    files = [ROOT / 'Makefile', *PAGES, *(path for path in files if path.suffix != '.so')]
+    files = [ROOT / 'Makefile', ROOT / 'CHANGELOG.rst', *PAGES, *(path for path in files if path.suffix != '.so')]
     named = {name for path in files for name in re.findall(rb'\bdocs/[\w-]+\.(?:md|svg|png)\b', path.read_bytes())}
     assert named
     assert not [name for name in named if not (ROOT / name.decode()).exists()]
