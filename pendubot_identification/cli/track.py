@@ -102,7 +102,7 @@ def run(args: argparse.Namespace) -> int:
         with progress_bar(hidden=args.json) as progress:
             tracker, track = follow(start_of(args.start, args.model), windows, args.topic, names, reading, progress)
         if tracker.state is None and not track.states:
-            raise ExcitationError(f'{", ".join(args.bags)}: no parameters were found: {tracker.waiting}')
+            raise ExcitationError(f'{", ".join(args.bags)}: no parameters were found: {tracker.reason}')
         written = []
         text = track_text(tracker, track, args.bags) if tracker.state is not None else ''
         last = tracker.state or track.states[-1]
@@ -121,7 +121,7 @@ def run(args: argparse.Namespace) -> int:
         finally:
             # Also where it cannot be written: hours may have been followed.
             if args.json:
-                print(json.dumps(yaml.safe_load(text) if text else {'waiting': tracker.waiting}, indent=2))
+                print(json.dumps(yaml.safe_load(text) if text else {'reason': tracker.reason}, indent=2))
             else:
                 level = f'level {last.level.name}' + (f': {"; ".join(last.warnings)}' if last.warnings else '')
                 print('\n'.join([table.text(), *map(wrapped, [level, *happened])]))
@@ -194,7 +194,7 @@ def _summary(last: State, tracker: Tracker, track: Track) -> tuple[Table, list[s
         *([f'{bursts} times a torque from nowhere, such as a hand: nothing was learned from it'] if bursts else []),
         *(f'{what}, {times} times' for what, times in tracker.notes.items()),
         *track.notes,
-        *([f'at the end: {tracker.waiting}'] if tracker.waiting else []),
+        *([f'at the end nothing is followed: {tracker.reason}'] if tracker.reason else []),
         *([f'worth identifying: {" ".join(track.windows)}'] if track.windows else []),
     ]
     return Table(head, rows), happened

@@ -103,7 +103,7 @@ def track_text(tracker: Tracker, track: Track, bags: Sequence[str]) -> str:
     """
     state = tracker.state
     if state is None or tracker.taking is None:
-        raise ResultError(f'there are no parameters to be written: {tracker.waiting}')
+        raise ResultError(f'there are no parameters to be written: {tracker.reason}')
     return result_text(
         {
             'schema': SCHEMA,

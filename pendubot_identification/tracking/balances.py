@@ -17,10 +17,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import PPoly
 
 from pendubot_identification.criteria.energy import require_plausible_speed
 from pendubot_identification.criteria.weak import WIDTH
@@ -70,30 +70,17 @@ class Accuracy:
         return cls(theta, smoothing, angles, interval, float(angles[0] * np.square(v).sum() / fine))
 
 
-class Rows(NamedTuple):
-    """Blocks of rows, two for each bump: of shoulder and elbow.
+def rows_of(
+    motion: Motion, begin: float, count: int, delay: float, sign: PPoly, accuracy: Accuracy
+) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Return the rows of so many blocks of a motion from ``begin`` [s] on, two for each bump: of shoulder and elbow.
 
-    Attributes:
-        rows: [phi, lag, y] [N m], shape (B, 2 K, D+2): ``phi @ theta + lag delay`` is y for the delays [s] near the one
-            that was taken; 0 where nothing moves.
-        covariance: theirs, shape (B, 2 K, 2 K).
-        moving: which rows are not 0, shape (B, 2 K).
-    """
+    ``delay`` [s] is that of the effort, ``sign`` [s] the integral of the sign of the shoulder's torque outside its dead
+    zone. In a row [phi, lag, sines, sign, y], ``phi @ theta + lag delay + sines @ (P4 horizontal, P5 horizontal) +
+    sign dead_zone`` is y, near the delay and dead zone that were taken.
 
-    rows: Array
-    covariance: Array
-    moving: NDArray[np.bool_]
-
-    def whitened(self) -> Array:
-        """Return the rows with noise 1, shape (B, 2 K, D+2)."""
-        covariance = self.covariance.copy()
-        own = np.einsum('bkk->bk', covariance)
-        own += np.where(self.moving, OWN * own, 1.0)
-        return np.asarray(np.linalg.solve(np.linalg.cholesky(covariance), self.rows))
-
-
-def rows_of(motion: Motion, begin: float, count: int, delay: float, accuracy: Accuracy) -> Rows:
-    """Return the rows of so many blocks of a motion, from ``begin`` [s] on; ``delay`` [s] is that of the effort.
+    Returns:
+        rows with noise 1 and in N m, shape (B, 2 K, D+5), and which of them are not 0 because something moves.
 
     Raises:
         TrajectoryError: it moves faster than a rig can.
@@ -103,18 +90,23 @@ def rows_of(motion: Motion, begin: float, count: int, delay: float, accuracy: Ac
     states = np.ascontiguousarray(motion.states(nodes))
     require_plausible_speed(motion.name, nodes - motion.start, states[2:].T, motion.interval)
     impulse = np.ascontiguousarray(motion.impulse(nodes - delay).T)
-    cells = _under(_columns(states, impulse, len(accuracy.theta), accuracy.speed), _REACH)
+    signs = np.diff(sign(nodes - delay)[:, 0])[1:-1]
+    cells = _under(_columns(states, impulse, signs, len(accuracy.theta), accuracy.speed), _REACH)
     rows = cells @ _BUMPS[0, :, 1:-1:2].T
     lag = cells[:, -1:] @ -_BUMPS[1, :, 1:-1:2].T
-    rows = np.concatenate([rows[:, :-1], lag, rows[:, -1:] + lag * delay], axis=1)
+    size = len(accuracy.theta)
+    rows = np.concatenate([rows[:, :size], lag, rows[:, size:-1], rows[:, -1:] + lag * delay], axis=1)
     rows = np.ascontiguousarray(rows.transpose(2, 3, 0, 1)).reshape(count, 2 * K, -1)
 
     seen = slice(1, -1, COARSE)
     effects = _linearised(accuracy.theta, states[:, seen], np.gradient(impulse, CELL, axis=1)[:, seen])
     spread = _spread(effects, np.sqrt(COARSE * CELL * accuracy.interval * accuracy.angles))
     moving = np.repeat(moves_under(motion, begin, count), 2, axis=1)
-    both = moving[:, :, None] & moving[:, None]
-    return Rows(rows * moving[:, :, None], spread @ spread.swapaxes(1, 2) * both, moving)
+    rows = rows * moving[:, :, None]
+    covariance = spread @ spread.swapaxes(1, 2) * (moving[:, :, None] & moving[:, None])
+    own = np.einsum('bkk->bk', covariance)
+    own += np.where(moving, OWN * own, 1.0)
+    return np.asarray(np.linalg.solve(np.linalg.cholesky(covariance), rows)), rows, moving
 
 
 def moves_under(motion: Motion, begin: float, count: int) -> NDArray[np.bool_]:
@@ -125,20 +117,21 @@ def moves_under(motion: Motion, begin: float, count: int) -> NDArray[np.bool_]:
     return np.asarray(turned > STILL).reshape(count, K)
 
 
-def _columns(states: Array, impulse: Array, size: int, noise: float) -> Array:
-    """Return what the balances of single cells are made of, shape (2, D+1, cells)."""
+def _columns(states: Array, impulse: Array, signs: Array, size: int, noise: float) -> Array:
+    """Return what the balances of single cells are made of, shape (2, D+4, cells)."""
     q, v, v12 = states[:2], states[2:], states[2:].sum(axis=0)
     c2, s2 = np.cos(q[1]), np.sin(q[1])
-    gravity, c12 = GRAVITY * np.cos(q[0]), GRAVITY * np.cos(q.sum(axis=0))
-    cells = np.zeros((2, size + 1, states.shape[1] - 3))
+    q12 = q.sum(axis=0)
+    gravity = GRAVITY * np.stack([np.cos(q[0]), np.cos(q12), -np.sin(q[0]), -np.sin(q12)])
+    cells = np.zeros((2, size + 4, states.shape[1] - 3))
     cells[0, 0] = np.diff(v[0])[1:-1]
     cells[:, 1] = np.diff(v12)[1:-1]
     cells[0, 2] = np.diff(c2 * (v[0] + v12))[1:-1]
     cells[1, 2] = np.diff(c2 * v[0])[1:-1] + _integrals(s2 * (v[0] * v12 - noise))
-    cells[0, 3] = _integrals(gravity)
-    cells[:, 4] = _integrals(c12)
+    cells[0, 3], cells[:, 4], cells[0, size], cells[:, size + 1] = _integrals(gravity)
+    cells[0, size + 2] = signs
     pushes = np.diff(impulse)[:, 1:-1]
-    cells[:, size] = pushes
+    cells[:, -1] = pushes
     for joint in (0, 1):
         cells[joint, 5 + joint] = _integrals(v[joint])
         if size >= 9:

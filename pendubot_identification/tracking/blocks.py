@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import PPoly
 
 from pendubot_identification.criteria.energy import Regression
 from pendubot_identification.criteria.quadratic import Quadratic
@@ -63,6 +64,7 @@ class Taking:
     rounded: bool  #: whether angles are those of encoders, so that their error is known.
     weights: Array  #: of the criterion weak's three balances, shape (3,).
     wide: float  #: the window [s] by which angles are smoothed for these.
+    dead_zone: float = 0.0  #: torque that the motor's driver subtracts from every torque [N m].
     #: Whether errors of the angles are all that puts balances off; else they are as the criterion weak has them.
     whitened: bool = True
 
@@ -103,13 +105,16 @@ class Taking:
         return cls(model, delay, hold, accuracy, bool((counts > 0).all()), weights, window)
 
     def rows(self, motion: Motion, begin: float, count: int) -> tuple[Array, Array, NDArray[np.bool_]]:
-        """Return rows [phi, lag, y] of so many blocks, of noise 1 and in N m, (B, N, D+2), and which of them move."""
+        """Return the rows of so many blocks, of noise 1 and in N m, (B, N, D+5), and which of them move."""
         if self.whitened:
-            found = rows_of(motion, begin, count, self.delay, self.accuracy)
-            return found.whitened(), found.rows, found.moving
+            t, tau = motion.recorded.t, motion.recorded.tau[:-1, :1]
+            sign = PPoly(np.sign(tau)[None], t).antiderivative()
+            return rows_of(motion, begin, count, self.delay, sign, self.accuracy)
         shorter, longer = (self._weak(motion, begin, count, self.delay + more) for more in (-LAG, LAG))
         y, lag = (longer.y + shorter.y) / 2, (shorter.y - longer.y) / (2 * LAG)
-        rows = np.column_stack([shorter.phi, lag, y + lag * self.delay])[: 3 * K * count].reshape(count, 3 * K, -1)
+        none = np.zeros((len(y), 3))
+        rows = np.column_stack([shorter.phi, lag, none, y + lag * self.delay])
+        rows = rows[: 3 * K * count].reshape(count, 3 * K, -1)
         moving = np.repeat(moves_under(motion, begin, count), 3, axis=1)
         rows = rows * moving[:, :, None]
         return rows, rows, moving
@@ -125,9 +130,8 @@ class Block(NamedTuple):
 
     Attributes:
         begin, end: the time from which on its first bump, and until which its last one reaches [s].
-        triangle: of the QR factorisation of its rows [phi, lag, y], all of one noise, shape (D+2, D+2); its diagonal
-            is not negative.
-        torques: the triangle of the rows as they are [N m], shape (D+2, D+2).
+        triangle: of the QR factorisation of its rows, all of one noise, shape (D+5, D+5); its diagonal is not negative.
+        torques: the triangle of the rows as they are [N m], shape (D+5, D+5).
         rows: how many rows they stand for; 0 where nothing moved.
         saturated: whether the effort stood at one value where there was any, beyond which it never went.
     """
@@ -140,45 +144,40 @@ class Block(NamedTuple):
     saturated: bool
 
     def unexplained(self, theta: Array) -> float:
-        """Return the torque that parameters and a delay, shape (D+1,), leave unexplained, RMS under bumps [N m]."""
+        """Return the torque that all unknowns, shape (D+4,), leave unexplained, RMS under bumps [N m]."""
         return float(np.linalg.norm(self.torques @ np.append(theta, -1.0))) / math.sqrt(self.rows)
 
 
-class Blocks:
-    """Takes samples in any portions, and gives blocks; keeps no more than the samples under incomplete bumps."""
+class Samples:
+    """The newest usable samples without a gap, of any portions; who follows forgets those that are no longer needed."""
 
-    def __init__(self, taking: Taking) -> None:
-        self.taking = taking  #: which may become another one.
-        self._held = np.empty((0, 5))  # t q1 q2 tau1 tau2
-        self._next = np.nan  # where the next bump begins
-        self._greatest = 0.0
+    def __init__(self, held: Array | None = None) -> None:
+        self.held = np.empty((0, 5)) if held is None else held  #: t [s], q1, q2 [rad], tau1, tau2 [N m].
         self.notes: dict[str, int] = {}  #: what was wrong with samples, and how often.
 
-    def feed(self, samples: Array) -> Iterator[Block]:
-        """Take samples, rows of t [s], q1, q2 [rad], tau1, tau2 [N m], and return the blocks that they complete."""
-        samples = samples[self._usable(samples)]
+    def append(self, samples: Array) -> Iterator[bool]:
+        """Take samples, and tell of each part without a gap whether there is a gap before it."""
+        samples, gap = samples[self._usable(samples)], False
         while len(samples):
-            together = np.concatenate([self._held[-1:], samples])[:, 0]
+            together = np.concatenate([self.held[-1:], samples])[:, 0]
             steps = np.diff(together)
-            recent = np.diff(np.concatenate([self._held[-50:, 0], samples[:50, 0]]))
+            recent = np.diff(np.concatenate([self.held[-50:, 0], samples[:50, 0]]))
             usual = float(np.median(recent)) if len(recent) else 0.0
             apart = np.flatnonzero(np.abs(steps) > max(LONGEST_GAP, 5 * usual))
-            cut = len(samples)
-            if len(apart):
-                cut = int(apart[0]) + (not len(self._held))
-            self._held = np.concatenate([self._held, samples[:cut]])
-            yield from self._complete()
-            if cut < len(samples):
-                gap = float(samples[cut, 0] - self._held[-1, 0])
-                self._say('the stamps began anew' if gap < 0 else 'a gap between samples')
-                self._held, self._next = np.empty((0, 5)), np.nan
+            cut = int(apart[0]) + (not len(self.held)) if len(apart) else len(samples)
+            self.held = np.concatenate([self.held, samples[:cut]])
+            yield gap
+            if gap := cut < len(samples):
+                back = len(self.held) and samples[cut, 0] < self.held[-1, 0]
+                self.say('the stamps began anew' if back else 'a gap between samples')
+                self.held = np.empty((0, 5))
             samples = samples[cut:]
 
     def _usable(self, samples: Array) -> NDArray[np.bool_]:
         finite = np.isfinite(samples).all(axis=1)
         if not finite.all():
-            self._say(NOT_FINITE, int((~finite).sum()))
-        t, latest = samples[:, 0], self._held[-1, 0] if len(self._held) else -np.inf
+            self.say(NOT_FINITE, int((~finite).sum()))
+        t, latest = samples[:, 0], self.held[-1, 0] if len(self.held) else -np.inf
         if finite.all() and (np.diff(t, prepend=latest) > 0).all():
             return np.asarray(finite)
         kept = finite.copy()
@@ -188,54 +187,66 @@ class Blocks:
             else:
                 latest = t[k]
         if repeated := int((finite & ~kept).sum()):
-            self._say(REPEATED, repeated)
+            self.say(REPEATED, repeated)
         return np.asarray(kept)
 
-    def _say(self, what: str, times: int = 1) -> None:
+    def say(self, what: str, times: int = 1) -> None:
+        """Count what is wrong."""
         # As a whole, so that another thread never sees half of it.
         self.notes = {**self.notes, what: self.notes.get(what, 0) + times}
 
-    def _complete(self) -> Iterator[Block]:
+
+class Blocks:
+    """Makes blocks of samples, and leaves no more of these than are under incomplete bumps."""
+
+    def __init__(self, taking: Taking) -> None:
+        self.taking = taking  #: which may become another one.
+        self.begin = np.nan  #: where the next bump begins [s]; after a gap, it is not known.
+        self._greatest = 0.0
+
+    def complete(self, samples: Samples) -> Iterator[Block]:
+        """Return the blocks that are complete."""
         how = self.taking
-        while len(self._held) > 2 * SETTLED:
-            t = self._held[:, 0]
+        while len(samples.held) > 2 * SETTLED:
+            t = samples.held[:, 0]
             interval = float(np.median(np.diff(t)))
             margin = SETTLED * interval + how.smoothing + CELL
-            if np.isnan(self._next):
-                self._next = float(t[0]) + margin + max(how.delay, 0.0)
+            if np.isnan(self.begin):
+                self.begin = float(t[0]) + margin + max(how.delay, 0.0)
             late = margin + interval + max(-how.delay, 0.0)
-            count = min(math.floor((t[-1] - late - WIDTH - self._next) / BLOCK + 1e-9), TOGETHER)
+            count = min(math.floor((t[-1] - late - WIDTH - self.begin) / BLOCK + 1e-9), TOGETHER)
             if count < 1:
                 return
-            used = int(np.searchsorted(t, self._next + count * BLOCK + WIDTH + late, side='right'))
-            yield from self._blocks(self._held[:used], count)
-            self._next += count * BLOCK
-            first = int(np.searchsorted(t, self._next - margin - max(how.delay, 0.0) - interval)) - 1
-            self._held = self._held[max(first, 0) :]
+            used = int(np.searchsorted(t, self.begin + count * BLOCK + WIDTH + late, side='right'))
+            yield from self._blocks(samples.held[:used], count, samples)
+            self.begin += count * BLOCK
+            first = int(np.searchsorted(t, self.begin - margin - max(how.delay, 0.0) - interval)) - 1
+            samples.held = samples.held[max(first, 0) :]
 
-    def _blocks(self, samples: Array, count: int) -> Iterator[Block]:
-        """Return so many blocks from :attr:`_next` on."""
-        how, begin = self.taking, self._next
+    def _blocks(self, samples: Array, count: int, notes: Samples) -> Iterator[Block]:
+        """Return so many blocks from :attr:`begin` on."""
+        how, begin = self.taking, self.begin
         begins = begin + BLOCK * np.arange(count)
-        size = MODELS[how.model] + 2
+        size = MODELS[how.model] + 5
         none = np.zeros((size, size))
         nothing = [Block(t, t + BLOCK + WIDTH, none, none, 0, False) for t in begins.tolist()]
         if np.ptp(samples[:, 1:3], axis=0).max() < STILL:
             yield from nothing
             return
         try:
-            recorded = Trajectory(samples[:, 0], samples[:, 1:3], samples[:, 3:5], name='the samples')
+            tau = np.where(np.abs(samples[:, 3:5]) > [how.dead_zone, 0.0], samples[:, 3:5], 0.0)
+            recorded = Trajectory(samples[:, 0], samples[:, 1:3], tau, name='the samples')
             motion = Motion.prepare(recorded, how.smoothing, how.hold)
             rows, torques, moving = how.rows(motion, begin, count)
         except TrajectoryError:
-            self._say('samples that no rig gives: too fast a motion, or too far apart')
+            notes.say('samples that no rig gives: too fast a motion, or too far apart')
             yield from nothing
             return
         triangles = np.asarray(np.linalg.qr(rows, mode='r'))
         triangles = triangles * np.where(np.einsum('bkk->bk', triangles) < 0, -1.0, 1.0)[:, :, None]
         torques = np.asarray(np.linalg.qr(torques, mode='r'))
         for k, kept in enumerate(moving.sum(axis=1).tolist()):
-            if kept < 2 * size:
+            if kept < 2 * (MODELS[how.model] + 2):
                 yield nothing[k]
                 continue
             now = (recorded.t >= nothing[k].begin) & (recorded.t < nothing[k].end)

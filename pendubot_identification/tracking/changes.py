@@ -17,33 +17,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pendubot_identification.model.parameters import NAMES
-
-from .filter import Belief
+from .filter import Estimate
+from .settings import TrackerSettings
 
 Array = NDArray[np.float64]
 
-#: A ratio beyond which a window speaks of a change. Were rows normal, far less would do; the noise of real rows has
-#: outliers, so the rate of false alarms is the one that docs/tracking.md tells as measured.
-CHANGED = 300.0
-#: A block whose ratio is above this is not learned from before others have confirmed it. One in some thousands of real
-#: ones is, without any cause; where as many in a row as a window holds are, that is no chance either.
-DOUBTED = 100.0
-#: What the step leaves of the rows under it, in the mean of their squares, where it explains them.
-EXPLAINED = 4.0
-#: A kind of change that has one more unknown must explain so much more of the ratio.
-SIMPLER = 12.0
-#: A kind is the cause where it leaves no more than this of the ratio, or no more than this part of it.
-LEAVES, PART = 40.0, 0.05
-#: Of each of P1 to P5 at least this part stays, but for a little of its scale. Free motion says nothing of their size,
-#: so that none at all would explain it.
-LEAST, LITTLE = 0.3, 0.1
-#: A kind that is no payload where it adds mass and takes inertia away.
-PAYLOAD = 'payload on link 2'
-#: The last of what is tracked.
-DELAY = 'delay'
-#: The kind of what has no other name. So many blocks must agree on it: a hand may look like it for a while.
-SEVERAL, AGREEING = 'several', 4
+#: Unknowns beside theta, in this order: the delay of the effort [s]; P4 and P5 along the horizontal, not 0 under a tilt
+#: of the base; the dead zone of the motor [N m]; the rate of all torque [1/s].
+DELAY, TILT, DEAD_ZONE, RATE = 'delay', ('P4 horizontal', 'P5 horizontal'), 'dead zone', 'rate'
+PAYLOAD, SEVERAL, DRIFT = 'payload on link 2', 'several', 'motor: gradual change of all torque'
 
 
 class Kind(NamedTuple):
@@ -73,49 +55,48 @@ class Window(NamedTuple):
 
     ratio: float  #: for any step.
     left: float  #: mean square of what it leaves of the rows; without a window of several blocks, 0.
-    foreseen: Array  #: the rows' triangle times the step, in units of what they may be off, shape (D, D).
+    likelihood: float  #: logarithm of the rows' likelihood, but for a constant.
+    predicted: Array  #: the rows' triangle times the step, in units of what they may be off, shape (D, D).
     off: Array  #: how far they are off, in the same units, shape (D,).
 
     @classmethod
-    def of(cls, belief: Belief, rows: Sequence[Array]) -> Window:
-        """Compare what was believed, with a covariance, with blocks' rows of noise 1, each of shape (D, D+1)."""
+    def of(cls, estimate: Estimate, rows: Sequence[Array]) -> Window:
+        """Compare a determined estimate with blocks' rows of noise 1, each of shape (N, D+1)."""
         together: Array = np.concatenate(rows)
         size = together.shape[1] - 1
-        together[:, -1] -= together[:, :-1] @ belief.mean
+        together[:, -1] -= together[:, :-1] @ estimate.mean
         made: Array = np.asarray(np.linalg.qr(together, mode='r'))
+        if len(made) < size:
+            made = np.concatenate([made, np.zeros((size - len(made), size + 1))])
         phi = made[:size, :size]
-        unsure = np.linalg.cholesky(np.eye(size) + phi @ belief.covariance @ phi.T)
+        unsure = np.linalg.cholesky(np.eye(size) + phi @ estimate.covariance @ phi.T)
         whitened: Array = np.asarray(np.linalg.solve(unsure, made[:size]), dtype=float)
         left = float(made[size, size] ** 2) / (len(together) - size) if len(together) > size else 0.0
-        return cls(float(whitened[:, -1] @ whitened[:, -1]), left, whitened[:, :-1], whitened[:, -1])
+        ratio = float(whitened[:, -1] @ whitened[:, -1])
+        likelihood = -ratio / 2 - float(np.log(np.diag(unsure)).sum())
+        return cls(ratio, left, likelihood, whitened[:, :-1], whitened[:, -1])
 
     @property
-    def doubtful(self) -> bool:
-        """Whether so much is hardly chance."""
-        return self.ratio > DOUBTED
+    def evidence(self) -> float:
+        """The ratio in units of what any step leaves: more than noise, under a change or unmodelled effects."""
+        return self.ratio / max(1.0, self.left)
 
-    @property
-    def explained(self) -> bool:
-        """Whether one step explains all blocks."""
-        return self.left < EXPLAINED
-
-    def jump(self, kinds: Sequence[Kind], theta: Array) -> Jump | None:
+    def jump(self, kinds: Sequence[Kind], theta: Array, settings: TrackerSettings) -> Jump | None:
         """Return the simplest kind of step from ``theta``, in units of its scale, that explains the window.
 
-        It is None where only nonsense does.
+        It is None where only nonsense does: free motion says nothing of the size of P1 to P5, so that none at all would
+        explain it.
         """
         found = [self._along(kind) for kind in kinds]
-        enough = [jump for jump in found if self.ratio - jump.ratio < max(LEAVES, PART * self.ratio)]
+        enough = [jump for jump in found if self.ratio - jump.ratio < max(settings.leaves, settings.part * self.ratio)]
         size = theta[:5]
-        likely = [
-            jump
-            for jump in enough or found
-            if (size + jump.step[:5] >= LEAST * size - LITTLE).all() and not jump.no_payload
-        ]
-        return max(likely, key=lambda jump: jump.ratio - SIMPLER * jump.kind.directions.shape[1], default=None)
+        least = settings.least * size - 0.1
+        likely = [jump for jump in enough or found if (size + jump.step[:5] >= least).all() and not jump.no_payload]
+        price = settings.simpler * max(1.0, self.left)
+        return max(likely, key=lambda jump: jump.ratio - price * jump.kind.directions.shape[1], default=None)
 
     def _along(self, kind: Kind) -> Jump:
-        phi = self.foreseen @ kind.directions
+        phi = self.predicted @ kind.directions
         inverse = np.linalg.pinv(phi, rcond=1e-9)
         size = inverse @ self.off
         to_step = kind.directions @ inverse
@@ -128,15 +109,15 @@ class Window(NamedTuple):
         )
 
 
-def kinds(theta: Array) -> Iterator[Kind]:
-    """Return what may change in a rig with these parameters and a delay, shape (D,); first what has fewest unknowns.
+def kinds(names: Sequence[str], theta: Array) -> Iterator[Kind]:
+    """Return what may change in a rig with these unknowns, shape (D,), the rate the last of them; first the simplest.
 
     A payload m at a distance d from the elbow adds m l1^2, m d^2, m l1 d, m l1 and m d to P1 to P5, l1 being P3 / P5.
     """
-    size = len(theta)
-    names = (*NAMES[: size - 1], DELAY)
-    yield Kind('motor: all torque', np.append(theta[:-1], 0.0)[:, None])
+    size = len(names)
+    yield Kind('motor: all torque', np.where(np.isin(names, (DELAY, DEAD_ZONE, RATE)), 0.0, theta)[:, None])
     yield _axes('delay of the effort', names, (DELAY,))
+    yield _axes('dead zone of the motor', names, (DEAD_ZONE,))
     inertia = np.where(np.isin(names, ('P1', 'P2', 'P3', 'J2')), theta, 0.0)
     viscous = np.where(np.isin(names, ('b1', 'b2')), theta, 0.0)
     yield Kind('time: all rates', np.column_stack([inertia, viscous]))
@@ -147,7 +128,8 @@ def kinds(theta: Array) -> Iterator[Kind]:
     payload = np.zeros((size, 3))
     payload[:5] = np.array([[length**2, 0, 0, length, 0], [0, 0, length, 0, 1], [0, 1, 0, 0, 0]]).T
     yield Kind(PAYLOAD, payload)
-    yield Kind(SEVERAL, np.eye(size))
+    yield _axes('tilt of the base', names, ('P4', 'P5', *TILT))
+    yield _axes(SEVERAL, names, names[:-1])
 
 
 def _axes(name: str, names: Sequence[str], which: Sequence[str]) -> Kind:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from pendubot_identification.trajectories.signals import LONGEST_GAP
 
-from .tracker import Burst, Event
+from .events import Burst, Event
 
 Array = NDArray[np.float64]
 

@@ -95,7 +95,7 @@ def test_parts_one_after_the_other_are_one_stream(run, motion, tmp_path):
     ('words', 'status', 'said'),
     [
         (['none'], 1, 'there is no bag none'),
-        (['BAG@0:3'], 1, 'no parameters were found: waiting for 8 s of motion'),
+        (['BAG@0:3'], 1, 'no parameters were found: 8 s of motion without a gap are needed\n'),
         (['BAG', '--joints', 'a'], 2, 'two are expected'),
         (['BAG', '--start', 'none.yaml'], 1, 'none.yaml cannot be read'),
         (['BAG', '--output', 'BAG/metadata.yaml', '--force'], 1, 'is read, so it cannot be written'),

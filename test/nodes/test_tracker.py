@@ -61,7 +61,7 @@ class Listener:
 def test_what_is_true_now_is_published_in_its_namespace(ros):
     listener = Listener(ros)
     with Program('tracker', '--ros-args', '-r', '__ns:=/lab1') as tracker:
-        tracker.wait_for('waiting for 8 s of motion')
+        tracker.wait_for('8 s of motion without a gap are needed; waiting')
         listener.hears(lambda: listener.samples.get_subscription_count())
         listener.hears(lambda: listener.status and listener.status[-1].level == WARN)
         assert not listener.params
@@ -88,7 +88,7 @@ def test_what_is_true_now_is_published_in_its_namespace(ros):
         assert listener.serve(Trigger, 'tracker/reset', Trigger.Request()).success
         listener.status.clear()
         assert listener.serve(SetBool, 'tracker/hold', SetBool.Request(data=False)).success
-        listener.hears(lambda: listener.status and 'waiting for 8 s of motion' in listener.status[-1].message)
+        listener.hears(lambda: listener.status and '8 s of motion without' in listener.status[-1].message)
         assert not listener.node.count_publishers('/pendubot/params')
         assert tracker.stop() == 0
     listener.node.destroy_node()
@@ -115,7 +115,7 @@ def test_samples_of_two_publishers_are_refused_and_it_begins_anew_with_the_one_t
         listener.hears(lambda: len(said) > 2)
         assert {pair.key: pair.value for pair in said[-1].values}['samples'] == taken
         stranger.destroy_publisher(second)
-        listener.hears(lambda: 'waiting for 8 s of motion' in listener.status[-1].message)
+        listener.hears(lambda: '8 s of motion without a gap are needed; waiting' in listener.status[-1].message)
         assert not listener.params
         listener.hears(lambda: said[-1].level == WARN)
     listener.node.destroy_node()

@@ -16,7 +16,8 @@ from pendubot_identification.criteria.quadratic import Quadratic
 from pendubot_identification.criteria.weak import balance_weights, estimate_delay, weak_regression
 from pendubot_identification.level import Level
 from pendubot_identification.model.parameters import default_bounds
-from pendubot_identification.tracking.tracker import FRICTION_WALK, INERTIA_WALK, Burst, Change, State, Tracker
+from pendubot_identification.tracking.settings import TrackerSettings
+from pendubot_identification.tracking.tracker import Burst, Change, State, Tracker
 from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.signals import choose_smoothing
 from pendubot_identification.trajectories.trajectory import Trajectory
@@ -25,7 +26,7 @@ from .peers import forgetting, kalman
 from .rig import Day, record, truth
 
 SECONDS, AT = 600.0, 300.0
-WALK = np.array([INERTIA_WALK] * 5 + [FRICTION_WALK] * 4)
+WALK = np.array([TrackerSettings().inertia_walk] * 5 + [TrackerSettings().friction_walk] * 4)
 PUSHED = 'pushed by hand 48 times each'
 RIGS = (
     *((33, 4096, 0.35), (50, 4096, 0.35), (100, 1000, 0.35), (200, 500, 0.35), (200, 4096, 0.8), (200, 4096, 0.15)),
@@ -121,11 +122,30 @@ def beside(name, t, q, tau, tracks, day):
         print(f'| {who} | ' + ' | '.join(row) + ' |', flush=True)
 
 
+def begins(day):
+    """Return when a rig changes [s]."""
+    return min(day.payload_at, day.fades_at, day.fade_at, day.tilt_at, day.dead_zone_at)
+
+
+def afterwards(name, tracks, day):
+    """Print errors and bands from 10 s after a change on; of a gradual one, all the time."""
+    off, held = [], []
+    for states, _ in tracks:
+        late = [s for s in states if s.t > begins(day) + (0 if day.fade else 10)]
+        true = truth(day, [s.t for s in late])
+        off.append(relative(np.array([s.theta for s in late]), true))
+        held.append(np.abs(np.array([s.theta for s in late]) - true) < 1.96 * np.array([s.std_error for s in late]))
+    off, held = np.concatenate(off), 100 * np.concatenate(held)
+    cells = [f'{np.sqrt(np.square(off[:, p]).mean()):.2g}' for p in PARTS.values()]
+    cells += [f'{held[:, p].mean():.0f}' for p in PARTS.values()]
+    print(f'| {name} | ' + ' | '.join(cells) + ' |', flush=True)
+
+
 def changes(name, tracks, days):
     """Print how changes are found and called, and what else was told."""
     after, kinds, false, bursts, right = [], {}, 0, 0, 0
     for (_, events), day in zip(tracks, days, strict=True):
-        at = min(day.payload_at, day.fades_at)
+        at = begins(day)
         found = [(told, e) for told, e in events if isinstance(e, Change) and e.end >= at]
         false += sum(not isinstance(e, Burst) for told, e in events) - (1 if found else 0)
         bursts += sum(isinstance(e, Burst) for _, e in events)
@@ -200,7 +220,12 @@ def main():
         'drift': [Day(drift=0.5)] * args.seeds,
         'payload of 20 % of link 2': [Day(payload=0.2, payload_at=AT)] * args.seeds,
         'payload of 2 %': [Day(payload=0.02, payload_at=AT)] * args.seeds,
-        'motor fades by 20 %': [Day(fades_at=AT)] * args.seeds,
+        'motor fades by 20 % at once': [Day(fades_at=AT)] * args.seeds,
+        'motor fades by 20 % in 400 s': [Day(fade=0.2, fade_at=100.0)] * args.seeds,
+        'base tilts by 0.01 rad': [Day(tilt=0.01, tilt_at=AT)] * args.seeds,
+        'base tilts by 0.1 rad': [Day(tilt=0.1, tilt_at=AT)] * args.seeds,
+        'dead zone of 0.01 N m': [Day(dead_zone=0.01, dead_zone_at=AT)] * args.seeds,
+        'dead zone of 0.04 N m': [Day(dead_zone=0.04, dead_zone_at=AT)] * args.seeds,
         PUSHED: [Day(pushes=each) for each in pushes],
     }
     days = [day for each in cases.values() for day in each]
@@ -214,6 +239,11 @@ def main():
     constant(*recorded('constant'), Day())
     beside('friction + 50 % in 600 s', *recorded('drift'), cases['drift'][0])
     beside('pushed by hand every 12 s', *recorded(PUSHED), Day())
+    print('\n| from 10 s after it on | P, rms [%] | friction, rms [%] | bands hold P [%] | friction |')
+    print('|---|---|---|---|---|')
+    for name, part in of.items():
+        if begins(cases[name][0]) < SECONDS:
+            afterwards(name, tracks[part], cases[name][0])
     print(head)
     for name, part in of.items():
         changes(name, tracks[part], cases[name])

@@ -1,7 +1,9 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A simulated rig that changes while it moves: friction that drifts, a payload, a hand. No code of the package is used.
+"""A simulated rig that changes while it moves: friction, a payload, a hand, its motor, its base.
+
+No code of the package is used.
 
 The equations are those of test/estimator/rig.py, from the positions of the bodies, with the payload as one body more.
 """
@@ -27,17 +29,29 @@ class Day:
     rests: tuple = ()  # (begin, end) without torque [s]
     pushes: tuple = ()  # (time [s], joint, torque [N m], duration [s]), half a sine each
     fades_at: float = np.inf  # the motor gives 20 % less from there on
+    fade: float = 0.0  # part of its torque that the motor loses in 400 s, in a straight line
+    fade_at: float = np.inf  # when that begins
+    tilt: float = 0.0  # of the base in the plane of motion [rad]: the angle by which gravity turns
+    tilt_at: float = np.inf
+    dead_zone: float = 0.0  # torque that the driver subtracts from every torque [N m]
+    dead_zone_at: float = np.inf
     strength: float = 0.35  # of the torque [N m]
 
 
+def gain(day, t):
+    """Return the part of the recorded torque that acts at times t [s]."""
+    return np.where(t >= day.fades_at, 0.8, 1.0) * (1 - day.fade * np.clip((t - day.fade_at) / 400, 0, 1))
+
+
 def truth(day, t):
-    """Return the nine true parameters at times t [s], shape (N, 9)."""
+    """Return the nine true parameters at times t [s], shape (N, 9): those that the recorded torque moves."""
     t = np.asarray(t, dtype=float)
     mass, d = day.payload * M2 * (t >= day.payload_at), day.payload_where
     friction = 1 + day.drift * t / 600
     links = np.array([TRUE[n] for n in ('P1', 'P2', 'P3', 'P4', 'P5')])
     more = np.array([L1**2, d**2, L1 * d, L1, d])
-    return np.column_stack([links + mass[:, None] * more, friction[:, None] * np.array([*B, *FC])])
+    moved = np.column_stack([links + mass[:, None] * more, friction[:, None] * np.array([*B, *FC])])
+    return moved / gain(day, t)[:, None]
 
 
 def record(seeds, days, *, seconds, rate=200.0, counts=4096):
@@ -60,11 +74,14 @@ def record(seeds, days, *, seconds, rate=200.0, counts=4096):
         for at, joint, torque, lasts in day.pushes:
             now = (t >= at) & (t < at + lasts)
             hands[joint, now, k] += torque * np.sin(np.pi * (t[now] - at) / lasts)
-        acting[k, t >= day.fades_at] *= 0.8
+        acting[k] *= gain(day, t)
+        dead = t >= day.dead_zone_at
+        acting[k, dead] = np.sign(acting[k, dead]) * np.maximum(np.abs(acting[k, dead]) - day.dead_zone, 0.0)
     load = np.array([d.payload * M2 for d in days])
     put_on = np.array([d.payload_at for d in days])
     where = np.array([d.payload_where for d in days])
     drift = np.array([d.drift for d in days])
+    tilt, tilt_at = np.array([d.tilt for d in days]), np.array([d.tilt_at for d in days])
     x = np.zeros((4, len(seeds)))
     x[0] = -np.pi / 2
     read = np.empty((samples, 2, len(seeds)))
@@ -73,24 +90,26 @@ def record(seeds, days, *, seconds, rate=200.0, counts=4096):
         now = t[n]
         bodies = load * (now >= put_on), where
         worn = 1 + drift * now / 600
+        down = tilt * (now >= tilt_at)
         torque = acting[:, n] + hands[0, n], hands[1, n]
         for _ in range(every):
-            a = _slope(x, torque, bodies, worn)
-            b = _slope(x + h / 2 * a, torque, bodies, worn)
-            c = _slope(x + h / 2 * b, torque, bodies, worn)
-            d = _slope(x + h * c, torque, bodies, worn)
+            a = _slope(x, torque, bodies, worn, down)
+            b = _slope(x + h / 2 * a, torque, bodies, worn, down)
+            c = _slope(x + h / 2 * b, torque, bodies, worn, down)
+            d = _slope(x + h * c, torque, bodies, worn, down)
             x = x + h / 6 * (a + 2 * b + 2 * c + d)
     unit = 2 * np.pi / counts
     return t, np.moveaxis(np.round(read / unit) * unit, 2, 0), tau
 
 
-def _slope(x, torque, bodies, worn):
+def _slope(x, torque, bodies, worn, tilt):
     q1, q2, v1, v2 = x
     mass, where = bodies
     s1, c1, s12, c12 = np.sin(q1), np.cos(q1), np.sin(q1 + q2), np.cos(q1 + q2)
     friction = worn * (np.array(B)[:, None] * x[2:] + np.array(FC)[:, None] * np.tanh(x[2:] / WIDTH))
     m11, m12, m22 = M1 * C1**2 + I1 + I2, I2, I2
-    r1, r2 = torque[0] - friction[0] - M1 * GRAVITY * C1 * c1, torque[1] - friction[1]
+    gx, gy = GRAVITY * np.sin(tilt), GRAVITY * np.cos(tilt)
+    r1, r2 = torque[0] - friction[0] - M1 * C1 * (gy * c1 - gx * s1), torque[1] - friction[1]
     v12 = (v1 + v2) ** 2
     for m, d in ((M2, C2), (mass, where)):
         # Jacobian of a body on link 2, and what it accelerates by though neither joint does.
@@ -100,7 +119,7 @@ def _slope(x, torque, bodies, worn):
         m11 = m11 + m * (x1**2 + y1**2)
         m12 = m12 + m * (x1 * x2 + y1 * y2)
         m22 = m22 + m * (x2**2 + y2**2)
-        r1 = r1 - m * (x1 * ax + y1 * (ay + GRAVITY))
-        r2 = r2 - m * (x2 * ax + y2 * (ay + GRAVITY))
+        r1 = r1 - m * (x1 * (ax + gx) + y1 * (ay + gy))
+        r2 = r2 - m * (x2 * (ax + gx) + y2 * (ay + gy))
     determinant = m11 * m22 - m12**2
     return np.array([v1, v2, (m22 * r1 - m12 * r2) / determinant, (m11 * r2 - m12 * r1) / determinant])

@@ -33,6 +33,11 @@ DAYS = {
     'pushes': Day(pushes=PUSHES),
     'fading': Day(fades_at=AT),
     'drift': Day(drift=1.0),
+    'gradual': Day(fade=0.2, fade_at=AT),
+    'tilt': Day(tilt=0.05, tilt_at=AT),
+    'dead zone': Day(dead_zone=0.02, dead_zone_at=AT),
+    'tilted': Day(tilt=0.05, tilt_at=0.0),
+    'dead': Day(dead_zone=0.02, dead_zone_at=0.0),
 }
 
 #: Imperfections that show in the balances of one motion.
@@ -116,6 +121,54 @@ def test_a_motor_that_fades_is_not_a_payload(rigs):
     (change,) = (e for e in events if isinstance(e, Change))
     assert change.kind.startswith('motor')
     assert change.begin <= AT <= change.end
+
+
+def test_a_gradual_fade_is_one_event_and_followed(rigs):
+    _, states, events = follow(rigs['gradual'])
+    (change,) = (e for e in events if isinstance(e, Change))
+    assert change.kind == 'motor: gradual change of all torque'
+    assert change.begin < AT + 3
+    assert change.end < AT + 10
+    late = [s for s in states if s.t > AT]
+    true = truth(DAYS['gradual'], [s.t for s in late])
+    assert np.abs(np.array([s.theta for s in late]) / true - 1)[:, :5].max() < 0.003
+    assert held(late, DAYS['gradual']).mean() > 0.85
+    assert {s.level for s in late} == {Level.OK}
+
+
+@pytest.mark.parametrize(
+    ('name', 'kind', 'warning'),
+    [
+        ('tilt', 'tilt of the base', 'tilted in the plane of motion by 2.8'),
+        ('dead zone', 'dead zone of the motor', 'a dead zone of 0.0'),
+    ],
+)
+def test_a_tilt_or_a_dead_zone_is_told_and_parameters_stay_true(rigs, name, kind, warning):
+    _, states, (change,) = follow(rigs[name])
+    assert change.kind == kind
+    assert change.begin <= AT <= change.end <= AT + 1
+    late = [s for s in states if s.t > AT + 3]
+    assert all(any(warning in each for each in s.warnings) for s in late)
+    assert all((np.abs(s.theta / truth(DAYS[name], [0])[0] - 1)[:5] < 0.001).all() for s in late)
+
+
+@pytest.mark.parametrize(('name', 'warning'), [('tilted', 'tilted in the plane'), ('dead', 'a dead zone of 0.0')])
+def test_a_tilt_or_a_dead_zone_from_the_beginning_is_told(rigs, name, warning):
+    _, states, events = follow(rigs[name])
+    assert not events
+    assert all(any(warning in each for each in s.warnings) for s in states if s.t > 10)
+    assert (np.abs(states[-1].theta / truth(DAYS[name], [0])[0] - 1)[:5] < 0.001).all()
+
+
+def test_attempts_to_begin_pause_ever_longer(rigs):
+    attempts = []
+
+    def judge(motion):
+        attempts.append(motion.t[-1])
+        return Level.ERROR, ('it predicts nothing',)
+
+    follow(rigs['nothing'], Start(judge=judge))
+    assert np.diff(attempts) == pytest.approx([4.0, 8.0, 16.0], abs=1.0)
 
 
 def test_a_hand_changes_nothing(rigs):
