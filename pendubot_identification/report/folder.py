@@ -14,17 +14,17 @@ from pathlib import Path
 from pendubot_identification.errors import PendubotError
 from pendubot_identification.files import OutputFolder
 from pendubot_identification.identify.effects import compensated
-from pendubot_identification.identify.evidence import (
+from pendubot_identification.identify.prediction import state_scale
+from pendubot_identification.identify.result import Result
+from pendubot_identification.recordings.bag_reader import BagReader, BagWindow
+from pendubot_identification.recordings.tables import is_table
+from pendubot_identification.results.evidence import (
     excitation,
     known_effects,
     residuals,
     simulate_beside,
     unexplained_torque,
 )
-from pendubot_identification.identify.prediction import state_scale
-from pendubot_identification.identify.result import Result
-from pendubot_identification.recordings.bag_reader import BagReader, BagWindow
-from pendubot_identification.recordings.tables import is_table
 from pendubot_identification.results.provenance import answers, hold, settings
 from pendubot_identification.results.result_file import result_text
 from pendubot_identification.tracking.tracker import Event, State

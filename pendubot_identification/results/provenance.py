@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 
 from pendubot_identification.errors import BagError
-from pendubot_identification.identify.evidence import Answer
 from pendubot_identification.identify.result import Result, theta_of
 from pendubot_identification.identify.settings import Settings
 from pendubot_identification.model.parameters import NAMES, Bounds
 from pendubot_identification.recordings.bag_reader import BagWindow, read_trajectory
+from pendubot_identification.results.evidence import Answer
 from pendubot_identification.trajectories.reading import Reading
 from pendubot_identification.trajectories.signals import evenly_stamped
 from pendubot_identification.trajectories.trajectory import Trajectory

@@ -13,9 +13,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pendubot_identification.identify.evidence import Excitation, Residuals, Simulation, UnexplainedTorque
 from pendubot_identification.identify.result import Given, Parameter
 from pendubot_identification.report import figures, time_plot
+from pendubot_identification.results.evidence import Excitation, Residuals, Simulation, UnexplainedTorque
 from pendubot_identification.trajectories.trajectory import Trajectory
 from test.identified import made, plain
 from test.identified import result as typed

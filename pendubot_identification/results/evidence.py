@@ -14,16 +14,15 @@ from numpy.typing import NDArray
 
 from pendubot_identification.criteria.prediction_error import STEP, Simulations
 from pendubot_identification.criteria.weak import WIDTH, weak_regression
+from pendubot_identification.identify.effects import EffectSettings, FoundEffect, catalogue
+from pendubot_identification.identify.fitting import standardised_innovations
+from pendubot_identification.identify.linear import linear
+from pendubot_identification.identify.prediction import HORIZONS, LOST
+from pendubot_identification.identify.result import EffectFound
+from pendubot_identification.identify.settings import Settings
 from pendubot_identification.level import NORMAL_95
 from pendubot_identification.model.parameters import NAMES
 from pendubot_identification.trajectories.motion import Motion
-
-from .effects import EffectSettings, FoundEffect, catalogue
-from .fitting import standardised_innovations
-from .linear import linear
-from .prediction import HORIZONS, LOST
-from .result import EffectFound
-from .settings import Settings
 
 Array = NDArray[np.float64]
 

@@ -9,7 +9,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pendubot_identification.identify.evidence import (
+from pendubot_identification.identify.prediction import state_scale
+from pendubot_identification.identify.settings import Settings
+from pendubot_identification.model.parameters import PAPER
+from pendubot_identification.results.evidence import (
     SHOWN,
     Answer,
     autocorrelation,
@@ -17,9 +20,6 @@ from pendubot_identification.identify.evidence import (
     residuals,
     simulate_beside,
 )
-from pendubot_identification.identify.prediction import state_scale
-from pendubot_identification.identify.settings import Settings
-from pendubot_identification.model.parameters import PAPER
 from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.trajectory import Trajectory
 from test.identified import identified
