@@ -11,7 +11,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pendubot_identification.errors import ExcitationError, ParameterError, TrajectoryError
-from pendubot_identification.identify.estimate import Effort, Estimate
 from pendubot_identification.identify.judgement import judge
 from pendubot_identification.identify.pipeline import identify
 from pendubot_identification.identify.prediction import HORIZONS, Prediction, predict, state_scale
@@ -20,6 +19,7 @@ from pendubot_identification.level import Level
 from pendubot_identification.model.parameters import NAMES, PAPER, Parameters, default_bounds
 from pendubot_identification.model.simulation import HANGING, quantised, simulate
 from pendubot_identification.trajectories.motion import Motion
+from test.identify.test_judgement import GOOD
 from test.real import recorded
 from test.virtual import C1, CHAOTIC, GEARED, exact_motion, recording
 
@@ -339,25 +339,8 @@ def test_what_is_not_physical_or_worse_than_persistence_is_never_ok(what):
 def test_nothing_that_could_hurt_is_judged_ok(factors, errors):
     theta = TRUTH * factors
     size = np.repeat(np.array(errors)[:, None], 4, axis=1)
-    estimate = Estimate(
-        criterion='weak',
-        model='viscous',
-        theta=theta,
-        free=np.ones(7, dtype=bool),
-        covariance=np.diag((1e-3 * TRUTH) ** 2),
-        correlation=np.eye(7),
-        std_error=1e-3 * TRUTH,
-        uncertainty='',
-        effort=Effort('zero'),
-        J=1e-6,
-        residuals=100,
-        condition_number=10.0,
-        converged=True,
-        held=np.zeros(7, dtype=bool),
-        unexplained=0.01,
-        J_exact=1e-6,
-        prediction=Prediction(size, np.ones_like(size), np.full(len(HORIZONS), 9)),
-    )
+    prediction = Prediction(size, np.ones_like(size), np.full(len(HORIZONS), 9))
+    estimate = replace(GOOD, theta=theta, prediction=prediction)
     bounds = replace(default_bounds(), lower=np.full(14, -10.0))
     judged = judge(estimate, replace(WEAK, bounds=bounds), (np.nan, np.nan), [])
     unphysical = bool(Parameters.from_vector(theta).unphysical())
