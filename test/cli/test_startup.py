@@ -10,6 +10,7 @@ import sys
 
 import pytest
 
+from pendubot_identification import __version__
 from test.conftest import ROOT
 
 SAMPLE = 'bags/paper_experiment'
@@ -55,7 +56,7 @@ def test_version_says_which_path_is_taken(switch, path):
         timeout=60,
         check=True,
     ).stdout
-    assert said.startswith('pendubot 0.')
+    assert said.startswith(f'pendubot {__version__}')
     assert path in said or (switch == 'on' and 'there was no C compiler' in said)
 
 
