@@ -371,7 +371,7 @@ def stopped(folder, long):
     # A command on whose way the exciter was stopped leaves it afterwards, and is followed by 0.
     more = np.count_nonzero(rows[stop:, 3])
     yield 'exciter: ends', f'{ended}', ended
-    yield 'exciter: moves nothing more, but for the command on its way', f'{more} samples', more <= 5
+    yield 'exciter: moves nothing more, but for the command on its way', f'{more} samples', more <= 20
     yield 'exciter: off within 100 ms and 20', f'{late} ms', late <= 120, True
 
 
