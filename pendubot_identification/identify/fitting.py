@@ -272,7 +272,10 @@ def _with_effects(best: Fits, settings: FittingSettings, progress: Progress) -> 
     """Return the fits with the effects that are sure, and these, the last perhaps a possible one."""
     found = []
     for each in find_effects(best.rough):
-        beside = Fits.of(best.data, best.rough.with_effects([each.effect], iterations=30), settings, progress)
+        try:
+            beside = Fits.of(best.data, best.rough.with_effects([each.effect], iterations=30), settings, progress)
+        except FloatingPointError:
+            break
         sure = beside.surely_better(best, each)
         if sure or each.z > EffectSettings().possible:
             found.append(replace(each, accepted=sure))
@@ -293,7 +296,10 @@ def _best_hold(
     if data.settings.hold != 'auto' or max(m.interval for m in data.motions) <= settings.held_step:
         return data, rough
     other = data.otherwise()
-    tried = _first_fit(other, settings, progress, near=rough)
+    try:
+        tried = _first_fit(other, settings, progress, near=rough)
+    except FloatingPointError:  # under the other torques the filter diverges
+        return data, rough
     return (other, tried) if tried.fit.cost < rough.fit.cost else (data, rough)
 
 
@@ -475,7 +481,10 @@ def _smallest(data: TrainingData, problem: Problem) -> Problem:
         costs = float(problem.likelihood.costs(x).sum()) + problem.likelihood.prior(x)
         if not costs < problem.fit.cost + 40 * worth:
             continue
-        found = fit(problem.likelihood, x, lower, upper, 10, 0.02)
+        try:
+            found = fit(problem.likelihood, x, lower, upper, 10, 0.02)
+        except FloatingPointError:
+            continue
         if found.cost < problem.fit.cost + worth * max(dropped.size, 1):
             return Problem(problem.likelihood, found, lower, upper)
     return problem
