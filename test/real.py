@@ -8,7 +8,7 @@ import csv
 import numpy as np
 
 from pendubot_identification.recordings.table_reader import TableReader
-from pendubot_identification.tracking.tracker import Start
+from pendubot_identification.tracking.events import Start
 from pendubot_identification.trajectories.reading import Reading
 from test.conftest import RECORDINGS
 

@@ -238,7 +238,7 @@ def _with_windows(
 ) -> PendubotError:
     """Return the error that says which windows to take of what is too long."""
     from pendubot_identification.recordings.bag_reader import BagWindow
-    from pendubot_identification.tracking.tracker import Start
+    from pendubot_identification.tracking.events import Start
 
     from .track import follow
 

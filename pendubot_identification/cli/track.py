@@ -25,7 +25,8 @@ if TYPE_CHECKING:
     from pendubot_identification.recordings.bag_reader import BagWindow
     from pendubot_identification.report.table import Cell, Table
     from pendubot_identification.results.track_file import Track
-    from pendubot_identification.tracking.tracker import Start, State, Tracker
+    from pendubot_identification.tracking.events import Start, State
+    from pendubot_identification.tracking.tracker import Tracker
     from pendubot_identification.trajectories.reading import Reading
 
 #: The exit status of a result of level ERROR, as of ``identify``.
@@ -142,7 +143,8 @@ def follow(
     from pendubot_identification.recordings.bag_reader import BagWindow, open_recording
     from pendubot_identification.recordings.sample_stream import stream_samples
     from pendubot_identification.results.track_file import Track
-    from pendubot_identification.tracking.tracker import State, Tracker
+    from pendubot_identification.tracking.events import State
+    from pendubot_identification.tracking.tracker import Tracker
     from pendubot_identification.tracking.windows import Minutes
 
     tracker, track, base = Tracker(start), Track(), 0.0
@@ -170,7 +172,7 @@ def _summary(last: State, tracker: Tracker, track: Track) -> tuple[Table, list[s
     """Return what a person reads at the end: the parameters, and what happened."""
     from pendubot_identification.model.parameters import UNITS
     from pendubot_identification.report.table import Number, Table
-    from pendubot_identification.tracking.tracker import Burst
+    from pendubot_identification.tracking.events import Burst
 
     # The first one with a band worth showing.
     first = next((s for s in track.states if s.t > track.states[0].t + BETWEEN), last)

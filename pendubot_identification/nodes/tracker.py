@@ -26,7 +26,7 @@ from pendubot_identification.recordings.mcap_file import Messages
 from pendubot_identification.results.track_file import effort_taken, parameters, start_of
 from pendubot_identification.setting import Setting
 from pendubot_identification.tracking import tracker as tracking
-from pendubot_identification.tracking.tracker import Burst, Event, Lost, State
+from pendubot_identification.tracking.events import Burst, Event, Lost, State
 
 from .diagnostics import StatusPublisher, diagnostics_message, stamp_now
 from .messages import LATCHED, flat, vector_message

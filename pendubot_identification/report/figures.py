@@ -21,7 +21,7 @@ from pendubot_identification.identify.result import Convergence, Result
 from pendubot_identification.level import NORMAL_95
 from pendubot_identification.model.parameters import NAMES, UNITS
 from pendubot_identification.results.evidence import Excitation, Residuals, Simulation, UnexplainedTorque
-from pendubot_identification.tracking.tracker import Change, Event, State
+from pendubot_identification.tracking.events import Change, Event, State
 from pendubot_identification.trajectories.trajectory import Trajectory
 
 from .style import rendered, style

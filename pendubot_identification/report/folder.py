@@ -27,7 +27,7 @@ from pendubot_identification.results.evidence import (
 )
 from pendubot_identification.results.provenance import answers, hold, settings
 from pendubot_identification.results.result_file import result_text
-from pendubot_identification.tracking.tracker import Event, State
+from pendubot_identification.tracking.events import Event, State
 from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.trajectory import Trajectory
 

@@ -25,7 +25,7 @@ from markupsafe import Markup
 from pendubot_identification import __version__
 from pendubot_identification.identify.result import Result, plain
 from pendubot_identification.model.parameters import SPECIFICATIONS
-from pendubot_identification.tracking.tracker import State
+from pendubot_identification.tracking.events import State
 
 from . import tables
 from .figures import Picture

@@ -19,7 +19,8 @@ from pendubot_identification.identify.settings import Settings
 from pendubot_identification.level import NORMAL_95, Level
 from pendubot_identification.model.parameters import MODELS, UNITS
 from pendubot_identification.tracking.blocks import Taking
-from pendubot_identification.tracking.tracker import Change, Event, Start, State, Tracker
+from pendubot_identification.tracking.events import Change, Event, Start, State
+from pendubot_identification.tracking.tracker import Tracker
 from pendubot_identification.trajectories.trajectory import Trajectory
 
 from .result_file import read_result, result_text

@@ -17,12 +17,7 @@ from pendubot_identification.trajectories.trajectory import Trajectory
 
 from .balances import STILL
 from .blocks import Samples, Taking
-from .events import Burst as Burst
-from .events import Change as Change
-from .events import Event as Event
-from .events import Lost as Lost
-from .events import Start as Start
-from .events import State as State
+from .events import Event, Lost, Start, State
 from .following import Following
 from .settings import TrackerSettings
 

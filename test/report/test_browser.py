@@ -13,7 +13,7 @@ from pendubot_identification.level import NORMAL_95, Level
 from pendubot_identification.report.figures import draw_track
 from pendubot_identification.report.page import result_page, track_page
 from pendubot_identification.report.table import Table
-from pendubot_identification.tracking.tracker import Burst, Change, State
+from pendubot_identification.tracking.events import Burst, Change, State
 from test.identified import plain
 from test.identified import result as typed
 from test.report.test_figures import every_picture

@@ -16,8 +16,9 @@ from pendubot_identification.criteria.quadratic import Quadratic
 from pendubot_identification.criteria.weak import balance_weights, estimate_delay, weak_regression
 from pendubot_identification.level import Level
 from pendubot_identification.model.parameters import default_bounds
+from pendubot_identification.tracking.events import Burst, Change, State
 from pendubot_identification.tracking.settings import TrackerSettings
-from pendubot_identification.tracking.tracker import Burst, Change, State, Tracker
+from pendubot_identification.tracking.tracker import Tracker
 from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.signals import choose_smoothing
 from pendubot_identification.trajectories.trajectory import Trajectory

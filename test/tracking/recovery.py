@@ -23,7 +23,8 @@ from pendubot_identification.excitation.excitation import PulseTrain
 from pendubot_identification.level import NORMAL_95, Level
 from pendubot_identification.model.parameters import BALANCE, Parameters
 from pendubot_identification.model.simulation import HANGING, LatePlant
-from pendubot_identification.tracking.tracker import Change, Lost, Start, Tracker
+from pendubot_identification.tracking.events import Change, Lost, Start
+from pendubot_identification.tracking.tracker import Tracker
 
 RATE, LAG, LIMIT = 200, 0.004, 2.0
 #: When it is first swung up, gets the payload, falls, is swung up again, and the end [s].

@@ -15,7 +15,8 @@ from pendubot_identification.identify.pipeline import identify
 from pendubot_identification.identify.settings import Settings
 from pendubot_identification.level import Level
 from pendubot_identification.model.parameters import BALANCE, Parameters
-from pendubot_identification.tracking.tracker import Burst, Change, Start, State, Tracker
+from pendubot_identification.tracking.events import Burst, Change, Start, State
+from pendubot_identification.tracking.tracker import Tracker
 from test.estimator.rig import CATALOGUE, UNKNOWN, Rig
 from test.estimator.rig import record as with_effects
 from test.real import RIGS, known, recorded, strung
