@@ -272,6 +272,10 @@ class Likelihood:
     scale: Array = field(default_factory=lambda: np.ones(SHARED))
     _impulses: dict[bytes, list[PPoly]] = field(default_factory=dict, repr=False)
 
+    def of(self, readings: Readings) -> Likelihood:
+        """Return the same function of other readings."""
+        return replace(self, readings=readings, _impulses={})
+
     @property
     def levels(self) -> int:
         """At how many intervals the recordings are read."""

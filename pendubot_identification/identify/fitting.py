@@ -81,6 +81,9 @@ class FittingSettings:
     several: int = 3
 
 
+SETTINGS = FittingSettings()
+
+
 @dataclass(frozen=True, slots=True)
 class TrainingData:
     """Recordings ready to be fitted.
@@ -106,7 +109,7 @@ class TrainingData:
         Raises:
             TrajectoryError: all are too short for what is asked for.
         """
-        longest, shortest = max(trajectories, key=lambda t: t.duration), FittingSettings().shortest
+        longest, shortest = max(trajectories, key=lambda t: t.duration), SETTINGS.shortest
         if settings.criteria != ('energy',) and longest.duration < shortest:
             raise TrajectoryError(
                 f'{longest.name}: {longest.duration:.3f} s are too short for the criteria weak and likelihood, which '
@@ -212,10 +215,10 @@ class Fits:
     exact: Problem | None
 
     @classmethod
-    def of(cls, data: TrainingData, rough: Problem, settings: FittingSettings, progress: Progress) -> Fits:
+    def of(cls, data: TrainingData, rough: Problem, progress: Progress) -> Fits:
         """Go on from the shortest interval."""
         whole = _all_levels(data, rough, progress)
-        return cls(data, rough, whole, _exact_fit(data, whole, settings, progress))
+        return cls(data, rough, whole, _exact_fit(data, whole, progress))
 
     @property
     def last(self) -> Problem:
@@ -241,18 +244,15 @@ class Fits:
         return everywhere and vuong(gains, 0.0) > EffectSettings().sure
 
 
-def fit_composite(
-    data: TrainingData, progress: Progress, settings: FittingSettings | None = None, *, effects: bool = True
-) -> Composite:
+def fit_composite(data: TrainingData, progress: Progress, *, effects: bool = True) -> Composite:
     """Estimate parameters by the composite likelihood and what follows it."""
-    settings = settings or FittingSettings()
-    rough = _first_fit(data, settings, progress)
+    rough = _first_fit(data, progress)
     steps = [f'innovations at 0.05 s: {rough.fit.iterations} scoring steps, J = {rough.fit.cost:.6g}']
-    data, rough = _best_hold(data, rough, settings, progress)
-    best, found = Fits.of(data, rough, settings, progress), list[FoundEffect]()
+    data, rough = _best_hold(data, rough, progress)
+    best, found = Fits.of(data, rough, progress), list[FoundEffect]()
     if effects:
         progress('looking for unmodelled effects', 0, 0, math.nan)
-        best, found = _with_effects(best, settings, progress)
+        best, found = _with_effects(best, progress)
     steps += [f'together with {each.name} ({each.where})' for each in found if each.accepted]
     if best.data.hold == 'linear' and best.data.settings.hold == 'auto':
         steps.append(f'torque measured at its samples, not held: J = {best.rough.fit.cost:.6g}')
@@ -268,12 +268,12 @@ def fit_composite(
     return replace(answer, steps=tuple(steps))
 
 
-def _with_effects(best: Fits, settings: FittingSettings, progress: Progress) -> tuple[Fits, list[FoundEffect]]:
+def _with_effects(best: Fits, progress: Progress) -> tuple[Fits, list[FoundEffect]]:
     """Return the fits with the effects that are sure, and these, the last perhaps a possible one."""
     found = []
     for each in find_effects(best.rough):
         try:
-            beside = Fits.of(best.data, best.rough.with_effects([each.effect], iterations=30), settings, progress)
+            beside = Fits.of(best.data, best.rough.with_effects([each.effect], iterations=30), progress)
         except FloatingPointError:
             break
         sure = beside.surely_better(best, each)
@@ -283,21 +283,19 @@ def _with_effects(best: Fits, settings: FittingSettings, progress: Progress) -> 
             break
         best = beside
     if found and found[0].accepted:
-        data, rough = _best_hold(best.data, best.rough, settings, progress)
+        data, rough = _best_hold(best.data, best.rough, progress)
         if data is not best.data:
-            best = Fits.of(data, rough, settings, progress)
+            best = Fits.of(data, rough, progress)
     return best, found
 
 
-def _best_hold(
-    data: TrainingData, rough: Problem, settings: FittingSettings, progress: Progress
-) -> tuple[TrainingData, Problem]:
+def _best_hold(data: TrainingData, rough: Problem, progress: Progress) -> tuple[TrainingData, Problem]:
     """Return the data and their fit with the hold of the torque that is likelier."""
-    if data.settings.hold != 'auto' or max(m.interval for m in data.motions) <= settings.held_step:
+    if data.settings.hold != 'auto' or max(m.interval for m in data.motions) <= SETTINGS.held_step:
         return data, rough
     other = data.otherwise()
     try:
-        tried = _first_fit(other, settings, progress, near=rough)
+        tried = _first_fit(other, progress, near=rough)
     except FloatingPointError:  # under the other torques the filter diverges
         return data, rough
     return (other, tried) if tried.fit.cost < rough.fit.cost else (data, rough)
@@ -315,7 +313,7 @@ def standardised_innovations(
     lower, upper = _limits(data, readings)
     known = np.array([*theta, *np.zeros(GEARED - len(theta)), delay, 0.0, 0.0])
     lower[:SHARED], upper[:SHARED] = known, known
-    noise = math.sqrt(0.1) * _effort(data) * FittingSettings().noise
+    noise = math.sqrt(0.1) * _effort(data) * SETTINGS.noise
     x = np.append(known, np.log([*(1.5 * np.sqrt(readings.quantization)), *noise]))
     like = Likelihood(readings)
     try:
@@ -359,9 +357,7 @@ def _limits(data: TrainingData, readings: Readings) -> tuple[Array, Array]:
     )
 
 
-def _first_fit(
-    data: TrainingData, settings: FittingSettings, progress: Progress, near: Problem | None = None
-) -> Problem:
+def _first_fit(data: TrainingData, progress: Progress, near: Problem | None = None) -> Problem:
     """Fit the shortest interval alone, from the weak criterion, from given parameters, or from another fit."""
     shortest = LikelihoodSettings().intervals[:1]
     readings = Readings.of(data.motions, LikelihoodSettings(intervals=shortest))
@@ -370,7 +366,7 @@ def _first_fit(
     if near is not None:
         x = near.fit.x.copy()
         x[14] += (0.5 if data.hold == 'zero' else -0.5) * np.median([m.interval for m in data.motions])
-        like = replace(near.likelihood, readings=readings, _impulses={})
+        like = near.likelihood.of(readings)
         return replace(near, likelihood=like, fit=_fit(like, x, near.lower, near.upper, progress))
     if asked is not None:
         theta, delay = asked.vector('geared'), data.settings.least_delay
@@ -379,10 +375,10 @@ def _first_fit(
         made = data.linear('weak', model)
         theta, delay = np.zeros(GEARED), made.delay
         theta[: MODELS[model]] = made.criterion.minimum(data.settings.box(model))
-    theta[:2] = np.maximum(theta[:2], settings.least_share * max(theta[:2].sum(), 1e-6))
+    theta[:2] = np.maximum(theta[:2], SETTINGS.least_share * max(theta[:2].sum(), 1e-6))
     like = Likelihood(readings, scale=_scale(data, theta))
-    quantum, noise = np.sqrt(readings.quantization), settings.noise * math.sqrt(0.1) * _effort(data)
-    louder, smaller, none = settings.louder, settings.smaller, data.settings.least_delay
+    quantum, noise = np.sqrt(readings.quantization), SETTINGS.noise * math.sqrt(0.1) * _effort(data)
+    louder, smaller, none = SETTINGS.louder, SETTINGS.smaller, data.settings.least_delay
     for noisy, small, late in ((1.0, 1.0, delay), (louder, 1.0, delay), (louder, 1.0, none), (louder, smaller, none)):
         begin = np.append(small * theta[:5], theta[5:])
         x = np.concatenate([begin, [late, 0.0, 0.0], np.log([*(1.5 * quantum), *(noisy * noise)])])
@@ -405,7 +401,7 @@ def _all_levels(data: TrainingData, rough: Problem, progress: Progress) -> Probl
     intervals = LikelihoodSettings().intervals
     while True:
         readings = Readings.of(data.motions, LikelihoodSettings(intervals=intervals))
-        like, at = replace(rough.likelihood, readings=readings, _impulses={}), rough.likelihood.shared
+        like, at = rough.likelihood.of(readings), rough.likelihood.shared
 
         def wider(values: Array, at: int = at, count: int = len(intervals)) -> Array:
             return np.append(values[:at], np.tile(values[at:], count))
@@ -419,25 +415,25 @@ def _all_levels(data: TrainingData, rough: Problem, progress: Progress) -> Probl
             intervals = intervals[:-1]
 
 
-def _exact_fit(data: TrainingData, whole: Problem, settings: FittingSettings, progress: Progress) -> Problem | None:
+def _exact_fit(data: TrainingData, whole: Problem, progress: Progress) -> Problem | None:
     """Fit all samples by one Gaussian filter if nothing but quantization is left then; None otherwise."""
-    quiet = np.array(settings.quiet) * _effort(data)
+    quiet = np.array(SETTINGS.quiet) * _effort(data)
     at = whole.likelihood.shared
     noise = np.exp(whole.fit.x[at:].reshape(-1, 4))
     if (noise[:, 2:].min(axis=0) / math.sqrt(0.1) > 10 * quiet).any():
         return None
     interval = min(m.interval for m in data.motions)
-    off = abs(math.remainder(whole.fit.x[14], interval)) > settings.between / 10
+    off = abs(math.remainder(whole.fit.x[14], interval)) > SETTINGS.between / 10
     native = LikelihoodSettings(
         intervals=(interval / 2,),
-        step=settings.between if off else LikelihoodSettings().step,
+        step=SETTINGS.between if off else LikelihoodSettings().step,
         freedom=math.inf,
-        fine=settings.fine,
-        slow=settings.slow,
+        fine=SETTINGS.fine,
+        slow=SETTINGS.slow,
         rest=-1.0,
     )
     readings = Readings.of(data.motions, native)
-    like = replace(whole.likelihood, readings=readings, _impulses={})
+    like = whole.likelihood.of(readings)
     quantum = np.log(readings.quantization) / 2
     start = np.append(whole.fit.x[:at], [*quantum, *np.log(noise[:, 2:].min(axis=0))])
     lower, upper = (np.append(each[:at], each[at : at + 4]) for each in (whole.lower, whole.upper))
@@ -448,11 +444,11 @@ def _exact_fit(data: TrainingData, whole: Problem, settings: FittingSettings, pr
     except FloatingPointError:
         return None
     last = np.exp(found.x[at:])
-    if (last[2:] / math.sqrt(0.1) > quiet).any() or (last[:2] / np.exp(quantum) > settings.quantized).any():
+    if (last[2:] / math.sqrt(0.1) > quiet).any() or (last[:2] / np.exp(quantum) > SETTINGS.quantized).any():
         return None
     e, s = like.innovations(found.x)
     for rows in readings.rows:
-        if not ((e[rows] ** 2 / s[rows]).mean(axis=0) < settings.variance).all():
+        if not ((e[rows] ** 2 / s[rows]).mean(axis=0) < SETTINGS.variance).all():
             return None
     return _smallest(data, Problem(like, found, lower, upper))
 

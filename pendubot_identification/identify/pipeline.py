@@ -122,11 +122,11 @@ def _check_residuals(run: Run, tell: Progress) -> Run:
 def _validate(run: Run, tell: Progress) -> Run:
     """Let each criterion predict what it was not fitted to."""
     judges = [Motion.prepare(motion, run.data.smoothing, run.data.hold) for motion in run.judges]
-    left_out = () if judges else tuple(folds(run.data.motions))
-    answers = (validated(c, run.data, run.composite, judges, left_out, tell) for c in run.criteria)
+    split = replace(run, folds=() if judges else tuple(folds(run.data.motions)))
+    answers = (validated(c, split, judges, tell) for c in run.criteria)
     # Zeros of single recordings would make up for what is wrong with all of them.
     estimates = tuple(answer if run.sound else replace(answer, zeros=None) for answer in answers)
-    return replace(run, folds=left_out, estimates=estimates)
+    return replace(split, estimates=estimates)
 
 
 def _assess(run: Run) -> Identification:

@@ -19,7 +19,8 @@ from pendubot_identification.trajectories.motion import Motion
 from .consistency import recorded_zeros
 from .effects import compensated
 from .estimate import Effort, Estimate, Progress
-from .fitting import Composite, FittingSettings, TrainingData
+from .fitting import SETTINGS, Composite
+from .identification import Run
 from .linear import estimate_linear, linear
 from .prediction import Fold, Prediction, predict
 from .uncertainty import correlations, influence_covariance, scaled_condition_number
@@ -27,19 +28,12 @@ from .uncertainty import correlations, influence_covariance, scaled_condition_nu
 Array = NDArray[np.float64]
 
 
-def validated(
-    criterion: str,
-    data: TrainingData,
-    answer: Composite | None,
-    judges: Sequence[Motion],
-    left_out: Sequence[Fold],
-    tell: Progress,
-) -> Estimate:
+def validated(criterion: str, run: Run, judges: Sequence[Motion], tell: Progress) -> Estimate:
     """Return one criterion's answer with its prediction errors."""
-    if criterion == 'likelihood' and answer is not None:
-        found, parts = _likelihood(answer, judges, left_out)
+    if criterion == 'likelihood' and run.composite is not None:
+        found, parts = _likelihood(run.composite, judges, run.folds)
     else:
-        found, parts = _quadratic(criterion, data, answer, judges, left_out, tell)
+        found, parts = _quadratic(criterion, run, judges, tell)
     return replace(found, prediction=Prediction.pool(parts) if parts else Prediction.none())
 
 
@@ -59,22 +53,15 @@ def _likelihood(
     return found, parts
 
 
-def _quadratic(
-    criterion: str,
-    data: TrainingData,
-    answer: Composite | None,
-    judges: Sequence[Motion],
-    left_out: Sequence[Fold],
-    tell: Progress,
-) -> tuple[Estimate, list[Prediction]]:
-    settings = data.settings
+def _quadratic(criterion: str, run: Run, judges: Sequence[Motion], tell: Progress) -> tuple[Estimate, list[Prediction]]:
+    settings, data, answer = run.settings, run.data, run.composite
     automatic = 'viscous' if criterion == 'energy' else 'geared' if answer is None else answer.model
     model = automatic if settings.model == 'auto' else settings.model
     made = data.linear(criterion, model)
     judge = linear(criterion, judges, model, settings, like=made) if judges else None
     found = estimate_linear(criterion, made, model, settings, data.hold, tell, judge)
     parts = [predict([m], found.theta, made.delay, data.scale) for m in judges]
-    for fold in left_out:
+    for fold in run.folds:
         try:
             rest = linear(criterion, fold.rest, model, settings, like=made).criterion.minimum(settings.box(model))
         except TrajectoryError:  # too short for a test function
@@ -94,7 +81,7 @@ def _estimate(answer: Composite) -> Estimate:
         free,
         answer.difference[:size],
         exact=answer.exact,
-        several=FittingSettings().several,
+        several=SETTINGS.several,
     )
     return Estimate(
         criterion='likelihood',

@@ -12,7 +12,7 @@ from itertools import combinations
 from pathlib import Path
 
 from pendubot_identification.errors import LongRecordingError, ParameterError, TrajectoryError
-from pendubot_identification.identify.fitting import FittingSettings
+from pendubot_identification.identify.fitting import SETTINGS as FITTING
 from pendubot_identification.identify.result import Source
 from pendubot_identification.trajectories.conventions import OF_FILES
 from pendubot_identification.trajectories.reading import Reading, options
@@ -136,7 +136,7 @@ def _worth_judging(window: BagWindow, read: Callable[[BagWindow], RecordedTrajec
     except TrajectoryError:
         return None
     found = recorded.trajectory
-    return recorded if len(found) >= MINIMUM_SAMPLES and found.duration >= FittingSettings().shortest else None
+    return recorded if len(found) >= MINIMUM_SAMPLES and found.duration >= FITTING.shortest else None
 
 
 def span(recording: Trajectory) -> tuple[float, float]:
