@@ -3,7 +3,7 @@
 
 """How well rigs are followed that change while they move, beside what else could follow them.
 
-python -m test.tracking                 the tables of docs/tracking.md, 10 seeds, with peers
+python -m test.tracking                 the tables of docs/benchmarks.md, 10 seeds, with peers
 python -m test.tracking --hours 10      false alarms alone, so many hours of motion without a change
 python -m test.tracking --others        rigs that are sampled and driven otherwise
 """
