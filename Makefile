@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --constraint .ci/constraints.txt
 
-.PHONY: demo test lint benchmark faults criteria reproduce sample-bag clean
+.PHONY: demo test lint docs benchmark faults criteria reproduce sample-bag clean
 
 demo: $(VENV)/.ros
 	$(BIN)/pendubot demo
@@ -20,6 +20,10 @@ test: $(VENV)/.test
 
 lint: $(VENV)/.test
 	$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/mypy && $(BIN)/lint-imports
+
+# The pages and the Python interface as HTML, in build/docs.
+docs: $(VENV)/.docs
+	$(BIN)/sphinx-build --quiet --fail-on-warning --keep-going docs build/docs
 
 # Half an hour, and 1 GB in the temporary folder; the speeds of docs/benchmarks.md.
 benchmark: $(VENV)/.benchmark
@@ -52,6 +56,10 @@ $(VENV)/.ros: setup.py .ci/constraints.txt $(wildcard pendubot_identification/*/
 
 $(VENV)/.test: $(VENV)/.ros
 	@$(PIP) --editable '.[ros,test]'
+	@touch $@
+
+$(VENV)/.docs: $(VENV)/.test
+	@$(PIP) --editable '.[ros,test,docs]'
 	@touch $@
 
 $(VENV)/.benchmark: $(VENV)/.test

@@ -62,6 +62,8 @@ setup(
         'files': ['h5py', 'openpyxl', 'pyarrow'],
         # Of the shell: pendubot completion.
         'completion': ['shtab'],
+        # The HTML of docs/.
+        'docs': ['myst-parser', 'sphinx'],
         # What test/benchmark measures itself against.
         'benchmark': ['minionpy', 'mujoco[sysid]', 'numba', 'pygmo', 'pymoo'],
         # What else exported rigs are held against, and an example needs; 1 GB, so these tests are skipped without them.
