@@ -15,7 +15,7 @@ import zlib
 import numpy as np
 import pytest
 
-from pendubot_identification import Pendubot, programs
+from pendubot_identification import programs
 from pendubot_identification.cli.main import main, parser
 from pendubot_identification.model.parameters import PAPER
 from pendubot_identification.recordings.bag_reader import read_trajectory
@@ -204,17 +204,6 @@ def test_the_tests_of_the_safety_statements_are_there():
 def code_of(language, page):
     (code,) = re.findall(rf'```{language}\n(.*?)```', page.read_text(), re.DOTALL)
     return code
-
-
-def test_the_readmes_simulation_is_that_of_this_package(tmp_path, monkeypatch):
-    pytest.importorskip('mujoco')
-    monkeypatch.chdir(tmp_path)
-    rig = Pendubot.from_vector(PAPER.vector())
-    (tmp_path / 'pendubot.xml').write_text(rig.export('mjcf'))
-    exec(code_of('python', ROOT / 'README.md'), names := {})
-    motion = rig.simulate(np.arange(501) * 0.002, 0.1)
-    assert names['data'].time == pytest.approx(1.0)
-    np.testing.assert_allclose(names['data'].qpos, motion.q[-1], atol=1e-4)
 
 
 def test_the_notebook_of_the_page_identifies_the_sample_bag(tmp_path, monkeypatch):
