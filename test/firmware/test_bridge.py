@@ -113,6 +113,26 @@ def test_a_foreign_program_moves_nothing_and_is_seen(emulator, rig, tmp_path):
 
 
 @pytest.mark.ros
+def test_the_firmware_stops_a_rig_that_runs_away(emulator, rig):
+    """0.6 N m for as long as the board gives it: its limits are 100 rad/s, 60 and 300 rad."""
+    r = rig()
+    r.port = emulator.port
+    r.start_bridge(*PATIENT)
+    r.until_samples(20)
+    assert r.call('arm').success
+    r.samples.clear()
+    r.drive_until(0.6, lambda: r.diagnosed(2, 'the board reports a fault: '))
+    samples(r, 300, 0.6)
+    q, torque = np.array([sample[2:4] for sample in r.samples]), np.array([sample[6] for sample in r.samples])
+    assert not torque[-300:].any()
+    stamps = np.array([sample[1] for sample in r.samples])
+    speed = (np.abs(np.diff(q, axis=0)).max(axis=1) / np.diff(stamps) * 1e9)[torque[1:] != 0]
+    # Three samples in a row may be faster.
+    assert np.sort(speed)[-4] <= 100 + 2 * COUNT * 1000
+    assert (np.abs(q[torque != 0] - [-np.pi / 2, 0]).max(axis=0) <= [60.1, 300.1]).all()
+
+
+@pytest.mark.ros
 def test_a_fault_of_the_processor_disarms_until_told_and_its_samples_go_on(emulator, rig):
     r = rig()
     r.port = emulator.port

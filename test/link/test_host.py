@@ -765,6 +765,18 @@ def test_the_first_request_is_heard_whatever_the_host_before_left_unfinished():
     assert isinstance(heard.feed(host.data_to_send())[-1], HelloRequest)
 
 
+@pytest.mark.parametrize(('boot_id', 'lost'), [(HELLO.boot_id, 498), (HELLO.boot_id + 1, 0)])
+def test_what_is_missing_after_the_port_was_closed_was_lost_if_the_board_is_the_same(boot_id, lost):
+    wire = Wire()
+    wire.state(1, 10_000)
+    wire.host.closed('it was lost', wire.now)
+    wire.host.opened(wire.now)
+    wire.state(500, 5_000_000)
+    wire.hear(replace(HELLO, seq=501, boot_id=boot_id))
+    wire.hear(replace(HELLO, seq=0, boot_id=9))
+    assert wire.host.counters.lost == lost
+
+
 def test_a_port_that_fails_again_and_again_is_said_once():
     wire, health = Wire(), Health()
     wire.state(1, 10_000)

@@ -1,85 +1,262 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The virtual board's plant, boot and settings.
-
-Its rules are those of the firmware: test/firmware/test_link.py compares the frames of both boards.
-"""
+"""The board's rules, heard and said in frames; its faults come from the seed."""
 
 import math
 
 import pytest
 
 from pendubot_identification.errors import ParameterError
-from pendubot_identification.link.protocol import Arm, Command, Decoder, Hello, HelloRequest, Limits, Status, encode
+from pendubot_identification.link.protocol import (
+    Arm,
+    Command,
+    Decoder,
+    Hello,
+    HelloRequest,
+    Limits,
+    State,
+    Status,
+    encode,
+)
 from pendubot_identification.link.virtual_board import BoardSettings, Faults, VirtualBoard
 from pendubot_identification.model.parameters import PAPER
 from pendubot_identification.model.simulation import Plant
 
 
-def arm(board, hello):
-    board.receive(encode(Arm(1, 0, hello.boot_id, 5, board.last.lock, 100)))
+class Bench:
+    """A virtual board and a hand that sends commands to it."""
+
+    def __init__(self, settings=None, faults=None, seed=0, plant=None):
+        self.board = VirtualBoard(plant or Plant(PAPER), settings, faults, seed)
+        self.decoder = Decoder()
+        self.seq = 0
+        self.last = None
+
+    def step(self, samples=1):
+        """Return the last STATE."""
+        return [e for e in self.events(samples) if isinstance(e, State)][-1]
+
+    def events(self, samples=1):
+        found = [event for _ in range(samples) for event in self.decoder.feed(self.board.advance())]
+        self.hello = next((e for e in found if isinstance(e, Hello)), getattr(self, 'hello', None))
+        self.last = found[-1]
+        return found
+
+    def send(self, mode, torque=0, watchdog_ms=100, session=5):
+        self.seq += 1
+        self.board.receive(encode(Command(self.seq, 0, mode, watchdog_ms, torque, session=session)))
+
+    def arm(self, session=5, lock=None, boot_id=None, watchdog_ms=100):
+        """Ask to be armed, by default as it fits; a sample has to have been taken."""
+        self.seq += 1
+        lock = self.last.lock if lock is None else lock
+        boot_id = self.hello.boot_id if boot_id is None else boot_id
+        self.board.receive(encode(Arm(self.seq, 0, boot_id, session, lock, watchdog_ms)))
+
+    def armed(self):
+        self.step()
+        self.arm()
+        assert self.step().status == Status.ARMED
+        return self
 
 
-def test_hello_at_boot_and_on_request_describes_the_settings():
-    board = VirtualBoard(Plant(PAPER), BoardSettings(1000, 1.5, sample_period_us=2000, watchdog_max_ms=250))
-    hello, state = Decoder().feed(board.advance())
+def test_it_says_hello_at_boot_and_when_asked():
+    bench = Bench(BoardSettings(counts=1000, torque_limit=1.5, sample_period_us=2000, watchdog_max_ms=250))
+    hello, state = bench.events()
     assert isinstance(hello, Hello)
     assert (hello.seq, hello.cpr1, hello.cpr2, hello.torque_limit) == (0, 1000, 1000, 1_500_000)
     assert (hello.sample_period_us, hello.watchdog_max_ms) == (2000, 250)
     assert (state.seq, state.t_us, state.enc1, state.enc2, state.torque, state.status) == (1, 0, 0, 0, 0, 0)
-    board.receive(2 * encode(HelloRequest(1, 0)))
-    first, second, state = Decoder().feed(board.advance())
+    for _ in range(2):
+        bench.board.receive(encode(HelloRequest(1, 0)))
+    first, second, state = bench.events()
     assert (first.seq, first.boot_id, second.seq, state.seq) == (2, hello.boot_id, 3, 4)
 
 
-def test_a_torque_is_applied_until_the_next_sample_and_moves_the_plant():
-    board = VirtualBoard(Plant(PAPER))
-    hello, _ = Decoder().feed(board.advance())
-    arm(board, hello)
-    board.receive(encode(Command(2, 0, 1, 100, 300_000, session=5)))
-    board.advance()
-    assert (board.last.torque, board.last.enc1) == (300_000, 0)
+@pytest.mark.parametrize('wrong', [{'lock': 2}, {'boot_id': 1}, {'session': 0}, {}])
+def test_only_an_arm_that_fits_this_boot_arms(wrong):
+    bench = Bench()
+    bench.step()
+    bench.send(1, 100_000)
+    bench.send(0)
+    assert (bench.step().status, bench.last.lock, bench.last.refused) == (Status.REFUSED, 2, 1)
+    bench.arm(**{'lock': 1 if wrong.get('lock') else None} | {k: v for k, v in wrong.items() if k != 'lock'})
+    bench.send(1, 100_000)
+    state = bench.step()
+    if wrong:
+        assert (state.status, state.torque, state.refused) == (Status.REFUSED, 0, 3)
+    else:
+        assert (state.status, state.torque, state.cmd_seq) == (Status.ARMED, 100_000, bench.seq)
+
+
+def test_only_the_session_that_armed_it_is_obeyed_and_mode_0_of_anybody_disarms():
+    bench = Bench().armed()
+    bench.send(1, 100_000)
+    bench.send(1, 900_000, session=6)
+    bench.arm(session=6)
+    state = bench.step()
+    assert (state.torque, state.refused, state.status) == (100_000, 2, Status.ARMED | Status.REFUSED)
+    bench.arm()  # the same once more: its torque stays
+    assert (bench.step().torque, bench.last.refused) == (100_000, 2)
+    lock = bench.last.lock
+    bench.send(0, session=6)
+    assert (bench.step().torque, bench.last.lock) == (0, lock + 1)
+    bench.send(1, 100_000)
+    assert (bench.step().torque, bench.last.refused) == (0, 2), 'late, but its own'
+    bench.arm(lock=lock)
+    assert (bench.step().status, bench.last.refused) == (Status.REFUSED, 3)
+
+
+def test_after_a_watchdog_trip_it_obeys_only_after_another_arming():
+    bench = Bench(BoardSettings(torque_limit=0.25)).armed()
+    bench.send(1, -300_000, watchdog_ms=50)
+    states = [bench.step() for _ in range(7)]
+    assert [s.torque for s in states] == [-250_000] * 5 + [0] * 2
+    assert [s.status for s in states] == [Status.ARMED | Status.SATURATED] * 5 + [Status.WATCHDOG] * 2
+    bench.send(1, 100_000)
+    assert bench.step().status == Status.WATCHDOG
+    bench.arm()
+    assert bench.step().status == Status.ARMED
+    bench.step(20)
+    assert bench.last.status == Status.WATCHDOG
+    bench.send(0)
+    assert bench.step().status == 0
+
+
+def test_confirmed_zeros_are_remembered_until_a_restart():
+    bench = Bench(faults=Faults(reset_at=0.1))
+    bench.step()
+    bench.send(2, session=bench.hello.boot_id ^ 1)
+    assert bench.step().status == 0
+    bench.send(2, session=bench.hello.boot_id)
+    assert (bench.step().status, bench.last.cmd_seq) == (Status.ZEROED, 0)
+    bench.arm()
+    assert bench.step().status == Status.ARMED | Status.ZEROED
+    bench.send(0)
+    assert bench.step(7).status == 0
+
+
+#: Limits, what happens, after how many samples of 10 ms the motor is off, and by what fault.
+LIMITED = [
+    (Limits(max_speed=2000), {}, 0.9, Status.SPEED, 3),
+    (Limits(max_travel1=300), {}, 0.9, Status.TRAVEL, 4),
+    (Limits(stall_torque=100_000, stall_ms=50), {'stuck_at': 0.0}, 0.2, Status.STALL, 5),
+    (Limits(continuous_ma=1000, overload_ms=100), {}, 0.2, Status.OVERLOAD, 10),
+    (Limits(max_vbus=2300), {}, 0.2, Status.OVERVOLTAGE, 0),
+]
+
+
+@pytest.mark.parametrize(('limits', 'faults', 'torque', 'fault', 'after'), LIMITED)
+def test_a_limit_disarms_and_is_named_until_a_mode_0(limits, faults, torque, fault, after):
+    bench = Bench(BoardSettings(limits=limits), Faults(**faults))
+    bench.step()
+    bench.arm()
+    torques = []
+    for _ in range(60):
+        bench.send(1, round(1e6 * torque))
+        torques.append(bench.step().torque)
+    assert bench.last.status & fault
+    assert torques.count(0) + torques.count(round(1e6 * torque)) == 60
+    assert sum(map(bool, torques)) == after
+    assert not any(torques[next(k for k, x in enumerate(torques) if not x) :]), 'once off, it stays off'
+    if fault not in (Status.OVERVOLTAGE, Status.TRAVEL, Status.SPEED):
+        bench.step(300)
+        assert bench.last.status == fault
+        bench.send(0)
+        assert bench.step().status == 0
+
+
+def test_a_torque_changes_by_no_more_than_the_slew_and_is_0_at_once():
+    bench = Bench(BoardSettings(sample_period_us=1000, limits=Limits(torque_slew=300_000))).armed()
+    bench.send(1, 1_000_000)
+    states = [bench.step() for _ in range(5)]
+    assert [s.torque for s in states] == [300_000, 600_000, 900_000, 1_000_000, 1_000_000]
+    assert [bool(s.status & Status.SLEW) for s in states] == [True] * 3 + [False] * 2
+    bench.send(1, -1_000_000)
+    assert bench.step(7).torque == -1_000_000
+    bench.send(0)
+    assert bench.step().torque == 0
+
+
+def test_the_torque_is_held_from_its_sample_until_the_next_and_moves_the_plant():
+    bench = Bench().armed()
+    bench.send(1, 300_000)
+    first = bench.step()
+    assert (first.torque, first.enc1) == (300_000, 0)
     reference = Plant(PAPER)
     reference.advance((0.3, 0.0), 0.01)
-    board.advance()
-    assert board.last.enc1 == round((reference.q[0] + math.pi / 2) * 4000 / (2 * math.pi)) != 0
+    assert bench.step().enc1 == round((reference.q[0] + math.pi / 2) * 4000 / (2 * math.pi)) != 0
 
 
-def test_a_restart_resets_everything_but_the_motion_and_ends_an_emergency_stop():
-    board = VirtualBoard(Plant(PAPER, q=(-1.0, 0.3)), faults=Faults(emergency_stop_at=0.05, reset_at=0.5))
-    first, _ = Decoder().feed(board.advance())
-    arm(board, first)
-    board.receive(encode(Command(2, 0, 2, 0, 0, session=first.boot_id ^ 1)))
-    board.advance()
-    assert board.last.status == Status.ARMED, 'zeros of another boot'
-    board.receive(encode(Command(3, 0, 2, 0, 0, session=first.boot_id)))
-    board.advance()
-    assert board.last.status == Status.ARMED | Status.ZEROED
-    for _ in range(47):
-        board.advance()
-    assert board.last.status == Status.EMERGENCY_STOP | Status.ZEROED
-    hello, state = Decoder().feed(board.advance())
+def test_a_watchdog_of_0_trips_at_once_and_a_long_one_is_clamped():
+    bench = Bench().armed()
+    bench.send(1, 100_000, watchdog_ms=0)
+    state = bench.step()
+    assert (state.status, state.torque) == (Status.WATCHDOG, 0)
+    bench.armed()
+    bench.send(1, 100_000, watchdog_ms=60_000)
+    assert bench.step(50).status == Status.ARMED
+    assert bench.step().status == Status.WATCHDOG
+
+
+def test_a_fault_switches_off_and_keeps_the_board_from_being_armed_while_it_lasts():
+    bench = Bench(faults=Faults(over_current_at=0.06)).armed()
+    bench.send(1, 100_000, watchdog_ms=500)
+    assert bench.step(4).torque == 100_000
+    state = bench.step()
+    assert (state.status, state.torque) == (Status.OVER_CURRENT, 0)
+    bench.arm()
+    assert bench.step().status == Status.OVER_CURRENT | Status.REFUSED
+    assert bench.step(20).status == Status.OVER_CURRENT, 'shown until a mode 0'
+    for _ in range(5):
+        bench.send(1, 100_000)
+        assert bench.step().torque == 0
+    bench.arm()
+    assert bench.step().status == Status.ARMED
+
+
+def test_a_frame_that_a_restart_cut_short_takes_none_along():
+    bench = Bench(faults=Faults(reset_at=0.1))
+    *_, last = [bench.board.advance() for _ in range(10)]
+    bench.decoder.feed(last[:-5])
+    _, hello, state = bench.events()
+    assert (type(hello), type(state)) == (Hello, State)
+
+
+def test_a_restart_begins_everything_anew_but_the_motion_and_ends_an_emergency_stop():
+    faults = Faults(emergency_stop_at=0.05, reset_at=0.5)
+    bench = Bench(faults=faults, plant=Plant(PAPER, q=(-1.0, 0.3))).armed()
+    first = bench.hello
+    assert bench.step(48).status == Status.EMERGENCY_STOP
+    hello, state = bench.events()
     assert hello.boot_id != first.boot_id
     assert (hello.seq, hello.t_us, state.t_us, state.enc1, state.enc2) == (0, 0, 0, 0, 0)
     assert (state.status, state.cmd_seq, state.lock, state.refused) == (0, 0, 1, 0)
-    arm(board, hello)
-    board.advance()
-    assert board.last.status == Status.ARMED
+    bench.send(1)
+    assert bench.step().status == Status.REFUSED
+    bench.armed()
 
 
-def test_a_payload_is_put_on_and_taken_off_during_the_motion():
-    board = VirtualBoard(Plant(PAPER, (0.3, 0.4)))
-    for _ in range(20):
-        board.advance()
-    reference = Plant(PAPER, board._plant.q, board._plant.qd)
+def test_a_damaged_frame_and_an_overrun_are_said_once():
+    bench = Bench()
+    bench.board.receive(b'nonsense\0' + encode(State(0, 0, 0, 0, 0, 0, 0, 0, 0)))
+    bench.board.note_overrun()
+    assert bench.step().status == Status.DAMAGED_FRAME | Status.OVERRUN
+    assert bench.step().status == 0
+
+
+def test_a_payload_is_put_on_and_taken_off_where_the_rig_is():
+    bench = Bench(plant=Plant(PAPER, (0.3, 0.4)))
+    bench.step(20)
+    fellow = Plant(PAPER, bench.board._plant.q, bench.board._plant.qd)
     for rig, payload in ((PAPER.carrying(0.02), 0.02), (PAPER, 0.0)):
-        board.carry(payload)
-        reference.become(rig)
+        bench.board.carry(payload)
+        fellow.become(rig)
         for _ in range(20):
-            board.advance()
-            reference.advance((0.0, 0.0), 0.01)
-        assert board._plant.q == pytest.approx(reference.q, abs=1e-12)
+            bench.step()
+            fellow.advance((0.0, 0.0), 0.01)
+        assert bench.board._plant.q == pytest.approx(fellow.q, abs=1e-12)
 
 
 def test_the_same_seed_gives_the_same_bytes_and_another_seed_others():
@@ -103,6 +280,6 @@ def test_the_same_seed_gives_the_same_bytes_and_another_seed_others():
         (Limits, 'stall_ms', 70_000),
     ],
 )
-def test_settings_out_of_range_are_refused(kind, name, value):
+def test_settings_that_make_no_sense_are_refused(kind, name, value):
     with pytest.raises(ParameterError, match=f'{name} is {value:g}'):
         BoardSettings(limits=Limits(**{name: value})) if kind is Limits else kind(**{name: value})
