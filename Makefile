@@ -14,9 +14,9 @@ demo: $(VENV)/.ros
 # program may be kept waiting for seconds, is run once more by itself, as the fault trials are.
 test: $(VENV)/.test
 	PENDUBOT_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses 2 --dist loadfile \
-		--no-loadscope-reorder --ignore test/faults \
-		|| $(BIN)/python -m pytest --last-failed --last-failed-no-failures none --ignore test/faults
-	$(BIN)/python -m pytest test/faults
+		--no-loadscope-reorder --ignore test/test_fault_trials.py \
+		|| $(BIN)/python -m pytest --last-failed --last-failed-no-failures none --ignore test/test_fault_trials.py
+	$(BIN)/python -m pytest test/test_fault_trials.py
 
 lint: $(VENV)/.test
 	$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/mypy && $(BIN)/lint-imports
@@ -27,15 +27,15 @@ docs: $(VENV)/.docs
 
 # Half an hour, and 1 GB in the temporary folder; the speeds of docs/benchmarks.md.
 benchmark: $(VENV)/.benchmark
-	$(BIN)/python -m test.benchmark
+	$(BIN)/python -m benchmarks.speed
 
 # Needs a quiet machine; about half an hour.
 faults: $(VENV)/.test
-	$(BIN)/python -m test.faults
+	$(BIN)/python -m benchmarks.faults
 
 # The real rigs of docs/benchmarks.md; long.
 criteria: $(VENV)/.test
-	$(BIN)/python -m test.estimator real
+	$(BIN)/python -m benchmarks.estimator real
 
 # The paper's tables and figures, in build/reproduction: read index.md there.
 reproduce: $(VENV)/.ros

@@ -64,7 +64,7 @@ setup(
         'completion': ['shtab'],
         # The HTML of docs/.
         'docs': ['myst-parser', 'sphinx'],
-        # What test/benchmark measures itself against.
+        # What benchmarks/speed measures itself against.
         'benchmark': ['minionpy', 'mujoco[sysid]', 'numba', 'pygmo', 'pymoo'],
         # What else exported rigs are held against, and an example needs; 1 GB, so these tests are skipped without them.
         'engines': ['casadi', 'drake', 'pin'],

@@ -13,8 +13,8 @@ from pendubot_identification.recordings.joint_states import write_trajectory
 from pendubot_identification.results import track_file
 from pendubot_identification.results.result_file import read_result
 from pendubot_identification.trajectories.trajectory import Trajectory
+from test.changing_rig import Day, record, truth
 from test.processes import run_program
-from test.tracking.rig import Day, record, truth
 
 DAY = Day(payload=0.2, payload_at=16.0)
 

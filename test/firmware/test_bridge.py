@@ -10,11 +10,11 @@ from contextlib import closing
 import numpy as np
 import pytest
 
+from benchmarks.faults.ownership import commands, samples, stranger
+from benchmarks.faults.wire import Tap
 from pendubot_identification.link.protocol import Arm, Command, Hello, HelloRequest, State, Status, encode
 from pendubot_identification.model.parameters import PAPER
 from pendubot_identification.model.simulation import Plant
-from test.faults.ownership import commands, samples, stranger
-from test.faults.wire import Tap
 from test.rig import PATIENT
 
 from .emulator import Emulator, Line

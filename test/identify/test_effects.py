@@ -21,9 +21,9 @@ from pendubot_identification.identify.effects import (
 )
 from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.trajectory import Trajectory
+from test import simulated_rig as rig
 from test.criteria.likelihoods import likelihood
-from test.estimator import rig
-from test.estimator.rig import Rig
+from test.simulated_rig import Rig
 
 TRUE = np.append(list(rig.TRUE.values()), np.zeros(5))
 RECORDINGS, SECONDS = 3, 8.0

@@ -9,7 +9,7 @@ import pytest
 from pendubot_identification.identify.pipeline import identify
 from pendubot_identification.level import Level
 from pendubot_identification.trajectories.trajectory import Trajectory
-from test.estimator.rig import CATALOGUE, UNKNOWN, Rig, record, true
+from test.simulated_rig import CATALOGUE, UNKNOWN, Rig, record, true
 
 COGGING = 'cogging, shoulder, 7 a turn'
 

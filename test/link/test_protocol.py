@@ -3,7 +3,7 @@
 
 """The bytes: what is encoded is decoded, in any pieces; what is damaged is dropped, and told.
 
-That a thousand damaged frames yield no wrong sample, and are counted exactly, test/faults shows.
+That a thousand damaged frames yield no wrong sample, and are counted exactly, benchmarks/faults shows.
 """
 
 import struct

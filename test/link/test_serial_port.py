@@ -3,7 +3,7 @@
 
 """A real port object on a real pseudo-terminal: read at once, opened again, held alone.
 
-Ports that are missing, busy, forbidden or come and go, and a virtual board in real time, are in test/faults.
+Ports that are missing, busy, forbidden or come and go, and a virtual board in real time, are in benchmarks/faults.
 """
 
 import contextlib

@@ -13,10 +13,10 @@ from std_msgs.msg import Float64MultiArray
 
 from pendubot_identification.model.parameters import BALANCE
 from pendubot_identification.nodes.messages import LATCHED
-from test.faults.witness import steady_machine
 from test.live import LiveRig
 from test.processes import parameters
 from test.rig import ARMED, PATIENT
+from test.witness import steady_machine
 
 pytestmark = pytest.mark.ros
 EFFORT, PARAMS = '/pendubot/effort_command', '/pendubot/params'

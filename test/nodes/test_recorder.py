@@ -189,7 +189,7 @@ def test_messages_that_were_lost_are_counted_and_publishers_that_are_not_heard_n
 
 
 def test_sigkill_while_recording_at_1_khz_loses_at_most_a_tenth_of_a_second(tmp_path, node):
-    # Twenty of them are in test/faults. A machine that is busy may fail one, not both.
+    # Twenty of them are in benchmarks/faults. A machine that is busy may fail one, not both.
     losses = [killed.sent - killed.read for killed in kills(node, tmp_path, 2)]
     assert min(losses) <= 100, losses
 

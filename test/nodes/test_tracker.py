@@ -12,8 +12,8 @@ from std_srvs.srv import SetBool, Trigger
 
 from pendubot_identification.nodes.messages import LATCHED
 from pendubot_identification.nodes.topics import quality
+from test.changing_rig import Day, record, truth
 from test.processes import Program, call, parameters, run_program, spin_until
-from test.tracking.rig import Day, record, truth
 
 pytestmark = pytest.mark.ros
 DAY = Day(payload=0.2, payload_at=20.0)

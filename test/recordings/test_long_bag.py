@@ -26,7 +26,7 @@ from pendubot_identification.recordings.joint_states import (
 )
 from pendubot_identification.tracking import windows
 from pendubot_identification.trajectories.trajectory import Trajectory
-from test.tracking.rig import Day, record
+from test.changing_rig import Day, record
 
 #: What is too long here [s], what is enough, and how long the windows are that are named.
 LONGEST, ENOUGH, LENGTH = 25.0, 20.0, 10

@@ -17,12 +17,12 @@ from pendubot_identification.level import Level
 from pendubot_identification.model.parameters import BALANCE, Parameters
 from pendubot_identification.tracking.events import Burst, Change, Start, State
 from pendubot_identification.tracking.tracker import Tracker
-from test.estimator.rig import CATALOGUE, UNKNOWN, Rig
-from test.estimator.rig import record as with_effects
+from test.changing_rig import C2, Day, record, truth
 from test.real import RIGS, known, recorded, strung
+from test.simulated_rig import CATALOGUE, UNKNOWN, Rig
+from test.simulated_rig import record as with_effects
 
 from .recovery import trial
-from .rig import C2, Day, record, truth
 
 SECONDS, AT = 45.0, 25.0
 #: Where a payload scales all of link 2's own equation [m].

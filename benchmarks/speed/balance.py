@@ -3,7 +3,7 @@
 
 """How well the virtual rig is swung up and held, by parameters of which origin, and where the margins end.
 
-    python -m test.benchmark.balance [--live] [--seeds 20] [--rates 200 500] [--from truth weak ...]
+    python -m benchmarks.speed.balance [--live] [--seeds 20] [--rates 200 500] [--from truth weak ...]
 
 Prints Markdown tables of the rig `balance` with encoders of 4000 counts, 4 ms of motor delay and 2 N m: from 20 starts
 near upright (each angle within 0.1 rad) and 20 from hanging (within 0.2 rad), at rest. Held is what stays within

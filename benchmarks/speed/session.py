@@ -14,10 +14,10 @@ import numpy as np
 from scipy.optimize import minimize
 
 import pendubot_identification as pendubot
+from benchmarks.speed.measure import REPETITIONS, cpu, seconds
 from pendubot_identification.criteria.likelihood import fit, fitted_information, physical
 from pendubot_identification.identify.fitting import GEARED, TrainingData, fit_composite
 from pendubot_identification.identify.settings import Settings
-from test.benchmark.measure import REPETITIONS, cpu, seconds
 from test.conftest import RECORDINGS, ROOT
 
 PENDUBOT = Path(sys.executable).with_name('pendubot')

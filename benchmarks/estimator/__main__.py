@@ -3,13 +3,13 @@
 
 """Measure the estimator, and print Markdown tables.
 
-    python -m test.estimator real [--test]            shared recordings: each left out, and every split in halves
-    python -m test.estimator clean [--seeds 20]       rigs without effects, of three sizes
-    python -m test.estimator effects [--seeds 20]     rigs with the effects of the catalogue
-    python -m test.estimator unknown [--seeds 20]     rigs with other imperfections
-    python -m test.estimator pushes [--seeds 20]      unmodelled friction and pushes by hand
-    python -m test.estimator time                     wall time
-    python -m test.estimator beside FILE FILE ...     tables of several --json files, row beside row
+    python -m benchmarks.estimator real [--test]            shared recordings: each left out, and every split in halves
+    python -m benchmarks.estimator clean [--seeds 20]       rigs without effects, of three sizes
+    python -m benchmarks.estimator effects [--seeds 20]     rigs with the effects of the catalogue
+    python -m benchmarks.estimator unknown [--seeds 20]     rigs with other imperfections
+    python -m benchmarks.estimator pushes [--seeds 20]      unmodelled friction and pushes by hand
+    python -m benchmarks.estimator time                     wall time
+    python -m benchmarks.estimator beside FILE FILE ...     tables of several --json files, row beside row
 
 Errors are open-loop simulation errors over the standard deviations of the scored recordings' states (geometric mean
 over the fits; "with effects": with the torques that the result compensates). dP: |P_a - P_b| / mean of P1 to P5
@@ -28,9 +28,10 @@ import json
 import subprocess
 from pathlib import Path
 
+from test.simulated_rig import CATALOGUE, SIZES, UNKNOWN
+
 from . import measurements
 from .outcome import outcome
-from .rig import CATALOGUE, SIZES, UNKNOWN
 from .tables import TABLES, markdown
 
 
@@ -56,7 +57,7 @@ def timed(only):
     for case in only:
         kernel, _ = measurements.TIMED[case]
         environment = os.environ | {'PENDUBOT_KERNEL': 'on' if kernel else 'off'}
-        program = f'from test.estimator.__main__ import timed_alone; timed_alone({case!r})'
+        program = f'from benchmarks.estimator.__main__ import timed_alone; timed_alone({case!r})'
         done = subprocess.run([sys.executable, '-c', program], env=environment, capture_output=True, text=True)
         if done.returncode:
             raise SystemExit(done.stderr)

@@ -6,13 +6,13 @@
 import numpy as np
 from scipy.optimize import differential_evolution
 
+from benchmarks.speed.measure import interleaved, on, table
 from pendubot_identification.criteria.energy import energy_regression
 from pendubot_identification.criteria.quadratic import Penalised, Quadratic
 from pendubot_identification.model.parameters import coupling_excess, default_bounds
 from pendubot_identification.optimizers import mde as optimizer
 from pendubot_identification.optimizers.mde import MDESettings
 from pendubot_identification.recordings.bag_reader import read_trajectory
-from test.benchmark.measure import interleaved, on, table
 from test.conftest import ROOT
 
 RUNS, POPULATION, GENERATIONS = 10, 30, 4000

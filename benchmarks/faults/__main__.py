@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Fault trials: ``python -m test.faults [--short] [--board c] [NAME ...]`` prints what was wanted, what was measured.
+"""Fault trials: ``python -m benchmarks.faults [--short] [--board c] [NAME ...]`` prints targets and figures.
 
 The long trials take about half an hour on a quiet machine with two cores; ``--short`` runs those of the tests.
 """
@@ -22,7 +22,7 @@ from .table import HEADER, row
 def main():
     trials = [*bridge.TRIALS, *ownership.TRIALS, *recorder.TRIALS]
     names = [trial.name for trial in trials]
-    parser = argparse.ArgumentParser(prog='python -m test.faults', description=__doc__)
+    parser = argparse.ArgumentParser(prog='python -m benchmarks.faults', description=__doc__)
     parser.add_argument('names', nargs='*', metavar='NAME', help=f'which: {", ".join(names)} (default: all)')
     parser.add_argument('--short', action='store_true', help='seconds instead of minutes')
     boards = 'the virtual board: of Python, or the firmware in C (default %(default)s)'

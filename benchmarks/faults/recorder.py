@@ -18,10 +18,10 @@ from unittest import mock
 from pendubot_identification.errors import BagError
 from pendubot_identification.recordings.bag_reader import BagReader
 from pendubot_identification.recordings.bag_repair import repair
+from test.processes import Program
 from test.recordings import damage
 from test.recordings.independent import by_mcap, by_rosbags
 
-from ..processes import Program
 from .table import Trial, ros_node
 
 RATE = 1000  #: Messages a second.

@@ -3,7 +3,7 @@
 
 """Beside mujoco.sysid, of which robots are identified elsewhere: `pip install mujoco[sysid]`.
 
-    python -m test.benchmark.sysid [--test] [RIG ...]
+    python -m benchmarks.speed.sysid [--test] [RIG ...]
 
 Prints a Markdown table. Both fit the same recordings and predict the same others, from the same smoothed states on,
 each by its own simulation. This package is asked by its defaults; mujoco.sysid is told what its user has to find out:
@@ -24,13 +24,13 @@ from mujoco import sysid
 from scipy.signal import savgol_filter
 
 import pendubot_identification as pendubot
+from benchmarks.speed import measure
 from pendubot_identification.criteria.prediction_error import STEP as OURS
 from pendubot_identification.criteria.prediction_error import Simulations
 from pendubot_identification.identify.prediction import HORIZONS, JUDGED, STRIDE, predict, state_scale
 from pendubot_identification.model.parameters import NAMES, PAPER
 from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.signals import choose_smoothing, evenly_stamped
-from test.benchmark import measure
 from test.conftest import RECORDINGS, ROOT
 
 #: P1 P2 P3 P4 P5 b1 b2 Fc1 Fc2 J2, from the README beside the recordings.
@@ -229,7 +229,7 @@ def rigs(use_test):
 
 def main():
     """Print the table."""
-    parser = argparse.ArgumentParser(prog='python -m test.benchmark.sysid', description=__doc__.split('\n\n')[0])
+    parser = argparse.ArgumentParser(prog='python -m benchmarks.speed.sysid', description=__doc__.split('\n\n')[0])
     parser.add_argument('rigs', nargs='*', metavar='RIG', help='of those that are there (default: all)')
     parser.add_argument('--test', action='store_true', help='score what is set apart as test; seldom')
     args = parser.parse_args()

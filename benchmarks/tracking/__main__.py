@@ -3,9 +3,9 @@
 
 """How well rigs are followed that change while they move, beside what else could follow them.
 
-python -m test.tracking                 the tables of docs/benchmarks.md, 10 seeds, with peers
-python -m test.tracking --hours 10      false alarms alone, so many hours of motion without a change
-python -m test.tracking --others        rigs that are sampled and driven otherwise
+python -m benchmarks.tracking                 the tables of docs/benchmarks.md, 10 seeds, with peers
+python -m benchmarks.tracking --hours 10      false alarms alone, so many hours of motion without a change
+python -m benchmarks.tracking --others        rigs that are sampled and driven otherwise
 """
 
 import argparse
@@ -22,9 +22,9 @@ from pendubot_identification.tracking.tracker import Tracker
 from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.signals import choose_smoothing
 from pendubot_identification.trajectories.trajectory import Trajectory
+from test.changing_rig import Day, record, truth
 
 from .peers import forgetting, kalman
-from .rig import Day, record, truth
 
 SECONDS, AT = 600.0, 300.0
 WALK = np.array([TrackerSettings().inertia_walk] * 5 + [TrackerSettings().friction_walk] * 4)

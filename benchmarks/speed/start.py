@@ -9,7 +9,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from test.benchmark.measure import interleaved, table
+from benchmarks.speed.measure import interleaved, table
 from test.conftest import ROOT
 
 PENDUBOT = [str(Path(sys.executable).with_name('pendubot'))]

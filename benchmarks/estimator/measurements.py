@@ -11,9 +11,9 @@ from itertools import combinations
 import numpy as np
 
 from test.real import RIGS, recorded
+from test.simulated_rig import CATALOGUE, SIZES, UNKNOWN, Rig, record, true
 
 from .outcome import outcome, trajectories
-from .rig import CATALOGUE, SIZES, UNKNOWN, Rig, record, true
 
 RATES, COUNTS, RECORDINGS = (33, 100, 500, 1000, 5000), (500, 4096, 10000), 3
 STRENGTHS = ('weak', 'medium', 'strong')

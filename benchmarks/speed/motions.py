@@ -7,10 +7,10 @@ import math
 
 import numpy as np
 
+from benchmarks.speed.measure import interleaved, on, table
 from pendubot_identification.model.dynamics import GRAVITY
 from pendubot_identification.model.parameters import PAPER
 from pendubot_identification.model.rollout import roll, sensitivities
-from test.benchmark.measure import interleaved, on, table
 
 SAMPLES, VECTORS, INTERVAL = 900, 30, 0.01
 

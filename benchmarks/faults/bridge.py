@@ -25,10 +25,10 @@ from pendubot_identification.model.parameters import PAPER
 from pendubot_identification.model.simulation import Plant
 from test.processes import Program, call, parameters, spin_until
 from test.rig import ARMED, WATCHDOG, Rig
+from test.witness import Witness
 
 from .table import Trial, ros, ros_node
 from .wire import CPR, Line, Receiver, damage, hello, numbered_state, scrambled
-from .witness import Witness
 
 MS = 1_000_000
 RADIAN = 2 * np.pi / CPR

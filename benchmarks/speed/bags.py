@@ -14,10 +14,10 @@ from pathlib import Path
 import numpy as np
 from mcap.writer import CompressionType, Writer
 
+from benchmarks.speed import measure
+from benchmarks.speed.measure import REPETITIONS, seconds
 from pendubot_identification.recordings.joint_states import EPOCH_NS, JOINT_NAMES, JOINT_STATE, encode_joint_state
 from pendubot_identification.recordings.message_types import message_definition
-from test.benchmark import measure
-from test.benchmark.measure import REPETITIONS, seconds
 from test.conftest import ROOT
 
 #: A recording of a day's work: 3.6 million messages.

@@ -3,7 +3,7 @@
 
 """What a balancer does when its rig gets a payload, with what the tracker finds and without.
 
-    python -m test.tracking.recovery [--seeds 10]
+    python -m benchmarks.tracking.recovery [--seeds 10]
 
 Simulated: the rig `balance` with encoders of 4000 counts, 200 Hz, 4 ms of motor delay and 2 N m. Ten seconds of pulses
 are identified; it is swung up, and held; then a payload is put on its end (with an impact of up to 0.3 rad/s at each

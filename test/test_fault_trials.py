@@ -1,13 +1,12 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Every fault of the table for seconds; ``python -m test.faults`` does it for minutes, and judges times too."""
+"""Every fault of the table for seconds; ``python -m benchmarks.faults`` does it for minutes, and judges times too."""
 
 import pytest
 
+from benchmarks.faults import bridge, ownership
 from test.processes import BOARDS
-
-from . import bridge, ownership
 
 pytestmark = [pytest.mark.ros, pytest.mark.faults]
 

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A second process that subscribes to /joint_states: ``python -m test.faults.listener FILE.npy``.
+"""A second process that subscribes to /joint_states: ``python -m test.listener FILE.npy``.
 
 It says when it listens, and when it has heard the first message. At SIGTERM it writes one row for each: arrival and
 stamp [ns], q1, q2, effort.

@@ -5,14 +5,14 @@
 
 No code of the package is used.
 
-The equations are those of test/estimator/rig.py, from the positions of the bodies, with the payload as one body more.
+The equations are those of test/simulated_rig.py, from the positions of the bodies, with the payload as one body more.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from test.estimator.rig import C1, C2, FC, GRAVITY, I1, I2, L1, M1, M2, TRUE, B, pulses
+from test.simulated_rig import C1, C2, FC, GRAVITY, I1, I2, L1, M1, M2, TRUE, B, pulses
 
 STEP = 0.0025
 WIDTH = 0.05

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from pendubot_identification.model.dynamics import accelerations as of_package
-
-from .rig import CATALOGUE, GRAVITY, SIZES, UNKNOWN, Rig, accelerations, bodies, record, true
+from test.simulated_rig import CATALOGUE, GRAVITY, SIZES, UNKNOWN, Rig, accelerations, bodies, record, true
 
 STATES = np.random.default_rng(1).normal(size=(5, 100)) * [[2.0], [2.0], [5.0], [5.0], [0.3]]
 

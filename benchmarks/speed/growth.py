@@ -6,13 +6,13 @@
 import matplotlib as mpl
 import numpy as np
 
+from benchmarks.speed.measure import interleaved, on
+from benchmarks.speed.optimisers import energy_criterion, mde
 from pendubot_identification.criteria.energy import energy_regression
 from pendubot_identification.criteria.quadratic import Penalised, Quadratic
 from pendubot_identification.identify.pipeline import identify
 from pendubot_identification.model.parameters import Bounds, default_bounds
 from pendubot_identification.trajectories.trajectory import Trajectory
-from test.benchmark.measure import interleaved, on
-from test.benchmark.optimisers import energy_criterion, mde
 from test.virtual import recording
 
 GENERATIONS = 400

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Measures the speeds of docs/benchmarks.md: ``make benchmark``, or ``python -m test.benchmark NAME ...`` for parts.
+"""Measures the speeds of docs/benchmarks.md: ``make benchmark``, or ``python -m benchmarks.speed NAME ...`` for parts.
 
 Everything is interleaved with its peers in the same run, and shown as medians of at least five and as ratios: they are
 what carries over to another machine.
@@ -15,8 +15,8 @@ from pathlib import Path
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')  # before numpy, as the command does
 os.environ.pop('PYTHONDONTWRITEBYTECODE', None)  # what is installed has been compiled
 
+from benchmarks.speed import bags, growth, measure, motions, optimisers, session, start
 from pendubot_identification import kernel
-from test.benchmark import bags, growth, measure, motions, optimisers, session, start
 from test.conftest import ROOT
 
 PAGE, FIGURE = ROOT / 'docs' / 'benchmarks.md', ROOT / 'docs' / 'growth.svg'
@@ -35,7 +35,7 @@ PARTS = {
 
 def main():
     """Print tables, and with --write put them into the page."""
-    parser = argparse.ArgumentParser(prog='python -m test.benchmark', description=__doc__.split('\n\n')[0])
+    parser = argparse.ArgumentParser(prog='python -m benchmarks.speed', description=__doc__.split('\n\n')[0])
     parser.add_argument('parts', nargs='*', metavar='NAME', help=f'of {", ".join(PARTS)} (default: all)')
     parser.add_argument('--write', action='store_true', help='put the tables into docs/benchmarks.md')
     parser.add_argument('--cpu', action='store_true', help='measure processor time, on a machine that others use too')
