@@ -63,7 +63,7 @@ def imported(folder):
                 found.add(node.module.split('.')[0])
             elif isinstance(node, ast.Call) and ast.unparse(node.func) == 'pytest.importorskip':
                 found |= {argument.value for argument in node.args if isinstance(argument, ast.Constant)}
-    return found - {*sys.stdlib_module_names, *BROUGHT, 'pendubot_identification', 'test'}
+    return found - {*sys.stdlib_module_names, *BROUGHT, 'pendubot_identification', 'benchmarks', 'test'}
 
 
 def required(argument):

@@ -15,10 +15,18 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from std_msgs.msg import Float64, String
 
+from benchmarks.faults.recorder import (
+    disk_of_its_own,
+    joint_state,
+    kills,
+    recorded,
+    recorder,
+    wait,
+    wait_for_subscriptions,
+)
 from pendubot_identification.recordings.bag_reader import BagReader
 from test.recordings.independent import by_mcap, by_rosbags
 
-from ..faults.recorder import disk_of_its_own, joint_state, kills, recorded, recorder, wait, wait_for_subscriptions
 from ..processes import Program, spin_until
 
 pytestmark = pytest.mark.ros

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from benchmarks.tracking.recovery import trial
 from pendubot_identification.errors import ParameterError
 from pendubot_identification.identify.pipeline import identify
 from pendubot_identification.identify.settings import Settings
@@ -21,8 +22,6 @@ from test.changing_rig import C2, Day, record, truth
 from test.real import RIGS, known, recorded, strung
 from test.simulated_rig import CATALOGUE, UNKNOWN, Rig
 from test.simulated_rig import record as with_effects
-
-from .recovery import trial
 
 SECONDS, AT = 45.0, 25.0
 #: Where a payload scales all of link 2's own equation [m].
