@@ -59,7 +59,7 @@ setup(
     extras_require={
         'ros': ['ros-rclpy[fastrtps]==7.1.6', 'ros-jazzy-rclpy', 'ros-jazzy-common-interfaces'],
         # MATLAB 7.3, Excel and Parquet; all else needs no more.
-        'files': ['h5py', 'openpyxl', 'pyarrow'],
+        'files': ['h5py', 'openpyxl', 'pandas', 'pyarrow'],
         # Of the shell: pendubot completion.
         'completion': ['shtab'],
         # The HTML of docs/.

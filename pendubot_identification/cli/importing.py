@@ -28,8 +28,8 @@ identify, info and compare read such files themselves; a bag is for ROS.
 
   .csv .txt .tsv   a line of column names, then rows; separated by commas, semicolons or tabs
   .mat             MATLAB's variables, or the fields of a struct; q with two columns is q1 and q2. 7.3 needs h5py
-  .xlsx            the first sheet: a row of column names, then rows. Needs openpyxl
-  .parquet         needs pyarrow
+  .xlsx            the first sheet: a row of column names, then rows. Needs pandas and openpyxl
+  .parquet         needs pandas and pyarrow
 
 The columns are by default
   t           time [s]

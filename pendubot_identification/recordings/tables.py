@@ -6,11 +6,10 @@
 from __future__ import annotations
 
 import csv
-import datetime
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import closing, suppress
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,29 +21,28 @@ from numpy.typing import NDArray
 from pendubot_identification.errors import TableError
 
 Array = NDArray[np.float64]
-Cells = Sequence[Any] | NDArray[Any]
 
 DECIMAL_COMMA = re.compile(r'\s*[-+]?\d*,\d+([eE][-+]?\d+)?\s*')
-#: What MATLAB can always do.
+#: Every version of MATLAB can do this.
 WRITETABLE = "in MATLAB, writetable(table(t, q1, q2, tau1), 'run.csv') makes a text file of it"
 
 
 @dataclass(frozen=True)
 class Table:
-    """Columns as they stand in a file."""
+    """The columns of a file."""
 
     path: Path
     names: list[str]  #: of the columns.
-    cells: list[Cells]  #: of each column, texts, numbers or whatever the file holds.
-    row: str = 'sample'  #: what the file calls a row ...
-    rows: Sequence[int] = ()  #: ... and their numbers in it; by default from 1 on.
+    cells: list[Any]  #: of each column: an array of numbers, or a pandas Series.
+    row: str = 'sample'  #: the file's word for a row ...
+    rows: Sequence[int] = ()  #: ... and the number of each; by default from 1 on.
 
     def __post_init__(self) -> None:
         if not self.names:
             raise TableError(f'{self.path} holds no columns of numbers; export it again')
 
     def where(self, k: int) -> str:
-        """Say where the row of number k stands."""
+        """Return the place of row k in the file."""
         return f'{self.path}, {self.row} {self.rows[k] if self.rows else k + 1}'
 
     def has(self, name: str) -> bool:
@@ -63,21 +61,17 @@ class Table:
         Args:
             name: of the column.
             comma: whether decimals are written with commas.
-            skip: whether what is missing or no number is NaN, and not refused.
+            skip: whether a cell without a finite number becomes NaN instead of an error.
 
         Raises:
             TableError: a cell holds no finite number.
         """
         cells = self.cells[self.names.index(name)]
-        if comma:
-            cells = [cell.replace(',', '.') if isinstance(cell, str) else cell for cell in cells]
-        try:
-            numbers = _numbers(cells)
-        except (ValueError, TypeError):
-            numbers = np.array([_number(cell) for cell in cells])
+        numbers = _numbers(cells, comma)
         bad = np.flatnonzero(~np.isfinite(numbers))
         if bad.size and not skip:
-            cell = str('' if cells[bad[0]] is None else cells[bad[0]]).strip()
+            cell = np.asarray(cells, dtype=object)[bad[0]]
+            cell = '' if self.row == 'row' and cell != cell else str(cell).strip()
             found = (
                 f'{self.where(int(bad[0]))}, column {name!r}: {repr(cell) if cell else "nothing"} is no finite number'
             )
@@ -86,52 +80,49 @@ class Table:
             if bad.size == len(numbers) > 1:
                 raise TableError(f'{found}, nor is any other there; is it another column? name it with --columns')
             raise TableError(
-                f'{found}, as of {bad.size} of {len(numbers)} rows; mend or remove them, or leave them out: add '
+                f'{found}, as of {bad.size} of {len(numbers)} rows; correct or remove them, or leave them out: add '
                 '--skip-missing',
                 skip_missing='true',
             )
         return numbers
 
 
-def _numbers(cells: Cells) -> Array:
-    """Return cells as numbers, NaN where there is none; times in seconds since the first.
+def _numbers(cells: Any, comma: bool) -> Array:
+    """Return cells as numbers, NaN where there is none; times in seconds since the first."""
+    if isinstance(cells, np.ndarray) and cells.dtype.kind == 'U':
+        return np.array([_number(cell.replace(',', '.') if comma else cell) for cell in cells])
+    if isinstance(cells, np.ndarray):
+        return np.asarray(cells, dtype=float)
+    import pandas
 
-    Raises:
-        ValueError, TypeError: one of them is none.
-    """
-    first = next((cell for cell in cells if cell is not None), None)
-    for kind, name in ((datetime.datetime, 'datetime64[us]'), (datetime.timedelta, 'timedelta64[us]')):
-        if isinstance(first, kind):
-            cells = np.array(cells, dtype=name)
-    if isinstance(cells, np.ndarray) and cells.dtype.kind in 'mM':
-        return np.asarray((cells - cells[0]) / np.timedelta64(1, 'ns') * 1e-9, dtype=float)
-    return np.asarray(cells, dtype=float)
+    cells = cells.infer_objects()
+    if cells.dtype.kind in 'mM':
+        return np.asarray((cells - cells.iloc[0]).dt.total_seconds(), dtype=float)
+    return np.asarray(pandas.to_numeric(cells, errors='coerce'), dtype=float)
 
 
-def _number(cell: object) -> float:
+def _number(cell: str) -> float:
     try:
-        return float(cell)  # type: ignore[arg-type]
-    except (ValueError, TypeError):
+        return float(cell)
+    except ValueError:
         return math.nan
 
 
 def read_table(path: Path) -> Table:
-    """Read a file with columns, of the kind that its name's ending tells.
+    """Read a file with columns; the ending of its name gives its format.
 
     Raises:
         TableError: it cannot be read, or holds no columns.
     """
+    read, packages = FORMATS[path.suffix.lower()]
     try:
         with path.open('rb'):
-            return FORMATS[path.suffix.lower()](path)
+            return read(path)
     except OSError as error:
         why = error.strerror or str(error)
         raise TableError(f'{path} cannot be read: {why}; check its name and permissions') from error
     except ImportError as error:
-        extra = (error.name or '').split('.')[0]
-        raise TableError(
-            f'{path} is read by {extra}, which is not installed: pip install {extra}; or without: {WRITETABLE}'
-        ) from error
+        raise TableError(f'reading {path} needs {packages}: pip install {packages}; or {WRITETABLE}') from error
 
 
 def is_table(path: Path) -> bool:
@@ -148,74 +139,69 @@ def _text(path: Path) -> Table:
     lines = text.splitlines()
     if not any(map(str.strip, lines)):
         raise TableError(f'{path} is empty; a line of column names and rows of numbers are expected: export it again')
-    # Excel may be told the separator, and tells it, by a line of its own.
-    told = re.fullmatch(r'"?sep=(.)"?', lines[0].strip(' '), re.IGNORECASE)
+    # Excel may write the separator in a line of its own.
+    separator = re.fullmatch(r'"?sep=(.)"?', lines[0].strip(' '), re.IGNORECASE)
+    header = 1 if separator else 0
     # numpy writes a # before the names.
-    lines[0] = lines[0].lstrip('# ')
-    separators = [each for each in ',;\t' if each in lines[0]] or [' ' if ' ' in lines[0] else ',']
-    delimiter = told[1] if told else max(separators, key=lines[0].count)
-    reader = csv.reader(lines, delimiter=delimiter, skipinitialspace=delimiter == ' ')
-    if told:
-        next(reader)
-    names = [name.strip() for name in next(reader, [])]
-    body, first = lines[reader.line_num :], reader.line_num + 1
-    with suppress(ValueError):
-        # Ten times as quick, where there are numbers and nothing else; and nothing to be said of any line.
-        held = np.loadtxt(body or ['-'], delimiter=None if delimiter == ' ' else delimiter, comments=None, ndmin=2)
-        if held.shape == (len(body), len(names)):
-            return Table(path, names, list(held.T), 'line', range(first, first + len(body)))
-    rows, numbers = list[list[str]](), list[int]()
-    try:
-        for row in reader:
-            if not any(cell.strip() for cell in row):
-                continue
-            # Some programs end a row with a separator; anything else means that cells are not where they belong.
-            if len(row) < len(names) or any(cell.strip() for cell in row[len(names) :]):
-                comma = delimiter == ',' and len(row) > len(names)
-                why = 'decimals may be written with commas: write them with points, or ' if comma else ''
-                raise TableError(
-                    f'{path}, line {reader.line_num} has {len(row)} cells; {len(names)} are expected, one for each '
-                    f'column name; {why}mend or remove that row'
-                )
-            rows.append(row[: len(names)])
-            numbers.append(reader.line_num)
-    except csv.Error as error:
-        raise TableError(f'{path}, line {reader.line_num}: {error}; mend or remove that row') from error
-    return Table(path, names, list(zip(*rows, strict=True)) or [()] * len(names), 'line', numbers)
+    line = lines[header].lstrip('# ') if len(lines) > header else ''
+    likely = [each for each in ',;\t' if each in line] or [' ' if ' ' in line else ',']
+    delimiter = separator[1] if separator else max(likely, key=line.count)
+
+    def split(line: str) -> list[str]:
+        cells = next(csv.reader([line], delimiter=delimiter, skipinitialspace=delimiter == ' '), [])
+        return cells[:-1] if delimiter == ' ' and cells and not cells[-1] else cells
+
+    names = [name.strip() for name in split(line)]
+    rows = [k for k in range(header + 1, len(lines)) if lines[k].strip(delimiter + ' ')]
+    # Some programs end a row with a separator.
+    body = [lines[k].removesuffix(delimiter) if lines[k].count(delimiter) == len(names) else lines[k] for k in rows]
+    numbers = [k + 1 for k in rows]
+    for kind in (float, str) if body else ():
+        with suppress(ValueError):
+            cells = np.loadtxt(
+                body,
+                kind,
+                delimiter=None if delimiter == ' ' else delimiter,
+                comments=None,
+                quotechar='"',
+                ndmin=2,
+            )
+            if cells.shape[1] == len(names):
+                return Table(path, names, list(cells.T), 'line', numbers)
+    for row, number in zip(map(split, body), numbers, strict=True):
+        if len(row) != len(names):
+            comma = delimiter == ',' and len(row) > len(names)
+            why = 'decimals may be written with commas: write them with points, or ' if comma else ''
+            raise TableError(
+                f'{path}, line {number} has {len(row)} cells; {len(names)} are expected, one for each column name; '
+                f'{why}correct or remove that row'
+            )
+    return Table(path, names, [np.empty(0)] * len(names), 'line')
 
 
 def _excel(path: Path) -> Table:
     """Read the first sheet: a row of column names, and rows."""
-    import openpyxl
+    import pandas
 
     try:
-        book = openpyxl.load_workbook(path, read_only=True, data_only=True)
+        frame = pandas.read_excel(path, header=None, engine='openpyxl').dropna(how='all')
     except (BadZipFile, ValueError, KeyError, TypeError) as error:
         raise TableError(f'{path} is no Excel file ({error}); save it as .xlsx or .csv') from error
-    with closing(book):
-        rows = list(book.worksheets[0].iter_rows(values_only=True))
-    filled = [k for k, row in enumerate(rows) if any(cell is not None for cell in row)]
-    if not filled:
+    if frame.empty:
         return Table(path, [], [])
-    names = ['' if cell is None else str(cell).strip() for cell in rows[filled[0]]]
-    return Table(
-        path,
-        names,
-        [[rows[k][place] for k in filled[1:]] for place in range(len(names))],
-        'row',
-        [k + 1 for k in filled[1:]],
-    )
+    names, rows = ['' if name != name else str(name).strip() for name in frame.iloc[0]], frame.iloc[1:]
+    return Table(path, names, [rows[k] for k in rows], 'row', list(rows.index + 1))
 
 
 def _parquet(path: Path) -> Table:
+    import pandas
     import pyarrow
-    from pyarrow import parquet
 
     try:
-        table = parquet.read_table(path)
+        frame = pandas.read_parquet(path, engine='pyarrow')
     except pyarrow.ArrowException as error:
         raise TableError(f'{path} is no Parquet file ({error}); export it again') from error
-    return Table(path, list(table.column_names), [column.to_numpy() for column in table.columns])
+    return Table(path, list(frame.columns), [frame.iloc[:, k] for k in range(frame.shape[1])])
 
 
 def _matlab(path: Path) -> Table:
@@ -277,12 +263,10 @@ def _opaque(path: Path) -> TableError:
     )
 
 
+#: The reader of each format, and the packages that it may need.
 FORMATS = {
-    '.csv': _text,
-    '.txt': _text,
-    '.tsv': _text,
-    '.mat': _matlab,
-    '.xlsx': _excel,
-    '.xlsm': _excel,
-    '.parquet': _parquet,
+    **dict.fromkeys(('.csv', '.txt', '.tsv'), (_text, '')),
+    '.mat': (_matlab, 'h5py'),
+    **dict.fromkeys(('.xlsx', '.xlsm'), (_excel, 'pandas openpyxl')),
+    '.parquet': (_parquet, 'pandas pyarrow'),
 }

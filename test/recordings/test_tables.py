@@ -96,7 +96,7 @@ def test_the_same_pose_in_every_convention(given, zero, elbow):
 
 
 MINIMAL = 't,q1,q2,tau1\n'
-ONE_EACH = '7 are expected, one for each column name; mend or remove that row'
+ONE_EACH = '7 are expected, one for each column name; correct or remove that row'
 
 
 @pytest.mark.parametrize(
@@ -118,7 +118,6 @@ ONE_EACH = '7 are expected, one for each column name; mend or remove that row'
             "'5,00' is no finite number; decimals .* with commas: add --decimal comma",
         ),
         (TEXT.replace('dq1', 'q1'), "has 2 columns 'q1'; rename all but one of them"),
-        (TEXT.replace('0.5', 'x' * 200_000), 'line 3: field larger than field limit'),
         (MINIMAL + '0,1,2,3\n10,1,2,3\n20,1,2,3\n', r'rows are 10 s apart.*: add --time-unit ms'),
         (MINIMAL + '0,1,2,3\n.12,1,2,3\n', r'rows are 0.12 s apart.*; record at a higher rate'),
         (TEXT.splitlines()[0], 'holds no row of numbers'),
@@ -222,11 +221,11 @@ def test_a_file_of_other_programs_that_cannot_be_used_is_one_sentence(tmp_path, 
         read(tmp_path / name)
 
 
-@pytest.mark.parametrize(('name', 'package'), [('x.xlsx', 'openpyxl'), ('x.parquet', 'pyarrow'), ('x.mat', 'h5py')])
+@pytest.mark.parametrize(('name', 'package'), [('x.xlsx', 'pandas'), ('x.parquet', 'pyarrow'), ('x.mat', 'h5py')])
 def test_what_is_not_installed_is_named_with_what_to_do(tmp_path, monkeypatch, name, package):
     (tmp_path / name).write_bytes(b'MATLAB 7.3 MAT-file'.ljust(124) + b'\0\2IM')
     monkeypatch.setitem(sys.modules, package, None)
-    with pytest.raises(TableError, match=rf'pip install {package}; or without: in MATLAB, writetable\(table'):
+    with pytest.raises(TableError, match=rf'pip install .*{package}.*; or in MATLAB, writetable\(table'):
         read(tmp_path / name)
 
 
