@@ -15,6 +15,8 @@ from typing import Any
 import yaml
 from mcap.records import Channel, Schema
 
+from pendubot_identification.files import yaml_text
+
 METADATA = 'metadata.yaml'
 
 
@@ -91,16 +93,11 @@ def offered_profiles(text: str) -> list[dict[str, Any]]:
     return [each for each in profiles if isinstance(each, dict)] if isinstance(profiles, list) else []
 
 
-def as_yaml(document: Any) -> str:
-    """Return it as text without anchors, which are YAML, but not every reader's."""
-    return yaml.dump(document, Dumper=_Dumper, sort_keys=False)
-
-
 def write_metadata(folder: Path, content: dict[str, Any]) -> None:
     """Put metadata.yaml in its place at once, or leave the one that is there: also when the power fails meanwhile."""
     temporary = folder / f'{METADATA}.tmp'
     with temporary.open('w', encoding='utf-8') as file:
-        file.write(as_yaml({'rosbag2_bagfile_information': content}))
+        file.write(yaml_text({'rosbag2_bagfile_information': content}))
         file.flush()
         os.fsync(file.fileno())
     os.replace(temporary, folder / METADATA)
@@ -114,12 +111,3 @@ def sync_folder(folder: Path) -> None:
         os.fsync(descriptor)
     finally:
         os.close(descriptor)
-
-
-#: A fifth of the time, where it was built: a recording that runs is described every second.
-_Fast: Any = getattr(yaml, 'CSafeDumper', yaml.SafeDumper)
-
-
-class _Dumper(_Fast):
-    def ignore_aliases(self, data: Any) -> bool:
-        return True

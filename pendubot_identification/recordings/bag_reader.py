@@ -9,7 +9,6 @@ import hashlib
 import math
 import os
 import re
-from array import array
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -227,17 +226,17 @@ class Stream:
     def samples(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         """Return all of them as one block; of what is too long, so many more than can be taken that it shows."""
         while True:
-            # Arrays of the standard library grow in place, and are not copied to become numpy's.
-            times, values = array('q'), array('d')
+            times, values, count = list[NDArray[np.int64]](), list[NDArray[np.float64]](), 0
             for elapsed_ns, block in self:
-                times.frombytes(elapsed_ns.data.cast('B'))
-                values.frombytes(block.data.cast('B'))
-                if is_long(len(times), min((times[-1] - times[0]) / 1e9, self._reader.duration)):
+                times.append(elapsed_ns)
+                values.append(block)
+                count += len(elapsed_ns)
+                if is_long(count, min((elapsed_ns[-1] - times[0][0]) / 1e9, self._reader.duration)):
                     break
             else:
                 if self.missed():
                     continue
-            return np.frombuffer(times, dtype=np.int64), np.frombuffer(values).reshape(-1, 3, 2)
+            return np.concatenate([np.empty(0, np.int64), *times]), np.concatenate([np.empty((0, 3, 2)), *values])
 
 
 Reader = BagReader | TableReader

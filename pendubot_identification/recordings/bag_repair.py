@@ -63,7 +63,7 @@ def _copied(file: McapFile, bag: BagWriter, numbers: Counter[str]) -> SavedFile:
         for number, channel in sorted(file.channels.items())
         if channel.schema_id in file.schemas
     }
-    for part in file.whole_parts(damaged):
+    for part in file.intact_parts(damaged):
         for message in part.messages:
             if message.channel_id not in to:
                 continue

@@ -44,7 +44,7 @@ def survey(files: Sequence[McapFile]) -> tuple[dict[str, TopicTimes], dict[str, 
     nothing = np.empty(0, np.int64)
     columns = {name: ([nothing], [nothing], [nothing]) for file in files for name in file.topics}
     for file in files:
-        for part in file.whole_parts(damages[file.path.name]):
+        for part in file.intact_parts(damages[file.path.name]):
             channels = part.messages.heads['channel']
             for number in file.channels.keys() & set(channels.tolist()):
                 messages, channel = part.messages.part(channels == number), file.channels[number]

@@ -20,8 +20,9 @@ from mcap.records import Channel, Schema
 from mcap.writer import CompressionType, Writer
 
 from pendubot_identification.errors import BagError
+from pendubot_identification.files import yaml_text
 
-from .bag_metadata import METADATA, Qos, as_yaml, information, sync_folder, write_metadata
+from .bag_metadata import METADATA, Qos, information, sync_folder, write_metadata
 from .message_types import message_definition
 
 #: A chunk is handed to the system after so much time between messages' log times, or before it is longer than this.
@@ -96,7 +97,7 @@ class BagWriter:
             BagError: the type's definition is not installed.
         """
         definition = message_definition(type_name)
-        metadata = {'offered_qos_profiles': as_yaml([qos.profile()]), 'topic_type_hash': definition.type_hash}
+        metadata = {'offered_qos_profiles': yaml_text([qos.profile()]), 'topic_type_hash': definition.type_hash}
         return self.add_channel(
             Schema(0, definition.text.encode(), 'ros2msg', type_name), Channel(0, topic, 'cdr', metadata, 0)
         )
@@ -203,7 +204,7 @@ class BagWriter:
 
     def _close(self) -> None:
         self._hand_over()
-        self._mcap.add_metadata('rosbag2', {'serialized_metadata': as_yaml(self._information())})
+        self._mcap.add_metadata('rosbag2', {'serialized_metadata': yaml_text(self._information())})
         self._mcap.finish()
         self._file.flush()
         os.fsync(self._file.fileno())

@@ -17,7 +17,7 @@ from pendubot_identification.errors import BagError
 from pendubot_identification.trajectories.trajectory import Trajectory
 
 from .mcap_file import FIELDS, Messages
-from .message_types import joint_state_types
+from .message_types import typestore
 
 JOINT_STATE = 'sensor_msgs/msg/JointState'
 JOINT_STATES_TOPIC = '/joint_states'
@@ -50,12 +50,12 @@ def encode_joint_state(
     frame: str = '',
 ) -> bytes:
     """Return a JointState as CDR, with its encapsulation header; units and shapes as in :class:`JointState`."""
-    types = joint_state_types().types
+    types = typestore().types
     stamp = types['builtin_interfaces/msg/Time'](*divmod(int(stamp_ns), 1_000_000_000))
     header = types['std_msgs/msg/Header'](stamp, frame)
     numbers = (np.asarray(values, dtype=np.float64) for values in (position, velocity, effort))
     message = types[JOINT_STATE](header, list(names), *numbers)
-    return bytes(joint_state_types().serialize_cdr(message, JOINT_STATE, little_endian=True))
+    return bytes(typestore().serialize_cdr(message, JOINT_STATE, little_endian=True))
 
 
 def decode_joint_state(data: bytes) -> JointState:
@@ -65,7 +65,7 @@ def decode_joint_state(data: bytes) -> JointState:
         BagError: the bytes are no JointState.
     """
     try:
-        message: Any = joint_state_types().deserialize_cdr(data, JOINT_STATE)
+        message: Any = typestore().deserialize_cdr(data, JOINT_STATE)
     except SerdeError as error:
         raise BagError(f'a message is no {JOINT_STATE} ({error}); record it again') from error
     stamp_ns = message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec

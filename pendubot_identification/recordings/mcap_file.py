@@ -1,11 +1,11 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""One .mcap file: its topics and its messages; of one that was never closed, or is damaged, all that is whole.
+"""One .mcap file: its topics and its messages; of an unclosed or damaged file, everything that is intact.
 
-The mcap library parses the records (https://mcap.dev/spec), but for messages, which numpy reads many at once. A closed
-file ends with an index of its chunks. Where there is none, one is made of every chunk whose checksum is right. Messages
-may also stand outside of chunks. What a length claims is held against a bound before it is believed.
+The mcap library parses records (https://mcap.dev/spec) and chunks; numpy reads many messages at once. A closed file
+ends with an index of its chunks. For an unclosed file, an index is made of every intact chunk. Messages may also stand
+outside of chunks.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ from io import BytesIO
 from pathlib import Path
 from typing import IO, Any, NamedTuple
 
-import lz4.frame
 import numpy as np
 import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Footer, Message, Schema, Statistics
+from mcap.stream_reader import get_chunk_data_stream
 from numpy.typing import DTypeLike, NDArray
 
 from pendubot_identification.errors import BagError
@@ -41,31 +41,27 @@ HEAD = struct.Struct('<BQ')
 #: A message's record up to its data.
 MESSAGE = np.dtype('u1, <u8, <u2, <u4, <i8, <i8')
 MESSAGE.names = ('opcode', 'length', 'channel', 'sequence', 'logged', 'published')
-#: What a message's length counts beside its data.
+#: A message's length counts these bytes beside its data.
 FIELDS = MESSAGE.itemsize - HEAD.size
 #: The record before the last magic.
 FOOTER_SIZE = HEAD.size + 20
-#: How the index of a chunk begins: first and last log time, where its record stands, how long that is.
+#: Start of a chunk's index record: first and last log time, offset and length of the chunk's record.
 INDEX = struct.Struct('<qqqq')
 DEFINITIONS: dict[int, Any] = {Opcode.SCHEMA: Schema, Opcode.CHANNEL: Channel}
-#: What may stand in a chunk.
+#: Records that a chunk may hold.
 IN_CHUNKS = (*DEFINITIONS, Opcode.MESSAGE)
-#: The kinds of records that there are; opcodes from 128 on are anybody's.
-KINDS = frozenset(map(int, Opcode)) | frozenset(range(128, 256))
-#: With what a message begins that rosbag2 compressed by itself; no CDR does.
+#: The opcodes of the specification; those from 128 on are private.
+OPCODES = frozenset(map(int, Opcode)) | frozenset(range(128, 256))
+#: Start of a message that rosbag2 compressed by itself; no CDR starts like this.
 ZSTD = b'\x28\xb5\x2f\xfd'
-#: Nothing that is decompressed at once is longer than this [bytes].
-LARGEST = 1 << 27
-#: No bag becomes so many times as long when it is decompressed.
-RATIO = 1000
-#: Bytes of records that are looked at together: enough for numpy, and still in a processor's cache.
-TOGETHER = 250_000
+#: Size of the blocks of records that numpy reads at once [bytes]; they fit into a processor's cache.
+BLOCK = 250_000
 FOREVER_NS = 2**63 - 1
 
 
 @dataclass(frozen=True, slots=True)
 class Damage:
-    """A part of a file that is not understood: where it begins and how long it is [bytes]."""
+    """A damaged part of a file: its offset and its size [bytes]."""
 
     offset: int
     size: int
@@ -73,11 +69,11 @@ class Damage:
 
 @dataclass(frozen=True, slots=True)
 class Messages:
-    """Messages that stand together.
+    """Messages of one block of records.
 
     Attributes:
         data: their records, perhaps with others in between.
-        starts: where each record begins, shape (N,).
+        starts: offset of each record, shape (N,).
         heads: the records up to the data, each a :data:`MESSAGE`, shape (N,).
     """
 
@@ -86,14 +82,14 @@ class Messages:
     heads: NDArray[np.void]
 
     @classmethod
-    def of(cls, contents: Sequence[bytes]) -> Messages:
-        """Return messages that were never in a file."""
-        heads = np.zeros(len(contents), MESSAGE)
+    def of(cls, contents: Sequence[bytes], heads: NDArray[np.void] | None = None) -> Messages:
+        """Return messages with these data; their channels and times are those of ``heads``."""
+        heads = np.zeros(len(contents), MESSAGE) if heads is None else heads.copy()
         sizes = np.array([len(content) for content in contents], np.int64)
         heads['length'] = FIELDS + sizes
         ends = np.cumsum(sizes + MESSAGE.itemsize)
-        none = bytes(MESSAGE.itemsize)
-        return cls(none + none.join(contents), ends - sizes - MESSAGE.itemsize, heads)
+        padding = bytes(MESSAGE.itemsize)
+        return cls(padding + padding.join(contents), ends - sizes - MESSAGE.itemsize, heads)
 
     def __len__(self) -> int:
         return len(self.starts)
@@ -109,16 +105,16 @@ class Messages:
         return Messages(self.data, self.starts[which], self.heads[which])
 
     def contents(self, kind: DTypeLike) -> NDArray[Any]:
-        """Return the beginning of each message's data, read as one type, shape (N,)."""
+        """Return the start of each message's data as one type, shape (N,)."""
         return _gathered(self.data, self.starts + MESSAGE.itemsize, np.dtype(kind))
 
 
 class Part(NamedTuple):
-    """A chunk, for which a checksum vouches, or records outside of chunks: where, how long [bytes], and what."""
+    """A chunk, which has a checksum, or consecutive records outside of chunks: offset, size [bytes] and content."""
 
     offset: int
     size: int
-    vouched: bool
+    is_chunk: bool
     definitions: list[Schema | Channel]
     messages: Messages
 
@@ -128,8 +124,8 @@ class McapFile:
 
     Attributes:
         path: of the file.
-        closed: whether whoever wrote it came to the end.
-        note: what could be read, in a sentence, where it was not closed; else empty.
+        closed: whether its writer closed it.
+        note: for an unclosed or damaged file, a sentence about its intact messages; else empty.
         channels, schemas: by their numbers.
         topics: the schema's name and the number of messages of each topic.
         first_ns, last_ns: earliest and latest log time [ns since the epoch]; None where there is no message.
@@ -173,10 +169,10 @@ class McapFile:
     def messages(self, topics: Collection[str], start_ns: int = 0, end_ns: int = FOREVER_NS) -> Iterator[Messages]:
         """Return the messages of some topics with START <= log time < END [ns], many at once, in the order of writing.
 
-        Only what holds messages of these times is read; what is whole before a damage is given first.
+        Only chunks with messages of these times are read. Intact messages before a damage come first.
 
         Raises:
-            BagError: a part of a closed file is damaged, or the file is not any more what it was.
+            BagError: a part of a closed file is damaged, or the file changed after it was opened.
         """
         channels = np.array([number for number, channel in self.channels.items() if channel.topic in topics], np.uint16)
         within = (self._index[:, 1] >= start_ns) & (self._index[:, 0] < end_ns)
@@ -187,30 +183,30 @@ class McapFile:
                 yield found.part(wanted)
 
     def _indexed(self, rows: NDArray[np.int64]) -> Iterator[Messages]:
-        """Return the messages of parts of the index; what is short is looked at together with what follows."""
+        """Return the messages of parts of the index; several small parts are read together."""
         waiting, size = list[bytes](), 0
         for k, (first_ns, _, offset, length) in enumerate(map(np.ndarray.tolist, rows)):
             try:
                 waiting.append(_unpacked(self._read(offset, length)))
                 size += len(waiting[-1])
-                found = understood(b''.join(waiting))[1] if size >= TOGETHER or k + 1 == len(rows) else None
+                found = parse_records(b''.join(waiting))[1] if size >= BLOCK or k + 1 == len(rows) else None
             except Exception as error:
                 with suppress(Exception):
-                    yield understood(b''.join(waiting))[1]
+                    yield parse_records(b''.join(waiting))[1]
                 after = (first_ns - (self.first_ns or 0)) / 1e9
                 raise BagError(
                     f'{self.path} is damaged {offset} bytes from its start, {after:.3f} s after its first message, or '
-                    'is not any more what it was when it was opened; copy it again from where it was recorded, choose '
-                    f'a window without that time, or save what is whole with pendubot repair {self.path.parent}'
+                    'changed after it was opened; copy it again from the recorder, choose a window without that time, '
+                    f'or save its intact messages with pendubot repair {self.path.parent}'
                 ) from error
             if found is not None:
                 yield found
                 waiting, size = [], 0
 
-    def whole_parts(self, damages: list[Damage]) -> Iterator[Part]:
-        """Return what is whole from the beginning of the file to its end, whatever an index says.
+    def intact_parts(self, damages: list[Damage]) -> Iterator[Part]:
+        """Return the intact parts from the start of the file to its end, without the index.
 
-        What is not whole is added to ``damages`` as it is passed.
+        Damaged parts are appended to ``damages`` on the way.
 
         Raises:
             OSError: the system refuses to read.
@@ -224,7 +220,7 @@ class McapFile:
                 yield part
                 checked = at + size
             elif not size:
-                # A wrong length leads past what is whole, so that is searched for from the last part on.
+                # A wrong length leads past intact chunks: search from the last intact part on.
                 found = self._next_chunk(checked + 1, end)
                 at = checked if found < at else at
                 size = found - at
@@ -232,32 +228,32 @@ class McapFile:
             at += size
 
     def _part(self, at: int, end: int) -> tuple[int, Part | None]:
-        """Return the size of the record at an offset, and what it is, if it may hold messages; 0 if it is broken."""
+        """Return the size of the record at an offset, 0 if it is damaged, and its part if it may hold messages."""
         try:
             opcode, length = HEAD.unpack(self._read(at, HEAD.size))
             size = HEAD.size + length
-            if at + size > end or opcode not in KINDS:
+            if at + size > end or opcode not in OPCODES:
                 return 0, None
             if opcode in IN_CHUNKS:
-                # Outside of chunks, mostly among others.
-                size = _end_of_run(self._read(at, max(size, min(TOGETHER, end - at))))
+                # Records outside of chunks mostly follow each other.
+                size = _end_of_run(self._read(at, max(size, min(BLOCK, end - at))))
             elif opcode != Opcode.CHUNK:
                 return size, None
-            part = Part(at, size, opcode == Opcode.CHUNK, *understood(_unpacked(self._read(at, size))))
-            # Of a channel that was never heard of: it may well be a chunk whose first byte is damaged.
+            part = Part(at, size, opcode == Opcode.CHUNK, *parse_records(_unpacked(self._read(at, size))))
+            # A chunk with a damaged opcode looks like a message of an unknown channel.
             known = {*self.channels, *(each.id for each in part.definitions if isinstance(each, Channel))}
-            if part.vouched or known.issuperset(part.messages.heads['channel'].tolist()):
+            if part.is_chunk or known.issuperset(part.messages.heads['channel'].tolist()):
                 return size, part
         except OSError:
             raise
-        except Exception:  # whatever is raised here means that it is broken
+        except Exception:  # the parsers raise many types for damaged bytes
             pass
         return 0, None
 
     def _next_chunk(self, start: int, end: int) -> int:
-        """Return where the next whole chunk begins; the end where there is none."""
+        """Return the offset of the next intact chunk; the end where there is none."""
         while start < end:
-            block = self._read(start, min(TOGETHER, end - start))
+            block = self._read(start, min(BLOCK, end - start))
             for found in re.finditer(bytes([Opcode.CHUNK]), block):
                 if self._part(start + found.start(), end)[1] is not None:
                     return start + found.start()
@@ -265,7 +261,7 @@ class McapFile:
         return end
 
     def _read_summary(self) -> NDArray[np.int64]:
-        """Take what the end of the file says of the rest; return its index of chunks, or raise anything."""
+        """Take counts and definitions from the end of the file; return its index of chunks, or raise anything."""
         at = self._size - len(MAGIC) - FOOTER_SIZE
         record = self._read(at, FOOTER_SIZE + len(MAGIC))
         footer = _parsed(Footer, record[HEAD.size : FOOTER_SIZE])
@@ -278,13 +274,13 @@ class McapFile:
             raise ValueError('the summary is damaged')
         numbers, statistics = array('q'), None
         for opcode, begin, content_end in _records(summary):
-            # The library would take longer for these than for all else that a window needs.
+            # The library would need ten times as long for these as a window of ten seconds.
             if opcode == Opcode.CHUNK_INDEX:
                 numbers.extend(INDEX.unpack_from(summary, begin))
             elif opcode == Opcode.STATISTICS:
                 statistics = _parsed(Statistics, summary[begin:content_end])
             elif opcode in DEFINITIONS:
-                self._learn(_parsed(DEFINITIONS[opcode], summary[begin:content_end]))
+                self._define(_parsed(DEFINITIONS[opcode], summary[begin:content_end]))
         index = np.array(numbers, np.int64).reshape(-1, 4)
         if statistics is not None and statistics.message_count and statistics.chunk_count == len(index) > 0:
             self.first_ns, self.last_ns = statistics.message_start_time, statistics.message_end_time
@@ -292,12 +288,12 @@ class McapFile:
         return index[np.argsort(index[:, 2], kind='stable')]
 
     def _scan(self) -> NDArray[np.int64]:
-        """Learn by reading everything what no index says; return the index."""
+        """Make the index, the counts and the definitions by reading the whole file."""
         damages: list[Damage] = []
         numbers = array('q')
-        for part in self.whole_parts(damages):
+        for part in self.intact_parts(damages):
             for each in part.definitions:
-                self._learn(each, part.vouched)
+                self._define(each, part.is_chunk)
             if part.messages:
                 logged = part.messages.heads['logged']
                 numbers.extend((int(logged.min()), int(logged.max()), part.offset, part.size))
@@ -310,17 +306,17 @@ class McapFile:
             count = sum(self._counts[number] for number in self.channels)
             seconds = ((self.last_ns or 0) - (self.first_ns or 0)) / 1e9
             self.note = (
-                f'{self.path.name} was never closed, or is cut or damaged: its {count} messages that are whole, within '
+                f'{self.path.name} was never closed, or is truncated or damaged: its {count} intact messages, within '
                 f'{seconds:.3f} s, are used'
             )
             if inside := [damage for damage in damages if damage.offset + damage.size < self._size]:
                 lost = sum(damage.size for damage in inside)
-                self.note += f'; {lost} bytes among them are not, first at byte {inside[0].offset}'
+                self.note += f'; {lost} bytes among them are damaged, first at byte {inside[0].offset}'
         return index
 
-    def _learn(self, each: Schema | Channel, vouched: bool = True) -> None:
+    def _define(self, each: Schema | Channel, checked: bool = True) -> None:
         known: dict[int, Any] = self.schemas if isinstance(each, Schema) else self.channels
-        if vouched or each.id not in known:
+        if checked or each.id not in known:
             known[each.id] = each
 
     def _read(self, at: int, size: int) -> bytes:
@@ -330,11 +326,11 @@ class McapFile:
         return data
 
 
-def understood(data: bytes) -> tuple[list[Schema | Channel], Messages]:
-    """Return the definitions and the messages in the bytes of records that may stand in a chunk, or raise anything."""
+def parse_records(data: bytes) -> tuple[list[Schema | Channel], Messages]:
+    """Return the definitions and the messages in the records of a chunk, or raise anything."""
     definitions: list[Schema | Channel] = []
     size = HEAD.size + int.from_bytes(data[1 : HEAD.size], 'little')
-    if _alike(data, size):
+    if _equally_long(data, size):
         starts = np.arange(0, len(data), size)
     else:
         places = array('q')
@@ -349,12 +345,14 @@ def understood(data: bytes) -> tuple[list[Schema | Channel], Messages]:
         raise ValueError('a message is too short')
     messages = Messages(data, starts, heads)
     if len(starts) and data.startswith(ZSTD, int(starts[0]) + MESSAGE.itemsize):
-        messages = understood(_each_decompressed(messages))[1]
+        # rosbag2's compression mode ``message``.
+        contents = [zstandard.decompress(m.data) if m.data.startswith(ZSTD) else m.data for m in messages]
+        messages = Messages.of(contents, heads)
     return definitions, messages
 
 
-def _alike(data: bytes, size: int) -> bool:
-    """Tell whether all are messages of one size, as mostly they are."""
+def _equally_long(data: bytes, size: int) -> bool:
+    """Tell whether all records are messages of this size, the usual case."""
     if data[:1] != bytes([Opcode.MESSAGE]) or len(data) % size:
         return False
     rows = np.frombuffer(data, np.uint8).reshape(-1, size)[:, : HEAD.size]
@@ -362,7 +360,7 @@ def _alike(data: bytes, size: int) -> bool:
 
 
 def _records(data: bytes) -> Iterator[tuple[int, int, int]]:
-    """Return opcode, begin and end of each record's content; ValueError or struct.error where there is none."""
+    """Return opcode, start and end of each record's content; ValueError or struct.error where there is none."""
     end = 0
     while end < len(data):
         opcode, length = HEAD.unpack_from(data, end)
@@ -374,7 +372,7 @@ def _records(data: bytes) -> Iterator[tuple[int, int, int]]:
 
 
 def _end_of_run(data: bytes) -> int:
-    """Return where the whole records end that may stand in a chunk."""
+    """Return the end of the leading records that may stand in a chunk."""
     at = 0
     with suppress(ValueError, struct.error):
         for opcode, _, end in _records(data):
@@ -385,68 +383,37 @@ def _end_of_run(data: bytes) -> int:
 
 
 def _parsed(kind: Any, content: bytes) -> Any:
-    """Return what the library reads in a record's content; all of it, or it is damaged."""
+    """Return a record as the library parses it; ValueError if that leaves bytes over."""
     stream = ReadDataStream(BytesIO(content))
     record = kind.read(stream)
     if stream.count != len(content):
-        raise ValueError('the lengths in a record do not belong together')
+        raise ValueError('the lengths in a record contradict each other')
     return record
 
 
 def _gathered(data: bytes, places: NDArray[np.int64], kind: np.dtype[Any]) -> NDArray[Any]:
-    """Return what stands at some places of bytes, each read as the same type, shape (N,)."""
+    """Return the values of one type at some offsets in bytes, shape (N,)."""
     everywhere = np.ndarray((max(len(data) - kind.itemsize + 1, 0), kind.itemsize), np.uint8, data, 0, (1, 1))
     return everywhere[places].view(kind)[:, 0]
 
 
 def _unpacked(record: bytes) -> bytes:
-    """Return the records in a chunk, decompressed and checked, or raise anything; what is no chunk, as it is."""
+    """Return the records in a chunk, decompressed and checked, or raise anything; other records as they are."""
     if record[0] != Opcode.CHUNK:
         return record
-    chunk = _parsed(Chunk, record[HEAD.size :])
-    data = _decompressed(chunk.compression, chunk.data, chunk.uncompressed_size) if chunk.compression else chunk.data
-    if len(data) != chunk.uncompressed_size or chunk.uncompressed_crc not in (0, zlib.crc32(data)):
-        raise ValueError('a chunk is damaged')
-    return bytes(data)
-
-
-def _each_decompressed(messages: Messages) -> bytes:
-    """Return the records of messages as they were before rosbag2's compression mode ``message``."""
-    parts, room = list[bytes](), LARGEST
-    for message, head in zip(messages, messages.heads.copy(), strict=True):
-        data = message.data
-        if data.startswith(ZSTD):
-            data = _decompressed('zstd', data, room)
-            room -= len(data)
-            head['length'] = FIELDS + len(data)
-        parts += [head.tobytes(), data]
-    return b''.join(parts)
-
-
-def _decompressed(compression: str, data: bytes, limit: int) -> bytes:
-    if limit > LARGEST:
-        raise ValueError('far too long')
-    if compression == 'lz4':
-        return bytes(lz4.frame.LZ4FrameDecompressor().decompress(data, limit + 1))
-    if compression != 'zstd' or zstandard.frame_content_size(data) > limit:
-        raise ValueError('compressed in a way that is not known, or too long')
-    return zstandard.ZstdDecompressor().decompress(data, max_output_size=limit)
+    stream, size = get_chunk_data_stream(_parsed(Chunk, record[HEAD.size :]), validate_crc=True)
+    return bytes(stream.read(size))
 
 
 def _opened(path: Path) -> IO[bytes]:
-    """Return an .mcap file, opened to be read; where rosbag2 compressed it, a copy without a name."""
+    """Return an .mcap file open for reading; of an .mcap.zstd, a decompressed temporary copy."""
     if path.suffix != '.zstd':
         return path.open('rb')
     plain = tempfile.TemporaryFile()  # noqa: SIM115
-    with path.open('rb') as packed:
-        limit = RATIO * os.fstat(packed.fileno()).st_size
-        # What is cut or damaged is taken as far as it goes.
-        with suppress(zstandard.ZstdError):
-            for block in zstandard.ZstdDecompressor().read_to_iter(packed):
-                plain.write(block)
-                if plain.tell() > limit:
-                    raise BagError(f'{path} is no bag: it would be over {RATIO} times as long when it is decompressed')
+    # A truncated file is decompressed as far as possible.
+    with path.open('rb') as packed, suppress(zstandard.ZstdError):
+        zstandard.ZstdDecompressor().copy_stream(packed, plain)
     if not plain.tell():
-        raise BagError(f'{path} cannot be decompressed: it is cut or damaged; copy it again from its recorder')
+        raise BagError(f'{path} cannot be decompressed: it is truncated or damaged; copy it again from the recorder')
     plain.flush()
     return plain

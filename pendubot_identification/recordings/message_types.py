@@ -17,22 +17,6 @@ from rosbags.typesys.store import Typestore
 
 from pendubot_identification.errors import BagError
 
-_JOINT_STATE = """\
-std_msgs/Header header
-string[] name
-float64[] position
-float64[] velocity
-float64[] effort
-{0}
-MSG: std_msgs/Header
-builtin_interfaces/Time stamp
-string frame_id
-{0}
-MSG: builtin_interfaces/Time
-int32 sec
-uint32 nanosec
-""".format('=' * 80)
-
 
 class MessageDefinition(NamedTuple):
     """A type's ``.msg`` text followed by that of every type it uses (``ros2msg``), and its hash, ``RIHS01_...``."""
@@ -45,14 +29,6 @@ class MessageDefinition(NamedTuple):
 def typestore() -> Typestore:
     """Return the message types known so far: those of ROS 2 Jazzy, and those that :func:`message_definition` found."""
     return get_typestore(Stores.ROS2_JAZZY)
-
-
-@cache
-def joint_state_types() -> Typestore:
-    """Return the types of a JointState alone: those of all of ROS take as long to make as a recording to be read."""
-    store = get_typestore(Stores.EMPTY)
-    store.register(get_types_from_msg(_JOINT_STATE, 'sensor_msgs/msg/JointState'))
-    return store
 
 
 @cache
@@ -71,7 +47,7 @@ def message_definition(type_name: str) -> MessageDefinition:
         return MessageDefinition(text, store.hash_rihs01(type_name))
     except (TypesysError, UnicodeDecodeError) as error:
         raise BagError(
-            f'the definition of {type_name} cannot be read ({str(error).splitlines()[0]}); mend its .msg file'
+            f'the definition of {type_name} cannot be read ({str(error).splitlines()[0]}); correct its .msg file'
         ) from error
 
 

@@ -13,12 +13,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 
 from pendubot_identification import __version__
 from pendubot_identification.errors import ResultError
-from pendubot_identification.files import read_yaml, write_whole
+from pendubot_identification.files import read_yaml, write_whole, yaml_text
 from pendubot_identification.identify.result import (
     SCHEMA,
     EffectFound,
@@ -161,7 +160,7 @@ def write_result(path: Path, result: Result, *, overwrite: bool = False) -> None
 
 def result_text(result: Result | Mapping[str, Any]) -> str:
     """Return a result as YAML, the way it stands in its file."""
-    return yaml.dump(plain(result), Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=100)
+    return yaml_text(plain(result))
 
 
 def _read(path: Path) -> dict[str, Any]:
@@ -228,18 +227,3 @@ def read_estimate(path: Path) -> tuple[Parameters, Array | None]:
     names = NAMES[: len(given.theta.vector())]
     errors = [given.parameters[name].std_error if name in given.parameters else 0.0 for name in names]
     return given.theta, None if None in errors else np.array(errors, dtype=float)
-
-
-#: A fifth of the time, where it was built.
-_Fast: Any = getattr(yaml, 'CSafeDumper', yaml.SafeDumper)
-
-
-class _Dumper(_Fast):
-    """Writes lists of numbers in a line, and what comes twice twice."""
-
-    def ignore_aliases(self, data: Any) -> bool:
-        return True
-
-    def represent_sequence(self, tag: str, sequence: Any, flow_style: bool | None = None) -> yaml.SequenceNode:
-        numbers = not any(isinstance(entry, (str, Mapping, list)) for entry in sequence)
-        return super().represent_sequence(tag, sequence, flow_style=numbers)

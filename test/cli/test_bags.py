@@ -121,7 +121,7 @@ def test_a_killed_bag_becomes_a_closed_copy(run, tmp_path):
     damaged(file, file.read_bytes().index(sent[200][2]) + 20)
     text = run('info', 'swing')[1]
     assert 'closed    no: pendubot repair makes a closed copy' in text
-    assert 'swing_0.mcap was never closed, or is cut or damaged: its ' in text
+    assert 'swing_0.mcap was never closed, or is truncated or damaged: its ' in text
     text = run('repair', 'swing/')[1]
     assert 'swing_0.mcap: never closed, or cut' in text
     assert ' messages saved, 5 lost' in text

@@ -81,7 +81,7 @@ def test_a_part_of_an_unclosed_bag_is_played_by_the_recordings_clock_as_far_as_i
     clock, heard = [], subscribe(node, '/states')
     node.create_subscription(Clock, '/clock', lambda m: clock.append(m.clock.sec * 1000 * MS + m.clock.nanosec), 1000)
     with player(f'{bag}@0.1:0.39', clock=100.0, rate=0.2, topics='[/states]') as program:
-        program.wait_for('was never closed, or is cut or damaged')
+        program.wait_for('was never closed, or is truncated or damaged')
         assert spin_until(node, lambda: program.process.poll() is not None, 20.0)
         assert program.process.returncode == 0
     spin_until(node, lambda: False, 0.2)

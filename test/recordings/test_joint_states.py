@@ -18,7 +18,7 @@ from pendubot_identification.recordings.joint_states import (
     decode_joint_state,
     encode_joint_state,
 )
-from pendubot_identification.recordings.mcap_file import FIELDS, MESSAGE, understood
+from pendubot_identification.recordings.mcap_file import FIELDS, MESSAGE, parse_records
 from pendubot_identification.recordings.message_types import typestore
 
 JOINTS = ('shoulder', 'elbow')
@@ -33,7 +33,7 @@ def record(data, channel=1):
 
 def decoded(*messages):
     """Decode messages that stand together."""
-    _, found = understood(b''.join(map(record, messages)))
+    _, found = parse_records(b''.join(map(record, messages)))
     return JointDecoder(JOINTS, 'bag')(found)
 
 
@@ -93,7 +93,7 @@ def test_the_other_byte_order_is_read_too():
 
 @given(messages(), st.sampled_from([('a', 'elbow'), ('shoulder', 'a')]))
 def test_efforts_are_read_from_entries_of_their_own_where_these_are_there(encoded, effort_names):
-    _, found = understood(b''.join(map(record, encoded)))
+    _, found = parse_records(b''.join(map(record, encoded)))
     states = [decode_joint_state(message) for message in encoded]
     lacking = [k for k, state in enumerate(states) if 'a' not in state.names]
     if lacking:
