@@ -31,8 +31,8 @@ from .model import dynamics, simulation
 from .model.parameters import SPECIFICATIONS, Parameters, default_bounds
 from .model.simulation import HANGING
 from .results.result_file import read_parameters, read_whole_result, write_result
-from .trajectories.conventions import READING
-from .trajectories.reading import Reading
+from .trajectories.conventions import CONVERSION
+from .trajectories.conversion import Conversion
 from .trajectories.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -69,9 +69,9 @@ def read(
     from .recordings.bag_reader import BagWindow, read_trajectory
     from .recordings.datasets import require_files
 
-    window, how = BagWindow.parse(str(path)), Reading.of(reading)
+    window, how = BagWindow.parse(str(path)), Conversion.of(reading)
     require_files(how, [window.path])
-    return read_trajectory(window, topic=topic, joint_names=joint_names, reading=how).trajectory
+    return read_trajectory(window, topic=topic, joint_names=joint_names, conversion=how).trajectory
 
 
 def identify(
@@ -102,9 +102,9 @@ def identify(
     from .identify.settings import Settings
     from .results.result_file import result_of
 
-    reading = Reading.of({o.name: options.pop(o.name) for o in READING if o.name in options})
+    reading = Conversion.of({o.name: options.pop(o.name) for o in CONVERSION if o.name in options})
     if unknown := options.keys() - {option.name for option in OPTIONS}:
-        names = ', '.join(option.name for option in (*OPTIONS, *READING))
+        names = ', '.join(option.name for option in (*OPTIONS, *CONVERSION))
         raise ParameterError(f'there is no option {min(unknown)!r}; the options are {names}')
     if isinstance(criteria := options.get('criterion'), str):
         options['criterion'] = tuple(name.strip() for name in criteria.split(','))
@@ -126,7 +126,7 @@ def _divided(
     validate: Sequence[Trajectory | File],
     topic: str,
     joints: Sequence[str],
-    reading: Reading,
+    reading: Conversion,
 ) -> tuple[Sequence[Any], Sequence[Any], Sequence[Source], Sequence[str]]:
     """Return the motions that estimate, those that validate, where they came from, and what is to be said of that."""
     given = [*recordings, *validate]
@@ -134,7 +134,7 @@ def _divided(
         from .recordings.datasets import load_datasets
 
         names = [str(each) for each in recordings], [str(each) for each in validate]
-        data = load_datasets(*names, topic=topic, joint_names=joints, reading=reading)
+        data = load_datasets(*names, topic=topic, joint_names=joints, conversion=reading)
         return data.training, data.validation, data.sources, data.notes
     if not recordings or not all(isinstance(each, Trajectory) for each in given):
         kinds = ', '.join(dict.fromkeys(type(each).__name__ for each in given)) or 'nothing'

@@ -9,7 +9,7 @@ import numpy as np
 
 from pendubot_identification.recordings.table_reader import TableReader
 from pendubot_identification.tracking.events import Start
-from pendubot_identification.trajectories.reading import Reading
+from pendubot_identification.trajectories.conversion import Conversion
 from test.conftest import RECORDINGS
 
 RIGS = 'dfki_C1_sysid', 'dfki_A0_sysid'
@@ -19,7 +19,7 @@ def recorded(group, role):
     """Return the motions of a rig's recordings, in the manifest's order."""
     rows = csv.DictReader((RECORDINGS / 'manifest.csv').open())
     files = [row['file'] for row in rows if (row['group'], row['role']) == (group, role)]
-    return [TableReader(RECORDINGS / file, Reading()).motion for file in files]
+    return [TableReader(RECORDINGS / file, Conversion()).motion for file in files]
 
 
 def strung(motions):

@@ -19,7 +19,7 @@ from .reading import add_joints, add_reading, reading_of, save_map
 
 if TYPE_CHECKING:
     from pendubot_identification.identify.result import Given, Parameter, Result
-    from pendubot_identification.trajectories.reading import Reading
+    from pendubot_identification.trajectories.conversion import Conversion
 
 Part = tuple[str, float, float]
 
@@ -130,7 +130,7 @@ def _common(parts: Sequence[Part], others: Sequence[Part]) -> bool:
 
 def _predictions(
     args: argparse.Namespace,
-    reading: Reading,
+    reading: Conversion,
     results: Mapping[str, Result | Given],
     used: Mapping[str, list[Part]],
     notes: list[str],
@@ -148,7 +148,7 @@ def _predictions(
     with wrong_usage():
         window, names = BagWindow.parse(args.on), joints(args.joints)
         require_files(reading, [window.path])
-    recorded = read_trajectory(window, topic=args.topic, joint_names=names, reading=reading)
+    recorded = read_trajectory(window, topic=args.topic, joint_names=names, conversion=reading)
     save_map(args, reading)
     motion = evenly_stamped(recorded.trajectory)
     # States as all results are held against them; the torque as each result takes it.

@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from pendubot_identification.model.parameters import Bounds
     from pendubot_identification.report.folder import Recordings
     from pendubot_identification.report.tables import Beside
-    from pendubot_identification.trajectories.reading import Reading
+    from pendubot_identification.trajectories.conversion import Conversion
 
 #: The exit status of a result that is no better than what --fail-on names, and from which level on that is.
 FAILED, FAILING = 3, {'warn': 1, 'error': 2, 'never': 3}
@@ -161,7 +161,7 @@ def run(args: argparse.Namespace) -> int:
     from pendubot_identification.recordings.bag_reader import BagWindow
     from pendubot_identification.recordings.datasets import require_files
     from pendubot_identification.results.result_file import read_parameters, write_result
-    from pendubot_identification.trajectories.reading import Reading
+    from pendubot_identification.trajectories.conversion import Conversion
 
     with wrong_usage():
         settings = replace(_settings(args), reading=reading_of(args))
@@ -182,7 +182,7 @@ def run(args: argparse.Namespace) -> int:
         try:
             if args.output is not None:
                 write_result(args.output, result, overwrite=args.force)
-            save_map(args, Reading.of(result.reading))
+            save_map(args, Conversion.of(result.reading))
             if folder is not None:
                 from pendubot_identification.report.folder import write_report
 
@@ -200,17 +200,17 @@ def run(args: argparse.Namespace) -> int:
 def _identify(args: argparse.Namespace, settings: Settings, folder: OutputFolder | None) -> tuple[Result, Recordings]:
     """Return the result, and what a report shows of the motions; where it fails, a page says why."""
     from pendubot_identification.recordings.datasets import Datasets, load_datasets
-    from pendubot_identification.results.remedies import identify_recordings
+    from pendubot_identification.results.corrections import identify_recordings
     from pendubot_identification.results.result_file import result_of
 
     motions = None
 
-    def load(reading: Reading) -> Datasets:
+    def load(reading: Conversion) -> Datasets:
         nonlocal motions
         motions = None
         names = joints(args.joints)
         try:
-            data = load_datasets(args.bags, args.validate, topic=args.topic, joint_names=names, reading=reading)
+            data = load_datasets(args.bags, args.validate, topic=args.topic, joint_names=names, conversion=reading)
         except LongRecordingError as error:
             raise _with_windows(error, args.topic, names, reading, progress) from error
         motions = data.training, data.validation
@@ -234,7 +234,7 @@ def _identify(args: argparse.Namespace, settings: Settings, folder: OutputFolder
 
 
 def _with_windows(
-    error: LongRecordingError, topic: str, names: Sequence[str], reading: Reading, progress: Progress
+    error: LongRecordingError, topic: str, names: Sequence[str], reading: Conversion, progress: Progress
 ) -> PendubotError:
     """Return the error that says which windows to take of what is too long."""
     from pendubot_identification.recordings.bag_reader import BagWindow

@@ -11,17 +11,17 @@ from typing import TYPE_CHECKING, Any
 
 from pendubot_identification.errors import ParameterError
 from pendubot_identification.setting import Setting
-from pendubot_identification.trajectories.conventions import READING
+from pendubot_identification.trajectories.conventions import CONVERSION
 
 if TYPE_CHECKING:
-    from pendubot_identification.trajectories.reading import Reading
+    from pendubot_identification.trajectories.conversion import Conversion
 
 
 def add_reading(parser: Any) -> None:
     """Add options that say how recordings are read; one that is not given is None."""
     group = parser.add_argument_group('how recordings are read', 'applied in this order, to all of them alike')
     names = {'columns': 't=NAME,...', 'torque_constant': 'K', 'negate': 'q1,...', 'offset': 'q1=ANGLE,...'}
-    for option in READING:
+    for option in CONVERSION:
         add_option(group, option, **({'metavar': names[option.name]} if option.name in names else {}))
     group.add_argument(
         '--map', type=Path, metavar='FILE', help='take these options from a file of --save-map, or from a result'
@@ -55,20 +55,20 @@ def flag(name: str) -> str:
     return f'--{name.replace("_", "-")}'
 
 
-def reading_of(args: argparse.Namespace) -> Reading:
+def reading_of(args: argparse.Namespace) -> Conversion:
     """Return how recordings are to be read, and keep that where it is asked for.
 
     Raises:
         ParameterError: an option makes no sense, or there is no such file.
         ResultError: the file cannot be written, or is there already.
     """
-    from pendubot_identification.trajectories.reading import Reading
+    from pendubot_identification.trajectories.conversion import Conversion
 
-    given = {option.name: value for option in READING if (value := getattr(args, option.name)) is not None}
-    return Reading.of((read_map(args.map) if args.map else {}) | given)
+    given = {option.name: value for option in CONVERSION if (value := getattr(args, option.name)) is not None}
+    return Conversion.of((read_map(args.map) if args.map else {}) | given)
 
 
-def save_map(args: argparse.Namespace, reading: Reading) -> None:
+def save_map(args: argparse.Namespace, reading: Conversion) -> None:
     """Keep how recordings were read, where that is asked for.
 
     Raises:

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from pendubot_identification.results.track_file import Track
     from pendubot_identification.tracking.events import Start, State
     from pendubot_identification.tracking.tracker import Tracker
-    from pendubot_identification.trajectories.reading import Reading
+    from pendubot_identification.trajectories.conversion import Conversion
 
 #: The exit status of a result of level ERROR, as of ``identify``.
 FAILED = 3
@@ -133,7 +133,12 @@ def run(args: argparse.Namespace) -> int:
 
 
 def follow(
-    start: Start, windows: Sequence[BagWindow], topic: str, names: Sequence[str], reading: Reading, progress: Progress
+    start: Start,
+    windows: Sequence[BagWindow],
+    topic: str,
+    names: Sequence[str],
+    reading: Conversion,
+    progress: Progress,
 ) -> tuple[Tracker, Track]:
     """Follow a rig through recordings, one after the other.
 

@@ -33,8 +33,8 @@ from pendubot_identification.level import Level
 from pendubot_identification.model.dynamics import GRAVITY, Pair
 from pendubot_identification.model.parameters import MODELS, NAMES, Bounds, default_bounds
 from pendubot_identification.model.simulation import HANGING
+from pendubot_identification.trajectories.conversion import Affine, Conversion
 from pendubot_identification.trajectories.motion import Motion
-from pendubot_identification.trajectories.reading import Affine, Reading
 from pendubot_identification.trajectories.signals import SMOOTHING
 from pendubot_identification.trajectories.trajectory import Trajectory
 
@@ -132,7 +132,7 @@ class Fault:
     delay: float | None = None
     change: Affine | None = None
     options: tuple[str, ...] = ()
-    mended: Reading | None = None
+    mended: Conversion | None = None
 
     @property
     def sentence(self) -> str:
@@ -248,7 +248,7 @@ def diagnose(
     return tuple(faults)
 
 
-def with_options(faults: Iterable[Fault], reading: Reading) -> tuple[Fault, ...]:
+def with_options(faults: Iterable[Fault], reading: Conversion) -> tuple[Fault, ...]:
     """Return faults with the options that put them right, each after those before it, where recordings are read so."""
     said = []
     for fault in faults:

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pendubot_identification.level import Level
+from pendubot_identification.trajectories.conversion import Conversion
 from pendubot_identification.trajectories.motion import Motion
-from pendubot_identification.trajectories.reading import Reading
 from pendubot_identification.trajectories.trajectory import Trajectory
 
 from .diagnosis import Fault
@@ -61,7 +61,7 @@ class Identification:
         return self.estimates[self.published]
 
     @property
-    def mended(self) -> Reading | None:
+    def mended(self) -> Conversion | None:
         """How the recordings are to be read so that their faults are put right; None where no options do that."""
         return next((fault.mended for fault in reversed(self.faults) if fault.mended is not None), None)
 

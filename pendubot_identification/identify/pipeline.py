@@ -12,9 +12,9 @@ from dataclasses import replace
 import numpy as np
 
 from pendubot_identification.level import Level
+from pendubot_identification.trajectories.data_checks import data_checks
 from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.signals import evenly_stamped
-from pendubot_identification.trajectories.suspicions import suspicions
 from pendubot_identification.trajectories.trajectory import Trajectory
 
 from .consistency import remarks
@@ -77,7 +77,7 @@ def _prepare(
         motion.require_samples()
     require_excitation(motions, settings)
     of_rig = settings.of_rig(motions)
-    noticed = (*notes, *suspicions([*training, *validation]))
+    noticed = (*notes, *data_checks([*training, *validation]))
     return Run(of_rig, TrainingData.prepare(motions, of_rig), tuple(judges), tuple(notes), noticed)
 
 

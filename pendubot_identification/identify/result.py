@@ -255,7 +255,7 @@ class Result(_Vector):
         consequences: what follows from a grave fault.
         unmodelled: fraction of the innovations' variance at shoulder and elbow that nothing known explains.
         not_in_model: the parameters that the rig cannot have, and why.
-        reading: how the recordings were read, see :class:`.reading.Reading`.
+        reading: how the recordings were read, see :class:`.conversion.Conversion`.
         covariance_rank: below the number of parameters where it comes from few recordings; None in earlier results.
     """
 

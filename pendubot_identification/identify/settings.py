@@ -19,8 +19,8 @@ from pendubot_identification.errors import ParameterError, TrajectoryError
 from pendubot_identification.model.parameters import MODELS, UNDER_LOAD, Bounds, Parameters, default_bounds
 from pendubot_identification.optimizers.mde import MDESettings
 from pendubot_identification.optimizers.optimizer import require_runs
+from pendubot_identification.trajectories.conversion import Conversion
 from pendubot_identification.trajectories.motion import Motion
-from pendubot_identification.trajectories.reading import Reading
 from pendubot_identification.trajectories.signals import SMOOTHING
 from pendubot_identification.trajectories.trajectory import Trajectory
 
@@ -73,7 +73,7 @@ class Settings:
     runs: int | None = None
     seed: int = 1
     bounds: Bounds = field(default_factory=default_bounds)
-    reading: Reading = field(default_factory=Reading)
+    reading: Conversion = field(default_factory=Conversion)
     applied: tuple[str, ...] = ()
     compensate: bool = True
 

@@ -29,11 +29,11 @@ from pendubot_identification.recordings.bag_reader import BagWindow
 from pendubot_identification.recordings.datasets import load_datasets
 from pendubot_identification.recordings.joint_states import JOINT_NAMES
 from pendubot_identification.report.tables import headline, summary
-from pendubot_identification.results.remedies import identify_recordings
+from pendubot_identification.results.corrections import identify_recordings
 from pendubot_identification.results.result_file import read_parameters, result_of, result_text
 from pendubot_identification.setting import Setting
-from pendubot_identification.trajectories.conventions import READING
-from pendubot_identification.trajectories.reading import Reading
+from pendubot_identification.trajectories.conventions import CONVERSION
+from pendubot_identification.trajectories.conversion import Conversion
 
 from .diagnostics import StatusPublisher, diagnostics_message, stamp_now
 from .messages import LATCHED, identification_values, parameters_message
@@ -114,7 +114,7 @@ class Identifier(SettingsNode):
         Setting('topic', 'joint_states', 'topic with the joint states in the bags', dynamic=True),
         Setting('joint_names', list(JOINT_NAMES), 'their joint names: shoulder, elbow', dynamic=True),
         *_parameters(),
-        *(replace(option, dynamic=True) for option in (*READING, APPLY_REMEDIES)),
+        *(replace(option, dynamic=True) for option in (*CONVERSION, APPLY_REMEDIES)),
         Setting('lower_bounds', default_bounds().lower.tolist(), f'of {" ".join(NAMES)}, in their units', dynamic=True),
         Setting('upper_bounds', default_bounds().upper.tolist(), f'of {" ".join(NAMES)}, in their units', dynamic=True),
         Setting('output', '', 'result file to write; empty: none', dynamic=True),
@@ -171,7 +171,7 @@ class Identifier(SettingsNode):
         topic = self.resolve_topic_name(values['topic'], only_expand=True)
         names = values['joint_names']
         found, data = identify_recordings(
-            lambda reading: load_datasets(bags, judges, topic=topic, joint_names=names, reading=reading),
+            lambda reading: load_datasets(bags, judges, topic=topic, joint_names=names, conversion=reading),
             settings,
             self._progress,
             apply_remedies=values['apply_remedies'],
@@ -222,7 +222,7 @@ def _settings(values: dict[str, Any]) -> Settings:
         chosen['start'] = read_parameters(Path(chosen['start']))
     lower, upper = values['lower_bounds'], values['upper_bounds']
     bounds = Bounds(np.array(lower), np.array(upper), NAMES[: max(len(lower), MODELS['viscous'])])
-    reading = Reading.of({o.name: values[o.name] for o in READING if values.get(o.name) is not None})
+    reading = Conversion.of({o.name: values[o.name] for o in CONVERSION if values.get(o.name) is not None})
     return Settings.of(delay=(values['delay_min'], values['delay_max']), bounds=bounds, reading=reading, **chosen)
 
 

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pendubot_identification.errors import BagError, LongRecordingError, TrajectoryError
-from pendubot_identification.trajectories.reading import Reading
+from pendubot_identification.trajectories.conversion import Conversion
 from pendubot_identification.trajectories.trajectory import Trajectory
 
 from .joint_states import JOINT_NAMES, JOINT_STATE, JOINT_STATES_TOPIC, JointDecoder, decode_joint_state
@@ -242,13 +242,13 @@ class Stream:
 Reader = BagReader | TableReader
 
 
-def open_recording(path: Path, reading: Reading) -> Reader:
+def open_recording(path: Path, conversion: Conversion) -> Reader:
     """Return what reads a bag or a file with columns.
 
     Raises:
         BagError: there is no such bag, it is none, or it cannot be read.
     """
-    return TableReader(path, reading) if is_table(path) else BagReader(path)
+    return TableReader(path, conversion) if is_table(path) else BagReader(path)
 
 
 def read_trajectory(
@@ -256,12 +256,12 @@ def read_trajectory(
     *,
     topic: str = JOINT_STATES_TOPIC,
     joint_names: Sequence[str] = JOINT_NAMES,
-    reading: Reading | None = None,
+    conversion: Conversion | None = None,
     reader: Reader | None = None,
 ) -> RecordedTrajectory:
     """Read the motion of two joints from a window of a recording, or from all of it.
 
-    Messages of a bag may hold the joints in any order, among others. ``reading`` says what the numbers mean;
+    Messages of a bag may hold the joints in any order, among others. ``conversion`` says what the numbers mean;
     ``reader`` is of the recording, where there is one already, and read alike.
 
     Raises:
@@ -271,14 +271,14 @@ def read_trajectory(
             run backwards.
         LongRecordingError: there is more in it than is taken at once.
     """
-    window, reading = BagWindow(window) if isinstance(window, Path) else window, reading or Reading()
-    reader = reader or open_recording(window.path, reading)
+    window, conversion = BagWindow(window) if isinstance(window, Path) else window, conversion or Conversion()
+    reader = reader or open_recording(window.path, conversion)
     if isinstance(reader, TableReader):
         motion = _of_table(reader, window)
     else:
-        efforts = reading.effort_names(joint_names)
+        efforts = conversion.effort_names(joint_names)
         stream = Stream(reader, topic, joint_names, window.start, window.end, effort_names=efforts)
-        motion = _of_bag(reader, window, stream, reading)
+        motion = _of_bag(reader, window, stream, conversion)
     return RecordedTrajectory(motion, window, reader.content_hash, reader.closed, reader.note)
 
 
@@ -311,7 +311,7 @@ def _require_short(window: BagWindow, t: NDArray[np.float64], duration: float) -
     )
 
 
-def _of_bag(reader: BagReader, window: BagWindow, stream: Stream, reading: Reading) -> Trajectory:
+def _of_bag(reader: BagReader, window: BagWindow, stream: Stream, conversion: Conversion) -> Trajectory:
     elapsed_ns, values = stream.samples()
     if not len(values):
         raise _nothing(window, reader.duration)
@@ -319,7 +319,7 @@ def _of_bag(reader: BagReader, window: BagWindow, stream: Stream, reading: Readi
     _require_short(window, t, reader.duration)
     # A velocity is a convenience that not every message need hold.
     velocities = values[:, 2] if np.isfinite(values[:, 2]).all() else None
-    return reading.motion(t, values[:, 0], values[:, 1], velocities, str(window)).require_samples()
+    return conversion.motion(t, values[:, 0], values[:, 1], velocities, str(window)).require_samples()
 
 
 def _of_table(reader: TableReader, window: BagWindow) -> Trajectory:

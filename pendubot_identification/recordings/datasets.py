@@ -15,7 +15,7 @@ from pendubot_identification.errors import LongRecordingError, ParameterError, T
 from pendubot_identification.identify.fitting import SETTINGS as FITTING
 from pendubot_identification.identify.result import Source
 from pendubot_identification.trajectories.conventions import OF_FILES
-from pendubot_identification.trajectories.reading import Reading, options
+from pendubot_identification.trajectories.conversion import Conversion, options
 from pendubot_identification.trajectories.signals import resample
 from pendubot_identification.trajectories.trajectory import MINIMUM_SAMPLES, Trajectory
 
@@ -40,7 +40,7 @@ def load_datasets(
     *,
     topic: str = JOINT_STATES_TOPIC,
     joint_names: Sequence[str] = JOINT_NAMES,
-    reading: Reading | None = None,
+    conversion: Conversion | None = None,
 ) -> Datasets:
     """Read the bags or files with columns, each ``BAG[@START:END]``, all of them alike, and divide them.
 
@@ -54,16 +54,16 @@ def load_datasets(
         TrajectoryError: a window that is empty or too short, or samples that cannot be used.
         LongRecordingError: one that is too long to be taken at once.
     """
-    reading = reading or Reading()
-    opened = cache(partial(open_recording, reading=reading))
+    conversion = conversion or Conversion()
+    opened = cache(partial(open_recording, conversion=conversion))
 
     def read(window: BagWindow) -> RecordedTrajectory:
         return read_trajectory(
-            window, topic=topic, joint_names=joint_names, reading=reading, reader=opened(window.path)
+            window, topic=topic, joint_names=joint_names, conversion=conversion, reader=opened(window.path)
         )
 
     windows = [BagWindow.parse(text) for text in bags]
-    require_files(reading, [BagWindow.parse(text).path for text in (*bags, *validate)])
+    require_files(conversion, [BagWindow.parse(text).path for text in (*bags, *validate)])
     training = [read(window) for window in windows]
     validation = [read(BagWindow.parse(text)) for text in validate]
     whole = [window.start is None and window.end is None for window in windows]
@@ -102,13 +102,13 @@ def load_datasets(
     )
 
 
-def require_files(reading: Reading, paths: Iterable[Path]) -> None:
+def require_files(conversion: Conversion, paths: Iterable[Path]) -> None:
     """Refuse to read bags alone by what is of files with columns.
 
     Raises:
         ParameterError: so it is asked for.
     """
-    only = {name: word for name, word in reading.words().items() if name in OF_FILES}
+    only = {name: word for name, word in conversion.words().items() if name in OF_FILES}
     if only and not any(map(is_table, paths)):
         raise ParameterError(
             f'{options(only)[0]} is of files with columns, and a bag has none: its stamps are in nanoseconds, and its '

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pendubot_identification.errors import BagError
-from pendubot_identification.trajectories.reading import Reading
+from pendubot_identification.trajectories.conversion import Conversion
 
 from .bag_reader import BagWindow, Reader, Stream
 from .table_reader import TableReader
@@ -23,7 +23,7 @@ PART = 5000
 
 
 def stream_samples(
-    reader: Reader, window: BagWindow, topic: str, joint_names: Sequence[str], reading: Reading
+    reader: Reader, window: BagWindow, topic: str, joint_names: Sequence[str], conversion: Conversion
 ) -> Iterator[Array]:
     """Return rows of t [s] from the recording's first sample, q1, q2 [rad], tau1, tau2 [N m], some thousands at a time.
 
@@ -38,9 +38,9 @@ def stream_samples(
         whole = np.column_stack([motion.t, motion.q, motion.tau])
         yield from (whole[k : k + PART] for k in range(0, len(whole), PART))
         return
-    efforts = reading.effort_names(joint_names)
+    efforts = conversion.effort_names(joint_names)
     stream = Stream(reader, topic, joint_names, window.start, window.end, effort_names=efforts)
-    Q, c, T, d = reading.affine
+    Q, c, T, d = conversion.affine
     for elapsed_ns, values in stream:
         yield np.column_stack([elapsed_ns / 1e9, values[:, 0] @ Q.T + c, values[:, 1] @ T.T + d])
     if stream.missed():

@@ -14,7 +14,7 @@ import numpy as np
 
 from pendubot_identification.errors import TableError
 from pendubot_identification.trajectories.conventions import OPTIONAL, REQUIRED, TIME_UNITS
-from pendubot_identification.trajectories.reading import Reading
+from pendubot_identification.trajectories.conversion import Conversion
 from pendubot_identification.trajectories.trajectory import Trajectory
 
 from .tables import Table, read_table
@@ -35,8 +35,8 @@ class TableReader:
 
     closed, note = True, ''
 
-    def __init__(self, path: Path, reading: Reading) -> None:
-        self.path, self.reading = path, reading
+    def __init__(self, path: Path, conversion: Conversion) -> None:
+        self.path, self.conversion = path, conversion
 
     @cached_property
     def content_hash(self) -> str:
@@ -56,15 +56,15 @@ class TableReader:
             TableError: one is missing that is needed, or that was named.
         """
         table = self.table
-        taken = {name: column for name, column in self.reading.names.items() if table.has(column)}
-        missing = [name for name in (*REQUIRED, *self.reading.columns) if name not in taken]
+        taken = {name: column for name, column in self.conversion.names.items() if table.has(column)}
+        missing = [name for name in (*REQUIRED, *self.conversion.columns) if name not in taken]
         if missing:
             likely = {name: self._alias(name) for name in missing}
-            named = {**self.reading.columns, **{name: column or 'NAME' for name, column in likely.items()}}
+            named = {**self.conversion.columns, **{name: column or 'NAME' for name, column in likely.items()}}
             columns = ','.join(f'{name}={column}' for name, column in named.items())
             known = all(likely.values())
             raise TableError(
-                f'{self.path} has no column {self.reading.names[missing[0]]!r} for {missing[0]}; its columns are '
+                f'{self.path} has no column {self.conversion.names[missing[0]]!r} for {missing[0]}; its columns are '
                 f'{", ".join(table.names)}: name the right one with --columns {columns}',
                 **({'columns': columns} if known else {}),
             )
@@ -73,7 +73,9 @@ class TableReader:
     def _alias(self, name: str) -> str | None:
         """Return the one column that is likely to be a quantity."""
         found = [
-            c for c in self.table.names if c.lower() in ALIASES.get(name, ()) and c not in self.reading.names.values()
+            c
+            for c in self.table.names
+            if c.lower() in ALIASES.get(name, ()) and c not in self.conversion.names.values()
         ]
         return found[0] if len(found) == 1 else None
 
@@ -84,14 +86,14 @@ class TableReader:
         Raises:
             TableError: the file cannot be read, a column is missing, a value is no number, stamps do not increase.
         """
-        table, reading = self.table, self.reading
-        comma, skip = reading.decimal == 'comma', reading.skip_missing
+        table, conversion = self.table, self.conversion
+        comma, skip = conversion.decimal == 'comma', conversion.skip_missing
         values = {n: table.numbers(column, comma=comma, skip=skip) for n, column in self.taken.items()}
         whole = np.isfinite(np.column_stack(list(values.values()))).all(axis=1)
         if not whole.any():
             raise TableError(f'{self.path} holds no row of numbers; export the recording again')
         values = {name: numbers[whole] for name, numbers in values.items()}
-        t = values['t'] * reading.seconds
+        t = values['t'] * conversion.seconds
         wrong = np.flatnonzero(np.diff(t) <= 0)
         if wrong.size:
             before, time = values['t'][wrong[0] : wrong[0] + 2]
@@ -103,12 +105,12 @@ class TableReader:
         zeros = np.zeros_like(t)
         q, tau = (np.column_stack([values[a], values.get(b, zeros)]) for a, b in (('q1', 'q2'), ('tau1', 'tau2')))
         qd = np.column_stack([values[name] for name in OPTIONAL[1:]]) if {'dq1', 'dq2'} <= values.keys() else None
-        motion = reading.motion(t - t[0], q, tau, qd, str(self.path))
+        motion = conversion.motion(t - t[0], q, tau, qd, str(self.path))
         if len(t) > 1 and motion.interval > LONGEST_INTERVAL * (1 + 1e-6):
             apart = f'{self.path}: its rows are {motion.interval:g} s apart, which no recording of a pendubot is'
-            units = {unit: motion.interval / reading.seconds * size for unit, size in TIME_UNITS.items()}
+            units = {unit: motion.interval / conversion.seconds * size for unit, size in TIME_UNITS.items()}
             unit = min(units, key=lambda each: abs(math.log(units[each] / USUAL_INTERVAL)))
-            if unit == reading.time_unit:
+            if unit == conversion.time_unit:
                 raise TableError(f'{apart}; record at a higher rate')
             raise TableError(f'{apart}; its times may be in {unit}: add --time-unit {unit}', time_unit=unit)
         return motion

@@ -38,7 +38,7 @@ def survey(reader: TableReader) -> dict[str, Any]:
         'file': str(reader.path),
         'columns': reader.taken,
         'not_taken': [name for name in reader.table.names if name not in reader.taken.values()],
-        'read_with': reader.reading.options(),
+        'read_with': reader.conversion.options(),
         'samples': len(motion),
         'left_out': len(reader.table.cells[0]) - len(motion),
         'duration': motion.duration,

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from pendubot_identification.identify.result import Convergence, Result
 from pendubot_identification.level import NORMAL_95
 from pendubot_identification.model.parameters import NAMES, UNITS
-from pendubot_identification.results.evidence import Excitation, Residuals, Simulation, UnexplainedTorque
+from pendubot_identification.results.figure_data import Excitation, Residuals, Simulation, UnexplainedTorque
 from pendubot_identification.tracking.events import Change, Event, State
 from pendubot_identification.trajectories.trajectory import Trajectory
 

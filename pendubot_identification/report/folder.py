@@ -18,7 +18,7 @@ from pendubot_identification.identify.prediction import state_scale
 from pendubot_identification.identify.result import Result
 from pendubot_identification.recordings.bag_reader import BagReader, BagWindow
 from pendubot_identification.recordings.tables import is_table
-from pendubot_identification.results.evidence import (
+from pendubot_identification.results.figure_data import (
     excitation,
     known_effects,
     residuals,

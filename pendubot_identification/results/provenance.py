@@ -14,8 +14,8 @@ from pendubot_identification.identify.result import Result, theta_of
 from pendubot_identification.identify.settings import Settings
 from pendubot_identification.model.parameters import NAMES, Bounds
 from pendubot_identification.recordings.bag_reader import BagWindow, read_trajectory
-from pendubot_identification.results.evidence import Answer
-from pendubot_identification.trajectories.reading import Reading
+from pendubot_identification.results.figure_data import Answer
+from pendubot_identification.trajectories.conversion import Conversion
 from pendubot_identification.trajectories.signals import evenly_stamped
 from pendubot_identification.trajectories.trajectory import Trajectory
 
@@ -35,7 +35,7 @@ def recordings(result: Result, folder: Path | None = None) -> tuple[list[Traject
         TrajectoryError: what is read makes no motion.
     """
     found: dict[str, list[Trajectory]] = {'training': [], 'validation': []}
-    reading = Reading.of(result.reading)
+    conversion = Conversion.of(result.reading)
     for source in result.bags:
         window = BagWindow.parse(source.bag)
         if folder is not None:
@@ -45,7 +45,7 @@ def recordings(result: Result, folder: Path | None = None) -> tuple[list[Traject
                 f'there is no bag {window.path}, of which this result was made; was it moved, or is this another '
                 'folder? --bags FOLDER names where it lies now'
             )
-        recorded = read_trajectory(window, topic=source.topic, joint_names=source.joint_names, reading=reading)
+        recorded = read_trajectory(window, topic=source.topic, joint_names=source.joint_names, conversion=conversion)
         if recorded.sha256 != source.sha256:
             raise BagError(
                 f'{window.path} is not the bag of which this result was made: its SHA-256 begins with '
@@ -67,7 +67,7 @@ def settings(result: Result) -> Settings:
     return Settings(
         criteria=criteria,
         sliding=made.sliding_window,
-        reading=Reading.of(result.reading),
+        reading=Conversion.of(result.reading),
         bounds=Bounds(np.array(made.lower_bounds), np.array(made.upper_bounds), NAMES[: len(made.lower_bounds)]),
         **{name: getattr(made, name) for name in same},
     )

@@ -25,7 +25,7 @@ TIME_UNITS = {'s': 1.0, 'ms': 1e-3, 'us': 1e-6, 'ns': 1e-9}
 TORQUE_UNITS = {'Nm': 1.0, 'mNm': 1e-3, 'Ncm': 1e-2, 'kgfcm': 0.0980665, 'ozfin': 0.00706155}
 
 #: In the order in which they are applied; the first three are of files with columns, which bags are not.
-READING = (
+CONVERSION = (
     Setting(
         'columns',
         '',

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline, PPoly
 
-from .reading import Affine
+from .conversion import Affine
 from .signals import differentiate, resample
 from .trajectory import Trajectory
 

@@ -17,7 +17,7 @@ from pendubot_identification.recordings.bag_reader import BagReader, BagWindow, 
 from pendubot_identification.recordings.bag_writer import BagWriter
 from pendubot_identification.recordings.joint_states import JOINT_STATE, encode_joint_state
 from pendubot_identification.recordings.message_types import message_definition
-from pendubot_identification.trajectories.reading import Reading
+from pendubot_identification.trajectories.conversion import Conversion
 
 from .test_bag_writer import START, STEP, message
 
@@ -283,8 +283,8 @@ def test_a_bag_is_read_as_is_said_and_what_is_missing_left_out(tmp_path):
         'position': lambda k: (np.nan if k % 10 == 7 else np.sin(k), 90 + k % 7),
     }
     path = write(tmp_path / 'bag', samples(100, **changed))
-    reading = Reading.of({'skip_missing': True, 'negate': 'q1,tau1', 'degrees': True, 'torque_unit': 'mNm'})
-    motion = read_trajectory(path, reading=reading).trajectory
+    conversion = Conversion.of({'skip_missing': True, 'negate': 'q1,tau1', 'degrees': True, 'torque_unit': 'mNm'})
+    motion = read_trajectory(path, conversion=conversion).trajectory
     k = np.flatnonzero(np.arange(100) % 10 != 7)
     np.testing.assert_allclose(motion.q, np.radians(np.column_stack([-np.sin(k), 90 + k % 7])), atol=1e-12)
     np.testing.assert_allclose(motion.tau[:, 0], -k / 1000)

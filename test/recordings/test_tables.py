@@ -13,7 +13,7 @@ from pendubot_identification.errors import PendubotError, TableError
 from pendubot_identification.recordings.bag_reader import read_trajectory
 from pendubot_identification.recordings.joint_states import write_trajectory
 from pendubot_identification.recordings.table_reader import TableReader
-from pendubot_identification.trajectories.reading import Reading
+from pendubot_identification.trajectories.conversion import Conversion
 
 from ..conftest import RECORDINGS
 
@@ -26,7 +26,7 @@ TEXT = """t,q1,q2,dq1,dq2,tau1,tau2
 
 def read(path, **words):
     """The motion of a file, read as a user says."""
-    return TableReader(path, Reading.of(words)).motion
+    return TableReader(path, Conversion.of(words)).motion
 
 
 @pytest.fixture

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from pendubot_identification.identify.result import Given, Parameter
 from pendubot_identification.report import figures, time_plot
-from pendubot_identification.results.evidence import Excitation, Residuals, Simulation, UnexplainedTorque
+from pendubot_identification.results.figure_data import Excitation, Residuals, Simulation, UnexplainedTorque
 from pendubot_identification.trajectories.trajectory import Trajectory
 from test.identified import made, plain
 from test.identified import result as typed

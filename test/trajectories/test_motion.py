@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from pendubot_identification.model.dynamics import forward_dynamics
 from pendubot_identification.model.parameters import PAPER, Parameters
 from pendubot_identification.model.simulation import simulate
+from pendubot_identification.trajectories.conversion import Affine
 from pendubot_identification.trajectories.motion import Motion
-from pendubot_identification.trajectories.reading import Affine
 from pendubot_identification.trajectories.trajectory import Trajectory
 
 GEARED = Parameters(*(0.06, 0.05, 0.032, 0.23, 0.16, 0.01, 0.005, 0.25, 0.19, 0.0026), *(0.1, 0.05, 0.15, 0.2))

@@ -13,8 +13,8 @@ from pendubot_identification.identify.settings import Settings
 from pendubot_identification.level import Level
 from pendubot_identification.model.parameters import PAPER
 from pendubot_identification.model.simulation import quantised, simulate
+from pendubot_identification.trajectories.data_checks import data_checks
 from pendubot_identification.trajectories.signals import evenly_stamped
-from pendubot_identification.trajectories.suspicions import suspicions
 from test.virtual import recording
 
 FAST = Settings(('likelihood',), model='viscous', hold='zero')
@@ -22,13 +22,13 @@ FAST = Settings(('likelihood',), model='viscous', hold='zero')
 
 @pytest.mark.parametrize('interval', [0.002, 0.04])
 def test_a_good_recording_is_not_suspected(interval):
-    assert suspicions([recording(int(9 / interval), interval)]) == []
+    assert data_checks([recording(int(9 / interval), interval)]) == []
 
 
 def test_an_effort_at_its_limit_is_named():
     motion = recording()
     cut = replace(motion, tau=np.clip(motion.tau, -0.3, 0.3))
-    (sentence,) = suspicions([cut])
+    (sentence,) = data_checks([cut])
     assert 'the effort of the shoulder stands at 0.3 N m in 62 % of' in sentence
     result = identify([cut], [], FAST)
     assert result.level is not Level.OK
@@ -39,7 +39,7 @@ def test_angles_that_are_cut_off_are_named_at_both_ends():
     motion = recording()
     q = motion.q.copy()
     q[:, 1] = np.clip(q[:, 1], -0.4, 0.4)
-    greatest, least = suspicions([replace(motion, q=q)])
+    greatest, least = data_checks([replace(motion, q=q)])
     assert 'the elbow stands still at its greatest position of 0.4 rad' in greatest
     assert 'the elbow stands still at its least position of -0.4 rad' in least
 
@@ -47,7 +47,7 @@ def test_angles_that_are_cut_off_are_named_at_both_ends():
 def test_samples_that_are_missing_are_counted():
     motion = recording()
     few = motion[np.random.default_rng(1).random(900) > 0.2]
-    (sentence,) = suspicions([few])
+    (sentence,) = data_checks([few])
     assert 'samples are missing' in sentence
     assert abs(int(sentence.split('about ')[1].split()[0]) - (900 - len(few))) <= 2, 'but for those at the ends'
 
@@ -63,10 +63,10 @@ def jittering(rate, size, *, true):
 @pytest.mark.parametrize(('rate', 'size'), [(100, 8e-4), (500, 8e-4)])
 def test_stamps_that_jitter_are_taken_where_they_are_true_and_else_even_ones(rate, size):
     truth = jittering(rate, size, true=True)
-    assert suspicions([truth]) == []
+    assert data_checks([truth]) == []
     assert evenly_stamped(truth) is truth
     false = jittering(rate, size, true=False)
-    (sentence,) = suspicions([false])
+    (sentence,) = data_checks([false])
     assert 'its stamps jitter' in sentence
     assert 'even ones are taken' in sentence
     for motion, warnings in ((truth, ()), (false, (sentence,))):
@@ -81,6 +81,6 @@ def test_where_samples_are_missing_too_false_stamps_are_named_and_stay():
     motion = jittering(500, 8e-4, true=False)
     some = np.ones(len(motion), dtype=bool)
     some[1000:1045], some[2000:2045] = False, False
-    missing, jitter = suspicions([motion[some]])
+    missing, jitter = data_checks([motion[some]])
     assert 'missing' in missing
     assert 'not put right' in jitter

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from pendubot_identification.errors import ParameterError
 
-from .conventions import OPTIONAL, READING, REQUIRED, TIME_UNITS, TORQUE_UNITS, current_name
+from .conventions import CONVERSION, OPTIONAL, REQUIRED, TIME_UNITS, TORQUE_UNITS, current_name
 from .trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -46,8 +46,8 @@ class Affine(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Reading:
-    """What a recording's numbers mean; the fields are those of :data:`.conventions.READING`.
+class Conversion:
+    """What a recording's numbers mean; the fields are those of :data:`.conventions.CONVERSION`.
 
     Raises:
         ParameterError: a value that makes no sense.
@@ -67,7 +67,7 @@ class Reading:
     offset: Mapping[str, float] = field(default_factory=dict)  #: [rad] and [N m].
 
     def __post_init__(self) -> None:
-        for setting in READING:
+        for setting in CONVERSION:
             setting.check(getattr(self, setting.name))
         for option, given, known in (
             ('columns', self.columns, REQUIRED + OPTIONAL),
@@ -87,13 +87,13 @@ class Reading:
                 )
 
     @classmethod
-    def of(cls, given: Mapping[str, Any]) -> Reading:
+    def of(cls, given: Mapping[str, Any]) -> Conversion:
         """Return what is said in a user's words: texts, or what YAML makes of them; the rest has its default.
 
         Raises:
             ParameterError: a name that is not known, or a value that makes no sense.
         """
-        known = {option.name: option for option in READING}
+        known = {option.name: option for option in CONVERSION}
         chosen: dict[str, Any] = {}
         for name, value in given.items():
             if name not in known:
@@ -196,15 +196,15 @@ class Reading:
             q, tau, qd = q @ Q.T + c, tau @ T.T + d, None if qd is None else qd @ Q.T
         return Trajectory(t, q, tau, qd, name)
 
-    def then(self, change: Affine) -> Reading | None:
+    def then(self, change: Affine) -> Conversion | None:
         """Return how to read the same recording so that the motion is changed like this; None where no options do.
 
         Of several ways the one with fewest options that are new or gone.
         """
-        wanted, found = change.after(self.affine), list[tuple[int, Reading]]()
+        wanted, found = change.after(self.affine), list[tuple[int, Conversion]]()
         signs = [some for size in range(len(SIGNED) + 1) for some in combinations(SIGNED, size)]
         before = set(self.options())
-        choices = {option.name: option.choices for option in READING}
+        choices = {option.name: option.choices for option in CONVERSION}
         varied: dict[str, Any] = {name: choices[name] for name in ('torque_unit', 'swap', 'elbow', 'zero')}
         varied |= {'degrees': (False, True), 'negate': signs, 'offset': [{}]}
         for values in product(*varied.values()):
@@ -220,7 +220,7 @@ class Reading:
 
 
 def options(words: Mapping[str, str]) -> list[str]:
-    """Return words of :meth:`Reading.words` as options of the command line."""
+    """Return words of :meth:`Conversion.words` as options of the command line."""
     return [f'--{n.replace("_", "-")}' + ('' if value == 'true' else f' {value}') for n, value in words.items()]
 
 

@@ -14,20 +14,20 @@ from pendubot_identification.identify.identification import Identification
 from pendubot_identification.identify.pipeline import identify
 from pendubot_identification.identify.settings import Settings
 from pendubot_identification.recordings.datasets import Datasets
-from pendubot_identification.trajectories.reading import Reading
+from pendubot_identification.trajectories.conversion import Conversion
 
 #: Remedies are applied no more often than there are options.
 TIMES = 8
 
 
 def identify_recordings(
-    load: Callable[[Reading], Datasets],
+    load: Callable[[Conversion], Datasets],
     settings: Settings,
     progress: Progress | None = None,
     *,
     apply_remedies: bool = False,
 ) -> tuple[Identification, Datasets]:
-    """Identify what is loaded with the settings' reading; apply the remedies that are named, and identify again.
+    """Identify what is loaded with the settings' conversion; apply the remedies that are named, and identify again.
 
     Raises:
         PendubotError: the recordings cannot be read, or tell too little, and no remedy is known or asked for.
@@ -43,7 +43,7 @@ def identify_recordings(
         except PendubotError as error:
             if not (apply_remedies and left and error.remedy):
                 raise
-            mended = Reading.of(settings.reading.words() | error.remedy)
+            mended = Conversion.of(settings.reading.words() | error.remedy)
             if mended == settings.reading:
                 raise
         if mended is None or not apply_remedies or not left:

@@ -12,7 +12,7 @@ import pytest
 from pendubot_identification.identify.prediction import state_scale
 from pendubot_identification.identify.settings import Settings
 from pendubot_identification.model.parameters import PAPER
-from pendubot_identification.results.evidence import (
+from pendubot_identification.results.figure_data import (
     SHOWN,
     Answer,
     autocorrelation,

@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 
 from pendubot_identification.errors import ParameterError
 from pendubot_identification.trajectories.conventions import TORQUE_UNITS
-from pendubot_identification.trajectories.reading import SIGNED, Affine, Reading
+from pendubot_identification.trajectories.conversion import SIGNED, Affine, Conversion
 
 SIGNS = st.lists(st.sampled_from(SIGNED), unique=True).map(lambda names: tuple(sorted(names)))
 READINGS = st.builds(
-    Reading,
+    Conversion,
     degrees=st.booleans(),
     torque_unit=st.sampled_from(list(TORQUE_UNITS)),
     swap=st.sampled_from(['nothing', 'joints', 'positions', 'efforts']),
@@ -29,15 +29,15 @@ READINGS = st.builds(
 NUMBERS = np.array([[0.3, -0.2], [1.0, 2.0], [-2.5, 0.7]])
 
 
-def motion(reading):
-    return reading.motion(np.arange(3) / 100, NUMBERS, 2 * NUMBERS, 3 * NUMBERS, 'some')
+def motion(conversion):
+    return conversion.motion(np.arange(3) / 100, NUMBERS, 2 * NUMBERS, 3 * NUMBERS, 'some')
 
 
 @given(READINGS)
-def test_the_words_of_a_reading_say_the_same_again(reading):
-    again = motion(Reading.of(reading.words()))
+def test_the_words_of_a_reading_say_the_same_again(conversion):
+    again = motion(Conversion.of(conversion.words()))
     for name in ('q', 'qd', 'tau'):
-        np.testing.assert_allclose(getattr(again, name), getattr(motion(reading), name), rtol=1e-6, atol=1e-8)
+        np.testing.assert_allclose(getattr(again, name), getattr(motion(conversion), name), rtol=1e-6, atol=1e-8)
 
 
 @settings(max_examples=25)
@@ -57,14 +57,14 @@ def test_one_reading_is_mended_into_another_where_options_say_it(one, other):
 
 
 def test_what_no_options_say_is_not_mended():
-    assert Reading().then(Affine.of(T=3 * np.eye(2))) is None
+    assert Conversion().then(Affine.of(T=3 * np.eye(2))) is None
 
 
 @pytest.mark.parametrize('swap', ['nothing', 'efforts'])
 def test_the_torque_constant_scales_the_shoulders_torque_whichever_column_that_is(swap):
-    reading = Reading.of({'swap': swap, 'torque_constant': '50', 'torque_unit': 'mNm', 'offset': 'tau1=0.01'})
+    conversion = Conversion.of({'swap': swap, 'torque_constant': '50', 'torque_unit': 'mNm', 'offset': 'tau1=0.01'})
     efforts = 2 * NUMBERS if swap == 'nothing' else 2 * NUMBERS[:, ::-1]
-    np.testing.assert_allclose(motion(reading).tau, efforts * [0.05, 0.001] - [0.01, 0])
+    np.testing.assert_allclose(motion(conversion).tau, efforts * [0.05, 0.001] - [0.01, 0])
 
 
 @pytest.mark.parametrize(
@@ -83,4 +83,4 @@ def test_the_torque_constant_scales_the_shoulders_torque_whichever_column_that_i
 )
 def test_what_makes_no_sense_is_one_sentence(given, sentence):
     with pytest.raises(ParameterError, match=sentence):
-        Reading.of(given)
+        Conversion.of(given)

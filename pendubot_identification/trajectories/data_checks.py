@@ -24,7 +24,7 @@ SATURATED = 0.2
 STANDS, TIMES, ABRUPT = 3, 3, 4.0
 
 
-def suspicions(recordings: Sequence[Trajectory]) -> list[str]:
+def data_checks(recordings: Sequence[Trajectory]) -> list[str]:
     """Say where samples are missing, stamps are false, an effort stands at a limit, or angles are cut off."""
     looks = _missing, _false_stamps, _saturated, _clipped
     return [text for recording in recordings for look in looks for text in look(recording)]
