@@ -145,8 +145,7 @@ def follow(
     Raises:
         PendubotError: a recording cannot be read or followed.
     """
-    from pendubot_identification.recordings.bag_reader import BagWindow, open_recording
-    from pendubot_identification.recordings.sample_stream import stream_samples
+    from pendubot_identification.recordings.bag_reader import BagWindow, open_recording, stream_samples
     from pendubot_identification.results.track_file import Track
     from pendubot_identification.tracking.events import State
     from pendubot_identification.tracking.tracker import Tracker

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Reading a bag: what is in it, and the motion of its joints in a window of time."""
+"""Reads a bag: its topics and messages, and the motion of its joints in a window of time."""
 
 from __future__ import annotations
 
@@ -26,19 +26,19 @@ from .mcap_file import FOREVER_NS, McapFile, Messages
 from .table_reader import TableReader
 from .tables import is_table
 
-#: How far a message's stamp is looked for from where its log time would place it, before the whole bag is read [ns].
+#: Largest expected difference of stamp and log time [ns]; beyond it, the whole bag is read.
 LATENCY_NS = 1_000_000_000
-#: No recording is taken at once that lasts longer than the first [s], or with more than so many samples than the last.
+#: Longest recording that is read at once [s]; the last holds for more than so many samples.
 LONGEST, MANY, LONGEST_OF_MANY = 600.0, 200_000, 180.0
-#: What of such a recording is usually enough [s].
+#: Length of the first window of a longer recording that its error message proposes [s].
 ENOUGH = 60.0
-#: A window may end so long after the last sample without a warning [s]: one sampling interval, or a rounded duration.
+#: A window may end this long after the last sample without a warning [s], as durations are rounded.
 LATE_END = 0.1
 
 
 @dataclass(frozen=True, slots=True)
 class BagWindow:
-    """A bag, and which part of it: START <= t < END in seconds from its first sample; None leaves a side open."""
+    """A part of a bag: START <= t < END in seconds from its first sample; None leaves a side open."""
 
     path: Path
     start: float | None = None
@@ -76,7 +76,7 @@ class BagWindow:
         return cls(Path(path), start, end)
 
     def of(self, motion: Trajectory) -> Trajectory:
-        """Return what of a motion, t [s] from the bag's first sample, lies in the window; it may be nothing."""
+        """Return the samples of a motion, t [s] from the bag's first sample, in the window; there may be none."""
         return motion[(motion.t >= (self.start or 0.0)) & (motion.t < (self.end or math.inf))]
 
     def cut(self, last: float) -> str:
@@ -97,7 +97,7 @@ class BagWindow:
 
 @dataclass(frozen=True)
 class RecordedTrajectory:
-    """A motion from a bag, t [s] from the bag's first sample on the topic, and what a result must say of that bag.
+    """A motion from a bag, t [s] from the bag's first sample on the topic, and the bag's data for a result.
 
     ``sha256`` is of its .mcap files, one after the other; ``closed`` and ``note`` are as of :class:`BagReader`.
     """
@@ -110,17 +110,17 @@ class RecordedTrajectory:
 
 
 class BagReader:
-    """A bag folder or a single .mcap file, closed or not; what metadata.yaml says is not relied upon.
+    """A bag folder or a single .mcap file, closed or not; metadata.yaml is not read.
 
     Attributes:
         files: its .mcap files in order.
         topics: type and number of messages of each, by name.
         first_ns, last_ns: earliest and latest log time [ns since the epoch], 0 in an empty bag.
-        closed: whether its recording came to an end.
-        note: what could be read, in a sentence, where it did not; else empty.
+        closed: whether all files were closed and can be read.
+        note: for other bags, sentences about the intact messages; else empty.
 
     Raises:
-        BagError: there is no such bag, it is none, or it cannot be read.
+        BagError: there is no such bag, or it cannot be read.
     """
 
     def __init__(self, path: Path) -> None:
@@ -167,12 +167,14 @@ class BagReader:
 
 
 class Stream:
-    """The samples of two joints with START <= t < END, read anew at every iteration.
-
-    Efforts are those of ``effort_names``, by default of the joints themselves.
+    """The samples of two joints in a window; each iteration reads them anew.
 
     Iterating gives blocks, each of t [ns] from the bag's first sample on the topic by ``header.stamp``, shape (N,), and
-    of position [rad], effort [N m] and velocity [rad/s], NaN where there is none, shape (N, 3, 2).
+    of position [rad], effort [N m] and velocity [rad/s], NaN where there is none, shape (N, 3, 2). Efforts are those of
+    ``effort_names``, by default of the joints themselves.
+
+    Attributes:
+        missed: whether the last iteration may have missed samples.
 
     Raises:
         BagError: the topic is not there or not of JointStates; when read, a joint is missing or has no position or
@@ -194,59 +196,54 @@ class Stream:
         self._from_start = start is None
         self._low = round(min((start or 0.0) * 1e9, FOREVER_NS))
         self._high = FOREVER_NS if end is None else round(min(end * 1e9, FOREVER_NS))
-        # The index is of log times. Stamps are a latency older, so a little more is read; and where it turns out that
-        # they are of quite another clock, everything.
-        self._margin = LATENCY_NS
-        self._missed = False
+        self.missed = False
 
     def __iter__(self) -> Iterator[tuple[NDArray[np.int64], NDArray[np.float64]]]:
+        return self._blocks(LATENCY_NS)
+
+    def _blocks(self, margin_ns: int) -> Iterator[tuple[NDArray[np.int64], NDArray[np.float64]]]:
+        """Read the window, and ``margin_ns`` around it by log time, the time of the index."""
         low, high, topics = self._low, self._high, [self._topic]
         first = next(iter(next(self._reader.messages(topics))))
         first_ns = decode_joint_state(first.data).stamp_ns
         decode = JointDecoder(self._joint_names, f'{self._reader.path}: {self._topic}', self._effort_names)
-        from_ns, until_ns = first.log_time + low - self._margin, first.log_time + high + self._margin
+        from_ns, until_ns = first.log_time + low - margin_ns, first.log_time + high + margin_ns
         earliest, latest = FOREVER_NS, -FOREVER_NS
         for messages in self._reader.messages(topics, max(from_ns, 0), min(until_ns, FOREVER_NS)):
             stamps, values = decode(messages)
             elapsed_ns = stamps - first_ns
             earliest, latest = min(earliest, int(elapsed_ns.min())), max(latest, int(elapsed_ns.max()))
-            # With no START, stamps that run back beyond the first are there to be complained of.
+            # With no START, a trajectory reports stamps that run back beyond the first.
             wanted = elapsed_ns < high if self._from_start else (low <= elapsed_ns) & (elapsed_ns < high)
             if wanted.any():
                 yield elapsed_ns[wanted], values[wanted]
-        self._missed = not (earliest <= low and (latest >= high or until_ns > self._reader.last_ns))
-
-    def missed(self) -> bool:
-        """Tell whether the last reading may have missed samples; if so, the next one misses none."""
-        missed = self._missed and self._margin < FOREVER_NS
-        if missed:
-            self._margin = FOREVER_NS
-        return missed
+        covered = earliest <= low and (latest >= high or until_ns > self._reader.last_ns)
+        self.missed = margin_ns < FOREVER_NS and not covered
 
     def samples(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """Return all of them as one block; of what is too long, so many more than can be taken that it shows."""
-        while True:
-            times, values, count = list[NDArray[np.int64]](), list[NDArray[np.float64]](), 0
-            for elapsed_ns, block in self:
+        """Return all samples as one block; of a recording that is too long, enough samples to recognise that."""
+        for margin_ns in (LATENCY_NS, FOREVER_NS):
+            times, values, count = [np.empty(0, np.int64)], [np.empty((0, 3, 2))], 0
+            self.missed = False
+            for elapsed_ns, block in self._blocks(margin_ns):
                 times.append(elapsed_ns)
                 values.append(block)
                 count += len(elapsed_ns)
-                if is_long(count, min((elapsed_ns[-1] - times[0][0]) / 1e9, self._reader.duration)):
+                if is_long(count, min((elapsed_ns[-1] - times[1][0]) / 1e9, self._reader.duration)):
                     break
-            else:
-                if self.missed():
-                    continue
-            return np.concatenate([np.empty(0, np.int64), *times]), np.concatenate([np.empty((0, 3, 2)), *values])
+            if not self.missed:
+                break
+        return np.concatenate(times), np.concatenate(values)
 
 
 Reader = BagReader | TableReader
 
 
 def open_recording(path: Path, conversion: Conversion) -> Reader:
-    """Return what reads a bag or a file with columns.
+    """Return the reader of a bag or of a file with columns.
 
     Raises:
-        BagError: there is no such bag, it is none, or it cannot be read.
+        BagError: there is no such bag, or it cannot be read.
     """
     return TableReader(path, conversion) if is_table(path) else BagReader(path)
 
@@ -261,42 +258,74 @@ def read_trajectory(
 ) -> RecordedTrajectory:
     """Read the motion of two joints from a window of a recording, or from all of it.
 
-    Messages of a bag may hold the joints in any order, among others. ``conversion`` says what the numbers mean;
-    ``reader`` is of the recording, where there is one already, and read alike.
+    Messages of a bag may hold the joints in any order, among others. ``reader`` is the recording's reader, if it is
+    open already.
 
     Raises:
         BagError: the bag, the topic or a joint is not there, or without effort or position.
         TableError: a file with columns cannot be read, or lacks one.
         TrajectoryError: the window holds no or too few samples; values that are not finite; stamps that repeat or
             run backwards.
-        LongRecordingError: there is more in it than is taken at once.
+        LongRecordingError: it is too long to be read at once.
     """
     window, conversion = BagWindow(window) if isinstance(window, Path) else window, conversion or Conversion()
     reader = reader or open_recording(window.path, conversion)
     if isinstance(reader, TableReader):
-        motion = _of_table(reader, window)
+        motion, duration = replace(window.of(reader.motion), name=str(window)), reader.motion.duration
+        t = motion.t
     else:
-        efforts = conversion.effort_names(joint_names)
-        stream = Stream(reader, topic, joint_names, window.start, window.end, effort_names=efforts)
-        motion = _of_bag(reader, window, stream, conversion)
-    return RecordedTrajectory(motion, window, reader.content_hash, reader.closed, reader.note)
+        elapsed_ns, values = _stream(reader, window, topic, joint_names, conversion).samples()
+        t, duration = elapsed_ns / 1e9, reader.duration
+    if not len(t):
+        raise TrajectoryError(
+            f'{window}: the window holds no sample; the recording lasts {duration:.3f} s: choose a time within it'
+        )
+    _require_short(window, t, duration)
+    if not isinstance(reader, TableReader):
+        # A velocity is optional in each message.
+        velocities = values[:, 2] if np.isfinite(values[:, 2]).all() else None
+        motion = conversion.motion(t, values[:, 0], values[:, 1], velocities, str(window))
+    return RecordedTrajectory(motion.require_samples(), window, reader.content_hash, reader.closed, reader.note)
+
+
+def stream_samples(
+    reader: Reader, window: BagWindow, topic: str, joint_names: Sequence[str], conversion: Conversion
+) -> Iterator[NDArray[np.float64]]:
+    """Return rows of t [s] from the recording's first sample, q1, q2 [rad], tau1, tau2 [N m], many at a time.
+
+    All samples of a bag come as they are: not finite, late, or out of order.
+
+    Raises:
+        BagError: the bag, the topic or a joint is not there; the window cannot be found in it.
+        TableError: a file with columns cannot be read, or lacks one.
+    """
+    if isinstance(reader, TableReader):
+        motion = window.of(reader.motion)
+        if len(motion):
+            yield np.column_stack([motion.t, motion.q, motion.tau])
+        return
+    stream = _stream(reader, window, topic, joint_names, conversion)
+    Q, c, T, d = conversion.affine
+    for elapsed_ns, values in stream:
+        yield np.column_stack([elapsed_ns / 1e9, values[:, 0] @ Q.T + c, values[:, 1] @ T.T + d])
+    if stream.missed:
+        raise BagError(f'{window}: its stamps are of another clock than its log times; follow the whole bag')
+
+
+def _stream(
+    reader: BagReader, window: BagWindow, topic: str, joint_names: Sequence[str], conversion: Conversion
+) -> Stream:
+    efforts = conversion.effort_names(joint_names)
+    return Stream(reader, topic, joint_names, window.start, window.end, effort_names=efforts)
 
 
 def is_long(samples: int, duration: float) -> bool:
-    """Tell whether so many samples over so many seconds are more than are taken at once.
-
-    Held, with all that is made of them, they would take hundreds of megabytes and minutes.
-    """
+    """Tell whether so many samples over so many seconds [s] would take hundreds of megabytes and minutes."""
     return duration > (LONGEST if samples <= MANY else LONGEST_OF_MANY)
 
 
 def _require_short(window: BagWindow, t: NDArray[np.float64], duration: float) -> None:
-    """Refuse a recording, of ``duration`` [s] altogether, that begins with samples at t [s], if it is too long.
-
-    Raises:
-        LongRecordingError: so it is.
-    """
-    # Stamps that jump are complained of by others.
+    """Raise LongRecordingError for too long a window, with samples at t [s], of a recording of ``duration`` [s]."""
     if not is_long(len(t), min(float(t[-1] - t[0]), duration)):
         return
     start = window.start or 0.0
@@ -311,33 +340,8 @@ def _require_short(window: BagWindow, t: NDArray[np.float64], duration: float) -
     )
 
 
-def _of_bag(reader: BagReader, window: BagWindow, stream: Stream, conversion: Conversion) -> Trajectory:
-    elapsed_ns, values = stream.samples()
-    if not len(values):
-        raise _nothing(window, reader.duration)
-    t = elapsed_ns / 1e9
-    _require_short(window, t, reader.duration)
-    # A velocity is a convenience that not every message need hold.
-    velocities = values[:, 2] if np.isfinite(values[:, 2]).all() else None
-    return conversion.motion(t, values[:, 0], values[:, 1], velocities, str(window)).require_samples()
-
-
-def _of_table(reader: TableReader, window: BagWindow) -> Trajectory:
-    part = window.of(reader.motion)
-    if not len(part):
-        raise _nothing(window, reader.motion.duration)
-    _require_short(window, part.t, reader.motion.duration)
-    return replace(part, name=str(window)).require_samples()
-
-
-def _nothing(window: BagWindow, duration: float) -> TrajectoryError:
-    return TrajectoryError(
-        f'{window}: the window holds no sample; the recording lasts {duration:.3f} s: choose a time within it'
-    )
-
-
 def _require(reader: BagReader, topic: str) -> None:
-    """Refuse a topic without messages, or of another type."""
+    """Raise BagError for a topic without messages, or of another type."""
     there = {name: kind for name, (kind, count) in reader.topics.items() if count}
     if not there:
         raise BagError(f'{reader.path} holds no message; record again while something is published')
@@ -351,8 +355,7 @@ def _require(reader: BagReader, topic: str) -> None:
 
 
 def _opened(path: Path) -> tuple[list[McapFile], list[str]]:
-    """Return the files of a bag in order, and of those that cannot be read, why not; BagError if that is all."""
-    # Path's own methods raise where a name is too long or a folder above is closed.
+    """Return the readable files of a bag in order, and an error for each other one; BagError if none is readable."""
     if os.path.isfile(path):
         return [McapFile(path)], []
     try:
@@ -363,7 +366,7 @@ def _opened(path: Path) -> tuple[list[McapFile], list[str]]:
         ) from error
     except OSError:
         raise BagError(f'there is no bag {path}; give a bag folder or a .mcap file') from None
-    # Of one that was being compressed, the one that is not removed yet.
+    # Compression of a file may have been interrupted: prefer the original.
     found = {name.removesuffix('.zstd') for name in names if name.endswith(('.mcap', '.mcap.zstd'))}
     if not found:
         raise BagError(
@@ -371,7 +374,7 @@ def _opened(path: Path) -> tuple[list[McapFile], list[str]]:
             '(ros2 bag convert makes one of any other)'
         )
     files, unread = list[McapFile](), list[str]()
-    # They are numbered, NAME_0.mcap to NAME_10.mcap.
+    # NAME_2.mcap comes before NAME_10.mcap.
     for name in sorted(found, key=lambda name: (len(name), name)):
         try:
             files.append(McapFile(path / (name if name in names else f'{name}.zstd')))
