@@ -51,7 +51,7 @@ def run(args: argparse.Namespace) -> int:
     bag = args.bag.absolute()
     output = args.output or bag.parent / f'{bag.stem if bag.is_file() else bag.name}_repaired'
     saved = repair(args.bag, output, overwrite=args.force)
-    whole = all(file.whole for file in saved)
+    whole = all(file.intact for file in saved)
     if args.json:
         print(json.dumps({'output': str(output), 'whole': whole, 'files': [asdict(file) for file in saved]}, indent=2))
         return 0

@@ -180,7 +180,7 @@ class Recorder(SettingsNode):
         number = topic.flow.count + 1
         if self._guarded(lambda: self._bag.write(topic.channel, data, topic.latest_ns, published_ns, number)):
             lag_ns = time.time_ns() - published_ns
-            topic.flow.heard(info['publication_sequence_number'], lag_ns, topic.publishers)
+            topic.flow.add(info['publication_sequence_number'], lag_ns, topic.publishers)
         if 0 < self._max_messages <= self._count(self._names[0]):
             self._ending.set()
             self.end(self.exit_status)

@@ -22,7 +22,7 @@ METADATA = 'metadata.yaml'
 
 @dataclass(frozen=True, slots=True)
 class Qos:
-    """What a topic's publisher offered, in rosbag2's words."""
+    """The quality of service of a topic's publisher, in rosbag2's words."""
 
     reliability: str = 'reliable'
     durability: str = 'volatile'
@@ -48,7 +48,7 @@ class Qos:
 def information(
     file: str, topics: Mapping[int, tuple[Schema, Channel]], counts: Mapping[int, int], first_ns: int, last_ns: int
 ) -> dict[str, Any]:
-    """Return everything that metadata.yaml says of a bag of one file, under its one key's value.
+    """Return the content of metadata.yaml for a bag of one file.
 
     Topics and counts of messages are by the channel's number; the times are the first and the last log time [ns].
     """
@@ -85,7 +85,7 @@ def information(
 
 @cache
 def offered_profiles(text: str) -> list[dict[str, Any]]:
-    """Return the qualities of service that a channel names, none where the text is damaged."""
+    """Return the qualities of service of a channel; none if the text is damaged."""
     try:
         profiles = yaml.safe_load(text)
     except yaml.YAMLError:
@@ -94,7 +94,7 @@ def offered_profiles(text: str) -> list[dict[str, Any]]:
 
 
 def write_metadata(folder: Path, content: dict[str, Any]) -> None:
-    """Put metadata.yaml in its place at once, or leave the one that is there: also when the power fails meanwhile."""
+    """Replace metadata.yaml atomically, even if the power fails meanwhile."""
     temporary = folder / f'{METADATA}.tmp'
     with temporary.open('w', encoding='utf-8') as file:
         file.write(yaml_text({'rosbag2_bagfile_information': content}))
@@ -105,7 +105,7 @@ def write_metadata(folder: Path, content: dict[str, Any]) -> None:
 
 
 def sync_folder(folder: Path) -> None:
-    """Put a folder's list of names on the disk: a file's own fsync leaves its name out."""
+    """Put the names of a folder's files on the disk: the fsync of a file omits its name."""
     descriptor = os.open(folder, os.O_RDONLY)
     try:
         os.fsync(descriptor)

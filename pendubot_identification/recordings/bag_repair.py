@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A closed copy of a bag that was killed, cut or damaged."""
+"""Makes a closed copy of an unclosed, truncated or damaged bag."""
 
 from __future__ import annotations
 
@@ -12,32 +12,32 @@ from pathlib import Path
 from pendubot_identification.errors import BagError
 
 from .bag_reader import BagReader
-from .bag_writer import BagWriter, whole_bag
+from .bag_writer import BagWriter, complete_bag
 from .mcap_file import Damage, McapFile
 
 
 @dataclass(frozen=True, slots=True)
 class SavedFile:
-    """What became of one file of a bag.
+    """The result of repairing one file of a bag.
 
-    Messages that are known to be missing are those that the index counts, or else those of the recorder's numbers
-    between the first and the last that were saved. What came after the last is not known.
+    Missing messages are counted by the index, or else by gaps in the recorder's numbers. Messages after the last saved
+    one are unknown.
     """
 
     file: str  #: the original's path
     closed: bool  #: whether it had an end and an index
     saved: dict[str, int]  #: messages, by topic
     missing: dict[str, int]  #: messages, by topic
-    damaged: list[Damage]  #: what could not be used
+    damaged: list[Damage]  #: parts that were not used
 
     @property
-    def whole(self) -> bool:
+    def intact(self) -> bool:
         """Whether nothing had to be repaired."""
         return self.closed and not self.damaged and not self.missing
 
 
 def repair(path: Path, output: Path, *, overwrite: bool = False) -> list[SavedFile]:
-    """Write a closed copy of a bag, of one file, with every message that is whole; the original is only read.
+    """Write a closed copy of a bag, in one file, with every intact message; the original is only read.
 
     Messages, their times and numbers, topics, types and qualities of service are copied byte for byte.
 
@@ -49,14 +49,14 @@ def repair(path: Path, output: Path, *, overwrite: bool = False) -> list[SavedFi
         raise BagError(f'{output} is the bag itself, or in or around it; give another --output')
     files = BagReader(path).files
     if not any(file.channels for file in files):
-        raise BagError(f'{path} holds no message that is whole; nothing can be saved')
+        raise BagError(f'{path} holds no intact message; nothing can be saved')
     numbers: Counter[str] = Counter()
-    with whole_bag(output, overwrite=overwrite) as bag:
+    with complete_bag(output, overwrite=overwrite) as bag:
         return [_copied(file, bag, numbers) for file in files]
 
 
 def _copied(file: McapFile, bag: BagWriter, numbers: Counter[str]) -> SavedFile:
-    """Copy one file behind those before, whose messages have numbers up to these, by topic."""
+    """Append one file to those before; ``numbers`` are the last message numbers by topic."""
     saved, missing, damaged = Counter[str](), Counter[str](), list[Damage]()
     to = {
         number: bag.add_channel(file.schemas[channel.schema_id], channel)
@@ -70,7 +70,7 @@ def _copied(file: McapFile, bag: BagWriter, numbers: Counter[str]) -> SavedFile:
             name = file.channels[message.channel_id].topic
             bag.write(to[message.channel_id], message.data, message.log_time, message.publish_time, message.sequence)
             saved[name] += 1
-            # Lower numbers are of messages that come again; recorders that do not count leave zeros.
+            # Lower numbers are of repeated messages; recorders that do not count leave zeros.
             if message.sequence > numbers[name]:
                 missing[name] += message.sequence - numbers[name] - 1 if numbers[name] else 0
                 numbers[name] = message.sequence

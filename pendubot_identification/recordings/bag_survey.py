@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What a bag holds, read from its beginning to its end: every time, stamp and number, and what is damaged."""
+"""Reads all of a bag: times, stamps and numbers of its messages, and damaged parts."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ HEADER = re.compile(rb'(?:[^\S\n]*(?:#.*|[^#\n]*=.*)?\n)*[^\S\n]*(?:std_msgs/(?:
 
 
 class TopicTimes(NamedTuple):
-    """A topic's messages that are whole, in the order of writing.
+    """The intact messages of a topic, in the order of writing.
 
     Attributes:
-        logged: when each was received [ns since the epoch], shape (N,).
+        logged: log times [ns since the epoch], shape (N,).
         stamps: their ``header.stamp`` [ns], shape (N,), or (0,) where not every message has one.
-        lost: how many are missing between the first and the last, as the recorder numbered them.
+        lost: number of missing messages, by the recorder's numbers.
     """
 
     logged: NDArray[np.int64]
@@ -35,7 +35,7 @@ class TopicTimes(NamedTuple):
 
 
 def survey(files: Sequence[McapFile]) -> tuple[dict[str, TopicTimes], dict[str, list[Damage]]]:
-    """Return what is whole by topic, and what is damaged by the file's name.
+    """Return the intact messages by topic, and the damages by name of the file.
 
     Raises:
         OSError: a file cannot be read.

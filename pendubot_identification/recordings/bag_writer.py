@@ -1,12 +1,11 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Writing a bag: a folder with an .mcap file and metadata.yaml, as rosbag2 writes it, that survives SIGKILL."""
+"""Writes a bag: a folder with an .mcap file and metadata.yaml, as rosbag2 writes it, that survives SIGKILL."""
 
 from __future__ import annotations
 
 import os
-import resource
 import shutil
 import threading
 from collections import Counter
@@ -25,16 +24,16 @@ from pendubot_identification.files import yaml_text
 from .bag_metadata import METADATA, Qos, information, sync_folder, write_metadata
 from .message_types import message_definition
 
-#: A chunk is handed to the system after so much time between messages' log times, or before it is longer than this.
+#: A chunk is written after this time between log times, or before it exceeds this size [bytes].
 FLUSH_INTERVAL_NS, CHUNK_SIZE = 100_000_000, 64 * 1024
-#: What a message, a chunk, a channel of a chunk and a whole file need beside the data, at most [bytes].
+#: Largest overhead of a message, a chunk, a channel of a chunk and a file, beside the data [bytes].
 MESSAGE_COST, CHUNK_COST, INDEX_COST, FILE_COST = 64, 256, 64, 16384
-#: What a publisher offers that asks for nothing special.
+#: The default quality of service.
 OFFERED = Qos()
 
 
 class RefusedError(BagError):
-    """A bag that cannot be written any more, and why the system refuses it."""
+    """A bag that cannot be written any more, with the system's reason."""
 
     def __init__(self, sentence: str, reason: str) -> None:
         super().__init__(sentence)
@@ -44,19 +43,19 @@ class RefusedError(BagError):
 class BagWriter:
     """A bag being written, from the moment this is made until :meth:`close`; also a context manager.
 
-    What was written is with the operating system at the latest when a message 0.1 s younger arrives, and on the disk
-    after :meth:`sync`: a program that is killed loses only what came after. The bag closes itself while there is still
-    room to do so. All methods may be called from any thread.
+    A message is with the operating system once a message 0.1 s younger arrives, and on the disk after :meth:`sync`: a
+    killed program loses only later messages. The bag closes itself before the disk is full. All methods may be called
+    from any thread.
 
     Args:
         path: the bag's folder, which must not exist; it is made, with the folders above it.
-        reserve: of the disk, that other programs are left with [bytes].
-        folder: where it is written at first, if that is another place.
+        reserve: free space of the disk that is left to other programs [bytes].
+        folder: the folder to write to, if it is another one.
 
     Raises:
         BagError: the name is taken.
-        RefusedError: the reserve is not there, or the system refuses to write. Every method raises it then, and the bag
-            is closed as far as it is whole.
+        RefusedError: the reserve is not free, or the system refuses to write. Every method raises it then, and the bag
+            keeps its complete chunks.
     """
 
     def __init__(self, path: Path, *, reserve: int = 0, folder: Path | None = None) -> None:
@@ -69,7 +68,7 @@ class BagWriter:
         self._counts: Counter[int] = Counter()
         self._described = (-1, -1)
         self._first_ns = self._last_ns = self._latest_ns = self._flushed_ns = 0
-        self._whole_size = self._chunks = self._pending = 0
+        self._complete_size = self._chunks = self._pending = 0
         if os.path.lexists(self._folder):
             raise BagError(f'{self._folder} exists already; give another name')
         with self._explained():
@@ -77,7 +76,6 @@ class BagWriter:
             if reason := _shortage(above, FILE_COST, reserve):
                 raise RefusedError(f'{self.path} is not begun: {reason}; free some space, or lower the reserve', reason)
             self._folder.mkdir(parents=True)
-            # It stays open for as long as the file grows.
             self._file = self.file.open('xb')
             self._mcap = Writer(self._file, chunk_size=1 << 62, compression=CompressionType.NONE)
             self._mcap.start(profile='ros2')
@@ -87,7 +85,7 @@ class BagWriter:
 
     @property
     def free(self) -> int:
-        """How much room its disk has left [bytes]."""
+        """Free space of its disk [bytes]."""
         return shutil.disk_usage(self._folder).free
 
     def add_topic(self, topic: str, type_name: str, qos: Qos = OFFERED) -> int:
@@ -103,7 +101,7 @@ class BagWriter:
         )
 
     def add_channel(self, schema: Schema, channel: Channel) -> int:
-        """Announce a topic as another bag describes it; return the channel to write to, one for what is the same."""
+        """Announce a topic as another bag describes it; return its channel, the same one for equal descriptions."""
         metadata = {'offered_qos_profiles': '', 'topic_type_hash': ''} | channel.metadata
         with self._explained():
             same = [known for known, _ in self._topics.values() if replace(known, id=schema.id) == schema]
@@ -113,8 +111,8 @@ class BagWriter:
                 if replace(known, id=channel.id) == channel:
                     return number
             channel.id = self._mcap.register_channel(channel.topic, channel.message_encoding, schema_id, metadata)
-            # The library writes both into the next chunk. Were that one damaged in a file without an end, nobody could
-            # read the others: so here once more.
+            # The library writes both into the next chunk. If that one is damaged in an unclosed file, this copy makes
+            # the others readable.
             self._hand_over()
             records = RecordBuilder()
             schema.write(records)
@@ -129,7 +127,7 @@ class BagWriter:
     ) -> None:
         """Write one message, as CDR with its encapsulation header.
 
-        Times are when it was received and published [ns since the epoch]; ``sequence`` is its number on this channel.
+        Times are of receiving and publishing [ns since the epoch]; ``sequence`` is its number on this channel.
         """
         published_ns = log_time_ns if publish_time_ns is None else publish_time_ns
         size = len(data) + MESSAGE_COST
@@ -155,7 +153,7 @@ class BagWriter:
                     self._flush()
 
     def sync(self) -> None:
-        """Put what is there on the disk, and into metadata.yaml what that is; others may write meanwhile."""
+        """Put all chunks on the disk and describe them in metadata.yaml; other threads may write meanwhile."""
         with self._lock:
             self.flush()
             if self._closed is not None:
@@ -184,12 +182,12 @@ class BagWriter:
         self.close()
 
     def _flush(self, coming: int = 0) -> None:
-        """Hand over what is pending; where the room is needed to close the bag, close it without what is coming."""
+        """Write the pending chunk; if the space is needed to close the bag, close it without the coming message."""
         chunks = (self._chunks + 1) * (CHUNK_COST + INDEX_COST * len(self._topics))
         needed = self._pending + coming + chunks + FILE_COST
         for schema, channel in self._topics.values():
             needed += len(schema.data) + 2 * len(channel.metadata['offered_qos_profiles']) + 1024
-        if reason := _shortage(self._folder, needed, self._reserve, self._whole_size):
+        if reason := _shortage(self._folder, needed, self._reserve):
             self._close()
             sentence = f'{self.path} is closed with all that was received before: {reason}; free some space'
             self._closed = RefusedError(sentence, reason)
@@ -200,7 +198,7 @@ class BagWriter:
         self._chunks += self._pending > 0
         self._mcap.flush()
         self._file.flush()
-        self._whole_size, self._flushed_ns, self._pending = self._file.tell(), self._latest_ns, 0
+        self._complete_size, self._flushed_ns, self._pending = self._file.tell(), self._latest_ns, 0
 
     def _close(self) -> None:
         self._hand_over()
@@ -216,10 +214,10 @@ class BagWriter:
         return information(self.file.name, self._topics, self._counts, self._first_ns, self._last_ns)
 
     def _describe(self) -> None:
-        """Write metadata.yaml, unless it says as much or more already."""
+        """Write metadata.yaml, unless it is up to date."""
         with self._lock:
             content, known = self._information(), (len(self._topics), sum(self._counts.values()))
-        # Not while others wait to write messages.
+        # The lock is free meanwhile, for messages.
         with self._describing:
             if known > self._described:
                 write_metadata(self._folder, content)
@@ -227,7 +225,7 @@ class BagWriter:
 
     @contextmanager
     def _explained(self) -> Iterator[None]:
-        """Turn what the operating system refuses into a sentence, and leave a bag that is whole as far as it goes."""
+        """Explain an error of the operating system in a sentence, and leave a bag of complete chunks."""
         with self._lock:
             if self._closed is not None:
                 raise self._closed
@@ -240,17 +238,16 @@ class BagWriter:
                 with suppress(OSError, AttributeError):
                     self._file.close()
                 with suppress(OSError):
-                    # Half a chunk at the end helps nobody.
-                    os.truncate(self.file, self._whole_size)
+                    os.truncate(self.file, self._complete_size)
                     self._describe()
                 raise self._closed from error
 
 
 @contextmanager
-def whole_bag(path: Path, *, overwrite: bool = False) -> Iterator[BagWriter]:
-    """Write a bag whole or not at all: meanwhile it is beside its place, as ``NAME.NUMBER.partial``.
+def complete_bag(path: Path, *, overwrite: bool = False) -> Iterator[BagWriter]:
+    """Write a complete bag or none: until it is complete, its name is ``NAME.NUMBER.partial``.
 
-    With ``overwrite`` it replaces a bag of this name, once it is whole. What is no bag is never touched.
+    With ``overwrite`` it then replaces a bag of this name. Files and folders that are no bags are never touched.
 
     Raises:
         BagError: the name is taken, or the system refuses to write.
@@ -260,7 +257,7 @@ def whole_bag(path: Path, *, overwrite: bool = False) -> Iterator[BagWriter]:
         raise BagError(f'{path} exists already; give another name, or replace it with --force')
     try:
         _bag_files(path)
-        # Of a name that no other program takes, should two write the same bag.
+        # Two programs that write the same bag must not share a folder.
         beside = path.absolute().with_name(f'{path.absolute().name}.{os.getpid()}.partial')
         try:
             with BagWriter(path, folder=beside) as bag:
@@ -277,22 +274,19 @@ def whole_bag(path: Path, *, overwrite: bool = False) -> Iterator[BagWriter]:
         raise BagError(f'{path} is not written: {reason}; free some space or choose another place') from error
 
 
-def _shortage(folder: Path, needed: int, reserve: int, size: int = 0) -> str:
-    """Say why so many bytes cannot be added to a file of this size in a folder, with the reserve left; or nothing."""
+def _shortage(folder: Path, needed: int, reserve: int) -> str:
+    """Return the reason why so many bytes do not fit on a folder's disk beside the reserve; or nothing."""
     disk = os.statvfs(folder)
     free = disk.f_bavail * disk.f_frsize
-    # Some file systems do not know.
+    # Some file systems report no size.
     if disk.f_blocks and free < needed + reserve:
         kept = f', of which {reserve / 1e6:.1f} MB are the reserve' if reserve else ''
         return f'its disk has {free / 1e6:.1f} MB left{kept}'
-    limit, _ = resource.getrlimit(resource.RLIMIT_FSIZE)
-    if limit != resource.RLIM_INFINITY and size + needed > limit:
-        return f'the system limits files to {limit / 1e6:.3f} MB (ulimit -f)'
     return ''
 
 
 def _bag_files(path: Path) -> list[Path]:
-    """Return the files of a bag that may be replaced, none where there is nothing; BagError if it is something else."""
+    """Return the files of a bag that may be replaced; BagError if the path is something else."""
     if not os.path.lexists(path):
         return []
     content = sorted(path.iterdir()) if path.is_dir() else []

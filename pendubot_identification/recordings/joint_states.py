@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""``sensor_msgs/msg/JointState`` as bytes, one by one or many at once, and a motion as a bag of them."""
+"""``sensor_msgs/msg/JointState`` as bytes, one by one or many at once, and bags of them."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ JOINT_STATE = 'sensor_msgs/msg/JointState'
 JOINT_STATES_TOPIC = '/joint_states'
 JOINT_NAMES = ('shoulder', 'elbow')
 
-#: When a motion that no clock saw begins [ns since the epoch]: fixed, so that the same motion gives the same bytes.
+#: Start of a motion without a clock [ns since the epoch]: fixed, so that the same motion gives the same bytes.
 EPOCH_NS = 1_500_000_000_000_000_000
 
 
 class JointState(NamedTuple):
     """One message's content: stamp [ns], and per named joint position [rad], velocity [rad/s], effort [N m].
 
-    Position, velocity and effort have shape (number of joints,), or (0,) where they are not known.
+    Position, velocity and effort have shape (number of joints,), or (0,) where they are unknown.
     """
 
     stamp_ns: int
@@ -59,7 +59,7 @@ def encode_joint_state(
 
 
 def decode_joint_state(data: bytes) -> JointState:
-    """Return what a JointState in CDR holds.
+    """Return the content of a JointState in CDR.
 
     Raises:
         BagError: the bytes are no JointState.
@@ -78,8 +78,8 @@ class JointDecoder:
 
     Efforts are those of ``effort_names``, by default of the joints themselves.
 
-    A JointState whose joints and frame keep their names differs from the others in its stamp and numbers alone. So one
-    that rosbags has read says where the others hold theirs, until one comes that is laid out in another way.
+    JointStates with the same names of joints and frame differ in their stamp and numbers alone. rosbags decodes one of
+    them, which gives the offsets for all others of the same layout.
     """
 
     def __init__(self, joint_names: Sequence[str], source: str, effort_names: Sequence[str] | None = None) -> None:
@@ -95,61 +95,62 @@ class JointDecoder:
             BagError: one is no JointState, or lacks a joint, its position or its effort.
         """
         stamps, values = np.empty(len(messages), np.int64), np.full((len(messages), 3, 2), np.nan)
-        left = np.arange(len(messages))
-        while left.size:
+        remaining = np.arange(len(messages))
+        while remaining.size:
             if self._layout is not None:
-                left = left[~self._layout.read(messages, left, stamps, values)]
-            if left.size:
-                (message,) = messages.part(left[:1])
+                remaining = remaining[~self._layout.read(messages, remaining, stamps, values)]
+            if remaining.size:
+                (message,) = messages.part(remaining[:1])
                 state = decode_joint_state(message.data)
-                where = f'{self._source}, sample {self._count + left[0]}'
+                where = f'{self._source}, sample {self._count + remaining[0]}'
                 joints, efforts = _places(state, self._joint_names, self._effort_names, where)
-                stamps[left[0]], values[left[0], :2] = state.stamp_ns, (state.position[joints], state.effort[efforts])
+                k = remaining[0]
+                stamps[k], values[k, :2] = state.stamp_ns, (state.position[joints], state.effort[efforts])
                 if len(state.velocity) == len(state.names):
-                    values[left[0], 2] = state.velocity[joints]
+                    values[k, 2] = state.velocity[joints]
                 self._layout = _Layout.of(message.data, state, joints, efforts)
-                left = left[1:]
+                remaining = remaining[1:]
         self._count += len(messages)
         return stamps, values
 
 
 class _Layout(NamedTuple):
-    """How JointStates of the same names are laid out.
+    """The layout of JointStates with the same names.
 
     Attributes:
-        own: one of them, shape (bytes,).
+        example: one of them, shape (bytes,).
         shared: 255 where all of them are the same, else 0, shape (bytes,).
-        places: where the numbers begin that the decoder returns: positions, efforts and, where there are, velocities.
+        places: offsets of the decoder's numbers: positions, efforts and, if there are any, velocities.
     """
 
-    own: NDArray[np.uint8]
+    example: NDArray[np.uint8]
     shared: NDArray[np.uint8]
     places: list[int]
 
     @classmethod
     def of(cls, data: bytes, state: JointState, joints: list[int], efforts: list[int]) -> _Layout | None:
-        """Return how a message is laid out; None where it is in another byte order, or longer than it says."""
+        """Return the layout of a message; None for another byte order or a message with further bytes."""
         # Two messages that differ in every bit of their numbers, and nowhere else.
         clear, full = (_probe(state, bits) for bits in (0, -1))
-        own = np.frombuffer(data, np.uint8)
-        if len(own) != len(clear) or (own[:2] != clear[:2]).any():
+        example = np.frombuffer(data, np.uint8)
+        if len(example) != len(clear) or (example[:2] != clear[:2]).any():
             return None
-        # Where this one differs from what is encoded here there is padding, in which anything may stand.
-        shared = np.where((clear == full) & (clear == own), 255, 0).astype(np.uint8)
+        # Bytes that differ from the encoder's are padding, which has any content.
+        shared = np.where((clear == full) & (clear == example), 255, 0).astype(np.uint8)
         shared[4:12] = 0  # the stamp
         n, numbers = len(state.names), np.flatnonzero(clear != full)[::8]
         velocities = numbers[n:-n][joints] if len(state.velocity) == n else ()
-        return cls(own, shared, [*numbers[:n][joints], *numbers[-n:][efforts], *velocities])
+        return cls(example, shared, [*numbers[:n][joints], *numbers[-n:][efforts], *velocities])
 
     def read(
         self, messages: Messages, which: NDArray[np.intp], stamps: NDArray[np.int64], values: NDArray[np.float64]
     ) -> NDArray[np.bool_]:
-        """Read some messages into their places, as far as they are laid out like this; return which of them are."""
-        size = len(self.own)
+        """Read those of the messages ``which`` that have this layout into their places; return a mask of them."""
+        size = len(self.example)
         found = messages.heads['length'][which] == FIELDS + size
         rows = messages.part(which[found]).contents(f'V{size}').view(np.uint8).reshape(-1, size)
-        found[found] = alike = ~((rows ^ self.own) & self.shared).any(axis=1)
-        rows, which = rows[alike], which[found]
+        found[found] = same = ~((rows ^ self.example) & self.shared).any(axis=1)
+        rows, which = rows[same], which[found]
         sec, nanosec = rows[:, 4:8].view('<i4')[:, 0], rows[:, 8:12].view('<u4')[:, 0]
         stamps[which] = sec.astype(np.int64) * 1_000_000_000 + nanosec
         for k, at in enumerate(self.places):
@@ -158,7 +159,7 @@ class _Layout(NamedTuple):
 
 
 def _probe(state: JointState, bits: int) -> NDArray[np.uint8]:
-    """Return the bytes of a message with these names, all of whose numbers have the bits of an integer."""
+    """Return the bytes of a message with these names, whose numbers all have the bits of an integer."""
     position, velocity, effort = (np.full(len(numbers), bits).view(np.float64) for numbers in state[2:5])
     return np.frombuffer(encode_joint_state(0, state.names, position, velocity, effort, state.frame), np.uint8)
 
@@ -166,7 +167,7 @@ def _probe(state: JointState, bits: int) -> NDArray[np.uint8]:
 def _places(
     state: JointState, joint_names: Sequence[str], effort_names: Sequence[str], where: str
 ) -> tuple[list[int], list[int]]:
-    """Return the places of two joints, and those of their efforts, which may be entries of their own."""
+    """Return the indices of two joints and of their efforts, which may be separate entries."""
     n, there = len(state.names), ', '.join(state.names) or 'none'
     if missing := [name for name in joint_names if name not in state.names]:
         raise BagError(f'{where} has no joint {missing[0]!r}; its joints are {there}: name two of these')
@@ -194,10 +195,10 @@ def write_trajectory(
     overwrite: bool = False,
     progress: Callable[[int], None] | None = None,
 ) -> None:
-    """Write a motion as a bag with the topic ``/joint_states``, whole or not at all.
+    """Write a motion as a complete bag with the topic ``/joint_states``, or none.
 
-    Where it has no velocities, the messages have none. ``start_ns`` is the stamp of t = 0 [ns since the epoch];
-    ``progress`` is told now and then how many samples are written.
+    Without velocities, the messages have none. ``start_ns`` is the stamp of t = 0 [ns since the epoch]; ``progress`` is
+    called with the number of samples written.
 
     Raises:
         BagError: the name is taken, or the system refuses to write.
@@ -205,15 +206,15 @@ def write_trajectory(
     if (last := start_ns / 1e9 + float(trajectory.t.max(initial=0.0))) >= 2**31:
         raise BagError(
             f'{trajectory.name}: its last stamp would be {last:.6g} s after 1970, and a stamp of ROS ends in 2038; '
-            'mend its times'
+            'correct its times'
         )
     order = np.arange(len(trajectory))
     stamps = start_ns + np.rint(trajectory.t * 1e9).astype(np.int64)
-    # Times that increase by less than a nanosecond must still give stamps that increase.
+    # Stamps must increase even if times increase by less than a nanosecond.
     stamps = np.maximum.accumulate(stamps - order) + order
-    from .bag_writer import whole_bag  # who reads needs none of it
+    from .bag_writer import complete_bag  # readers do not need it
 
-    with whole_bag(path, overwrite=overwrite) as bag:
+    with complete_bag(path, overwrite=overwrite) as bag:
         channel = bag.add_topic(JOINT_STATES_TOPIC, JOINT_STATE)
         for k, stamp in enumerate(stamps.tolist()):
             velocity = () if trajectory.qd is None else trajectory.qd[k]

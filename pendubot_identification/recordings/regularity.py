@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""How regularly something came: rate, jitter, gaps, and stamps that repeat or run back."""
+"""The regularity of times: rate, jitter, gaps, and stamps that repeat or run back."""
 
 from __future__ import annotations
 
@@ -10,34 +10,33 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-#: An interval is a gap where it is longer than this many usual ones.
+#: A gap is longer than this many median intervals.
 GAP = 1.5
 
-#: Fewer intervals than this have no usual one.
+#: Fewest intervals for a median.
 MINIMUM_INTERVALS = 10
 
 
 @dataclass(frozen=True, slots=True)
 class Regularity:
-    """What the times of a series of samples say; what is not known, as there are too few, is NaN."""
+    """The regularity of a series of times; of too few times, period, jitter and first gap are NaN."""
 
     period: float  #: the median interval [s]
-    jitter: float  #: by how much 99 of 100 intervals differ from it at most [s]
+    jitter: float  #: the 99 % quantile of the deviation of intervals from it [s]
     longest: float  #: interval [s]; 0 where there is none
     gaps: int  #: intervals longer than 1.5 periods
     missing: int  #: samples that would fill the gaps
-    first_gap: float  #: when the first of them begins, from the first time on [s]; NaN where there is none
+    first_gap: float  #: start of the first gap, from the first time on [s]; NaN without a gap
     repeated: int  #: times equal to the one before
     backwards: int  #: times earlier than the one before
 
 
 def regularity(times_ns: NDArray[np.int64]) -> Regularity:
-    """Return how regular times are, in the order in which they came [ns], shape (N,)."""
+    """Return the regularity of times in the order of arrival [ns], shape (N,)."""
     steps = np.diff(times_ns)
     repeated, backwards = int((steps == 0).sum()), int((steps < 0).sum())
-    # A time that runs back takes nothing from the gap behind it.
+    # A time that runs back does not shorten the next gap.
     ahead = np.maximum.accumulate(times_ns)
-    # numpy's unique() would take far longer: they are sorted.
     ahead = ahead[np.diff(ahead, prepend=ahead[:1] - 1) > 0]
     intervals = np.diff(ahead)
     longest = float(intervals.max(initial=0)) / 1e9

@@ -78,7 +78,7 @@ def examine(path, copy, sent):
     outcome.silent += sum(each not in known for each in saved)
     # What was lost inside is said to be lost.
     if len(saved) < len(sent):
-        outcome.silent += all(file.whole for file in files)
+        outcome.silent += all(file.intact for file in files)
     return outcome
 
 

@@ -72,7 +72,7 @@ def test_a_repaired_bag_says_all_that_the_original_said(tmp_path):
     before = damage.contents(path)
     (saved,) = repair(path, tmp_path / 'copy')
     assert damage.contents(path) == before
-    assert saved.whole
+    assert saved.intact
     assert saved.saved == {'/latched': 5}
     metadata = (path / 'metadata.yaml').read_bytes()
     assert (tmp_path / 'copy' / 'metadata.yaml').read_bytes() == metadata.replace(b'bag_', b'copy_')
@@ -86,7 +86,7 @@ def test_a_repaired_bag_says_all_that_the_original_said(tmp_path):
         ('bag/inside', True, None, 'is the bag itself, or in or around it'),
         ('.', True, None, 'is the bag itself, or in or around it'),
         ('taken', False, None, 'exists already'),
-        ('copy', False, 40, 'no message that is whole'),
+        ('copy', False, 40, 'no intact message'),
     ],
 )
 def test_what_cannot_be_repaired_is_one_sentence_and_touches_nothing(tmp_path, output, overwrite, left, sentence):
