@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What a user can say of how a recording is to be read: names, defaults and help, for the command line and ROS alike.
+"""The settings of the conversion of a recording: names, defaults and help, for the command line and ROS.
 
 Nothing heavy is imported here: ``--help`` needs no numpy.
 """
@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from pendubot_identification.setting import Setting
 
-#: The columns that a motion needs, and those that it may have.
+#: Required and optional columns of a motion.
 REQUIRED = ('t', 'q1', 'q2', 'tau1')
 OPTIONAL = ('tau2', 'dq1', 'dq2')
 
@@ -24,33 +24,33 @@ def current_name(shoulder: str) -> str:
 TIME_UNITS = {'s': 1.0, 'ms': 1e-3, 'us': 1e-6, 'ns': 1e-9}
 TORQUE_UNITS = {'Nm': 1.0, 'mNm': 1e-3, 'Ncm': 1e-2, 'kgfcm': 0.0980665, 'ozfin': 0.00706155}
 
-#: In the order in which they are applied; the first three are of files with columns, which bags are not.
+#: In the order of application; the first three are for files with columns only.
 CONVERSION = (
     Setting(
         'columns',
         '',
-        f'what a file calls its columns: t=NAME,q1=NAME,... for {", ".join(REQUIRED)} and, where they are there, '
+        f'names of the columns in a file: t=NAME,q1=NAME,... for {", ".join(REQUIRED)} and, if present, '
         f'{", ".join(OPTIONAL)}',
         optional=True,
     ),
-    Setting('decimal', 'point', 'how a text file writes decimals', choices=('point', 'comma')),
+    Setting('decimal', 'point', 'decimal separator of a text file', choices=('point', 'comma')),
     Setting('time_unit', 's', "the unit of a file's times", choices=tuple(TIME_UNITS)),
-    Setting('skip_missing', False, 'leave out the samples of which anything is missing or no number'),
+    Setting('skip_missing', False, 'leave out samples with a missing or non-numeric value'),
     Setting('degrees', False, 'angles are in degrees, velocities in degrees per second'),
     Setting('torque_unit', 'Nm', 'the unit of torques', choices=tuple(TORQUE_UNITS)),
     Setting(
         'swap',
         'nothing',
-        'what stands in the wrong order: positions and efforts of both joints, or one of these',
+        'exchange the joints: positions and efforts, or one of these',
         choices=('nothing', 'joints', 'positions', 'efforts'),
     ),
     Setting(
         'torque_constant',
         0.0,
-        "the shoulder's torque is this constant times a measured current [A]: of a bag, the effort of the entry "
-        'SHOULDER_current; of a file with columns, tau1. A current is the one at the time of its sample; hold says how '
-        'it changes until the next. With another torque_unit the constant is in that unit per ampere. By default, or '
-        'with 0, the torque is the effort, as commanded',
+        "the shoulder's torque is this constant times a measured current [A]: in a bag, the effort of the entry "
+        'SHOULDER_current; in a file with columns, tau1. hold gives the current between samples. With another '
+        'torque_unit the constant is in that unit per ampere. By default, or with 0, the torque is the commanded '
+        'effort',
         'N m/A',
         0.0,
         1e6,
@@ -59,7 +59,7 @@ CONVERSION = (
     Setting(
         'negate',
         '',
-        'what counts the other way round, of q1,q2,tau1,tau2, velocities as their angles',
+        'quantities with the opposite sign, of q1,q2,tau1,tau2; velocities follow their angles',
         optional=True,
     ),
     Setting(
@@ -77,7 +77,7 @@ CONVERSION = (
     Setting(
         'offset',
         '',
-        'what is subtracted after all else: q1=0.1,q2=5deg,tau1=0.05, in rad or deg, and in N m',
+        'subtracted last: q1=0.1,q2=5deg,tau1=0.05, in rad or deg, and in N m',
         optional=True,
     ),
 )

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""How the numbers of a recording are read as a motion: its units, order, signs and zeros, and how to mend them."""
+"""Converts the numbers of a recording to a motion: units, order, signs and zeros, and corrections of these."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from .trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
-#: What can be negated, and what can be off.
-SIGNED, OFFSET = ('q1', 'q2', 'tau1', 'tau2'), ('q1', 'q2', 'tau1', 'tau2')
+#: Quantities that can be negated or have an offset.
+QUANTITIES = ('q1', 'q2', 'tau1', 'tau2')
 _EXCHANGED = np.array([[0.0, 1.0], [1.0, 0.0]])
 
 
@@ -36,21 +36,21 @@ class Affine(NamedTuple):
 
     @classmethod
     def of(cls, Q: Any = None, c: Any = (0, 0), T: Any = None, d: Any = (0, 0)) -> Affine:
-        """Return the map of these numbers; what is not given changes nothing."""
+        """Return the map of these numbers; the defaults change nothing."""
         matrices = (np.eye(2) if M is None else np.array(M, dtype=float) for M in (Q, T))
         return cls(next(matrices), np.array(c, dtype=float), next(matrices), np.array(d, dtype=float))
 
     def after(self, first: Affine) -> Affine:
-        """Return the map that does first another one, and then this."""
+        """Return the map that applies ``first`` and then this one."""
         return Affine(self.Q @ first.Q, self.Q @ first.c + self.c, self.T @ first.T, self.T @ first.d + self.d)
 
 
 @dataclass(frozen=True)
 class Conversion:
-    """What a recording's numbers mean; the fields are those of :data:`.conventions.CONVERSION`.
+    """The settings of :data:`.conventions.CONVERSION`.
 
     Raises:
-        ParameterError: a value that makes no sense.
+        ParameterError: a value is invalid.
     """
 
     columns: Mapping[str, str] = field(default_factory=dict)
@@ -71,12 +71,12 @@ class Conversion:
             setting.check(getattr(self, setting.name))
         for option, given, known in (
             ('columns', self.columns, REQUIRED + OPTIONAL),
-            ('negate', self.negate, SIGNED),
-            ('offset', self.offset, OFFSET),
+            ('negate', self.negate, QUANTITIES),
+            ('offset', self.offset, QUANTITIES),
         ):
             if unknown := [name for name in given if name not in known]:
                 raise ParameterError(
-                    f'{unknown[0]!r} is no quantity of a motion that --{option} knows; {", ".join(known)} are expected'
+                    f'--{option} does not know the quantity {unknown[0]!r}; {", ".join(known)} are expected'
                 )
         names = self.names
         for name, column in self.columns.items():
@@ -88,16 +88,16 @@ class Conversion:
 
     @classmethod
     def of(cls, given: Mapping[str, Any]) -> Conversion:
-        """Return what is said in a user's words: texts, or what YAML makes of them; the rest has its default.
+        """Return the conversion of options as texts or YAML values; the others have their defaults.
 
         Raises:
-            ParameterError: a name that is not known, or a value that makes no sense.
+            ParameterError: a name is unknown or a value is invalid.
         """
         known = {option.name: option for option in CONVERSION}
         chosen: dict[str, Any] = {}
         for name, value in given.items():
             if name not in known:
-                raise ParameterError(f'{name!r} says nothing of how data are read; {", ".join(known)} do')
+                raise ParameterError(f'{name!r} is no option of the conversion; {", ".join(known)} are')
             if name in ('columns', 'offset'):
                 value = _pairs(name, value)
             if name == 'offset':
@@ -117,8 +117,8 @@ class Conversion:
         return cls(**chosen)
 
     def words(self) -> dict[str, str]:
-        """Return what is not as by default, in a user's words; :meth:`of` takes it back."""
-        said = {}
+        """Return the options that differ from their defaults, as texts for :meth:`of`."""
+        found = {}
         for each in fields(self):
             value = getattr(self, each.name)
             if each.name == 'offset':
@@ -132,8 +132,8 @@ class Conversion:
             elif isinstance(value, float):
                 value = str(value) if value else ''
             if value and value != each.default:
-                said[each.name] = value
-        return said
+                found[each.name] = value
+        return found
 
     def options(self) -> list[str]:
         """Return the same as options of the command line."""
@@ -141,7 +141,7 @@ class Conversion:
 
     @property
     def names(self) -> dict[str, str]:
-        """For every quantity the name of its column."""
+        """The name of each quantity's column."""
         return {name: self.columns.get(name, name) for name in REQUIRED + OPTIONAL}
 
     @property
@@ -162,8 +162,8 @@ class Conversion:
 
     @property
     def affine(self) -> Affine:
-        """What is done to positions, velocities and efforts."""
-        signs = [-1.0 if name in self.negate else 1.0 for name in SIGNED]
+        """The map of positions, velocities and efforts."""
+        signs = [-1.0 if name in self.negate else 1.0 for name in QUANTITIES]
         Q, T = np.diag(signs[:2]), np.diag(signs[2:])
         if self.swap in ('joints', 'positions'):
             Q = Q @ _EXCHANGED
@@ -172,16 +172,16 @@ class Conversion:
         if self.torque_constant:
             T = np.diag([self.torque_constant, 1.0]) @ T
         if self.elbow == 'absolute':
-            # Both angles are from the same zero, so it must not be shifted first.
+            # Both angles have the same zero, so it must not be shifted first.
             Q = np.array([[1.0, 0.0], [-1.0, 1.0]]) @ Q
         if self.degrees:
             Q = Q * (math.pi / 180)
-        off = np.array([self.offset.get(name, 0.0) for name in OFFSET])
+        off = np.array([self.offset.get(name, 0.0) for name in QUANTITIES])
         c = np.array([-math.pi / 2 if self.zero == 'hanging' else 0.0, 0.0])
         return Affine(Q, c - off[:2], T * TORQUE_UNITS[self.torque_unit], -off[2:])
 
     def motion(self, t: Array, q: Array, tau: Array, qd: Array | None, name: str) -> Trajectory:
-        """Return samples, t in seconds, as the motion that they are.
+        """Return the motion of samples, t in seconds.
 
         Raises:
             TrajectoryError: values that are not finite, stamps that repeat or run backwards.
@@ -192,17 +192,17 @@ class Conversion:
             t, q, tau, qd = t[whole], q[whole], tau[whole], None if qd is None else qd[whole]
         Q, c, T, d = self.affine
         if self.words():
-            # Where nothing is said, nothing is copied: it may be an hour.
+            # Without options, nothing is copied: it may be an hour.
             q, tau, qd = q @ Q.T + c, tau @ T.T + d, None if qd is None else qd @ Q.T
         return Trajectory(t, q, tau, qd, name)
 
     def then(self, change: Affine) -> Conversion | None:
-        """Return how to read the same recording so that the motion is changed like this; None where no options do.
+        """Return the conversion that changes the motion in this way; None if no options do.
 
-        Of several ways the one with fewest options that are new or gone.
+        Of several conversions, the one with the fewest changed options is returned.
         """
         wanted, found = change.after(self.affine), list[tuple[int, Conversion]]()
-        signs = [some for size in range(len(SIGNED) + 1) for some in combinations(SIGNED, size)]
+        signs = [some for size in range(len(QUANTITIES) + 1) for some in combinations(QUANTITIES, size)]
         before = set(self.options())
         choices = {option.name: option.choices for option in CONVERSION}
         varied: dict[str, Any] = {name: choices[name] for name in ('torque_unit', 'swap', 'elbow', 'zero')}
@@ -213,14 +213,14 @@ class Conversion:
             if not (np.allclose(Q, wanted.Q, atol=1e-9) and np.allclose(T, wanted.T, atol=1e-9)):
                 continue
             turns = np.remainder(c - wanted.c + math.pi, 2 * math.pi) - math.pi
-            left = dict(zip(OFFSET, [*turns, *(d - wanted.d)], strict=True))
+            left = dict(zip(QUANTITIES, [*turns, *(d - wanted.d)], strict=True))
             other = replace(other, offset={name: float(value) for name, value in left.items() if abs(value) > 1e-9})
             found.append((len(other.offset) + len(before.symmetric_difference(other.options())), other))
         return min(found, key=lambda each: each[0])[1] if found else None
 
 
 def options(words: Mapping[str, str]) -> list[str]:
-    """Return words of :meth:`Conversion.words` as options of the command line."""
+    """Return the result of :meth:`Conversion.words` as options of the command line."""
     return [f'--{n.replace("_", "-")}' + ('' if value == 'true' else f' {value}') for n, value in words.items()]
 
 
@@ -230,10 +230,10 @@ def _words(value: Any) -> list[str]:
 
 
 def _pairs(option: str, value: Any) -> dict[str, str]:
-    """Return what ``q1=NAME,q2=NAME`` says.
+    """Return the pairs of ``q1=NAME,q2=NAME``.
 
     Raises:
-        ParameterError: it says nothing of the kind.
+        ParameterError: the text has another form.
     """
     if isinstance(value, Mapping):
         return {str(name): str(text) for name, text in value.items()}

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A recording made ready for simulation: states as smooth functions of time, torques as impulses."""
+"""A recording prepared for simulation: states as smooth functions of time, torques as impulses."""
 
 from __future__ import annotations
 
@@ -31,15 +31,15 @@ class Motion:
     interval: float  #: its sampling interval [s].
     smoothed: PPoly  #: q1, q2, q1', q2' [rad, rad/s] as a spline of time.
     impulse: PPoly  #: integral of both torques [N m s] since the start, as a piecewise polynomial of time.
-    recorded: Trajectory  #: what all this was made of.
-    #: What was made of this motion, and of no other: it is asked for again and again.
+    recorded: Trajectory  #: the recording itself.
+    #: Results that depend on this motion alone, by key.
     _made: dict[Hashable, Any] = field(default_factory=dict, init=False, repr=False, compare=False)
 
-    def once(self, what: Hashable, make: Callable[[], T]) -> T:
-        """Return what ``make`` makes of the motion; under the same name it is made once."""
-        if what not in self._made:
-            self._made[what] = make()
-        made: T = self._made[what]
+    def once(self, key: Hashable, make: Callable[[], T]) -> T:
+        """Return the result of ``make``, which is called once per key."""
+        if key not in self._made:
+            self._made[key] = make()
+        made: T = self._made[key]
         return made
 
     @classmethod
@@ -53,7 +53,7 @@ class Motion:
         interval = even.interval
         q, qd = differentiate(even.q, interval, smoothing)
         if q is even.q:
-            # Samples too far apart to be smoothed: a spline knows their speed ten times better than differences.
+            # Too few samples to be smoothed: a spline's velocity is ten times better than differences.
             qd = CubicSpline(even.t, q)(even.t, 1)
         t, tau = trajectory.t, trajectory.tau
         pieces = [tau[:-1]] if hold == 'zero' else [np.diff(tau, axis=0) / np.diff(t)[:, None], tau[:-1]]
@@ -68,13 +68,13 @@ class Motion:
         )
 
     def part(self, start: float, end: float) -> Motion:
-        """Return the motion from ``start`` to ``end`` [s of its own time], cut to what there is."""
+        """Return the motion from ``start`` to ``end`` [s of its own time], within its limits."""
         start, end = max(start, self.start), min(end, self.end)
         recorded = self.recorded
         return replace(self, start=start, end=end, recorded=recorded[(recorded.t >= start) & (recorded.t <= end)])
 
     def changed(self, change: Affine) -> Motion:
-        """Return the motion that was recorded in other angles and torques: all that was made of it follows."""
+        """Return the motion after a change of its angles and torques, without preparing it again."""
         Q, c, T, d = change
         recorded, x = self.recorded, self.impulse.x
         states = self.smoothed.c @ np.kron(np.eye(2), Q).T

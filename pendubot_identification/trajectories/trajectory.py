@@ -14,7 +14,7 @@ from pendubot_identification.errors import TrajectoryError
 
 Array = NDArray[np.float64]
 
-#: Fewer samples than this cannot determine seven parameters, smoothed and with residuals to judge them by.
+#: Fewest samples for seven parameters after smoothing, with residuals for their uncertainty.
 MINIMUM_SAMPLES = 50
 
 
@@ -31,7 +31,7 @@ class Trajectory:
     q: Array  #: joint positions [rad], shape (N, 2): q1 from the horizontal, q2 relative to link 1.
     tau: Array  #: joint torques [N m], shape (N, 2); tau[k] is applied from sample k until sample k+1.
     qd: Array | None = None  #: joint velocities [rad/s], shape (N, 2), or None where none were recorded.
-    name: str = 'trajectory'  #: where it came from, for messages.
+    name: str = 'trajectory'  #: its source, for messages.
 
     def __post_init__(self) -> None:
         n = len(self.t)
@@ -77,7 +77,7 @@ class Trajectory:
 
     @property
     def lost(self) -> int:
-        """About how many samples are missing; a jittering stamp alone makes no interval of two, and no time longer."""
+        """The estimated number of missing samples; timestamp jitter alone does not count."""
         steps = np.diff(self.t) / self.interval
         return int(min(np.rint(steps[steps > 1.9] - 1).sum(), max(np.rint(steps.sum()) - len(steps), 0)))
 

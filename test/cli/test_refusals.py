@@ -115,7 +115,7 @@ WRONG_USAGE = {
     'export result.yaml --output parameters.txt': 'no suffix that names a format',
     **{f'import-csv run.csv --output new --columns {c}': 't=NAME,q1=NAME' for c in ('time', 't=', '=time', 't=a,t=b')},
     'import-csv run.csv --output new --columns q1=a,q2=a': "column 'a' stands for both q1 and q2; name one column for",
-    'import-csv run.csv --output new --columns q3=a': "'q3' is no quantity of a motion that --columns knows; t, q1",
+    'import-csv run.csv --output new --columns q3=a': "--columns does not know the quantity 'q3'; t, q1",
     'simulate --output never --samples 0': '0 samples at 100 Hz',
     'simulate --output never --rate nan': 'a rate from 1 to 100000 Hz',
     'simulate --output never --rate 1e-9': 'a rate from 1 to 100000 Hz',

@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 
 from pendubot_identification.errors import ParameterError
 from pendubot_identification.trajectories.conventions import TORQUE_UNITS
-from pendubot_identification.trajectories.conversion import SIGNED, Affine, Conversion
+from pendubot_identification.trajectories.conversion import QUANTITIES, Affine, Conversion
 
-SIGNS = st.lists(st.sampled_from(SIGNED), unique=True).map(lambda names: tuple(sorted(names)))
+SIGNS = st.lists(st.sampled_from(QUANTITIES), unique=True).map(lambda names: tuple(sorted(names)))
 READINGS = st.builds(
     Conversion,
     degrees=st.booleans(),
@@ -24,7 +24,7 @@ READINGS = st.builds(
     negate=SIGNS,
     elbow=st.sampled_from(['relative', 'absolute']),
     zero=st.sampled_from(['horizontal', 'hanging']),
-    offset=st.dictionaries(st.sampled_from(SIGNED), st.floats(0.01, 3)),
+    offset=st.dictionaries(st.sampled_from(QUANTITIES), st.floats(0.01, 3)),
 )
 NUMBERS = np.array([[0.3, -0.2], [1.0, 2.0], [-2.5, 0.7]])
 
@@ -70,7 +70,7 @@ def test_the_torque_constant_scales_the_shoulders_torque_whichever_column_that_i
 @pytest.mark.parametrize(
     ('given', 'sentence'),
     [
-        ({'negate': 'q3'}, "'q3' is no quantity of a motion that --negate knows; q1, q2, tau1, tau2"),
+        ({'negate': 'q3'}, "--negate does not know the quantity 'q3'; q1, q2, tau1, tau2"),
         ({'offset': 'q1'}, "--offset 'q1' is not understood"),
         ({'offset': 'q1=x'}, '--offset q1=x is not understood; a number is expected'),
         ({'offset': 'tau1=5deg'}, '--offset tau1=5deg is not understood'),
@@ -78,7 +78,7 @@ def test_the_torque_constant_scales_the_shoulders_torque_whichever_column_that_i
         ({'degrees': 'maybe'}, 'degrees is maybe; true or false is expected'),
         ({'torque_constant': 'k'}, 'torque_constant is k; a number with a decimal point from 0 to 1000000 N m/A is'),
         ({'torque_constant': -0.1}, 'torque_constant is -0.1; a number with a decimal point from 0'),
-        ({'colour': 'red'}, "'colour' says nothing of how data are read"),
+        ({'colour': 'red'}, "'colour' is no option of the conversion"),
     ],
 )
 def test_what_makes_no_sense_is_one_sentence(given, sentence):

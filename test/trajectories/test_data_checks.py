@@ -29,7 +29,7 @@ def test_an_effort_at_its_limit_is_named():
     motion = recording()
     cut = replace(motion, tau=np.clip(motion.tau, -0.3, 0.3))
     (sentence,) = data_checks([cut])
-    assert 'the effort of the shoulder stands at 0.3 N m in 62 % of' in sentence
+    assert 'the effort of the shoulder is at its maximum of 0.3 N m in 62 % of' in sentence
     result = identify([cut], [], FAST)
     assert result.level is not Level.OK
     assert sentence in result.warnings
@@ -40,8 +40,8 @@ def test_angles_that_are_cut_off_are_named_at_both_ends():
     q = motion.q.copy()
     q[:, 1] = np.clip(q[:, 1], -0.4, 0.4)
     greatest, least = data_checks([replace(motion, q=q)])
-    assert 'the elbow stands still at its greatest position of 0.4 rad' in greatest
-    assert 'the elbow stands still at its least position of -0.4 rad' in least
+    assert 'the elbow stops abruptly at its greatest position of 0.4 rad' in greatest
+    assert 'the elbow stops abruptly at its least position of -0.4 rad' in least
 
 
 def test_samples_that_are_missing_are_counted():
@@ -68,7 +68,7 @@ def test_stamps_that_jitter_are_taken_where_they_are_true_and_else_even_ones(rat
     false = jittering(rate, size, true=False)
     (sentence,) = data_checks([false])
     assert 'its stamps jitter' in sentence
-    assert 'even ones are taken' in sentence
+    assert 'even stamps replace them' in sentence
     for motion, warnings in ((truth, ()), (false, (sentence,))):
         result = identify([motion], [], FAST)
         # What false stamps leave, though even ones took their place, may look like a lag.
@@ -83,4 +83,4 @@ def test_where_samples_are_missing_too_false_stamps_are_named_and_stay():
     some[1000:1045], some[2000:2045] = False, False
     missing, jitter = data_checks([motion[some]])
     assert 'missing' in missing
-    assert 'not put right' in jitter
+    assert 'not corrected' in jitter

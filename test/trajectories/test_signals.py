@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.signal import savgol_filter
 
 from pendubot_identification.errors import TrajectoryError
 from pendubot_identification.trajectories.signals import (
@@ -101,16 +100,6 @@ def test_the_smoothing_that_is_chosen_leaves_the_motion_and_takes_noise(rate, co
     smooth, _ = differentiate(q, 1 / rate, window)
     step = 0 if counts is None else 2 * np.pi / counts
     assert np.abs(smooth - q)[inner].max() < 3 * step + 5e-3
-
-
-@pytest.mark.parametrize(('interval', 'window', 'samples'), [(0.01, 0.06, 7), (0.001, 0.1, 500), (0.004, 0.02, 90)])
-def test_differentiates_as_scipy_does(interval, window, samples):
-    q = np.cumsum(np.random.default_rng(1).normal(size=(samples, 2)), axis=0)
-    length = 2 * round(window / interval / 2) + 1
-    smooth, qd = differentiate(q, interval, window)
-    np.testing.assert_allclose(smooth, savgol_filter(q, length, 3, axis=0), atol=1e-11)
-    expected = savgol_filter(q, length, 3, deriv=1, delta=interval, axis=0)
-    np.testing.assert_allclose(qd, expected, atol=1e-11 * np.abs(expected).max())
 
 
 GAP = np.r_[np.arange(100), np.arange(150, 250)] * 0.01
