@@ -147,7 +147,7 @@ def draw_simulation(simulation: Simulation, at: Timeline = NOWHERE, *, validatio
     plot.draw(axes)
     _legend(axes[0], axes[0].lines[:2])
     axes[4].legend(loc='upper left', ncols=2)
-    part = '' if simulation.whole else simulation.name
+    part = '' if simulation.complete else simulation.name
     return _picture(figure, 'simulation', plot, validation=validation, ahead=simulation.ahead, part=part)
 
 
@@ -173,7 +173,7 @@ def draw_residuals(residuals: Residuals, names: Sequence[str] = (), at: Timeline
     figure, axes = _panels(2.2, 1)
     plot.draw(axes)
     _legend(axes[0], axes[0].lines)
-    cumulative = bool(np.isinf(residuals.shared))
+    cumulative = bool(np.isinf(residuals.overlap))
     over_time = _picture(figure, f'residuals_{residuals.criterion}', plot, cumulative=cumulative)
     everything = np.concatenate([values for _, values in parts])
     sizes = np.sqrt((everything**2).mean(axis=0))
@@ -185,7 +185,7 @@ def draw_residuals(residuals: Residuals, names: Sequence[str] = (), at: Timeline
         histogram.stairs(counts, bins, color=colour)
     histogram.plot(bins, np.exp(-(bins**2) / 2) / np.sqrt(2 * np.pi), color=MEASURED, linestyle=':', label='normal')
     correlation.axhspan(-residuals.band, residuals.band, color='#bbbbbb', alpha=0.6, linewidth=0)
-    correlation.axvspan(0, min(residuals.shared, residuals.lags[-1]), color='#eeeeee', zorder=0, linewidth=0)
+    correlation.axvspan(0, min(residuals.overlap, residuals.lags[-1]), color='#eeeeee', zorder=0, linewidth=0)
     correlation.set(xlim=(0, residuals.lags[-1]), ylim=(-1.05, 1.05), xlabel='lag [s]', title='autocorrelation')
     histogram.set(xlabel='in its root mean square', title='histogram', yticks=[])
     return [over_time, _picture(figure, f'whiteness_{residuals.criterion}', cumulative=cumulative)]
@@ -215,13 +215,13 @@ def draw_unexplained_torque(left: UnexplainedTorque, at: Timeline = NOWHERE) -> 
     plot.draw(axes)
     over_time = _picture(figure, 'torque_left', plot)
     everything = np.concatenate(left.torque)
-    figure, means_of = _panels(2.6, 2, len(left.seen), sharey='row')
+    figure, means_of = _panels(2.6, 2, len(left.abscissas), sharey='row')
     against = means_of.reshape(2, -1)
     quiet = np.abs(everything) < OUTLYING * np.median(np.abs(everything), axis=0) + np.finfo(float).tiny
     for joint, colour in enumerate(COLOURS[:2]):
         power = scaled(float(np.abs(everything[quiet[:, joint], joint]).max(initial=0.0)))
         against[joint, 0].set_ylabel(f'{("shoulder", "elbow")[joint]}\n[{in_powers("N m", power)}]')
-        for column, (name, values) in enumerate(left.seen.items()):
+        for column, (name, values) in enumerate(left.abscissas.items()):
             shown, kept = against[joint, column], quiet[:, joint]
             edges = np.unique(np.quantile(values[kept, joint], np.linspace(0, 1, BINS + 1)))
             if len(edges) < 3:

@@ -136,7 +136,7 @@ def _wanted(
             return figures.draw_excitation(list(result.parameters), excitation(training, best, result.parameters))
 
         def left(criterion: str) -> list[Picture]:
-            shown = residuals(training, found[criterion], asked, result.smoothing, scale)
+            shown = residuals(training, found[criterion], asked)
             return figures.draw_residuals(shown, [motion.name for motion in training], at)
 
         def unexplained() -> list[Picture]:

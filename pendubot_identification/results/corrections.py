@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Recordings in, an identification out; where it is asked for, after what the recordings themselves ask for."""
+"""Identifies recordings, on request after applying the corrections that they need."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from pendubot_identification.identify.settings import Settings
 from pendubot_identification.recordings.datasets import Datasets
 from pendubot_identification.trajectories.conversion import Conversion
 
-#: Remedies are applied no more often than there are options.
+#: Largest number of corrections, the number of options.
 TIMES = 8
 
 
@@ -27,26 +27,26 @@ def identify_recordings(
     *,
     apply_remedies: bool = False,
 ) -> tuple[Identification, Datasets]:
-    """Identify what is loaded with the settings' conversion; apply the remedies that are named, and identify again.
+    """Identify recordings loaded with the settings' conversion; on request, correct it and identify again.
 
     Raises:
-        PendubotError: the recordings cannot be read, or tell too little, and no remedy is known or asked for.
+        PendubotError: the recordings cannot be read or are too little informative, and no correction applies.
     """
     given = settings.reading.options()
     for left in reversed(range(TIMES + 1)):
         applied = settings.applied
-        notes = [f'applied, as the recordings ask for it: {" ".join(applied)}'] * bool(applied)
+        notes = [f'applied, as the recordings need it: {" ".join(applied)}'] * bool(applied)
         try:
             data = load(settings.reading)
             found = identify(data.training, data.validation, settings, progress, [*data.notes, *notes])
-            mended = found.mended
+            corrected = found.mended
         except PendubotError as error:
             if not (apply_remedies and left and error.remedy):
                 raise
-            mended = Conversion.of(settings.reading.words() | error.remedy)
-            if mended == settings.reading:
+            corrected = Conversion.of(settings.reading.words() | error.remedy)
+            if corrected == settings.reading:
                 raise
-        if mended is None or not apply_remedies or not left:
+        if corrected is None or not apply_remedies or not left:
             return found, data
-        settings = replace(settings, reading=mended, applied=tuple(o for o in mended.options() if o not in given))
+        settings = replace(settings, reading=corrected, applied=tuple(o for o in corrected.options() if o not in given))
     raise AssertionError('the last time returns or raises')

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What can be shown of an answer: simulated motion, residuals, and what each parameter does, as arrays."""
+"""Data for figures of a result: simulated motion, residuals, and the effect of each parameter, as arrays."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import correlate
 
 from pendubot_identification.criteria.prediction_error import STEP, Simulations
 from pendubot_identification.criteria.weak import WIDTH, weak_regression
@@ -26,17 +27,16 @@ from pendubot_identification.trajectories.motion import Motion
 
 Array = NDArray[np.float64]
 
-#: Simulations shown are this long [s], the longest horizon of the predictions, or as long as the motion allows.
+#: Duration of each simulation [s], the longest horizon of the predictions, or as long as the motion allows.
 AHEAD = HORIZONS[-1]
-#: So much of a motion is shown at once [s].
+#: Longest part of a motion that is shown [s].
 SHOWN = 10.0
-#: Balances of the weak criterion, and the states.
-BALANCES: tuple[str, ...] = ('shoulder', 'elbow', 'energy')
-STATES: tuple[str, ...] = ('q1', 'q2', 'dq1', 'dq2')
+#: Rows of the regression of the weak criterion.
+ROWS: tuple[str, ...] = ('shoulder', 'elbow', 'energy')
 
 
 class Answer(NamedTuple):
-    """What a criterion said, as far as it is needed to simulate: its name, model, theta, the effort's delay [s]."""
+    """The estimate of a criterion for simulations: its name, model, theta and input delay [s]."""
 
     criterion: str
     model: str
@@ -46,7 +46,7 @@ class Answer(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Simulation:
-    """A measured motion, and what was simulated beside it, again and again from a measured state on.
+    """A measured motion, and simulations of it from measured states on.
 
     Attributes:
         name: of the recording.
@@ -54,8 +54,8 @@ class Simulation:
         measured: q1, q2 as recorded and q1', q2' from smoothed positions [rad, rad/s], shape (4, N).
         ahead: length of each simulation [s].
         simulated_t: times [s] of L simulations, shape (K, L).
-        simulated: their states, shape (K, 4, L); NaN from where one is lost.
-        whole: whether the motion is shown from its beginning to its end; else it is the worst part.
+        simulated: their states, shape (K, 4, L); NaN after a simulation diverges.
+        complete: whether the complete motion is shown; else its worst part.
     """
 
     name: str
@@ -64,12 +64,12 @@ class Simulation:
     ahead: float
     simulated_t: Array
     simulated: Array
-    whole: bool
+    complete: bool
 
 
 @dataclass(frozen=True, slots=True)
 class Residuals:
-    """What a criterion could not explain of its training data.
+    """The residuals of a criterion on its training data.
 
     Attributes:
         criterion: its name.
@@ -77,8 +77,8 @@ class Residuals:
         names: of the channels.
         parts: of each recording the times [s], shape (N,), and residuals, shape (N, C).
         interval: between two residuals [s].
-        shared: neighbours nearer than this [s] share data, so that they are correlated whatever the model; infinite
-            where each residual holds all data before it.
+        overlap: residuals nearer than this [s] share data, so they are correlated with any model; infinite if each
+            residual contains all data before it.
         lags: shape (M,), [s].
         autocorrelation: at these lags, over all recordings, shape (M, C).
         band: 95 % of the autocorrelations of white residuals lie within plus and minus this.
@@ -89,7 +89,7 @@ class Residuals:
     names: tuple[str, ...]
     parts: tuple[tuple[Array, Array], ...]
     interval: float
-    shared: float
+    overlap: float
     lags: Array
     autocorrelation: Array
     band: float
@@ -97,12 +97,12 @@ class Residuals:
 
 @dataclass(frozen=True, slots=True)
 class Excitation:
-    """What each parameter does in the balances of the weak criterion, on training data. Root mean squares.
+    """The effect of each parameter in the rows of the weak criterion, on training data. Root mean squares.
 
     Attributes:
-        term: the parameter times its column, by parameter and balance [N m, N m, W], shape (D, 3).
-        own: what of that is left when all other columns have explained what they can, shape (D, 3).
-        residual: what no parameter explains, shape (3,).
+        term: the parameter times its column, by parameter and row [N m, N m, W], shape (D, 3).
+        own: the residual of a term after regression on all other columns, shape (D, 3).
+        residual: the residual of the weak criterion, shape (3,).
     """
 
     term: Array
@@ -112,27 +112,27 @@ class Excitation:
 
 @dataclass(frozen=True, slots=True)
 class UnexplainedTorque:
-    """The torque that parameters do not explain, and what the rig did meanwhile.
+    """The torque that the parameters do not explain, and the motion at the same times.
 
     Attributes:
         names: of the recordings.
         starts: when each begins [s].
         times: of each recording [s], shapes (K,).
         torque: of both joints, averaged by the weak criterion's test functions [N m], shapes (K, 2).
-        share: root mean square over that of the effort, of each joint, shape (2,).
-        seen: by words what it is plotted against, of shoulder and elbow, at all times, shape (K, 2).
+        fraction: its root mean square over the effort's, of each joint, shape (2,).
+        abscissas: by name, the quantities to plot it against, of shoulder and elbow, at all times, shape (K, 2).
     """
 
     names: tuple[str, ...]
     starts: tuple[float, ...]
     times: tuple[Array, ...]
     torque: tuple[Array, ...]
-    share: Array
-    seen: dict[str, Array]
+    fraction: Array
+    abscissas: dict[str, Array]
 
 
 def unexplained_torque(motions: Sequence[Motion], answer: Answer) -> UnexplainedTorque:
-    """Return the torque that an answer does not explain: residuals of the momentum balances.
+    """Return the torque that an answer does not explain: the weak-form residuals of both joints.
 
     Raises:
         TrajectoryError: a recording is shorter than a test function.
@@ -148,13 +148,13 @@ def unexplained_torque(motions: Sequence[Motion], answer: Answer) -> Unexplained
         starts=tuple(m.start for m in motions),
         times=tuple(times),
         torque=tuple(left),
-        share=np.sqrt((np.concatenate(left) ** 2).mean(axis=0)) / max(float(effort), np.finfo(float).tiny),
-        seen={'its angle [rad]': states[:2].T, 'its speed [rad/s]': states[2:].T, 'torque [N m]': tau[:, [0, 0]]},
+        fraction=np.sqrt((np.concatenate(left) ** 2).mean(axis=0)) / max(float(effort), np.finfo(float).tiny),
+        abscissas={'its angle [rad]': states[:2].T, 'its speed [rad/s]': states[2:].T, 'torque [N m]': tau[:, [0, 0]]},
     )
 
 
 def known_effects(motions: Sequence[Motion], listed: Sequence[EffectFound]) -> list[FoundEffect]:
-    """Return the accepted effects of a result, by the catalogue of the motions that it was made of."""
+    """Return the accepted effects of a result, from the catalogue of its motions."""
     known = {(effect.name, effect.where): effect for effect in catalogue(motions, EffectSettings())}
     return [
         FoundEffect(known[e.name, e.where], np.array(e.sizes, dtype=float), np.nan, np.nan, True, np.zeros(5))
@@ -164,12 +164,12 @@ def known_effects(motions: Sequence[Motion], listed: Sequence[EffectFound]) -> l
 
 
 def simulate_beside(motions: Sequence[Motion], answer: Answer, scale: Array) -> Simulation:
-    """Simulate recordings from measured states on, and return the part of one of them that is predicted worst.
+    """Simulate recordings from measured states on, and return the worst predicted part of one of them.
 
     Args:
         motions: the recordings.
-        answer: by which they are simulated.
-        scale: the states' standard deviations, shape (4,), in which the worst is found.
+        answer: the parameters of the simulation.
+        scale: standard deviations of the states, shape (4,), the unit of the errors.
 
     Raises:
         TrajectoryError: the recordings are too short to be simulated.
@@ -191,8 +191,8 @@ def simulate_beside(motions: Sequence[Motion], answer: Answer, scale: Array) -> 
     _, motion, starts, states, shown = max(found, key=lambda each: each[0])
     t = starts[shown] + STEP * np.arange(len(states))[:, None]
     recorded = motion.recorded
-    whole = len(motions) == 1 and len(starts) <= shown.stop - shown.start
-    within = slice(None) if whole else (recorded.t >= t[0, 0]) & (recorded.t <= t[-1, -1])
+    complete = len(motions) == 1 and len(starts) <= shown.stop - shown.start
+    within = slice(None) if complete else (recorded.t >= t[0, 0]) & (recorded.t <= t[-1, -1])
     times = recorded.t[within]
     return Simulation(
         name=motion.name,
@@ -201,38 +201,28 @@ def simulate_beside(motions: Sequence[Motion], answer: Answer, scale: Array) -> 
         ahead=ahead,
         simulated_t=t,
         simulated=np.where(np.isfinite(states), states, np.nan)[:, :, shown],
-        whole=whole,
+        complete=complete,
     )
 
 
-def residuals(
-    motions: Sequence[Motion], answer: Answer, settings: Settings, smoothing: float, scale: Array
-) -> Residuals:
-    """Return what an answer leaves of its training data.
+def residuals(motions: Sequence[Motion], answer: Answer, settings: Settings) -> Residuals:
+    """Return the residuals of an answer, a criterion's of the settings, on its training data.
 
-    Of ``likelihood`` (``trajectory`` in earlier results) they are the innovations at 0.05 s over their standard
-    deviations.
-
-    Args:
-        motions: the training data.
-        answer: of a criterion of the settings.
-        settings: what was asked for.
-        smoothing: the window [s] that made the states.
-        scale: the states' standard deviations, shape (4,).
+    For ``likelihood`` (``trajectory`` in earlier results), these are the normalized innovations every 0.05 s.
 
     Raises:
         TrajectoryError: the recordings are too short.
     """
     if answer.criterion in ('likelihood', 'trajectory'):
         names: tuple[str, ...] = ('q1', 'q2')
-        unit, shared = 'standard deviations', 0.0
+        unit, overlap = 'standard deviations', 0.0
         t, z = standardised_innovations(motions, answer.theta, answer.delay, settings)
         parts = list(zip(t, z, strict=True))
         interval = float(np.median(np.diff(t[0])))
     else:
-        names, unit, shared = BALANCES, 'N m', WIDTH
+        names, unit, overlap = ROWS, 'N m', WIDTH
         if answer.criterion == 'energy':
-            names, unit, shared = ('energy',), 'J', settings.sliding or np.inf
+            names, unit, overlap = ('energy',), 'J', settings.sliding or np.inf
         made = linear(answer.criterion, motions, answer.model, settings)
         parts = [(r.t[:: len(names)], (r.y - r.phi @ answer.theta).reshape(-1, len(names))) for r in made.residuals]
         interval = float(np.median(np.concatenate([np.diff(t) for t, _ in parts])))
@@ -243,56 +233,50 @@ def residuals(
         names=names,
         parts=tuple(parts),
         interval=interval,
-        shared=shared,
+        overlap=overlap,
         lags=np.asarray(interval * np.arange(lags + 1)),
-        autocorrelation=autocorrelation([values for _, values in parts], lags),
+        autocorrelation=_autocorrelation([values for _, values in parts], lags),
         band=NORMAL_95 / np.sqrt(max(sum(len(t) for t, _ in parts), 1)),
     )
 
 
-def autocorrelation(parts: Sequence[Array], lags: int) -> Array:
-    """Return the autocorrelation of residuals at lags 0 to ``lags``, shape (lags + 1, C).
-
-    Args:
-        parts: residuals at even times, each of shape (N, C), their mean not subtracted: it should be 0.
-        lags: fewer than the longest part has residuals.
-    """
+def _autocorrelation(parts: Sequence[Array], lags: int) -> Array:
+    """Return the autocorrelation of residuals of mean 0 at even times, shapes (N, C), as shape (lags + 1, C)."""
     sums = np.zeros((lags + 1, parts[0].shape[1]))
     for part in parts:
-        size = 1 << int(len(part) + lags).bit_length()
-        spectrum = np.fft.rfft(part, size, axis=0)
-        sums += np.fft.irfft(np.abs(spectrum) ** 2, size, axis=0)[: lags + 1]
+        padded = np.pad(part, ((0, lags), (0, 0)))
+        sums += np.column_stack([correlate(a, b, 'valid', 'fft') for a, b in zip(padded.T, part.T, strict=True)])
     return np.asarray(sums / np.maximum(sums[0], np.finfo(float).tiny))
 
 
 def excitation(motions: Sequence[Motion], answer: Answer, names: Collection[str] = NAMES) -> Excitation:
-    """Return what each parameter does, and what none of the others could do in its place.
+    """Return the effect of each parameter, and its part that no other parameter can imitate.
 
     Args:
         motions: the training data.
-        answer: any criterion's; the balances are always those of ``weak``, where each joint has its own.
-        names: of the D parameters that the model has of this rig.
+        answer: any criterion's; the rows are always those of ``weak``, one for each joint.
+        names: of the D parameters of the model on this rig.
 
     Raises:
-        TrajectoryError: the recordings are shorter than a bump.
+        TrajectoryError: the recordings are shorter than a test function.
     """
     parts = [weak_regression(m, answer.model, answer.delay, stride=WIDTH / 10) for m in motions]
     shown = np.isin(NAMES[: len(answer.theta)], list(names))
     phi, y = np.concatenate([p.phi[:, shown] for p in parts]), np.concatenate([p.y for p in parts])
     theta = answer.theta[shown]
-    term = np.array([_by_balance(column) for column in (phi * theta).T])
-    # So that the balances count alike, whatever their size: that of the largest term.
-    size = np.max([_by_balance(y), *term], axis=0)
+    term = np.array([_by_row(column) for column in (phi * theta).T])
+    # Each row is divided by its largest term, so that all rows have the same weight.
+    size = np.max([_by_row(y), *term], axis=0)
     weight = np.tile(1 / np.where(size > 0, size, 1.0), len(y) // 3)
     weighted = phi * weight[:, None]
     own = np.zeros((len(theta), 3))
     for k, value in enumerate(theta):
         others = np.delete(weighted, k, axis=1)
         imitated = others @ np.linalg.lstsq(others, weighted[:, k], rcond=None)[0]
-        own[k] = _by_balance(value * (weighted[:, k] - imitated) / weight)
-    # What others would bring into an equation in which the parameter itself has no part is none of its own.
-    return Excitation(term, np.minimum(own, term), _by_balance(y - phi @ theta))
+        own[k] = _by_row(value * (weighted[:, k] - imitated) / weight)
+    # A parameter without a term in a row has no part of its own there.
+    return Excitation(term, np.minimum(own, term), _by_row(y - phi @ theta))
 
 
-def _by_balance(rows: Array) -> Array:
+def _by_row(rows: Array) -> Array:
     return np.asarray(np.sqrt((rows.reshape(-1, 3) ** 2).mean(axis=0)))

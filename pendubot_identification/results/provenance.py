@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What a result file says of its own making, read back: the recordings, the settings and the answers."""
+"""Recordings, settings and answers of a result, from its file."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ def recordings(result: Result, folder: Path | None = None) -> tuple[list[Traject
 
     Args:
         result: of an identification.
-        folder: where the bags lie now, by their own names; None: where they lay.
+        folder: the present folder of the bags; None: their former one.
 
     Returns:
-        Motions that estimate, motions that validate, as they were taken.
+        Motions for training, motions for validation.
 
     Raises:
-        BagError: a bag is gone, or is another one than it was.
-        TrajectoryError: what is read makes no motion.
+        BagError: a bag is missing, or has changed.
+        TrajectoryError: its samples cannot be used.
     """
     found: dict[str, list[Trajectory]] = {'training': [], 'validation': []}
     conversion = Conversion.of(result.reading)
@@ -42,26 +42,26 @@ def recordings(result: Result, folder: Path | None = None) -> tuple[list[Traject
             window = BagWindow(folder / window.path.name, window.start, window.end)
         if not window.path.exists():
             raise BagError(
-                f'there is no bag {window.path}, of which this result was made; was it moved, or is this another '
-                'folder? --bags FOLDER names where it lies now'
+                f'there is no bag {window.path}, from which this result was made; was it moved, or is this another '
+                'folder? --bags FOLDER names its present folder'
             )
         recorded = read_trajectory(window, topic=source.topic, joint_names=source.joint_names, conversion=conversion)
         if recorded.sha256 != source.sha256:
             raise BagError(
-                f'{window.path} is not the bag of which this result was made: its SHA-256 begins with '
-                f'{recorded.sha256[:12]}, {source.sha256[:12]} is expected; --bags FOLDER names where that one lies'
+                f'{window.path} is not the bag from which this result was made: its SHA-256 begins with '
+                f'{recorded.sha256[:12]}, {source.sha256[:12]} is expected; --bags FOLDER names the folder of that one'
             )
         motion, samples = recorded.trajectory, source.samples
-        # A bag without a window was halved: the first samples estimate, the last ones validate.
+        # A bag without a window was halved into training and validation.
         part = motion[:samples] if source.role == 'training' else motion[len(motion) - samples :]
         found[source.role].append(evenly_stamped(part))
     return found['training'], found['validation']
 
 
 def settings(result: Result) -> Settings:
-    """Return with what settings a result was made, but for those of MDE and where a search started."""
+    """Return the settings of a result, except those of MDE and the start of a search."""
     made = result.made_by
-    # Likelihood took the place of trajectory, which earlier versions had.
+    # In earlier versions, the name of likelihood was trajectory.
     criteria = tuple('likelihood' if name == 'trajectory' else name for name in made.criteria)
     same = ('delays', 'model', 'optimizer', 'smoothing', 'hold', 'link_length', 'seed')
     return Settings(
@@ -74,7 +74,7 @@ def settings(result: Result) -> Settings:
 
 
 def hold(result: Result) -> str:
-    """Return how a result took the torque between its samples; ``energy`` alone never asks."""
+    """Return the hold of the torque between samples; the criterion ``energy`` has none."""
     asked: str = result.made_by.hold
     found = [answer.effort.hold for name, answer in result.criteria.items() if name != 'energy']
     return asked if asked != 'auto' else (found or ['zero'])[0]

@@ -31,24 +31,24 @@ from pendubot_identification.identify.result import (
 from pendubot_identification.model.parameters import MODELS, NAMES, UNDER_LOAD, UNITS, Parameters
 
 if TYPE_CHECKING:
-    # Not for who only reads parameters: this takes a hundred times as long to import.
+    # Readers of parameters do not wait for these imports.
     from pendubot_identification.identify.estimate import Estimate
     from pendubot_identification.identify.identification import Identification
 
 Array = NDArray[np.float64]
 
-#: Generations of which a result file tells the best values.
+#: Number of generations whose best values a result file holds.
 SHOWN_GENERATIONS = 30
 REQUIRED = NAMES[: MODELS['viscous']]
 #: Fields of a fault and of an effect.
 FAULT = [f.name for f in fields(FaultFound)]
 EFFECT = [f.name for f in fields(EffectFound)]
-#: A name of the first files of this schema, and what it is called now.
+#: A key in the first files of this schema, and its present name.
 EARLIER = ('standing_still:', 'persistence:')
 
 
 def result_of(found: Identification, sources: Sequence[Source]) -> Result:
-    """Return what an identification found, made of these bags, by way of what its file holds."""
+    """Return the result of an identification of these bags."""
     best, settings = found.best, found.settings
     answers = {e.criterion: _answer(e, found) for e in found.estimates}
     joints = dict(zip(UNDER_LOAD, ('shoulder', 'elbow'), strict=True))
@@ -86,7 +86,7 @@ def result_of(found: Identification, sources: Sequence[Source]) -> Result:
 
 
 def _answer(e: Estimate, found: Identification) -> dict[str, Any]:
-    """Return what one criterion said, by the names of :class:`.result.CriterionAnswer`."""
+    """Return the estimate of one criterion, with the keys of :class:`.result.CriterionAnswer`."""
     from pendubot_identification.identify.prediction import HORIZONS
 
     as_is = 'level warnings consequences condition_number unexplained exact converged steps uncertainty'
@@ -150,7 +150,7 @@ def _answer(e: Estimate, found: Identification) -> dict[str, Any]:
 
 
 def write_result(path: Path, result: Result, *, overwrite: bool = False) -> None:
-    """Write a result, whole or not at all.
+    """Write a complete result file, or none.
 
     Raises:
         ResultError: the file exists already, or the system refuses to write it.
@@ -159,15 +159,15 @@ def write_result(path: Path, result: Result, *, overwrite: bool = False) -> None
 
 
 def result_text(result: Result | Mapping[str, Any]) -> str:
-    """Return a result as YAML, the way it stands in its file."""
+    """Return a result as the YAML text of its file."""
     return yaml_text(plain(result))
 
 
 def _read(path: Path) -> dict[str, Any]:
-    """Return what a result file holds, its parameters in the order of theta.
+    """Return the content of a result file, its parameters in the order of theta.
 
     Raises:
-        ResultError: there is no such file, it is no result of this schema, or it names no parameter vector.
+        ResultError: there is no such file, it has another schema, or it has no parameter vector.
     """
     data = read_yaml(path, 'name a file that pendubot identify wrote', replaced=EARLIER)
     if not isinstance(data, dict) or data.get('schema') != SCHEMA:
@@ -177,14 +177,14 @@ def _read(path: Path) -> dict[str, Any]:
     wrong = [str(name) for name in dict.fromkeys([*REQUIRED, *entries]) if name not in NAMES or name not in entries]
     if wrong:
         raise ResultError(
-            f'{path} has no parameter vector: look at {", ".join(wrong)}; a number each is expected for '
-            f'{", ".join(REQUIRED)} and, where they are not 0, for {", ".join(NAMES[len(REQUIRED) :])}'
+            f'{path} has no parameter vector: check {", ".join(wrong)}; one number each is expected for '
+            f'{", ".join(REQUIRED)} and, if they are not 0, for {", ".join(NAMES[len(REQUIRED) :])}'
         )
     return {**data, 'parameters': {name: entries[name] for name in NAMES if name in entries}}
 
 
 def read_result(path: Path) -> Result | Given:
-    """Return what a result file says: all of it, or what is taken of one that a hand wrote.
+    """Return a result file: all of it, or the parameters and known entries of a hand-written file.
 
     Raises:
         ResultError: there is no such file, it is no result of this schema, or its parameters are no numbers by name.
@@ -197,7 +197,7 @@ def read_result(path: Path) -> Result | Given:
 
 
 def read_whole_result(path: Path) -> Result:
-    """Return a result that an identification wrote, not a hand.
+    """Return a result file that an identification wrote.
 
     Raises:
         ResultError: there is no such file, or it is no result of this schema, or not all of it.
@@ -218,7 +218,7 @@ def read_parameters(path: Path) -> Parameters:
 def read_estimate(path: Path) -> tuple[Parameters, Array | None]:
     """Return the parameters of a result file, and their standard errors, shape (D,), where it has them all.
 
-    What the file leaves out is 0, and certain.
+    Parameters that are absent from the file are exactly 0.
 
     Raises:
         ResultError: as :func:`read_result`.

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A rig that was followed, as a result file; and a result file, as where following begins."""
+"""Tracked parameters as a result file, and a result file as the start of tracking."""
 
 from __future__ import annotations
 
@@ -25,46 +25,45 @@ from pendubot_identification.trajectories.trajectory import Trajectory
 
 from .result_file import read_result, result_text
 
-#: States that are kept of a track; of more, every other one is forgotten.
+#: Largest number of states in a track; of more, every other one is dropped.
 KEPT = 4000
 
 
 @dataclass
 class Track:
-    """What became of the parameters: states, thinned as they become many, what happened, and what to identify."""
+    """The history of the parameters: states, thinned out as they become many, events, notes and windows."""
 
     states: list[State] = field(default_factory=list)
     events: list[Event] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)  #: on the recordings.
-    windows: list[str] = field(default_factory=list)  #: minutes that are worth identifying, BAG@START:END.
+    windows: list[str] = field(default_factory=list)  #: informative windows, BAG@START:END.
     _every: int = 1
     _seen: int = 0
 
-    def add(self, told: State | Event) -> None:
-        """Take what a tracker tells."""
-        if not isinstance(told, State):
-            self.events = [*self.events, told][-KEPT:]
+    def add(self, update: State | Event) -> None:
+        """Append a state or an event."""
+        if not isinstance(update, State):
+            self.events = [*self.events, update][-KEPT:]
             return
         if self._seen % self._every == 0:
-            self.states.append(told)
+            self.states.append(update)
         self._seen += 1
         if len(self.states) > KEPT:
             self.states, self._every = self.states[::2], 2 * self._every
 
 
 def start_of(path: Path | None, model: str | None = None) -> Start:
-    """Return where following begins: with a result file, or with nothing but a model.
+    """Return the start of tracking: a result file, or a model alone.
 
-    Without a file the first motion is identified by the criterion weak, so that nothing is published at a better level
-    than that of a file of it.
+    Without a file, the first motion is identified by the criterion weak, which gives the level.
 
     Raises:
         ResultError: the file cannot be read, is of level ERROR, or another model is asked for than it has.
-        ParameterError: no rig has its parameters.
+        ParameterError: its parameters are not physical.
     """
     if path is None:
         chosen = model or 'coulomb'
-        return Start(model=chosen, judge=lambda motion: _judged(motion, chosen))
+        return Start(model=chosen, judge=lambda motion: _assessed(motion, chosen))
     result = read_result(path)
     named = result.model if result.model in MODELS else result.theta.model
     if model not in (None, named):
@@ -73,7 +72,7 @@ def start_of(path: Path | None, model: str | None = None) -> Start:
         raise ResultError(f'{path} is of level ERROR: {"; ".join(result.warnings)}; begin with another result, or none')
     size = MODELS[named]
     names = list(result.parameters)
-    # A filter's errors are normal: those with the same 95 % interval.
+    # The filter's errors are normal, with the same 95 % interval.
     errors = {name: (e.std_error or 0.0) * e.quantile / NORMAL_95 for name, e in result.parameters.items()}
     theta = result.theta.vector(named)[:size]
     level = Level.WARN if result.level is None else result.level
@@ -90,17 +89,17 @@ def start_of(path: Path | None, model: str | None = None) -> Start:
     )
 
 
-def _judged(motion: Trajectory, model: str) -> tuple[Level, Sequence[str]]:
+def _assessed(motion: Trajectory, model: str) -> tuple[Level, Sequence[str]]:
     settings = Settings(criteria=('weak',), model=model, optimizer='lsq')
     found = identify([motion], (), settings)
     return found.level, found.warnings
 
 
 def track_text(tracker: Tracker, track: Track, bags: Sequence[str]) -> str:
-    """Return the newest state as a result file, with what happened and what became of the parameters beside it.
+    """Return the newest state as a result file, with the events and the history of the parameters.
 
     Raises:
-        ResultError: nothing is known.
+        ResultError: there is no state yet.
     """
     state = tracker.state
     if state is None or tracker.taking is None:
@@ -145,10 +144,10 @@ def parameters(state: State) -> Mapping[str, Parameter]:
 
 
 def effort_taken(state: State, taking: Taking) -> EffortTaken:
-    """Return how the effort was taken."""
+    """Return hold and delay of the effort."""
     return EffortTaken(hold=taking.hold, delay=state.delay, delay_std_error=state.delay_std_error)
 
 
 def kind_of(event: Event) -> str:
-    """Return in a word what happened."""
+    """Return the type of an event in a word."""
     return event.kind if isinstance(event, Change) else type(event).__name__.lower()

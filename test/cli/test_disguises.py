@@ -214,7 +214,7 @@ def test_a_disguise_is_seen_through(columns, identified, expected, tmp_path, nam
         found = identified(file, '--apply-remedies')
     np.testing.assert_allclose(theta(found), expected, rtol=1e-6)
     assert sorted(found['made_by']['applied']) == sorted(options)
-    assert any('applied, as the recordings ask for it' in said for said in found['warnings']) == bool(options)
+    assert any('applied, as the recordings need it' in said for said in found['warnings']) == bool(options)
 
 
 @pytest.mark.parametrize('name', ['decimal commas.csv', 'flipped elbow.csv', 'degrees from hanging.csv'])

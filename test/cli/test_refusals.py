@@ -53,7 +53,7 @@ FAILURES = {
     'report none.yaml': 'cannot be read (No such file or directory); name a file that pendubot identify wrote',
     'report list.yaml': 'is no result of schema 1',
     'report broken.yaml': 'is no YAML file',
-    'report few.yaml': 'has no parameter vector: look at P2, P3, P4, P5, b1, b2; a number each is expected',
+    'report few.yaml': 'has no parameter vector: check P2, P3, P4, P5, b1, b2; one number each is expected',
     'compare result.yaml none.yaml': 'none.yaml cannot be read (No such file or directory)',
     'compare result.yaml other.yaml': 'other.yaml is no result of schema 1',
     'compare result.yaml look/result.yaml --on /nowhere': 'there is no bag /nowhere',

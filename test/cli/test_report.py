@@ -154,8 +154,8 @@ def test_bags_that_were_moved_or_changed_are_named_and_found_again(made, tmp_pat
     (tmp_path / 'moved.yaml').write_text(yaml.safe_dump(result))
     assert run('simulate', '--output', tmp_path / 'swing', '--seed', '2')[0] == 0
     for options, sentence in (
-        ((), 'there is no bag /gone/swing, of which this result was made'),
-        (('--bags', tmp_path, '--force'), 'is not the bag of which this result was made'),
+        ((), 'there is no bag /gone/swing, from which this result was made'),
+        (('--bags', tmp_path, '--force'), 'is not the bag from which this result was made'),
     ):
         status, _, err = run('report', tmp_path / 'moved.yaml', *options)
         look = tmp_path / 'moved_report'

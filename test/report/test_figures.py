@@ -31,17 +31,17 @@ def simulation(**changes):
     m = motion()
     t = np.arange(3) + np.linspace(0, 1, 50)[:, None]
     values = {'name': 'swing', 't': m.t, 'measured': np.vstack([m.q.T, m.q.T]), 'ahead': 1.0, 'simulated_t': t}
-    values |= {'simulated': np.zeros((50, 4, 3)), 'whole': True}
+    values |= {'simulated': np.zeros((50, 4, 3)), 'complete': True}
     return Simulation(**values | changes)
 
 
-def left(samples=300, interval=0.01, shared=0.3, channels=3):
+def left(samples=300, interval=0.01, overlap=0.3, channels=3):
     t = np.arange(samples) * interval
     values = np.sin(t[:, None] * np.arange(1, channels + 1))
     lags = np.arange(100) * interval
     names = tuple('abcd'[:channels])
     flat = np.ones((100, channels))
-    return Residuals('weak', 'N m', names, ((t, values), (t, values)), interval, shared, lags, flat, 0.1)
+    return Residuals('weak', 'N m', names, ((t, values), (t, values)), interval, overlap, lags, flat, 0.1)
 
 
 def unexplained_torque():

@@ -15,7 +15,6 @@ from pendubot_identification.model.parameters import PAPER
 from pendubot_identification.results.figure_data import (
     SHOWN,
     Answer,
-    autocorrelation,
     excitation,
     residuals,
     simulate_beside,
@@ -40,15 +39,15 @@ def found():
 
     result = identified()
     motion = Motion.prepare(read_trajectory(SAMPLE).trajectory[:400], result.smoothing)
-    return result, [motion], state_scale([motion])
+    return result, [motion]
 
 
 @pytest.mark.parametrize('criterion', ['energy', 'weak'])
 def test_the_mean_square_of_the_residuals_is_J(found, criterion):
-    result, motions, scale = found
+    result, motions = found
     estimate = next(e for e in result.estimates if e.criterion == criterion)
     given = answer(estimate.theta, criterion, delay=estimate.effort.delay)
-    left = residuals(motions, given, result.settings, result.smoothing, scale)
+    left = residuals(motions, given, result.settings)
     everything = np.concatenate([values for _, values in left.parts])
     assert everything.size == estimate.residuals
     np.testing.assert_allclose((everything**2).mean(), estimate.J, rtol=1e-6)
@@ -57,7 +56,7 @@ def test_the_mean_square_of_the_residuals_is_J(found, criterion):
 
 def test_innovations_of_the_likelihood_are_white_and_of_unit_variance():
     motion = Motion.prepare(recording(900), 0.02)
-    left = residuals([motion], answer(), Settings(hold='zero'), 0.02, state_scale([motion]))
+    left = residuals([motion], answer(), Settings(hold='zero'))
     ((t, values),) = left.parts
     assert (left.unit, left.interval) == ('standard deviations', pytest.approx(0.05))
     np.testing.assert_allclose(np.diff(t), 0.05)
@@ -65,21 +64,11 @@ def test_innovations_of_the_likelihood_are_white_and_of_unit_variance():
     assert (np.abs(left.autocorrelation[1:]) < 1.5 * left.band).mean() > 0.85
 
 
-def test_autocorrelation_against_the_sum_itself():
-    rng = np.random.default_rng(1)
-    parts = [rng.normal(size=(200, 2)), rng.normal(size=(90, 2))]
-    for lag in (0, 1, 7, 50):
-        expected = sum((p[: len(p) - lag] * p[lag:]).sum(axis=0) for p in parts) / sum(
-            (p**2).sum(axis=0) for p in parts
-        )
-        np.testing.assert_allclose(autocorrelation(parts, 50)[lag], expected, atol=1e-12)
-
-
 def test_nothing_lies_between_an_exact_motion_and_its_simulation():
     theta = vector('viscous')
     motion = exact_motion(theta, 1500, 0.005)
     shown = simulate_beside([motion], answer(theta), state_scale([motion]))
-    assert shown.whole
+    assert shown.complete
     assert shown.ahead == 1.0
     expected = motion.states(shown.simulated_t)
     np.testing.assert_allclose(np.moveaxis(shown.simulated, 1, 0), expected, atol=1e-6)
@@ -93,7 +82,7 @@ def test_of_long_recordings_the_worst_part_is_shown():
     motion = Motion.prepare(replace(good, tau=tau), 0.02)
     shown = simulate_beside([Motion.prepare(recording(800, seed=2, name='b'), 0.02), motion], answer(), np.ones(4))
     assert shown.name == 'a'
-    assert not shown.whole
+    assert not shown.complete
     assert shown.t[0] < 25 < 27 < shown.t[-1]
     assert shown.t[-1] - shown.t[0] <= SHOWN
 

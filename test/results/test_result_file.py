@@ -236,7 +236,7 @@ def test_numbers_as_a_hand_writes_them_are_numbers(tmp_path):
         ({'value': 1.0, 'interval': 0.1}, 'parameters.b2.interval is 0.1; two numbers are expected'),
         ({'value': 1.0, 'interval': [1, 'b']}, "parameters.b2.interval.1 is 'b'; a number is expected"),
         ({'value': 1.0, 'unit': 3}, 'parameters.b2.unit is 3; a text is expected in its place'),
-        (None, 'has no parameter vector: look at b2; a number each is expected for P1, P2'),
+        (None, 'has no parameter vector: check b2; one number each is expected for P1, P2'),
     ],
 )
 def test_what_stands_for_a_number_and_is_none_is_one_sentence(tmp_path, entry, sentence):
@@ -245,7 +245,7 @@ def test_what_stands_for_a_number_and_is_none_is_one_sentence(tmp_path, entry, s
 
 
 def test_what_is_no_parameter_is_one_sentence(tmp_path):
-    with pytest.raises(ResultError, match='look at P6; a number each is expected for P1, P2'):
+    with pytest.raises(ResultError, match='check P6; one number each is expected for P1, P2'):
         read_result(by_hand(tmp_path, P6={'value': 1.0}))
 
 
@@ -260,7 +260,7 @@ def test_what_is_no_result_is_one_sentence(tmp_path, text):
     ('path', 'sentence'),
     [
         (('parameters', 'P4', 'value'), 'r.yaml: parameters.P4 does not say value; name a file'),
-        (('parameters', 'P4'), 'look at P4; a number each'),
+        (('parameters', 'P4'), 'check P4; one number each'),
         (('level',), 'r.yaml does not say level; name a file that pendubot identify wrote, as it wrote it'),
         (('bags', 0, 'sha256'), 'r.yaml: bags.0 does not say sha256; name a file'),
     ],
@@ -292,7 +292,7 @@ def test_a_result_of_an_earlier_version_is_read(tmp_path):
 @pytest.mark.parametrize('entries', ['', '[]', '{}'])
 def test_no_parameters_at_all(tmp_path, entries):
     (tmp_path / 'r.yaml').write_text(f'schema: 1\nparameters: {entries}')
-    with pytest.raises(ResultError, match='look at P1, P2, P3, P4, P5, b1, b2; a number each'):
+    with pytest.raises(ResultError, match='check P1, P2, P3, P4, P5, b1, b2; one number each'):
         read_parameters(tmp_path / 'r.yaml')
 
 
