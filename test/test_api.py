@@ -171,7 +171,7 @@ def test_exports_are_those_of_the_command_line(found):
         (lambda: identify(SAMPLE, critrion='weak'), "no option 'critrion'; the options are criterion"),
         (lambda: identify(SAMPLE, bounds={'P9': (0, 1)}), "no parameter 'P9'"),
         (lambda: read('nosuch.csv'), 'cannot be read'),
-        (lambda: read(SAMPLE, columns={'q1': 'a'}), 'is of files with columns, and a bag has none'),
+        (lambda: read(SAMPLE, columns={'q1': 'a'}), 'is for files with columns; the stamps of a bag'),
         (lambda: identify(read(SAMPLE), degrees=True), 'degrees say how files are read, and motions are read already'),
         (lambda: Pendubot.load('nosuch.yaml'), 'cannot be read'),
     ],

@@ -21,7 +21,7 @@ from pendubot_identification.errors import BagError, LongRecordingError, Traject
 from pendubot_identification.trajectories.conversion import Conversion
 from pendubot_identification.trajectories.trajectory import Trajectory
 
-from .joint_states import JOINT_NAMES, JOINT_STATE, JOINT_STATES_TOPIC, JointDecoder, decode_joint_state
+from .joint_states import JOINT_NAMES, JOINT_STATE, JOINT_STATES_TOPIC, JointDecoder, decode_joint_state, stamp_of
 from .mcap_file import FOREVER_NS, McapFile, Messages
 from .table_reader import TableReader
 from .tables import is_table
@@ -205,7 +205,7 @@ class Stream:
         """Read the window, and ``margin_ns`` around it by log time, the time of the index."""
         low, high, topics = self._low, self._high, [self._topic]
         first = next(iter(next(self._reader.messages(topics))))
-        first_ns = decode_joint_state(first.data).stamp_ns
+        first_ns = stamp_of(decode_joint_state(first.data))
         decode = JointDecoder(self._joint_names, f'{self._reader.path}: {self._topic}', self._effort_names)
         from_ns, until_ns = first.log_time + low - margin_ns, first.log_time + high + margin_ns
         earliest, latest = FOREVER_NS, -FOREVER_NS

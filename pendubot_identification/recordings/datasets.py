@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Which part of which bag estimates and which validates: the rules that command line and identifier share."""
+"""Divides recordings into training and validation, for command line and identifier alike."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from .tables import is_table
 
 @dataclass(frozen=True, slots=True)
 class Datasets:
-    """Motions that estimate, motions that validate, where they came from, and what the user should know of that."""
+    """Motions for training and for validation, their sources, and notes for the user."""
 
     training: tuple[Trajectory, ...]
     validation: tuple[Trajectory, ...]
@@ -42,17 +42,17 @@ def load_datasets(
     joint_names: Sequence[str] = JOINT_NAMES,
     conversion: Conversion | None = None,
 ) -> Datasets:
-    """Read the bags or files with columns, each ``BAG[@START:END]``, all of them alike, and divide them.
+    """Read bags or files with columns, each ``BAG[@START:END]``, with the same conversion, and divide them.
 
-    Without ``validate``: of one bag without a window the first half estimates and the second validates; of bags with
-    windows the rest validates, but for parts shorter than a second, and of parts that are too long the first
-    minute; of several bags without windows all estimate, and nothing is set apart.
+    Without ``validate``: one bag without a window is halved into training and validation; of bags with windows, the
+    rest is for validation, except parts shorter than a second, and of long parts the first minute; several bags
+    without windows are all for training.
 
     Raises:
         BagError: a bag that is missing or unreadable, or lacks the topic, the joints or their effort.
         TableError: a file with columns that is missing or unreadable, or lacks one.
-        TrajectoryError: a window that is empty or too short, or samples that cannot be used.
-        LongRecordingError: one that is too long to be taken at once.
+        TrajectoryError: a window that is empty or too short, or invalid samples.
+        LongRecordingError: a recording that is too long to be read at once.
     """
     conversion = conversion or Conversion()
     opened = cache(partial(open_recording, conversion=conversion))
@@ -70,7 +70,7 @@ def load_datasets(
     if not validation and whole == [True]:
         training, validation = _halves(training[0])
     elif not validation and not all(whole):
-        validation = [rest for window in _rest(windows) if (rest := _worth_judging(window, read)) is not None]
+        validation = [rest for window in _rest(windows) if (rest := _validation_part(window, read)) is not None]
     pairs = [('training', r) for r in training] + [('validation', r) for r in validation]
     notes = [r.note for _, r in pairs if r.note]
     notes += filter(None, (r.window.cut(span(r.trajectory)[1]) for _, r in pairs))
@@ -103,30 +103,23 @@ def load_datasets(
 
 
 def require_files(conversion: Conversion, paths: Iterable[Path]) -> None:
-    """Refuse to read bags alone by what is of files with columns.
-
-    Raises:
-        ParameterError: so it is asked for.
-    """
+    """Raise ParameterError for options of files with columns, if all paths are bags."""
     only = {name: word for name, word in conversion.words().items() if name in OF_FILES}
     if only and not any(map(is_table, paths)):
         raise ParameterError(
-            f'{options(only)[0]} is of files with columns, and a bag has none: its stamps are in nanoseconds, and its '
-            'joints have names (--joints); leave it out'
+            f'{options(only)[0]} is for files with columns; the stamps of a bag are in nanoseconds, and its joints '
+            'have names (--joints): leave it out'
         )
 
 
 def _halves(recorded: RecordedTrajectory) -> tuple[list[RecordedTrajectory], list[RecordedTrajectory]]:
-    whole = recorded.trajectory
-    half = len(whole) // 2
-    return [replace(recorded, trajectory=whole[:half])], [replace(recorded, trajectory=whole[half:])]
+    motion = recorded.trajectory
+    half = len(motion) // 2
+    return [replace(recorded, trajectory=motion[:half])], [replace(recorded, trajectory=motion[half:])]
 
 
-def _worth_judging(window: BagWindow, read: Callable[[BagWindow], RecordedTrajectory]) -> RecordedTrajectory | None:
-    """Return what lies outside the windows, or None where that is too little to judge by, or has gaps.
-
-    Nobody chose it: what is too short for one of the criteria, or too long, must not cost the result of all.
-    """
+def _validation_part(window: BagWindow, read: Callable[[BagWindow], RecordedTrajectory]) -> RecordedTrajectory | None:
+    """Return a part outside of the windows, or None if it is too short for validation or has gaps."""
     try:
         try:
             recorded = read(window)
@@ -145,7 +138,7 @@ def span(recording: Trajectory) -> tuple[float, float]:
 
 
 def _rest(windows: Sequence[BagWindow]) -> list[BagWindow]:
-    """Return what each bag holds outside all of its windows."""
+    """Return the parts of each bag outside all of its windows."""
     rest = []
     for path in dict.fromkeys(window.path for window in windows):
         own = sorted((w.start or 0.0, w.end) for w in windows if w.path == path and not (w.end is None and not w.start))

@@ -27,20 +27,6 @@ JOINT_NAMES = ('shoulder', 'elbow')
 EPOCH_NS = 1_500_000_000_000_000_000
 
 
-class JointState(NamedTuple):
-    """One message's content: stamp [ns], and per named joint position [rad], velocity [rad/s], effort [N m].
-
-    Position, velocity and effort have shape (number of joints,), or (0,) where they are unknown.
-    """
-
-    stamp_ns: int
-    names: tuple[str, ...]
-    position: NDArray[np.float64]
-    velocity: NDArray[np.float64]
-    effort: NDArray[np.float64]
-    frame: str = ''
-
-
 def encode_joint_state(
     stamp_ns: int,
     names: Sequence[str],
@@ -49,7 +35,10 @@ def encode_joint_state(
     effort: ArrayLike,
     frame: str = '',
 ) -> bytes:
-    """Return a JointState as CDR, with its encapsulation header; units and shapes as in :class:`JointState`."""
+    """Return a JointState as CDR, with its encapsulation header: stamp [ns], names of the joints, and their values.
+
+    Position [rad], velocity [rad/s] and effort [N m] have shape (number of joints,), or (0,) where they are unknown.
+    """
     types = typestore().types
     stamp = types['builtin_interfaces/msg/Time'](*divmod(int(stamp_ns), 1_000_000_000))
     header = types['std_msgs/msg/Header'](stamp, frame)
@@ -58,19 +47,21 @@ def encode_joint_state(
     return bytes(typestore().serialize_cdr(message, JOINT_STATE, little_endian=True))
 
 
-def decode_joint_state(data: bytes) -> JointState:
-    """Return the content of a JointState in CDR.
+def decode_joint_state(data: bytes) -> Any:
+    """Return a JointState in CDR as rosbags' message.
 
     Raises:
         BagError: the bytes are no JointState.
     """
     try:
-        message: Any = typestore().deserialize_cdr(data, JOINT_STATE)
+        return typestore().deserialize_cdr(data, JOINT_STATE)
     except SerdeError as error:
         raise BagError(f'a message is no {JOINT_STATE} ({error}); record it again') from error
-    stamp_ns = message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
-    numbers = message.position, message.velocity, message.effort
-    return JointState(stamp_ns, tuple(message.name), *numbers, message.header.frame_id)
+
+
+def stamp_of(message: Any) -> int:
+    """Return the stamp of a message with a header [ns]."""
+    return int(message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec)
 
 
 class JointDecoder:
@@ -105,8 +96,8 @@ class JointDecoder:
                 where = f'{self._source}, sample {self._count + remaining[0]}'
                 joints, efforts = _places(state, self._joint_names, self._effort_names, where)
                 k = remaining[0]
-                stamps[k], values[k, :2] = state.stamp_ns, (state.position[joints], state.effort[efforts])
-                if len(state.velocity) == len(state.names):
+                stamps[k], values[k, :2] = stamp_of(state), (state.position[joints], state.effort[efforts])
+                if len(state.velocity) == len(state.name):
                     values[k, 2] = state.velocity[joints]
                 self._layout = _Layout.of(message.data, state, joints, efforts)
                 remaining = remaining[1:]
@@ -128,7 +119,7 @@ class _Layout(NamedTuple):
     places: list[int]
 
     @classmethod
-    def of(cls, data: bytes, state: JointState, joints: list[int], efforts: list[int]) -> _Layout | None:
+    def of(cls, data: bytes, state: Any, joints: list[int], efforts: list[int]) -> _Layout | None:
         """Return the layout of a message; None for another byte order or a message with further bytes."""
         # Two messages that differ in every bit of their numbers, and nowhere else.
         clear, full = (_probe(state, bits) for bits in (0, -1))
@@ -138,7 +129,7 @@ class _Layout(NamedTuple):
         # Bytes that differ from the encoder's are padding, which has any content.
         shared = np.where((clear == full) & (clear == example), 255, 0).astype(np.uint8)
         shared[4:12] = 0  # the stamp
-        n, numbers = len(state.names), np.flatnonzero(clear != full)[::8]
+        n, numbers = len(state.name), np.flatnonzero(clear != full)[::8]
         velocities = numbers[n:-n][joints] if len(state.velocity) == n else ()
         return cls(example, shared, [*numbers[:n][joints], *numbers[-n:][efforts], *velocities])
 
@@ -158,20 +149,22 @@ class _Layout(NamedTuple):
         return found
 
 
-def _probe(state: JointState, bits: int) -> NDArray[np.uint8]:
+def _probe(state: Any, bits: int) -> NDArray[np.uint8]:
     """Return the bytes of a message with these names, whose numbers all have the bits of an integer."""
-    position, velocity, effort = (np.full(len(numbers), bits).view(np.float64) for numbers in state[2:5])
-    return np.frombuffer(encode_joint_state(0, state.names, position, velocity, effort, state.frame), np.uint8)
+    position, velocity, effort = (
+        np.full(len(numbers), bits).view(np.float64) for numbers in (state.position, state.velocity, state.effort)
+    )
+    return np.frombuffer(encode_joint_state(0, state.name, position, velocity, effort, state.header.frame_id), np.uint8)
 
 
 def _places(
-    state: JointState, joint_names: Sequence[str], effort_names: Sequence[str], where: str
+    state: Any, joint_names: Sequence[str], effort_names: Sequence[str], where: str
 ) -> tuple[list[int], list[int]]:
     """Return the indices of two joints and of their efforts, which may be separate entries."""
-    n, there = len(state.names), ', '.join(state.names) or 'none'
-    if missing := [name for name in joint_names if name not in state.names]:
+    n, there = len(state.name), ', '.join(state.name) or 'none'
+    if missing := [name for name in joint_names if name not in state.name]:
         raise BagError(f'{where} has no joint {missing[0]!r}; its joints are {there}: name two of these')
-    if missing := [name for name in effort_names if name not in state.names]:
+    if missing := [name for name in effort_names if name not in state.name]:
         raise BagError(
             f'{where} has no measured current: its joints are {there}, and {missing[0]} is expected beside them; '
             'record with a bridge of this version, or leave out --torque-constant'
@@ -182,7 +175,7 @@ def _places(
         raise BagError(
             f'{where} has {len(state.effort)} efforts for {n} joints; each joint needs one, 0 where it is not driven'
         )
-    joints, efforts = ([state.names.index(name) for name in names] for names in (joint_names, effort_names))
+    joints, efforts = ([state.name.index(name) for name in names] for names in (joint_names, effort_names))
     return joints, efforts
 
 

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A motion from a file with columns, as from a bag."""
+"""Reads a motion from a file with columns."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from pendubot_identification.trajectories.trajectory import Trajectory
 
 from .tables import Table, read_table
 
-#: Rows further apart [s] have a time in some other unit, in which a usual interval [s] is likely.
+#: Longest interval of samples [s], above which the unit of time is wrong, and the usual interval [s].
 LONGEST_INTERVAL, USUAL_INTERVAL = 0.1, 0.005
-#: By what name, in small letters, files call their columns.
+#: Usual names of columns, in lower case.
 ALIASES = {
     't': ('t', 'time', 'times', 'timestamp', 'stamp', 'sec', 'seconds', 'time_s', 't_s', 'zeit', 'tout'),
     'q1': ('q1', 'q_1', 'theta1', 'theta_1', 'th1', 'phi1', 'alpha', 'shoulder', 'shoulder_angle', 'angle1', 'pos1'),
@@ -31,7 +31,7 @@ ALIASES = {
 
 
 class TableReader:
-    """A file with columns; the fields are those of :class:`.bag_reader.BagReader` that a result needs."""
+    """A file with columns, with the attributes of :class:`.bag_reader.BagReader` that a result needs."""
 
     closed, note = True, ''
 
@@ -45,15 +45,15 @@ class TableReader:
 
     @cached_property
     def table(self) -> Table:
-        """What is in the file."""
+        """The columns of the file."""
         return read_table(self.path)
 
     @cached_property
     def taken(self) -> dict[str, str]:
-        """The columns that are taken, by quantity.
+        """The columns to use, by quantity.
 
         Raises:
-            TableError: one is missing that is needed, or that was named.
+            TableError: a required or named column is missing.
         """
         table = self.table
         taken = {name: column for name, column in self.conversion.names.items() if table.has(column)}
@@ -71,7 +71,7 @@ class TableReader:
         return taken
 
     def _alias(self, name: str) -> str | None:
-        """Return the one column that is likely to be a quantity."""
+        """Return the only column with a usual name of a quantity, if there is one."""
         found = [
             c
             for c in self.table.names
@@ -81,7 +81,7 @@ class TableReader:
 
     @cached_property
     def motion(self) -> Trajectory:
-        """All of it, t from the first sample.
+        """The complete motion, t from the first sample.
 
         Raises:
             TableError: the file cannot be read, a column is missing, a value is no number, stamps do not increase.
@@ -89,18 +89,18 @@ class TableReader:
         table, conversion = self.table, self.conversion
         comma, skip = conversion.decimal == 'comma', conversion.skip_missing
         values = {n: table.numbers(column, comma=comma, skip=skip) for n, column in self.taken.items()}
-        whole = np.isfinite(np.column_stack(list(values.values()))).all(axis=1)
-        if not whole.any():
+        complete = np.isfinite(np.column_stack(list(values.values()))).all(axis=1)
+        if not complete.any():
             raise TableError(f'{self.path} holds no row of numbers; export the recording again')
-        values = {name: numbers[whole] for name, numbers in values.items()}
+        values = {name: numbers[complete] for name, numbers in values.items()}
         t = values['t'] * conversion.seconds
         wrong = np.flatnonzero(np.diff(t) <= 0)
         if wrong.size:
             before, time = values['t'][wrong[0] : wrong[0] + 2]
             raise TableError(
-                f'{table.where(int(np.flatnonzero(whole)[wrong[0] + 1]))}: the time {time:.12g} '
+                f'{table.where(int(np.flatnonzero(complete)[wrong[0] + 1]))}: the time {time:.12g} '
                 f'{"repeats" if time == before else "runs back"}, after {before:.12g}; every row needs a later one: '
-                'export more digits, or mend or remove that row'
+                'export more digits, or correct or remove that row'
             )
         zeros = np.zeros_like(t)
         q, tau = (np.column_stack([values[a], values.get(b, zeros)]) for a, b in (('q1', 'q2'), ('tau1', 'tau2')))

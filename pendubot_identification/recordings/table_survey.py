@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What a file with columns holds, and what looks as if it were meant otherwise."""
+"""The content of a file with columns, and probable mistakes in its units."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from pendubot_identification.trajectories.trajectory import Trajectory
 from .regularity import regularity
 from .table_reader import TableReader
 
-#: Motions that are half of the time faster than this [rad/s], and torques beyond that [N m], are in other units.
+#: A median speed [rad/s] and a torque [N m] above these are in other units.
 FAST, STRONG = 30.0, 30.0
-#: An angle [rad] and a part of the torque that are nothing, over so many samples.
+#: Negligible angle [rad] and fraction of the torque, and the number of samples at rest.
 LITTLE, RESTING = 0.05, 3
 UNITS = {'q1': 'rad', 'q2': 'rad', 'dq1': 'rad/s', 'dq2': 'rad/s', 'tau1': 'N m', 'tau2': 'N m'}
 
 
 def survey(reader: TableReader) -> dict[str, Any]:
-    """Return what was taken of a file, as read: times in seconds, rates in Hz, quantities in rad and N m.
+    """Return the motion of a file in numbers: times in seconds, rates in Hz, quantities in rad and N m.
 
     Raises:
         TableError: it cannot be read.
@@ -55,7 +55,7 @@ def survey(reader: TableReader) -> dict[str, Any]:
 
 
 def guesses(motion: Trajectory) -> Iterator[str]:
-    """Say what looks as if it were meant otherwise, and by what option it is."""
+    """Yield probable mistakes, each with the option that corrects it."""
     if len(motion) < 2:
         return
     speed = np.abs(np.diff(motion.q, axis=0)).max(axis=1) / np.diff(motion.t)
@@ -66,13 +66,13 @@ def guesses(motion: Trajectory) -> Iterator[str]:
         yield 'torques so large look like mN m: --torque-unit mNm?'
     if not torque.any():
         yield 'the torque is zero throughout: is it another column? --columns tau1=NAME'
-    moved = np.ptp(motion.q[:RESTING], axis=0).max()
-    if torque[0] <= LITTLE * torque.max() and moved < LITTLE and abs(motion.q[0, 0]) < LITTLE:
+    rotation = np.ptp(motion.q[:RESTING], axis=0).max()
+    if torque[0] <= LITTLE * torque.max() and rotation < LITTLE and abs(motion.q[0, 0]) < LITTLE:
         yield 'at rest without torque link 1 hangs, and q1 is 0 there: --zero hanging?'
 
 
 def as_text(found: dict[str, Any]) -> str:
-    """Return a survey for people."""
+    """Return a survey as text."""
     left_out = f', {found["left_out"]} left out' if found['left_out'] else ''
     lines = [f'{found["samples"]} samples{left_out}, {found["duration"]:.3f} s, {found["rate"]:.1f} Hz']
     taken = ', '.join(name if name == column else f'{name} = {column}' for name, column in found['columns'].items())

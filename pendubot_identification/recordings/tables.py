@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Files with columns: text, MATLAB, Excel and Parquet, each read as what its columns are called and hold."""
+"""Reads names and cells of the columns of text, MATLAB, Excel and Parquet files."""
 
 from __future__ import annotations
 
@@ -205,20 +205,20 @@ def _parquet(path: Path) -> Table:
 
 
 def _matlab(path: Path) -> Table:
-    """Read variables, or the fields of a struct, of version 5 to 7.3."""
+    """Read variables, or the fields of structs, of version 5 to 7.3."""
     from scipy.io import loadmat
     from scipy.io.matlab import MatlabOpaque, MatReadError
 
     try:
-        held = {n: v for n, v in loadmat(path, simplify_cells=True).items() if not re.fullmatch('__.*__', n)}
-        if any(isinstance(value, MatlabOpaque) for value in held.values()):
+        variables = {n: v for n, v in loadmat(path, simplify_cells=True).items() if not re.fullmatch('__.*__', n)}
+        if any(isinstance(value, MatlabOpaque) for value in variables.values()):
             raise _opaque(path)
     except NotImplementedError:
-        held = _matlab_73(path)
+        variables = _matlab_73(path)
     except (MatReadError, ValueError, TypeError, KeyError, EOFError, IndexError) as error:
         raise TableError(f'{path} is no MATLAB file that can be read ({error}); save it again') from error
-    leaves = list(_leaves(held))
-    # Others are settings and remarks.
+    leaves = list(_leaves(variables))
+    # Shorter variables are settings.
     size = max((len(cells) for _, cells in leaves), default=0)
     leaves = [(at, cells) for at, cells in leaves if len(cells) == size]
     last = [at[-1] for at, _ in leaves]
@@ -227,7 +227,7 @@ def _matlab(path: Path) -> Table:
 
 
 def _matlab_73(path: Path) -> dict[str, Any]:
-    """Return the variables of a file that is HDF5; arrays stand the other way round in it."""
+    """Return the variables of an HDF5 file, whose arrays are transposed."""
     import h5py
 
     def value(item: Any) -> Any:
@@ -242,15 +242,15 @@ def _matlab_73(path: Path) -> dict[str, Any]:
         return {name: value(item) for name, item in file.items() if not name.startswith('#')}
 
 
-def _leaves(held: Mapping[str, Any], *at: str) -> Iterator[tuple[tuple[str, ...], Array]]:
-    """Return columns by where they stand; of q with two columns q1 and q2."""
-    for name, value in held.items():
+def _leaves(variables: Mapping[str, Any], *at: str) -> Iterator[tuple[tuple[str, ...], Array]]:
+    """Return columns by their path; q with two columns gives q1 and q2."""
+    for name, value in variables.items():
         if isinstance(value, Mapping):
             yield from _leaves(value, *at, name)
         elif isinstance(value, np.ndarray) and value.dtype.kind in 'fiu' and value.ndim == 1:
             yield (*at, name), value
         elif isinstance(value, np.ndarray) and value.dtype.kind in 'fiu' and value.ndim == 2:
-            # The longer side is time.
+            # The longer dimension is time.
             columns = value.T if len(value) >= len(value.T) else value
             yield from (((*at, f'{name}{k + 1}'), column) for k, column in enumerate(columns))
 

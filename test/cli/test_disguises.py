@@ -168,7 +168,7 @@ def test_what_is_taken_of_a_file_is_said_and_what_looks_odd(lab, run):
 @pytest.mark.parametrize(
     ('command', 'sentence'),
     [
-        (('identify', BAG, '--columns', 't=x'), '--columns t=x is of files with columns, and a bag has none'),
+        (('identify', BAG, '--columns', 't=x'), '--columns t=x is for files with columns; the stamps of a bag'),
         (('info', BAG, '--degrees'), 'info says what is in it, not what it means; leave out --degrees'),
         (('info', 'run.csv', '--map', 'none.yaml'), 'none.yaml cannot be read (No such file or directory)'),
         (('info', 'run.csv', '--map', 'run.csv'), 'run.csv names no options'),

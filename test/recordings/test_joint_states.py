@@ -17,6 +17,7 @@ from pendubot_identification.recordings.joint_states import (
     JointDecoder,
     decode_joint_state,
     encode_joint_state,
+    stamp_of,
 )
 from pendubot_identification.recordings.mcap_file import FIELDS, MESSAGE, parse_records
 from pendubot_identification.recordings.message_types import typestore
@@ -42,11 +43,11 @@ def expected(*messages):
     states = [decode_joint_state(message) for message in messages]
     values = np.full((len(states), 3, 2), np.nan)
     for k, state in enumerate(states):
-        joints = [state.names.index(name) for name in JOINTS]
+        joints = [state.name.index(name) for name in JOINTS]
         for row, kind in enumerate((state.position, state.effort, state.velocity)):
             if kind.size:
                 values[k, row] = kind[joints]
-    return np.array([state.stamp_ns for state in states]), values
+    return np.array([stamp_of(state) for state in states]), values
 
 
 @st.composite
@@ -95,7 +96,7 @@ def test_the_other_byte_order_is_read_too():
 def test_efforts_are_read_from_entries_of_their_own_where_these_are_there(encoded, effort_names):
     _, found = parse_records(b''.join(map(record, encoded)))
     states = [decode_joint_state(message) for message in encoded]
-    lacking = [k for k, state in enumerate(states) if 'a' not in state.names]
+    lacking = [k for k, state in enumerate(states) if 'a' not in state.name]
     if lacking:
         with pytest.raises(
             BagError, match=rf'bag, sample {lacking[0]} has no measured current: its joints are .*, and a '
@@ -104,7 +105,7 @@ def test_efforts_are_read_from_entries_of_their_own_where_these_are_there(encode
         return
     _, values = JointDecoder(JOINTS, 'bag', effort_names)(found)
     np.testing.assert_array_equal(values[:, [0, 2]], expected(*encoded)[1][:, [0, 2]])
-    efforts = [[state.effort[state.names.index(name)] for name in effort_names] for state in states]
+    efforts = [[state.effort[state.name.index(name)] for name in effort_names] for state in states]
     np.testing.assert_array_equal(values[:, 1], efforts)
 
 
