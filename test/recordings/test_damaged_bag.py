@@ -14,7 +14,6 @@ from hypothesis import strategies as st
 from mcap.writer import CompressionType
 
 from pendubot_identification.errors import BagError
-from pendubot_identification.recordings import mcap_file
 from pendubot_identification.recordings.bag_metadata import Qos
 from pendubot_identification.recordings.bag_reader import BagReader, Stream
 from pendubot_identification.recordings.bag_repair import repair
@@ -144,29 +143,6 @@ def test_a_window_holds_what_it_holds_in_the_closed_bag(closed, tmp_path_factory
     folder = unclosed(tmp_path_factory.getbasetemp() / 'open', data[: found[-1].end])
     for one, other in zip(times_of(BagReader(folder), *window), times_of(BagReader(file), *window), strict=True):
         np.testing.assert_array_equal(one, other)
-
-
-def test_a_window_reads_the_chunks_of_the_window(closed, tmp_path, monkeypatch):
-    file, data, found = closed
-    readers = BagReader(unclosed(tmp_path / 'bag', data[:-100])), BagReader(file)
-    read = []
-    unpacked = mcap_file._unpacked
-    monkeypatch.setattr(mcap_file, '_unpacked', lambda record: read.append(record) or unpacked(record))
-    monkeypatch.setattr(mcap_file, 'BLOCK', 1)
-    for reader in readers:
-        read.clear()
-        times, _ = times_of(reader, 3.8, None)
-        assert len(times) == 10
-        assert len(read) < len(found) / 2
-
-
-def test_a_file_that_grows_is_what_it_was_when_it_was_opened(closed, tmp_path):
-    _, data, found = closed
-    reader = BagReader(unclosed(tmp_path / 'bag', data[: found[20].end + 100]))
-    messages = list(chain.from_iterable(chunk.messages for chunk in found[:21]))
-    check(reader, messages)
-    unclosed(tmp_path / 'bag', data)
-    check(reader, messages)
 
 
 def test_a_file_that_became_another_one_is_one_sentence(closed, tmp_path):

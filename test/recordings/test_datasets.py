@@ -6,7 +6,6 @@
 import numpy as np
 import pytest
 
-from pendubot_identification.cli.main import main
 from pendubot_identification.errors import PendubotError
 from pendubot_identification.recordings.datasets import load_datasets
 from pendubot_identification.recordings.joint_states import write_trajectory
@@ -41,31 +40,7 @@ def test_of_a_window_within_the_recording_nothing_is_said(recordings, window):
     assert load_datasets([f'{recordings / "bag"}{window}']).notes == ()
 
 
-@pytest.mark.parametrize(
-    ('window', 'sentence'),
-    [
-        ('-5:', r'-5 is no time in a bag; START and END are seconds from its first sample'),
-        ('5:3', r'the window is empty or reversed; give START:END'),
-        ('nan:', r'nan is no time in a bag'),
-        (':inf', r'inf is no time in a bag'),
-        ('5', r'names no window of a bag; BAG@START:END in seconds is expected'),
-    ],
-)
-def test_a_window_that_makes_no_sense_is_refused_in_one_sentence(recordings, window, sentence):
-    with pytest.raises(PendubotError, match=sentence):
-        load_datasets([f'{recordings / "bag"}@{window}'])
-
-
 def test_windows_that_overlap_are_named_once(recordings):
     bag = recordings / 'bag'
     (note,) = load_datasets([f'{bag}@0:8', f'{bag}@6:12']).notes
     assert note.startswith(f'{bag}@0:8 and {bag}@6:12 share samples')
-
-
-def test_a_tracked_window_beyond_the_end_is_named(tmp_path, capsys):
-    swing = tmp_path / 'swing'
-    main(['simulate', '--output', str(swing), '--samples', '1200'])
-    capsys.readouterr()
-    main(['track', f'{swing}@0:50'])
-    said = ' '.join(capsys.readouterr().out.split())
-    assert f'{swing}@0:50 ends at 50 s, but its last sample is at 11.990 s' in said

@@ -45,12 +45,6 @@ def test_what_was_never_sent_is_not_lost(numbers, lost):
     assert (flow.count, flow.lost) == (len(numbers), lost)
 
 
-def test_rate_and_lag_are_those_since_the_last_report():
-    flow = flow_of(*range(100), lag_ns=99_000_000)
-    assert flow.report(0.5) == (200.0, 0.099)
-    assert flow.report(0.5) == (0.0, 0.0)
-
-
 @pytest.mark.parametrize(
     ('changed', 'level', 'sentence'),
     [

@@ -20,7 +20,6 @@ from pendubot_identification.recordings.joint_states import (
     stamp_of,
 )
 from pendubot_identification.recordings.mcap_file import FIELDS, MESSAGE, parse_records
-from pendubot_identification.recordings.message_types import typestore
 
 JOINTS = ('shoulder', 'elbow')
 numbers = st.floats(allow_nan=True, allow_infinity=True, width=64)
@@ -78,17 +77,6 @@ def test_what_stands_in_the_padding_says_nothing():
     filled = [message[:padding] + bytes([0x55, k]) + message[padding + 2 :] for k, message in enumerate(plain)]
     assert plain[0][padding : padding + 3] == bytes(3)
     for one, other in zip(decoded(*filled), expected(*plain), strict=True):
-        np.testing.assert_array_equal(one, other)
-
-
-def test_the_other_byte_order_is_read_too():
-    types, encoded = typestore().types, []
-    for k in range(3):
-        header = types['std_msgs/msg/Header'](types['builtin_interfaces/msg/Time'](0, k), '')
-        message = types[JOINT_STATE](header, list(JOINTS), *np.array([[k, 1], [2, 3], [4, 5]], float))
-        encoded.append(bytes(typestore().serialize_cdr(message, JOINT_STATE, little_endian=False)))
-    encoded.insert(1, encode_joint_state(9, JOINTS, [6, 7], [8, 9], [10, 11]))
-    for one, other in zip(decoded(*encoded), expected(*encoded), strict=True):
         np.testing.assert_array_equal(one, other)
 
 

@@ -70,17 +70,6 @@ def test_what_is_too_long_is_refused_with_what_can_be_taken(bag, motion, tmp_pat
     assert len(api.read(f'{table}@80:')) == 2000
 
 
-def test_many_samples_are_fewer_seconds(bag, monkeypatch):
-    monkeypatch.setattr(bag_reader, 'MANY', 5000)
-    monkeypatch.setattr(bag_reader, 'LONGEST_OF_MANY', 20.0)
-    with pytest.raises(
-        LongRecordingError, match=r'at most 600 s, or 20 s of more than 5000 samples, .* such as .*@:60:'
-    ):
-        read_trajectory(bag)
-    assert len(read_trajectory(BagWindow(bag, 0, 25)).trajectory) == 5000
-    assert len(read_trajectory(BagWindow(bag, 30, 50)).trajectory) == 4000
-
-
 def test_of_a_long_rest_its_beginning_validates(bag, motion, soon):
     data = load_datasets([f'{bag}@30:40'])
     assert [source.bag for source in data.sources] == [f'{bag}@{w}' for w in ('30:40', ':20', '40:60')]

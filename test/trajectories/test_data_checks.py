@@ -75,12 +75,3 @@ def test_stamps_that_jitter_are_taken_where_they_are_true_and_else_even_ones(rat
         assert result.warnings[: len(warnings)] == warnings
         assert warnings or not result.warnings
         assert np.abs(result.best.theta / PAPER.vector() - 1).max() < 0.005
-
-
-def test_where_samples_are_missing_too_false_stamps_are_named_and_stay():
-    motion = jittering(500, 8e-4, true=False)
-    some = np.ones(len(motion), dtype=bool)
-    some[1000:1045], some[2000:2045] = False, False
-    missing, jitter = data_checks([motion[some]])
-    assert 'missing' in missing
-    assert 'not corrected' in jitter

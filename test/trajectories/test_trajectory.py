@@ -28,11 +28,6 @@ def test_values_that_are_not_finite_are_refused_with_their_time(field, bad):
         motion(**{field: values})
 
 
-def test_too_short_is_said():
-    with pytest.raises(TrajectoryError, match=r'20 samples over 0.190 s are too few; at least 50'):
-        motion(n=20).require_samples()
-
-
 @pytest.mark.parametrize(
     ('what', 'sentence'),
     [
