@@ -30,7 +30,7 @@ from .level import Level
 from .model import dynamics, simulation
 from .model.parameters import SPECIFICATIONS, Parameters, default_bounds
 from .model.simulation import HANGING
-from .results.result_file import read_parameters, read_whole_result, write_result
+from .results.result_file import read_complete_result, read_parameters, write_result
 from .trajectories.conventions import CONVERSION
 from .trajectories.conversion import Conversion
 from .trajectories.trajectory import Trajectory
@@ -280,7 +280,7 @@ class Identified:
         Raises:
             PendubotError: it is no file of an identification.
         """
-        return cls(read_whole_result(Path(path)))
+        return cls(read_complete_result(Path(path)))
 
     @property
     def pendubot(self) -> Pendubot:

@@ -69,7 +69,7 @@ def run(args: argparse.Namespace) -> int:
         return track_demo.run(args)
     from pendubot_identification.model.parameters import PAPER
     from pendubot_identification.report import tables
-    from pendubot_identification.results.result_file import read_whole_result
+    from pendubot_identification.results.result_file import read_complete_result
 
     # Of processes; --help needs none.
     from .programs import Programs, interruptible, new_folder, once_more, own_ros, parameters, record_excitation
@@ -87,7 +87,7 @@ def run(args: argparse.Namespace) -> int:
             programs.wait(identifier, written.exists, 'wrote no result', 120.0)
             print(f'identified in {time.monotonic() - begin:.1f} s, start of the node included')
             theta, label = late_subscriber(rclpy)
-    result = read_whole_result(written)
+    result = read_complete_result(written)
     if theta != result.theta.vector(result.model).tolist():
         raise PendubotError(f'/pendubot/params said {theta}, the result file something else; please report this')
     print(f'a subscriber that joined afterwards received /pendubot/params ({label}): {result.criterion}\n')

@@ -72,9 +72,9 @@ def run(args: argparse.Namespace) -> int:
     from pendubot_identification.files import OutputFolder, refuse_input
     from pendubot_identification.report.folder import write_report
     from pendubot_identification.results.provenance import recordings
-    from pendubot_identification.results.result_file import read_whole_result
+    from pendubot_identification.results.result_file import read_complete_result
 
-    result = read_whole_result(args.result)
+    result = read_complete_result(args.result)
     beside = read_beside(args.reference, 'reference') if args.reference else None
     path = args.output or args.result.with_name(f'{args.result.stem}_report')
     refuse_input(path / 'result.yaml', [args.reference])

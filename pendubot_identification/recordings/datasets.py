@@ -66,10 +66,10 @@ def load_datasets(
     require_files(conversion, [BagWindow.parse(text).path for text in (*bags, *validate)])
     training = [read(window) for window in windows]
     validation = [read(BagWindow.parse(text)) for text in validate]
-    whole = [window.start is None and window.end is None for window in windows]
-    if not validation and whole == [True]:
+    unlimited = [window.start is None and window.end is None for window in windows]
+    if not validation and unlimited == [True]:
         training, validation = _halves(training[0])
-    elif not validation and not all(whole):
+    elif not validation and not all(unlimited):
         validation = [rest for window in _rest(windows) if (rest := _validation_part(window, read)) is not None]
     pairs = [('training', r) for r in training] + [('validation', r) for r in validation]
     notes = [r.note for _, r in pairs if r.note]

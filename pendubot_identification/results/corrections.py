@@ -33,7 +33,7 @@ def identify_recordings(
         PendubotError: the recordings cannot be read or are too little informative, and no correction applies.
     """
     given = settings.reading.options()
-    for left in reversed(range(TIMES + 1)):
+    for remaining in reversed(range(TIMES + 1)):
         applied = settings.applied
         notes = [f'applied, as the recordings need it: {" ".join(applied)}'] * bool(applied)
         try:
@@ -41,12 +41,12 @@ def identify_recordings(
             found = identify(data.training, data.validation, settings, progress, [*data.notes, *notes])
             corrected = found.mended
         except PendubotError as error:
-            if not (apply_remedies and left and error.remedy):
+            if not (apply_remedies and remaining and error.remedy):
                 raise
             corrected = Conversion.of(settings.reading.words() | error.remedy)
             if corrected == settings.reading:
                 raise
-        if corrected is None or not apply_remedies or not left:
+        if corrected is None or not apply_remedies or not remaining:
             return found, data
         settings = replace(settings, reading=corrected, applied=tuple(o for o in corrected.options() if o not in given))
     raise AssertionError('the last time returns or raises')

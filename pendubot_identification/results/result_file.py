@@ -191,12 +191,12 @@ def read_result(path: Path) -> Result | Given:
     """
     given: Given = structured(Given, data := _read(path), path)
     with suppress(ResultError):
-        whole: Result = structured(Result, data, path)
-        return whole
+        complete: Result = structured(Result, data, path)
+        return complete
     return given
 
 
-def read_whole_result(path: Path) -> Result:
+def read_complete_result(path: Path) -> Result:
     """Return a result file that an identification wrote.
 
     Raises:

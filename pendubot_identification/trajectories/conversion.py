@@ -188,8 +188,8 @@ class Conversion:
         """
         if self.skip_missing:
             values = np.column_stack([t, q, tau] if qd is None else [t, q, tau, qd])
-            whole = np.isfinite(values).all(axis=1)
-            t, q, tau, qd = t[whole], q[whole], tau[whole], None if qd is None else qd[whole]
+            complete = np.isfinite(values).all(axis=1)
+            t, q, tau, qd = t[complete], q[complete], tau[complete], None if qd is None else qd[complete]
         Q, c, T, d = self.affine
         if self.words():
             # Without options, nothing is copied: it may be an hour.
@@ -213,8 +213,8 @@ class Conversion:
             if not (np.allclose(Q, wanted.Q, atol=1e-9) and np.allclose(T, wanted.T, atol=1e-9)):
                 continue
             turns = np.remainder(c - wanted.c + math.pi, 2 * math.pi) - math.pi
-            left = dict(zip(QUANTITIES, [*turns, *(d - wanted.d)], strict=True))
-            other = replace(other, offset={name: float(value) for name, value in left.items() if abs(value) > 1e-9})
+            offset = dict(zip(QUANTITIES, [*turns, *(d - wanted.d)], strict=True))
+            other = replace(other, offset={name: float(value) for name, value in offset.items() if abs(value) > 1e-9})
             found.append((len(other.offset) + len(before.symmetric_difference(other.options())), other))
         return min(found, key=lambda each: each[0])[1] if found else None
 

@@ -28,7 +28,7 @@ from pendubot_identification.cli.terminal import curve
 from pendubot_identification.identify.result import Parameter
 from pendubot_identification.level import Level
 from pendubot_identification.model.parameters import NAMES, UNITS
-from pendubot_identification.results.result_file import read_whole_result
+from pendubot_identification.results.result_file import read_complete_result
 from test.conftest import ROOT
 
 SAMPLE = ROOT / 'bags' / 'paper_experiment'
@@ -77,7 +77,7 @@ def pendubot(*arguments):
 
 @pytest.fixture(scope='module')
 def result(made):
-    return read_whole_result(made / 'result.yaml')
+    return read_complete_result(made / 'result.yaml')
 
 
 @given(sentences, sentences, sentences, st.sampled_from(Level), st.integers(0, 4), st.booleans())

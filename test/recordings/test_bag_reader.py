@@ -107,7 +107,7 @@ def test_a_window_counts_from_the_bags_first_sample(bag, start, end, first, last
     np.testing.assert_array_equal(trajectory.t[[0, -1]], [first * STEP / 1e9, last * STEP / 1e9])
 
 
-def test_stamps_of_quite_another_clock_are_found_all_the_same(tmp_path):
+def test_stamps_of_another_clock_are_found(tmp_path):
     # From the third second on the log's clock is half a minute ahead: the index leads astray.
     path = write(tmp_path / 'bag', samples(), latency=lambda k: 30 * SECOND if k >= 300 else 0)
     trajectory = read_trajectory(BagWindow(path, 2, 6)).trajectory
@@ -255,7 +255,7 @@ def test_unusable_samples_are_one_sentence(tmp_path, changed, error, sentence):
         read_trajectory(path)
 
 
-def test_a_bag_is_read_as_is_said_and_what_is_missing_left_out(tmp_path):
+def test_a_bag_is_converted_and_missing_samples_are_left_out(tmp_path):
     changed = {
         'stamp': lambda k: START + k * STEP,
         'position': lambda k: (np.nan if k % 10 == 7 else np.sin(k), 90 + k % 7),

@@ -128,7 +128,7 @@ def test_nothing_but_a_bag_is_ever_overwritten(tmp_path, make):
     assert {file: file.read_bytes() for file in tmp_path.rglob('*') if file.is_file()} == before
 
 
-def test_a_bag_is_overwritten_only_when_asked_and_by_a_whole_one(tmp_path):
+def test_a_bag_is_overwritten_only_on_request_and_by_a_complete_one(tmp_path):
     path = write(tmp_path / 'bag', count=10)
     with pytest.raises(BagError, match='exists already'), complete_bag(path):
         pass
@@ -157,7 +157,7 @@ def test_a_folder_that_cannot_be_made_is_one_sentence(tmp_path):
 
 
 @pytest.mark.parametrize('jump', [0, 3600], ids=['', 'a clock that is set back'])
-def test_a_writer_that_is_killed_loses_no_more_than_the_last_tenth_of_a_second(tmp_path, jump):
+def test_a_killed_writer_loses_at_most_a_tenth_of_a_second(tmp_path, jump):
     with BagWriter(tmp_path / 'bag') as bag:
         channel = bag.add_topic('/joint_states', JOINT_STATE)
         for k in range(1000):
@@ -169,7 +169,7 @@ def test_a_writer_that_is_killed_loses_no_more_than_the_last_tenth_of_a_second(t
         assert 990 <= left.count <= 1000
 
 
-def test_metadata_says_what_is_there_while_it_is_written(tmp_path):
+def test_metadata_is_up_to_date_while_writing(tmp_path):
     def described():
         content = yaml.safe_load((tmp_path / 'bag' / 'metadata.yaml').read_text())['rosbag2_bagfile_information']
         return {t['topic_metadata']['name']: t['message_count'] for t in content['topics_with_message_count']}
@@ -255,7 +255,7 @@ def test_a_trajectory_comes_back_as_it_was(tmp_path, qd):
         np.testing.assert_array_equal(getattr(back, name), getattr(trajectory, name))
 
 
-def test_a_type_of_a_workspace_is_found_with_what_it_uses(tmp_path, monkeypatch):
+def test_a_type_of_a_workspace_is_found_with_its_dependencies(tmp_path, monkeypatch):
     folder = tmp_path / 'share' / 'rig_msgs' / 'msg'
     folder.mkdir(parents=True)
     (folder / 'Phase.msg').write_text('float64 current  # A\n')

@@ -36,7 +36,7 @@ def write(path, mode, count=COUNT):
 
 
 @pytest.mark.parametrize('mode', ['MESSAGE', 'FILE', 'STORAGE'])
-def test_a_compressed_bag_is_read_looked_at_and_repaired(tmp_path, capsys, mode):
+def test_a_compressed_bag_is_read_surveyed_and_repaired(tmp_path, capsys, mode):
     bag = write(tmp_path / 'bag', mode)
     recorded = read_trajectory(BagWindow(bag, 0.5, 2))
     assert recorded.closed
@@ -57,7 +57,7 @@ def test_a_compressed_bag_is_read_looked_at_and_repaired(tmp_path, capsys, mode)
 
 
 @pytest.mark.parametrize('mode', ['MESSAGE', 'FILE'])
-def test_of_a_compressed_bag_that_is_cut_what_is_whole_is_used(tmp_path, mode):
+def test_intact_messages_of_a_truncated_compressed_bag_are_read(tmp_path, mode):
     bag = write(tmp_path / 'bag', mode, 8000)
     (file,) = [file for file in bag.iterdir() if file.name != 'metadata.yaml']
     data = file.read_bytes()

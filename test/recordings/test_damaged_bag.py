@@ -38,7 +38,7 @@ def power_that_never_fails(monkeypatch):
 
 @pytest.mark.parametrize('closed', [True, False])
 @pytest.mark.parametrize(('alter', 'trials'), [(damage.cut, 12), (damage.change, 15), (damage.change_five, 15)])
-def test_what_is_whole_is_read_and_saved_and_nothing_is_lost_silently(tmp_path, alter, trials, closed):
+def test_intact_messages_are_read_and_saved_and_losses_are_reported(tmp_path, alter, trials, closed):
     for outcome, left in damage.damaged_bags(tmp_path, trials, alter, closed=closed):
         assert outcome.silent == 0
         lost = {damage.cut: 1, damage.change: 1, damage.change_five: 5}[alter] * CHUNK
@@ -50,7 +50,7 @@ def test_what_is_whole_is_read_and_saved_and_nothing_is_lost_silently(tmp_path, 
 
 @pytest.mark.parametrize('place', ['chunk', 'index behind it', 'first chunk'])
 @pytest.mark.parametrize(('at', 'flip'), [(0, 1), (1, 0x80), (2, 1), (5, 0xFF), (8, 0x80), (60, 1)])
-def test_a_damaged_chunk_costs_its_own_messages(tmp_path, place, at, flip):
+def test_a_damaged_chunk_loses_only_its_own_messages(tmp_path, place, at, flip):
     """The bytes 1 to 8 are a length, which leads past what is whole."""
     sent = damage.write(tmp_path / 'bag', closed=False)
     file = tmp_path / 'bag' / 'bag_0.mcap'
@@ -62,7 +62,7 @@ def test_a_damaged_chunk_costs_its_own_messages(tmp_path, place, at, flip):
     assert min(outcome.read, outcome.saved) >= damage.COUNT - CHUNK
 
 
-def test_a_repaired_bag_says_all_that_the_original_said(tmp_path):
+def test_repairing_an_intact_bag_copies_it(tmp_path):
     path = tmp_path / 'bag'
     with BagWriter(path) as bag:
         latched = bag.add_topic('/latched', 'std_msgs/msg/Float64', Qos(durability='transient_local', depth=1))
@@ -88,7 +88,7 @@ def test_a_repaired_bag_says_all_that_the_original_said(tmp_path):
         ('copy', False, 40, 'no intact message'),
     ],
 )
-def test_what_cannot_be_repaired_is_one_sentence_and_touches_nothing(tmp_path, output, overwrite, left, sentence):
+def test_a_refused_repair_is_one_sentence_and_changes_nothing(tmp_path, output, overwrite, left, sentence):
     damage.write(tmp_path / 'bag')
     shutil.copytree(tmp_path / 'bag', tmp_path / 'taken')
     file = tmp_path / 'bag' / 'bag_0.mcap'
@@ -138,14 +138,14 @@ def closed(tmp_path_factory):
 
 @settings(max_examples=30)
 @given(st.tuples(*[st.none() | st.floats(0, 4)] * 2).filter(lambda w: None in w or w[0] < w[1]))
-def test_a_window_holds_what_it_holds_in_the_closed_bag(closed, tmp_path_factory, window):
+def test_a_window_is_the_same_in_the_unclosed_and_the_closed_bag(closed, tmp_path_factory, window):
     file, data, found = closed
     folder = unclosed(tmp_path_factory.getbasetemp() / 'open', data[: found[-1].end])
     for one, other in zip(times_of(BagReader(folder), *window), times_of(BagReader(file), *window), strict=True):
         np.testing.assert_array_equal(one, other)
 
 
-def test_a_file_that_became_another_one_is_one_sentence(closed, tmp_path):
+def test_a_file_that_changed_is_one_sentence(closed, tmp_path):
     _, data, found = closed
     reader = BagReader(unclosed(tmp_path / 'bag', data[:-100]))
     for other in (data[: found[20].begin + 50], bytes(len(data))):
@@ -154,7 +154,7 @@ def test_a_file_that_became_another_one_is_one_sentence(closed, tmp_path):
             of_topic(reader, TOPIC)
 
 
-def test_without_checksums_a_chunk_is_whole_as_far_as_its_records_make_sense(tmp_path):
+def test_without_checksums_a_chunk_with_a_wrong_length_is_damaged(tmp_path):
     data = bytearray(foreign(tmp_path / 'file', compression=CompressionType.NONE, enable_crcs=False))
     found = chunks(tmp_path / 'file')
     hit = found.pop(len(found) // 2)

@@ -36,7 +36,7 @@ def test_a_window_beyond_the_end_is_named_with_both_times(recordings, name):
 
 
 @pytest.mark.parametrize('window', ['', '@:', '@0:', '@2:', '@0:6', '@6:12', '@0:12'])
-def test_of_a_window_within_the_recording_nothing_is_said(recordings, window):
+def test_a_window_within_the_recording_has_no_note(recordings, window):
     assert load_datasets([f'{recordings / "bag"}{window}']).notes == ()
 
 

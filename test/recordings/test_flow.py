@@ -10,7 +10,7 @@ from pendubot_identification.recordings.flow import Flow, diagnose
 
 
 @given(st.sets(st.integers(2, 300)), st.integers(1, 10_000))
-def test_of_one_publisher_exactly_what_did_not_come_is_lost(dropped, first):
+def test_missing_numbers_of_one_publisher_are_lost(dropped, first):
     flow = Flow()
     # The last one comes: what is lost after it, nobody can know.
     numbers = [k for k in range(1, 302) if k not in dropped]
@@ -19,7 +19,7 @@ def test_of_one_publisher_exactly_what_did_not_come_is_lost(dropped, first):
     assert (flow.count, flow.lost) == (len(numbers), len(dropped))
 
 
-def test_of_several_publishers_no_losses_are_counted():
+def test_losses_of_several_publishers_are_not_counted():
     flow = Flow()
     for number in (1, 40, 2, 41, 7):
         flow.add(number, 0, publishers=2)
@@ -40,7 +40,7 @@ def flow_of(*numbers, lag_ns=0):
     [((1, 2, 3, 1, 2, 4), 1), ((None, None), 0)],
     ids=['a publisher that begins anew', 'a middleware that does not number'],
 )
-def test_what_was_never_sent_is_not_lost(numbers, lost):
+def test_restarted_and_unnumbered_publishers_lose_nothing(numbers, lost):
     flow = flow_of(*numbers)
     assert (flow.count, flow.lost) == (len(numbers), lost)
 
@@ -56,7 +56,7 @@ def test_what_was_never_sent_is_not_lost(numbers, lost):
         ({'flows': {'/x': flow_of(1, lag_ns=2_500_000_000)}}, Level.WARN, '/x: written 2.5 s late'),
     ],
 )
-def test_what_is_wrong_is_a_warning_that_says_it(changed, level, sentence):
+def test_a_problem_of_a_recording_is_a_warning(changed, level, sentence):
     usual = {'flows': {'/x': flow_of(1)}, 'elapsed': 1.0, 'troubles': (), 'free': 10**12, 'reserve': 10**8}
     diagnosis = diagnose(**usual | changed)
     assert (diagnosis.level, diagnosis.message) == (level, sentence)

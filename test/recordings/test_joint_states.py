@@ -65,12 +65,12 @@ def messages(draw):
 
 
 @given(messages())
-def test_reads_what_rosbags_reads(encoded):
+def test_reads_messages_like_rosbags(encoded):
     for one, other in zip(decoded(*encoded), expected(*encoded), strict=True):
         np.testing.assert_array_equal(one, other)
 
 
-def test_what_stands_in_the_padding_says_nothing():
+def test_the_content_of_padding_is_ignored():
     # ROS's own serialisation leaves there what was in memory before.
     plain = [encode_joint_state(k, JOINTS, [k, 2], [3, 4], [5, k]) for k in range(3)]
     padding = plain[0].index(b'shoulder\0') + len(b'shoulder\0')
@@ -81,7 +81,7 @@ def test_what_stands_in_the_padding_says_nothing():
 
 
 @given(messages(), st.sampled_from([('a', 'elbow'), ('shoulder', 'a')]))
-def test_efforts_are_read_from_entries_of_their_own_where_these_are_there(encoded, effort_names):
+def test_efforts_are_read_from_separate_entries(encoded, effort_names):
     _, found = parse_records(b''.join(map(record, encoded)))
     states = [decode_joint_state(message) for message in encoded]
     lacking = [k for k, state in enumerate(states) if 'a' not in state.name]
@@ -98,12 +98,12 @@ def test_efforts_are_read_from_entries_of_their_own_where_these_are_there(encode
 
 
 @pytest.mark.parametrize('data', [b'', b'\x00\x01\x00\x00', b'\x00\x01\x00\x00' + b'\xff' * 100])
-def test_what_is_no_joint_state_is_one_sentence(data):
+def test_invalid_joint_states_are_one_sentence(data):
     with pytest.raises(BagError, match='is no sensor_msgs/msg/JointState'):
         decoded(data)
 
 
-def test_a_bag_whose_messages_change_is_read_whole(tmp_path):
+def test_a_bag_with_changing_messages_is_read(tmp_path):
     """Joints that change their order midway, velocities that are missing for a while, a joint missing at the end."""
     with BagWriter(tmp_path / 'bag') as bag:
         channel = bag.add_topic(JOINT_STATES_TOPIC, JOINT_STATE)

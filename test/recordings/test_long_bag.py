@@ -54,7 +54,7 @@ def soon(monkeypatch):
     monkeypatch.setattr(windows, 'LENGTH', LENGTH)
 
 
-def test_what_is_too_long_is_refused_with_what_can_be_taken(bag, motion, tmp_path, soon):
+def test_a_long_recording_is_refused_with_a_window_of_it(bag, motion, tmp_path, soon):
     sentence = f'{bag} is too long: it lasts 90 s, and at most 25 s are taken at once; take windows of it, such as '
     for read in (api.read, read_trajectory, lambda path: load_datasets([str(path)])):
         with pytest.raises(LongRecordingError, match=rf'^{sentence}{bag}@:20: pendubot track {bag} names good ones$'):
@@ -70,13 +70,13 @@ def test_what_is_too_long_is_refused_with_what_can_be_taken(bag, motion, tmp_pat
     assert len(api.read(f'{table}@80:')) == 2000
 
 
-def test_of_a_long_rest_its_beginning_validates(bag, motion, soon):
+def test_the_beginning_of_a_long_rest_is_for_validation(bag, motion, soon):
     data = load_datasets([f'{bag}@30:40'])
     assert [source.bag for source in data.sources] == [f'{bag}@{w}' for w in ('30:40', ':20', '40:60')]
     np.testing.assert_array_equal(data.validation[1].q, motion.q[(motion.t >= 40) & (motion.t < 60)])
 
 
-def test_identify_names_minutes_of_most_motion_between_two_changes(bag, soon, capsys, tmp_path):
+def test_identify_names_informative_windows_between_changes(bag, soon, capsys, tmp_path):
     """The payload is put on at 40 s, then the rig rests until 50 s, and is pushed at 63 s."""
     look = tmp_path / 'look'
     assert main(['identify', str(bag), '--report', str(look)]) == 1
@@ -97,7 +97,7 @@ def test_identify_names_minutes_of_most_motion_between_two_changes(bag, soon, ca
     assert main(['identify', *named, '--criterion', 'weak', '--model', 'coulomb', '--optimizer', 'lsq']) == 0
 
 
-def test_without_a_good_minute_that_is_said(motion, tmp_path, soon, capsys):
+def test_without_an_informative_window_the_error_says_so(motion, tmp_path, soon, capsys):
     holes = motion.t % 9 > 0.5
     write_trajectory(tmp_path / 'holes', motion[holes])
     assert main(['identify', str(tmp_path / 'holes')]) == 1
@@ -105,7 +105,7 @@ def test_without_a_good_minute_that_is_said(motion, tmp_path, soon, capsys):
     assert 'no minute of it moves without a gap, a change or a push; take windows of it, such as' in said
 
 
-def test_a_topic_that_ended_long_before_the_bag_is_taken_as_long_as_it_is(motion, tmp_path, soon):
+def test_a_topic_that_ended_long_before_the_bag_has_its_own_duration(motion, tmp_path, soon):
     writer = BagWriter(tmp_path / 'bag')
     joints = writer.add_topic('/joint_states', JOINT_STATE, Qos())
     other = writer.add_topic('/other', JOINT_STATE, Qos())

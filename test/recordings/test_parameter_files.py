@@ -54,7 +54,7 @@ def test_refuses_a_file_from_which_rclpy_takes_nothing(ros, tmp_path):
         ('{', 'no parameters of any node'),
     ],
 )
-def test_says_what_the_file_holds_and_what_to_write(tmp_path, content, held):
+def test_names_the_content_of_the_file_and_the_correction(tmp_path, content, held):
     file = tmp_path / 'mine.yaml'
     file.write_text(content)
     with pytest.raises(ParameterError) as refused:

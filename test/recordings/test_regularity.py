@@ -11,7 +11,7 @@ MS = 1_000_000
 
 
 @given(st.integers(1, 50), st.sets(st.integers(1, 198), max_size=60), st.integers(0, 2**62))
-def test_what_is_taken_out_is_missing(period, taken, start):
+def test_removed_samples_are_counted_as_missing(period, taken, start):
     times = start + period * MS * np.array([k for k in range(200) if k not in taken], dtype=np.int64)
     found = regularity(times)
     # Only as long as most intervals are whole is it known what is usual.
@@ -23,7 +23,7 @@ def test_what_is_taken_out_is_missing(period, taken, start):
         assert found.first_gap == (min(taken) - 1) * period / 1e3
 
 
-def test_jitter_is_what_99_of_100_keep_within():
+def test_jitter_is_the_99_percent_quantile():
     intervals = np.full(1000, 10 * MS)
     intervals[::10] += MS
     intervals[500] += 2 * MS
@@ -31,7 +31,7 @@ def test_jitter_is_what_99_of_100_keep_within():
     assert (found.period, found.jitter, found.longest, found.gaps) == (0.01, 0.001, 0.013, 0)
 
 
-def test_a_few_messages_have_no_usual_interval():
+def test_few_messages_have_no_median_interval():
     for n in range(5):
         found = regularity(np.arange(n, dtype=np.int64))
         assert np.isnan(found.period)

@@ -75,7 +75,7 @@ def test_columns_can_be_named_and_some_be_absent(given):
         TEXT.replace(',', '   ').replace('5.0', '  5.0'),
     ],
 )
-def test_other_ways_to_write_the_same(given, text):
+def test_other_formats_of_text_are_read(given, text):
     np.testing.assert_array_equal(read(given(text)).q, read(given()).q)
 
 
@@ -222,7 +222,7 @@ def test_a_file_of_other_programs_that_cannot_be_used_is_one_sentence(tmp_path, 
 
 
 @pytest.mark.parametrize(('name', 'package'), [('x.xlsx', 'pandas'), ('x.parquet', 'pyarrow'), ('x.mat', 'h5py')])
-def test_what_is_not_installed_is_named_with_what_to_do(tmp_path, monkeypatch, name, package):
+def test_missing_packages_are_named_with_the_installation(tmp_path, monkeypatch, name, package):
     (tmp_path / name).write_bytes(b'MATLAB 7.3 MAT-file'.ljust(124) + b'\0\2IM')
     monkeypatch.setitem(sys.modules, package, None)
     with pytest.raises(TableError, match=rf'pip install .*{package}.*; or in MATLAB, writetable\(table'):

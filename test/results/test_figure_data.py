@@ -64,7 +64,7 @@ def test_innovations_of_the_likelihood_are_white_and_of_unit_variance():
     assert (np.abs(left.autocorrelation[1:]) < 1.5 * left.band).mean() > 0.85
 
 
-def test_nothing_lies_between_an_exact_motion_and_its_simulation():
+def test_the_simulation_of_an_exact_motion_is_exact():
     theta = vector('viscous')
     motion = exact_motion(theta, 1500, 0.005)
     shown = simulate_beside([motion], answer(theta), state_scale([motion]))
@@ -74,7 +74,7 @@ def test_nothing_lies_between_an_exact_motion_and_its_simulation():
     np.testing.assert_allclose(np.moveaxis(shown.simulated, 1, 0), expected, atol=1e-6)
 
 
-def test_of_long_recordings_the_worst_part_is_shown():
+def test_the_worst_part_of_long_recordings_is_shown():
     good = recording(4000, name='a')
     t = good.t
     # For two seconds the recorded torque is not the one that acted.
@@ -87,7 +87,7 @@ def test_of_long_recordings_the_worst_part_is_shown():
     assert shown.t[-1] - shown.t[0] <= SHOWN
 
 
-def test_a_simulation_that_is_lost_becomes_nan_and_no_warning():
+def test_a_diverged_simulation_is_nan_without_a_warning():
     motion = Motion.prepare(recording(600), 0.02)
     lost = THETA.copy()
     lost[5:] = -10.0
@@ -98,7 +98,7 @@ def test_a_simulation_that_is_lost_becomes_nan_and_no_warning():
     assert not np.isinf(shown.simulated).any()
 
 
-def test_a_parameter_whose_joint_rests_has_nothing_of_its_own():
+def test_a_parameter_of_a_resting_joint_has_no_part_of_its_own():
     motion = Motion.prepare(recording(900), 0.02)
     moving = excitation([motion], answer())
     t = np.arange(900) * 0.01
@@ -114,7 +114,7 @@ def test_a_parameter_whose_joint_rests_has_nothing_of_its_own():
         assert shown.term[0, 1] == shown.own[0, 1] == 0.0, "P1 has no part in the elbow's equation"
 
 
-def test_parameters_of_nothing_are_shown_as_nothing():
+def test_parameters_without_effect_are_zero():
     """Of a link 2 without mass or friction all of the elbow's equation is 0."""
     motion = Motion.prepare(recording(300), 0.02)
     shown = excitation([motion], answer(THETA * [1, 0, 0, 1, 0, 1, 0]))

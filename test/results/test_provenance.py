@@ -40,7 +40,7 @@ def test_recordings_are_divided_as_they_were(bags, validate):
             assert (motion.tau == other.tau).all()
 
 
-def test_settings_are_those_that_were_asked_for():
+def test_settings_of_a_result_are_read_back():
     asked = Settings(
         ('weak', 'energy'),
         'coulomb',

@@ -23,10 +23,10 @@ from pendubot_identification.level import Level
 from pendubot_identification.model.parameters import MODELS, NAMES, PAPER
 from pendubot_identification.results.provenance import settings
 from pendubot_identification.results.result_file import (
+    read_complete_result,
     read_estimate,
     read_parameters,
     read_result,
-    read_whole_result,
     result_of,
     result_text,
     write_result,
@@ -56,13 +56,13 @@ def first_numbers(node, found=None):
     return found
 
 
-def test_what_is_written_is_read_back(tmp_path):
+def test_a_written_result_is_read_back(tmp_path):
     result, path = made(), tmp_path / 'result.yaml'
     write_result(path, result)
-    assert read_result(path) == read_whole_result(path) == result
+    assert read_result(path) == read_complete_result(path) == result
     assert json.loads(json.dumps(plain_of(result), allow_nan=False)) == plain_of(result) == yaml.safe_load(path.open())
     text = path.read_text()
-    assert result_text(read_whole_result(path)) == text
+    assert result_text(read_complete_result(path)) == text
     assert max(map(len, text.splitlines())) < 130
     assert '&id' not in text, 'no aliases: people read this'
 
@@ -100,19 +100,19 @@ class Pair:
         (Pair((1, np.nan), {'a': Colour.RED}), {'left': [1, None], 'right': {'a': 'RED'}}),
     ],
 )
-def test_whatever_a_result_holds_can_be_written_and_read(value, expected):
+def test_all_values_of_a_result_can_be_written_and_read(value, expected):
     assert plain_of(value) == expected
     assert yaml.safe_load(yaml.safe_dump(plain_of(value))) == expected
     assert json.loads(json.dumps(plain_of(value), allow_nan=False)) == expected
 
 
-def test_what_no_file_can_hold_is_no_part_of_a_result():
+def test_a_result_refuses_values_that_no_file_can_hold():
     with pytest.raises(TypeError, match='a result cannot hold'):
         plain_of([{1, 2}])
 
 
 @pytest.mark.parametrize('model', ['viscous', 'geared'])
-def test_the_published_parameters_come_first_and_no_others_stand_anywhere(model):
+def test_the_selected_parameters_come_first_and_no_others_occur(model):
     data = plain(('energy',), model)
     names = tuple(name for name in NAMES[: MODELS[model]] if name != 'k2')
     assert tuple(data['parameters']) == names
@@ -120,7 +120,7 @@ def test_the_published_parameters_come_first_and_no_others_stand_anywhere(model)
     assert first_numbers(data) == {name: entry['value'] for name, entry in data['parameters'].items()}
 
 
-def test_what_a_rig_without_an_elbow_motor_cannot_have_is_named_and_nothing_else(tmp_path):
+def test_parameters_without_an_elbow_motor_are_named(tmp_path):
     result = made(('weak',), 'geared')
     assert result.not_in_model == ['k2, for the effort of the elbow is zero throughout']
     assert 'k2' not in result.not_covered
@@ -133,7 +133,7 @@ def test_what_a_rig_without_an_elbow_motor_cannot_have_is_named_and_nothing_else
     assert made(('weak',), 'rotor').not_in_model == []
 
 
-def test_every_number_says_how_far_to_trust_it():
+def test_every_number_has_its_uncertainty():
     result, data = identified(model='auto'), plain(model='auto')
     best = result.best
     for k, (name, entry) in enumerate(data['parameters'].items()):
@@ -161,7 +161,7 @@ def test_every_number_says_how_far_to_trust_it():
     assert list(data['criteria']) == list(CRITERIA)
 
 
-def test_what_is_not_a_number_is_null_and_what_lies_on_a_bound_is_marked():
+def test_unknown_numbers_are_null_and_parameters_on_a_bound_are_marked():
     best, data = identified(('energy',), validate=False).best, plain(('energy',), validate=False)
     held = [entry['on_bound'] for entry in data['parameters'].values()]
     assert held == (~best.free).tolist()
@@ -185,7 +185,7 @@ def test_zeros_are_in_degrees_by_recording():
     assert plain(('energy',))['zeros'] == []
 
 
-def test_what_made_it():
+def test_a_result_names_its_settings():
     data = plain(('energy',), optimizer='mde')
     how = {'runs': 10, 'population': 30, 'generations': 4000, 'per_component': True, 'spread': 1e-9}
     assert data['criteria']['energy']['mde'] == how
@@ -211,7 +211,7 @@ def test_parameters_that_are_0_may_be_absent(tmp_path):
     assert read_parameters(braked) == replace(PAPER, Fc2=0.1)
 
 
-def test_numbers_as_a_hand_writes_them_are_numbers(tmp_path):
+def test_handwritten_numbers_are_read(tmp_path):
     """YAML takes 4e-4, without a point, for a word, and 1 for a whole number."""
     path = tmp_path / 'r.yaml'
     others = ', '.join(f'{name}: {{value: 1}}' for name in ('P1', 'P3', 'P4', 'P5', 'b1', 'b2'))
@@ -239,18 +239,18 @@ def test_numbers_as_a_hand_writes_them_are_numbers(tmp_path):
         (None, 'has no parameter vector: check b2; one number each is expected for P1, P2'),
     ],
 )
-def test_what_stands_for_a_number_and_is_none_is_one_sentence(tmp_path, entry, sentence):
+def test_invalid_numbers_are_one_sentence(tmp_path, entry, sentence):
     with pytest.raises(ResultError, match=f'r.yaml:? {sentence}'):
         read_result(by_hand(tmp_path, b2=entry))
 
 
-def test_what_is_no_parameter_is_one_sentence(tmp_path):
+def test_an_unknown_parameter_is_one_sentence(tmp_path):
     with pytest.raises(ResultError, match='check P6; one number each is expected for P1, P2'):
         read_result(by_hand(tmp_path, P6={'value': 1.0}))
 
 
 @pytest.mark.parametrize('text', ['', '[]', 'parameters: {P1: {value: 1}}', 'schema: 2', '{'])
-def test_what_is_no_result_is_one_sentence(tmp_path, text):
+def test_a_file_without_a_result_is_one_sentence(tmp_path, text):
     (tmp_path / 'r.yaml').write_text(text)
     with pytest.raises(ResultError, match=r'r.yaml is no (result of schema 1|YAML file); name a file that pendubot'):
         read_result(tmp_path / 'r.yaml')
@@ -265,7 +265,7 @@ def test_what_is_no_result_is_one_sentence(tmp_path, text):
         (('bags', 0, 'sha256'), 'r.yaml: bags.0 does not say sha256; name a file'),
     ],
 )
-def test_a_result_that_lost_something_is_none(tmp_path, path, sentence):
+def test_an_incomplete_result_is_one_sentence(tmp_path, path, sentence):
     at = data = plain()
     *way, last = path
     for key in way:
@@ -273,7 +273,7 @@ def test_a_result_that_lost_something_is_none(tmp_path, path, sentence):
     del at[last]
     (tmp_path / 'r.yaml').write_text(yaml.safe_dump(data))
     with pytest.raises(ResultError, match=sentence):
-        read_whole_result(tmp_path / 'r.yaml')
+        read_complete_result(tmp_path / 'r.yaml')
 
 
 def test_a_result_of_an_earlier_version_is_read(tmp_path):
@@ -281,7 +281,7 @@ def test_a_result_of_an_earlier_version_is_read(tmp_path):
     data = earlier() | {'of_a_later_version': 1}
     text = yaml.safe_dump(data, sort_keys=False).replace('persistence:', 'standing_still:')
     (tmp_path / 'r.yaml').write_text(text)
-    result = read_whole_result(tmp_path / 'r.yaml')
+    result = read_complete_result(tmp_path / 'r.yaml')
     assert (result.theta, result.J, result.prediction) == ((now := made()).theta, now.J, now.prediction)
     assert (result.criterion, *result.criteria) == ('trajectory', 'energy', 'weak', 'trajectory')
     assert settings(result).criteria == ('energy', 'weak', 'likelihood')

@@ -34,7 +34,7 @@ def motion(conversion):
 
 
 @given(READINGS)
-def test_the_words_of_a_reading_say_the_same_again(conversion):
+def test_the_options_of_a_conversion_give_the_same_conversion(conversion):
     again = motion(Conversion.of(conversion.words()))
     for name in ('q', 'qd', 'tau'):
         np.testing.assert_allclose(getattr(again, name), getattr(motion(conversion), name), rtol=1e-6, atol=1e-8)
@@ -42,7 +42,7 @@ def test_the_words_of_a_reading_say_the_same_again(conversion):
 
 @settings(max_examples=25)
 @given(READINGS, READINGS)
-def test_one_reading_is_mended_into_another_where_options_say_it(one, other):
+def test_a_conversion_is_corrected_into_another_by_options(one, other):
     """What is changed between them is found again, whatever stood there before, for the same torque constant."""
     other = replace(other, torque_constant=one.torque_constant)
     inverse = Affine.of(np.linalg.inv(one.affine.Q), T=np.linalg.inv(one.affine.T))
@@ -56,12 +56,12 @@ def test_one_reading_is_mended_into_another_where_options_say_it(one, other):
     np.testing.assert_allclose(found.qd, expected.qd, rtol=1e-6, atol=1e-6)
 
 
-def test_what_no_options_say_is_not_mended():
+def test_changes_without_options_are_not_corrected():
     assert Conversion().then(Affine.of(T=3 * np.eye(2))) is None
 
 
 @pytest.mark.parametrize('swap', ['nothing', 'efforts'])
-def test_the_torque_constant_scales_the_shoulders_torque_whichever_column_that_is(swap):
+def test_the_torque_constant_scales_the_torque_of_the_shoulder_in_any_column(swap):
     conversion = Conversion.of({'swap': swap, 'torque_constant': '50', 'torque_unit': 'mNm', 'offset': 'tau1=0.01'})
     efforts = 2 * NUMBERS if swap == 'nothing' else 2 * NUMBERS[:, ::-1]
     np.testing.assert_allclose(motion(conversion).tau, efforts * [0.05, 0.001] - [0.01, 0])
@@ -81,6 +81,6 @@ def test_the_torque_constant_scales_the_shoulders_torque_whichever_column_that_i
         ({'colour': 'red'}, "'colour' is no option of the conversion"),
     ],
 )
-def test_what_makes_no_sense_is_one_sentence(given, sentence):
+def test_invalid_options_are_one_sentence(given, sentence):
     with pytest.raises(ParameterError, match=sentence):
         Conversion.of(given)

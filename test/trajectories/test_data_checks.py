@@ -21,7 +21,7 @@ FAST = Settings(('likelihood',), model='viscous', hold='zero')
 
 
 @pytest.mark.parametrize('interval', [0.002, 0.04])
-def test_a_good_recording_is_not_suspected(interval):
+def test_a_good_recording_has_no_warnings(interval):
     assert data_checks([recording(int(9 / interval), interval)]) == []
 
 
@@ -44,7 +44,7 @@ def test_angles_that_are_cut_off_are_named_at_both_ends():
     assert 'the elbow stops abruptly at its least position of -0.4 rad' in least
 
 
-def test_samples_that_are_missing_are_counted():
+def test_missing_samples_are_counted():
     motion = recording()
     few = motion[np.random.default_rng(1).random(900) > 0.2]
     (sentence,) = data_checks([few])
@@ -61,7 +61,7 @@ def jittering(rate, size, *, true):
 
 
 @pytest.mark.parametrize(('rate', 'size'), [(100, 8e-4), (500, 8e-4)])
-def test_stamps_that_jitter_are_taken_where_they_are_true_and_else_even_ones(rate, size):
+def test_inconsistent_timestamps_are_replaced_and_consistent_ones_kept(rate, size):
     truth = jittering(rate, size, true=True)
     assert data_checks([truth]) == []
     assert evenly_stamped(truth) is truth

@@ -108,7 +108,7 @@ def test_a_part_is_the_same_motion_between_other_ends():
 
 @pytest.mark.parametrize('hold', ['zero', 'linear'])
 @pytest.mark.parametrize('jitter', [0.0, 0.3])
-def test_a_motion_read_otherwise_is_that_of_the_recording_read_otherwise(hold, jitter):
+def test_changing_a_motion_equals_preparing_the_changed_recording(hold, jitter):
     rng = np.random.default_rng(1)
     t = (np.arange(300) + jitter * rng.uniform(size=300)) * 0.005
     recorded = recording(t, drive(t))

@@ -43,7 +43,7 @@ def test_jittering_stamps_are_resampled():
 
 
 @given(st.integers(0, 10**6))
-def test_a_held_torque_is_the_one_that_was_applied(seed):
+def test_the_zero_order_hold_gives_the_applied_torque(seed):
     rng = np.random.default_rng(seed)
     t = np.cumsum(rng.uniform(0.005, 0.015, 80))
     at = rng.uniform(t[0], t[-1], 50)
@@ -73,7 +73,7 @@ def test_the_step_of_any_encoder_is_found(counts, rate, seed, zero):
 
 
 @given(st.integers(3, 1 << 24), st.integers(3, 1 << 24), st.integers(0, 10**6))
-def test_no_other_step_than_an_encoders_own_is_ever_found(first, second, seed):
+def test_no_other_step_than_that_of_the_encoder_is_found(first, second, seed):
     """Too coarse for the motion, or too fine, it is not found at all."""
     _, q, _ = swing(2, 200, seed)
     found = encoder_step(np.column_stack([read(q[:, 0], first), read(q[:, 1], second)]))
@@ -82,7 +82,7 @@ def test_no_other_step_than_an_encoders_own_is_ever_found(first, second, seed):
 
 
 @given(st.sampled_from([100, 200, 500, 1000]), st.sampled_from([None, 500, 2000, 20000]), st.integers(0, 10**6))
-def test_the_smoothing_that_is_chosen_leaves_the_motion_and_takes_noise(rate, counts, seed):
+def test_the_chosen_smoothing_keeps_the_motion_and_removes_noise(rate, counts, seed):
     t, q, qd = swing(4, rate, seed)
     q = q if counts is None else read(q, counts)
     window = choose_smoothing([Trajectory(t, q, np.zeros_like(q))])

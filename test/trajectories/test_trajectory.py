@@ -14,7 +14,7 @@ def motion(t=None, n=100, **changes):
     return Trajectory(t, **values)
 
 
-def test_windows_are_in_seconds_from_the_first_sample_and_leave_out_the_end():
+def test_windows_are_in_seconds_from_the_first_sample_without_the_end():
     part = motion(t=5 + np.arange(100) * 0.01).window(0.1, 0.2)
     np.testing.assert_allclose(part.t, 5.1 + np.arange(10) * 0.01)
 
