@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""``pendubot repair``: a closed copy of a bag that was killed, cut or damaged."""
+"""``pendubot repair``: a closed copy of an unclosed, truncated or damaged bag."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Any
 
 DESCRIPTION = """\
-Write a closed copy of a bag whose recording was killed, or whose file was cut or damaged, and say what was saved. The
-copy has an index and a metadata.yaml, and ros2 bag, rosbags and mcap read it. Every message is copied that is whole,
-also those after a damaged place. The original is only read."""
+Write a closed copy of an unclosed, truncated or damaged bag, and print the number of saved messages. The copy has an
+index and a metadata.yaml, and ros2 bag, rosbags and mcap read it. It holds every intact message, also those after a
+damaged part. The original is only read."""
 
 EPILOG = """\
 examples:
@@ -26,7 +26,7 @@ def add_parser(subparsers: Any) -> None:
     """Add this subcommand."""
     parser = subparsers.add_parser(
         'repair',
-        help='write a closed copy of a bag that was killed, cut or damaged',
+        help='write a closed copy of an unclosed, truncated or damaged bag',
         description=DESCRIPTION,
         epilog=EPILOG,
     )
@@ -56,7 +56,7 @@ def run(args: argparse.Namespace) -> int:
         print(json.dumps({'output': str(output), 'whole': whole, 'files': [asdict(file) for file in saved]}, indent=2))
         return 0
     for file in saved:
-        print(f'{file.file}: {"closed" if file.closed else "never closed, or cut"}')
+        print(f'{file.file}: {"closed" if file.closed else "never closed, or truncated"}')
         width = max(map(len, file.saved), default=0)
         for topic, count in file.saved.items():
             lost = file.missing.get(topic)

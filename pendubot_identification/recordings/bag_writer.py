@@ -26,7 +26,7 @@ from .message_types import message_definition
 
 #: A chunk is written after this time between log times, or before it exceeds this size [bytes].
 FLUSH_INTERVAL_NS, CHUNK_SIZE = 100_000_000, 64 * 1024
-#: Largest overhead of a message, a chunk, a channel of a chunk and a file, beside the data [bytes].
+#: Largest overhead of a message, a chunk, a channel of a chunk and a file or topic, beside the data [bytes].
 MESSAGE_COST, CHUNK_COST, INDEX_COST, FILE_COST = 64, 256, 64, 16384
 #: The default quality of service.
 OFFERED = Qos()
@@ -184,9 +184,7 @@ class BagWriter:
     def _flush(self, coming: int = 0) -> None:
         """Write the pending chunk; if the space is needed to close the bag, close it without the coming message."""
         chunks = (self._chunks + 1) * (CHUNK_COST + INDEX_COST * len(self._topics))
-        needed = self._pending + coming + chunks + FILE_COST
-        for schema, channel in self._topics.values():
-            needed += len(schema.data) + 2 * len(channel.metadata['offered_qos_profiles']) + 1024
+        needed = self._pending + coming + chunks + FILE_COST * (1 + len(self._topics))
         if reason := _shortage(self._folder, needed, self._reserve):
             self._close()
             sentence = f'{self.path} is closed with all that was received before: {reason}; free some space'

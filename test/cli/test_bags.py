@@ -123,7 +123,7 @@ def test_a_killed_bag_becomes_a_closed_copy(run, tmp_path):
     assert 'closed    no: pendubot repair makes a closed copy' in text
     assert 'swing_0.mcap was never closed, or is truncated or damaged: its ' in text
     text = run('repair', 'swing/')[1]
-    assert 'swing_0.mcap: never closed, or cut' in text
+    assert 'swing_0.mcap: never closed, or truncated' in text
     assert ' messages saved, 5 lost' in text
     assert 'are damaged and left out' in text
     assert 'swing_repaired, closed; the original is as it was' in text
