@@ -252,7 +252,7 @@ class Pendubot(Parameters):
         return simulate(self, t, tau, q, qd)
 
     def export(self, format: str, *, link_length: float | None = None, torque_limit: float | None = None) -> str:
-        """Return the text of a file: mjcf, urdf, sdf, yaml, json, m, h or py, as ``pendubot export`` writes it.
+        """Return the text of a file: mjcf, urdf, yaml, m, h or py, as ``pendubot export`` writes it.
 
         Raises:
             PendubotError: there is no such format, or no real masses give these parameters.

@@ -14,17 +14,15 @@ from typing import Any
 from pendubot_identification.errors import UsageError, wrong_usage
 
 #: Those of formats/export.py, again: importing it takes time, which no --help is worth.
-FORMATS = ('mjcf', 'urdf', 'sdf', 'yaml', 'json', 'm', 'h', 'py')
+FORMATS = ('mjcf', 'urdf', 'yaml', 'm', 'h', 'py')
 #: What two of them were called earlier.
 EARLIER = {'matlab': 'm', 'c': 'h'}
 
 DESCRIPTION = """\
 Write the published parameters of a result, every digit of them, in another format:
   mjcf    the rig for MuJoCo
-  urdf    the rig for RViz, Pinocchio, Drake, MATLAB ...; fix its base_link to the world
-  sdf     the rig for Gazebo
+  urdf    the rig for RViz, Gazebo, Pinocchio, Drake, MATLAB ...; fix its base_link to the world
   yaml    parameters P1, P2, ... for --params-file of a controller node, whatever its name
-  json    the whole result
   m       a MATLAB or Octave script that makes a struct: pendubot.P1, ..., pendubot.theta, pendubot.std_error, and the
           model: pendubot.mass_matrix(q), bias(q, v), friction(v, tau), acceleration(q, v, tau), derivative(x, tau)
   h       a C header: PENDUBOT_P1, ..., PENDUBOT_THETA, and the model: pendubot_acceleration(q, v, tau, a) ...
@@ -60,7 +58,7 @@ def add_parser(subparsers: Any) -> None:
         help="default: by the output's suffix",
     )
     parser.add_argument('--output', type=Path, metavar='FILE', help='write it here (default: print it)')
-    simulators = parser.add_argument_group('for mjcf, urdf and sdf')
+    simulators = parser.add_argument_group('for mjcf and urdf')
     simulators.add_argument(
         '--link-length', type=float, metavar='M', help='of link 1, from joint to joint, measured (default: P3 / P5)'
     )

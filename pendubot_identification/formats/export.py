@@ -1,27 +1,25 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A result in the format of who uses it: simulators, MATLAB, C, Python, ROS, JSON. Numbers keep every digit."""
+"""A result in the format of who uses it: simulators, MATLAB, C, Python, ROS. Numbers keep every digit."""
 
 from __future__ import annotations
-
-import json
 
 import yaml
 
 from pendubot_identification.errors import ParameterError
-from pendubot_identification.identify.result import Given, Parameter, Result, plain
+from pendubot_identification.identify.result import Given, Parameter, Result
 from pendubot_identification.model.parameters import MODELS, NAMES, SPECIFICATIONS
 
 from .code import Entry, c, matlab, python
 from .masses import rig_of
-from .robots import limits, mjcf, sdf, urdf
+from .robots import limits, mjcf, urdf
 
 Exported = Result | Given
 
-ROBOTS = {'mjcf': mjcf, 'urdf': urdf, 'sdf': sdf}
+ROBOTS = {'mjcf': mjcf, 'urdf': urdf}
 LANGUAGES = {'m': matlab, 'h': c, 'py': python}
-FORMATS = (*ROBOTS, 'yaml', 'json', *LANGUAGES)
+FORMATS = (*ROBOTS, 'yaml', *LANGUAGES)
 SUFFIXES = {f'.{name}': name for name in FORMATS if name != 'mjcf'} | {'.xml': 'mjcf', '.yml': 'yaml'}
 MEANINGS = {s.name: (s.unit, s.meaning) for s in SPECIFICATIONS}
 
@@ -49,8 +47,6 @@ def export(
         said = [*rig.choices, *limits(rig.parameters, armature=format == 'mjcf'), *_beside(result)]
         named = [f'{name} = {entry.value!r} {_described(name, entry)}' for name, entry in parameters.items()]
         return ROBOTS[format](rig, [*provenance(result), *named, *said], torque_limit), said
-    if format == 'json':
-        return json.dumps(plain(result), indent=2) + '\n', []
     if format == 'yaml':
         return _yaml(parameters, provenance(result)), []
     entries = [Entry(name, e.value, e.std_error, _described(name, e)) for name, e in parameters.items()]

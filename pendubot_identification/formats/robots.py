@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A rig as simulators and RViz read it: MJCF, URDF, SDF.
+"""A rig as simulators and RViz read it: MJCF, URDF.
 
 In all of them the shoulder is the origin, z points up, both joints turn about -y, and both angles are 0 with the arm
 along x: q1 is measured from the horizontal, q2 relative to link 1. Of a link's inertia only that about the joints' axes
@@ -166,56 +166,6 @@ def _urdf(l1: float, l2: float, comments: Iterable[str], inertial: list[str], dy
   </joint>
   <link name="tip"/>
 </robot>
-"""
-
-
-def sdf(rig: Rig, comments: Iterable[str] = (), torque_limit: float | None = None) -> str:
-    """Return the SDF of a rig, a model for Gazebo whose shoulder is fixed to the world."""
-    p, radius = rig.parameters, SLENDER * min(rig.first.length, rig.second.length)
-
-    def link(name: str, link: Link, place: str, aside: float, colour: str) -> str:
-        about, half = link.inertia, link.length / 2
-        return f"""\
-    <link name="{name}">
-      {place}
-      <inertial>
-        <pose>{link.centre!r} 0 0 0 0 0</pose>
-        <mass>{link.mass!r}</mass>
-        <inertia>
-          <ixx>{about!r}</ixx><iyy>{about!r}</iyy><izz>{about!r}</izz><ixy>0</ixy><ixz>0</ixz><iyz>0</iyz>
-        </inertia>
-      </inertial>
-      <visual name="visual">
-        <pose>{half!r} {aside:.6g} 0 0 1.5707963267948966 0</pose>
-        <geometry><cylinder><radius>{radius:.6g}</radius><length>{link.length!r}</length></cylinder></geometry>
-        <material><ambient>{colour}</ambient><diffuse>{colour}</diffuse></material>
-      </visual>
-    </link>"""
-
-    def joint(name: str, parent: str, child: str, damping: float, dry: float, effort: float) -> str:
-        limit = '' if torque_limit is None else f'\n        <limit><effort>{effort!r}</effort></limit>'
-        return f"""\
-    <joint name="{name}" type="revolute">
-      <parent>{parent}</parent>
-      <child>{child}</child>
-      <axis>
-        <xyz>0 -1 0</xyz>
-        <dynamics><damping>{damping!r}</damping><friction>{dry!r}</friction></dynamics>{limit}
-      </axis>
-    </joint>"""
-
-    at_elbow = f'<pose relative_to="link_1">{rig.first.length!r} 0 0 0 0 0</pose>'
-    more = [f"gravity is the world's, not a model's: <gravity>0 0 {-GRAVITY!r}</gravity> is expected there"]
-    return f"""\
-<?xml version="1.0"?>
-{_comment([*comments, *more])}<sdf version="1.9">
-  <model name="pendubot">
-{link('link_1', rig.first, '<pose>0 0 0 0 0 0</pose>', 0.0, BLUE)}
-{link('link_2', rig.second, at_elbow, -2.2 * radius, ORANGE)}
-{joint('shoulder', 'world', 'link_1', p.b1, p.Fc1, torque_limit or 0.0)}
-{joint('elbow', 'link_1', 'link_2', p.b2, p.Fc2, 0.0)}
-  </model>
-</sdf>
 """
 
 

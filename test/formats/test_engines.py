@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from pendubot_identification.formats.masses import rig_of
-from pendubot_identification.formats.robots import mjcf, sdf, urdf
+from pendubot_identification.formats.robots import mjcf, urdf
 from pendubot_identification.model.dynamics import GRAVITY, forward_dynamics, mass_matrix
 from pendubot_identification.model.parameters import BALANCE, MODELS, Parameters
 from pendubot_identification.model.rollout import roll
@@ -125,16 +125,15 @@ class Pinocchio:
 
 
 class Drake:
-    """A file in Drake, which reads SDF by Gazebo's own library."""
+    """A file in Drake."""
 
     def __init__(self, text, parameters):
         multibody, parsing = (
             pytest.importorskip(f'pydrake.multibody.{name}', reason=NEEDED) for name in ('plant', 'parsing')
         )
         self.plant = plant = multibody.MultibodyPlant(0.0)
-        parsing.Parser(plant).AddModelsFromString(text, 'sdf' if '<sdf' in text else 'urdf')
-        if '<sdf' not in text:
-            plant.WeldFrames(plant.world_frame(), plant.GetFrameByName('base_link'))
+        parsing.Parser(plant).AddModelsFromString(text, 'urdf')
+        plant.WeldFrames(plant.world_frame(), plant.GetFrameByName('base_link'))
         plant.mutable_gravity_field().set_gravity_vector([0.0, 0.0, -GRAVITY])
         plant.Finalize()
         p = parameters
@@ -189,7 +188,7 @@ CASES = [
     (Pinocchio, mjcf, 'geared'),
     (Mujoco, urdf, 'geared'),
     (Pinocchio, urdf, 'geared'),
-    (Drake, sdf, 'geared'),
+    (Drake, urdf, 'geared'),
 ]
 
 

@@ -1,9 +1,8 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Exports, read back by whoever would use them: a C compiler, Octave, Python, JSON, ROS parameter files."""
+"""Exports, read back by whoever would use them: a C compiler, Octave, Python, ROS parameter files."""
 
-import json
 import re
 import shutil
 import subprocess
@@ -15,7 +14,7 @@ import sympy
 import yaml
 
 from pendubot_identification.formats.export import FORMATS, ROBOTS, export
-from pendubot_identification.identify.result import Given, Parameter, plain
+from pendubot_identification.identify.result import Given, Parameter
 from pendubot_identification.level import Level
 from pendubot_identification.model.dynamics import forward_dynamics, mass_matrix
 from pendubot_identification.model.parameters import MODELS, NAMES
@@ -78,10 +77,6 @@ def test_c_compiles_without_a_warning_and_keeps_every_digit(result, theta, tmp_p
     np.testing.assert_array_equal([float(line) for line in run.stdout.split()], theta)
 
 
-def test_json_is_the_whole_result(result):
-    assert json.loads(written('json', result)) == plain(result)
-
-
 def test_yaml_holds_the_parameters_of_a_node(result, theta):
     parameters = yaml.safe_load(written('yaml', result))['/**']['ros__parameters']
     assert list(parameters) == list(NAMES[:7])
@@ -106,7 +101,7 @@ def test_a_node_of_any_name_loads_the_yaml(result, theta, tmp_path):
     np.testing.assert_array_equal(read, theta)
 
 
-@pytest.mark.parametrize('name', [name for name in FORMATS if name != 'json'])
+@pytest.mark.parametrize('name', FORMATS)
 def test_units_level_warnings_and_provenance_stand_in_it(result, name):
     doubtful = replace(
         result, level=Level.WARN, warnings=['poorly determined: the standard error of b2'], not_covered={'b2': 'so'}
@@ -124,7 +119,7 @@ def test_units_level_warnings_and_provenance_stand_in_it(result, name):
         assert expected in text
 
 
-@pytest.mark.parametrize('name', [name for name in FORMATS if name not in (*ROBOTS, 'json')])
+@pytest.mark.parametrize('name', [name for name in FORMATS if name not in ROBOTS])
 def test_a_file_by_hand_with_nothing_but_values_is_enough(name):
     text = written(name, Given(parameters={n: Parameter(value=0.5) for n in NAMES[:7]}))
     assert '0.5' in text

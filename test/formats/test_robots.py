@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 import pytest
 
 from pendubot_identification.formats.masses import rig_of
-from pendubot_identification.formats.robots import mjcf, sdf, urdf
+from pendubot_identification.formats.robots import mjcf, urdf
 from pendubot_identification.model.parameters import BALANCE
 
 RIG = rig_of(replace(BALANCE, Fc1=0.01, Fc2=0.002, J2=0.0003))
@@ -47,21 +47,7 @@ def of_urdf(root):
     return found, efforts[0]
 
 
-def of_sdf(root):
-    found = []
-    for name, joint in (('link_1', 'shoulder'), ('link_2', 'elbow')):
-        link, joint = root.find(f"model/link[@name='{name}']"), root.find(f"model/joint[@name='{joint}']")
-        assert (joint.find('axis/xyz').text, joint.find('child').text) == ('0 -1 0', name)
-        x, centre = (numbers(link.find(pose).text)[0] for pose in ('pose', 'inertial/pose'))
-        values = [link.find(f'inertial/{path}').text for path in ('mass', 'inertia/iyy')]
-        values += [joint.find(f'axis/dynamics/{path}').text for path in ('damping', 'friction')]
-        found.append((x, centre, *map(float, values)))
-    efforts = [float(limit.text) for limit in root.iter('effort')]
-    assert efforts[1] == 0, 'the elbow has no motor'
-    return found, efforts[0]
-
-
-@pytest.mark.parametrize(('write', 'read'), [(mjcf, of_mjcf), (urdf, of_urdf), (sdf, of_sdf)])
+@pytest.mark.parametrize(('write', 'read'), [(mjcf, of_mjcf), (urdf, of_urdf)])
 def test_the_files_hold_every_digit_of_the_rig_whatever_their_comments(write, read):
     first, second, p = RIG.first, RIG.second, RIG.parameters
     root = ElementTree.fromstring(write(RIG, ['a <bag> -- & more ---'], 0.7))
