@@ -193,9 +193,9 @@ class Composite:
         step, _ = bounded_step(
             rest, pull, 1e-6, bounds.lower - self.theta, bounds.upper - self.theta, bounds.lower < bounds.upper
         )
-        while not physical(self.theta + step):
-            step = step / 2
-        return np.asarray(self.theta + step)
+        # Theta itself where no part of the step is physical: it may lie on the edge, or beyond by a rounding error.
+        parts = (self.theta + step / 2**halvings for halvings in range(30))
+        return np.asarray(next(filter(physical, parts), self.theta))
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,7 +12,7 @@ from pendubot_identification.errors import TrajectoryError
 from pendubot_identification.identify import fitting
 from pendubot_identification.identify.fitting import TrainingData, fit_composite
 from pendubot_identification.identify.settings import Settings
-from pendubot_identification.model.parameters import PAPER
+from pendubot_identification.model.parameters import LARGEST_COUPLING, PAPER
 from test.virtual import recording
 
 
@@ -86,3 +86,14 @@ def test_without_a_block_of_time_the_rest_decides():
         alone, _ = fitted(recording(400, seed=2 - gone), model='viscous')
         np.testing.assert_allclose(answer.without(answer.owner == gone)[:7], alone.theta[:7], rtol=0.01)
     np.testing.assert_allclose(answer.without(answer.owner < 0), answer.theta, rtol=1e-6)
+
+
+@pytest.mark.parametrize('beyond', [0.0, 1e-9])
+def test_without_a_block_of_time_theta_may_lie_on_the_edge_of_what_is_physical(beyond):
+    answer, _ = fitted(recording(400, seed=1), model='viscous')
+    theta = answer.theta.copy()
+    theta[2] = (1 + beyond) * LARGEST_COUPLING * np.sqrt(theta[0] * theta[1])
+    on_edge = replace(answer, theta=theta)
+    rest = on_edge.without(answer.owner == 0)
+    assert np.isfinite(rest).all()
+    assert rest[2] ** 2 <= theta[2] ** 2
