@@ -17,6 +17,7 @@ from pendubot_identification.criteria.likelihood import Likelihood, Readings, fi
 
 from .effects import Problem
 from .estimate import Zeros
+from .fitting import SETTINGS as FITTING
 from .fitting import Composite
 from .prediction import predict
 
@@ -55,7 +56,8 @@ def remarks(answer: Composite, sound: bool, named: Collection[str]) -> Iterator[
         yield from disturbances(answer.rough)
     if sound:
         yield from contradictions(answer)
-    if not answer.exact:
+    # What an exact rig may leave is nobody's effect.
+    if not answer.exact and (answer.unexplained > 1 - 1 / FITTING.variance).any():
         shoulder, elbow = (f'{100 * part:.3g} %' for part in answer.unexplained)
         yield (
             f'the rig has unmodelled effects: they make {shoulder} and {elbow} of the variance of the innovations at '
