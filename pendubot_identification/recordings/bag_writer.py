@@ -187,7 +187,7 @@ class BagWriter:
         needed = self._pending + coming + chunks + FILE_COST * (1 + len(self._topics))
         if reason := _shortage(self._folder, needed, self._reserve):
             self._close()
-            sentence = f'{self.path} is closed with all that was received before: {reason}; free some space'
+            sentence = f'{self.path} is closed with all earlier messages: {reason}; free some space'
             self._closed = RefusedError(sentence, reason)
             raise self._closed
         self._hand_over()

@@ -19,7 +19,7 @@ from pendubot_identification.errors import BagError
 
 
 class MessageDefinition(NamedTuple):
-    """A type's ``.msg`` text followed by that of every type it uses (``ros2msg``), and its hash, ``RIHS01_...``."""
+    """The ``.msg`` texts of a type and of every type it uses (``ros2msg``), and its hash, ``RIHS01_...``."""
 
     text: str
     type_hash: str

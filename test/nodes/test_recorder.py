@@ -214,7 +214,7 @@ def test_a_full_disk_is_one_sentence_and_leaves_a_closed_bag(tmp_path, node, dia
                 sent += 1
                 wait(lambda sent=sent: program.process.poll() is not None or recorded(path) >= sent - 5)
             assert program.process.returncode == 1
-        said = 'is closed with all that was received before: its disk has'
+        said = 'is closed with all earlier messages: its disk has'
         wait(lambda: said in program.output)
         assert 'Traceback' not in program.output
         assert spin_until(node, lambda: diagnostics[-1][0] == 2 and said in diagnostics[-1][1])

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Bags cut anywhere and with bytes changed anywhere: what then comes of every message. Trials from seeds."""
+"""Bags cut anywhere and with bytes changed anywhere: the fate of every message. Trials from seeds."""
 
 import random
 from dataclasses import dataclass
@@ -39,7 +39,7 @@ def write(path, *, closed=True):
 
 @dataclass
 class Outcome:
-    """What became of a damaged bag.
+    """The result of reading and repairing a damaged bag.
 
     Attributes:
         silent: messages that were accepted though they were never sent, or are missing without a word.
@@ -76,7 +76,7 @@ def examine(path, copy, sent):
     assert by_rosbags(copy) == saved
     outcome.saved = len(saved)
     outcome.silent += sum(each not in known for each in saved)
-    # What was lost inside is said to be lost.
+    # Losses are reported.
     if len(saved) < len(sent):
         outcome.silent += all(file.intact for file in files)
     return outcome

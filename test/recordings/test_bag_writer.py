@@ -228,7 +228,7 @@ def test_the_bag_is_closed_before_the_reserve_is_gone(tmp_path, monkeypatch):
     disk = {'f_frsize': 1, 'f_blocks': os.statvfs(tmp_path).f_blocks}
     monkeypatch.setattr(bag_writer.os, 'statvfs', lambda _: SimpleNamespace(**disk, f_bavail=left()))
     sent, sentence = fill(BagWriter(path, reserve=reserve))
-    assert re.search(r'is closed with all that was received before: its disk has .* MB left', sentence)
+    assert re.search(r'is closed with all earlier messages: its disk has .* MB left', sentence)
     assert reserve <= left() < reserve + 100_000, 'or closed long before it had to be'
     assert BagReader(path).closed
     assert by_mcap(path) == by_rosbags(path) == sent[: len(by_mcap(path))]

@@ -44,9 +44,9 @@ def test_a_compressed_bag_is_read_surveyed_and_repaired(tmp_path, capsys, mode):
     np.testing.assert_array_equal(recorded.trajectory.tau[:, 0], np.arange(50, 200))
 
     assert main(['info', str(bag), '--json']) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert (told['closed'], told['note'], told['damaged']) == (True, '', [])
-    for topic in told['topics']:
+    info = json.loads(capsys.readouterr().out)
+    assert (info['closed'], info['note'], info['damaged']) == (True, '', [])
+    for topic in info['topics']:
         assert (topic['messages'], topic['period'], topic['gaps']) == (COUNT, 0.01, 0)
         assert topic['latency_max'] == (0 if topic['name'] == '/joint_states' else None)
 

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Bags that were killed, cut or damaged: what is whole is read and repaired, and the rest is said to be lost."""
+"""Unclosed, truncated and damaged bags: intact messages are read and repaired, and losses are reported."""
 
 import os
 import shutil

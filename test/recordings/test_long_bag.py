@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Recordings that are too long to be taken at once: what is said of them, and that windows of them are taken."""
+"""Recordings that are too long to be read at once: errors, and windows of them."""
 
 import json
 
@@ -28,7 +28,7 @@ from pendubot_identification.tracking import windows
 from pendubot_identification.trajectories.trajectory import Trajectory
 from test.changing_rig import Day, record
 
-#: What is too long here [s], what is enough, and how long the windows are that are named.
+#: Longest recording here, proposed window and informative windows [s].
 LONGEST, ENOUGH, LENGTH = 25.0, 20.0, 10
 DAY = Day(payload=0.2, payload_at=40.0, rests=((44, 50),), pushes=((63, 0, 0.3, 0.5),))
 

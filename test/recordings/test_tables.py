@@ -182,7 +182,7 @@ def in_excel(path, *rows):
 
 
 NAMES = ['t', 'q1', 'q2', 'tau1']
-#: What is in a file, and what is said of it.
+#: Files by name: their content and the error.
 UNUSABLE = {
     'text.mat': (lambda path: path.write_text('hello' * 99), 'is no MATLAB file that can be read'),
     'text.xlsx': (lambda path: path.write_text('hello'), 'is no Excel file'),

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What a report shows of an answer, against what the criteria and independent formulas say."""
+"""Figure data against the criteria and independent formulas."""
 
 import warnings
 from dataclasses import replace

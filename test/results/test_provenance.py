@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What a result says of its own making leads back to the very same recordings, settings and answers."""
+"""A result leads back to its recordings, settings and answers."""
 
 from dataclasses import fields, replace
 

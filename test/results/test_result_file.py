@@ -45,7 +45,7 @@ def keys(node):
 
 
 def first_numbers(node, found=None):
-    """What a reader finds that walks the tree and takes the first number, or value, under each parameter's name."""
+    """Return the first number, or value, under each parameter's name in the tree."""
     found = {} if found is None else found
     for key, value in node.items() if isinstance(node, dict) else [(None, entry) for entry in node]:
         number = value.get('value') if isinstance(value, dict) else value
@@ -68,7 +68,7 @@ def test_a_written_result_is_read_back(tmp_path):
 
 
 class Word(str):
-    """What YAML refuses to write."""
+    """A subclass that YAML refuses to write."""
 
 
 class Colour(Enum):

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What a recording's numbers mean, said by options and mended by them."""
+"""The conversion of a recording, its options and its correction by options."""
 
 from dataclasses import replace
 
@@ -43,7 +43,7 @@ def test_the_options_of_a_conversion_give_the_same_conversion(conversion):
 @settings(max_examples=25)
 @given(READINGS, READINGS)
 def test_a_conversion_is_corrected_into_another_by_options(one, other):
-    """What is changed between them is found again, whatever stood there before, for the same torque constant."""
+    """Changes between any two conversions with the same torque constant are found."""
     other = replace(other, torque_constant=one.torque_constant)
     inverse = Affine.of(np.linalg.inv(one.affine.Q), T=np.linalg.inv(one.affine.T))
     undone = inverse._replace(c=-inverse.Q @ one.affine.c, d=-inverse.T @ one.affine.d)

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What looks wrong with the samples themselves, and what is made of poor recordings."""
+"""Checks of samples, and identification of poor recordings."""
 
 from dataclasses import replace
 
