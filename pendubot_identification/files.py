@@ -87,7 +87,7 @@ def refuse_input(output: Path, inputs: Iterable[Path | None]) -> None:
                 raise ResultError(f'{output} is read, so it cannot be written as well; give another name')
 
 
-def write_whole(path: Path, content: str | bytes, *, overwrite: bool = False, force: str = '--force') -> None:
+def write_atomically(path: Path, content: str | bytes, *, overwrite: bool = False, force: str = '--force') -> None:
     """Write a file, whole or not at all; ``force`` is what has an existing one overwritten.
 
     Raises:

@@ -27,7 +27,7 @@ import pendubot_identification as pendubot
 from benchmarks.speed import measure
 from pendubot_identification.criteria.prediction_error import STEP as OURS
 from pendubot_identification.criteria.prediction_error import Simulations
-from pendubot_identification.identify.prediction import HORIZONS, JUDGED, STRIDE, predict, state_scale
+from pendubot_identification.identify.prediction import ASSESSED, HORIZONS, STRIDE, predict, state_scale
 from pendubot_identification.model.parameters import NAMES, PAPER
 from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.signals import choose_smoothing, evenly_stamped
@@ -133,7 +133,7 @@ def ten_of(params, covariance, m1, m2):
 def simulated(model, motions, scale):
     """Return the errors of a MuJoCo model's predictions, as identify.prediction has them."""
     data, errors = mujoco.MjData(model), []
-    for horizon in HORIZONS[:JUDGED]:
+    for horizon in HORIZONS[:ASSESSED]:
         cut = Simulations.of(motions, 0.0, np.zeros(2), (horizon,), STRIDE)
         model.opt.timestep, last = OURS, []
         for start, tau in zip(cut.start.T, np.moveaxis(cut.tau, 2, 0), strict=True):
@@ -154,7 +154,7 @@ def ours(recordings, test, motions, scale):
     own = [NAMES.index(name) for name in found.names]
     value[own], error[own] = found.theta, np.nan_to_num(found.std_error)
     effort = found.result.effort
-    predicted = predict(motions(effort.hold), found.pendubot.theta, effort.delay, scale).error[:JUDGED]
+    predicted = predict(motions(effort.hold), found.pendubot.theta, effort.delay, scale).error[:ASSESSED]
     return value[:10], error[:10], predicted, found.result.model
 
 
@@ -240,7 +240,7 @@ def main():
     print(f'{measure.machine()}, mujoco {mujoco.__version__}')
     lines = len(inspect.getsource(fit).splitlines())
     print(f'lines that a user writes: {lines} for mujoco.sysid, 1 for this package\n')
-    head = ('recordings', 'by', 'model', f'error after {" / ".join(f"{h:g}" for h in HORIZONS[:JUDGED])} s')
+    head = ('recordings', 'by', 'model', f'error after {" / ".join(f"{h:g}" for h in HORIZONS[:ASSESSED])} s')
     head += ('processor', 'wall', 'half of 95 %, P1 to P5', 'two halves agree in')
     table = [f'| {" | ".join(head)} |', '|' + '---|' * len(head)]
     for name in args.rigs or there:

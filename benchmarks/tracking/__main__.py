@@ -13,10 +13,10 @@ import argparse
 import numpy as np
 
 from pendubot_identification.criteria.quadratic import Quadratic
-from pendubot_identification.criteria.weak import balance_weights, estimate_delay, weak_regression
+from pendubot_identification.criteria.weak import estimate_delay, residual_weights, weak_regression
 from pendubot_identification.level import Level
 from pendubot_identification.model.parameters import default_bounds
-from pendubot_identification.tracking.events import Burst, Change, State
+from pendubot_identification.tracking.events import Change, Disturbance, State
 from pendubot_identification.tracking.settings import TrackerSettings
 from pendubot_identification.tracking.tracker import Tracker
 from pendubot_identification.trajectories.motion import Motion
@@ -43,7 +43,7 @@ def batch(t, q, tau, until):
     bounds = default_bounds().of(9)
     made = Motion.prepare(motion, choose_smoothing([motion]))
     delay = estimate_delay([made], 'coulomb', bounds, 0.0, 0.05)
-    weights = balance_weights([weak_regression(made, 'coulomb', delay)], bounds)
+    weights = residual_weights([weak_regression(made, 'coulomb', delay)], bounds)
     regression = weak_regression(made, 'coulomb', delay, weights=weights)
     return Quadratic.reduce(regression.phi, regression.y).minimum(bounds)
 
@@ -144,12 +144,12 @@ def afterwards(name, tracks, day):
 
 def changes(name, tracks, days):
     """Print how changes are found and called, and what else was told."""
-    after, kinds, false, bursts, right = [], {}, 0, 0, 0
+    after, kinds, false, disturbances, right = [], {}, 0, 0, 0
     for (_, events), day in zip(tracks, days, strict=True):
         at = begins(day)
         found = [(told, e) for told, e in events if isinstance(e, Change) and e.end >= at]
-        false += sum(not isinstance(e, Burst) for told, e in events) - (1 if found else 0)
-        bursts += sum(isinstance(e, Burst) for _, e in events)
+        false += sum(not isinstance(e, Disturbance) for told, e in events) - (1 if found else 0)
+        disturbances += sum(isinstance(e, Disturbance) for _, e in events)
         if found:
             told, change = found[0]
             after.append(told - at)
@@ -157,7 +157,9 @@ def changes(name, tracks, days):
             kinds[change.kind] = kinds.get(change.kind, 0) + 1
     called = ', '.join(f'{kind} {count}' for kind, count in kinds.items())
     late = f'{np.median(after):.2f}, {max(after):.2f}' if after else ''
-    print(f'| {name} | {len(after)} of {len(days)} | {late} | {right} | {called} | {false} | {bursts} |', flush=True)
+    print(
+        f'| {name} | {len(after)} of {len(days)} | {late} | {right} | {called} | {false} | {disturbances} |', flush=True
+    )
 
 
 def others(seeds):
@@ -194,7 +196,7 @@ def main():
         others(range(args.seeds))
         return
     head = (
-        '\n| | found | after [s]: median, most | times right | called | false | bursts |\n|---|---|---|---|---|---|---|'
+        '\n| | found | after [s]: median, most | times right | called | false | pushes |\n|---|---|---|---|---|---|---|'
     )
     if args.hours:
         count = round(args.hours * 3600 / SECONDS)

@@ -69,7 +69,7 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Read, convert, write."""
-    from pendubot_identification.files import refuse_input, write_whole
+    from pendubot_identification.files import refuse_input, write_atomically
     from pendubot_identification.formats.export import ROBOTS, SUFFIXES, export, require_limit
     from pendubot_identification.level import Level
     from pendubot_identification.results.result_file import read_result
@@ -99,6 +99,6 @@ def run(args: argparse.Namespace) -> int:
     if args.output is None:
         print(text, end='')
         return 0
-    write_whole(args.output, text, overwrite=args.force)
+    write_atomically(args.output, text, overwrite=args.force)
     print(f'written to {args.output}')
     return 0

@@ -77,9 +77,9 @@ def save_map(args: argparse.Namespace, reading: Conversion) -> None:
     if args.save_map is not None:
         import yaml
 
-        from pendubot_identification.files import write_whole
+        from pendubot_identification.files import write_atomically
 
-        write_whole(
+        write_atomically(
             args.save_map, yaml.safe_dump(reading.words(), sort_keys=False), overwrite=getattr(args, 'force', False)
         )
 

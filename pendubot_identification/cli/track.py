@@ -83,7 +83,7 @@ def run(args: argparse.Namespace) -> int:
     """
     import yaml
 
-    from pendubot_identification.files import OutputFolder, refuse_input, refuse_unwritable, write_whole
+    from pendubot_identification.files import OutputFolder, refuse_input, refuse_unwritable, write_atomically
     from pendubot_identification.recordings.bag_reader import BagWindow
     from pendubot_identification.recordings.datasets import require_files
     from pendubot_identification.report.table import wrapped
@@ -111,7 +111,7 @@ def run(args: argparse.Namespace) -> int:
         try:
             save_map(args, reading)
             if args.output is not None and text:
-                write_whole(args.output, text, overwrite=args.force)
+                write_atomically(args.output, text, overwrite=args.force)
                 written.append(args.output)
             if folder is not None:
                 from pendubot_identification.report.folder import write_track
@@ -149,25 +149,25 @@ def follow(
     from pendubot_identification.results.track_file import Track
     from pendubot_identification.tracking.events import State
     from pendubot_identification.tracking.tracker import Tracker
-    from pendubot_identification.tracking.windows import Minutes
+    from pendubot_identification.tracking.windows import InformativeWindows
 
     tracker, track, base = Tracker(start), Track(), 0.0
     for window in windows:
-        reader, until, minutes = open_recording(window.path, reading), base, Minutes()
+        reader, until, informative = open_recording(window.path, reading), base, InformativeWindows()
         if reader.note:
             track.notes.append(f'{window}: {reader.note}')
         for samples in stream_samples(reader, window, topic, names, reading):
-            minutes.add(samples)
+            informative.add(samples)
             samples[:, 0] += base
             until = max(until, float(samples[-1, 0]))
             progress(f'following {window}', round(until - base), 0, math.nan)
-            for told in tracker.feed(samples):
-                track.add(told)
-                if not isinstance(told, State):
-                    minutes.happened(told, base)
+            for event in tracker.feed(samples):
+                track.add(event)
+                if not isinstance(event, State):
+                    informative.happened(event, base)
         if until > base and (cut := window.cut(until - base)):
             track.notes.append(cut)
-        track.windows += [str(BagWindow(window.path, *found)) for found in minutes.best()]
+        track.windows += [str(BagWindow(window.path, *found)) for found in informative.best()]
         base = until + BETWEEN
     return tracker, track
 
@@ -176,7 +176,7 @@ def _summary(last: State, tracker: Tracker, track: Track) -> tuple[Table, list[s
     """Return what a person reads at the end: the parameters, and what happened."""
     from pendubot_identification.model.parameters import UNITS
     from pendubot_identification.report.table import Number, Table
-    from pendubot_identification.tracking.events import Burst
+    from pendubot_identification.tracking.events import Disturbance
 
     # The first one with a band worth showing.
     first = next((s for s in track.states if s.t > track.states[0].t + BETWEEN), last)
@@ -192,12 +192,12 @@ def _summary(last: State, tracker: Tracker, track: Track) -> tuple[Table, list[s
         )
     ]
     head = ['', f'at {last.t:.0f} s', '95 % +-', 'unit', f'at {first.t:.0f} s']
-    bursts = sum(isinstance(event, Burst) for event in track.events)
-    told = [str(event) for event in track.events if not isinstance(event, Burst)]
+    disturbances = sum(isinstance(event, Disturbance) for event in track.events)
+    changes = [str(event) for event in track.events if not isinstance(event, Disturbance)]
     happened = [
-        *(told[:SHOWN] or ['no change']),
-        *([f'and {len(told) - SHOWN} changes more'] if len(told) > SHOWN else []),
-        *([f'{bursts} times a torque from nowhere, such as a hand: nothing was learned from it'] if bursts else []),
+        *(changes[:SHOWN] or ['no change']),
+        *([f'and {len(changes) - SHOWN} changes more'] if len(changes) > SHOWN else []),
+        *([f'{disturbances} disturbances, such as pushes by hand: their motion was not used'] if disturbances else []),
         *(f'{what}, {times} times' for what, times in tracker.notes.items()),
         *track.notes,
         *([f'at the end nothing is followed: {tracker.reason}'] if tracker.reason else []),

@@ -64,7 +64,7 @@ class Readiness:
             raise ControlError(f'no rig has the parameters that came: {problems[0]}; identify the rig again')
         return parameters
 
-    def judge(self, level: Level, message: str, values: Mapping[str, str]) -> None:
+    def assess(self, level: Level, message: str, values: Mapping[str, str]) -> None:
         """Take an identification's judgement of its parameters; ``values`` has them by name, and ``effort.delay``."""
         self._judgements.append((level, message, values))
 
@@ -77,14 +77,14 @@ class Readiness:
         if not self._theta:
             raise ControlError('no parameters have come on pendubot/params; start the identifier')
         parameters = self.offer(self._theta)
-        lag = self._judged(accept_warn)
+        lag = self._assessed(accept_warn)
         if self._period is None:
             raise ControlError('too few samples have come on joint_states to know their rate; start the bridge')
         if self._motor_delay is not None:
             lag = self._motor_delay
         return parameters, Loop(self._period, lag, min(self._limit, self._board_limit))
 
-    def _judged(self, accept_warn: bool) -> float:
+    def _assessed(self, accept_warn: bool) -> float:
         """Return the delay [s], 0 if unknown, from the judgement of exactly these parameters if it is good enough."""
         how = 'set the parameter accept_warn to true to use them all the same'
         for level, message, values in reversed(self._judgements):

@@ -31,14 +31,15 @@ class Regression:
     """Residuals linear in theta: eps = y - phi theta."""
 
     phi: Array  #: regressor, shape (N, D).
-    y: Array  #: right-hand side, shape (N,): the torques' work [J], or impulses and work under a bump [N m, W].
+    #: right-hand side, shape (N,): the torques' work [J], or impulses and work under a test function [N m, W].
+    y: Array
     t: Array  #: the time [s] to which each residual belongs, shape (N,), not decreasing.
 
 
 def energy_regression(
     trajectory: Trajectory, window: float | None = None, smoothing: float = SMOOTHING, model: str = 'viscous'
 ) -> Regression:
-    """Return the energy balance of a motion over [t1, t2] for every t2.
+    """Return the energy residual of a motion over [t1, t2] for every t2.
 
         eps = integral of (tau1 - friction1) q1' + (tau2 - friction2) q2' dt - (E(t2) - E(t1))
 

@@ -67,7 +67,7 @@ class LikelihoodSettings:
 
 
 @dataclass(frozen=True, slots=True)
-class Readings:
+class FilterData:
     """Recordings as the filters take them: R recordings at K intervals, in the order of :class:`.filter.Samples`.
 
     Attributes:
@@ -97,12 +97,12 @@ class Readings:
     quantization: Array
 
     @classmethod
-    def of(cls, motions: Sequence[Motion], settings: LikelihoodSettings | None = None) -> Readings:
+    def of(cls, motions: Sequence[Motion], settings: LikelihoodSettings | None = None) -> FilterData:
         """Read recordings at every interval."""
         settings = settings or LikelihoodSettings()
         quantum = np.max([encoder_step(m.recorded.q) for m in motions], axis=0)
         ends = np.cumsum([0.0, *(m.end - m.start for m in motions)])
-        parts, row = list[_Reading](), 0
+        parts, row = list[_Series](), 0
         for level, interval in enumerate(settings.intervals):
             for number, motion in enumerate(motions):
                 chosen = _thinned(motion.recorded.t, interval)
@@ -120,7 +120,7 @@ class Readings:
                 weight = (~_at_rest(motion, settings.rest * quantum, settings.still)[chosen[1:]]).astype(float)
                 own = slice(row, row + len(t) - 1)
                 parts.append(
-                    _Reading(level, number, motion, t, motion.recorded.q[chosen], edges, rows, passed, weight, own)
+                    _Series(level, number, motion, t, motion.recorded.q[chosen], edges, rows, passed, weight, own)
                 )
                 row = own.stop
         steps = max(len(p.rows) for p in parts)
@@ -198,7 +198,7 @@ class Readings:
         return tau
 
 
-class _Reading(NamedTuple):
+class _Series(NamedTuple):
     """A recording at one interval: what was read when, the steps between, and where it stands among all."""
 
     level: int
@@ -267,19 +267,19 @@ class Evaluation:
 class Likelihood:
     """J as a function of x: theta (14), delay, both offsets, effects, and at each level log r and log sigma."""
 
-    readings: Readings
+    filter_data: FilterData
     effects: tuple[Extension, ...] = ()
     scale: Array = field(default_factory=lambda: np.ones(SHARED))
     _impulses: dict[bytes, list[PPoly]] = field(default_factory=dict, repr=False)
 
-    def of(self, readings: Readings) -> Likelihood:
-        """Return the same function of other readings."""
-        return replace(self, readings=readings, _impulses={})
+    def of(self, filter_data: FilterData) -> Likelihood:
+        """Return the same function of other filter data."""
+        return replace(self, filter_data=filter_data, _impulses={})
 
     @property
     def levels(self) -> int:
         """At how many intervals the recordings are read."""
-        return len(self.readings.settings.intervals)
+        return len(self.filter_data.settings.intervals)
 
     @property
     def shared(self) -> int:
@@ -323,18 +323,18 @@ class Likelihood:
             coefficient=np.concatenate(coefficients) if coefficients else np.zeros((0, count)),
             table=table,
         )
-        return replace(self.readings.samples, tau=tau), vectors, tuple(terms)
+        return replace(self.filter_data.samples, tau=tau), vectors, tuple(terms)
 
     def _torques(self, key: Array, shapes: list[tuple[Shape, Array]], lane: int) -> Array:
         made = key[1:].tobytes()
         if made not in self._impulses:
             if len(self._impulses) > 30:
                 self._impulses.clear()
-            motions = self.readings.motions
+            motions = self.filter_data.motions
             for shape, own in shapes:
                 motions = tuple(shape(m, own[:, lane]) for m in motions)
             self._impulses[made] = [m.impulse for m in motions]
-        return self.readings.torques(self._impulses[made], float(key[0]))
+        return self.filter_data.torques(self._impulses[made], float(key[0]))
 
     def innovations(self, x: Array) -> tuple[Array, Array]:
         """Return innovations and their scales squared, shapes (N, 2)."""
@@ -348,18 +348,18 @@ class Likelihood:
         return self._costs(e, s)
 
     def _costs(self, e: Array, s: Array) -> Array:
-        readings, nu = self.readings, self.readings.settings.freedom
+        filter_data, nu = self.filter_data, self.filter_data.settings.freedom
         if np.isinf(nu):
             each = np.log(s) / 2 + e * e / s / 2
         else:
             each = np.log(s) / 2 + (nu + 1) / 2 * np.log1p(e * e / (nu * s))
-        each = (np.where(readings.weight[:, None] > 0, each, 0.0)).sum(axis=1) / self.levels
-        return np.asarray(np.bincount(readings.block, each, minlength=len(readings.owner)), dtype=float)
+        each = (np.where(filter_data.weight[:, None] > 0, each, 0.0)).sum(axis=1) / self.levels
+        return np.asarray(np.bincount(filter_data.block, each, minlength=len(filter_data.owner)), dtype=float)
 
     @np.errstate(all='ignore')
     def evaluate(self, x: Array, free: Flags) -> Evaluation:
         """Return J with its slopes and information, by differences, of those unknowns that are free."""
-        readings, nu = self.readings, self.readings.settings.freedom
+        filter_data, nu = self.filter_data, self.filter_data.settings.freedom
         shared = np.flatnonzero(free[: self.shared])
         steps = 1e-5 * self.scale[shared]
         lanes = np.repeat(x[:, None], 1 + len(shared) + 4, axis=1)
@@ -372,21 +372,21 @@ class Likelihood:
         de, ds = (np.ascontiguousarray((each[:, :, 1:] - each[:, :, :1]) / by) for each in (e, s))
         e, s = e[:, :, 0], s[:, :, 0]
         costs = self._costs(e, s)
-        w = np.broadcast_to(readings.weight[:, None] / self.levels, e.shape)
+        w = np.broadcast_to(filter_data.weight[:, None] / self.levels, e.shape)
         if np.isinf(nu):
             to_e, to_s, ee, ss = e / s, 0.5 / s - e * e / (2 * s * s), 1 / s, 0.5 / s**2
         else:
             to_e = (nu + 1) * e / (nu * s + e * e)
             to_s = 0.5 / s - (nu + 1) / 2 * e * e / (s * (nu * s + e * e))
             ee, ss = (nu + 1) / ((nu + 3) * s), nu / (2 * (nu + 3) * s * s)
-        count = len(readings.owner)
+        count = len(filter_data.owner)
         slopes, informations = np.zeros((count, self.size)), np.zeros((count, self.size, self.size))
-        for g, rows in enumerate(readings.rows):
-            index = np.concatenate([shared, own[readings.samples.level[g]]])
-            first = rows.start + np.append(0, np.flatnonzero(np.diff(readings.block[rows])) + 1)
+        for g, rows in enumerate(filter_data.rows):
+            index = np.concatenate([shared, own[filter_data.samples.level[g]]])
+            first = rows.start + np.append(0, np.flatnonzero(np.diff(filter_data.block[rows])) + 1)
             for part in map(slice, first, [*first[1:], rows.stop]):
                 a, b = de[part].reshape(-1, len(index)), ds[part].reshape(-1, len(index))
-                weight, block = w[part].ravel(), readings.block[part.start]
+                weight, block = w[part].ravel(), filter_data.block[part.start]
                 slopes[block, index] += (weight * to_e[part].ravel()) @ a + (weight * to_s[part].ravel()) @ b
                 informations[block][np.ix_(index, index)] += (a * (weight * ee[part].ravel())[:, None]).T @ a
                 informations[block][np.ix_(index, index)] += (b * (weight * ss[part].ravel())[:, None]).T @ b
@@ -394,13 +394,13 @@ class Likelihood:
 
     def prior(self, x: Array) -> float:
         """Return what the offsets cost."""
-        return float((x[15:17] ** 2).sum() / self.readings.settings.offset**2 / 2)
+        return float((x[15:17] ** 2).sum() / self.filter_data.settings.offset**2 / 2)
 
 
 def fitted_information(likelihood: Likelihood, evaluation: Evaluation, x: Array) -> tuple[Array, Array]:
     """Return slope and information of all blocks and the prior together, shapes (P,), (P, P)."""
     prior = np.zeros(len(x))
-    prior[[15, 16]] = 1 / likelihood.readings.settings.offset**2
+    prior[[15, 16]] = 1 / likelihood.filter_data.settings.offset**2
     return evaluation.slopes.sum(axis=0) + prior * x, evaluation.informations.sum(axis=0) + np.diag(prior)
 
 

@@ -25,7 +25,7 @@ from pendubot_identification.model.parameters import Bounds
 from pendubot_identification.model.rollout import roll, sensitivities
 from pendubot_identification.trajectories.motion import Motion
 
-from .likelihood import Readings, bounded_step, physical
+from .likelihood import FilterData, bounded_step, physical
 
 Array = NDArray[np.float64]
 
@@ -143,7 +143,7 @@ def refine(
     delay: float,
     offset: Array,
     bounds: Bounds,
-    readings: Readings,
+    filter_data: FilterData,
     settings: PredictionSettings | None = None,
 ) -> PredictionFit:
     """Minimise the prediction errors near the composite likelihood's answer.
@@ -159,7 +159,7 @@ def refine(
         delay: of the effort [s].
         offset: of the positions [rad], shape (2,).
         bounds: of theta.
-        readings: of the same recordings, for their blocks of time.
+        filter_data: of the same recordings, for their blocks of time.
         settings: see :class:`PredictionSettings`.
     """
     settings = settings or PredictionSettings()
@@ -167,10 +167,10 @@ def refine(
     if not len(simulations.t):
         raise TrajectoryError(f'all recordings are shorter than {max(settings.horizons):g} s; choose longer windows')
     number = simulations.recording
-    block = np.concatenate([readings.block_of(k, simulations.t[number == k]) for k in range(len(motions))])
+    block = np.concatenate([filter_data.block_of(k, simulations.t[number == k]) for k in range(len(motions))])
     duration = sum(m.end - m.start for m in motions)
     criterion = _Criterion(
-        simulations, theta, prior, pull, block, len(readings.owner), len(motions), duration, settings
+        simulations, theta, prior, pull, block, len(filter_data.owner), len(motions), duration, settings
     )
     for _ in range(settings.alternations):
         scaled = criterion.scales(theta)

@@ -25,9 +25,9 @@ BLOCK = 256
 
 @dataclass(frozen=True, slots=True)
 class Quadratic:
-    """J(theta) = |phi theta - y|^2 / N, held as the triangle of the QR factorisation of [phi, y]."""
+    """J(theta) = |phi theta - y|^2 / N, held as the R factor of the QR factorisation of [phi, y]."""
 
-    triangle: Array  #: shape (D+1, D+1), upper triangular.
+    r_factor: Array  #: shape (D+1, D+1), upper triangular.
     count: int  #: N, the number of residuals it stands for.
     #: What an indefinite mass matrix costs, see :class:`Penalised`.
     worth: ClassVar[float] = 0.0
@@ -35,41 +35,41 @@ class Quadratic:
     @classmethod
     def reduce(cls, phi: Array, y: Array) -> Quadratic:
         """Reduce N residuals, ``phi`` of shape (N, D) and ``y`` of shape (N,)."""
-        return cls(_triangle(np.column_stack([phi, y])), len(y))
+        return cls(_r_factor(np.column_stack([phi, y])), len(y))
 
     @classmethod
     def pool(cls, parts: Sequence[Quadratic]) -> Quadratic:
         """Return the criterion of all the residuals together."""
-        return cls(_triangle(np.vstack([part.triangle for part in parts])), sum(part.count for part in parts))
+        return cls(_r_factor(np.vstack([part.r_factor for part in parts])), sum(part.count for part in parts))
 
     def scaled(self, factor: float) -> Quadratic:
         """Return the criterion of residuals multiplied by a factor."""
-        return Quadratic(self.triangle * factor, self.count)
+        return Quadratic(self.r_factor * factor, self.count)
 
     def along(self, directions: Array) -> Quadratic:
         """Return the criterion of x, shape (F,), where theta = directions @ x, shape (D, F)."""
-        rows = np.column_stack([self.triangle[:, :-1] @ directions, self.triangle[:, -1]])
-        return Quadratic(_triangle(rows), self.count)
+        rows = np.column_stack([self.r_factor[:, :-1] @ directions, self.r_factor[:, -1]])
+        return Quadratic(_r_factor(rows), self.count)
 
     @property
     def phi(self) -> Array:
         """The reduced regressor, shape (D, D)."""
-        return self.triangle[:-1, :-1]
+        return self.r_factor[:-1, :-1]
 
     @property
     def y(self) -> Array:
         """The reduced right-hand side, shape (D,)."""
-        return self.triangle[:-1, -1]
+        return self.r_factor[:-1, -1]
 
     @property
     def floor(self) -> float:
         """The part of J that no theta removes."""
-        return float(self.triangle[-1, -1] ** 2 / self.count)
+        return float(self.r_factor[-1, -1] ** 2 / self.count)
 
     @property
     def root(self) -> Array:
-        """The triangle over the root of N: J is |root [theta, -1]|^2."""
-        return self.triangle / math.sqrt(self.count)
+        """The R factor over the root of N: J is |root [theta, -1]|^2."""
+        return self.r_factor / math.sqrt(self.count)
 
     def __call__(self, theta: ArrayLike) -> Array:
         """Return J for parameter vectors of shape (..., D), as an array of shape (...).
@@ -222,15 +222,15 @@ def _ratios(bounds: Bounds, side: float) -> tuple[float, float]:
     return math.log(least), math.log(greatest)
 
 
-def _triangle(rows: Array) -> Array:
-    """Return the triangle of a QR factorisation, of blocks first and then of their triangles."""
+def _r_factor(rows: Array) -> Array:
+    """Return the R factor of a QR factorisation, of blocks first and then of their R factors."""
     width = rows.shape[1]
     block = max(BLOCK, 4 * width)
-    whole = len(rows) // block
-    if whole > 1:
-        blocks = rows[: whole * block].reshape(whole, block, width)
-        triangles = np.asarray(np.linalg.qr(blocks, mode='r')).reshape(-1, width)
-        return _triangle(np.concatenate([triangles, rows[whole * block :]]))
+    total = len(rows) // block
+    if total > 1:
+        blocks = rows[: total * block].reshape(total, block, width)
+        r_factors = np.asarray(np.linalg.qr(blocks, mode='r')).reshape(-1, width)
+        return _r_factor(np.concatenate([r_factors, rows[total * block :]]))
     if len(rows) < width:
         rows = np.concatenate([rows, np.zeros((width - len(rows), width))])
     return np.asarray(np.linalg.qr(rows, mode='r'))

@@ -1,10 +1,10 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The weak criterion: the balances of both joints' momentum and of energy, weighted in time by smooth bumps.
+"""The weak criterion: residuals of both joints' momentum and of energy, under smooth test functions.
 
-Each balance says that a function of the state, p, changes by what is done to it. Multiplied with a bump w(t) that is
-zero at both ends and integrated, the change becomes ``- integral of w' p dt``: no acceleration appears.
+Each residual says that a function of the state, p, changes by what is done to it. Multiplied with a test function w(t)
+that is zero at both ends and integrated, the change becomes ``- integral of w' p dt``: no acceleration appears.
 
     - integral w' p_i dt - integral w dL/dq_i dt = integral w (tau_i - friction_i) dt        for both joints
     - integral w' E dt = integral w (tau - friction) q' dt
@@ -12,8 +12,9 @@ zero at both ends and integrated, the change becomes ``- integral of w' p dt``: 
     p1 = (P1 + P2 + 2 P3 c2) q1' + (P2 + P3 c2) q2'     dL/dq1 = -G1
     p2 = (P2 + P3 c2) q1' + (P2 + J2) q2'               dL/dq2 = -P3 s2 q1' (q1' + q2') - G2
 
-All of this is linear in theta. The integrals are sums of the balances of short cells of time, weighted with w in the
-middle of the cell; summed by parts, that is what stands above (Messenger and Bortz, Multiscale Model. Simul. 19, 2021).
+All of this is linear in theta. The integrals are sums of the weak-form residuals of short cells of time, weighted with
+w in the middle of the cell; summed by parts, that is what stands above (Messenger and Bortz, Multiscale Model. Simul.
+19, 2021).
 """
 
 from __future__ import annotations
@@ -38,13 +39,14 @@ from .quadratic import Quadratic
 
 Array = NDArray[np.float64]
 
-#: Of a bump, from zero to zero [s].
+#: Of a test function, from zero to zero [s].
 WIDTH = 0.3
-#: From one bump to the next [s].
+#: From one test function to the next [s].
 STRIDE = 0.01
 #: The longest cell [s]: within it the motion of a bench-top rig is nearly straight.
 LONGEST_CELL = 0.005
-#: Of the balances of the shoulder's momentum, the elbow's [both N m], and energy [W, divided by about a rig's speed].
+#: Of the weak-form residuals of the shoulder's momentum, the elbow's [both N m], and energy [W, divided by about a
+#: rig's speed].
 WEIGHTS = (1.0, 1.0, 1 / 3)
 #: Steps of the first search for a delay [s]: pulses that change from sample to sample make a narrow valley.
 DELAY_STEP = 0.005
@@ -53,7 +55,7 @@ DELAY_STEP = 0.005
 TELLING = 0.98
 #: So many columns of the largest model no torque changes; the others are those of k1 and k2, by which friction grows.
 STILL = 12
-#: How often bumps begin in the search for a delay [s]; more of them tell little more.
+#: How often test functions begin in the search for a delay [s]; more of them tell little more.
 DELAY_STRIDE = 0.03
 
 
@@ -66,30 +68,30 @@ def weak_regression(
     stride: float = STRIDE,
     coarse: bool = False,
 ) -> Regression:
-    """Return the three balances of a motion under each of K bumps, one every ``stride`` [s].
+    """Return the three weak-form residuals of a motion under each of K test functions, one every ``stride`` [s].
 
     ``model`` is one of :data:`.parameters.MODELS`; ``delay`` that of the effort [s]: what acts at t is the torque
-    recorded at t - delay; ``weights`` are factors of the three balances, see :func:`balance_weights`. Where they are
-    but compared, ``coarse`` sums over the longest cells, however near the samples are.
+    recorded at t - delay; ``weights`` are factors of the three weak-form residuals, see :func:`residual_weights`. Where
+    they are but compared, ``coarse`` sums over the longest cells, however near the samples are.
 
     Returns:
-        3 K residuals [N m; of energy W times its weight] in the order of time, of each bump those of shoulder, elbow,
-        energy. ``phi`` has a column for each of the model's parameters.
+        3 K residuals [N m; of energy W times its weight] in the order of time, of each test function those of shoulder,
+        elbow, energy. ``phi`` has a column for each of the model's parameters.
 
     Raises:
-        TrajectoryError: the motion is shorter than the bump, or faster than a rig can be.
+        TrajectoryError: the motion is shorter than the test function, or faster than a rig can be.
     """
-    bumps = _Bumps.cover(motion, stride, delay, delay, coarse)
-    rows = _Balances(motion, bumps).rows(delay) * np.reshape(weights, (3, 1))
+    test_functions = _TestFunctions.cover(motion, stride, delay, delay, coarse)
+    rows = _WeakResiduals(motion, test_functions).rows(delay) * np.reshape(weights, (3, 1))
     weighted = rows.reshape(-1, rows.shape[2])
-    return Regression(weighted[:, : MODELS[model]], weighted[:, -1], np.repeat(bumps.centres, 3))
+    return Regression(weighted[:, : MODELS[model]], weighted[:, -1], np.repeat(test_functions.centres, 3))
 
 
-def balance_weights(regressions: Sequence[Regression], bounds: Bounds) -> Array:
-    """Return the weights of the three balances with which their residuals are of one size, shape (3,).
+def residual_weights(regressions: Sequence[Regression], bounds: Bounds) -> Array:
+    """Return the weights that bring the three weak-form residuals to one size, shape (3,).
 
     Smoothed and quantised velocities spoil the energy, where they enter squared, more than the momenta, and a small
-    elbow's balance would else drown in the shoulder's. The weights are found in turn with the parameters; that of the
+    elbow's residual would else drown in the shoulder's. The weights are found in turn with the parameters; that of the
     shoulder stays 1, so that J keeps its unit. ``regressions``: of :func:`weak_regression`, all weights 1, one a
     recording.
     """
@@ -117,19 +119,19 @@ def estimate_delay(
     It is negative where the recorded torque lags behind the one that acted.
 
     Raises:
-        TrajectoryError: a motion is shorter than the bump and the range of delays together.
+        TrajectoryError: a motion is shorter than the test function and the range of delays together.
     """
     size = MODELS[model]
 
-    def balances_of(motion: Motion) -> _Balances:
+    def residuals_of(motion: Motion) -> _WeakResiduals:
         cover = DELAY_STRIDE, lowest, highest, True
-        return motion.once(cover, lambda: _Balances(motion, _Bumps.cover(motion, *cover)))
+        return motion.once(cover, lambda: _WeakResiduals(motion, _TestFunctions.cover(motion, *cover)))
 
-    balances = [balances_of(motion) for motion in motions]
+    residuals = [residuals_of(motion) for motion in motions]
 
     def criterion_at(delay: float) -> tuple[Quadratic, float]:
         """Return the criterion, and the effort in it."""
-        parts = np.stack([each.triangles(delay) for each in balances]) * np.reshape(weights, (3, 1, 1))
+        parts = np.stack([each.r_factors(delay) for each in residuals]) * np.reshape(weights, (3, 1, 1))
         rows = parts.reshape(-1, parts.shape[-1])
         criterion = Quadratic.reduce(rows[:, :size], rows[:, -1])
         return criterion, float(criterion(np.zeros(size)))
@@ -156,18 +158,18 @@ def estimate_delay(
 
 
 @dataclass(frozen=True, slots=True)
-class _Bumps:
+class _TestFunctions:
     """Bumps that cover a motion, and the cells of time over which they are summed."""
 
     origin: float  #: the motion's start [s].
     start: float  #: where the first cell begins [s].
     step: float  #: a cell's length [s].
     cells: int  #: how many there are.
-    weights: Array  #: of the cells under one bump [1/s], with integral 1.
-    stride: int  #: cells from one bump to the next.
+    weights: Array  #: of the cells under one test function [1/s], with integral 1.
+    stride: int  #: cells from one test function to the next.
 
     @classmethod
-    def cover(cls, motion: Motion, stride: float, lowest: float, highest: float, coarse: bool) -> _Bumps:
+    def cover(cls, motion: Motion, stride: float, lowest: float, highest: float, coarse: bool) -> _TestFunctions:
         """Cover what is known of a motion for delays of the effort from ``lowest`` to ``highest`` [s]."""
         start, end = motion.start + max(highest, 0.0), motion.end + min(lowest, 0.0)
         longest = LONGEST_CELL if coarse else min(motion.interval, LONGEST_CELL)
@@ -181,8 +183,8 @@ class _Bumps:
                 'choose a longer part of the recording'
             )
         x = (np.arange(under) + 0.5) / under * 2 - 1
-        bump = (1 - x**2) ** 3
-        return cls(motion.start, start, step, cells, bump / (bump.sum() * step), per_stride)
+        test_function = (1 - x**2) ** 3
+        return cls(motion.start, start, step, cells, test_function / (test_function.sum() * step), per_stride)
 
     def __len__(self) -> int:
         return (self.cells - len(self.weights)) // self.stride + 1
@@ -194,18 +196,18 @@ class _Bumps:
 
     @property
     def centres(self) -> Array:
-        """The bumps' middles [s], shape (K,)."""
+        """The test functions' middles [s], shape (K,)."""
         return self.nodes[:: self.stride][: len(self)] + len(self.weights) * self.step / 2
 
     def columns(self, cells: dict[tuple[int, int], Array], count: int) -> Array:
-        """Return the sums of cells' own integrals, shapes (cells,), by balance and column: shape (K, 3, count)."""
+        """Return the sums of cells' own integrals, shapes (cells,), by residual and column: shape (K, 3, count)."""
         result, (balance, column) = np.zeros((len(self), 3, count)), zip(*cells, strict=True)
         result[:, balance, column] = self._sums(list(cells.values()))
         return result
 
     def _sums(self, cells: Sequence[Array]) -> Array:
-        """Return what every bump makes of n rows of cells, shape (K, n)."""
-        # Neighbouring bumps are summed together, by one matrix product.
+        """Return what every test function makes of n rows of cells, shape (K, n)."""
+        # Neighbouring test functions are summed together, by one matrix product.
         under, count = len(self.weights), -(-len(self.weights) // self.stride)
         together, reach = count * self.stride, (count - 1) * self.stride + under
         weights = np.zeros((count, reach))
@@ -219,22 +221,22 @@ class _Bumps:
         return np.asarray(sums[:, : len(self)].T)
 
 
-class _Balances:
-    """The three balances of a motion under K bumps, with all columns of the largest model, at any delay of the effort.
+class _WeakResiduals:
+    """The three weak-form residuals of a motion under K test functions, for the largest model and any input delay.
 
     What no delay changes is made once.
     """
 
-    def __init__(self, motion: Motion, bumps: _Bumps) -> None:
-        self._impulse, self._bumps, self._nodes = motion.impulse, bumps, bumps.nodes
-        self._triangles: dict[float, Array] = {}
+    def __init__(self, motion: Motion, test_functions: _TestFunctions) -> None:
+        self._impulse, self._test_functions, self._nodes = motion.impulse, test_functions, test_functions.nodes
+        self._r_factors: dict[float, Array] = {}
         states = np.ascontiguousarray(motion.states(self._nodes))
         q, v = states[:2], states[2:]
-        require_plausible_speed(motion.name, self._nodes - bumps.origin, v.T, motion.interval)
+        require_plausible_speed(motion.name, self._nodes - test_functions.origin, v.T, motion.interval)
         (q1, q2), (v1, v2), v12 = q, v, v.sum(axis=0)
         c2, gravity = np.cos(q2), GRAVITY * np.cos(q1 + q2)
         sense, stribeck, _ = np.moveaxis(dry_friction_terms(v, np.zeros_like(v)), -1, 0)
-        # By balance and column what changes by what happens meanwhile: every balance is "change of this = integral of
+        # By residual and column what changes by what happens meanwhile: every residual is "change of this = integral of
         # that".
         change = {(0, 0): v1, (0, 1): v12, (1, 1): v12, (0, 2): c2 * (v1 + v12), (1, 2): c2 * v1, (1, 9): v2}
         change |= {(2, k): term for k, term in enumerate(energy_terms(q.T, v.T).T)} | {(2, 9): v2**2 / 2}
@@ -243,28 +245,30 @@ class _Balances:
             happens |= {(joint, first + joint): friction[joint] for joint in (0, 1)}
             happens |= {(2, first + joint): friction[joint] * v[joint] for joint in (0, 1)}
         #: The columns that no torque changes, shape (K, 3, STILL).
-        self._still = bumps.columns({place: np.diff(values) for place, values in change.items()}, STILL)
-        self._still += bumps.columns({place: _means(values) * bumps.step for place, values in happens.items()}, STILL)
+        self._still = test_functions.columns({place: np.diff(values) for place, values in change.items()}, STILL)
+        self._still += test_functions.columns(
+            {place: _means(values) * test_functions.step for place, values in happens.items()}, STILL
+        )
         self._sense, self._sensed = _means(sense), _means(sense * v)
         self._angles = PPoly(np.ascontiguousarray(motion.smoothed.c[:, :, :2]), motion.smoothed.x)
 
-    def triangles(self, delay: float) -> Array:
-        """Return the triangle of the QR factorisation of each balance, shape (3, 15, 15)."""
-        if delay not in self._triangles:
-            basis, triangle = self._factors
-            moved = _by_balance(self._moved(delay))
+    def r_factors(self, delay: float) -> Array:
+        """Return the R factor of the QR factorisation of each residual, shape (3, 15, 15)."""
+        if delay not in self._r_factors:
+            basis, r_factor = self._factors
+            moved = _by_equation(self._moved(delay))
             along = basis.transpose(0, 2, 1) @ moved
             made = np.zeros((3, STILL + 3, STILL + 3))
-            made[:, :STILL, :STILL], made[:, :STILL, STILL:] = triangle, along
+            made[:, :STILL, :STILL], made[:, :STILL, STILL:] = r_factor, along
             made[:, STILL:, STILL:] = np.linalg.qr(moved - basis @ along, mode='r')
-            self._triangles[delay] = made
-        return self._triangles[delay]
+            self._r_factors[delay] = made
+        return self._r_factors[delay]
 
     @cached_property
     def _factors(self) -> tuple[Array, Array]:
         """The QR factorisation of what no torque changes: most of that of all, at any delay."""
-        basis, triangle = np.linalg.qr(_by_balance(self._still))
-        return basis, triangle
+        basis, r_factor = np.linalg.qr(_by_equation(self._still))
+        return basis, r_factor
 
     def rows(self, delay: float) -> Array:
         """Return the columns of all parameters and what the torques do, shape (K, 3, 15)."""
@@ -286,10 +290,10 @@ class _Balances:
         columns = {(balance, 2): cells[balance] for balance in range(3)}
         for joint, load in enumerate(cells[3:]):
             columns |= {(joint, joint): self._sense[joint] * load, (2, joint): self._sensed[joint] * load}
-        return self._bumps.columns(columns, 3)
+        return self._test_functions.columns(columns, 3)
 
 
-def _by_balance(rows: Array) -> Array:
+def _by_equation(rows: Array) -> Array:
     """Return rows of shape (K, 3, C) as (3, K, C), with as many as a QR factorisation of all columns needs."""
     return np.asarray(np.pad(rows, ((0, max(0, STILL + 3 - len(rows))), (0, 0), (0, 0))).swapaxes(0, 1))
 

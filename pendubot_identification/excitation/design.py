@@ -47,7 +47,7 @@ COORDINATES = ('period', 'width', 'amplitude_min', 'amplitude_max', 'hold', 'see
 #: Ranges that are searched: period [s] and hold [s] up to these, width from this.
 LONGEST_PERIOD, LONGEST_HOLD, NARROWEST = 5.0, 1.0, 0.02
 #: What a pendubot can tell: all but k2, the friction that the elbow's torque makes, for there is none.
-TOLD = NAMES.index('k2')
+IDENTIFIABLE = NAMES.index('k2')
 #: Numbers are rounded to so many digits, as they stand in the exciter's file.
 DIGITS = 3
 
@@ -190,8 +190,8 @@ def design(
     def costs(points: Array) -> Array:
         trains = [_train(u, limits, experiment.interval) for u in points[0]]
         candidates = predict(parameters, trains, experiment, limits)
-        told = [candidate for candidate in candidates if np.isfinite(candidate.log_information)]
-        found[:] = sorted(found + told, key=lambda each: -each.log_information)[:FINALISTS]
+        informative = [candidate for candidate in candidates if np.isfinite(candidate.log_information)]
+        found[:] = sorted(found + informative, key=lambda each: -each.log_information)[:FINALISTS]
         return np.array([[_cost(candidate, limits) for candidate in candidates]])
 
     def tell(generation: int, _: float) -> None:
@@ -264,7 +264,8 @@ def _simulated(theta: Array, tau: Array, step: float) -> tuple[Array, Array, Arr
 
 
 def _information(theta: Array, states: Array, tau: Array, step: float, experiment: Experiment) -> Array:
-    """Return the information of each motion, shape (C, D, D), D at most TOLD, parameters in units of their values.
+    """Return the information of each motion, shape (C, D, D), D at most IDENTIFIABLE, parameters in units of their
+    values.
 
     Initial states and the effort's delay are unknown, too, and condensed out.
     """
@@ -284,7 +285,7 @@ def _information(theta: Array, states: Array, tau: Array, step: float, experimen
     rows = np.moveaxis(jacobian, 3, 0).reshape(count * lanes, -1, jacobian.shape[2])
     normal = (rows.transpose(0, 2, 1) @ rows).reshape(count, lanes, *[jacobian.shape[2]] * 2)
     # The delay is one for all segments of a motion, an initial state each segment's own.
-    return _condensed(_condensed(normal, 4).sum(axis=0), 1)[:, :TOLD, :TOLD]
+    return _condensed(_condensed(normal, 4).sum(axis=0), 1)[:, :IDENTIFIABLE, :IDENTIFIABLE]
 
 
 def _log_determinant(information: Array) -> float:

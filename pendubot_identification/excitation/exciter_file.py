@@ -13,7 +13,7 @@ from typing import Any
 
 from pendubot_identification.errors import ParameterError, ResultError
 from pendubot_identification.excitation.excitation import PulseTrain
-from pendubot_identification.files import read_yaml, write_whole
+from pendubot_identification.files import read_yaml, write_atomically
 from pendubot_identification.parameter_files import addressed
 from pendubot_identification.resources import resource
 
@@ -32,7 +32,7 @@ def write_exciter(
     text = resource(TEMPLATE).read_text(encoding='utf-8')
     for name, value in {**asdict(train), 'duration': float(duration)}.items():
         text = re.sub(rf'^( *{name}:).*$', rf'\g<1> {value!r}', text, flags=re.MULTILINE)
-    write_whole(path, ''.join(f'# {line}\n' for line in comments) + text, overwrite=overwrite)
+    write_atomically(path, ''.join(f'# {line}\n' for line in comments) + text, overwrite=overwrite)
 
 
 def read_exciter(path: Path) -> tuple[PulseTrain, float]:

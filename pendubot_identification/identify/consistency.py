@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtr
 
-from pendubot_identification.criteria.likelihood import Likelihood, Readings, fit
+from pendubot_identification.criteria.likelihood import FilterData, Likelihood, fit
 
 from .effects import Problem
 from .estimate import Zeros
@@ -105,8 +105,8 @@ def contradictions(answer: Composite, settings: ConsistencySettings | None = Non
 def _own(answer: Composite, number: int) -> Array:
     """Return the parameters of one recording alone, at the shortest interval."""
     rough = answer.rough
-    readings = Readings.of([answer.data.motions[number]], rough.likelihood.readings.settings)
-    like = Likelihood(readings, rough.likelihood.effects, rough.likelihood.scale)
+    filter_data = FilterData.of([answer.data.motions[number]], rough.likelihood.filter_data.settings)
+    like = Likelihood(filter_data, rough.likelihood.effects, rough.likelihood.scale)
     try:
         found = fit(like, rough.fit.x, rough.lower, rough.upper, 20, 1.0)
     except FloatingPointError:
@@ -116,11 +116,11 @@ def _own(answer: Composite, number: int) -> Array:
 
 def recorded_zeros(rough: Problem) -> Zeros:
     """Return how far off the zeros of each recording's positions are: one scoring step of the offsets alone."""
-    readings, blocks, at = rough.likelihood.readings, rough.fit.evaluation, [15, 16]
-    count = len(readings.motions)
+    filter_data, blocks, at = rough.likelihood.filter_data, rough.fit.evaluation, [15, 16]
+    count = len(filter_data.motions)
     angles, std_error = np.full((2, count), math.nan), np.full((2, count), math.nan)
     for k in range(count):
-        own = readings.owner == k
+        own = filter_data.owner == k
         slopes, information = blocks.slopes[own][:, at], blocks.informations[own].sum(axis=0)[np.ix_(at, at)]
         if np.linalg.cond(information) > 1e12:
             continue
@@ -128,21 +128,21 @@ def recorded_zeros(rough: Problem) -> Zeros:
         moves = slopes @ inverse
         angles[:, k] = rough.fit.x[at] - moves.sum(axis=0)
         std_error[:, k] = np.sqrt(np.diag(inverse) + len(moves) * moves.var(axis=0))
-    return Zeros(tuple(m.name for m in readings.motions), angles, std_error)
+    return Zeros(tuple(m.name for m in filter_data.motions), angles, std_error)
 
 
 def disturbances(rough: Problem, settings: ConsistencySettings | None = None) -> Iterator[str]:
     """Say where innovations are too large for their own distribution."""
-    settings, readings = settings or ConsistencySettings(), rough.likelihood.readings
+    settings, filter_data = settings or ConsistencySettings(), rough.likelihood.filter_data
     e, s = rough.likelihood.innovations(rough.fit.x)
     z = np.abs(e) / np.sqrt(s)
-    chance = 2 * stdtr(readings.settings.freedom, -z) * z.size
-    large = (chance < settings.significance).any(axis=1) & (readings.weight > 0)
+    chance = 2 * stdtr(filter_data.settings.freedom, -z) * z.size
+    large = (chance < settings.significance).any(axis=1) & (filter_data.weight > 0)
     said = []
-    for g, rows in enumerate(readings.rows):
+    for g, rows in enumerate(filter_data.rows):
         # The first speed is not known: what it makes is no disturbance.
-        known = readings.t[rows] > readings.t[rows.start] + settings.joined
-        motion, t = readings.motions[readings.recording[g]], readings.t[rows][large[rows] & known]
+        known = filter_data.t[rows] > filter_data.t[rows.start] + settings.joined
+        motion, t = filter_data.motions[filter_data.recording[g]], filter_data.t[rows][large[rows] & known]
         for part in np.split(t, np.flatnonzero(np.diff(t) > settings.joined) + 1):
             if len(part):
                 said.append(f'{motion.name} at {part[0] - motion.start:.1f} s')

@@ -82,7 +82,7 @@ class DiagnosisSettings:
     #: A zero or an offset that divides the fraction by so much made some parameter wrong by a sixth and more.
     severe: float = 5.0
     #: Corrections that leave up to so many times as much as the best one are named beside it.
-    alike: float = 1.5
+    tied: float = 1.5
     #: Another smoothing and hold than were given must divide the fraction by so much: half an interval looks like a
     #: delay.
     reread: float = 10.0
@@ -120,7 +120,7 @@ class Fault:
         delay: of the effort [s], when the fault is put right by it; None for other faults.
         change: what is done to the motion to put it right; None where nothing is.
         options: of reading the recordings by which they are put right, as far as that is known.
-        mended: how they are then read.
+        corrected_conversion: how they are then read.
     """
 
     name: str
@@ -132,7 +132,7 @@ class Fault:
     delay: float | None = None
     change: Affine | None = None
     options: tuple[str, ...] = ()
-    mended: Conversion | None = None
+    corrected_conversion: Conversion | None = None
 
     @property
     def sentence(self) -> str:
@@ -222,18 +222,18 @@ def diagnose(
     rig = _Rig(tuple(m for m in motions if m.recorded.duration >= SETTINGS.shortest), delay)
     if not any(t.tau.any() for t in rig.trajectories):
         return ()
-    cured, left, faults = _cured(rig)
+    corrected, left, faults = _corrected(rig)
     if faults or left > SETTINGS.unfit:
         # Of spoiled data smoothing and hold, where these were chosen from them, are spoiled as well.
         how = min(smoothing, SMOOTHING), 'linear' if hold == 'zero' else 'zero'
         other = tuple(Motion.prepare(t, *how) for t in rig.trajectories)
-        if (found := _cured(_Rig(other, delay)))[1] * SETTINGS.reread < left:
-            cured, left, faults = found
+        if (found := _corrected(_Rig(other, delay)))[1] * SETTINGS.reread < left:
+            corrected, left, faults = found
     if not faults:
         faults = _unfit(rig)
-    faults += _unit(cured)
+    faults += _unit(corrected)
     if expected_link_length is not None:
-        length, error = link_length(cured.motions, model, cured.delay)
+        length, error = link_length(corrected.motions, model, corrected.delay)
         tolerance = max(SETTINGS.length_errors * error, SETTINGS.length_part * expected_link_length)
         if abs(length - expected_link_length) > tolerance:
             faults.append(
@@ -252,19 +252,22 @@ def with_options(faults: Iterable[Fault], reading: Conversion) -> tuple[Fault, .
     """Return faults with the options that put them right, each after those before it, where recordings are read so."""
     said = []
     for fault in faults:
-        mended = None if fault.change is None else reading.then(fault.change)
-        if mended is not None:
+        corrected_conversion = None if fault.change is None else reading.then(fault.change)
+        if corrected_conversion is not None:
             added, gone = (
                 [option for option in one.options() if option not in other.options()]
-                for one, other in ((mended, reading), (reading, mended))
+                for one, other in ((corrected_conversion, reading), (reading, corrected_conversion))
             )
             words = [f'add {" ".join(added)}'] * bool(added) + [f'leave out {" ".join(gone)}'] * bool(gone)
-            fault, reading = replace(fault, options=tuple(words), mended=mended), mended
+            fault, reading = (
+                replace(fault, options=tuple(words), corrected_conversion=corrected_conversion),
+                corrected_conversion,
+            )
         said.append(fault)
     return tuple(said)
 
 
-def _cured(rig: _Rig) -> tuple[_Rig, float, list[Fault]]:
+def _corrected(rig: _Rig) -> tuple[_Rig, float, list[Fault]]:
     """Return the corrected rig, the fraction that it leaves, and what was wrong; the rig as it is if nothing helps.
 
     The best correction is applied, and the rig diagnosed again, for two faults at most.
@@ -274,17 +277,17 @@ def _cured(rig: _Rig) -> tuple[_Rig, float, list[Fault]]:
         if left < SETTINGS.flawless:
             break
         # Of those that leave the very same only the first: on a pendubot the effort is the shoulder's alone.
-        found: dict[float, _Remedy] = {}
+        found: dict[float, _Correction] = {}
         for fault, right in chain.from_iterable(kind(corrected) for kind in kinds):
             found.setdefault(fault.put_right, (fault, right))
         # Two faults are less likely than one.
-        if not found or (faults and min(found) * SETTINGS.alike > left):
+        if not found or (faults and min(found) * SETTINGS.tied > left):
             break
         fault, right = found[min(found)]
-        alike = [found[after][0].found for after in sorted(found) if after <= SETTINGS.alike * min(found)]
+        tied = [found[after][0].found for after in sorted(found) if after <= SETTINGS.tied * min(found)]
         severe = fault.name in _WHAT_IS_EXPECTED or left > SETTINGS.severe * fault.put_right
         level = Level.ERROR if severe else Level.WARN
-        faults.append(replace(fault, found=', or '.join(alike), level=level, unexplained=left))
+        faults.append(replace(fault, found=', or '.join(tied), level=level, unexplained=left))
         corrected, left = right, fault.put_right
     return (corrected, left, faults) if left < SETTINGS.sound else (rig, rig.unexplained, [])
 
@@ -335,7 +338,7 @@ def link_length(motions: Sequence[Motion], model: str, delay: float = 0.0) -> tu
 
     On a pendubot that equation contains no torque and tells ratios only; so does this estimate on any rig. A length
     that is not the one of a ruler means that signs, zeros or stamps of the angles are wrong, not the motor's constant.
-    Both are NaN where no motion is as long as the bump: ``energy`` is satisfied with less.
+    Both are NaN where no motion is as long as the test function: ``energy`` is satisfied with less.
     """
     motions = [motion for motion in motions if motion.end - motion.start > WIDTH + abs(delay)]
     if not motions:
@@ -464,10 +467,10 @@ class _Rig:
 
 
 #: A fault, and the rig put right.
-_Remedy = tuple[Fault, _Rig]
+_Correction = tuple[Fault, _Rig]
 
 
-def _turns(rig: _Rig) -> Iterator[_Remedy]:
+def _turns(rig: _Rig) -> Iterator[_Correction]:
     hanging = np.array(HANGING)
     moved = max(float(np.ptp(t.q, axis=0).max()) for t in rig.trajectories)
     for name, found, remedy, positions, efforts, shift in _TURNS:
@@ -489,7 +492,7 @@ def _turns(rig: _Rig) -> Iterator[_Remedy]:
             yield Fault(name, found, expected, put_right=after, change=change), right
 
 
-def _zeros(rig: _Rig) -> Iterator[_Remedy]:
+def _zeros(rig: _Rig) -> Iterator[_Correction]:
     for joint, expected in enumerate(_ZEROS):
         angle = rig.zero(joint)
         right = rig.turned_by(joint, angle)
@@ -505,7 +508,7 @@ def _zeros(rig: _Rig) -> Iterator[_Remedy]:
             yield Fault('zero', found, remedy, put_right=after, change=change), right
 
 
-def _offsets(rig: _Rig) -> Iterator[_Remedy]:
+def _offsets(rig: _Rig) -> Iterator[_Correction]:
     """Yield what undoes a constant effort [N m] that was recorded at the shoulder and did not act."""
 
     def by(effort: float) -> _Rig:
@@ -526,7 +529,7 @@ def _offsets(rig: _Rig) -> Iterator[_Remedy]:
         yield Fault('offset', found, remedy, put_right=after, change=Affine.of(d=(-offset, 0.0))), right
 
 
-def _delays(rig: _Rig) -> Iterator[_Remedy]:
+def _delays(rig: _Rig) -> Iterator[_Correction]:
     motions = rig.motions
     try:
         delay = estimate_delay(motions, MODEL, BOUNDS, weights=SETTINGS.weights)

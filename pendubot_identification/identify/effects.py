@@ -285,8 +285,8 @@ class Problem:
 def find_effects(base: Problem, settings: EffectSettings | None = None) -> list[FoundEffect]:
     """Return the effects that one filter's likelihood speaks for; the accepted ones in the order of acceptance."""
     settings = settings or EffectSettings()
-    readings = base.likelihood.readings
-    candidates = list(catalogue(readings.motions, settings))
+    filter_data = base.likelihood.filter_data
+    candidates = list(catalogue(filter_data.motions, settings))
     accepted: list[FoundEffect] = []
     for _ in range(settings.rounds):
         known = {(f.name, f.where) for f in accepted}
@@ -305,10 +305,10 @@ def find_effects(base: Problem, settings: EffectSettings | None = None) -> list[
 def _compete(
     base: Problem, candidates: Sequence[Effect], settings: EffectSettings
 ) -> tuple[FoundEffect, Problem] | None:
-    readings, before = base.likelihood.readings, base.fit.evaluation.costs
-    recordings = len(readings.motions)
+    filter_data, before = base.likelihood.filter_data, base.fit.evaluation.costs
+    recordings = len(filter_data.motions)
     promising = sorted(_predicted(base, candidates), key=lambda each: -each[0])
-    least = np.log(max(readings.weight.sum(), 2.0)) / 2
+    least = np.log(max(filter_data.weight.sum(), 2.0)) / 2
     tried = [c for gain, c in promising if gain > least * len(c.extension.scale)][: settings.fitted]
     results = []
     for candidate in tried:
@@ -320,7 +320,7 @@ def _compete(
         results.append((candidate, problem, gains))
     if not results:
         return None
-    by_recording = np.array([np.bincount(readings.owner, g, minlength=recordings) for *_, g in results])
+    by_recording = np.array([np.bincount(filter_data.owner, g, minlength=recordings) for *_, g in results])
     cost = np.array([least * len(c.extension.scale) for c, *_ in results])
     best = int(np.argmax(by_recording.sum(axis=1) - cost))
     candidate, problem, gains = results[best]

@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 
 from pendubot_identification.criteria.likelihood import (
     SHARED,
+    FilterData,
     Likelihood,
     LikelihoodFit,
     LikelihoodSettings,
-    Readings,
     bounded_step,
     fit,
     physical,
@@ -148,7 +148,7 @@ class Composite:
         slopes: of each block of time at theta, shape (B, 14).
         informations: likewise, shape (B, 14, 14).
         owner: each block's recording, shape (B,).
-        readings: how the recordings were read.
+        filter_data: how the recordings were read.
         unexplained: the fraction of the innovations' variance that quantization does not explain, shape (2,).
         J: the likelihood per measurement.
         converged: whether they ended at a minimum.
@@ -169,7 +169,7 @@ class Composite:
     slopes: Array
     informations: Array
     owner: NDArray[np.intp]
-    readings: Readings
+    filter_data: FilterData
     unexplained: Array
     J: float
     converged: bool
@@ -205,25 +205,25 @@ class Fits:
     Attributes:
         data: with the hold of the torque.
         rough: of the shortest interval.
-        whole: of all intervals.
+        all_intervals: of all intervals.
         exact: of all samples; None where more than quantization is left.
     """
 
     data: TrainingData
     rough: Problem
-    whole: Problem
+    all_intervals: Problem
     exact: Problem | None
 
     @classmethod
     def of(cls, data: TrainingData, rough: Problem, progress: Progress) -> Fits:
         """Go on from the shortest interval."""
-        whole = _all_levels(data, rough, progress)
-        return cls(data, rough, whole, _exact_fit(data, whole, progress))
+        all_intervals = _all_levels(data, rough, progress)
+        return cls(data, rough, all_intervals, _exact_fit(data, all_intervals, progress))
 
     @property
     def last(self) -> Problem:
         """The fit that counts."""
-        return self.exact or self.whole
+        return self.exact or self.all_intervals
 
     def surely_better(self, before: Fits, found: FoundEffect) -> bool:
         """Tell whether an effect is sure.
@@ -240,7 +240,7 @@ class Fits:
         if old.likelihood.levels != new.likelihood.levels:
             return new.likelihood.levels > old.likelihood.levels
         gains = old.fit.evaluation.costs - new.fit.evaluation.costs
-        everywhere = bool((np.bincount(old.likelihood.readings.owner, gains) > 0).all())
+        everywhere = bool((np.bincount(old.likelihood.filter_data.owner, gains) > 0).all())
         return everywhere and vuong(gains, 0.0) > EffectSettings().sure
 
 
@@ -256,8 +256,10 @@ def fit_composite(data: TrainingData, progress: Progress, *, effects: bool = Tru
     steps += [f'together with {each.name} ({each.where})' for each in found if each.accepted]
     if best.data.hold == 'linear' and best.data.settings.hold == 'auto':
         steps.append(f'torque measured at its samples, not held: J = {best.rough.fit.cost:.6g}')
-    whole = best.whole.fit
-    steps.append(f'innovations at 0.05, 0.1 and 0.2 s: {whole.iterations} scoring steps, J = {whole.cost:.6g}')
+    all_intervals = best.all_intervals.fit
+    steps.append(
+        f'innovations at 0.05, 0.1 and 0.2 s: {all_intervals.iterations} scoring steps, J = {all_intervals.cost:.6g}'
+    )
     answer = _composite(best, found)
     if best.exact is not None:
         steps.append(f'all samples: {best.exact.fit.iterations} scoring steps; nothing but quantization is left')
@@ -309,19 +311,19 @@ def standardised_innovations(
     Theta and delay stay as they are; the noise is fitted.
     """
     data = TrainingData(tuple(motions), 0.0, 'zero', state_scale(motions), settings)
-    readings = Readings.of(motions, LikelihoodSettings(intervals=LikelihoodSettings().intervals[:1]))
-    lower, upper = _limits(data, readings)
+    filter_data = FilterData.of(motions, LikelihoodSettings(intervals=LikelihoodSettings().intervals[:1]))
+    lower, upper = _limits(data, filter_data)
     known = np.array([*theta, *np.zeros(GEARED - len(theta)), delay, 0.0, 0.0])
     lower[:SHARED], upper[:SHARED] = known, known
     noise = math.sqrt(0.1) * _effort(data) * SETTINGS.noise
-    x = np.append(known, np.log([*(1.5 * np.sqrt(readings.quantization)), *noise]))
-    like = Likelihood(readings)
+    x = np.append(known, np.log([*(1.5 * np.sqrt(filter_data.quantization)), *noise]))
+    like = Likelihood(filter_data)
     try:
         x = fit(like, x, lower, upper, 20, 0.1).x
     except FloatingPointError as error:
         raise TrajectoryError(f'{motions[0].name}: no filter follows this motion with these parameters') from error
     e, s = like.innovations(x)
-    return [readings.t[rows] for rows in readings.rows], [(e / np.sqrt(s))[rows] for rows in readings.rows]
+    return [filter_data.t[rows] for rows in filter_data.rows], [(e / np.sqrt(s))[rows] for rows in filter_data.rows]
 
 
 def _scale(data: TrainingData, theta: Array) -> Array:
@@ -345,12 +347,12 @@ def _box(settings: Settings, model: str) -> Bounds:
     return Bounds(np.where(inside, box.lower, 0.0), np.where(inside, box.upper, 0.0), box.names)
 
 
-def _limits(data: TrainingData, readings: Readings) -> tuple[Array, Array]:
+def _limits(data: TrainingData, filter_data: FilterData) -> tuple[Array, Array]:
     """Return bounds of theta, delay, offsets and noise: positions are at least as noisy as their quantization."""
     box = _box(data.settings, 'geared' if data.settings.model == 'auto' else data.settings.model)
     low, high = data.settings.delays
-    noise = np.log(readings.quantization) / 2
-    levels, effort = len(readings.settings.intervals), np.log(_effort(data))
+    noise = np.log(filter_data.quantization) / 2
+    levels, effort = len(filter_data.settings.intervals), np.log(_effort(data))
     return (
         np.concatenate([box.lower, [low, -0.1, -0.1], np.tile([*noise, *effort - 16], levels)]),
         np.concatenate([box.upper, [high, 0.1, 0.1], np.tile([*noise + 3, *effort + 2], levels)]),
@@ -360,13 +362,13 @@ def _limits(data: TrainingData, readings: Readings) -> tuple[Array, Array]:
 def _first_fit(data: TrainingData, progress: Progress, near: Problem | None = None) -> Problem:
     """Fit the shortest interval alone, from the weak criterion, from given parameters, or from another fit."""
     shortest = LikelihoodSettings().intervals[:1]
-    readings = Readings.of(data.motions, LikelihoodSettings(intervals=shortest))
-    lower, upper = _limits(data, readings)
+    filter_data = FilterData.of(data.motions, LikelihoodSettings(intervals=shortest))
+    lower, upper = _limits(data, filter_data)
     asked = data.settings.start
     if near is not None:
         x = near.fit.x.copy()
         x[14] += (0.5 if data.hold == 'zero' else -0.5) * np.median([m.interval for m in data.motions])
-        like = near.likelihood.of(readings)
+        like = near.likelihood.of(filter_data)
         return replace(near, likelihood=like, fit=_fit(like, x, near.lower, near.upper, progress))
     if asked is not None:
         theta, delay = asked.vector('geared'), data.settings.least_delay
@@ -376,8 +378,8 @@ def _first_fit(data: TrainingData, progress: Progress, near: Problem | None = No
         theta, delay = np.zeros(GEARED), made.delay
         theta[: MODELS[model]] = made.criterion.minimum(data.settings.box(model))
     theta[:2] = np.maximum(theta[:2], SETTINGS.least_share * max(theta[:2].sum(), 1e-6))
-    like = Likelihood(readings, scale=_scale(data, theta))
-    quantum, noise = np.sqrt(readings.quantization), SETTINGS.noise * math.sqrt(0.1) * _effort(data)
+    like = Likelihood(filter_data, scale=_scale(data, theta))
+    quantum, noise = np.sqrt(filter_data.quantization), SETTINGS.noise * math.sqrt(0.1) * _effort(data)
     louder, smaller, none = SETTINGS.louder, SETTINGS.smaller, data.settings.least_delay
     for noisy, small, late in ((1.0, 1.0, delay), (louder, 1.0, delay), (louder, 1.0, none), (louder, smaller, none)):
         begin = np.append(small * theta[:5], theta[5:])
@@ -400,8 +402,8 @@ def _all_levels(data: TrainingData, rough: Problem, progress: Progress) -> Probl
     """Fit all intervals, from the shortest one's answer; intervals at which a filter diverges are left out."""
     intervals = LikelihoodSettings().intervals
     while True:
-        readings = Readings.of(data.motions, LikelihoodSettings(intervals=intervals))
-        like, at = rough.likelihood.of(readings), rough.likelihood.shared
+        filter_data = FilterData.of(data.motions, LikelihoodSettings(intervals=intervals))
+        like, at = rough.likelihood.of(filter_data), rough.likelihood.shared
 
         def wider(values: Array, at: int = at, count: int = len(intervals)) -> Array:
             return np.append(values[:at], np.tile(values[at:], count))
@@ -415,15 +417,15 @@ def _all_levels(data: TrainingData, rough: Problem, progress: Progress) -> Probl
             intervals = intervals[:-1]
 
 
-def _exact_fit(data: TrainingData, whole: Problem, progress: Progress) -> Problem | None:
+def _exact_fit(data: TrainingData, all_intervals: Problem, progress: Progress) -> Problem | None:
     """Fit all samples by one Gaussian filter if nothing but quantization is left then; None otherwise."""
     quiet = np.array(SETTINGS.quiet) * _effort(data)
-    at = whole.likelihood.shared
-    noise = np.exp(whole.fit.x[at:].reshape(-1, 4))
+    at = all_intervals.likelihood.shared
+    noise = np.exp(all_intervals.fit.x[at:].reshape(-1, 4))
     if (noise[:, 2:].min(axis=0) / math.sqrt(0.1) > 10 * quiet).any():
         return None
     interval = min(m.interval for m in data.motions)
-    off = abs(math.remainder(whole.fit.x[14], interval)) > SETTINGS.between / 10
+    off = abs(math.remainder(all_intervals.fit.x[14], interval)) > SETTINGS.between / 10
     native = LikelihoodSettings(
         intervals=(interval / 2,),
         step=SETTINGS.between if off else LikelihoodSettings().step,
@@ -432,11 +434,11 @@ def _exact_fit(data: TrainingData, whole: Problem, progress: Progress) -> Proble
         slow=SETTINGS.slow,
         rest=-1.0,
     )
-    readings = Readings.of(data.motions, native)
-    like = whole.likelihood.of(readings)
-    quantum = np.log(readings.quantization) / 2
-    start = np.append(whole.fit.x[:at], [*quantum, *np.log(noise[:, 2:].min(axis=0))])
-    lower, upper = (np.append(each[:at], each[at : at + 4]) for each in (whole.lower, whole.upper))
+    filter_data = FilterData.of(data.motions, native)
+    like = all_intervals.likelihood.of(filter_data)
+    quantum = np.log(filter_data.quantization) / 2
+    start = np.append(all_intervals.fit.x[:at], [*quantum, *np.log(noise[:, 2:].min(axis=0))])
+    lower, upper = (np.append(each[:at], each[at : at + 4]) for each in (all_intervals.lower, all_intervals.upper))
     lower[at : at + 2] -= 1.0
     progress('likelihood: all samples', 0, 0, math.nan)
     try:
@@ -447,7 +449,7 @@ def _exact_fit(data: TrainingData, whole: Problem, progress: Progress) -> Proble
     if (last[2:] / math.sqrt(0.1) > quiet).any() or (last[:2] / np.exp(quantum) > SETTINGS.quantized).any():
         return None
     e, s = like.innovations(found.x)
-    for rows in readings.rows:
+    for rows in filter_data.rows:
         if not ((e[rows] ** 2 / s[rows]).mean(axis=0) < SETTINGS.variance).all():
             return None
     return _smallest(data, Problem(like, found, lower, upper))
@@ -457,7 +459,7 @@ def _smallest(data: TrainingData, problem: Problem) -> Problem:
     """Return the fit of the smallest model that explains exact recordings as well, by Schwarz's criterion."""
     if data.settings.model != 'auto':
         return problem
-    worth = math.log(max(problem.likelihood.readings.measurements, 2)) / 2
+    worth = math.log(max(problem.likelihood.filter_data.measurements, 2)) / 2
     for size in sorted(set(MODELS.values()) - {GEARED}):
         dropped = np.flatnonzero(problem.fit.free[:GEARED] & (np.arange(GEARED) >= size))
         lower, upper = problem.lower.copy(), problem.upper.copy()
@@ -502,7 +504,7 @@ def _composite(fits: Fits, found: Sequence[FoundEffect]) -> Composite:
     near = rough.likelihood
     shortest, expected = near.innovations(rough.fit.x)
     # The first innovations, of a speed that is not known yet, would hide all others.
-    variance = np.average(shortest**2, axis=0, weights=(near.readings.weight[:, None] + 1e-12) / expected)
+    variance = np.average(shortest**2, axis=0, weights=(near.filter_data.weight[:, None] + 1e-12) / expected)
     lower, upper = problem.lower, problem.upper
     size = int(np.flatnonzero(upper[:GEARED] > lower[:GEARED]).max(initial=0)) + 1
     model = next(name for name, count in MODELS.items() if count >= size)
@@ -518,10 +520,10 @@ def _composite(fits: Fits, found: Sequence[FoundEffect]) -> Composite:
         information=onto @ H @ onto.T,
         slopes=blocks.slopes @ onto.T,
         informations=onto @ blocks.informations @ onto.T,
-        owner=like.readings.owner,
-        readings=like.readings,
-        unexplained=np.clip(1 - near.readings.quantization / np.maximum(variance, 1e-300), 0.0, 1.0),
-        J=solved.cost / max(like.readings.measurements, 1),
+        owner=like.filter_data.owner,
+        filter_data=like.filter_data,
+        unexplained=np.clip(1 - near.filter_data.quantization / np.maximum(variance, 1e-300), 0.0, 1.0),
+        J=solved.cost / max(like.filter_data.measurements, 1),
         converged=solved.converged and rough.fit.converged,
         steps=(),
         offsets=solved.x[15:17],
@@ -544,7 +546,14 @@ def _refined(answer: Composite) -> Composite:
     pull = np.where(answer.free, 0.0, answer.slopes.sum(axis=0))
     try:
         better = refine(
-            data.motions, answer.theta, answer.information, pull, answer.delay, answer.offsets, bounds, answer.readings
+            data.motions,
+            answer.theta,
+            answer.information,
+            pull,
+            answer.delay,
+            answer.offsets,
+            bounds,
+            answer.filter_data,
         )
     except TrajectoryError:
         return answer

@@ -61,9 +61,12 @@ class Identification:
         return self.estimates[self.published]
 
     @property
-    def mended(self) -> Conversion | None:
+    def corrected_conversion(self) -> Conversion | None:
         """How the recordings are to be read so that their faults are put right; None where no options do that."""
-        return next((fault.mended for fault in reversed(self.faults) if fault.mended is not None), None)
+        return next(
+            (fault.corrected_conversion for fault in reversed(self.faults) if fault.corrected_conversion is not None),
+            None,
+        )
 
     @property
     def level(self) -> Level:
@@ -87,7 +90,7 @@ class Run:
     Attributes:
         settings: what was asked for.
         data: the training recordings.
-        judges: motions that only judge.
+        validation_motions: motions that only judge.
         notes: warnings that came with the data, for every criterion.
         remarks: warnings for the published one.
         faults: of the recordings.
@@ -98,7 +101,7 @@ class Run:
 
     settings: Settings
     data: TrainingData
-    judges: tuple[Trajectory, ...]
+    validation_motions: tuple[Trajectory, ...]
     notes: tuple[str, ...]
     remarks: tuple[str, ...]
     faults: tuple[Fault, ...] = ()
@@ -119,7 +122,7 @@ class Run:
     @property
     def validation(self) -> str:
         """What the predictions are of."""
-        if self.judges:
+        if self.validation_motions:
             return 'on data that was not used for estimation'
         if len(self.folds) == len(self.data.motions):
             return 'each recording predicted from the others'

@@ -23,7 +23,7 @@ from .advice import advise
 from .diagnosis import SETTINGS as DIAGNOSIS
 from .diagnosis import Fault
 from .estimate import Estimate
-from .prediction import HORIZONS, JUDGED
+from .prediction import ASSESSED, HORIZONS
 from .settings import Settings
 
 Array = NDArray[np.float64]
@@ -37,7 +37,7 @@ SILENT = 1e-6
 UNBALANCED = 0.5
 #: A condition number (columns scaled to one) beyond which small errors of the data become large ones of theta.
 ILL_CONDITIONED = 1e3
-#: J on validation above so many times J on training: what was learned does not carry over.
+#: J on validation above so many times J on training: the parameters do not generalise.
 UNFORESEEN = 10.0
 #: A zero of a recording that is off by more [degrees], its standard errors aside.
 ZERO_OFF = 3.0
@@ -78,7 +78,7 @@ def require_excitation(training: Sequence[Trajectory], settings: Settings) -> No
         )
 
 
-def judge(
+def assess(
     estimate: Estimate,
     settings: Settings,
     link_length: tuple[float, float],
@@ -98,21 +98,21 @@ def judge(
         notes: what else the user should know of the data.
     """
     failures = tuple(_failures(estimate, settings))
-    grave = tuple(fault.sentence for fault in faults if _grave(fault, estimate))
-    mild = tuple(fault.sentence for fault in faults if not _grave(fault, estimate))
-    named = () if grave else faults
+    severe = tuple(fault.sentence for fault in faults if _severe(fault, estimate))
+    mild = tuple(fault.sentence for fault in faults if not _severe(fault, estimate))
+    named = () if severe else faults
     doubts = (*_doubts(estimate, settings), *_unexplained_by(named, estimate, settings, link_length))
-    warnings = (*grave, *mild, *notes) if grave else (*failures, *mild, *notes, *doubts)
+    warnings = (*severe, *mild, *notes) if severe else (*failures, *mild, *notes, *doubts)
     return replace(
         estimate,
-        level=Level.ERROR if grave or failures else Level.WARN if warnings else Level.OK,
+        level=Level.ERROR if severe or failures else Level.WARN if warnings else Level.OK,
         warnings=warnings,
-        consequences=(*failures, *doubts) if grave else (),
-        advice=() if grave else advise(estimate),
+        consequences=(*failures, *doubts) if severe else (),
+        advice=() if severe else advise(estimate),
     )
 
 
-def _grave(fault: Fault, estimate: Estimate) -> bool:
+def _severe(fault: Fault, estimate: Estimate) -> bool:
     """Tell whether a fault makes an estimate useless: not where the estimate has found the same delay itself."""
     allowed_for = fault.delay is not None and abs(estimate.effort.delay - fault.delay) < DIAGNOSIS.least_delay / 2
     return fault.level is Level.ERROR and not allowed_for
@@ -126,8 +126,8 @@ def _failures(e: Estimate, settings: Settings) -> Iterator[str]:
     """Say why nobody can use the result."""
     theta, bounds = e.theta, settings.box(e.model)
     # MDE comes ever closer to a bound and never quite reaches it: what is judged is the bound.
-    judged = np.where(bounds.at_bound(theta, tolerance=1e-6), _nearest_bound(theta, bounds), theta)
-    problems = Parameters.from_vector(judged).unphysical()
+    assessed = np.where(bounds.at_bound(theta, tolerance=1e-6), _nearest_bound(theta, bounds), theta)
+    problems = Parameters.from_vector(assessed).unphysical()
     yield from (f'not physical: {problem}' for problem in problems)
     if not problems and theta[2] ** 2 > NEARLY_SINGULAR * LARGEST_COUPLING**2 * theta[0] * theta[1]:
         yield (
@@ -139,7 +139,7 @@ def _failures(e: Estimate, settings: Settings) -> Iterator[str]:
             f'energy and work do not balance: J is {100 * e.unexplained:.0f} % of what it is with all parameters zero; '
             'look at the signs of angles and torque, at the zero of q1, and at their units'
         )
-    worse = e.prediction.error[:JUDGED] > e.prediction.persistence[:JUDGED]
+    worse = e.prediction.error[:ASSESSED] > e.prediction.persistence[:ASSESSED]
     if worse.any():
         ahead = ', '.join(f'{h:g} s' for h, w in zip(HORIZONS, worse, strict=False) if w)
         yield (

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from pendubot_identification.criteria.energy import Regression, energy_regression
 from pendubot_identification.criteria.quadratic import Penalised, Quadratic
-from pendubot_identification.criteria.weak import balance_weights, estimate_delay, weak_regression
+from pendubot_identification.criteria.weak import estimate_delay, residual_weights, weak_regression
 from pendubot_identification.model.parameters import repaired
 from pendubot_identification.optimizers.mde import mde
 from pendubot_identification.trajectories.motion import Motion
@@ -58,7 +58,7 @@ def linear(name: str, motions: Sequence[Motion], model: str, settings: Settings,
     else:
         bounds, (low, high) = settings.box(model), settings.delays
         delay = low if low == high else estimate_delay(motions, model, bounds, low, high)
-        weights = balance_weights([weak_regression(m, model, delay, weights=(1, 1, 1)) for m in motions], bounds)
+        weights = residual_weights([weak_regression(m, model, delay, weights=(1, 1, 1)) for m in motions], bounds)
         if low < high:
             delay = estimate_delay(motions, model, bounds, low, high, weights=weights)
     residuals = [weak_regression(m, model, delay, weights=weights) for m in motions]
@@ -66,7 +66,7 @@ def linear(name: str, motions: Sequence[Motion], model: str, settings: Settings,
 
 
 def estimate_linear(
-    name: str, made: Linear, model: str, settings: Settings, hold: str, progress: Progress, judge: Linear | None
+    name: str, made: Linear, model: str, settings: Settings, hold: str, progress: Progress, assess: Linear | None
 ) -> Estimate:
     """Minimise a quadratic criterion, by MDE unless ``lsq`` is asked for, and hold it against its exact minimum."""
     criterion, bounds = made.criterion, settings.box(model)
@@ -91,7 +91,7 @@ def estimate_linear(
     J, still = float(criterion(theta)), float(criterion(np.zeros_like(theta)))
     free, sought = ~bounds.at_bound(theta, tolerance=1e-7), bounds.present & ~bounds.held
     covariance, off = (bootstrap_covariance(made.blocks, theta, k, seed=settings.seed) for k in (free, sought))
-    judging = None if judge is None else judge.criterion
+    validation_quadratic = None if assess is None else assess.criterion
     return Estimate(
         criterion=name,
         model=model,
@@ -110,8 +110,10 @@ def estimate_linear(
         unexplained=J / max(still, np.finfo(float).tiny),
         J_exact=J_exact,
         runs=runs,
-        J_validation=np.nan if judging is None else float(judging(theta)),
-        J_validation_runs=np.empty(0) if judging is None or runs is None else judging(repaired(runs.x)),
+        J_validation=np.nan if validation_quadratic is None else float(validation_quadratic(theta)),
+        J_validation_runs=np.empty(0)
+        if validation_quadratic is None or runs is None
+        else validation_quadratic(repaired(runs.x)),
         absent=bounds.absent,
         held=bounds.held,
     )

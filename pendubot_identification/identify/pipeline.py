@@ -23,7 +23,7 @@ from .effects import compensated
 from .estimate import Progress
 from .fitting import TrainingData, fit_composite
 from .identification import Identification, Run
-from .judgement import judge, require_excitation
+from .judgement import assess, require_excitation
 from .prediction import folds
 from .settings import Settings
 from .validation import validated
@@ -72,13 +72,13 @@ def _prepare(
 ) -> Run:
     """Smooth the recordings, where the motion tells the parameters at all."""
     tell('preparing', 0, 0, math.nan)
-    motions, judges = ([evenly_stamped(motion) for motion in part] for part in (training, validation))
-    for motion in (*motions, *judges):
+    motions, validation_motions = ([evenly_stamped(motion) for motion in part] for part in (training, validation))
+    for motion in (*motions, *validation_motions):
         motion.require_samples()
     require_excitation(motions, settings)
     of_rig = settings.of_rig(motions)
     noticed = (*notes, *data_checks([*training, *validation]))
-    return Run(of_rig, TrainingData.prepare(motions, of_rig), tuple(judges), tuple(notes), noticed)
+    return Run(of_rig, TrainingData.prepare(motions, of_rig), tuple(validation_motions), tuple(notes), noticed)
 
 
 def _check_conventions(run: Run, tell: Progress) -> Run:
@@ -121,9 +121,11 @@ def _check_residuals(run: Run, tell: Progress) -> Run:
 
 def _validate(run: Run, tell: Progress) -> Run:
     """Let each criterion predict what it was not fitted to."""
-    judges = [Motion.prepare(motion, run.data.smoothing, run.data.hold) for motion in run.judges]
-    split = replace(run, folds=() if judges else tuple(folds(run.data.motions)))
-    answers = (validated(c, split, judges, tell) for c in run.criteria)
+    validation_motions = [
+        Motion.prepare(motion, run.data.smoothing, run.data.hold) for motion in run.validation_motions
+    ]
+    split = replace(run, folds=() if validation_motions else tuple(folds(run.data.motions)))
+    answers = (validated(c, split, validation_motions, tell) for c in run.criteria)
     # Zeros of single recordings would make up for what is wrong with all of them.
     estimates = tuple(answer if run.sound else replace(answer, zeros=None) for answer in answers)
     return replace(split, estimates=estimates)
@@ -138,7 +140,7 @@ def _assess(run: Run) -> Identification:
     pairs = zip(run.estimates, told, strict=True)
     return Identification(
         settings=run.settings,
-        estimates=tuple(judge(each, run.settings, length, run.faults, said) for each, said in pairs),
+        estimates=tuple(assess(each, run.settings, length, run.faults, said) for each, said in pairs),
         published=published,
         faults=run.faults,
         interval=float(np.median([m.interval for m in run.data.motions])),

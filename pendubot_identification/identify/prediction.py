@@ -22,7 +22,7 @@ HORIZONS = (0.1, 0.25, 0.5, 1.0)
 #: Seconds from one start to the next.
 STRIDE = 0.05
 #: The horizons by which models and criteria are compared; at 1 s some motions are chaotic.
-JUDGED = 3
+ASSESSED = 3
 #: A simulation this many standard deviations off is as good as any other that is lost.
 LOST = 1e3
 
@@ -59,7 +59,7 @@ class Prediction:
     @property
     def loss(self) -> float:
         """One number to compare by: the mean logarithm of the error up to 0.5 s; NaN without any."""
-        errors = self.error[:JUDGED]
+        errors = self.error[:ASSESSED]
         errors = errors[np.isfinite(errors)]
         return float(np.log(np.maximum(errors, 1e-12)).mean()) if errors.size else np.nan
 

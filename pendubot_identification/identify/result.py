@@ -288,7 +288,7 @@ class Result(_Vector):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Maker:
+class Software:
     """The version that made a result."""
 
     version: str = 'of an unknown version'
@@ -311,7 +311,7 @@ class Given(_Vector):
     criterion: str | None = None
     model: str | None = None
     effort: EffortTaken = field(default_factory=EffortTaken)
-    made_by: Maker = field(default_factory=Maker)
+    made_by: Software = field(default_factory=Software)
     bags: list[Source] = field(default_factory=list)
 
 

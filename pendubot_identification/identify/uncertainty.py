@@ -28,15 +28,15 @@ FEWEST_BLOCKS = 10
 
 @dataclass(frozen=True, slots=True)
 class Blocks:
-    """Residuals that are linear in theta, as far as criterion and uncertainty need them: a triangle a block of time.
+    """Residuals that are linear in theta, as far as criterion and uncertainty need them: a R factor a block of time.
 
     Attributes:
-        triangles: of the QR factorisation of every block's [phi, y], shape (blocks, D+1, D+1).
+        R factors: of the QR factorisation of every block's [phi, y], shape (blocks, D+1, D+1).
         count: how many residuals they stand for.
         length: of the blocks [s].
     """
 
-    triangles: Array
+    r_factors: Array
     count: int
     length: float
 
@@ -49,17 +49,17 @@ class Blocks:
         """
         durations = [float(np.ptp(r.t)) for r in residuals]
         length = min(block, sum(durations) / FEWEST_BLOCKS)
-        triangles: list[Array] = []
+        r_factors: list[Array] = []
         for r, duration in zip(residuals, durations, strict=True):
             number = max(1, round(duration / length)) if length else 1
             ends = -(-len(r.y) * np.arange(number + 1) // number)
-            triangles += [Quadratic.reduce(r.phi[a:b], r.y[a:b]).triangle for a, b in pairwise(ends)]
-        return cls(np.array(triangles), sum(len(r.y) for r in residuals), length)
+            r_factors += [Quadratic.reduce(r.phi[a:b], r.y[a:b]).r_factor for a, b in pairwise(ends)]
+        return cls(np.array(r_factors), sum(len(r.y) for r in residuals), length)
 
     @property
     def criterion(self) -> Quadratic:
         """The criterion of all the residuals together."""
-        pooled = Quadratic.pool([Quadratic(triangle, 0) for triangle in self.triangles])
+        pooled = Quadratic.pool([Quadratic(r_factor, 0) for r_factor in self.r_factors])
         return replace(pooled, count=self.count)
 
 
@@ -83,17 +83,17 @@ def bootstrap_covariance(
         seed: of the draws.
     """
     covariance = np.full((len(theta), len(theta)), np.nan)
-    size, count = int(free.sum()), len(blocks.triangles)
+    size, count = int(free.sum()), len(blocks.r_factors)
     if size == 0 or count < 2:
         return covariance
-    columns, y = blocks.triangles[:, :, :-1], blocks.triangles[:, :, -1]
+    columns, y = blocks.r_factors[:, :, :-1], blocks.r_factors[:, :, -1]
     moved = np.dstack([columns[:, :, free], y - columns[:, :, ~free] @ theta[~free]])
-    triangles = np.asarray(np.linalg.qr(moved, mode='r'))
+    r_factors = np.asarray(np.linalg.qr(moved, mode='r'))
     # In coordinates in which the criterion of all blocks is round, sums of squares lose no digits.
-    whole = Quadratic.pool([Quadratic(triangle, 1) for triangle in triangles])
-    unwhitened = np.linalg.pinv(whole.phi)
-    phi = triangles[:, :, :size] @ unwhitened
-    residual = triangles[:, :, size] - phi @ (whole.phi @ whole.free_minimum())
+    total = Quadratic.pool([Quadratic(r_factor, 1) for r_factor in r_factors])
+    unwhitened = np.linalg.pinv(total.phi)
+    phi = r_factors[:, :, :size] @ unwhitened
+    residual = r_factors[:, :, size] - phi @ (total.phi @ total.free_minimum())
     squares = np.einsum('bij,bik->bjk', phi, phi)
     gradients = np.einsum('bij,bi->bj', phi, residual)
     drawn = np.random.default_rng(seed).multinomial(count, np.full(count, 1 / count), size=resamples)

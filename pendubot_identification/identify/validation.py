@@ -28,39 +28,41 @@ from .uncertainty import correlations, influence_covariance, scaled_condition_nu
 Array = NDArray[np.float64]
 
 
-def validated(criterion: str, run: Run, judges: Sequence[Motion], tell: Progress) -> Estimate:
+def validated(criterion: str, run: Run, validation_motions: Sequence[Motion], tell: Progress) -> Estimate:
     """Return one criterion's answer with its prediction errors."""
     if criterion == 'likelihood' and run.composite is not None:
-        found, parts = _likelihood(run.composite, judges, run.folds)
+        found, parts = _likelihood(run.composite, validation_motions, run.folds)
     else:
-        found, parts = _quadratic(criterion, run, judges, tell)
+        found, parts = _quadratic(criterion, run, validation_motions, tell)
     return replace(found, prediction=Prediction.pool(parts) if parts else Prediction.none())
 
 
 def _likelihood(
-    answer: Composite, judges: Sequence[Motion], left_out: Sequence[Fold]
+    answer: Composite, validation_motions: Sequence[Motion], left_out: Sequence[Fold]
 ) -> tuple[Estimate, list[Prediction]]:
     found, size, delay, scale = _estimate(answer), MODELS[answer.model], answer.delay, answer.data.scale
 
     def predicted(motion: Motion, theta: Array) -> Prediction:
         return predict([compensated(motion, answer.effects, delay)], theta[:size], delay, scale)
 
-    parts = [predicted(motion, found.theta) for motion in judges]
-    times = np.array([answer.readings.block_times(k) for k in range(len(answer.owner))])
+    parts = [predicted(motion, found.theta) for motion in validation_motions]
+    times = np.array([answer.filter_data.block_times(k) for k in range(len(answer.owner))])
     for fold in left_out:
         inside = (times >= fold.held_out.start - 1e-9) & (times <= fold.held_out.end + 1e-9)
         parts.append(predicted(fold.held_out, answer.without((answer.owner == fold.recording) & inside)))
     return found, parts
 
 
-def _quadratic(criterion: str, run: Run, judges: Sequence[Motion], tell: Progress) -> tuple[Estimate, list[Prediction]]:
+def _quadratic(
+    criterion: str, run: Run, validation_motions: Sequence[Motion], tell: Progress
+) -> tuple[Estimate, list[Prediction]]:
     settings, data, answer = run.settings, run.data, run.composite
     automatic = 'viscous' if criterion == 'energy' else 'geared' if answer is None else answer.model
     model = automatic if settings.model == 'auto' else settings.model
     made = data.linear(criterion, model)
-    judge = linear(criterion, judges, model, settings, like=made) if judges else None
-    found = estimate_linear(criterion, made, model, settings, data.hold, tell, judge)
-    parts = [predict([m], found.theta, made.delay, data.scale) for m in judges]
+    assess = linear(criterion, validation_motions, model, settings, like=made) if validation_motions else None
+    found = estimate_linear(criterion, made, model, settings, data.hold, tell, assess)
+    parts = [predict([m], found.theta, made.delay, data.scale) for m in validation_motions]
     for fold in run.folds:
         try:
             rest = linear(criterion, fold.rest, model, settings, like=made).criterion.minimum(settings.box(model))
@@ -95,7 +97,7 @@ def _estimate(answer: Composite) -> Estimate:
         uncertainty=words,
         effort=Effort(answer.data.hold, answer.delay, answer.delay_std_error),
         J=answer.J,
-        residuals=2 * answer.readings.measurements,
+        residuals=2 * answer.filter_data.measurements,
         condition_number=scaled_condition_number(information, free),
         converged=answer.converged,
         steps=answer.steps,

@@ -131,7 +131,7 @@ class Balancer(SettingsNode):
             return
         for status in array.status:
             values = {pair.key: pair.value for pair in status.values}
-            self._balancing.readiness.judge(Level(min(2, status.level[0])), status.message, values)
+            self._balancing.readiness.assess(Level(min(2, status.level[0])), status.message, values)
 
     def _has_one_publisher(self, subscription: Subscription) -> bool:
         """Return whether a message is to be taken; report it where it is not."""

@@ -89,7 +89,7 @@ class Bridge(SettingsNode):
         self._efforts = self.create_subscription(Float64, 'pendubot/effort_command', self._on_effort, 1)
         self._command_timeout, self._command_age = s['command_timeout'], CommandAge()
         self._stale, self._was_stale = 0, False
-        self._told = ''  # the sentence about rivals that was logged last
+        self._logged_rivals = ''  # the sentence about rivals that was logged last
         # Arming takes a while: a group of its own, so that effort commands are discarded meanwhile, not kept for later.
         group = ReentrantCallbackGroup()
         self.create_service(Trigger, '~/arm', self._on_arm, callback_group=group)
@@ -194,10 +194,10 @@ class Bridge(SettingsNode):
                 self.get_logger().warning(text, once=True)
             if rivals := name_rivals(self, self._efforts):
                 self._health.note(Report(Level.ERROR, rivals))
-                if rivals != self._told:
+                if rivals != self._logged_rivals:
                     # Their names may be known only now.
                     self.get_logger().error(rivals)
-            self._told = rivals
+            self._logged_rivals = rivals
             d = self._health.diagnose(self._host, time.monotonic_ns())
         self._tell(d.level, d.message, d.values | {'stale': self._stale})
 
@@ -208,7 +208,7 @@ class Bridge(SettingsNode):
         """Disarm an armed motor, or stop arming it, if there are several publishers of effort commands."""
         if not (self._host.armed or self._arming) or not (rivals := name_rivals(self, self._efforts)):
             return []
-        self._told = rivals
+        self._logged_rivals = rivals
         report = Report(Level.ERROR, f'disarmed: {rivals}; then arm again')
         return [ArmingFailed(rivals), report, *self._host.disarm(now)]
 

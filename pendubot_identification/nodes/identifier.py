@@ -20,7 +20,7 @@ from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
 
 from pendubot_identification.errors import ParameterError, PendubotError, ResultError
-from pendubot_identification.files import refuse_input, refuse_unwritable, write_whole
+from pendubot_identification.files import refuse_input, refuse_unwritable, write_atomically
 from pendubot_identification.identify.options import APPLY_REMEDIES, CRITERION, DELAY, DELAYS, OPTIONS, PER_VECTOR
 from pendubot_identification.identify.settings import Settings
 from pendubot_identification.level import Level
@@ -161,17 +161,17 @@ class Identifier(SettingsNode):
 
     def _identify(self, values: dict[str, Any]) -> None:
         settings = _settings(values)
-        bags, judges = _named(values['bags']), _named(values['validate'])
+        bags, validation = _named(values['bags']), _named(values['validate'])
         output = Path(values['output']) if values['output'] else None
         if output is not None:
-            read = [BagWindow.parse(bag).path for bag in bags + judges]
+            read = [BagWindow.parse(bag).path for bag in bags + validation]
             refuse_input(output, [*read, Path(values['start']) if values['start'] else None])
             refuse_unwritable(output, overwrite=values['force'], force=FORCE)
         # A name in a bag: in this node's namespace if it is relative, but not remapped.
         topic = self.resolve_topic_name(values['topic'], only_expand=True)
         names = values['joint_names']
         found, data = identify_recordings(
-            lambda reading: load_datasets(bags, judges, topic=topic, joint_names=names, conversion=reading),
+            lambda reading: load_datasets(bags, validation, topic=topic, joint_names=names, conversion=reading),
             settings,
             self._progress,
             apply_remedies=values['apply_remedies'],
@@ -180,7 +180,7 @@ class Identifier(SettingsNode):
         unwritten = ''
         try:
             if output is not None:
-                write_whole(output, result_text(result), overwrite=values['force'], force=FORCE)
+                write_atomically(output, result_text(result), overwrite=values['force'], force=FORCE)
         except ResultError as error:
             unwritten = str(error)
         # Two lines, because rclpy keeps a severity for each line that logs.

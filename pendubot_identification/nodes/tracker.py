@@ -26,7 +26,7 @@ from pendubot_identification.recordings.mcap_file import Messages
 from pendubot_identification.results.track_file import effort_taken, parameters, start_of
 from pendubot_identification.setting import Setting
 from pendubot_identification.tracking import tracker as tracking
-from pendubot_identification.tracking.events import Burst, Event, Lost, State
+from pendubot_identification.tracking.events import Disturbance, Event, Lost, State
 
 from .diagnostics import StatusPublisher, diagnostics_message, stamp_now
 from .messages import LATCHED, flat, vector_message
@@ -36,7 +36,7 @@ from .topics import DEPTH, Fetcher, name_rivals, quality
 
 Array = NDArray[np.float64]
 
-#: How often what has come is fetched and learned from [s].
+#: How often what has come is fetched and used [s].
 PERIOD = 0.1
 #: Bands that are narrower than what was published by this factor are published, too.
 NARROWER = 0.5
@@ -77,7 +77,7 @@ class Tracker(SettingsNode):
         self._said: tuple[Any, ...] = ()
         self._at = -np.inf
         self._last_change = ''
-        self._bursts = 0
+        self._disturbances = 0
         self._held, self._forget = threading.Event(), threading.Event()
         self.create_service(SetBool, '~/hold', self._on_hold)
         self.create_service(Trigger, '~/reset', self._on_reset)
@@ -145,13 +145,13 @@ class Tracker(SettingsNode):
             self._first_ns = int(stamps[0])
         self._taken += len(stamps)
         t = (stamps - self._first_ns) / 1e9
-        for told in self._tracker.feed(np.column_stack([t, values[:, 0], values[:, 1]])):
-            if not isinstance(told, State):
-                self._happened(told)
+        for event in self._tracker.feed(np.column_stack([t, values[:, 0], values[:, 1]])):
+            if not isinstance(event, State):
+                self._happened(event)
 
     def _happened(self, event: Event) -> None:
-        if isinstance(event, Burst):
-            self._bursts += 1
+        if isinstance(event, Disturbance):
+            self._disturbances += 1
             self.get_logger().info(str(event))
             return
         self._last_change = str(event)
@@ -196,10 +196,10 @@ class Tracker(SettingsNode):
         values: dict[str, Any] = {}
         for name, entry in plain(parameters(state)).items():
             values |= {name: entry.pop('value'), **flat(name, entry)}
-        taking = self._tracker.taking
-        if taking is not None:
-            values |= flat('effort', plain(effort_taken(state, taking)))
-            values['model'] = taking.model
+        segment_settings = self._tracker.segment_settings
+        if segment_settings is not None:
+            values |= flat('effort', plain(effort_taken(state, segment_settings)))
+            values['model'] = segment_settings.model
         return values | {'criterion': 'weak, tracked', 'last_change': self._last_change or 'none'}
 
     def _say(self, level: Level, headline: str, values: dict[str, Any]) -> None:
@@ -212,7 +212,12 @@ class Tracker(SettingsNode):
 
     def _diagnose(self) -> None:
         state, notes = self._tracker.state, self._tracker.notes
-        values = {'samples': self._taken, 'bursts': self._bursts, 'last change': self._last_change or 'none', **notes}
+        values = {
+            'samples': self._taken,
+            'disturbances': self._disturbances,
+            'last change': self._last_change or 'none',
+            **notes,
+        }
         if state is not None:
             values |= {'moving': state.moving, 'unexplained torque [N m]': state.unexplained}
         level = Level.WARN if state is None else state.level

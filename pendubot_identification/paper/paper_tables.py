@@ -250,10 +250,10 @@ def threshold_table(outcomes: Sequence[Outcome]) -> Table:
         mine = {(operator, t): found[problem, operator, t] for operator, t in rows}
         medians = {row: _of_arrived(one, np.median) for row, one in mine.items()}
         columns[problem] = list(medians.values())
-        columns[f'{problem}, reached'] = list(map(_share, mine.values()))
+        columns[f'{problem}, reached'] = list(map(_fraction, mine.values()))
         arrivals = {t: mine['MDE', t].arrived.sum() for t in thresholds}
         best = min((t for t in thresholds if arrivals[t] == max(arrivals.values())), key=lambda t: medians['MDE', t])
-        chosen = f'{CHOSEN:g}: {medians["MDE", CHOSEN]:.0f}, {_share(mine["MDE", CHOSEN])}'
+        chosen = f'{CHOSEN:g}: {medians["MDE", CHOSEN]:.0f}, {_fraction(mine["MDE", CHOSEN])}'
         quickest.append(f'{problem} {best:g} ({medians["MDE", best]:.0f} generations; {chosen})')
     counts = (f'{len(found[problem, "MDE", CHOSEN].arrived)} runs on {problem}' for problem in problems)
     notes = [
@@ -276,9 +276,9 @@ def operator_table(outcomes: Sequence[Outcome]) -> Table:
         'problem': [o.function for o in component],
         'n': [o.n for o in component],
         'per component: generations': medians[0],
-        'reached': list(map(_share, component)),
+        'reached': list(map(_fraction, component)),
         'per vector: generations': medians[1],
-        'reached, per vector': list(map(_share, vector)),
+        'reached, per vector': list(map(_fraction, vector)),
         'component over vector': medians[0] / medians[1],
         'p': [rank_sum(*both)[0] for both in zip(*last, strict=True)],
     }
@@ -297,7 +297,7 @@ def dimensions_tables(outcomes: Sequence[Outcome]) -> list[Table]:
     errors: dict[str, list[Any]] = {'n': [o.n for o in outcomes]} | _named(outcomes)
     for what, statistic in (('best', np.min), ('median', np.median), ('worst', np.max)):
         errors[what] = [statistic(each) for each in values]
-    errors['reached'] = list(map(_share, outcomes))
+    errors['reached'] = list(map(_fraction, outcomes))
     errors['function values'] = [o.result.evaluations.mean() for o in outcomes]
     errors |= _against([(mde[o.n, o.function], o) for o in outcomes])
     verdicts: dict[tuple[int, str], list[str]] = {}
@@ -341,7 +341,7 @@ def _reached(values: Any) -> int:
     return int((values <= TARGET).sum())
 
 
-def _share(o: Outcome) -> str:
+def _fraction(o: Outcome) -> str:
     return f'{o.arrived.sum()}/{len(o.arrived)}'
 
 

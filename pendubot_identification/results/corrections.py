@@ -39,7 +39,7 @@ def identify_recordings(
         try:
             data = load(settings.reading)
             found = identify(data.training, data.validation, settings, progress, [*data.notes, *notes])
-            corrected = found.mended
+            corrected = found.corrected_conversion
         except PendubotError as error:
             if not (apply_remedies and remaining and error.remedy):
                 raise

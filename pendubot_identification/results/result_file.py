@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from pendubot_identification import __version__
 from pendubot_identification.errors import ResultError
-from pendubot_identification.files import read_yaml, write_whole, yaml_text
+from pendubot_identification.files import read_yaml, write_atomically, yaml_text
 from pendubot_identification.identify.result import (
     SCHEMA,
     EffectFound,
@@ -155,7 +155,7 @@ def write_result(path: Path, result: Result, *, overwrite: bool = False) -> None
     Raises:
         ResultError: the file exists already, or the system refuses to write it.
     """
-    write_whole(path, result_text(result), overwrite=overwrite)
+    write_atomically(path, result_text(result), overwrite=overwrite)
 
 
 def result_text(result: Result | Mapping[str, Any]) -> str:

@@ -18,7 +18,7 @@ from pendubot_identification.identify.result import SCHEMA, EffortTaken, Paramet
 from pendubot_identification.identify.settings import Settings
 from pendubot_identification.level import NORMAL_95, Level
 from pendubot_identification.model.parameters import MODELS, UNITS
-from pendubot_identification.tracking.blocks import Taking
+from pendubot_identification.tracking.blocks import SegmentSettings
 from pendubot_identification.tracking.events import Change, Event, Start, State
 from pendubot_identification.tracking.tracker import Tracker
 from pendubot_identification.trajectories.trajectory import Trajectory
@@ -63,7 +63,7 @@ def start_of(path: Path | None, model: str | None = None) -> Start:
     """
     if path is None:
         chosen = model or 'coulomb'
-        return Start(model=chosen, judge=lambda motion: _assessed(motion, chosen))
+        return Start(model=chosen, validate=lambda motion: _assessed(motion, chosen))
     result = read_result(path)
     named = result.model if result.model in MODELS else result.theta.model
     if model not in (None, named):
@@ -85,7 +85,7 @@ def start_of(path: Path | None, model: str | None = None) -> Start:
         std_error=np.array([errors.get(name, 0.0) for name in names] + [0.0] * (size - len(names)))[:size],
         delays=(result.effort.delay, result.effort.delay),
         hold=result.effort.hold,
-        judge=lambda motion: (level, why),
+        validate=lambda motion: (level, why),
     )
 
 
@@ -102,7 +102,7 @@ def track_text(tracker: Tracker, track: Track, bags: Sequence[str]) -> str:
         ResultError: there is no state yet.
     """
     state = tracker.state
-    if state is None or tracker.taking is None:
+    if state is None or tracker.segment_settings is None:
         raise ResultError(f'there are no parameters to be written: {tracker.reason}')
     return result_text(
         {
@@ -111,8 +111,8 @@ def track_text(tracker: Tracker, track: Track, bags: Sequence[str]) -> str:
             'level': state.level,
             'warnings': state.warnings,
             'criterion': 'weak, tracked',
-            'model': tracker.taking.model,
-            'effort': effort_taken(state, tracker.taking),
+            'model': tracker.segment_settings.model,
+            'effort': effort_taken(state, tracker.segment_settings),
             'made_by': {'version': __version__},
             'tracked': {
                 'bags': bags,
@@ -143,9 +143,9 @@ def parameters(state: State) -> Mapping[str, Parameter]:
     }
 
 
-def effort_taken(state: State, taking: Taking) -> EffortTaken:
+def effort_taken(state: State, segment_settings: SegmentSettings) -> EffortTaken:
     """Return hold and delay of the effort."""
-    return EffortTaken(hold=taking.hold, delay=state.delay, delay_std_error=state.delay_std_error)
+    return EffortTaken(hold=segment_settings.hold, delay=state.delay, delay_std_error=state.delay_std_error)
 
 
 def kind_of(event: Event) -> str:

@@ -1,10 +1,10 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Samples as they come, in; the weak criterion's balances out, 0.4 s at a time, each reduced to a triangle.
+"""Samples as they come, in; the weak criterion's weak-form residuals out, 0.4 s at a time, each reduced to a R factor.
 
-A bump is complete once the samples under it are there. Those that begin within the same 0.4 s are a block: its
-rows are reduced to one triangle, so that nothing later depends on how fast the rig is sampled.
+A test function is complete once the samples under it are there. Those that begin within the same 0.4 s are a block: its
+rows are reduced to one R factor, so that nothing later depends on how fast the rig is sampled.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from scipy.interpolate import PPoly
 
 from pendubot_identification.criteria.energy import Regression
 from pendubot_identification.criteria.quadratic import Quadratic
-from pendubot_identification.criteria.weak import WIDTH, balance_weights, estimate_delay, weak_regression
+from pendubot_identification.criteria.weak import WIDTH, estimate_delay, residual_weights, weak_regression
 from pendubot_identification.errors import TrajectoryError
 from pendubot_identification.model.parameters import MODELS, Bounds, Parameters
 from pendubot_identification.trajectories.motion import Motion
@@ -33,7 +33,7 @@ from pendubot_identification.trajectories.signals import (
 )
 from pendubot_identification.trajectories.trajectory import Trajectory
 
-from .balances import BLOCK, CELL, STILL, STRIDE, Accuracy, K, moves_under, rows_of
+from .residuals import BLOCK, CELL, STILL, STRIDE, Accuracy, K, moves_under, rows_of
 
 Array = NDArray[np.float64]
 
@@ -54,18 +54,19 @@ SATURATED = 0.5
 
 
 @dataclass(frozen=True, slots=True)
-class Taking:
-    """How samples are made balances of."""
+class SegmentSettings:
+    """How samples are made weak-form residuals of."""
 
     model: str  #: one of :data:`.parameters.MODELS`.
     delay: float  #: of the effort [s].
     hold: str  #: how the torque behaves between its samples, see :meth:`.Motion.prepare`.
     accuracy: Accuracy
     rounded: bool  #: whether angles are those of encoders, so that their error is known.
-    weights: Array  #: of the criterion weak's three balances, shape (3,).
+    weights: Array  #: of the criterion weak's three weak-form residuals, shape (3,).
     wide: float  #: the window [s] by which angles are smoothed for these.
     dead_zone: float = 0.0  #: torque that the motor's driver subtracts from every torque [N m].
-    #: Whether errors of the angles are all that puts balances off; else they are as the criterion weak has them.
+    #: Whether errors of the angles are all that puts weak-form residuals off; else they are as the criterion weak has
+    #: them.
     whitened: bool = True
 
     @property
@@ -81,7 +82,7 @@ class Taking:
         bounds: Bounds,
         delays: tuple[float, float],
         hold: str = 'zero',
-    ) -> Taking:
+    ) -> SegmentSettings:
         """Choose what suits a motion; a delay of equal ends is given.
 
         Raises:
@@ -91,7 +92,7 @@ class Taking:
         made, (low, high) = Motion.prepare(motion, window, hold), delays
         delay = low if low == high else estimate_delay([made], model, bounds, low, high)
         regression = weak_regression(made, model, delay)
-        weights = balance_weights([regression], bounds)
+        weights = residual_weights([regression], bounds)
         each = np.tile(weights, len(regression.y) // 3)
         theta = Quadratic.reduce(each[:, None] * regression.phi, each * regression.y).minimum(bounds)
         if problems := Parameters.from_vector(theta).unphysical():
@@ -120,7 +121,7 @@ class Taking:
         return rows, rows, moving
 
     def _weak(self, motion: Motion, begin: float, count: int, delay: float) -> Regression:
-        """Return the criterion weak of so many blocks, and perhaps a bump more."""
+        """Return the criterion weak of so many blocks, and perhaps a test function more."""
         part = motion.part(begin - max(delay, 0.0), begin + count * BLOCK + WIDTH - min(delay, 0.0))
         return weak_regression(part, self.model, delay, weights=self.weights, stride=STRIDE)
 
@@ -129,22 +130,22 @@ class Block(NamedTuple):
     """What 0.4 s of motion say of theta.
 
     Attributes:
-        begin, end: the time from which on its first bump, and until which its last one reaches [s].
-        triangle: of the QR factorisation of its rows, all of one noise, shape (D+5, D+5); its diagonal is not negative.
-        torques: the triangle of the rows as they are [N m], shape (D+5, D+5).
+        begin, end: the time from which on its first test function, and until which its last one reaches [s].
+        R factor: of the QR factorisation of its rows, all of one noise, shape (D+5, D+5); its diagonal is not negative.
+        torques: the R factor of the rows as they are [N m], shape (D+5, D+5).
         rows: how many rows they stand for; 0 where nothing moved.
         saturated: whether the effort stood at one value where there was any, beyond which it never went.
     """
 
     begin: float
     end: float
-    triangle: Array
+    r_factor: Array
     torques: Array
     rows: int
     saturated: bool
 
     def unexplained(self, theta: Array) -> float:
-        """Return the torque that all unknowns, shape (D+4,), leave unexplained, RMS under bumps [N m]."""
+        """Return the torque that all unknowns, shape (D+4,), leave unexplained, RMS under test functions [N m]."""
         return float(np.linalg.norm(self.torques @ np.append(theta, -1.0))) / math.sqrt(self.rows)
 
 
@@ -197,16 +198,16 @@ class Samples:
 
 
 class Blocks:
-    """Makes blocks of samples, and leaves no more of these than are under incomplete bumps."""
+    """Makes blocks of samples, and leaves no more of these than are under incomplete test functions."""
 
-    def __init__(self, taking: Taking) -> None:
-        self.taking = taking  #: which may become another one.
-        self.begin = np.nan  #: where the next bump begins [s]; after a gap, it is not known.
+    def __init__(self, segment_settings: SegmentSettings) -> None:
+        self.segment_settings = segment_settings  #: which may become another one.
+        self.begin = np.nan  #: where the next test function begins [s]; after a gap, it is not known.
         self._greatest = 0.0
 
     def complete(self, samples: Samples) -> Iterator[Block]:
         """Return the blocks that are complete."""
-        how = self.taking
+        how = self.segment_settings
         while len(samples.held) > 2 * SETTLED:
             t = samples.held[:, 0]
             interval = float(np.median(np.diff(t)))
@@ -225,7 +226,7 @@ class Blocks:
 
     def _blocks(self, samples: Array, count: int, notes: Samples) -> Iterator[Block]:
         """Return so many blocks from :attr:`begin` on."""
-        how, begin = self.taking, self.begin
+        how, begin = self.segment_settings, self.begin
         begins = begin + BLOCK * np.arange(count)
         size = MODELS[how.model] + 5
         none = np.zeros((size, size))
@@ -242,8 +243,8 @@ class Blocks:
             notes.say('samples that no rig gives: too fast a motion, or too far apart')
             yield from nothing
             return
-        triangles = np.asarray(np.linalg.qr(rows, mode='r'))
-        triangles = triangles * np.where(np.einsum('bkk->bk', triangles) < 0, -1.0, 1.0)[:, :, None]
+        r_factors = np.asarray(np.linalg.qr(rows, mode='r'))
+        r_factors = r_factors * np.where(np.einsum('bkk->bk', r_factors) < 0, -1.0, 1.0)[:, :, None]
         torques = np.asarray(np.linalg.qr(torques, mode='r'))
         for k, kept in enumerate(moving.sum(axis=1).tolist()):
             if kept < 2 * (MODELS[how.model] + 2):
@@ -251,7 +252,7 @@ class Blocks:
                 continue
             now = (recorded.t >= nothing[k].begin) & (recorded.t < nothing[k].end)
             saturated = self._saturated(recorded.tau[now, 0])
-            yield Block(*nothing[k][:2], triangles[k], torques[k], kept, saturated)
+            yield Block(*nothing[k][:2], r_factors[k], torques[k], kept, saturated)
 
     def _saturated(self, effort: Array) -> bool:
         size = np.abs(effort)

@@ -39,7 +39,7 @@ class Start:
     std_error: Array | None = None  #: shape (D,).
     delays: tuple[float, float] = (0.0, 0.05)  #: between which that of the effort is searched [s].
     hold: str = 'zero'  #: see :class:`.blocks.Taking`.
-    judge: Callable[[Trajectory], tuple[Level, Sequence[str]]] = lambda motion: (Level.OK, ())
+    validate: Callable[[Trajectory], tuple[Level, Sequence[str]]] = lambda motion: (Level.OK, ())
 
     def __post_init__(self) -> None:
         if self.model not in MODELS:
@@ -59,8 +59,9 @@ class State(NamedTuple):
         std_error: of them, shape (D,); 1.96 of them hold the truth in 95 % of cases.
         delay: of the effort [s], and ``delay_std_error`` [s].
         level: how far to trust them, and ``warnings`` why.
-        unexplained: the torque that they leave unexplained, root mean square under bumps, when it last moved [N m].
-        moving: whether anything was learned.
+        unexplained: the torque that they leave unexplained, root mean square under test functions, when it last moved
+            [N m].
+        moving: whether a measurement was used.
     """
 
     t: float
@@ -98,14 +99,14 @@ class Change(NamedTuple):
         return f'{self.kind}, {when}' + (f': {steps}' if steps else '')
 
 
-class Burst(NamedTuple):
-    """A torque from nowhere, such as a hand's, from ``begin`` to ``end`` [s]."""
+class Disturbance(NamedTuple):
+    """A disturbance, such as a push by hand, from ``begin`` to ``end`` [s]."""
 
     begin: float
     end: float
 
     def __str__(self) -> str:
-        return f'a torque from nowhere, at {self.begin:.1f} to {self.end:.1f} s: nothing was learned from that motion'
+        return f'a disturbance at {self.begin:.1f} to {self.end:.1f} s: that motion was not used'
 
 
 class Lost(NamedTuple):
@@ -118,4 +119,4 @@ class Lost(NamedTuple):
         return f'from {self.begin:.1f} to {self.end:.1f} s nothing explains the motion: it is identified anew'
 
 
-Event = Change | Burst | Lost
+Event = Change | Disturbance | Lost

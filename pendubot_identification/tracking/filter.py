@@ -3,7 +3,7 @@
 
 """A square-root information filter of parameters that drift, and the noise of its rows.
 
-An estimate is a triangle R and a vector z: x minimises |R x - z|^2, so that its covariance is R^-1 R^-T (Bierman,
+An estimate is a R factor R and a vector z: x minimises |R x - z|^2, so that its covariance is R^-1 R^-T (Bierman,
 Factorization Methods for Discrete Sequential Estimation, 1977, chapters II and VI). Measured rows are put below R and
 rotated into it; so is a random walk. Neither needs an inverse. The last element of x is the rate at which all torque
 drifts.
@@ -27,9 +27,9 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Estimate:
-    """The triangle R, shape (D, D), and z, shape (D,)."""
+    """The R factor R, shape (D, D), and z, shape (D,)."""
 
-    triangle: Array
+    r_factor: Array
     right: Array
 
     @classmethod
@@ -40,18 +40,18 @@ class Estimate:
     @cached_property
     def mean(self) -> Array:
         """The unknowns, shape (D,)."""
-        return np.asarray(np.linalg.solve(self.triangle, self.right))
+        return np.asarray(np.linalg.solve(self.r_factor, self.right))
 
     @cached_property
     def covariance(self) -> Array:
         """Of the unknowns, shape (D, D)."""
-        inverse = np.linalg.inv(self.triangle)
+        inverse = np.linalg.inv(self.r_factor)
         return np.asarray(inverse @ inverse.T)
 
     def measurement_update(self, rows: Array) -> Estimate:
         """Return the estimate after rows [phi, y] of noise 1, shape (N, D+1)."""
         size = len(self.right)
-        whole = np.concatenate([np.column_stack([self.triangle, self.right]), rows])
+        whole = np.concatenate([np.column_stack([self.r_factor, self.right]), rows])
         made: Array = np.asarray(np.linalg.qr(whole, mode='r'))
         return Estimate(made[:size, :size], made[:size, size])
 
@@ -61,33 +61,33 @@ class Estimate:
         ``drift``: what a rate of 1 has moved the others by meanwhile, shape (D,).
         """
         size, none = len(self.right), np.zeros((len(self.right), 1))
-        triangle = self.triangle.copy()
-        triangle[:, -1] -= self.triangle @ drift
+        r_factor = self.r_factor.copy()
+        r_factor[:, -1] -= self.r_factor @ drift
         steps = np.column_stack([np.diag(1 / deviation), np.zeros((size, size)), none])
-        moved = np.column_stack([-triangle, triangle, self.right])
+        moved = np.column_stack([-r_factor, r_factor, self.right])
         made: Array = np.asarray(np.linalg.qr(np.concatenate([steps, moved]), mode='r'))[size : 2 * size]
         return Estimate(made[:, size:-1], made[:, -1])
 
     def inflate_covariance(self, directions: Array) -> Estimate:
         """Return the estimate after a step of unknown size, of deviation 1, along the columns, shape (D, F)."""
         lower = np.linalg.inv(np.linalg.cholesky(self.covariance + directions @ directions.T))
-        triangle: Array = np.asarray(np.linalg.qr(lower, mode='r'))
-        return Estimate(triangle, triangle @ self.mean)
+        r_factor: Array = np.asarray(np.linalg.qr(lower, mode='r'))
+        return Estimate(r_factor, r_factor @ self.mean)
 
     def with_rate(self, deviation: float) -> Estimate:
         """Return the estimate for a rate that was 0 and may now be anything of this deviation."""
-        triangle, right = self.triangle.copy(), self.right.copy()
-        triangle[:, -1], right[-1] = 0.0, 0.0
-        triangle[-1, -1] = 1 / deviation
-        return Estimate(triangle, right)
+        r_factor, right = self.r_factor.copy(), self.right.copy()
+        r_factor[:, -1], right[-1] = 0.0, 0.0
+        r_factor[-1, -1] = 1 / deviation
+        return Estimate(r_factor, right)
 
 
 class Noise:
-    """How far a block's rows, as its triangle has them, are off, by what they were off so far.
+    """How far a block's rows, as its R factor has them, are off, by what they were off so far.
 
-    Neighbouring bumps overlap, velocities are smoothed, and angles are rounded the more often the faster they change:
-    rows are far from independent, and unlike. What a block leaves unexplained by any parameters tells its size, and
-    what its D rows leave of the estimate before it, how much more each of them is off, neighbours included.
+    Neighbouring test functions overlap, velocities are smoothed, and angles are rounded the more often the faster they
+    change: rows are far from independent, and unlike. What a block leaves unexplained by any parameters tells its size,
+    and what its D rows leave of the estimate before it, how much more each of them is off, neighbours included.
     """
 
     def __init__(self, blocks: Sequence[Block], x: Array, settings: TrackerSettings) -> None:
@@ -121,7 +121,7 @@ class Noise:
 
     def rows(self, block: Block) -> Array:
         """Return a block's rows with noise 1, and a column for the rate, shape (D, D+2)."""
-        rows = block.triangle[:-1] / (self.scale(block) * np.sqrt(self.variance))[:, None]
+        rows = block.r_factor[:-1] / (self.scale(block) * np.sqrt(self.variance))[:, None]
         return np.insert(rows, -1, 0.0, axis=1)
 
     def update(self, block: Block, estimate: Estimate) -> None:
@@ -141,14 +141,14 @@ class Noise:
 
 def left_of(block: Block) -> float:
     """Return the mean square of what no parameters explain of a block's rows."""
-    return float(block.triangle[-1, -1] ** 2) / block.rows
+    return float(block.r_factor[-1, -1] ** 2) / block.rows
 
 
 def left_given(block: Block, beside: Array) -> float:
     """Return the same where tilt and dead zone are given, shape (3,): theta and delay may be any."""
-    tail = block.triangle[-4:, -4:]
+    tail = block.r_factor[-4:, -4:]
     return float(np.square(tail[:, -1] - tail[:, :-1] @ beside).sum()) / block.rows
 
 
 def _off(block: Block, x: Array) -> Array:
-    return np.asarray(block.triangle[:-1, -1] - block.triangle[:-1, :-1] @ x)
+    return np.asarray(block.r_factor[:-1, -1] - block.r_factor[:-1, :-1] @ x)

@@ -3,11 +3,12 @@
 
 """A rig that is followed, block by block: predict, gate, update, detect, report.
 
-A block that is predicted is learned from. One that is not waits for the next ones: where one step of theta explains
-them all, theta changed, and they are learned from after it has been freed to do so; where predicted ones follow, it was
-a burst, such as a hand, and is forgotten; where nothing explains them for long, all begins anew. Beside the estimate
-runs that of the other hypothesis on the motor: that its gain drifts, or no longer drifts. Where it predicts better, by
-the sequential test of Page (Continuous inspection schemes, Biometrika 41, 1954), it takes the estimate's place.
+A block that is predicted updates the estimate. One that is not waits for the next ones: where one step of theta
+explains them all, theta changed, and they update it after it has been freed to do so; where predicted ones follow, it
+was a burst, such as a hand, and is forgotten; where nothing explains them for long, all begins anew. Beside the
+estimate runs that of the other hypothesis on the motor: that its gain drifts, or no longer drifts. Where it predicts
+better, by the sequential test of Page (Continuous inspection schemes, Biometrika 41, 1954), it takes the estimate's
+place.
 """
 
 from __future__ import annotations
@@ -26,11 +27,11 @@ from pendubot_identification.level import POOR, Level
 from pendubot_identification.model.parameters import NAMES, Bounds, Parameters
 from pendubot_identification.trajectories.trajectory import Trajectory
 
-from .balances import BLOCK
-from .blocks import Block, Blocks, Samples, Taking
-from .changes import DEAD_ZONE, DELAY, DRIFT, RATE, SEVERAL, TILT, Jump, Kind, Window, kinds
-from .events import NOT_AS_BEFORE, Burst, Change, Event, Lost, Start, State
+from .blocks import Block, Blocks, Samples, SegmentSettings
+from .changes import DEAD_ZONE, DELAY, DRIFT, RATE, SEVERAL, TILT, ChangeType, StepChange, Window, kinds
+from .events import NOT_AS_BEFORE, Change, Disturbance, Event, Lost, Start, State
 from .filter import Estimate, Noise, left_given
+from .residuals import BLOCK
 from .settings import TrackerSettings
 
 Array = NDArray[np.float64]
@@ -45,7 +46,7 @@ class _Step(NamedTuple):
     """A block, its rows with noise 1, and the estimate before it.
 
     ``left`` is how many times more than usual it leaves unexplained, in squares, ``ratio`` that of its own window;
-    it was learned from where it was ``predicted``.
+    it updated the estimate where it was ``predicted``.
     """
 
     block: Block
@@ -70,17 +71,17 @@ class Following:
             PendubotError: it is too short, has gaps, or does not tell the parameters.
         """
         self._settings = settings
-        taking = Taking.of(motion, start.model, bounds, start.delays, start.hold)
+        segment_settings = SegmentSettings.of(motion, start.model, bounds, start.delays, start.hold)
         low, high = start.delays
         unbound = bounds.beside((DELAY,), LONGEST_DELAY).beside((*TILT, DEAD_ZONE), LARGEST)
         self._bounds = unbound.replaced(DELAY, low, high) if low < high else unbound
         self._names = (*unbound.names, RATE)
         first = unbound.replaced(DELAY, low, high)
-        taking, found, x, present = _explained(motion, taking, first, settings)
+        segment_settings, found, x, present = _explained(motion, segment_settings, first, settings)
         self._beyond = math.sqrt(np.mean([left_given(block, x[-3:]) for block in found]))
         if self._beyond > settings.lacking:
-            taking = replace(taking, whitened=False)
-            found = _moving(motion, taking, settings)
+            segment_settings = replace(segment_settings, whitened=False)
+            found = _moving(motion, segment_settings, settings)
             x = _pooled(found).minimum(_fixed(first, present))
         self._size = size = len(bounds.names)
         if problems := Parameters.from_vector(x[:size]).unphysical():
@@ -89,18 +90,18 @@ class Following:
         theta_scale = _scale(x[:size], motion, effort)
         self._scale = np.concatenate([theta_scale, [DELAY_SCALE], theta_scale[3:5], [0.01 * effort, RATE_SCALE]])
         self._noise = Noise([self._scaled(block) for block in found], x / self._scale[:-1], settings)
-        self.blocks = Blocks(taking)
+        self.blocks = Blocks(segment_settings)
         # Of theta next to nothing is known beforehand; the delay lies between its bounds, or is given.
         deviation = np.array([UNKNOWN] * size + [settings.fixed] * 5)
         deviation[size] = max((high - low) / DELAY_SCALE, settings.fixed)
         mean = np.append(x / self._scale[:-1], 0.0)
-        mean[:size], mean[size] = 0.0, taking.delay / DELAY_SCALE
+        mean[:size], mean[size] = 0.0, segment_settings.delay / DELAY_SCALE
         deviation[[name in present for name in self._names]] = 1.0
-        self._estimate = learned = Estimate.of(mean, deviation)
+        self._estimate = updated = Estimate.of(mean, deviation)
         rows = [self._noise.rows(self._scaled(block)) for block in found]
         for each in rows:
-            learned = learned.measurement_update(each)
-        poor = (np.sqrt(np.diag(learned.covariance)) > POOR)[:5]
+            updated = updated.measurement_update(each)
+        poor = (np.sqrt(np.diag(updated.covariance)) > POOR)[:5]
         if poor.any():
             raise PendubotError(f'poorly determined: {", ".join(np.array(NAMES[:5])[poor])}')
         friction = np.array([name[0] in 'bFk' for name in self._names])
@@ -115,19 +116,19 @@ class Following:
             mean[:size], deviation[:size] = start.theta / theta_scale, np.hypot(error, more)
             self._carry_over(Estimate.of(mean, deviation), found, rows)
         self._fork(motion.t[0])
-        self.level, self.why = start.judge(motion)
+        self.level, self.why = start.validate(motion)
         if self.level is Level.ERROR:
             raise PendubotError('; '.join(self.why))
 
     @property
-    def taking(self) -> Taking:
-        """How samples are made balances of."""
-        return self.blocks.taking
+    def segment_settings(self) -> SegmentSettings:
+        """How samples are made weak-form residuals of."""
+        return self.blocks.segment_settings
 
     @property
     def _left(self) -> float:
         """How many times what errors of the angles explain is left unexplained, in root mean squares."""
-        return self._noise.beyond if self.taking.whitened else self._beyond
+        return self._noise.beyond if self.segment_settings.whitened else self._beyond
 
     @property
     def _lacking(self) -> bool:
@@ -135,12 +136,12 @@ class Following:
         return self._left > self._settings.lacking
 
     def _scaled(self, block: Block) -> Block:
-        return block._replace(triangle=block.triangle * np.append(self._scale[:-1], 1.0))
+        return block._replace(r_factor=block.r_factor * np.append(self._scale[:-1], 1.0))
 
     def _carry_over(self, known: Estimate, found: Sequence[Block], rows: Sequence[Array]) -> None:
         """Begin with what was known beforehand, as far as the first blocks do not reject it."""
         window = Window.of(known, rows)
-        if self.taking.whitened:
+        if self.segment_settings.whitened:
             denied = window.ratio >= self._settings.denied
         else:
             pooled = _pooled(found)
@@ -149,8 +150,12 @@ class Following:
         if not denied:
             self._estimate = known
         else:
-            jump = window.jump([Kind(NOT_AS_BEFORE, np.eye(len(self._scale)))], known.mean, self._settings)
-            self._opening = Change(-math.inf, found[0].begin, NOT_AS_BEFORE, {} if jump is None else self._told(jump))
+            step_change = window.step_change(
+                [ChangeType(NOT_AS_BEFORE, np.eye(len(self._scale)))], known.mean, self._settings
+            )
+            self._opening = Change(
+                -math.inf, found[0].begin, NOT_AS_BEFORE, {} if step_change is None else self._described(step_change)
+            )
 
     def take(self, block: Block) -> Iterator[Event]:
         """Learn from a block, or not yet, and return what happened."""
@@ -167,7 +172,7 @@ class Following:
             yield change
         elif step.predicted:
             if any(each.ratio > self._settings.change or each.left > FOREIGN for each in waited):
-                yield Burst(waited[0].block.begin, waited[-1].block.end)
+                yield Disturbance(waited[0].block.begin, waited[-1].block.end)
             if drift := self._update(step):
                 yield drift
         elif len(waited) + 1 >= self._settings.lost:
@@ -207,12 +212,12 @@ class Following:
         self._estimate = step.before.measurement_update(step.rows)
         self._noise.update(self._scaled(step.block), step.before)
         self._relinearise()
-        self._evidence += 2 * (Window.of(self._rival, [step.rows]).likelihood - step.likelihood)
+        self._likelihood_ratio += 2 * (Window.of(self._rival, [step.rows]).likelihood - step.likelihood)
         self._rival = self._rival.measurement_update(step.rows)
-        if self._evidence <= 0:
+        if self._likelihood_ratio <= 0:
             self._fork(step.block.end)
         threshold = self._settings.drift * (self._settings.more if self._lacking else 1.0)
-        if self._evidence <= threshold:
+        if self._likelihood_ratio <= threshold:
             return None
         # It began or ended since the onset, or little before: what is small shows in many blocks only.
         self._drifts, since = not self._drifts, self._onset - self._settings.window * BLOCK
@@ -225,24 +230,29 @@ class Following:
             return None
         moved = (step.block.end - since) * self._worn(self._estimate)
         rate, error = self._estimate.mean[-1], math.sqrt(self._estimate.covariance[-1, -1])
-        drift = Kind(DRIFT, moved[:, None])
-        return Change(since, step.block.end, DRIFT, self._told(Jump(drift, rate * moved, error * np.abs(moved), 0.0)))
+        drift = ChangeType(DRIFT, moved[:, None])
+        return Change(
+            since, step.block.end, DRIFT, self._described(StepChange(drift, rate * moved, error * np.abs(moved), 0.0))
+        )
 
     def _fork(self, now: float) -> None:
         """Let the other hypothesis begin anew from the estimate."""
         self._rival = self._estimate.with_rate(self._settings.fixed if self._drifts else 1.0)
-        self._evidence, self._onset = 0.0, now
+        self._likelihood_ratio, self._onset = 0.0, now
 
     def _relinearise(self) -> None:
         """Take the effort with the estimated delay and dead zone where rows are no longer straight in them."""
         x = np.clip((self._estimate.mean * self._scale)[:-1], self._bounds.lower, self._bounds.upper)
         delay, dead = float(x[self._size]), max(float(x[-1]), 0.0)
-        moved = np.abs([delay - self.taking.delay, dead - self.taking.dead_zone]) / self._scale[[self._size, -2]]
+        moved = (
+            np.abs([delay - self.segment_settings.delay, dead - self.segment_settings.dead_zone])
+            / self._scale[[self._size, -2]]
+        )
         if (moved > self._settings.relinearise).any():
-            self.blocks.taking = replace(self.taking, delay=delay, dead_zone=dead)
+            self.blocks.segment_settings = replace(self.segment_settings, delay=delay, dead_zone=dead)
 
     def _waiting(self) -> list[_Step]:
-        """Return the last blocks that were not learned from."""
+        """Return the last blocks that did not update the estimate."""
         count = next((k for k, step in enumerate(reversed(self._steps)) if step.predicted), len(self._steps))
         return self._steps[len(self._steps) - count :]
 
@@ -272,10 +282,14 @@ class Following:
         window, steps = best
         before = steps[0].before
         named = kinds(self._names, before.mean * self._scale)
-        jump = window.jump([Kind(k.name, k.directions / self._scale[:, None]) for k in named], before.mean, s)
-        if jump is None or (jump.kind.name == SEVERAL and len(steps) < s.agreeing):
+        step_change = window.step_change(
+            [ChangeType(k.name, k.directions / self._scale[:, None]) for k in named], before.mean, s
+        )
+        if step_change is None or (step_change.kind.name == SEVERAL and len(steps) < s.agreeing):
             return None
-        estimate = before.inflate_covariance(jump.kind.directions / np.abs(jump.kind.directions).max(axis=0))
+        estimate = before.inflate_covariance(
+            step_change.kind.directions / np.abs(step_change.kind.directions).max(axis=0)
+        )
         for rows in self._rows(steps):
             estimate = estimate.measurement_update(rows)
         self._estimate = self._advanced(estimate, BLOCK, BLOCK * (len(steps) - 1), self._drifts)
@@ -290,12 +304,12 @@ class Following:
             # Or at any time since the last motion before a rest.
             begin = self._steps[earlier - 1].block.begin
         self._steps = []
-        # Under its first block it may have happened until most bumps knew of it.
-        return Change(begin, steps[0].block.begin + BLOCK, jump.kind.name, self._told(jump))
+        # Under its first block it may have happened until most test functions knew of it.
+        return Change(begin, steps[0].block.begin + BLOCK, step_change.kind.name, self._described(step_change))
 
-    def _told(self, jump: Jump) -> dict[str, tuple[float, float]]:
+    def _described(self, step_change: StepChange) -> dict[str, tuple[float, float]]:
         """Return the parameters that moved beyond doubt."""
-        step, error = jump.step * self._scale, jump.std_error * self._scale
+        step, error = step_change.step * self._scale, step_change.std_error * self._scale
         sure = np.abs(step) > 3 * error
         return {self._names[k]: (float(step[k]), float(error[k])) for k in np.flatnonzero(sure)}
 
@@ -332,9 +346,9 @@ class Following:
                 f'the base is tilted in the plane of motion by {math.degrees(tilt):.2f} deg, or the zero of the '
                 'shoulder is off by that; level the base, or set the zeros anew'
             )
-        if self.taking.dead_zone > 0 and dead > 3 * dead_error:
+        if self.segment_settings.dead_zone > 0 and dead > 3 * dead_error:
             yield f'the motor has a dead zone of {dead:.3g} N m: so much of every torque does not act'
-        if self.taking.rounded and self._lacking:
+        if self.segment_settings.rounded and self._lacking:
             yield (
                 f'what is left unexplained is {self._left:.1f} times what rounded angles explain: the rig has '
                 'what the models lack, or is sampled too slowly; parameters may be farther off than their bands say'
@@ -350,34 +364,34 @@ class Following:
         inside = (x >= self._bounds.lower).all() and (x <= self._bounds.upper).all()
         if inside and not Parameters.from_vector(x[:size]).unphysical():
             return np.asarray(x)
-        given_rate = self._estimate.right - self._estimate.triangle[:, -1] * self._estimate.mean[-1]
-        rows = np.column_stack([self._estimate.triangle[:, :-1] / self._scale[:-1], given_rate])
+        given_rate = self._estimate.right - self._estimate.r_factor[:, -1] * self._estimate.mean[-1]
+        rows = np.column_stack([self._estimate.r_factor[:, :-1] / self._scale[:-1], given_rate])
         return Quadratic(rows, 1).minimum(self._bounds)
 
 
-def _moving(motion: Trajectory, taking: Taking, settings: TrackerSettings) -> list[Block]:
+def _moving(motion: Trajectory, segment_settings: SegmentSettings, settings: TrackerSettings) -> list[Block]:
     """Return a first motion's blocks, but those in which nothing moves."""
     samples = Samples(np.column_stack([motion.t, motion.q, motion.tau]))
-    found = [block for block in Blocks(taking).complete(samples) if block.rows]
+    found = [block for block in Blocks(segment_settings).complete(samples) if block.rows]
     if len(found) * BLOCK < settings.first / 2:
         raise ExcitationError(f'only {len(found) * BLOCK:.1f} s of them move')
     return found
 
 
 def _pooled(found: Sequence[Block]) -> Quadratic:
-    return Quadratic.pool([Quadratic(block.triangle, block.rows) for block in found])
+    return Quadratic.pool([Quadratic(block.r_factor, block.rows) for block in found])
 
 
 def _explained(
-    motion: Trajectory, taking: Taking, bounds: Bounds, settings: TrackerSettings
-) -> tuple[Taking, list[Block], Array, tuple[str, ...]]:
+    motion: Trajectory, segment_settings: SegmentSettings, bounds: Bounds, settings: TrackerSettings
+) -> tuple[SegmentSettings, list[Block], Array, tuple[str, ...]]:
     """Return how a first motion is taken, its blocks, all unknowns, and the fewest of tilt and dead zone that it needs.
 
     Where none of them leave the encoders' quantization alone, all are 0: the rig has other effects.
     """
-    without = _moving(motion, taking, settings)
+    without = _moving(motion, segment_settings, settings)
     for present in ((), TILT, (DEAD_ZONE,), (*TILT, DEAD_ZONE)):
-        found, made, within = without, taking, _fixed(bounds, present)
+        found, made, within = without, segment_settings, _fixed(bounds, present)
         # Rows are whitened by theta, and not straight in a dead zone.
         for _ in range(3 if present else 1):
             pooled = _pooled(found)
@@ -389,7 +403,7 @@ def _explained(
             accuracy = replace(made.accuracy, theta=x[:-4])
             made = replace(made, accuracy=accuracy, dead_zone=max(float(x[-1]), 0.0))
             found = _moving(motion, made, settings)
-    return taking, without, fallback, ()
+    return segment_settings, without, fallback, ()
 
 
 def _fixed(bounds: Bounds, present: Sequence[str]) -> Bounds:

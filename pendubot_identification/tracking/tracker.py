@@ -15,10 +15,10 @@ from pendubot_identification.errors import ExcitationError, PendubotError
 from pendubot_identification.model.parameters import MODELS, Bounds, default_bounds
 from pendubot_identification.trajectories.trajectory import Trajectory
 
-from .balances import STILL
-from .blocks import Samples, Taking
+from .blocks import Samples, SegmentSettings
 from .events import Event, Lost, Start, State
 from .following import Following
+from .residuals import STILL
 from .settings import TrackerSettings
 
 Array = NDArray[np.float64]
@@ -61,9 +61,9 @@ class Tracker:
         return self.reason and f'{self.reason}; waiting for more motion'
 
     @property
-    def taking(self) -> Taking | None:
-        """How samples are made balances of, once that is known."""
-        return None if self._following is None else self._following.taking
+    def segment_settings(self) -> SegmentSettings | None:
+        """How samples are made weak-form residuals of, once that is known."""
+        return None if self._following is None else self._following.segment_settings
 
     @property
     def notes(self) -> dict[str, int]:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from pendubot_identification.trajectories.signals import LONGEST_GAP
 
-from .events import Burst, Event
+from .events import Disturbance, Event
 
 Array = NDArray[np.float64]
 
@@ -25,7 +25,7 @@ LENGTH, STEP, NAMED = 60, 10, 3
 DRIVEN = 0.1
 
 
-class Minutes:
+class InformativeWindows:
     """What happens in each second of one recording; that is all that is kept of it."""
 
     def __init__(self) -> None:
@@ -51,7 +51,7 @@ class Minutes:
         """Take what a tracker tells, by a time that was ``since`` [s] at the recording's first sample."""
         begin, end = max(event.begin - since, 0.0), event.end - since
         self._bad.update(range(int(begin), int(end) + 1))
-        if not isinstance(event, Burst):
+        if not isinstance(event, Disturbance):
             self._changes.append(end)
 
     def best(self) -> list[tuple[int, int]]:

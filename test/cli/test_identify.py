@@ -136,7 +136,7 @@ def test_windows_divide_a_bag_as_documented(run, there, arguments, training, val
 
 
 def test_a_remainder_too_short_to_judge_by_costs_no_result(run, tmp_path):
-    """0.2 s at 500 Hz: samples enough, but shorter than a bump of the weak criterion."""
+    """0.2 s at 500 Hz: samples enough, but shorter than a test function of the weak criterion."""
     fast = tmp_path / 'fast'
     assert run('simulate', '--output', fast, '--rate', '500', '--samples', '3000')[0] == 0
     for window, rest in (('0.2:4', [f'{fast}@4:']), ('0.2:5.8', [])):

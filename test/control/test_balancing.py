@@ -31,7 +31,7 @@ def informed(level=Level.OK, motor_delay=None):
     for k in range(150):
         readiness.sample(k * PERIOD)
     readiness.offer(THETA)
-    readiness.judge(level, 'said so', values())
+    readiness.assess(level, 'said so', values())
     return readiness
 
 
@@ -41,7 +41,7 @@ def informed(level=Level.OK, motor_delay=None):
 )
 def test_everything_known_is_the_parameters_and_the_loop(delay, motor_delay, lag):
     readiness = informed(motor_delay=motor_delay)
-    readiness.judge(Level.OK, '', values(delay=delay))
+    readiness.assess(Level.OK, '', values(delay=delay))
     assert readiness.ready(False) == (BALANCE, Loop(PERIOD, lag, 2.0))
     readiness.board_limit(0.5)
     assert readiness.ready(False)[1].limit == 0.5
@@ -152,7 +152,7 @@ def test_better_parameters_come_in_while_it_moves_and_worse_ones_do_not():
     balancing.readiness.offer(BETTER)
     assert balancing.to_prepare(False) is None, 'they are not judged yet'
     assert balancing.phase is Phase.RUNNING
-    balancing.readiness.judge(Level.OK, '', values(BETTER))
+    balancing.readiness.assess(Level.OK, '', values(BETTER))
     balancing.prepared(planned(*balancing.to_prepare(False)))
     upright(balancing, 1.015)
     assert balancing.plan.design.parameters.vector().tolist() == BETTER
@@ -172,7 +172,7 @@ def test_better_parameters_come_in_while_it_moves_and_worse_ones_do_not():
 def test_what_came_while_it_moved_is_looked_at_anew_before_the_next_start(end):
     balancing = running()
     balancing.readiness.offer(BETTER)
-    balancing.readiness.judge(Level.OK, '', values(BETTER))
+    balancing.readiness.assess(Level.OK, '', values(BETTER))
     wanted = balancing.to_prepare(False)
     end(balancing, planned(*wanted))
     assert balancing.to_prepare(False) == wanted

@@ -5,7 +5,7 @@
 
 import numpy as np
 
-from pendubot_identification.criteria.likelihood import Likelihood, LikelihoodSettings, Readings
+from pendubot_identification.criteria.likelihood import FilterData, Likelihood, LikelihoodSettings
 from pendubot_identification.model.parameters import default_bounds
 from pendubot_identification.trajectories.motion import Motion
 from test.virtual import C1, CHAOTIC, recording
@@ -22,14 +22,14 @@ def motions(seeds=(1, 2), samples=1000, smoothing=0.05, **options):
 
 def likelihood(moved, theta=TRUE, effects=(), **settings):
     """Return the likelihood of recordings, a start with this theta, and bounds."""
-    readings = Readings.of(moved, LikelihoodSettings(**settings))
+    filter_data = FilterData.of(moved, LikelihoodSettings(**settings))
     torque = np.sqrt(np.mean(np.concatenate([m.recorded.tau for m in moved]) ** 2, axis=0)).max()
     speed = max(m.states(m.recorded.t)[2:].std() for m in moved)
     inertia, weight = theta[:2].sum(), theta[3:5].sum()
     own = [inertia] * 3 + [weight] * 2 + [torque / speed] * 2 + [torque] * 2 + [inertia] + [torque] * 2 + [1, 1]
     extra = [np.array([v for e in effects for v in getattr(e, n)]) for n in ('scale', 'start', 'lower', 'upper')]
-    like = Likelihood(readings, tuple(effects), np.concatenate([own, [0.01] * 3, extra[0]]))
-    quantization, box = np.log(readings.quantization) / 2, default_bounds()
+    like = Likelihood(filter_data, tuple(effects), np.concatenate([own, [0.01] * 3, extra[0]]))
+    quantization, box = np.log(filter_data.quantization) / 2, default_bounds()
     noise = [*(quantization + 0.4), *np.log([0.03 * torque] * 2)] * like.levels
     low, high = [*quantization, -20, -20] * like.levels, [*(quantization + 3), 5, 5] * like.levels
     x = np.concatenate([theta, [0, 0, 0], extra[1], noise])

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import PPoly
 
-from pendubot_identification.criteria.likelihood import SHARED, Extension, Readings, fit, fitted_information, physical
+from pendubot_identification.criteria.likelihood import SHARED, Extension, FilterData, fit, fitted_information, physical
 from pendubot_identification.model.filter import Term, TermKind
 from pendubot_identification.model.simulation import quantised, simulate
 from pendubot_identification.trajectories.motion import Motion
@@ -72,7 +72,7 @@ def test_the_information_of_the_noise_is_fishers(moved):
         step = 1e-5 * (np.arange(like.size) == k)
         de, ds = (np.subtract(a, b) / 1e-5 for a, b in zip(like.innovations(found.x + step), (e, s), strict=True))
         slopes.append((de / np.sqrt(s), ds / s / math.sqrt(2)))
-    w = like.readings.weight[:, None]
+    w = like.filter_data.weight[:, None]
     for i, k in enumerate(noise):
         expected = sum((w * a * a).sum() for a in slopes[i])
         assert found.evaluation.informations.sum(axis=0)[k, k] == pytest.approx(expected, rel=1e-3)
@@ -81,19 +81,19 @@ def test_the_information_of_the_noise_is_fishers(moved):
 def test_blocks_add_up_to_the_whole(moved):
     like, x, *_ = likelihood(moved)
     whole, *_ = likelihood(moved, block=math.inf)
-    assert len(like.readings.owner) == 10
-    assert len(whole.readings.owner) == 2
-    np.testing.assert_array_equal(like.readings.owner, np.repeat([0, 1], 5))
+    assert len(like.filter_data.owner) == 10
+    assert len(whole.filter_data.owner) == 2
+    np.testing.assert_array_equal(like.filter_data.owner, np.repeat([0, 1], 5))
     free = np.ones(like.size, dtype=bool)
     parts, sums = like.evaluate(x, free), whole.evaluate(x, free)
     for name in ('costs', 'slopes', 'informations'):
         part, total = getattr(parts, name), getattr(sums, name)
         np.testing.assert_allclose(part.reshape(2, 5, *part.shape[1:]).sum(axis=1), total, rtol=1e-9, atol=1e-6)
     alone = [likelihood([m])[0] for m in moved]
-    quantization = [a.readings.quantization for a in alone]
-    np.testing.assert_allclose(quantization, [like.readings.quantization] * 2)
+    quantization = [a.filter_data.quantization for a in alone]
+    np.testing.assert_allclose(quantization, [like.filter_data.quantization] * 2)
     for k, one in enumerate(alone):
-        np.testing.assert_allclose(one.costs(x), parts.costs[like.readings.owner == k], rtol=1e-9)
+        np.testing.assert_allclose(one.costs(x), parts.costs[like.filter_data.owner == k], rtol=1e-9)
 
 
 def test_the_prior_holds_the_offsets(moved):
@@ -175,10 +175,10 @@ def test_samples_at_rest_have_no_weight():
     tau = np.concatenate([np.zeros((400, 2)), moving])
     at_rest = Motion.prepare(quantised(simulate(C1, t, tau), 4000), 0.05)
     like, x, lower, upper = likelihood([at_rest])
-    readings = like.readings
-    resting = readings.weight == 0
-    assert resting[readings.t < 1.9].all()
-    assert not resting[readings.t > 2.2].all()
+    filter_data = like.filter_data
+    resting = filter_data.weight == 0
+    assert resting[filter_data.t < 1.9].all()
+    assert not resting[filter_data.t > 2.2].all()
     assert like.costs(x)[0] == 0.0
     evaluation = like.evaluate(x, lower < upper)
     assert not evaluation.slopes[0].any()
@@ -190,16 +190,16 @@ def test_a_hole_is_a_longer_step(moved):
     whole = moved[0].recorded
     kept = ~((whole.t > 2.0) & (whole.t < 2.09)) & (np.arange(len(whole.t)) % 41 != 40)
     holed = Motion.prepare(whole[kept], 0.05)
-    readings = Readings.of([holed])
-    for g, (edges, rows) in enumerate(zip(readings.edges, readings.rows, strict=True)):
-        t = np.append(edges[0], readings.t[rows])
+    filter_data = FilterData.of([holed])
+    for g, (edges, rows) in enumerate(zip(filter_data.edges, filter_data.rows, strict=True)):
+        t = np.append(edges[0], filter_data.t[rows])
         assert np.isin(t, holed.recorded.t).all()
         assert np.isin(t, edges).all()
         assert (np.diff(edges) > 0).all()
         assert np.diff(edges).max() <= 0.005 + 1e-9
         assert np.diff(t).max() >= 0.09 - 1e-9
-        assert (readings.samples.row[g] >= 0).sum() == len(t) - 1
-        np.testing.assert_allclose(readings.samples.h[g].sum(), t[-1] - t[0])
+        assert (filter_data.samples.row[g] >= 0).sum() == len(t) - 1
+        np.testing.assert_allclose(filter_data.samples.h[g].sum(), t[-1] - t[0])
     found = fit(*likelihood([holed, moved[1]], 0.9 * TRUE), iterations=60)
     np.testing.assert_allclose(found.x[:5], TRUE[:5], rtol=1e-3)
 
@@ -207,8 +207,8 @@ def test_a_hole_is_a_longer_step(moved):
 @pytest.mark.parametrize('interval', [0.033, 0.002, 0.09])
 def test_every_interval_reads_samples_that_are_about_as_far_apart(interval):
     moved = motions(samples=round(4 / interval), interval=interval, seeds=(1,))
-    readings = Readings.of(moved)
-    assert np.bincount(readings.samples.level, minlength=3).tolist() == [1, 1, 1]
-    for wanted, edges, rows in zip(readings.settings.intervals, readings.edges, readings.rows, strict=True):
-        apart = np.diff(np.append(edges[0], readings.t[rows]))
+    filter_data = FilterData.of(moved)
+    assert np.bincount(filter_data.samples.level, minlength=3).tolist() == [1, 1, 1]
+    for wanted, edges, rows in zip(filter_data.settings.intervals, filter_data.edges, filter_data.rows, strict=True):
+        apart = np.diff(np.append(edges[0], filter_data.t[rows]))
         np.testing.assert_allclose(apart, max(1, round(wanted / interval)) * interval, rtol=1e-6)

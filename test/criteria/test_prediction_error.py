@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pendubot_identification.criteria.likelihood import Readings
+from pendubot_identification.criteria.likelihood import FilterData
 from pendubot_identification.criteria.prediction_error import PredictionSettings, Simulations, refine
 from pendubot_identification.errors import TrajectoryError
 from pendubot_identification.model.parameters import default_bounds
@@ -36,7 +36,7 @@ def refined(moved, theta=TRUE, prior=None, pull=None, bounds=None, delay=0.0, of
         delay,
         np.array(offset),
         bounds or default_bounds(),
-        Readings.of(moved),
+        FilterData.of(moved),
         PredictionSettings(**settings),
     )
 
@@ -72,15 +72,15 @@ def test_simulations_lie_within_their_recordings(moved):
 
 def test_slopes_and_information_are_the_criterions(moved):
     found = refined(moved, 1.1 * TRUE, 1e4 * np.diag(1 / np.maximum(TRUE, 0.01) ** 2))
-    settings, readings = PredictionSettings(), Readings.of(moved)
+    settings, filter_data = PredictionSettings(), FilterData.of(moved)
     simulations = Simulations.of(moved, 0.0, np.zeros(2), HORIZONS, STRIDE)
     number = simulations.recording
-    block = np.concatenate([readings.block_of(k, simulations.t[number == k]) for k in range(3)])
+    block = np.concatenate([filter_data.block_of(k, simulations.t[number == k]) for k in range(3)])
     count = settings.weight * sum(m.end - m.start for m in moved) / 0.5 / len(number)
 
     def cost(theta):
         z = simulations.errors(theta)[0] / found.scale[:, :, None] / found.factor[number]
-        return count / 2 * np.bincount(block, (z**2).sum(axis=(0, 1)), minlength=len(readings.owner))
+        return count / 2 * np.bincount(block, (z**2).sum(axis=(0, 1)), minlength=len(filter_data.owner))
 
     size = np.sqrt(np.diagonal(found.informations.sum(axis=0)))
     for k, step in enumerate(np.diag(1e-5 * np.maximum(TRUE, 0.01))):

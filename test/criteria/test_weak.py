@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pendubot_identification.criteria.quadratic import Quadratic
-from pendubot_identification.criteria.weak import WIDTH, balance_weights, estimate_delay, weak_regression
+from pendubot_identification.criteria.weak import WIDTH, estimate_delay, residual_weights, weak_regression
 from pendubot_identification.errors import TrajectoryError
 from pendubot_identification.excitation.excitation import PulseTrain
 from pendubot_identification.model.dynamics import forward_dynamics, mass_matrix
@@ -37,7 +37,7 @@ def pulses(rate=100, seed=1, duration=9.0):
 
 def estimate(motions, model, delay=0.0):
     bounds = default_bounds().of(MODELS[model])
-    weights = balance_weights([weak_regression(m, model, delay) for m in motions], bounds)
+    weights = residual_weights([weak_regression(m, model, delay) for m in motions], bounds)
     parts = [weak_regression(m, model, delay, weights=weights) for m in motions]
     return Quadratic.pool([Quadratic.reduce(part.phi, part.y) for part in parts]).minimum(bounds)
 
@@ -72,8 +72,8 @@ def test_residuals_are_missing_torque_and_power_averaged_under_a_bump(parameters
     missing = np.array([mass_matrix(theta, place) @ a for place, a in zip(q, unmoved, strict=True)])
     missing = np.column_stack([missing, (missing * qd).sum(axis=1)])
     x = (t - regression.t[::3, None]) / (WIDTH / 2)
-    bumps = np.where(np.abs(x) < 1, (1 - np.minimum(x**2, 1)) ** 3, 0)
-    expected = bumps @ missing / bumps.sum(axis=1, keepdims=True)
+    test_functions = np.where(np.abs(x) < 1, (1 - np.minimum(x**2, 1)) ** 3, 0)
+    expected = test_functions @ missing / test_functions.sum(axis=1, keepdims=True)
     residual = (regression.y - regression.phi @ theta).reshape(-1, 3)
     scale = np.abs(np.column_stack([tau, (tau * qd).sum(axis=1)])).max() + np.abs(missing).max()
     np.testing.assert_allclose(residual, expected, atol=2e-3 * scale)
@@ -98,7 +98,7 @@ def test_every_pulse_counts_once_whatever_jitter_and_delay(seed, delay, jitter):
 
 def test_balances_have_residuals_of_one_size_once_weighted():
     motion, bounds = Motion.prepare(pulses(), 0.02), default_bounds().of(7)
-    weights = balance_weights([weak_regression(motion, 'viscous')], bounds)
+    weights = residual_weights([weak_regression(motion, 'viscous')], bounds)
     parts = weak_regression(motion, 'viscous', weights=weights)
     theta = Quadratic.reduce(parts.phi, parts.y).minimum(bounds)
     sizes = np.sqrt(((parts.y - parts.phi @ theta).reshape(-1, 3) ** 2).mean(axis=0))

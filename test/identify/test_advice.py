@@ -24,7 +24,7 @@ def with_errors(estimate, **errors):
     return replace(estimate, std_error=std_error)
 
 
-TOLD = dict.fromkeys(NAMES[:7], 0.01)
+IDENTIFIABLE = dict.fromkeys(NAMES[:7], 0.01)
 
 
 @pytest.mark.parametrize(
@@ -44,7 +44,7 @@ def test_names_the_worst_first_and_what_helps(estimate, errors, expected):
     """P2 goes with P5, and b1 lies on its bound."""
     correlation, free = np.eye(7), np.array(NAMES[:7]) != 'b1'
     correlation[1, 4] = correlation[4, 1] = 0.99
-    poor = with_errors(replace(estimate, correlation=correlation, free=free), **TOLD | errors)
+    poor = with_errors(replace(estimate, correlation=correlation, free=free), **IDENTIFIABLE | errors)
     assert list(advise(poor)) == [
         f'this motion tells little of {said}; what helps: {HELP[said[:2]]}' for said in expected
     ]

@@ -80,7 +80,7 @@ def problem(recorded):
 
 def candidate(base, name, where):
     """Return the first candidate of this name."""
-    found = catalogue(base.likelihood.readings.motions, EffectSettings())
+    found = catalogue(base.likelihood.filter_data.motions, EffectSettings())
     return next(c for c in found if (c.name, c.where) == (name, where))
 
 
@@ -120,7 +120,7 @@ def test_an_effect_that_is_not_sure_is_possible_and_changes_nothing(problem):
     (found,) = find_effects(base, EffectSettings(sure=np.inf))
     assert (found.name, found.accepted) == ('dead zone', False)
     assert found.sentence.startswith('possible, not compensated: the motor gives no torque below a threshold (motor)')
-    motion = base.likelihood.readings.motions[0]
+    motion = base.likelihood.filter_data.motions[0]
     assert compensated(motion, [found], 0.0) is motion
     assert find_effects(base, EffectSettings(sure=np.inf, tried=np.inf)) == []
 
@@ -130,7 +130,7 @@ def test_each_candidate_starts_as_the_model(problem):
     base = problem('clean')
     free = np.zeros(base.likelihood.size, dtype=bool)
     cost = base.likelihood.costs(base.fit.x)
-    for c in catalogue(base.likelihood.readings.motions, EffectSettings()):
+    for c in catalogue(base.likelihood.filter_data.motions, EffectSettings()):
         assert c.name in MEANINGS
         extension = c.extension
         sizes = len(extension.scale), len(extension.lower), len(extension.upper), len(extension.start)
@@ -146,10 +146,11 @@ def test_each_candidate_starts_as_the_model(problem):
 def test_cogging_is_a_candidate_where_the_joint_turns(problem):
     base = problem('clean')
     settings = EffectSettings()
-    both = [c.where for c in catalogue(base.likelihood.readings.motions, settings) if c.name == 'cogging']
+    both = [c.where for c in catalogue(base.likelihood.filter_data.motions, settings) if c.name == 'cogging']
     assert len(both) == 2 * (settings.repetitions - 1)
     still = [
-        replace(m, recorded=replace(m.recorded, q=m.recorded.q * [0.01, 1.0])) for m in base.likelihood.readings.motions
+        replace(m, recorded=replace(m.recorded, q=m.recorded.q * [0.01, 1.0]))
+        for m in base.likelihood.filter_data.motions
     ]
     alone = [c.where for c in catalogue(still, settings) if c.name == 'cogging']
     assert alone == [where for where in both if where.startswith('elbow')]
@@ -158,7 +159,7 @@ def test_cogging_is_a_candidate_where_the_joint_turns(problem):
 def test_compensated_torques_are_those_that_act(problem):
     """A dead zone changes the recorded torque; a drag adds one that follows the smoothed speed."""
     for name in ('dead zone', 'drag'):
-        motion = problem(name).likelihood.readings.motions[0]
+        motion = problem(name).likelihood.filter_data.motions[0]
         found = find_effects(problem(name))
         t = np.arange(0.5, 7.0, 0.005)
         acting = np.diff(compensated(motion, found, 0.0).impulse(t), axis=0) / 0.005
@@ -172,5 +173,5 @@ def test_compensated_torques_are_those_that_act(problem):
 
 
 def test_each_effect_of_the_catalogue_has_a_meaning(problem):
-    names = {c.name for c in catalogue(problem('clean').likelihood.readings.motions, EffectSettings())}
+    names = {c.name for c in catalogue(problem('clean').likelihood.filter_data.motions, EffectSettings())}
     assert names == set(MEANINGS)

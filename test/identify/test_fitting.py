@@ -35,7 +35,7 @@ def test_an_exact_rig_ends_with_one_step_on_all_samples():
     assert answer.model == 'viscous'
     assert 'nothing but quantization is left' in steps
     np.testing.assert_allclose(answer.theta[:7], PAPER.vector(), rtol=0.005)
-    assert answer.readings.measurements == 399
+    assert answer.filter_data.measurements == 399
 
 
 def test_one_recording_with_noise_leaves_none_exact():
@@ -61,13 +61,13 @@ def test_an_interval_at_which_a_filter_diverges_is_left_out(monkeypatch):
     real, longest = fitting.fit, [0.15]
 
     def fails(likelihood, *args):
-        if likelihood.readings.settings.intervals[-1] > longest[-1]:
+        if likelihood.filter_data.settings.intervals[-1] > longest[-1]:
             raise FloatingPointError
         return real(likelihood, *args)
 
     monkeypatch.setattr(fitting, 'fit', fails)
     answer, _ = fitted(noisy())
-    assert answer.readings.settings.intervals == (0.05, 0.1)
+    assert answer.filter_data.settings.intervals == (0.05, 0.1)
     longest.append(0.0)
     with pytest.raises(TrajectoryError, match='no filter follows this motion'):
         fitted(noisy())

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pendubot_identification.errors import ExcitationError, ParameterError, TrajectoryError
-from pendubot_identification.identify.judgement import judge
+from pendubot_identification.identify.judgement import assess
 from pendubot_identification.identify.pipeline import identify
 from pendubot_identification.identify.prediction import HORIZONS, Prediction, predict, state_scale
 from pendubot_identification.identify.settings import Settings
@@ -295,13 +295,13 @@ def test_three_recordings_have_no_say_in_which_parameters_are_told_apart():
 
 def test_validation_only_judges():
     motions = [recording(250, seed=s) for s in range(3)]
-    alone, judged, other = (identify(motions[:1], v, WEAK).best for v in ([], motions[1:], motions[2:]))
-    np.testing.assert_array_equal(alone.theta, judged.theta)
-    np.testing.assert_array_equal(alone.std_error, judged.std_error)
+    alone, assessed, other = (identify(motions[:1], v, WEAK).best for v in ([], motions[1:], motions[2:]))
+    np.testing.assert_array_equal(alone.theta, assessed.theta)
+    np.testing.assert_array_equal(alone.std_error, assessed.std_error)
     assert np.isnan(alone.J_validation)
-    assert judged.J_validation > 0
-    assert judged.J_validation != other.J_validation
-    assert (judged.prediction.errors != other.prediction.errors).all()
+    assert assessed.J_validation > 0
+    assert assessed.J_validation != other.J_validation
+    assert (assessed.prediction.errors != other.prediction.errors).all()
 
 
 def test_the_one_recording_whose_elbow_is_turned_round_is_named():
@@ -342,14 +342,14 @@ def test_nothing_that_could_hurt_is_judged_ok(factors, errors):
     prediction = Prediction(size, np.ones_like(size), np.full(len(HORIZONS), 9))
     estimate = replace(GOOD, theta=theta, prediction=prediction)
     bounds = replace(default_bounds(), lower=np.full(14, -10.0))
-    judged = judge(estimate, replace(WEAK, bounds=bounds), (np.nan, np.nan), [])
+    assessed = assess(estimate, replace(WEAK, bounds=bounds), (np.nan, np.nan), [])
     unphysical = bool(Parameters.from_vector(theta).unphysical())
     worse = max(errors[:3]) > 1
-    assert judged.level is (Level.ERROR if unphysical or worse else judged.level)
-    assert any(w.startswith(('not physical', 'hardly physical')) for w in judged.warnings) >= unphysical
-    assert any(w.startswith('predicts worse than assuming that nothing moves') for w in judged.warnings) == worse
-    assert (judged.level is Level.OK) == (not judged.warnings)
-    np.testing.assert_array_equal(judged.theta, theta)
+    assert assessed.level is (Level.ERROR if unphysical or worse else assessed.level)
+    assert any(w.startswith(('not physical', 'hardly physical')) for w in assessed.warnings) >= unphysical
+    assert any(w.startswith('predicts worse than assuming that nothing moves') for w in assessed.warnings) == worse
+    assert (assessed.level is Level.OK) == (not assessed.warnings)
+    np.testing.assert_array_equal(assessed.theta, theta)
 
 
 def test_a_parameter_on_its_bound_is_named_and_how_far_it_would_move_is_told():

@@ -10,7 +10,7 @@ import pytest
 
 from pendubot_identification.identify.diagnosis import Fault
 from pendubot_identification.identify.estimate import Effort, Estimate, Zeros
-from pendubot_identification.identify.judgement import judge
+from pendubot_identification.identify.judgement import assess
 from pendubot_identification.identify.prediction import HORIZONS, Prediction
 from pendubot_identification.identify.settings import Settings
 from pendubot_identification.model.parameters import PAPER
@@ -48,22 +48,22 @@ OFF = Zeros(('swing',), np.radians([[8.0], [0.0]]), np.radians([[0.1], [0.1]]))
     ],
 )
 def test_what_a_named_fault_explains_is_not_said_again(name, estimate, length, doubt):
-    (alone,) = judge(estimate, SETTINGS, length).warnings
+    (alone,) = assess(estimate, SETTINGS, length).warnings
     assert alone.startswith(doubt)
     fault = Fault(name, 'found', 'remedy')
-    assert judge(estimate, SETTINGS, length, [fault]).warnings == (fault.sentence,)
+    assert assess(estimate, SETTINGS, length, [fault]).warnings == (fault.sentence,)
 
 
 def test_an_inertia_of_nothing_is_one_failure():
     theta = PAPER.vector() * [1, 0, 0, 1, 1, 1, 1]
     free = np.array([True, False, True, True, True, True, True])
-    said = judge(replace(GOOD, theta=theta, free=free), SETTINGS, (np.nan, np.nan)).warnings
+    said = assess(replace(GOOD, theta=theta, free=free), SETTINGS, (np.nan, np.nan)).warnings
     assert [text for text in said if 'P2' in text or 'M(q)' in text] == ['not physical: P2 = 0 is not positive']
 
 
 def test_of_a_motion_that_tells_little_the_parameters_are_named_once():
     vague = replace(GOOD, condition_number=1e6)
-    (text,) = judge(vague, SETTINGS, LENGTH).warnings
+    (text,) = assess(vague, SETTINGS, LENGTH).warnings
     assert text.startswith('ill-conditioned')
-    (text,) = judge(replace(vague, std_error=PAPER.vector()), SETTINGS, LENGTH).warnings
+    (text,) = assess(replace(vague, std_error=PAPER.vector()), SETTINGS, LENGTH).warnings
     assert text.startswith('poorly determined')

@@ -8,7 +8,7 @@ import pytest
 
 from pendubot_identification.criteria.energy import Regression
 from pendubot_identification.criteria.quadratic import Quadratic
-from pendubot_identification.criteria.weak import balance_weights, weak_regression
+from pendubot_identification.criteria.weak import residual_weights, weak_regression
 from pendubot_identification.identify.uncertainty import (
     Blocks,
     bootstrap_covariance,
@@ -93,7 +93,7 @@ def test_of_the_weak_criterion_it_is_about_the_spread_over_recordings():
     estimates, errors, bounds = [], [], default_bounds().of(7)
     for seed in range(10):
         motion = Motion.prepare(recording(seed=seed), 0.02)
-        weights = balance_weights([weak_regression(motion, 'viscous')], bounds)
+        weights = residual_weights([weak_regression(motion, 'viscous')], bounds)
         part = weak_regression(motion, 'viscous', weights=weights)
         estimates.append(Quadratic.reduce(part.phi, part.y).minimum(bounds))
         errors.append(np.sqrt(np.diag(covariance_of([part], estimates[-1], np.ones(7, dtype=bool)))))
@@ -147,8 +147,8 @@ def test_of_recordings_it_is_about_the_jackknife_that_leaves_one_out():
 
 def test_of_an_exact_line_recordings_count_where_they_differ():
     phi, y, owner = clustered(4, 4)
-    alike = np.random.default_rng(5).normal(size=y.shape)
-    (*_, differing), (*_, same) = (line(phi, each, owner, exact=True) for each in (y, alike))
+    tied = np.random.default_rng(5).normal(size=y.shape)
+    (*_, differing), (*_, same) = (line(phi, each, owner, exact=True) for each in (y, tied))
     assert differing.startswith('influence of 80 blocks of time and of 4 recordings')
     assert 'recordings' not in same
 

@@ -13,7 +13,7 @@ from pendubot_identification.level import NORMAL_95, Level
 from pendubot_identification.report.figures import draw_track
 from pendubot_identification.report.page import result_page, track_page
 from pendubot_identification.report.table import Table
-from pendubot_identification.tracking.events import Burst, Change, State
+from pendubot_identification.tracking.events import Change, Disturbance, State
 from test.identified import plain
 from test.identified import result as typed
 from test.report.test_figures import every_picture
@@ -214,7 +214,7 @@ def test_what_became_of_parameters_is_explored_beside_what_happened(opened, tmp_
         for t in range(100)
     ]
     states[0] = states[0]._replace(std_error=np.full(9, np.inf))
-    events = [Change(40.0, 41.0, 'payload on link 2', {'P2': (0.1, 0.01)}), Burst(60.0, 60.5)]
+    events = [Change(40.0, 41.0, 'payload on link 2', {'P2': (0.1, 0.01)}), Disturbance(60.0, 60.5)]
     file = tmp_path / 'report.html'
     table, happened = Table(['', 'value'], [['P1', '1 +- 0.1']]), [str(event) for event in events]
     file.write_text(

@@ -16,7 +16,7 @@ from pendubot_identification.identify.pipeline import identify
 from pendubot_identification.identify.settings import Settings
 from pendubot_identification.level import Level
 from pendubot_identification.model.parameters import BALANCE, Parameters
-from pendubot_identification.tracking.events import Burst, Change, Start, State
+from pendubot_identification.tracking.events import Change, Disturbance, Start, State
 from pendubot_identification.tracking.tracker import Tracker
 from test.changing_rig import C2, Day, record, truth
 from test.real import RIGS, known, recorded, strung
@@ -71,7 +71,7 @@ def test_bands_hold_the_truth(rigs, name):
     assert held(late, DAYS[name]).mean() > 0.85
     assert (np.abs(states[-1].theta[:5] / truth(DAYS[name], [0])[0, :5] - 1) < 0.003).all()
     assert {s.level for s in late} == {Level.OK}
-    assert not [e for e in events if not isinstance(e, Burst)]
+    assert not [e for e in events if not isinstance(e, Disturbance)]
 
 
 def test_a_payload_is_found_within_two_seconds_and_named(rigs):
@@ -163,17 +163,17 @@ def test_a_tilt_or_a_dead_zone_from_the_beginning_is_told(rigs, name, warning):
 def test_attempts_to_begin_pause_ever_longer(rigs):
     attempts = []
 
-    def judge(motion):
+    def validate(motion):
         attempts.append(motion.t[-1])
         return Level.ERROR, ('it predicts nothing',)
 
-    follow(rigs['nothing'], Start(judge=judge))
+    follow(rigs['nothing'], Start(validate=validate))
     assert np.diff(attempts) == pytest.approx([4.0, 8.0, 16.0], abs=1.0)
 
 
 def test_a_hand_changes_nothing(rigs):
     tracker, states, events = follow(rigs['pushes'])
-    assert all(isinstance(e, Burst) for e in events)
+    assert all(isinstance(e, Disturbance) for e in events)
     for at, *_, lasts in PUSHES:
         assert any(e.begin < at + lasts and at < e.end for e in events), at
     assert (np.abs(tracker.state.theta[:5] / truth(Day(), [0])[0, :5] - 1) < 0.003).all()
@@ -209,7 +209,7 @@ def test_bad_samples_are_said_and_left_out(rigs):
     samples = np.concatenate([samples[:5000], samples[4990:5000], samples[5000:]])  # repeated
     gap = np.concatenate([samples[:6000], samples[6200:]])
     tracker, states, events = follow(gap)
-    assert not [e for e in events if not isinstance(e, Burst)]
+    assert not [e for e in events if not isinstance(e, Disturbance)]
     assert tracker.notes == {
         'a number that is not finite': 5,
         'a stamp that repeats or runs back': 11,
@@ -224,7 +224,7 @@ def test_a_clock_that_jumps_is_no_change(rigs, jump):
     samples = rigs['nothing'].copy()
     samples[5000:, 0] += jump
     tracker, _, events = follow(samples)
-    assert not [e for e in events if not isinstance(e, Burst)]
+    assert not [e for e in events if not isinstance(e, Disturbance)]
     assert 'the stamps began anew' in tracker.notes or 'a gap between samples' in tracker.notes
     assert (np.abs(tracker.state.theta[:5] / truth(Day(), [0])[0, :5] - 1) < 0.01).all()
 
@@ -328,7 +328,7 @@ def test_parameters_that_no_rig_has_are_refused():
 
 def test_a_first_motion_that_would_be_an_error_is_none_to_begin_with(rigs):
     verdicts = iter([(Level.ERROR, ('it predicts nothing',)), (Level.OK, ())])
-    tracker = Tracker(Start(judge=lambda motion: next(verdicts)))
+    tracker = Tracker(Start(validate=lambda motion: next(verdicts)))
     assert not list(tracker.feed(rigs['nothing'][:1700]))
     assert 'it predicts nothing' in tracker.waiting
     assert [told.level for told in tracker.feed(rigs['nothing'][1700:2500])][-1] is Level.OK
@@ -391,7 +391,7 @@ def test_a_real_rig_is_followed_to_what_all_its_recordings_say_together(rig):
     assert (off < 1.96 * np.hypot(back.state.std_error, tracker.state.std_error)[:5]).all()
     # What is known already is not denied by its first motion, nor by any later.
     tracker, _, events = follow(strung(motions), known(batch))
-    assert not [event for event in events if not isinstance(event, Burst)]
+    assert not [event for event in events if not isinstance(event, Disturbance)]
     assert (np.abs(tracker.state.theta / batch.theta - 1)[:5] < 0.06).all()
 
 

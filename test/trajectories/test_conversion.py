@@ -47,9 +47,9 @@ def test_a_conversion_is_corrected_into_another_by_options(one, other):
     other = replace(other, torque_constant=one.torque_constant)
     inverse = Affine.of(np.linalg.inv(one.affine.Q), T=np.linalg.inv(one.affine.T))
     undone = inverse._replace(c=-inverse.Q @ one.affine.c, d=-inverse.T @ one.affine.d)
-    mended = one.then(other.affine.after(undone))
-    assert mended is not None
-    expected, found = motion(other), motion(mended)
+    corrected_conversion = one.then(other.affine.after(undone))
+    assert corrected_conversion is not None
+    expected, found = motion(other), motion(corrected_conversion)
     turns = (found.q - expected.q) / (2 * np.pi)
     np.testing.assert_allclose(turns, np.rint(turns), atol=1e-6)
     np.testing.assert_allclose(found.tau, expected.tau, rtol=1e-6, atol=1e-6)

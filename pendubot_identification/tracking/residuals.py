@@ -1,16 +1,17 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The balances of both joints' momentum under the bumps of blocks, and how far what is measured puts them off.
+"""The weak-form residuals of both joints' momentum in each block, and their covariance due to measurement errors.
 
-Weighted with a bump w, a balance is a row of [phi, y] (see :mod:`pendubot_identification.criteria.weak`). Angles that
-are off by e change what it leaves, linearised and integrated by parts, by
+Weighted with a test function w, a residual is a row of [phi, y] (see :mod:`pendubot_identification.criteria.weak`).
+Angles that are off by e change what it leaves, linearised and integrated by parts, by
 
     integral of ((w M)'' + (w M A_v)' - w M A_q) e dt
 
 where the model's accelerations have the derivatives A_q and A_v. So e, which is an encoder's rounding and nearly white,
-tells the covariance of all rows, though bumps overlap and the rig moves fast or slowly. Whitened rows are all of one
-noise, as in generalised least squares (WENDy: Bortz, Messenger and Dukic, Bulletin of Mathematical Biology 85, 2023).
+tells the covariance of all rows, though test functions overlap and the rig moves fast or slowly. Whitened rows are all
+of one noise, as in generalised least squares (WENDy: Bortz, Messenger and Dukic, Bulletin of Mathematical Biology 85,
+2023).
 """
 
 from __future__ import annotations
@@ -35,16 +36,17 @@ from pendubot_identification.trajectories.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
-#: A block's length [s]: of the bumps that begin in it. From one of them to the next [s]: nearer ones tell nothing more.
+#: A block's length [s]: of the test functions that begin in it. From one of them to the next [s]: nearer ones tell
+#: nothing more.
 BLOCK, STRIDE = 0.4, 0.025
-#: Cells over which bumps are summed [s]: within them torque and acceleration may jump. Errors are summed over so many
-#: cells at once.
+#: Cells over which test functions are summed [s]: within them torque and acceleration may jump. Errors are summed over
+#: so many cells at once.
 CELL, COARSE = 0.00125, 2
 #: Bumps of a block.
 K = round(BLOCK / STRIDE)
 _STEP, _REACH = round(BLOCK / CELL), round((BLOCK - STRIDE + WIDTH) / CELL)
-#: Under a bump that turns no joint by more [rad], nothing moves: what holds a rig still is dry friction, which could be
-#: anything.
+#: Under a test function that turns no joint by more [rad], nothing moves: what holds a rig still is dry friction, which
+#: could be anything.
 STILL = 0.02
 #: Part of their variance that rows have each for themselves: no more digits are asked of a covariance.
 OWN = 1e-5
@@ -73,7 +75,7 @@ class Accuracy:
 def rows_of(
     motion: Motion, begin: float, count: int, delay: float, sign: PPoly, accuracy: Accuracy
 ) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Return the rows of so many blocks of a motion from ``begin`` [s] on, two for each bump: of shoulder and elbow.
+    """Return the rows of so many blocks of a motion from ``begin`` [s] on: shoulder and elbow, per test function.
 
     ``delay`` [s] is that of the effort, ``sign`` [s] the integral of the sign of the shoulder's torque outside its dead
     zone. In a row [phi, lag, sines, sign, y], ``phi @ theta + lag delay + sines @ (P4 horizontal, P5 horizontal) +
@@ -92,8 +94,8 @@ def rows_of(
     impulse = np.ascontiguousarray(motion.impulse(nodes - delay).T)
     signs = np.diff(sign(nodes - delay)[:, 0])[1:-1]
     cells = _under(_columns(states, impulse, signs, len(accuracy.theta), accuracy.speed), _REACH)
-    rows = cells @ _BUMPS[0, :, 1:-1:2].T
-    lag = cells[:, -1:] @ -_BUMPS[1, :, 1:-1:2].T
+    rows = cells @ _TEST_FUNCTIONS[0, :, 1:-1:2].T
+    lag = cells[:, -1:] @ -_TEST_FUNCTIONS[1, :, 1:-1:2].T
     size = len(accuracy.theta)
     rows = np.concatenate([rows[:, :size], lag, rows[:, size:-1], rows[:, -1:] + lag * delay], axis=1)
     rows = np.ascontiguousarray(rows.transpose(2, 3, 0, 1)).reshape(count, 2 * K, -1)
@@ -110,7 +112,7 @@ def rows_of(
 
 
 def moves_under(motion: Motion, begin: float, count: int) -> NDArray[np.bool_]:
-    """Tell whether anything moves under each bump of so many blocks from ``begin`` [s] on, shape (B, K)."""
+    """Tell whether anything moves under each test function of so many blocks from ``begin`` [s] on, shape (B, K)."""
     # Seven points tell.
     t = begin + STRIDE * np.arange(count * K)[:, None] + WIDTH * np.linspace(0, 1, 7)
     turned = np.ptp(motion.states(t)[:2], axis=-1).max(axis=0)
@@ -118,7 +120,7 @@ def moves_under(motion: Motion, begin: float, count: int) -> NDArray[np.bool_]:
 
 
 def _columns(states: Array, impulse: Array, signs: Array, size: int, noise: float) -> Array:
-    """Return what the balances of single cells are made of, shape (2, D+4, cells)."""
+    """Return what the weak-form residuals of single cells are made of, shape (2, D+4, cells)."""
     q, v, v12 = states[:2], states[2:], states[2:].sum(axis=0)
     c2, s2 = np.cos(q[1]), np.sin(q[1])
     q12 = q.sum(axis=0)
@@ -179,28 +181,28 @@ def _linearised(theta: Array, states: Array, tau: Array) -> tuple[Array, Array, 
 def _spread(factors: Sequence[Array], scale: Array) -> Array:
     """Return what errors at each node, of each joint's ``scale``, shape (2,), do to rows, shape (B, 2 K, 2 nodes).
 
-    ``factors`` multiply the bumps' second derivative, their first, and the bumps.
+    ``factors`` multiply the test functions' second derivative, their first, and the test functions.
     """
     spread: Array = np.zeros(1)
-    for bumps, factor in zip(_BUMPS[::-1, :, :: 2 * COARSE], factors, strict=True):
-        under = np.moveaxis(_under(factor * scale[:, None], bumps.shape[1], _STEP // COARSE), 2, 0)
-        spread = spread + bumps[None, :, None, None] * under[:, None]
+    for test_functions, factor in zip(_TEST_FUNCTIONS[::-1, :, :: 2 * COARSE], factors, strict=True):
+        under = np.moveaxis(_under(factor * scale[:, None], test_functions.shape[1], _STEP // COARSE), 2, 0)
+        spread = spread + test_functions[None, :, None, None] * under[:, None]
     return spread.reshape(len(spread), 2 * K, -1)
 
 
 def _under(values: Array, reach: int, step: int = _STEP) -> Array:
-    """Return what lies under the bumps of each block, of arrays (..., N): (..., B, reach)."""
+    """Return what lies under the test functions of each block, of arrays (..., N): (..., B, reach)."""
     return np.lib.stride_tricks.sliding_window_view(values, reach, axis=-1)[..., ::step, :]
 
 
-def _bumps() -> Array:
-    """Return the bumps of a block [1/s] and their first two derivatives at nodes and middles of cells, in turn."""
+def _test_functions() -> Array:
+    """Return the test functions of a block [1/s] and two derivatives, at nodes and middles of cells in turn."""
     half = WIDTH / 2
     x = (np.arange(2 * _REACH + 1) * CELL / 2 - STRIDE * np.arange(K)[:, None]) / half - 1
     x = np.clip(x, -1, 1)
     r = 1 - x * x
-    bumps = np.stack([r**3, -6 * x * r**2 / half, (24 * x * x * r - 6 * r**2) / half**2])
-    return np.asarray(bumps * 35 / 32 / half)
+    test_functions = np.stack([r**3, -6 * x * r**2 / half, (24 * x * x * r - 6 * r**2) / half**2])
+    return np.asarray(test_functions * 35 / 32 / half)
 
 
-_BUMPS = _bumps()
+_TEST_FUNCTIONS = _test_functions()
