@@ -5,6 +5,7 @@
 
 import os
 import random
+import resource
 import shutil
 import tempfile
 import time
@@ -125,20 +126,22 @@ def disk_of_its_own(folder):
         shutil.rmtree(disk)
 
 
-def fills_up(folder):
-    """Record to a disk that fills up to the reserve."""
+def fills_up(folder, limited):
+    """Record to a disk that fills up to the reserve, or under a limit on the size of files."""
     with disk_of_its_own(folder) as disk:
-        yield from _fills_up(disk)
+        yield from _fills_up(disk, limited)
 
 
-def _fills_up(folder):
+def _fills_up(folder, limited):
     path = folder / 'bag'
-    reserve = shutil.disk_usage(folder).free - 20_000_000
+    reserve = 0 if limited else shutil.disk_usage(folder).free - 20_000_000
     with ros_node() as node, recorder(path, '/full', reserve=reserve) as program:
         message = joint_state(0)
         message.header.frame_id = 'x' * 100_000
         publisher = node.create_publisher(type(message), '/full', 10)
         wait_for_subscriptions(publisher)
+        if limited:
+            resource.prlimit(program.process.pid, resource.RLIMIT_FSIZE, (5_000_000, 5_000_000))
         sent = 0
         while program.process.poll() is None:
             publisher.publish(message)
@@ -177,7 +180,8 @@ def damaged(folder, count, alter, *, closed):
 
 TRIALS = [
     Trial('kill', 'recorder SIGKILLed at 1 kHz', killed),
-    Trial('disk', 'disk full', lambda folder, _: fills_up(folder)),
+    Trial('disk', 'disk full', lambda folder, _: fills_up(folder, False)),
+    Trial('quota', 'files limited in size', lambda folder, _: fills_up(folder, True)),
 ]
 for each, alter, fault, short, long in (
     ('cut', damage.cut, 'cut anywhere', 10, 100),

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import os
+import resource
 import shutil
 import threading
 from collections import Counter
@@ -185,7 +186,7 @@ class BagWriter:
         """Write the pending chunk; if the space is needed to close the bag, close it without the coming message."""
         chunks = (self._chunks + 1) * (CHUNK_COST + INDEX_COST * len(self._topics))
         needed = self._pending + coming + chunks + FILE_COST * (1 + len(self._topics))
-        if reason := _shortage(self._folder, needed, self._reserve):
+        if reason := _shortage(self._folder, needed, self._reserve, self._complete_size):
             self._close()
             sentence = f'{self.path} is closed with all earlier messages: {reason}; free some space'
             self._closed = RefusedError(sentence, reason)
@@ -272,14 +273,17 @@ def complete_bag(path: Path, *, overwrite: bool = False) -> Iterator[BagWriter]:
         raise BagError(f'{path} is not written: {reason}; free some space or choose another place') from error
 
 
-def _shortage(folder: Path, needed: int, reserve: int) -> str:
-    """Return the reason why so many bytes do not fit on a folder's disk beside the reserve; or nothing."""
+def _shortage(folder: Path, needed: int, reserve: int, size: int = 0) -> str:
+    """Return the reason why so many bytes cannot be added to a file of this size beside the reserve; or nothing."""
     disk = os.statvfs(folder)
     free = disk.f_bavail * disk.f_frsize
     # Some file systems report no size.
     if disk.f_blocks and free < needed + reserve:
         kept = f', of which {reserve / 1e6:.1f} MB are the reserve' if reserve else ''
         return f'its disk has {free / 1e6:.1f} MB left{kept}'
+    limit, _ = resource.getrlimit(resource.RLIMIT_FSIZE)
+    if limit != resource.RLIM_INFINITY and size + needed > limit:
+        return f'the system limits files to {limit / 1e6:.3f} MB (ulimit -f)'
     return ''
 
 

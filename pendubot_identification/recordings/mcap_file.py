@@ -25,12 +25,12 @@ from io import BytesIO
 from pathlib import Path
 from typing import IO, Any, NamedTuple
 
+import lz4.frame
 import numpy as np
 import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Footer, Message, Schema, Statistics
-from mcap.stream_reader import get_chunk_data_stream
 from numpy.typing import DTypeLike, NDArray
 
 from pendubot_identification.errors import BagError
@@ -54,6 +54,8 @@ IN_CHUNKS = (*DEFINITIONS, Opcode.MESSAGE)
 OPCODES = frozenset(map(int, Opcode)) | frozenset(range(128, 256))
 #: Start of a message that rosbag2 compressed by itself; no CDR starts like this.
 ZSTD = b'\x28\xb5\x2f\xfd'
+#: Nothing that decompresses at once is larger than this [bytes], and no bag grows by more than this factor.
+LARGEST, RATIO = 1 << 27, 1000
 #: Size of the blocks of records that numpy reads at once [bytes]; they fit into a processor's cache.
 BLOCK = 250_000
 FOREVER_NS = 2**63 - 1
@@ -346,7 +348,10 @@ def parse_records(data: bytes) -> tuple[list[Schema | Channel], Messages]:
     messages = Messages(data, starts, heads)
     if len(starts) and data.startswith(ZSTD, int(starts[0]) + MESSAGE.itemsize):
         # rosbag2's compression mode ``message``.
-        contents = [zstandard.decompress(m.data) if m.data.startswith(ZSTD) else m.data for m in messages]
+        contents, room = list[bytes](), LARGEST
+        for message in messages:
+            data = _decompressed('zstd', message.data, room) if message.data.startswith(ZSTD) else message.data
+            contents, room = [*contents, data], room - len(data)
         messages = Messages.of(contents, heads)
     return definitions, messages
 
@@ -401,8 +406,22 @@ def _unpacked(record: bytes) -> bytes:
     """Return the records in a chunk, decompressed and checked, or raise anything; other records as they are."""
     if record[0] != Opcode.CHUNK:
         return record
-    stream, size = get_chunk_data_stream(_parsed(Chunk, record[HEAD.size :]), validate_crc=True)
-    return bytes(stream.read(size))
+    chunk = _parsed(Chunk, record[HEAD.size :])
+    data = _decompressed(chunk.compression, chunk.data, chunk.uncompressed_size) if chunk.compression else chunk.data
+    if len(data) != chunk.uncompressed_size or chunk.uncompressed_crc not in (0, zlib.crc32(data)):
+        raise ValueError('a chunk is damaged')
+    return bytes(data)
+
+
+def _decompressed(compression: str, data: bytes, limit: int) -> bytes:
+    """Return data of at most ``limit`` bytes: a small file that claims gigabytes must not fill the memory."""
+    if limit > LARGEST:
+        raise ValueError('too large')
+    if compression == 'lz4':
+        return bytes(lz4.frame.LZ4FrameDecompressor().decompress(data, limit + 1))
+    if compression != 'zstd' or zstandard.frame_content_size(data) > limit:
+        raise ValueError('unknown compression, or too large')
+    return zstandard.ZstdDecompressor().decompress(data, max_output_size=limit)
 
 
 def _opened(path: Path) -> IO[bytes]:
@@ -412,7 +431,11 @@ def _opened(path: Path) -> IO[bytes]:
     plain = tempfile.TemporaryFile()  # noqa: SIM115
     # A truncated file is decompressed as far as possible.
     with path.open('rb') as packed, suppress(zstandard.ZstdError):
-        zstandard.ZstdDecompressor().copy_stream(packed, plain)
+        limit = RATIO * os.fstat(packed.fileno()).st_size
+        for block in zstandard.ZstdDecompressor().read_to_iter(packed):
+            plain.write(block)
+            if plain.tell() > limit:
+                raise BagError(f'{path} is no bag: decompressed it would be over {RATIO} times as large')
     if not plain.tell():
         raise BagError(f'{path} cannot be decompressed: it is truncated or damaged; copy it again from the recorder')
     plain.flush()

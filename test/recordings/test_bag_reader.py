@@ -2,7 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
 import hashlib
+import os
 import shutil
+import tempfile
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -279,3 +282,21 @@ def test_a_bag_is_converted_and_missing_samples_are_left_out(tmp_path):
 def test_an_unusable_window_is_one_sentence(bag, start, end, sentence):
     with pytest.raises(TrajectoryError, match=sentence):
         read_trajectory(BagWindow(bag, start, end))
+
+
+@pytest.mark.parametrize('closed', ['.', 'bag'])
+def test_a_bag_without_permission_is_one_sentence(closed):
+    """Root reads everything, so another user tries, who cannot enter the folders of pytest."""
+    with tempfile.TemporaryDirectory() as folder:
+        os.chmod(folder, 0o755)
+        path = write(Path(folder) / 'bag', samples(100))
+        os.chmod(path, 0o755)
+        os.chmod(Path(folder) / closed, 0)
+        user = os.geteuid()
+        try:
+            os.seteuid(user or 65534)
+            with pytest.raises(BagError, match=r'bag cannot be read: Permission denied; check the permissions'):
+                BagReader(path)
+        finally:
+            os.seteuid(user)
+            os.chmod(Path(folder) / closed, 0o755)

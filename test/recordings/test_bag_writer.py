@@ -199,8 +199,12 @@ def fill(bag):
     return sent, sentence
 
 
-def test_a_full_disk_is_one_sentence_and_leaves_complete_chunks(tmp_path):
-    """A limit on a file's size refuses a write as a full disk does."""
+@pytest.mark.parametrize('predicted', [True, False])
+def test_a_full_disk_is_one_sentence_and_leaves_complete_chunks(tmp_path, monkeypatch, predicted):
+    # A limit on a file's size refuses a write as a full disk does. Without the prediction it is as if
+    # another program filled the disk at this moment.
+    if not predicted:
+        monkeypatch.setattr(bag_writer, '_shortage', lambda *_: '')
     bag = BagWriter(tmp_path / 'bag')
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, limits[1]))
@@ -208,10 +212,11 @@ def test_a_full_disk_is_one_sentence_and_leaves_complete_chunks(tmp_path):
         sent, sentence = fill(bag)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
-    assert 'cannot be written (File too large); free some space' in sentence
+    closed = 'is closed with all earlier messages: the system limits files to 0.100 MB'
+    assert (closed if predicted else 'cannot be written (File too large); free some space') in sentence
     reader = BagReader(tmp_path / 'bag')
-    assert not reader.closed
-    assert len(sent) - 11 <= reader.count <= len(sent)
+    assert reader.closed == predicted
+    assert len(sent) - (1 if predicted else 11) <= reader.count <= len(sent)
     assert os.path.getsize(tmp_path / 'bag' / 'bag_0.mcap') <= 100_000
     damages = []
     assert sum(1 for _ in reader.files[0].intact_parts(damages)) > 10
@@ -278,3 +283,41 @@ def test_a_type_of_a_workspace_is_found_with_its_dependencies(tmp_path, monkeypa
 def test_an_unknown_type_is_one_sentence(name, sentence):
     with pytest.raises(BagError, match=sentence):
         message_definition(name)
+
+
+def test_sync_puts_the_file_on_the_disk_and_so_does_the_end(tmp_path, monkeypatch):
+    synced = []
+    fsync = os.fsync
+    monkeypatch.setattr(os, 'fsync', lambda fd: synced.append(os.readlink(f'/proc/self/fd/{fd}')) or fsync(fd))
+    bag = BagWriter(tmp_path / 'bag')
+    folder = str(tmp_path / 'bag')
+    # metadata.yaml, under the name that it has until it is complete, the folder that lists it, and the one above.
+    described = [f'{folder}/metadata.yaml.tmp', folder]
+    assert synced == [*described, str(tmp_path)]
+    channel = bag.add_topic('/joint_states', JOINT_STATE)
+    bag.write(channel, message(0)[1], START)
+    for action, expected in (
+        (bag.sync, [f'{folder}/bag_0.mcap', *described]),
+        (bag.sync, [f'{folder}/bag_0.mcap']),
+        (lambda: bag.write(channel, message(1)[1], START), []),
+        (bag.close, [f'{folder}/bag_0.mcap', *described]),
+    ):
+        synced.clear()
+        action()
+        assert synced == expected
+
+
+def test_the_first_of_two_writers_of_one_bag_is_kept(tmp_path, monkeypatch):
+    path = tmp_path / 'bag'
+
+    def both():
+        with complete_bag(path) as slow:
+            monkeypatch.setattr(os, 'getpid', lambda: 1)
+            with complete_bag(path) as quick:
+                write(path, 20, quick)
+            write(path, 10, slow)
+
+    with pytest.raises(BagError, match='is not written: Directory not empty'):
+        both()
+    assert os.listdir(tmp_path) == ['bag']
+    assert BagReader(path).count == 20

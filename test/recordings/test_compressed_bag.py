@@ -1,12 +1,20 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Bags that rosbags compressed as rosbag2 does."""
+"""Bags that rosbags compressed as rosbag2 does it, and files that claim to be far larger than they are."""
 
 import json
+import resource
+import struct
+import subprocess
+import sys
 
 import numpy as np
 import pytest
+import zstandard
+from mcap import writer as mcap
+from mcap.data_stream import RecordBuilder
+from mcap.records import Channel, Chunk, Message
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
@@ -16,9 +24,11 @@ from pendubot_identification.recordings.bag_reader import BagWindow, read_trajec
 from pendubot_identification.recordings.joint_states import JOINT_STATE
 
 from .independent import by_mcap
-from .test_bag_writer import FLOAT, STEP, message
+from .test_bag_writer import FLOAT, START, STEP, message
 
 COUNT = 300
+#: No program that looks at a small file needs more memory than this [bytes], or more time than this [s].
+MEMORY, TIME = 1 << 30, 60
 
 
 def write(path, mode, count=COUNT):
@@ -68,3 +78,90 @@ def test_intact_messages_of_a_truncated_compressed_bag_are_read(tmp_path, mode):
     file.write_bytes(data[:100])
     with pytest.raises(BagError, match=r'no message|cannot be decompressed: it is truncated or damaged'):
         read_trajectory(bag)
+
+
+def chunk(data, claimed, compression='zstd'):
+    """Return a chunk's record: its records, perhaps compressed, and how long they are said to be."""
+    builder = RecordBuilder()
+    Chunk(compression, data, START, START, 0, claimed).write(builder)
+    return builder.end()
+
+
+def zeros(size):
+    """Return so many zeros, compressed."""
+    packer = zstandard.ZstdCompressor().compressobj()
+    block = bytes(1 << 20)
+    return b''.join(packer.compress(block) for _ in range(size >> 20)) + packer.flush()
+
+
+def one_message(data):
+    """Return an uncompressed chunk of a message and its channel."""
+    builder = RecordBuilder()
+    Channel(1, '/x', 'cdr', {}, 0).write(builder)
+    Message(1, START, data, START, 1).write(builder)
+    inside = builder.end()
+    return chunk(inside, len(inside), '')
+
+
+BOMBS = {
+    'a chunk of a gigabyte': lambda: chunk(zeros(1 << 30), 1 << 30),
+    'a chunk that claims 2^62 bytes': lambda: chunk(zeros(1 << 20), 1 << 62),
+    'a chunk that is longer than it claims': lambda: chunk(zeros(1 << 30), 1 << 20),
+    'a chunk of records of no kind': lambda: chunk(zeros(1 << 26), 1 << 26) * 3,
+    'a record that claims 2^62 bytes': lambda: struct.pack('<BQ', 5, 1 << 62) + bytes(100),
+    'a message of a gigabyte': lambda: one_message(zeros(1 << 30)),
+}
+
+
+def limited(program, *arguments):
+    """Run Python with little memory and time; return what it prints, without a traceback."""
+    ended = subprocess.run(
+        [sys.executable, '-c', program, *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        timeout=TIME,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY)),
+    )
+    assert 'Traceback' not in ended.stderr, ended.stderr
+    return ended.stdout, ended.stderr
+
+
+INFO = """
+import sys
+from pendubot_identification.cli.main import main
+for bag in sys.argv[1:]:
+    print(main(['info', bag, '--json']), end='---')
+"""
+
+
+def test_files_that_claim_gigabytes_need_little_memory(tmp_path):
+    bags = [tmp_path / f'{k}.mcap' for k in range(len(BOMBS))]
+    for bag, bomb in zip(bags, BOMBS.values(), strict=True):
+        bag.write_bytes(b'\x89MCAP0\r\n' + bomb() + one_message(FLOAT + b'whole'))
+    zstd = tmp_path / 'bag.mcap.zstd'
+    zstd.write_bytes(zeros(1 << 30))
+    said, refused = limited(INFO, *bags, zstd)
+    *each, last, _ = said.split('---')
+    for name, one in zip(BOMBS, each, strict=True):
+        info = json.loads(one.removesuffix('0'))
+        assert (info['messages'], info['closed'], info['damaged'][0]['offset']) == (1, False, 8), name
+    assert last == '1'
+    (line,) = refused.splitlines()
+    assert 'is no bag: decompressed it would be over 1000 times as large' in line
+
+
+def test_a_bag_that_compressed_well_needs_little_memory(tmp_path):
+    with (tmp_path / 'bag.mcap').open('wb') as file:
+        writer = mcap.Writer(file, compression=mcap.CompressionType.ZSTD)
+        writer.start(profile='ros2')
+        schema = writer.register_schema(JOINT_STATE, 'ros2msg', b'std_msgs/Header header')
+        states, other = (writer.register_channel(name, 'cdr', schema) for name in ('/joint_states', '/other'))
+        for k in range(100):
+            stamp, data = message(k)
+            writer.add_message(states, stamp, data, stamp)
+            if k % 5 == 0:
+                writer.add_message(other, stamp, bytes(60_000_000), stamp)
+        writer.finish()
+    imports = 'import sys; from pendubot_identification.recordings.bag_reader import Path, read_trajectory'
+    program = f'{imports}; print(len(read_trajectory(Path(sys.argv[1])).trajectory))'
+    assert limited(program, tmp_path / 'bag.mcap') == ('100\n', '')

@@ -172,3 +172,12 @@ def test_messages_outside_of_chunks_are_read_too(tmp_path, chunked):
     check(reader, [(TOPIC, *message(k)) for k in range(100 + chunked)])
     times, _ = times_of(reader, 0.9, 1.2)
     np.testing.assert_array_equal(times, np.arange(90, min(120, 100 + chunked)) * STEP)
+
+
+def test_a_file_that_grows_keeps_the_length_at_which_it_was_opened(closed, tmp_path):
+    _, data, found = closed
+    reader = BagReader(unclosed(tmp_path / 'bag', data[: found[20].end + 100]))
+    messages = list(chain.from_iterable(chunk.messages for chunk in found[:21]))
+    check(reader, messages)
+    unclosed(tmp_path / 'bag', data)
+    check(reader, messages)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from rosbags.typesys import Stores, get_typestore
 
 from pendubot_identification.errors import BagError
 from pendubot_identification.recordings.bag_reader import BagWindow, read_trajectory
@@ -120,3 +121,15 @@ def test_a_bag_with_changing_messages_is_read(tmp_path):
     assert read_trajectory(BagWindow(tmp_path / 'bag', 0.5, 1.4)).trajectory.qd is not None
     with pytest.raises(BagError, match=r'/joint_states, sample 290 has no joint .elbow.'):
         read_trajectory(tmp_path / 'bag')
+
+
+def test_the_other_byte_order_is_read_too():
+    store, encoded = get_typestore(Stores.ROS2_JAZZY), []
+    types = store.types
+    for k in range(3):
+        header = types['std_msgs/msg/Header'](types['builtin_interfaces/msg/Time'](0, k), '')
+        message = types[JOINT_STATE](header, list(JOINTS), *np.array([[k, 1], [2, 3], [4, 5]], float))
+        encoded.append(bytes(store.serialize_cdr(message, JOINT_STATE, little_endian=False)))
+    encoded.insert(1, encode_joint_state(9, JOINTS, [6, 7], [8, 9], [10, 11]))
+    for one, other in zip(decoded(*encoded), expected(*encoded), strict=True):
+        np.testing.assert_array_equal(one, other)
