@@ -97,11 +97,12 @@ def assess(
         faults: of the recordings, see :func:`.diagnosis.diagnose`.
         notes: what else the user should know of the data.
     """
-    failures = tuple(_failures(estimate, settings))
     severe = tuple(fault.sentence for fault in faults if _severe(fault, estimate))
     mild = tuple(fault.sentence for fault in faults if not _severe(fault, estimate))
     named = () if severe else faults
-    doubts = (*_doubts(estimate, settings), *_unexplained_by(named, estimate, settings, link_length))
+    at_end = () if 'delay' in {fault.name for fault in named} else _delay_at_end(estimate, settings)
+    failures = (*_failures(estimate, settings), *at_end)
+    doubts = (*_doubts(estimate, settings), *_unexplained_by(named, estimate, link_length))
     warnings = (*severe, *mild, *notes) if severe else (*failures, *mild, *notes, *doubts)
     return replace(
         estimate,
@@ -188,13 +189,9 @@ def _doubts(e: Estimate, settings: Settings) -> Iterator[str]:
         )
 
 
-def _unexplained_by(
-    faults: Sequence[Fault], e: Estimate, settings: Settings, link_length: tuple[float, float]
-) -> Iterator[str]:
+def _unexplained_by(faults: Sequence[Fault], e: Estimate, link_length: tuple[float, float]) -> Iterator[str]:
     """Say what looks like a fault of the recordings, unless a fault is named that explains it."""
     named = {fault.name for fault in faults}
-    if 'delay' not in named:
-        yield from _delay_at_end(e, settings)
     if 'zero' not in named:
         yield from _wrong_zeros(e)
     # Signs, order, zeros, units, counts and stamps all change the length.

@@ -13,6 +13,7 @@ from pendubot_identification.identify.estimate import Effort, Estimate, Zeros
 from pendubot_identification.identify.judgement import assess
 from pendubot_identification.identify.prediction import HORIZONS, Prediction
 from pendubot_identification.identify.settings import Settings
+from pendubot_identification.level import Level
 from pendubot_identification.model.parameters import PAPER
 
 SETTINGS = Settings(('weak',), 'viscous', optimizer='lsq')
@@ -67,3 +68,10 @@ def test_of_a_motion_that_tells_little_the_parameters_are_named_once():
     assert text.startswith('ill-conditioned')
     (text,) = assess(replace(vague, std_error=PAPER.vector()), SETTINGS, LENGTH).warnings
     assert text.startswith('poorly determined')
+
+
+def test_a_delay_at_the_end_of_its_search_is_an_error():
+    at_end, inside, fixed = (replace(GOOD, effort=Effort('zero', delay)) for delay in (-0.1, 0.0, 0.1))
+    assert assess(at_end, SETTINGS, LENGTH).level is Level.ERROR
+    assert assess(inside, SETTINGS, LENGTH).level is Level.OK
+    assert assess(fixed, replace(SETTINGS, delays=(0.1, 0.1)), LENGTH).level is Level.OK
