@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+import re
 from functools import cached_property
 from pathlib import Path
 
@@ -28,6 +29,8 @@ ALIASES = {
     'q2': ('q2', 'q_2', 'theta2', 'theta_2', 'th2', 'phi2', 'beta', 'elbow', 'elbow_angle', 'angle2', 'pos2'),
     'tau1': ('tau1', 'tau_1', 'tau', 'torque', 'torque1', 'u', 'u1', 'effort', 'effort1', 'shoulder_torque'),
 }
+#: Usual names and endings of a column that holds a motor current, which is no torque.
+CURRENT = re.compile(r'i|i_?[1mq]|amps?|amperes?|.*(current|strom|courant|corriente)\d?|.*[\[(]m?a[\])]', re.IGNORECASE)
 
 
 class TableReader:
@@ -60,15 +63,30 @@ class TableReader:
         missing = [name for name in (*REQUIRED, *self.conversion.columns) if name not in taken]
         if missing:
             likely = {name: self._alias(name) for name in missing}
+            constant = '' if likely.get('tau1') or not self._current else ' --torque-constant K'
+            if constant and 'tau1' in likely:
+                likely['tau1'] = self._current
             named = {**self.conversion.columns, **{name: column or 'NAME' for name, column in likely.items()}}
             columns = ','.join(f'{name}={column}' for name, column in named.items())
             known = all(likely.values())
             raise TableError(
                 f'{self.path} has no column {self.conversion.names[missing[0]]!r} for {missing[0]}; its columns are '
-                f'{", ".join(table.names)}: name the right one with --columns {columns}',
-                **({'columns': columns} if known else {}),
+                f'{", ".join(table.names)}: name the right one with --columns {columns}{constant}',
+                **({'columns': columns} if known and not constant else {}),
+            )
+        if CURRENT.fullmatch(taken['tau1'].strip()) and not self.conversion.torque_constant:
+            raise TableError(
+                f'{self.path}: the column {taken["tau1"]!r} seems to hold a motor current, and a torque is expected: '
+                "give the motor's constant with --torque-constant K [N m per unit of that column], or "
+                '--torque-constant 1 if it is a torque'
             )
         return taken
+
+    @property
+    def _current(self) -> str | None:
+        """The only column whose name is that of a motor current, if there is one."""
+        found = [c for c in self.table.names if CURRENT.fullmatch(c.strip())]
+        return found[0] if len(found) == 1 else None
 
     def _alias(self, name: str) -> str | None:
         """Return the only column with a usual name of a quantity, if there is one."""

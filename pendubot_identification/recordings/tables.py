@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import codecs
 import csv
 import math
 import re
@@ -132,10 +133,12 @@ def is_table(path: Path) -> bool:
 
 def _text(path: Path) -> Table:
     """Read a line of column names and rows, separated by commas, semicolons, tabs or spaces."""
+    data = path.read_bytes()
+    utf16 = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
     try:
-        text = path.read_text(encoding='utf-8-sig')
+        text = data.decode('utf-16' if utf16 else 'utf-8-sig')
     except UnicodeDecodeError as error:
-        raise TableError(f'{path} is no text in UTF-8; export it as CSV in that encoding') from error
+        raise TableError(f'{path} is no text in UTF-8 or UTF-16; export it as CSV in UTF-8') from error
     lines = text.splitlines()
     if not any(map(str.strip, lines)):
         raise TableError(f'{path} is empty; a line of column names and rows of numbers are expected: export it again')

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 
 import datetime
+import math
+import re
 import struct
 import sys
 
@@ -247,3 +249,25 @@ def test_a_real_recording_comes_back_from_a_bag(tmp_path):
     np.testing.assert_allclose(back.t, trajectory.t, atol=1e-9)
     for name in ('q', 'qd', 'tau'):
         np.testing.assert_array_equal(getattr(back, name), getattr(trajectory, name))
+
+
+@pytest.mark.parametrize('name', ['current', 'i', 'Motor_Current', 'tau [A]', 'i_q'])
+def test_a_current_is_never_taken_for_a_torque(tmp_path, name):
+    path = tmp_path / 'run.csv'
+    rows = [f'{0.01 * k:.2f},{-1.57 + 0.01 * k},{0.02 * k},{2 * math.sin(k)}' for k in range(50)]
+    path.write_text('\n'.join([f't,q1,q2,{name}', *rows]))
+    with pytest.raises(TableError, match=re.escape(f'--columns tau1={name} --torque-constant K')):
+        read(path)
+    columns = {'tau1': name}
+    with pytest.raises(TableError, match='seems to hold a motor current, and a torque is expected'):
+        read(path, columns=columns)
+    as_torque, motion = (read(path, columns=columns, torque_constant=k) for k in (1.0, 0.05))
+    np.testing.assert_allclose(motion.tau, 0.05 * as_torque.tau)
+    np.testing.assert_allclose(as_torque.tau[:, 0], [2 * math.sin(k) for k in range(50)])
+
+
+@pytest.mark.parametrize('encoding', ['utf-16', 'utf-8-sig'])
+def test_text_with_a_byte_order_mark_is_read(tmp_path, encoding):
+    path = tmp_path / 'run.csv'
+    path.write_text('\n'.join(['t,q1,q2,tau1', *(f'{k / 64},{k},{k},1' for k in range(5))]), encoding=encoding)
+    np.testing.assert_array_equal(read(path).t, np.arange(5) / 64)
