@@ -24,7 +24,7 @@ from .diagnosis import SETTINGS as DIAGNOSIS
 from .diagnosis import Fault
 from .estimate import Estimate
 from .prediction import ASSESSED, HORIZONS
-from .settings import Settings
+from .settings import DELAYS, Settings
 
 Array = NDArray[np.float64]
 
@@ -100,9 +100,15 @@ def assess(
     severe = tuple(fault.sentence for fault in faults if _severe(fault, estimate))
     mild = tuple(fault.sentence for fault in faults if not _severe(fault, estimate))
     named = () if severe else faults
-    at_end = () if 'delay' in {fault.name for fault in named} else _delay_at_end(estimate, settings)
-    failures = (*_failures(estimate, settings), *at_end)
-    doubts = (*_doubts(estimate, settings), *_unexplained_by(named, estimate, link_length))
+    at_end = () if 'delay' in {fault.name for fault in named} else tuple(_delay_at_end(estimate, settings))
+    # The default search covers every sensible delay; a narrower one is the user's.
+    beyond_sense = settings.delays == DELAYS
+    failures = (*_failures(estimate, settings), *at_end * beyond_sense)
+    doubts = (
+        *_doubts(estimate, settings),
+        *at_end * (not beyond_sense),
+        *_unexplained_by(named, estimate, link_length),
+    )
     warnings = (*severe, *mild, *notes) if severe else (*failures, *mild, *notes, *doubts)
     return replace(
         estimate,

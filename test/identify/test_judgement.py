@@ -70,8 +70,9 @@ def test_of_a_motion_that_tells_little_the_parameters_are_named_once():
     assert text.startswith('poorly determined')
 
 
-def test_a_delay_at_the_end_of_its_search_is_an_error():
+def test_a_delay_at_the_end_of_its_search_is_an_error_unless_the_search_was_narrowed():
     at_end, inside, fixed = (replace(GOOD, effort=Effort('zero', delay)) for delay in (-0.1, 0.0, 0.1))
     assert assess(at_end, SETTINGS, LENGTH).level is Level.ERROR
     assert assess(inside, SETTINGS, LENGTH).level is Level.OK
+    assert assess(at_end, replace(SETTINGS, delays=(-0.1, 0.01)), LENGTH).level is Level.WARN
     assert assess(fixed, replace(SETTINGS, delays=(0.1, 0.1)), LENGTH).level is Level.OK
