@@ -23,9 +23,6 @@ HORIZONS = 3  # of the predictions: .1, .25 and .5 s
 def named(found):
     """Return (name, where, whether it is compensated) of every effect or fault that a result names."""
     result = [(fault.name, '', False) for fault in getattr(found, 'faults', ())]
-    if left := getattr(found, 'unexplained', None):
-        result += [(each.effect.name, each.effect.where, each.allowed) for each in left.effects]
-        result += [('burst', '', True)] * bool(left.bursts)
     return result + [(e.name, str(e.where), bool(e.accepted)) for e in getattr(found, 'effects', ())]
 
 

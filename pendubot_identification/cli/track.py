@@ -41,8 +41,8 @@ Follow the parameters of a rig through recordings of any length, one after the o
 at the end, how sure that is, and what changed when. Memory does not grow with the length.
 
 The first eight seconds of motion are identified; from then on every 0.4 s of motion adds to what is known. Friction may
-drift; inertias and weights stay unless they jump. A change (a payload, a motor that fades) is told from a burst (a
-hand), from which nothing is learned. Last come the minutes that are worth identifying: those with most motion between
+drift; inertias and weights stay unless they jump. A change (a payload, a motor that fades) is told from a
+disturbance (a push by hand), which is ignored. Last come the informative windows: those with most motion between
 two changes.
 """
 EPILOG = """\

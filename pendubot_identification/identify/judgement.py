@@ -23,8 +23,9 @@ from .advice import advise
 from .diagnosis import SETTINGS as DIAGNOSIS
 from .diagnosis import Fault
 from .estimate import Estimate
+from .options import DELAYS
 from .prediction import ASSESSED, HORIZONS
-from .settings import DELAYS, Settings
+from .settings import Settings
 
 Array = NDArray[np.float64]
 

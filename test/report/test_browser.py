@@ -229,7 +229,7 @@ def test_what_became_of_parameters_is_explored_beside_what_happened(opened, tmp_
     assert all(panel == after[0] for panel in after)
     assert after[0][1] - after[0][0] == pytest.approx((before[0][1] - before[0][0]) / 4, rel=0.02)
     plot = json.loads(page.locator('#plots').text_content())['track']
-    assert [(label, round(begin)) for begin, _, _, label in plot['spans']] == [('change', 40), ('burst', 60)]
+    assert [(label, round(begin)) for begin, _, _, label in plot['spans']] == [('change', 40), ('disturbance', 60)]
     band = plot['panels'][0]['lines'][0]
     assert band['upper'][-1] - band['y'][-1] == pytest.approx(2 * NORMAL_95 * states[-1].std_error[0], rel=1e-3)
     assert 'payload on link 2, at 40.0 to 41.0 s' in page.inner_text('body')
