@@ -5,10 +5,10 @@
 
 A block that is predicted updates the estimate. One that is not waits for the next ones: where one step of theta
 explains them all, theta changed, and they update it after it has been freed to do so; where predicted ones follow, it
-was a disturbance, such as a push by hand, and is ignored; where nothing explains them for long, all begins anew. Beside
-the estimate runs that of the other hypothesis on the motor: that its gain drifts, or no longer drifts. Where it predicts
-better, by the sequential test of Page (Continuous inspection schemes, Biometrika 41, 1954), it takes the estimate's
-place.
+was a disturbance, such as a push by hand, and is ignored; where nothing explains them for long, all begins anew.
+Beside the estimate runs that of the other hypothesis on the motor: that its gain drifts, or no longer drifts. Where
+it predicts better, by the sequential test of Page (Continuous inspection schemes, Biometrika 41, 1954), it takes the
+estimate's place.
 """
 
 from __future__ import annotations
