@@ -52,6 +52,7 @@ class Rig:
     # Effects that an estimator's catalogue may have.
     saturation: float = np.inf  # largest torque of the motor [N m]
     dead_zone: float = 0.0  # the driver subtracts this much from every torque [N m]
+    no_load: float = np.inf  # speed [rad/s] at which back-EMF leaves no torque
     lag: float = 0.0  # time constant between the recorded and the acting torque [s]
     offset: float = 0.0  # a torque at the shoulder that is not recorded [N m]
     asymmetry: float = 0.0  # of Coulomb friction between the two directions, as a fraction of it
@@ -63,8 +64,8 @@ class Rig:
     drift: float = 0.0  # fraction of friction that is gone in the end, with time constant WARMING
     cogging1: tuple = (0.0, 1)  # amplitude [N m] and number a turn, at the shoulder
     cogging2: tuple = (0.0, 1)  # the same at the elbow
+    eccentric: float = 0.0  # error of the elbow's encoder, once a turn [rad]
     # Motor.
-    no_load: float = np.inf  # speed [rad/s] at which back-EMF leaves no torque
     heat: float = 0.0  # fraction of the torque that a hot motor lacks, with time constant HEATING
     quantised: float = 0.0  # step of the torque that the driver applies [N m]
     # Gear.
@@ -75,7 +76,6 @@ class Rig:
     sway: float = np.inf  # eigenfrequency of the base, sideways [Hz]
     lean: float = 0.0  # of the base in the plane of motion, after its zeros were set [rad]
     # Sensors.
-    eccentric: float = 0.0  # error of the elbow's encoder, once a turn [rad]
     slip: float = 0.0  # the elbow's encoder loses so many counts, three times [rad]
     jitter: float = 0.0  # of the stamps, uniform +- [s]; the samples are even
     # Wiring.
@@ -97,6 +97,7 @@ def times(name, *values):
 CATALOGUE = {
     'saturation': times('saturation', 0.30, 0.26, 0.22),
     'dead zone': times('dead_zone', 0.005, 0.015, 0.04),
+    'back-EMF': times('no_load', 30.0, 20.0, 12.0),
     'lag': times('lag', 0.005, 0.01, 0.02),
     'offset': times('offset', 0.01, 0.02, 0.04),
     'asymmetry': times('asymmetry', 0.3, 0.5, 0.8),
@@ -106,6 +107,7 @@ CATALOGUE = {
     'spring, shoulder': times('spring1', 0.005, 0.012, 0.03),
     'spring, elbow': times('spring2', 0.005, 0.012, 0.03),
     'drift': times('drift', 0.3, 0.5, 0.8),
+    'eccentricity': times('eccentric', 0.005, 0.01, 0.02),
     'cogging, shoulder, 7 a turn': times('cogging1', (0.01, 7), (0.02, 7), (0.04, 7)),
     'cogging, shoulder, 18 a turn': times('cogging1', (0.01, 18), (0.02, 18), (0.04, 18)),
     'cogging, elbow, 4 a turn': times('cogging2', (0.002, 4), (0.004, 4), (0.008, 4)),
@@ -113,7 +115,6 @@ CATALOGUE = {
 }
 #: Imperfections that no catalogue has.
 UNKNOWN = {
-    'back-EMF': times('no_load', 30.0, 20.0, 12.0),
     'heat': times('heat', 0.05, 0.1, 0.2),
     'quantised torque': times('quantised', 0.01, 0.03, 0.07),
     'backlash': times('backlash', 0.01, 0.02, 0.05),
@@ -121,7 +122,6 @@ UNKNOWN = {
     'rub': times('rub', 0.2, 0.5, 0.9),
     'sway': times('sway', 15.0, 8.0, 4.0),
     'lean': times('lean', 0.005, 0.02, 0.06),
-    'eccentric': times('eccentric', 0.005, 0.01, 0.02),
     'slip': times('slip', 0.01, 0.03, 0.1),
     'jitter': times('jitter', 0.0005, 0.001, 0.002),
     'dropped': times('dropped', 0.01, 0.05, 0.2),

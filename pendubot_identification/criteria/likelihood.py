@@ -22,7 +22,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import PPoly
 from scipy.optimize import lsq_linear
 
 from pendubot_identification.model.dynamics import SIGN_WIDTH
@@ -33,7 +32,7 @@ from pendubot_identification.trajectories.signals import encoder_step
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
-#: The motion under the torque that acts, from that under the recorded one and some numbers.
+#: The motion with the torque that acts and the true angles, from the recorded one and some numbers.
 Shape = Callable[[Motion, Array], Motion]
 #: Unknowns before those of effects: theta, delay, offsets.
 SHARED = 17
@@ -73,7 +72,8 @@ class FilterData:
     Attributes:
         motions: the recordings.
         settings: how they are read.
-        samples: without torques.
+        samples: without states, torques and positions.
+        chosen: the numbers of the samples that each filter reads.
         edges: where steps begin and end [s], of each filter.
         recording: the number of each filter's recording, shape (G,).
         rows: which measurements each filter has.
@@ -87,6 +87,7 @@ class FilterData:
     motions: tuple[Motion, ...]
     settings: LikelihoodSettings
     samples: Samples
+    chosen: tuple[NDArray[np.intp], ...]
     edges: tuple[Array, ...]
     recording: NDArray[np.intp]
     rows: tuple[slice, ...]
@@ -119,9 +120,7 @@ class FilterData:
                 passed = (ends[number] + (edges[1:] + edges[:-1]) / 2 - motion.start) / ends[-1] - 0.5
                 weight = (~_at_rest(motion, settings.rest * quantum, settings.still)[chosen[1:]]).astype(float)
                 own = slice(row, row + len(t) - 1)
-                parts.append(
-                    _Series(level, number, motion, t, motion.recorded.q[chosen], edges, rows, passed, weight, own)
-                )
+                parts.append(_Series(level, number, motion, chosen, t, edges, rows, passed, weight, own))
                 row = own.stop
         steps = max(len(p.rows) for p in parts)
         counts = [max(1, round((m.end - m.start) / settings.block)) for m in motions]
@@ -140,29 +139,24 @@ class FilterData:
             shape = (steps - len(values), *values.shape[1:])
             return np.concatenate([values, np.full(shape, fill, values.dtype)])
 
-        y = []
-        for p in parts:
-            read = np.zeros((len(p.rows), 2))
-            read[p.rows >= 0] = p.q[1:]
-            y.append(padded(read))
-        start = np.array([[*p.q[0], *p.motion.states(p.t[:1])[2:, 0]] for p in parts])
         speed = np.array([0.1 + 0.1 * p.motion.states(p.t)[2:].std(axis=1) for p in parts])
         spread = np.column_stack([np.maximum(quantum**2 / 12, 1e-10) * np.ones((len(parts), 2)), speed**2])
         samples = Samples(
-            start=start,
+            start=np.empty((0, len(parts), 4)),
             spread=spread,
             level=np.array([p.level for p in parts]),
             length=np.array([len(p.rows) for p in parts]),
             h=np.array([padded(np.diff(p.edges)) for p in parts]),
             elapsed=np.array([padded(p.elapsed) for p in parts]),
             tau=np.empty((0, len(parts), steps, 2)),
-            y=np.array(y),
+            y=np.empty((0, len(parts), steps, 2)),
             row=np.array([padded(p.rows, -1) for p in parts]),
         )
         return cls(
             motions=tuple(motions),
             settings=settings,
             samples=samples,
+            chosen=tuple(p.chosen for p in parts),
             edges=tuple(p.edges for p in parts),
             recording=np.array([p.number for p in parts]),
             rows=tuple(p.own for p in parts),
@@ -189,13 +183,23 @@ class FilterData:
         part = (t - motion.start) / max(motion.end - motion.start, 1e-9) * len(own)
         return np.asarray(own[np.clip(part.astype(int), 0, len(own) - 1)])
 
-    def torques(self, impulses: Sequence[PPoly], delay: float) -> Array:
+    def torques(self, motions: Sequence[Motion], delay: float) -> Array:
         """Return mean torques of all steps [N m] with a delay [s], shape (G, S, 2)."""
         tau = np.zeros((*self.samples.h.shape, 2))
         for g, edges in enumerate(self.edges):
-            impulse = impulses[self.recording[g]](edges - delay)
+            impulse = motions[self.recording[g]].impulse(edges - delay)
             tau[g, : len(edges) - 1] = np.diff(impulse, axis=0) / np.diff(edges)[:, None]
         return tau
+
+    def positions(self, motions: Sequence[Motion]) -> tuple[Array, Array]:
+        """Return the first states and the positions that are read, shapes (G, 4), (G, S, 2)."""
+        start, y = np.zeros((len(self.chosen), 4)), np.zeros((*self.samples.h.shape, 2))
+        for g, chosen in enumerate(self.chosen):
+            motion = motions[self.recording[g]]
+            q = motion.recorded.q[chosen]
+            start[g] = [*q[0], *motion.states(motion.recorded.t[chosen[:1]])[2:, 0]]
+            y[g, self.samples.row[g] >= 0] = q[1:]
+        return start, y
 
 
 class _Series(NamedTuple):
@@ -204,8 +208,8 @@ class _Series(NamedTuple):
     level: int
     number: int
     motion: Motion
+    chosen: NDArray[np.intp]
     t: Array
-    q: Array
     edges: Array
     rows: NDArray[np.int_]
     elapsed: Array
@@ -238,7 +242,7 @@ class Extension:
 
     Attributes:
         terms: torques, the coefficients of which are the first unknowns.
-        shape: changes the recorded torque by the other unknowns.
+        shape: changes the recorded torque or the recorded angles by the other unknowns.
         width: whether the last two unknowns are the widths of dry friction's change of sign at both joints.
         scale: the size of each unknown, shape (E,).
         lower, upper: bounds, shape (E,).
@@ -263,6 +267,14 @@ class Evaluation:
     informations: Array
 
 
+class _Shaped(NamedTuple):
+    """Motions under the shapes of effects, and what the filters read of them, see :meth:`FilterData.positions`."""
+
+    motions: tuple[Motion, ...]
+    start: Array
+    y: Array
+
+
 @dataclass(frozen=True)
 class Likelihood:
     """J as a function of x: theta (14), delay, both offsets, effects, and at each level log r and log sigma."""
@@ -270,11 +282,11 @@ class Likelihood:
     filter_data: FilterData
     effects: tuple[Extension, ...] = ()
     scale: Array = field(default_factory=lambda: np.ones(SHARED))
-    _impulses: dict[bytes, list[PPoly]] = field(default_factory=dict, repr=False)
+    _shaped: dict[bytes, _Shaped] = field(default_factory=dict, repr=False)
 
     def of(self, filter_data: FilterData) -> Likelihood:
         """Return the same function of other filter data."""
-        return replace(self, filter_data=filter_data, _impulses={})
+        return replace(self, filter_data=filter_data, _shaped={})
 
     @property
     def levels(self) -> int:
@@ -313,7 +325,14 @@ class Likelihood:
         table = np.empty(count, dtype=np.int64)
         for lane in range(count):
             table[lane], _ = tables.setdefault(keys[:, lane].tobytes(), (len(tables), lane))
-        tau = np.stack([self._torques(keys[:, lane], shapes, lane) for _, lane in tables.values()])
+        made = [self._shaped_by([(shape, own[:, lane]) for shape, own in shapes]) for _, lane in tables.values()]
+        delays = [float(lanes[14, lane]) for _, lane in tables.values()]
+        samples = replace(
+            self.filter_data.samples,
+            start=np.stack([each.start for each in made]),
+            tau=np.stack([self.filter_data.torques(m.motions, d) for m, d in zip(made, delays, strict=True)]),
+            y=np.stack([each.y for each in made]),
+        )
         noise = np.exp(2 * lanes[self.shared :].reshape(levels, 4, count))
         vectors = Vectors(
             theta=lanes[:14],
@@ -323,18 +342,19 @@ class Likelihood:
             coefficient=np.concatenate(coefficients) if coefficients else np.zeros((0, count)),
             table=table,
         )
-        return replace(self.filter_data.samples, tau=tau), vectors, tuple(terms)
+        return samples, vectors, tuple(terms)
 
-    def _torques(self, key: Array, shapes: list[tuple[Shape, Array]], lane: int) -> Array:
-        made = key[1:].tobytes()
-        if made not in self._impulses:
-            if len(self._impulses) > 30:
-                self._impulses.clear()
+    def _shaped_by(self, shapes: Sequence[tuple[Shape, Array]]) -> _Shaped:
+        """Return the motions under some shapes; those of the last calls are kept."""
+        key = b''.join(own.tobytes() for _, own in shapes)
+        if key not in self._shaped:
+            if len(self._shaped) > 30:
+                self._shaped.clear()
             motions = self.filter_data.motions
             for shape, own in shapes:
-                motions = tuple(shape(m, own[:, lane]) for m in motions)
-            self._impulses[made] = [m.impulse for m in motions]
-        return self.filter_data.torques(self._impulses[made], float(key[0]))
+                motions = tuple(shape(motion, own) for motion in motions)
+            self._shaped[key] = _Shaped(motions, *self.filter_data.positions(motions))
+        return self._shaped[key]
 
     def innovations(self, x: Array) -> tuple[Array, Array]:
         """Return innovations and their scales squared, shapes (N, 2)."""

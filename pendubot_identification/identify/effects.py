@@ -11,12 +11,13 @@ recording is left out. Anything else is reported as possible and changes nothing
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import PPoly
+from scipy.interpolate import CubicSpline, PPoly
 
 from pendubot_identification.criteria.likelihood import (
     Extension,
@@ -124,6 +125,10 @@ MEANINGS = {
         'the motor gives less torque than recorded where that is large',
         "record the motor's current, or excite with less",
     ),
+    'back-EMF': (
+        'the motor gives less torque the faster it turns',
+        "record the motor's current, raise the supply voltage, or excite with less",
+    ),
     'lag': (
         'the torque follows the recorded one with a lag',
         "record the motor's current, or excite with slower torques",
@@ -138,6 +143,7 @@ MEANINGS = {
     'spring': ('a torque grows with a joint angle: a cable or a spring', 'free the cable, or lead it along the axis'),
     'drift': ('friction changes with time', 'let the rig warm up, and record again'),
     'cogging': ('a torque repeats several times a turn: a motor that cogs, or a gear', 'treat friction as approximate'),
+    'eccentricity': ('an angle is off by an error that repeats once a turn', 'centre the encoder or its coupling'),
     'creep': ('dry friction is larger at low speed than in the model', 'use Fc and Fs for these speeds alone'),
 }
 #: Effects of which the model's friction is a part.
@@ -159,11 +165,52 @@ def _sample_wise(change: Callable[[Array, float], Array]) -> Shape:
     return shaped
 
 
+def _fine_torque(motion: Motion, step: float) -> tuple[Array, Array]:
+    """Return times at most a step [s] apart, and the recorded torques' means between them, shapes (N + 1,), (N, 2)."""
+    count = max(1, math.ceil((motion.impulse.x[-1] - motion.impulse.x[0]) / min(step, motion.interval)))
+    t = np.linspace(motion.impulse.x[0], motion.impulse.x[-1], count + 1)
+    return t, np.diff(motion.impulse(t), axis=0) / np.diff(t)[:, None]
+
+
+def _limited_by_speed(delay: float) -> Shape:
+    """Return the shape of a motor whose largest torque falls with its speed, from a standstill to no load.
+
+    The unknowns are the largest torque at a standstill [N m] and the inverse of the speed at no load [s/rad].
+    """
+
+    def shaped(motion: Motion, own: Array) -> Motion:
+        t, tau = _fine_torque(motion, 0.001)
+        speed = motion.states(np.clip((t[1:] + t[:-1]) / 2 + delay, motion.start, motion.end))[2:].T
+        high, low = own[0] * np.maximum(1 - own[1] * speed, 0), -own[0] * np.maximum(1 + own[1] * speed, 0)
+        return replace(motion, impulse=PPoly(np.clip(tau, low, high)[None], t).antiderivative())
+
+    return shaped
+
+
+def _eccentric(joint: int) -> Shape:
+    """Return the shape of an encoder that reads an angle plus a sine and a cosine of it [rad], the two unknowns."""
+
+    def true(read: Array, own: Array) -> Array:
+        angle = read
+        for _ in range(4):  # errors are small, so that this converges
+            angle = read - own[0] * np.sin(angle) - own[1] * np.cos(angle)
+        return angle
+
+    def shaped(motion: Motion, own: Array) -> Motion:
+        q, nodes = motion.recorded.q.copy(), motion.smoothed.x
+        q[:, joint] = true(q[:, joint], own)
+        states = motion.smoothed(nodes)
+        angle = states[:, joint] = true(states[:, joint], own)
+        states[:, 2 + joint] /= 1 + own[0] * np.cos(angle) - own[1] * np.sin(angle)
+        return replace(motion, smoothed=CubicSpline(nodes, states), recorded=replace(motion.recorded, q=q, qd=None))
+
+    return shaped
+
+
 def _lagged(motion: Motion, own: Array) -> Motion:
     """Return the motion whose torque passes a first-order lag of so many seconds."""
-    step = min(0.001, motion.interval)
-    t = np.arange(motion.impulse.x[0], motion.impulse.x[-1] + step, step)
-    mean = np.diff(motion.impulse(t), axis=0) / step
+    t, mean = _fine_torque(motion, 0.001)
+    step = t[1] - t[0]
     decay = np.exp(-step / max(float(own[0]), 1e-6))
     # The mean of a lagged torque over a step lies between its values at both ends.
     late, past = (1 - decay) * mean, 1
@@ -175,8 +222,8 @@ def _lagged(motion: Motion, own: Array) -> Motion:
     return replace(motion, impulse=PPoly((mean + (before - mean) * part)[None], t).antiderivative())
 
 
-def catalogue(motions: Sequence[Motion], settings: EffectSettings) -> Iterator[Effect]:
-    """Return every effect that recordings can show."""
+def catalogue(motions: Sequence[Motion], delay: float, settings: EffectSettings) -> Iterator[Effect]:
+    """Return every effect that recordings can show; ``delay`` of the torque [s]."""
     tau = max(float(np.abs(m.recorded.tau).max()) for m in motions)
     speed = max(float(m.states(m.recorded.t)[2:].std(axis=1).max()) for m in motions)
     spans = np.max([np.ptp(m.recorded.q, axis=0) for m in motions], axis=0)
@@ -213,6 +260,18 @@ def catalogue(motions: Sequence[Motion], settings: EffectSettings) -> Iterator[E
     for part in (0.85, 0.6):
         least = (0.1 * tau,)
         yield Effect('saturation', 'motor', Extension((), limit, (), (tau,), least, (tau,), (part * tau,)))
+    fastest = max(1e-9, *(float(np.abs(m.states(m.recorded.t)[2]).max()) for m in motions))
+    slower = Extension(
+        shape=_limited_by_speed(delay),
+        scale=(tau, 1 / fastest),
+        lower=(0.1 * tau, 0.0),
+        upper=(2 * tau, 2 / fastest),
+        start=(tau, 0.5 / fastest),
+    )
+    yield Effect('back-EMF', 'motor', slower)
+    for joint in range(2):
+        turns = Extension((), _eccentric(joint), (), (0.01, 0.01), (-0.1, -0.1), (0.1, 0.1), (0.0, 0.0))
+        yield Effect('eccentricity', f"{JOINTS[joint]}'s encoder", turns)
     for lag in (0.004, 0.02):
         yield Effect('lag', 'motor', Extension((), _lagged, (), (0.01,), (0.0005,), (0.2,), (lag,)))
 
@@ -236,7 +295,7 @@ def compensated(motion: Motion, effects: Sequence[FoundEffect], delay: float) ->
     if not terms:
         return result
     t = np.union1d(result.impulse.x, np.arange(motion.start, motion.end, 0.0025) - delay)
-    states = motion.states(np.clip((t[1:] + t[:-1]) / 2 + delay, motion.start, motion.end))
+    states = result.states(np.clip((t[1:] + t[:-1]) / 2 + delay, motion.start, motion.end))
     tau = np.diff(result.impulse(t), axis=0) / np.diff(t)[:, None]
     for term, size in terms:
         q, v = states[term.joint], states[2 + term.joint]
@@ -246,7 +305,7 @@ def compensated(motion: Motion, effects: Sequence[FoundEffect], delay: float) ->
 
 def blind(effect: Effect) -> bool:
     """Tell whether the likelihood without an effect has no slope towards it, so that it must be tried."""
-    return effect.name == 'lag' or (effect.name == 'saturation' and effect.where == 'motor')
+    return effect.name in ('lag', 'back-EMF') or (effect.name == 'saturation' and effect.where == 'motor')
 
 
 @dataclass(frozen=True, slots=True)
@@ -286,7 +345,7 @@ def find_effects(base: Problem, settings: EffectSettings | None = None) -> list[
     """Return the effects that one filter's likelihood speaks for; the accepted ones in the order of acceptance."""
     settings = settings or EffectSettings()
     filter_data = base.likelihood.filter_data
-    candidates = list(catalogue(filter_data.motions, settings))
+    candidates = list(catalogue(filter_data.motions, float(base.fit.x[14]), settings))
     accepted: list[FoundEffect] = []
     for _ in range(settings.rounds):
         known = {(f.name, f.where) for f in accepted}

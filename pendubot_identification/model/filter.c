@@ -19,12 +19,12 @@ typedef struct {
     const double *coefficient;     /* (terms, L) */
     const double *offset;          /* (2, L) */
     const double *noise;           /* (levels, 4, L): variances of q1, q2; intensities of both torques */
-    const int64_t *table;          /* (L): which table of torques */
+    const int64_t *table;          /* (L): which table of first states, torques and positions */
     const int64_t *level, *length; /* (G): which noise, how many steps */
-    const double *start, *spread;  /* (G, 4): mean and variance of the first state */
+    const double *start, *spread;  /* (tables, G, 4), (G, 4): mean and variance of the first state */
     const double *h, *elapsed;     /* (G, S): length of each step [s], fraction of all time that has passed */
     const double *tau;             /* (tables, G, S, 2) */
-    const double *y;               /* (G, S, 2): measured at the end of the step */
+    const double *y;               /* (tables, G, S, 2): measured at the end of the step */
     const int64_t *row;            /* (G, S): where the innovation goes, or -1 without a measurement */
     double *e, *s;                 /* (N, 2, L) */
 } Filter;
@@ -151,7 +151,7 @@ LOOP void filter(const void *work, int64_t begin, int64_t finish)
         int64_t at = g * f->steps;
         Theta th = {LARGEST_MODEL, {}, {}, {}};
         Terms active;
-        vec r[2], noise[2], offset[2], x[4], p[4][4] = {{}, {}, {}, {}};
+        vec r[2], noise[2], offset[2], x[4] = {}, p[4][4] = {{}, {}, {}, {}};
         for (int i = 0; i < LARGEST_MODEL; i++)
             th.p[i] = load(f->theta + i * L + first, count);
         for (int j = 0; j < 2; j++) {
@@ -169,13 +169,16 @@ LOOP void filter(const void *work, int64_t begin, int64_t finish)
             if (any)
                 active.number[active.count] = k, active.coefficient[active.count++] = c;
         }
-        for (int i = 0; i < 4; i++) {
-            x[i] = all(f->start[4 * g + i]) - (i < 2 ? offset[i] : all(0.0));
-            p[i][i] = all(f->spread[4 * g + i]);
+        const double *tau[LANES], *y[LANES];
+        for (int w = 0; w < LANES; w++) {
+            int64_t own = f->table[first + (w < count ? w : count - 1)] * f->groups + g;
+            tau[w] = f->tau + own * f->steps * 2, y[w] = f->y + own * f->steps * 2;
+            for (int i = 0; i < 4; i++)
+                x[i][w] = f->start[4 * own + i];
         }
-        const double *tau[LANES];
-        for (int w = 0; w < LANES; w++)
-            tau[w] = f->tau + (f->table[first + (w < count ? w : count - 1)] * f->groups + g) * f->steps * 2;
+        for (int i = 0; i < 4; i++)
+            p[i][i] = all(f->spread[4 * g + i]);
+        x[0] -= offset[0], x[1] -= offset[1];
         for (int64_t k = 0; k < f->length[g]; k++) {
             vec t1, t2;
             for (int w = 0; w < LANES; w++)
@@ -185,7 +188,9 @@ LOOP void filter(const void *work, int64_t begin, int64_t finish)
                 continue;
             double *e = f->e + f->row[at + k] * 2 * L + first, *s = f->s + f->row[at + k] * 2 * L + first;
             for (int j = 0; j < 2; j++) { /* one joint after the other: their errors are independent */
-                vec innovation = f->y[2 * (at + k) + j] - offset[j] - x[j], variance = p[j][j] + r[j], gain[4];
+                vec innovation = -offset[j] - x[j], variance = p[j][j] + r[j], gain[4];
+                for (int w = 0; w < LANES; w++)
+                    innovation[w] += y[w][2 * k + j];
                 store(e + j * L, innovation, count), store(s + j * L, variance, count);
                 for (int i = 0; i < 4; i++)
                     gain[i] = p[i][j] / variance;

@@ -66,14 +66,14 @@ class Samples:
     """What G filters are driven by and compared with, on S steps at most; N measurements in all.
 
     Attributes:
-        start: mean of the first state as it was read [rad, rad/s], shape (G, 4).
+        start: mean of the first state as it was read [rad, rad/s] in each of T tables, shape (T, G, 4).
         spread: its variance, shape (G, 4).
         level: which noise each filter has, shape (G,).
         length: how many steps each has, shape (G,).
         h: length of each step [s], shape (G, S).
         elapsed: fraction of all time that has passed, from -0.5 to 0.5, shape (G, S).
-        tau: mean torques of each step [N m] in each of T tables, shape (T, G, S, 2).
-        y: positions that were read at the end of the step [rad], shape (G, S, 2).
+        tau: mean torques of each step [N m], shape (T, G, S, 2).
+        y: positions that were read at the end of the step [rad], shape (T, G, S, 2).
         row: number of that measurement, from 0 to N - 1; -1 where there is none, shape (G, S).
     """
 
@@ -104,7 +104,7 @@ class Vectors:
             shape (K, 4, L).
         width: of the change of sign of dry friction [rad/s], shape (2, L).
         coefficient: of each term, shape (E, L).
-        table: which table of torques, shape (L,).
+        table: which table of the samples, shape (L,).
     """
 
     theta: Array
@@ -196,13 +196,13 @@ class _Filter:
             [[5, 6], [7, 8], [10, 11], [12, 13]], None
         ]
         self._noise = np.moveaxis(vectors.noise[samples.level], 1, 0)
-        self._none = (np.zeros((2, len(samples.start), len(vectors.table))),) * 3
+        self._none = (np.zeros((2, len(samples.level), len(vectors.table))),) * 3
 
     def run(self, e: Array, s: Array) -> None:
         """Fill e and s."""
         samples, vectors = self._samples, self._vectors
-        groups, lanes = len(samples.start), len(vectors.table)
-        x = np.repeat(samples.start.T[:, :, None], lanes, axis=2)
+        groups, lanes = len(samples.level), len(vectors.table)
+        x = samples.start[vectors.table].T
         x[:2] -= vectors.offset[:, None]
         p = np.zeros((4, 4, groups, lanes))
         p[range(4), range(4)] = samples.spread.T[:, :, None]
@@ -211,7 +211,7 @@ class _Filter:
             x, p = self._predicted(x, p, tau, samples.h[:, k, None], samples.elapsed[:, k, None])
             measured = np.flatnonzero(samples.row[:, k] >= 0)
             if measured.size:
-                row, y = samples.row[measured, k], samples.y[measured, k]
+                row, y = samples.row[measured, k], samples.y[vectors.table][:, measured, k]
                 x[:, measured], p[:, :, measured] = self._corrected(
                     x[:, measured], p[:, :, measured], measured, row, y, e, s
                 )
@@ -220,7 +220,7 @@ class _Filter:
         self, x: Array, p: Array, groups: Indices, row: Indices, y: Array, e: Array, s: Array
     ) -> tuple[Array, Array]:
         for joint in range(2):  # one after the other: their errors are independent
-            innovation = y[:, joint, None] - self._vectors.offset[joint] - x[joint]
+            innovation = y[:, :, joint].T - self._vectors.offset[joint] - x[joint]
             variance = p[joint, joint] + self._noise[joint, groups]
             e[row, joint], s[row, joint] = innovation, variance
             gain = p[:, joint] / variance

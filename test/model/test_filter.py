@@ -36,14 +36,14 @@ def samples(groups=3, steps=40, tables=2, every=4, h=0.004, seed=1):
     tau = rng.normal(size=(tables, groups, steps, 2)) * inside[..., None]
     moved = roll(GEARED, start.T, tau[0].transpose(2, 1, 0), h)[1:, :2].transpose(2, 0, 1)
     return Samples(
-        start=start,
+        start=start + rng.normal(scale=0.01, size=(tables, groups, 4)),
         spread=np.tile([1e-6, 1e-6, 0.04, 0.04], (groups, 1)),
         level=np.arange(groups) % 2,
         length=length,
         h=np.where(inside, h * rng.uniform(0.9, 1.1, (groups, steps)), 0.0),
         elapsed=np.where(inside, np.linspace(-0.5, 0.5, steps), 0.0),
         tau=tau,
-        y=moved + rng.normal(scale=1e-3, size=(groups, steps, 2)),
+        y=moved + rng.normal(scale=1e-3, size=(tables, groups, steps, 2)),
         row=row,
     )
 
@@ -100,12 +100,13 @@ def test_lanes_and_groups_do_not_mix(compiled):
             alone = Vectors(**{name: getattr(unknown, name)[..., lane : lane + 1] for name in Vectors.__slots__})
             for a, b in zip((e, s), innovations(read, alone, TERMS), strict=True):
                 np.testing.assert_allclose(a[:, :, lane], b[:, :, 0], rtol=1e-10, atol=1e-12)
-        for g in range(len(read.start)):
+        for g in range(len(read.level)):
             n, rows = read.length[g], read.row[g][read.row[g] >= 0]
-            own = {name: getattr(read, name)[g : g + 1] for name in ('start', 'spread', 'level', 'length')}
-            cut = {name: getattr(read, name)[g : g + 1, :n] for name in ('h', 'elapsed', 'y')}
+            own = {name: getattr(read, name)[g : g + 1] for name in ('spread', 'level', 'length')}
+            cut = {name: getattr(read, name)[g : g + 1, :n] for name in ('h', 'elapsed')}
+            table = {'start': read.start[:, g : g + 1]} | {name: getattr(read, name)[:, g : g + 1, :n] for name in ('tau', 'y')}
             row = np.where(read.row[g, :n] >= 0, read.row[g, :n] - rows[0], -1)[None]
-            single = Samples(**own, **cut, tau=read.tau[:, g : g + 1, :n], row=row)
+            single = Samples(**own, **cut, **table, row=row)
             for a, b in zip((e, s), innovations(single, unknown, TERMS), strict=True):
                 np.testing.assert_allclose(a[rows], b, rtol=1e-10, atol=1e-12)
 
@@ -154,8 +155,8 @@ def test_without_torque_noise_the_mean_is_a_rollout():
     noise = np.array([1e-10, 1e-10, 0, 0])[:, None]
     unknown = Vectors.of(GEARED[:, None], np.stack([noise, noise]))
     for e, s in both(read, unknown):
-        states = roll(GEARED, read.start.T, read.tau[0, 0].T[:, :, None], 0.002)
-        np.testing.assert_allclose(read.y[0, -1] - e[0, :, 0], states[-1, :2, 0], rtol=1e-9)
+        states = roll(GEARED, read.start[0].T, read.tau[0, 0].T[:, :, None], 0.002)
+        np.testing.assert_allclose(read.y[0, 0, -1] - e[0, :, 0], states[-1, :2, 0], rtol=1e-9)
         np.testing.assert_allclose(s, 1e-10)
 
 
@@ -169,11 +170,11 @@ def test_a_linear_rig_has_the_innovations_of_a_kalman_filter():
     h = 0.002
     read = replace(
         read,
-        start=np.array([[-np.pi / 2, 0, 0, 0]]) + tiny * np.array([[1, -2, 3, 1]]),
+        start=np.array([[[-np.pi / 2, 0, 0, 0]]]) + tiny * np.array([[[1, -2, 3, 1]]]),
         spread=np.array([[1.0, 2.0, 3.0, 4.0]]) * tiny**2,
         h=np.full((1, 400), h),
         tau=tiny * read.tau,
-        y=np.array([-np.pi / 2, 0]) + tiny * np.random.default_rng(4).normal(size=(1, 400, 2)),
+        y=np.array([-np.pi / 2, 0]) + tiny * np.random.default_rng(4).normal(size=(1, 1, 400, 2)),
     )
     noise = np.array([1.0, 2.0, 3e-3, 4e-3]) * tiny**2
     found = both(read, Vectors.of(theta[:, None], np.tile(noise[:, None], (2, 1, 1))))
@@ -189,12 +190,12 @@ def test_a_linear_rig_has_the_innovations_of_a_kalman_filter():
     loan = expm(h * np.block([[-A, B @ np.diag(noise[2:]) @ B.T], [np.zeros((4, 4)), A.T]]))
     Q = loan[4:, 4:].T @ loan[:4, 4:]
     rest = np.array([-np.pi / 2, 0, 0, 0])
-    x, P, R, H = read.start[0] - rest, np.diag(read.spread[0]), np.diag(noise[:2]), np.eye(2, 4)
+    x, P, R, H = read.start[0, 0] - rest, np.diag(read.spread[0]), np.diag(noise[:2]), np.eye(2, 4)
     expected = []
     for k in range(400):
         x, P = F @ x + G @ read.tau[0, 0, k], F @ P @ F.T + Q
         if read.row[0, k] >= 0:
-            S, innovation = H @ P @ H.T + R, read.y[0, k] - rest[:2] - x[:2]
+            S, innovation = H @ P @ H.T + R, read.y[0, 0, k] - rest[:2] - x[:2]
             lower = np.linalg.cholesky(S)
             expected.append((np.linalg.solve(lower, innovation) * np.diag(lower), np.diag(lower) ** 2))
             gain = P @ H.T @ np.linalg.inv(S)
