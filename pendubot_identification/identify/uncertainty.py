@@ -110,6 +110,23 @@ def student_quantile(freedom: ArrayLike) -> Array:
     return np.where(np.isfinite(n), stdtrit(np.where(np.isfinite(n), n, 1.0), 0.975), NORMAL_95)
 
 
+@dataclass(frozen=True, slots=True)
+class IntervalSettings:
+    """How the influence of parts of the data becomes a variance.
+
+    Attributes:
+        prior: degrees of freedom that the common factor counts for; 2 makes one of two recordings' variance, which
+            has a single degree of freedom, as certain as one of four.
+        blocks: degrees of freedom of the blocks of one recording, as of one more recording: they share its
+            peculiarities.
+        significance: at which recordings differ by more in one parameter than in the others.
+    """
+
+    prior: float = 2.0
+    blocks: float = 1.0
+    significance: float = 0.05
+
+
 def influence_covariance(
     information: Array,
     slopes: Array,
@@ -118,64 +135,64 @@ def influence_covariance(
     difference: Array,
     *,
     exact: bool,
-    several: int,
+    settings: IntervalSettings | None = None,
 ) -> tuple[Array, Array, Array, str]:
     """Return how far the minimum of a composite criterion may be off.
 
-    The curvature H of a composite criterion overstates what is known, for its parts share data. What each recording
-    does to the minimum is its influence u = H^-1 g; the variance by these is m / (m - 1) sum u u', with m - 1 degrees
-    of freedom (the infinitesimal jackknife). Where recordings are few, blocks of time stand beside them: they have the
-    recording's peculiarities in common, and count as 3 degrees of freedom. The widest interval counts.
+    The inverse curvature V of a composite criterion understates the variance, because its parts share data. The
+    influence of each recording on the minimum is u = V g; the variance by these is W = m / (m - 1) sum u u', with
+    m - 1 degrees of freedom (the infinitesimal jackknife). Few recordings make W uncertain, so it is moderated by what
+    all parameters have in common (Smyth, Statistical Applications in Genetics and Molecular Biology 3, 2004): the
+    estimate is the mean of W and c V, weighted by degrees of freedom, where c is the mean of W over V. A parameter in
+    which recordings differ by more than in the others (F test) has its own variance. Blocks of time take the place of
+    recordings if there is one recording, or if the residual is at the quantization level.
 
-    What the model lacks biases all recordings alike. It also sets estimates apart that weigh frequencies differently
-    (Hausman, Econometrica 46, 1978): their difference is one more standard error.
+    An unmodelled effect biases all recordings alike. It also sets estimates apart that weigh frequencies differently
+    (Hausman, Econometrica 46, 1978): their difference adds to the standard error.
 
     Args:
-        information: H, shape (D, D).
-        slopes: of each block of time at the minimum, shape (B, D).
+        information: the inverse of V, shape (D, D).
+        slopes: g of each block of time at the minimum, shape (B, D).
         owner: the recording of each block, shape (B,).
         free: which unknowns lie on no bound, shape (D,).
-        exact: whether nothing but quantization is left: then recordings have nothing in common, unless they differ by
-            more than blocks of time do, and blocks of time count alone.
-        several: so many recordings are enough to vary by themselves.
-        difference: to the estimate of the shortest interval, shape (D,); 0 where nothing but quantization is left.
+        difference: to the estimate of the shortest interval, shape (D,); 0 if the residual is at the quantization
+            level.
+        exact: whether it is.
+        settings: see :class:`IntervalSettings`.
 
     Returns:
         Covariance, shape (D, D), NaN where a bound holds; standard errors, shape (D,), of what a bound holds those
         that it would have without; degrees of freedom, shape (D,); in words how they were found.
     """
+    settings = settings or IntervalSettings()
     size, count = len(free), int(owner.max(initial=-1)) + 1
     inverse = inverse_information(information, free)
     curvature = np.sqrt(np.diag(inverse))
-    if len(owner) < 2:
-        covariance, std_error, freedom = inverse, curvature, np.full(size, math.inf)
-        words = 'curvature of the likelihood'
-    else:
-        ways, words = [], ''
-        if exact:
-            ways, words = [(slopes, len(owner) - 1)], f'influence of {len(owner)} blocks of time'
-        elif count < several:
-            ways, words = [(slopes, 3)], f'influence of {len(owner)} blocks of time'
-        by_recording = np.array([slopes[owner == k].sum(axis=0) for k in range(count)])
-        if count > 1 and (not exact or _differ(by_recording @ inverse, slopes @ inverse)):
-            ways.append((by_recording, count - 1))
-            words += f'{" and " if words else "influence "}of {count} recordings'
-        std_error, freedom = curvature, np.full(size, math.inf)
-        spread = np.zeros_like(inverse)
-        for parts, n in ways:
-            moves = (parts - parts.mean(axis=0)) @ inverse
-            each = len(parts) / (len(parts) - 1) * moves.T @ moves
-            varied, spread = np.sqrt(np.diag(each)), spread + each
-            wide = varied * student_quantile(n) >= std_error * student_quantile(freedom)
-            std_error, freedom = np.where(wide, varied, std_error), np.where(wide, float(n), freedom)
-        wide = np.abs(difference) * NORMAL_95 >= std_error * student_quantile(freedom)
-        std_error, freedom = np.where(wide, np.abs(difference), std_error), np.where(wide, math.inf, freedom)
-        spread = spread + np.outer(difference, difference)
-        known = np.sqrt(np.diag(spread + inverse))
-        known = np.where(known > 0, known, 1.0)
-        covariance = (spread + inverse) / known / known[:, None] * std_error * std_error[:, None]
-        words += ', or the curvature of the likelihood where that says less'
-        words += '; and what short intervals say else' if difference.any() else ''
+    covariance, std_error, freedom = inverse, curvature, np.full(size, math.inf)
+    words = 'curvature of the likelihood'
+    if len(owner) > 1:
+        recordings = np.array([slopes[owner == k].sum(axis=0) for k in range(count)])
+        by_block = exact or count == 1
+        parts, n = (slopes, len(owner) - 1) if by_block else (recordings, count - 1)
+        n = n if exact or count > 1 else settings.blocks
+        words = f'influence of {len(owner)} blocks of time' if by_block else f'influence of {count} recordings'
+        spread = _spread(parts, inverse)
+        total, known = float(np.trace(information @ spread)), max(int((curvature > 0).sum()), 1)
+        covariance = (settings.prior * max(total / known, 1.0) * inverse + n * spread) / (settings.prior + n)
+        variance, freedom = np.diag(covariance).copy(), np.full(size, settings.prior + n)
+        if count > 1:
+            own = _spread(recordings, inverse)
+            odd = _differ(np.diag(own), np.diag(spread), np.diag(inverse), total, n, count - 1, settings.significance)
+            variance[odd] = np.maximum(np.diag(own)[odd], variance[odd])
+            freedom[odd] = count - 1
+            words += f' and of {count} recordings' if by_block and odd.any() else ''
+        std_error = np.sqrt(variance + difference**2)
+        wide = curvature * NORMAL_95 > std_error * student_quantile(freedom)
+        std_error, freedom = np.where(wide, curvature, std_error), np.where(wide, math.inf, freedom)
+        covariance = covariance + np.outer(difference, difference)
+        scale = std_error / np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+        covariance = covariance * scale * scale[:, None]
+        words += ', and the difference to the estimate of the shortest interval' if difference.any() else ''
     lost = unidentifiable(information, free)
     std_error = np.where(lost, np.inf, std_error)
     for k in np.flatnonzero(~free & (np.diag(information) > 0)):
@@ -189,12 +206,22 @@ def influence_covariance(
     return covariance, std_error, freedom, words
 
 
-def _differ(recordings: Array, blocks: Array) -> bool:
-    """Tell whether recordings differ by more than blocks of time do, by an F test of each unknown at 1 % in all."""
-    variances = [each.var(axis=0, ddof=1) * len(each) for each in (recordings, blocks)]
-    known = variances[1] > 0
-    chance = fdtrc(len(recordings) - 1, len(blocks) - 1, variances[0][known] / variances[1][known])
-    return bool((chance * known.sum() < 0.01).any())
+def _spread(parts: Array, inverse: Array) -> Array:
+    """Return the covariance of the minimum by the influence of parts of the data, shape (D, D)."""
+    moves = (parts - parts.mean(axis=0)) @ inverse
+    return np.asarray(len(parts) / (len(parts) - 1) * moves.T @ moves)
+
+
+def _differ(
+    own: Array, spread: Array, inverse: Array, total: float, n: float, between: int, significance: float
+) -> NDArray[np.bool_]:
+    """Tell in which parameters recordings vary more than all other parameters do, each over its curvature."""
+    known = inverse > 0
+    others = max(int(known.sum()) - 1, 1)
+    scale = np.where(known, inverse, 1.0)
+    rest = np.maximum((total - spread / scale) / others, 1.0)
+    chance = fdtrc(between, n * others, own / scale / rest)
+    return np.asarray(known & (chance * (others + 1) < significance))
 
 
 def correlations(information: Array, free: NDArray[np.bool_]) -> Array:

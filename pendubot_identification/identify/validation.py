@@ -83,7 +83,6 @@ def _estimate(answer: Composite) -> Estimate:
         free,
         answer.difference[:size],
         exact=answer.exact,
-        several=SETTINGS.several,
     )
     return Estimate(
         criterion='likelihood',
