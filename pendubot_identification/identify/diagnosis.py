@@ -38,7 +38,7 @@ from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.signals import SMOOTHING
 from pendubot_identification.trajectories.trajectory import Trajectory
 
-from .uncertainty import Blocks, bootstrap_covariance
+from .uncertainty import regression_covariance
 
 Array = NDArray[np.float64]
 Matrix = tuple[Pair, Pair]
@@ -345,8 +345,8 @@ def link_length(motions: Sequence[Motion], model: str, delay: float = 0.0) -> tu
         return math.nan, math.nan
     parts = _elbows_own(motions, model, delay)
     ratios = _pooled(parts).free_minimum()
-    covariance = bootstrap_covariance(Blocks.of(parts), ratios, np.ones(len(ratios), dtype=bool))
-    return float(ratios[0]), math.sqrt(covariance[0, 0])
+    _, std_error, *_ = regression_covariance(parts, ratios, np.ones(len(ratios), dtype=bool))
+    return float(ratios[0]), float(std_error[0])
 
 
 def _elbows_own(motions: Sequence[Motion], model: str, delay: float) -> list[Regression]:
@@ -460,10 +460,9 @@ class _Rig:
 
     def zero_error(self, joint: int) -> float:
         """Return the standard error of a zero [rad] that is right: of the coefficient of its derivative."""
-        slopes = self.slopes(joint)
-        blocks = Blocks.of([_beside(part, slope) for part, slope in zip(self.regressions, slopes, strict=True)])
+        residuals = [_beside(part, slope) for part, slope in zip(self.regressions, self.slopes(joint), strict=True)]
         free = np.append(~BOUNDS.at_bound(self.theta, 1e-6), True)
-        return math.sqrt(bootstrap_covariance(blocks, np.append(self.theta, 0.0), free)[-1, -1])
+        return float(regression_covariance(residuals, np.append(self.theta, 0.0), free)[1][-1])
 
 
 #: A fault, and the rig put right.

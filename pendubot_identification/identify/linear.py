@@ -21,7 +21,7 @@ from pendubot_identification.trajectories.signals import SMOOTHING
 
 from .estimate import REACHED, Effort, Estimate, Progress
 from .settings import Settings
-from .uncertainty import BLOCK, Blocks, bootstrap_covariance, correlations
+from .uncertainty import correlations, regression_covariance
 
 Array = NDArray[np.float64]
 
@@ -31,20 +31,20 @@ class Linear(NamedTuple):
 
     Attributes:
         residuals: of each recording.
-        blocks: the same reduced.
+        criterion: all of them together.
         delay: of the effort [s].
         weights: of the weak criterion's three balances, shape (3,); empty for ``energy``.
     """
 
     residuals: list[Regression]
-    blocks: Blocks
+    criterion: Quadratic
     delay: float
     weights: Array
 
-    @property
-    def criterion(self) -> Quadratic:
-        """The pooled criterion."""
-        return self.blocks.criterion
+    @classmethod
+    def of(cls, residuals: list[Regression], delay: float, weights: Array) -> Linear:
+        """Pool the residuals of recordings."""
+        return cls(residuals, Quadratic.pool([Quadratic.reduce(r.phi, r.y) for r in residuals]), delay, weights)
 
 
 def linear(name: str, motions: Sequence[Motion], model: str, settings: Settings, like: Linear | None = None) -> Linear:
@@ -52,7 +52,7 @@ def linear(name: str, motions: Sequence[Motion], model: str, settings: Settings,
     if name == 'energy':
         smoothing = SMOOTHING if settings.smoothing is None else settings.smoothing
         residuals = [energy_regression(m.recorded, settings.sliding, smoothing, model) for m in motions]
-        return Linear(residuals, Blocks.of(residuals, BLOCK if settings.sliding else np.inf), 0.0, np.empty(0))
+        return Linear.of(residuals, 0.0, np.empty(0))
     if like is not None:
         delay, weights = like.delay, like.weights
     else:
@@ -62,7 +62,7 @@ def linear(name: str, motions: Sequence[Motion], model: str, settings: Settings,
         if low < high:
             delay = estimate_delay(motions, model, bounds, low, high, weights=weights)
     residuals = [weak_regression(m, model, delay, weights=weights) for m in motions]
-    return Linear(residuals, Blocks.of(residuals), delay, weights)
+    return Linear.of(residuals, delay, weights)
 
 
 def estimate_linear(
@@ -90,7 +90,7 @@ def estimate_linear(
         )
     J, still = float(criterion(theta)), float(criterion(np.zeros_like(theta)))
     free, sought = ~bounds.at_bound(theta, tolerance=1e-7), bounds.present & ~bounds.held
-    covariance, off = (bootstrap_covariance(made.blocks, theta, k, seed=settings.seed) for k in (free, sought))
+    covariance, std_error, freedom, words = regression_covariance(made.residuals, theta, free)
     validation_quadratic = None if assess is None else assess.criterion
     return Estimate(
         criterion=name,
@@ -99,8 +99,9 @@ def estimate_linear(
         free=free,
         covariance=covariance,
         correlation=correlations(criterion.phi.T @ criterion.phi, free),
-        std_error=np.where(bounds.held, 0.0, np.sqrt(np.where(free, np.diag(covariance), np.diag(off)))),
-        uncertainty=f'block bootstrap over blocks of {made.blocks.length:.3g} s',
+        std_error=np.where(bounds.held, 0.0, np.where(bounds.present, std_error, np.nan)),
+        freedom=freedom,
+        uncertainty=words,
         effort=Effort(hold if name == 'weak' else 'zero', made.delay),
         J=J,
         residuals=criterion.count,

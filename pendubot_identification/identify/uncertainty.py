@@ -7,102 +7,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from itertools import pairwise
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import fdtrc, stdtrit
 
 from pendubot_identification.criteria.energy import Regression
-from pendubot_identification.criteria.quadratic import Quadratic
 from pendubot_identification.level import NORMAL_95
 
 Array = NDArray[np.float64]
-
-#: Length of the blocks [s].
-BLOCK = 2.0
-#: Fewer blocks say too little of how blocks differ; longer ones would leave fewer.
-FEWEST_BLOCKS = 10
-
-
-@dataclass(frozen=True, slots=True)
-class Blocks:
-    """Residuals that are linear in theta, as far as criterion and uncertainty need them: a R factor a block of time.
-
-    Attributes:
-        R factors: of the QR factorisation of every block's [phi, y], shape (blocks, D+1, D+1).
-        count: how many residuals they stand for.
-        length: of the blocks [s].
-    """
-
-    r_factors: Array
-    count: int
-    length: float
-
-    @classmethod
-    def of(cls, residuals: Sequence[Regression], block: float = BLOCK) -> Blocks:
-        """Reduce residuals, those of one recording after those of the other, to blocks of so many seconds.
-
-        Blocks are shorter where there would be fewer than ten. An infinite length is for residuals that hold all data
-        before them, so that no stretch of time is apart from the rest: then there are ten.
-        """
-        durations = [float(np.ptp(r.t)) for r in residuals]
-        length = min(block, sum(durations) / FEWEST_BLOCKS)
-        r_factors: list[Array] = []
-        for r, duration in zip(residuals, durations, strict=True):
-            number = max(1, round(duration / length)) if length else 1
-            ends = -(-len(r.y) * np.arange(number + 1) // number)
-            r_factors += [Quadratic.reduce(r.phi[a:b], r.y[a:b]).r_factor for a, b in pairwise(ends)]
-        return cls(np.array(r_factors), sum(len(r.y) for r in residuals), length)
-
-    @property
-    def criterion(self) -> Quadratic:
-        """The criterion of all the residuals together."""
-        pooled = Quadratic.pool([Quadratic(r_factor, 0) for r_factor in self.r_factors])
-        return replace(pooled, count=self.count)
-
-
-def bootstrap_covariance(
-    blocks: Blocks, theta: Array, free: NDArray[np.bool_], *, resamples: int = 200, seed: int = 1
-) -> Array:
-    """Return the covariance of a least-squares estimate by the bootstrap of blocks (Kuensch 1989), shape (D, D).
-
-    Residuals that are integrals over overlapping stretches of time are far from independent, so that the textbook
-    covariance is many times too small. What can be drawn again independently is whole blocks of time. Against the
-    spread over 24 recordings of the virtual rig these standard errors are 0.8 to 2.2 times as large with the weak
-    criterion, 0.7 to 2.1 with the energy criterion over 0.5 s, 0.5 to 2.3 with the cumulative one. Of that, parts of
-    an hour of it end up to 3.6 standard errors from the truth, and up to 15 with blocks of 2 s.
-
-    Args:
-        blocks: the residuals.
-        theta: the estimate, shape (D,).
-        free: which parameters moved freely, shape (D,); the others' rows and columns are NaN, and all of them for a
-            single instant, which has no blocks.
-        resamples: how often as many blocks as there are, are drawn with replacement.
-        seed: of the draws.
-    """
-    covariance = np.full((len(theta), len(theta)), np.nan)
-    size, count = int(free.sum()), len(blocks.r_factors)
-    if size == 0 or count < 2:
-        return covariance
-    columns, y = blocks.r_factors[:, :, :-1], blocks.r_factors[:, :, -1]
-    moved = np.dstack([columns[:, :, free], y - columns[:, :, ~free] @ theta[~free]])
-    r_factors = np.asarray(np.linalg.qr(moved, mode='r'))
-    # In coordinates in which the criterion of all blocks is round, sums of squares lose no digits.
-    total = Quadratic.pool([Quadratic(r_factor, 1) for r_factor in r_factors])
-    unwhitened = np.linalg.pinv(total.phi)
-    phi = r_factors[:, :, :size] @ unwhitened
-    residual = r_factors[:, :, size] - phi @ (total.phi @ total.free_minimum())
-    squares = np.einsum('bij,bik->bjk', phi, phi)
-    gradients = np.einsum('bij,bi->bj', phi, residual)
-    drawn = np.random.default_rng(seed).multinomial(count, np.full(count, 1 / count), size=resamples)
-    # What is added to the squares is nothing but where a draw lacks every block that tells some parameter.
-    sums = np.tensordot(drawn, squares, axes=1) + 1e-9 * np.eye(size)
-    steps = np.linalg.solve(sums, (drawn @ gradients)[:, :, None])[:, :, 0] @ unwhitened.T
-    covariance[np.ix_(free, free)] = np.atleast_2d(np.cov(steps, rowvar=False)) * count / (count - 1)
-    return covariance
-
 
 def student_quantile(freedom: ArrayLike) -> Array:
     """Return the half-width of 95 % intervals in standard errors; infinite degrees of freedom are normal."""
@@ -151,7 +65,7 @@ def influence_covariance(
     (Hausman, Econometrica 46, 1978): their difference adds to the standard error.
 
     Args:
-        information: the inverse of V, shape (D, D).
+        information: the inverse of V, for errors of unit variance, shape (D, D).
         slopes: g of each block of time at the minimum, shape (B, D).
         owner: the recording of each block, shape (B,).
         free: which unknowns lie on no bound, shape (D,).
@@ -204,6 +118,33 @@ def influence_covariance(
     covariance[lost, lost] = np.inf
     covariance[~free], covariance[:, ~free] = np.nan, np.nan
     return covariance, std_error, freedom, words
+
+
+def regression_covariance(
+    residuals: Sequence[Regression], theta: Array, free: NDArray[np.bool_], block: float = 1.0
+) -> tuple[Array, Array, Array, str]:
+    """Return how far a least-squares estimate may be off, as :func:`influence_covariance` does.
+
+    Residuals that are integrals over overlapping stretches of time are far from independent, so that the textbook
+    covariance is many times too small.
+
+    Args:
+        residuals: of each recording.
+        theta: the estimate, shape (D,).
+        free: which parameters lie on no bound, shape (D,).
+        block: about the length of the blocks of time [s].
+    """
+    slopes, owner, information = list[Array](), list[int](), np.zeros((len(theta), len(theta)))
+    errors = [r.phi @ theta - r.y for r in residuals]
+    variance = max(float(np.mean(np.concatenate(errors) ** 2)), np.finfo(float).tiny)
+    for number, (r, error) in enumerate(zip(residuals, errors, strict=True)):
+        count = min(max(1, round(float(np.ptp(r.t)) / block)), len(r.y))
+        for rows in np.array_split(np.arange(len(r.y)), count):
+            slopes.append(r.phi[rows].T @ error[rows] / variance)
+            owner.append(number)
+        information += r.phi.T @ r.phi / variance
+    none = np.zeros_like(theta)
+    return influence_covariance(information, np.array(slopes), np.array(owner), free, none, exact=False)
 
 
 def _spread(parts: Array, inverse: Array) -> Array:

@@ -19,7 +19,7 @@ from pendubot_identification.trajectories.motion import Motion
 from .consistency import recorded_zeros
 from .effects import compensated
 from .estimate import Effort, Estimate, Progress
-from .fitting import SETTINGS, Composite
+from .fitting import Composite
 from .identification import Run
 from .linear import estimate_linear, linear
 from .prediction import Fold, Prediction, predict
