@@ -18,6 +18,7 @@ from pendubot_identification.level import NORMAL_95
 
 Array = NDArray[np.float64]
 
+
 def student_quantile(freedom: ArrayLike) -> Array:
     """Return the half-width of 95 % intervals in standard errors; infinite degrees of freedom are normal."""
     n = np.asarray(freedom, dtype=float)
@@ -87,8 +88,8 @@ def influence_covariance(
     if len(owner) > 1:
         recordings = np.array([slopes[owner == k].sum(axis=0) for k in range(count)])
         by_block = exact or count == 1
-        parts, n = (slopes, len(owner) - 1) if by_block else (recordings, count - 1)
-        n = n if exact or count > 1 else settings.blocks
+        parts = slopes if by_block else recordings
+        n = settings.blocks if count == 1 and not exact else len(parts) - 1.0
         words = f'influence of {len(owner)} blocks of time' if by_block else f'influence of {count} recordings'
         spread = _spread(parts, inverse)
         total, known = float(np.trace(information @ spread)), max(int((curvature > 0).sum()), 1)

@@ -124,7 +124,11 @@ def _wanted(
             [Motion.prepare(motion, result.smoothing, hold(result)) for motion in recorded] for recorded in motions
         )
         at = figures.timeline([*motions[0], *motions[1]])
-        scale, asked, known = state_scale(training), settings(result), known_effects(training, result.effects)
+        scale, asked, known = (
+            state_scale(training),
+            settings(result),
+            known_effects(training, best.delay, result.effects),
+        )
         training = [compensated(motion, known, best.delay) for motion in training]
         validation = [compensated(motion, known, best.delay) for motion in validation]
 

@@ -153,9 +153,9 @@ def unexplained_torque(motions: Sequence[Motion], answer: Answer) -> Unexplained
     )
 
 
-def known_effects(motions: Sequence[Motion], listed: Sequence[EffectFound]) -> list[FoundEffect]:
+def known_effects(motions: Sequence[Motion], delay: float, listed: Sequence[EffectFound]) -> list[FoundEffect]:
     """Return the accepted effects of a result, from the catalogue of its motions."""
-    known = {(effect.name, effect.where): effect for effect in catalogue(motions, EffectSettings())}
+    known = {(effect.name, effect.where): effect for effect in catalogue(motions, delay, EffectSettings())}
     return [
         FoundEffect(known[e.name, e.where], np.array(e.sizes, dtype=float), np.nan, np.nan, True, np.zeros(5))
         for e in listed

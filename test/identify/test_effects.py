@@ -40,7 +40,9 @@ class Lopsided(Rig):
 EFFECTS = {
     'dead zone': (Rig(dead_zone=0.02), {'motor': 0.02}),
     'saturation': (Rig(saturation=0.22), {'motor': 0.22}),
+    'back-EMF': (Rig(no_load=12.0), {'motor': float(np.hypot(rig.STRENGTH, 1 / 12.0))}),
     'lag': (Rig(lag=0.02), {'motor': 0.02}),
+    'eccentricity': (Rig(eccentric=0.02), {"elbow's encoder": 0.02}),
     'offset': (Rig(offset=0.02), {'shoulder': 0.02}),
     'asymmetry': (Lopsided(shoulder=0.004), {'shoulder': -0.004}),
     'drag': (Rig(drag=0.0003), {'shoulder': -0.0003, 'elbow': -0.0003}),
@@ -80,7 +82,7 @@ def problem(recorded):
 
 def candidate(base, name, where):
     """Return the first candidate of this name."""
-    found = catalogue(base.likelihood.filter_data.motions, EffectSettings())
+    found = catalogue(base.likelihood.filter_data.motions, 0.0, EffectSettings())
     return next(c for c in found if (c.name, c.where) == (name, where))
 
 
@@ -130,7 +132,7 @@ def test_each_candidate_starts_as_the_model(problem):
     base = problem('clean')
     free = np.zeros(base.likelihood.size, dtype=bool)
     cost = base.likelihood.costs(base.fit.x)
-    for c in catalogue(base.likelihood.filter_data.motions, EffectSettings()):
+    for c in catalogue(base.likelihood.filter_data.motions, 0.0, EffectSettings()):
         assert c.name in MEANINGS
         extension = c.extension
         sizes = len(extension.scale), len(extension.lower), len(extension.upper), len(extension.start)
@@ -146,13 +148,13 @@ def test_each_candidate_starts_as_the_model(problem):
 def test_cogging_is_a_candidate_where_the_joint_turns(problem):
     base = problem('clean')
     settings = EffectSettings()
-    both = [c.where for c in catalogue(base.likelihood.filter_data.motions, settings) if c.name == 'cogging']
+    both = [c.where for c in catalogue(base.likelihood.filter_data.motions, 0.0, settings) if c.name == 'cogging']
     assert len(both) == 2 * (settings.repetitions - 1)
     still = [
         replace(m, recorded=replace(m.recorded, q=m.recorded.q * [0.01, 1.0]))
         for m in base.likelihood.filter_data.motions
     ]
-    alone = [c.where for c in catalogue(still, settings) if c.name == 'cogging']
+    alone = [c.where for c in catalogue(still, 0.0, settings) if c.name == 'cogging']
     assert alone == [where for where in both if where.startswith('elbow')]
 
 
@@ -173,5 +175,5 @@ def test_compensated_torques_are_those_that_act(problem):
 
 
 def test_each_effect_of_the_catalogue_has_a_meaning(problem):
-    names = {c.name for c in catalogue(problem('clean').likelihood.filter_data.motions, EffectSettings())}
+    names = {c.name for c in catalogue(problem('clean').likelihood.filter_data.motions, 0.0, EffectSettings())}
     assert names == set(MEANINGS)

@@ -64,9 +64,7 @@ def line(phi, y, owner, free=FREE, difference=0.0, *, exact=False):
     theta[free] = np.linalg.lstsq(phi[..., free].reshape(-1, free.sum()), y.ravel(), rcond=None)[0]
     slopes = np.einsum('bmi,bm->bi', phi, phi @ theta - y)
     information = np.einsum('bmi,bmj->ij', phi, phi)
-    return theta, *influence_covariance(
-        information, slopes, owner, free, difference * np.ones(len(free)), exact=exact
-    )
+    return theta, *influence_covariance(information, slopes, owner, free, difference * np.ones(len(free)), exact=exact)
 
 
 def clustered(seed, recordings, each=20):

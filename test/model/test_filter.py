@@ -104,7 +104,9 @@ def test_lanes_and_groups_do_not_mix(compiled):
             n, rows = read.length[g], read.row[g][read.row[g] >= 0]
             own = {name: getattr(read, name)[g : g + 1] for name in ('spread', 'level', 'length')}
             cut = {name: getattr(read, name)[g : g + 1, :n] for name in ('h', 'elapsed')}
-            table = {'start': read.start[:, g : g + 1]} | {name: getattr(read, name)[:, g : g + 1, :n] for name in ('tau', 'y')}
+            table = {'start': read.start[:, g : g + 1]} | {
+                name: getattr(read, name)[:, g : g + 1, :n] for name in ('tau', 'y')
+            }
             row = np.where(read.row[g, :n] >= 0, read.row[g, :n] - rows[0], -1)[None]
             single = Samples(**own, **cut, **table, row=row)
             for a, b in zip((e, s), innovations(single, unknown, TERMS), strict=True):
