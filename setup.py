@@ -53,6 +53,7 @@ setup(
         'matplotlib>=3.6',
         'jinja2>=3.0',
         'markupsafe',
+        'pydantic>=1.10',
         'PyYAML>=6.0',
         'tqdm>=4.66',
     ],

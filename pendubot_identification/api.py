@@ -25,11 +25,12 @@ from .errors import ParameterError, PendubotError
 from .files import OutputFolder
 from .formats.export import MEANINGS, export
 from .identify.options import OPTIONS
-from .identify.result import Given, Parameter, Result, Source
 from .level import Level
 from .model import dynamics, simulation
 from .model.parameters import SPECIFICATIONS, Parameters, default_bounds
 from .model.simulation import HANGING
+from .recordings.source import Source
+from .results.result import Parameter, PartialResult, Result
 from .results.result_file import read_complete_result, read_parameters, write_result
 from .trajectories.conventions import CONVERSION
 from .trajectories.conversion import Conversion
@@ -100,7 +101,7 @@ def identify(
     """
     from .identify.pipeline import identify as estimate
     from .identify.settings import Settings
-    from .results.result_file import result_of
+    from .results.assemble import assemble_result
 
     reading = Conversion.of({o.name: options.pop(o.name) for o in CONVERSION if o.name in options})
     if unknown := options.keys() - {option.name for option in OPTIONS}:
@@ -118,7 +119,7 @@ def identify(
     settings = Settings.of(bounds=box, reading=reading, **options)
     training, validation, sources, notes = _divided(recordings, validate, topic, joint_names, reading)
     found = estimate(training, validation, settings, notes=notes)
-    return Identified(result_of(found, sources), (training, validation))
+    return Identified(assemble_result(found, sources), (training, validation))
 
 
 def _divided(
@@ -258,7 +259,7 @@ class Pendubot(Parameters):
             PendubotError: there is no such format, or no real masses give these parameters.
         """
         given = {s.name: Parameter(value=v, unit=s.unit) for s, v in zip(SPECIFICATIONS, self.theta, strict=False)}
-        return export(Given(parameters=given), format, link_length, torque_limit)[0]
+        return export(PartialResult(parameters=given), format, link_length, torque_limit)[0]
 
 
 @dataclass(frozen=True, repr=False)

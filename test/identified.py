@@ -5,12 +5,16 @@
 
 import functools
 
+import yaml
+
 from pendubot_identification.identify.pipeline import identify
-from pendubot_identification.identify.result import Result, Source, structured
-from pendubot_identification.identify.result import plain as plain_of
 from pendubot_identification.identify.settings import CRITERIA, Settings
 from pendubot_identification.recordings.bag_reader import read_trajectory
-from pendubot_identification.results.result_file import result_of
+from pendubot_identification.recordings.source import Source
+from pendubot_identification.results.assemble import assemble_result
+from pendubot_identification.results.result import Result
+from pendubot_identification.results.result import plain as plain_of
+from pendubot_identification.results.result_file import structured
 from test.conftest import ROOT
 
 SAMPLE = ROOT / 'bags' / 'paper_experiment'
@@ -27,7 +31,7 @@ def identified(criteria=CRITERIA, model='viscous', optimizer='lsq', hold='zero',
 
 def made(*args, **settings):
     """Return the same as a result."""
-    return result_of(identified(*args, **settings), [SOURCE])
+    return assemble_result(identified(*args, **settings), [SOURCE])
 
 
 def plain(*args, **settings):
@@ -57,3 +61,8 @@ def earlier():
 def result(data):
     """Return the result that plain data are of."""
     return structured(Result, data, 'test')
+
+
+def write(path, data):
+    """Write plain data as the file of a result."""
+    path.write_text(yaml.safe_dump(data, sort_keys=False))

@@ -7,10 +7,9 @@ from __future__ import annotations
 
 import textwrap
 
-from pendubot_identification.identify.result import Result
 from pendubot_identification.level import Level
-from pendubot_identification.report.table import text
 from pendubot_identification.report.tables import J_sentence, consequences, own_warnings, parameter_table, verdict
+from pendubot_identification.results.result import Result
 
 from .terminal import columns, paint
 
@@ -56,7 +55,7 @@ def _published(result: Result) -> list[str]:
     table = parameter_table(result)
     # How the intervals came about, and what the rig cannot have, is not what one looks for first.
     lines = table.text().splitlines()[: 1 + len(table.rows)]
-    return [f'{result.model} model, by the criterion {result.criterion}', *lines, text(J_sentence(result))]
+    return [f'{result.model} model, by the criterion {result.criterion}', *lines, J_sentence(result)]
 
 
 def _prediction(result: Result) -> list[str]:

@@ -18,7 +18,7 @@ from pendubot_identification.errors import UsageError, wrong_usage
 from .reading import add_joints, add_reading, reading_of, save_map
 
 if TYPE_CHECKING:
-    from pendubot_identification.identify.result import Given, Parameter, Result
+    from pendubot_identification.results.result import Parameter, PartialResult
     from pendubot_identification.trajectories.conversion import Conversion
 
 Part = tuple[str, float, float]
@@ -82,7 +82,7 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _parameters(results: Sequence[Result | Given]) -> dict[str, Any]:
+def _parameters(results: Sequence[PartialResult]) -> dict[str, Any]:
     """Return by parameter its unit and, a result each, value, standard error, and Welch's t test against the first.
 
     ``apart`` is the distance in standard errors of both together, ``p`` its two-sided probability; None where one of
@@ -116,7 +116,7 @@ def _welch(a: Parameter | None, b: Parameter | None) -> tuple[float | None, floa
     return t, float(2 * (stdtr(1 / inverse, -abs(t)) if inverse else ndtr(-abs(t))))
 
 
-def _training(result: Result | Given) -> list[Part]:
+def _training(result: PartialResult) -> list[Part]:
     """Return of what parts of which bags, by their hash, a result was estimated: first and last sample [s]."""
     from pendubot_identification.recordings.bag_reader import BagWindow
 
@@ -131,15 +131,15 @@ def _common(parts: Sequence[Part], others: Sequence[Part]) -> bool:
 def _predictions(
     args: argparse.Namespace,
     reading: Conversion,
-    results: Mapping[str, Result | Given],
+    results: Mapping[str, PartialResult],
     used: Mapping[str, list[Part]],
     notes: list[str],
 ) -> dict[str, Any]:
     """Return how far each result's simulation of a bag's motion is off, by horizon; note who knows that motion."""
     from pendubot_identification.identify.prediction import HORIZONS, predict, state_scale
-    from pendubot_identification.identify.result import plain
     from pendubot_identification.recordings.bag_reader import BagWindow, read_trajectory
     from pendubot_identification.recordings.datasets import require_files, span
+    from pendubot_identification.results.result import known
     from pendubot_identification.trajectories.motion import Motion
     from pendubot_identification.trajectories.signals import choose_smoothing, evenly_stamped
 
@@ -161,5 +161,5 @@ def _predictions(
         still = prediction.persistence
         if _common([(recorded.sha256, *span(recorded.trajectory))], used[name]):
             notes.append(f'{name} was estimated from a part of {recorded.window}: of that it knows more than it should')
-    found = {'on': str(recorded.window), 'horizons': HORIZONS, 'error': errors, 'persistence': still}
-    return dict(plain(found))
+    found = {'horizons': HORIZONS, 'error': errors, 'persistence': still}
+    return {'on': str(recorded.window), **known(found)}

@@ -42,11 +42,11 @@ from .report import add_reference, read_beside
 if TYPE_CHECKING:
     from pendubot_identification.files import OutputFolder
     from pendubot_identification.identify.estimate import Progress
-    from pendubot_identification.identify.result import Result
     from pendubot_identification.identify.settings import Settings
     from pendubot_identification.model.parameters import Bounds
     from pendubot_identification.report.folder import Recordings
     from pendubot_identification.report.tables import Beside
+    from pendubot_identification.results.result import Result
     from pendubot_identification.trajectories.conversion import Conversion
 
 #: The exit status of a result that is no better than what --fail-on names, and from which level on that is.
@@ -127,6 +127,7 @@ def add_parser(subparsers: Any) -> None:
     where.add_argument(
         '--report', type=Path, metavar='DIR', help='make a report there: a page with figures, and the result beside it'
     )
+    where.add_argument('--figures', action='store_true', help='add its figures as SVG and PNG to the report')
     add_reference(where)
     where.add_argument('--force', action='store_true', help='overwrite an existing result or report')
     where.add_argument(
@@ -157,9 +158,9 @@ def _add_options(group: argparse._ArgumentGroup, options: Iterable[Setting]) -> 
 def run(args: argparse.Namespace) -> int:
     """Identify, print, write."""
     from pendubot_identification.files import OutputFolder, refuse_input, refuse_unwritable
-    from pendubot_identification.identify.result import plain
     from pendubot_identification.recordings.bag_reader import BagWindow
     from pendubot_identification.recordings.datasets import require_files
+    from pendubot_identification.results.result import plain
     from pendubot_identification.results.result_file import read_parameters, write_result
     from pendubot_identification.trajectories.conversion import Conversion
 
@@ -187,7 +188,7 @@ def run(args: argparse.Namespace) -> int:
                 from pendubot_identification.report.folder import write_report
 
                 with progress_bar(hidden=args.json) as progress:
-                    written.append(write_report(folder, result, motions, beside, (), progress))
+                    written.append(write_report(folder, result, motions, beside, (), progress, static=args.figures))
         finally:
             # Also where they cannot be written. Only now, because whoever closes the pipe ends the program.
             print(json.dumps(plain(result), indent=2) if args.json else _shown(args, result))
@@ -200,8 +201,8 @@ def run(args: argparse.Namespace) -> int:
 def _identify(args: argparse.Namespace, settings: Settings, folder: OutputFolder | None) -> tuple[Result, Recordings]:
     """Return the result, and what a report shows of the motions; where it fails, a page says why."""
     from pendubot_identification.recordings.datasets import Datasets, load_datasets
+    from pendubot_identification.results.assemble import assemble_result
     from pendubot_identification.results.corrections import identify_recordings
-    from pendubot_identification.results.result_file import result_of
 
     motions = None
 
@@ -220,7 +221,7 @@ def _identify(args: argparse.Namespace, settings: Settings, folder: OutputFolder
         with progress_bar(hidden=args.json) as progress:
             found, data = identify_recordings(load, settings, progress, apply_remedies=bool(args.apply_remedies))
         assert motions is not None
-        return result_of(found, data.sources), motions
+        return assemble_result(found, data.sources), motions
     except Exception as error:
         if folder is not None:
             from pendubot_identification.report.folder import write_failure

@@ -15,11 +15,11 @@ from pendubot_identification.errors import PendubotError
 from .progress import progress_bar
 
 if TYPE_CHECKING:
-    from pendubot_identification.identify.result import Given, Result
+    from pendubot_identification.results.result import PartialResult
 
 DESCRIPTION = """\
-Make a report of a result: one HTML page to explore, which needs no network and prints well, and its figures as SVG and
-PNG.
+Make a report of a result: one HTML page to explore, which needs no network and prints well; with --figures also its
+figures as SVG and PNG.
 
 It shows the data with their windows, measured beside simulated motion, the residuals of every criterion, the
 convergence of MDE, the parameters with their intervals, which of them the motion identifies, all warnings, and
@@ -48,6 +48,7 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument(
         '--bags', type=Path, metavar='FOLDER', help='where the bags lie now (default: where the result says)'
     )
+    parser.add_argument('--figures', action='store_true', help='write the figures as SVG and PNG, too')
     add_reference(parser)
     parser.add_argument('--force', action='store_true', help='write into a folder that holds something already')
     parser.set_defaults(run=run)
@@ -86,12 +87,12 @@ def run(args: argparse.Namespace) -> int:
             notes = [f'what is drawn from the recordings; {error}']
             print(f'pendubot: left out {notes[0]}', file=sys.stderr)
         with progress_bar() as progress:
-            page = write_report(folder, result, motions, beside, notes, progress, args.bags)
+            page = write_report(folder, result, motions, beside, notes, progress, args.bags, static=args.figures)
     print(f'written to {page}')
     return 0
 
 
-def read_beside(path: Path, name: str) -> tuple[Result | Given, str]:
+def read_beside(path: Path, name: str) -> tuple[PartialResult, str]:
     """Return the parameters of a file to stand beside a result's, and what to call them; warn of impossible ones.
 
     Raises:

@@ -23,7 +23,7 @@ from .reading import add_joints, add_reading, reading_of, save_map
 if TYPE_CHECKING:
     from pendubot_identification.identify.estimate import Progress
     from pendubot_identification.recordings.bag_reader import BagWindow
-    from pendubot_identification.report.table import Cell, Table
+    from pendubot_identification.report.table import Table
     from pendubot_identification.results.track_file import Track
     from pendubot_identification.tracking.events import Start, State
     from pendubot_identification.tracking.tracker import Tracker
@@ -70,6 +70,7 @@ def add_parser(subparsers: Any) -> None:
     where.add_argument(
         '--report', type=Path, metavar='DIR', help='write a page there, report.html, and the result beside it'
     )
+    where.add_argument('--figures', action='store_true', help='add its plot as SVG and PNG to the report')
     where.add_argument('--force', action='store_true', help='overwrite an existing result or report')
     where.add_argument('--json', action='store_true', help='print the result as JSON and nothing else')
     parser.set_defaults(run=run)
@@ -81,13 +82,13 @@ def run(args: argparse.Namespace) -> int:
     Raises:
         PendubotError: a recording or a file that cannot be read, written or followed.
     """
-    import yaml
-
     from pendubot_identification.files import OutputFolder, refuse_input, refuse_unwritable, write_atomically
     from pendubot_identification.recordings.bag_reader import BagWindow
     from pendubot_identification.recordings.datasets import require_files
     from pendubot_identification.report.table import wrapped
-    from pendubot_identification.results.track_file import start_of, track_text
+    from pendubot_identification.results.result import plain
+    from pendubot_identification.results.result_file import result_text
+    from pendubot_identification.results.track_file import start_of, tracked_result
 
     from .identify import joints
 
@@ -105,7 +106,8 @@ def run(args: argparse.Namespace) -> int:
         if tracker.state is None and not track.states:
             raise ExcitationError(f'{", ".join(args.bags)}: no parameters were found: {tracker.reason}')
         written = []
-        text = track_text(tracker, track, args.bags) if tracker.state is not None else ''
+        result = tracked_result(tracker, track, args.bags) if tracker.state is not None else None
+        text = '' if result is None else result_text(result)
         last = tracker.state or track.states[-1]
         table, happened = _summary(last, tracker, track)
         try:
@@ -118,11 +120,12 @@ def run(args: argparse.Namespace) -> int:
 
                 # Of many states some are forgotten, the newest perhaps.
                 states = track.states if track.states[-1] is last else [*track.states, last]
-                written.append(write_track(folder, (states, track.events), table, happened, args.bags, text))
+                shown = (states, track.events), table, happened, args.bags, text
+                written.append(write_track(folder, *shown, static=args.figures))
         finally:
             # Also where it cannot be written: hours may have been followed.
             if args.json:
-                print(json.dumps(yaml.safe_load(text) if text else {'reason': tracker.reason}, indent=2))
+                print(json.dumps({'reason': tracker.reason} if result is None else plain(result), indent=2))
             else:
                 level = f'level {last.level.name}' + (f': {"; ".join(last.warnings)}' if last.warnings else '')
                 print('\n'.join([table.text(), *map(wrapped, [level, *happened])]))
@@ -175,13 +178,13 @@ def follow(
 def _summary(last: State, tracker: Tracker, track: Track) -> tuple[Table, list[str]]:
     """Return what a person reads at the end: the parameters, and what happened."""
     from pendubot_identification.model.parameters import UNITS
-    from pendubot_identification.report.table import Number, Table
+    from pendubot_identification.report.table import Table
     from pendubot_identification.tracking.events import Disturbance
 
     # The first one with a band worth showing.
     first = next((s for s in track.states if s.t > track.states[0].t + BETWEEN), last)
-    rows: list[list[Cell]] = [
-        [name, Number(value, '.4g'), Number(NORMAL_95 * error, '.2g'), unit, Number(before, '.4g')]
+    rows = [
+        [name, f'{value:.4g}', f'{NORMAL_95 * error:.2g}', unit, f'{before:.4g}']
         for name, value, error, unit, before in zip(
             [*last.names, 'delay'],
             [*last.theta.tolist(), last.delay],

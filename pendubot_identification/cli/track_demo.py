@@ -25,7 +25,7 @@ PATIENCE = 60.0
 def run(args: argparse.Namespace) -> int:
     """Excite, follow, put the payload on, balance, take it off, and show what was said beside the truth."""
     from pendubot_identification.model.parameters import BALANCE, NAMES, UNITS
-    from pendubot_identification.report.table import Cell, Number, Table
+    from pendubot_identification.report.table import Table
 
     folder = new_folder(args.output)
     bag = folder / 'followed'
@@ -35,8 +35,8 @@ def run(args: argparse.Namespace) -> int:
         attempts = iter((bag, folder / 'once_more'))
         before, after = once_more(lambda: _followed(rclpy, next(attempts), args.seed))
     truths = BALANCE.vector(), BALANCE.carrying(PAYLOAD).vector()
-    rows: list[list[Cell]] = [
-        [name, unit, *(Number(float(x[k]), '.4g') for x in (truths[0], before, truths[1], after))]
+    rows = [
+        [name, unit, *(f'{x[k]:.4g}' for x in (truths[0], before, truths[1], after))]
         for k, (name, unit) in enumerate(zip(NAMES[:7], UNITS, strict=False))
     ]
     head = ['', 'unit', 'without payload', 'followed', f'with {PAYLOAD:g} kg', 'followed']

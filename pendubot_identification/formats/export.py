@@ -8,14 +8,12 @@ from __future__ import annotations
 import yaml
 
 from pendubot_identification.errors import ParameterError
-from pendubot_identification.identify.result import Given, Parameter, Result
 from pendubot_identification.model.parameters import MODELS, NAMES, SPECIFICATIONS
+from pendubot_identification.results.result import Parameter, PartialResult
 
 from .code import Entry, c, matlab, python
 from .masses import rig_of
 from .robots import limits, mjcf, urdf
-
-Exported = Result | Given
 
 ROBOTS = {'mjcf': mjcf, 'urdf': urdf}
 LANGUAGES = {'m': matlab, 'h': c, 'py': python}
@@ -25,7 +23,7 @@ MEANINGS = {s.name: (s.unit, s.meaning) for s in SPECIFICATIONS}
 
 
 def export(
-    result: Exported, format: str, link_length: float | None = None, torque_limit: float | None = None
+    result: PartialResult, format: str, link_length: float | None = None, torque_limit: float | None = None
 ) -> tuple[str, list[str]]:
     """Return the text of a file, and in sentences what its user must know of it, which also stand in it.
 
@@ -63,7 +61,7 @@ def require_limit(torque: float | None) -> None:
         raise ParameterError(f'the torque limit is {torque:g} N m; a number above 0 is expected')
 
 
-def provenance(result: Exported) -> list[str]:
+def provenance(result: PartialResult) -> list[str]:
     """Return, line by line, where the numbers come from and how far to trust them; never an empty list."""
     criterion, model = result.criterion or 'not known', result.model or 'not known'
     lines = [
@@ -77,7 +75,7 @@ def provenance(result: Exported) -> list[str]:
     return [' '.join(str(line).split()) for line in lines]
 
 
-def _beside(result: Exported) -> list[str]:
+def _beside(result: PartialResult) -> list[str]:
     """Return what acts on the rig beside the model: a delay, and effects that were estimated together with it."""
     delay = result.effort.delay
     said = [f'torques act {delay:.4g} s later than they are stamped, which is not in this model'] if delay else []
@@ -95,7 +93,7 @@ def _yaml(parameters: dict[str, Parameter], comments: list[str]) -> str:
     return ''.join(f'# {line}\n' for line in comments) + content
 
 
-def _vector(result: Exported) -> dict[str, Parameter]:
+def _vector(result: PartialResult) -> dict[str, Parameter]:
     """Return the entries in the order of theta; 0 for those that a hand left out, as far as the model goes."""
     last = max(NAMES.index(name) for name in result.parameters)
     size = min(size for size in MODELS.values() if size > last)

@@ -29,8 +29,9 @@ from pendubot_identification.recordings.bag_reader import BagWindow
 from pendubot_identification.recordings.datasets import load_datasets
 from pendubot_identification.recordings.joint_states import JOINT_NAMES
 from pendubot_identification.report.tables import headline, summary
+from pendubot_identification.results.assemble import assemble_result
 from pendubot_identification.results.corrections import identify_recordings
-from pendubot_identification.results.result_file import read_parameters, result_of, result_text
+from pendubot_identification.results.result_file import read_parameters, result_text
 from pendubot_identification.setting import Setting
 from pendubot_identification.trajectories.conventions import CONVERSION
 from pendubot_identification.trajectories.conversion import Conversion
@@ -176,7 +177,7 @@ class Identifier(SettingsNode):
             self._progress,
             apply_remedies=values['apply_remedies'],
         )
-        result = result_of(found, data.sources)
+        result = assemble_result(found, data.sources)
         unwritten = ''
         try:
             if output is not None:

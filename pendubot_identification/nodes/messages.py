@@ -15,8 +15,8 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 
 from pendubot_identification.errors import ControlError
-from pendubot_identification.identify.result import Result, plain
 from pendubot_identification.model.parameters import NAMES
+from pendubot_identification.results.result import Result, plain
 
 #: A subscriber that joins later still receives the last message.
 LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import threading
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,6 @@ from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import SetBool, Trigger
 
 from pendubot_identification.errors import ParameterError, PendubotError
-from pendubot_identification.identify.result import plain
 from pendubot_identification.level import NORMAL_95, Level
 from pendubot_identification.model.parameters import MODELS
 from pendubot_identification.recordings.joint_states import JOINT_NAMES, JointDecoder
@@ -194,11 +194,12 @@ class Tracker(SettingsNode):
 
     def _values(self, state: State) -> dict[str, Any]:
         values: dict[str, Any] = {}
-        for name, entry in plain(parameters(state)).items():
-            values |= {name: entry.pop('value'), **flat(name, entry)}
+        for name, entry in parameters(state).items():
+            said = asdict(entry)
+            values |= {name: said.pop('value'), **flat(name, said)}
         segment_settings = self._tracker.segment_settings
         if segment_settings is not None:
-            values |= flat('effort', plain(effort_taken(state, segment_settings)))
+            values |= flat('effort', asdict(effort_taken(state, segment_settings)))
             values['model'] = segment_settings.model
         return values | {'criterion': 'weak, tracked', 'last_change': self._last_change or 'none'}
 

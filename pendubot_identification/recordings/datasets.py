@@ -13,7 +13,6 @@ from pathlib import Path
 
 from pendubot_identification.errors import LongRecordingError, ParameterError, TrajectoryError
 from pendubot_identification.identify.fitting import SETTINGS as FITTING
-from pendubot_identification.identify.result import Source
 from pendubot_identification.trajectories.conventions import OF_FILES
 from pendubot_identification.trajectories.conversion import Conversion, options
 from pendubot_identification.trajectories.signals import resample
@@ -21,6 +20,7 @@ from pendubot_identification.trajectories.trajectory import MINIMUM_SAMPLES, Tra
 
 from .bag_reader import BagWindow, RecordedTrajectory, open_recording, read_trajectory
 from .joint_states import JOINT_NAMES, JOINT_STATES_TOPIC
+from .source import Source
 from .tables import is_table
 
 

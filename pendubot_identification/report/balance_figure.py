@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A swing-up as a picture."""
+"""A figure of a swing-up."""
 
 from __future__ import annotations
 
@@ -9,16 +9,15 @@ import math
 from pathlib import Path
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from pendubot_identification.trajectories.trajectory import Trajectory
 
 from .style import GREY, style
+from .time_plot import Line, Panel, TimePlot
 
 
-@style()
 def draw_balance(path: Path, motion: Trajectory, limit: float) -> None:
-    """Draw how far both links are from upright, and the torque, into a file whose name tells the format.
+    """Draw the angles of both links from upright, and the torque, into a file whose name states the format.
 
     Args:
         path: of the picture; its folder exists.
@@ -26,15 +25,12 @@ def draw_balance(path: Path, motion: Trajectory, limit: float) -> None:
         limit: largest torque [N m].
     """
     t = motion.t - motion.t[0]
-    figure = Figure(figsize=(8, 5), layout='constrained')
-    angles, torque = figure.subplots(2, 1, sharex=True, height_ratios=[2, 1])
-    for label, angle in (('link 1', motion.q[:, 0]), ('link 2', motion.q.sum(axis=1))):
-        from_upright = np.degrees(np.remainder(angle + math.pi / 2, 2 * math.pi) - math.pi)
-        angles.plot(t, from_upright, '.', markersize=1.5, label=label)
-    angles.set(ylabel='from upright [degrees]', ylim=(-185, 185), yticks=range(-180, 181, 90))
-    angles.legend(loc='upper right', markerscale=6)
-    torque.plot(t, motion.tau[:, 0], drawstyle='steps-post', linewidth=0.7, color='black')
-    torque.set(ylabel='torque [N m]', xlabel='time [s]')
-    for bound in (-limit, limit):
-        torque.axhline(bound, color=GREY, linestyle=':', linewidth=0.8)
-    figure.savefig(path)
+    angles = [
+        Line(label, [(t, np.degrees(np.remainder(angle + math.pi / 2, 2 * math.pi) - math.pi))], colour, style='dots')
+        for label, angle, colour in (('link 1', motion.q[:, 0], '#0072b2'), ('link 2', motion.q.sum(axis=1), '#d55e00'))
+    ]
+    limits = [Line('', [(t[[0, -1]], np.full(2, bound))], GREY) for bound in (-limit, limit)]
+    torque = Line('', [(t, motion.tau[:, 0])], 'black', 0.7, 'steps')
+    panels = [Panel('from upright', 'degrees', angles, (-185, 185)), Panel('torque', 'N m', [torque, *limits])]
+    with style():
+        TimePlot(panels).figure().savefig(path)

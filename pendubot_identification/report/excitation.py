@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What an excitation would do and tell, as text for a terminal."""
+"""The predicted motion and accuracy of an excitation, as text for a terminal."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pendubot_identification.excitation.design import Experiment, Predicted
 from pendubot_identification.model.parameters import NAMES, UNITS, Parameters
 
-from .table import Cell, Number, Table
+from .table import Table, number
 
 
 def motion_lines(found: Predicted, experiment: Experiment) -> list[str]:
@@ -31,8 +31,8 @@ def excitation_table(
 ) -> Table:
     """Return a row a parameter: its standard error now, after the paper's pulses, and after those found.
 
-    In % of its value or, where that is 0, in its unit. What is 0 and is not identifiable is left out. ``std_error`` is
-    that of the present estimate, shape (D,); None where it is not known.
+    In % of its value or, where that is 0, in its unit. Parameters that are 0 and not identifiable are left out.
+    ``std_error`` is that of the present estimate, shape (D,); None where it is not known.
     """
     theta = parameters.vector()
     nothing = theta == 0
@@ -40,18 +40,16 @@ def excitation_table(
     columns = {"paper's pulses": paper.std_error / scale, 'these': found.std_error / scale}
     if std_error is not None:
         columns = {'now': std_error / scale, **columns}
-    units = [f' {"N m/N m" if unit == "1" else unit}' for unit in UNITS]
-    rows: list[list[Cell]] = [
-        [
-            name,
-            *((_finite(errors[k], '.2g'), units[k] if nothing[k] else '') for errors in columns.values()),
-            _ratio(paper.std_error[k], found.std_error[k]),
-        ]
-        for k, name in enumerate(NAMES[: len(theta)])
-        if not nothing[k] or np.isfinite(found.std_error[k])
-    ]
+    rows = []
+    for k, name in enumerate(NAMES[: len(theta)]):
+        if nothing[k] and not np.isfinite(found.std_error[k]):
+            continue
+        unit = '' if not nothing[k] else ' N m/N m' if UNITS[k] == '1' else f' {UNITS[k]}'
+        ratio = _shown(paper.std_error[k] / (found.std_error[k] or np.nan), '.1f')
+        rows.append([name, *(f'{_shown(errors[k], ".2g")}{unit}' for errors in columns.values()), ratio])
     worst = [float(np.max(errors[np.isfinite(errors) & ~nothing], initial=0.0)) for errors in columns.values()]
-    rows.append(['the worst', *(_finite(value, '.2g') for value in worst), _ratio(*worst[-2:])])
+    ratio = _shown(worst[-2] / (worst[-1] or np.nan), '.1f')
+    rows.append(['the worst', *(_shown(value, '.2g') for value in worst), ratio])
     notes = [
         'from this motion alone, followed for 2 s at a time, as far as the rounding of the encoders sets them:',
         'where the model itself errs they are larger, and the ratio is what counts',
@@ -59,9 +57,5 @@ def excitation_table(
     return Table(['standard error, %', *columns, 'ratio'], rows, notes)
 
 
-def _ratio(before: float, after: float) -> Number:
-    return _finite(before / after if after > 0 else np.nan, '.1f')
-
-
-def _finite(value: float, format: str) -> Number:
-    return Number(value if np.isfinite(value) else None, format)
+def _shown(value: float, format: str) -> str:
+    return number(value if np.isfinite(value) else None, format)

@@ -1,13 +1,14 @@
 // Copyright 2026 The pendubot_identification authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Makes the plots over time of a report explorable, and moves the rig. All that it shows is in the JSON block "plots",
-// made by time_plot.py; where this does not run, the static figures stand.
+// Makes the plots over time of a report explorable, and animates the rig. The data are in the JSON block "plots", made
+// by time_plot.py. All plots share one time axis: what one shows, all others show, unless they have nothing there.
 'use strict';
 (() => {
   const plots = JSON.parse(document.getElementById('plots').textContent);
-  const axes = {}; // by name: all panels that share a time axis
+  const panels = [];
   const GUTTER = 54, INK = '#1a1a1a', PALE = '#dddddd', FONT = '11px system-ui, sans-serif';
+  let animate = () => {};
   const element = (tag, parent, text = '', name = '') => {
     const made = document.createElement(tag);
     made.textContent = text;
@@ -17,63 +18,49 @@
   };
   document.documentElement.classList.add('scripted');
 
-  // Time axes: what one panel shows, all others of its axis show, unless they have nothing there.
-  function zoom(axis, low, high) {
-    for (const panel of axes[axis]) {
-      const [first, last] = panel.extent;
-      const all = low === null;
-      if (all || (low < last && high > first)) panel.chart.setScale('x', { min: all ? first : low, max: all ? last : high });
+  function zoom(low, high) {
+    for (const { chart, extent: [first, last] } of panels) {
+      if (low === null) chart.setScale('x', { min: first, max: last });
+      else if (low < last && high > first) chart.setScale('x', { min: low, max: high });
     }
   }
-  const shown = (panel) => [panel.chart.scales.x.min, panel.chart.scales.x.max];
+  const shown = ({ chart }) => [chart.scales.x.min, chart.scales.x.max];
   function widen(panel, factor, about = null) {
     const [low, high] = shown(panel), [first, last] = panel.extent;
     const middle = about === null ? (low + high) / 2 : about;
-    const least = 1e-3 * (last - first); // the data are thinned: nothing is to be seen nearer
     const [a, b] = [middle - (middle - low) * factor, middle + (high - middle) * factor];
-    if (b - a >= last - first) zoom(panel.axis, null);
-    else if (b - a > least) zoom(panel.axis, a, b);
+    if (b - a >= last - first) zoom(null);
+    else if (b - a > 1e-3 * (last - first)) zoom(a, b); // the data are thinned: closer there is nothing to see
   }
   function shift(panel, distance) {
     const [low, high] = shown(panel), [first, last] = panel.extent;
     const by = Math.max(Math.min(distance, last - high), first - low);
-    zoom(panel.axis, low + by, high + by);
-  }
-
-  // The moment that is read: a line in every panel of the axis, the values above it, and the rig.
-  const listeners = [];
-  let telling = false;
-  function moment(axis, t) {
-    if (telling) return;
-    telling = true;
-    for (const panel of axes[axis]) {
-      const [low, high] = shown(panel);
-      const inside = t !== null && t >= low && t <= high;
-      panel.chart.setCursor({ left: inside ? panel.chart.valToPos(t, 'x') : -10, top: inside ? 0 : -10 });
-      panel.read(t);
-    }
-    for (const listen of listeners) if (t !== null && listen.axis === axis) listen.at(t);
-    telling = false;
+    zoom(low + by, high + by);
   }
 
   // The value of a line at a time, between its points; null outside and in its gaps.
   function value(line, t) {
-    let low = 0, high = line.t.length - 1;
-    if (high < 0 || !(t >= line.t[0] && t <= line.t[high])) return null;
-    while (high - low > 1) {
-      const middle = (low + high) >> 1;
-      if (line.t[middle] <= t) low = middle; else high = middle;
+    const next = line.t.findIndex((at) => at > t);
+    if (next === 0 || (next < 0 && !(line.t.at(-1) >= t))) return null;
+    const [k, n] = next < 0 ? [line.t.length - 1, line.t.length - 1] : [next - 1, next];
+    const [a, b] = [line.y[k], line.y[n]];
+    if (a === null || line.style === 'steps' || k === n) return a;
+    return b === null ? null : a + (b - a) * (t - line.t[k]) / (line.t[n] - line.t[k]);
+  }
+
+  // Writes the values at a time above each panel, and poses the rig.
+  function read(panel, t) {
+    for (const [line, output] of panel.outputs) {
+      const at = t === null ? null : value(line, t);
+      output.textContent = at === null ? '' : at.toPrecision(4).replace('-', '−');
     }
-    const [a, b] = [line.y[low], line.y[high]];
-    if (a === null || line.style === 'steps' || low === high) return a;
-    return b === null ? null : a + (b - a) * (t - line.t[low]) / (line.t[high] - line.t[low]);
+    if (t !== null) animate(t);
   }
 
   function series(line) {
-    const own = { stroke: line.colour, width: line.width, points: { show: false } };
+    const own = { stroke: line.colour, width: line.style === 'band' ? 0 : line.width, points: { show: false } };
     if (line.style === 'steps') own.paths = uPlot.paths.stepped({ align: 1 });
     if (line.style === 'dots') Object.assign(own, { paths: () => null, points: { show: true, size: 5, fill: line.colour } });
-    if (line.style === 'band') own.width = 0;
     return own;
   }
 
@@ -84,10 +71,36 @@
     return item;
   }
 
+  // Shades spans below the lines, and draws above them where recordings begin.
+  function shade({ ctx, bbox, valToPos }, spans) {
+    const place = (t) => Math.min(Math.max(valToPos(t, 'x', true), bbox.left), bbox.left + bbox.width);
+    for (const [begin, end, colour] of spans) {
+      ctx.fillStyle = colour + '2e';
+      ctx.fillRect(place(begin), bbox.top, place(end) - place(begin), bbox.height);
+    }
+  }
+  function mark({ ctx, bbox, scales, valToPos }, boundaries) {
+    ctx.save();
+    Object.assign(ctx, { fillStyle: '#777777', strokeStyle: '#777777', textAlign: 'left' });
+    ctx.font = `${11 * devicePixelRatio}px system-ui, sans-serif`;
+    ctx.setLineDash([4, 4]);
+    boundaries.forEach((begin, k) => {
+      if (begin < scales.x.min || begin > scales.x.max) return;
+      const x = valToPos(begin, 'x', true);
+      ctx.beginPath();
+      ctx.moveTo(x, bbox.top);
+      ctx.lineTo(x, bbox.top + bbox.height);
+      ctx.stroke();
+      ctx.fillText(k + 1, x + 4, bbox.top + 12 * devicePixelRatio);
+    });
+    ctx.restore();
+  }
+
   function addPanel(box, plot, data, last, extent) {
     const head = element('div', box, '', 'head');
     element('b', head, data.label);
-    const outputs = data.lines.filter((line) => line.style !== 'dots').map((line) => [
+    const panel = { extent };
+    panel.outputs = data.lines.filter((line) => line.style !== 'dots').map((line) => [
       line, element('output', legend(head, line.colour, line.label)),
     ]);
     const tables = [], lines = [{}], bands = [];
@@ -95,27 +108,18 @@
       tables.push(line.upper ? [line.t, line.y, line.upper] : [line.t, line.y]);
       lines.push(series(line));
       if (line.upper) {
-        lines.push({ ...series(line) });
+        lines.push(series(line));
         bands.push({ series: [lines.length - 1, lines.length - 2], fill: line.colour + '40' });
       }
     }
-    const panel = { axis: plot.axis, extent };
     const within = (chart, low, high) => {
       const [least, most] = data.reach || [-Infinity, Infinity];
       if (low === null || low === undefined) return data.reach || [-1, 1];
       const space = 0.05 * (high - low) || Math.abs(high) || 1;
       return [Math.max(low - space, least), Math.min(high + space, most)];
     };
-    const paint = (chart, draw) => {
-      const { ctx, bbox } = chart, place = (t) => chart.valToPos(t, 'x', true);
-      ctx.save();
-      ctx.beginPath();
-      ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height);
-      ctx.clip();
-      draw(ctx, bbox, place);
-      ctx.restore();
-    };
     const tick = { stroke: INK, font: FONT, grid: { stroke: PALE, width: 1 }, ticks: { show: false } };
+    const followed = ['mousemove', 'mouseleave'];
     panel.chart = new uPlot({
       width: Math.max(box.clientWidth, 200), height: last ? 138 : 104, legend: { show: false }, bands, series: lines,
       padding: [4, 10, last ? 0 : 4, 0],
@@ -123,39 +127,21 @@
       axes: [last ? { ...tick, label: 'time [s]', labelFont: FONT, labelSize: 16, size: 24 } : { ...tick, size: 0, values: () => [] },
         { ...tick, size: GUTTER, space: 26, values: (chart, ticks) => ticks.map((y) => String(+y.toPrecision(6)).replace('-', '−')) }],
       cursor: { y: false, points: { show: false }, drag: { x: true, y: false, setScale: false },
-        bind: { dblclick: () => () => { zoom(plot.axis, null); return null; },
+        sync: { key: 'time', filters: { pub: (kind) => followed.includes(kind) } },
+        bind: { dblclick: () => () => { zoom(null); return null; },
           mousedown: (chart, target, handle) => (event) => { if (!event.shiftKey) handle(event); return null; } } },
       hooks: {
         setSelect: [(chart) => {
           const { left, width } = chart.select;
-          if (width > 3) zoom(plot.axis, chart.posToVal(left, 'x'), chart.posToVal(left + width, 'x'));
+          if (width > 3) zoom(chart.posToVal(left, 'x'), chart.posToVal(left + width, 'x'));
           chart.setSelect({ left: 0, top: 0, width: 0, height: 0 }, false);
         }],
-        setCursor: [(chart) => {
-          if (!telling) moment(plot.axis, chart.cursor.left >= 0 ? chart.posToVal(chart.cursor.left, 'x') : null);
-        }],
-        drawClear: [(chart) => paint(chart, (ctx, bbox, place) => plot.spans.forEach(([begin, end, colour]) => {
-          ctx.fillStyle = colour + '2e';
-          ctx.fillRect(place(begin), bbox.top, place(end) - place(begin), bbox.height);
-        }))],
-        draw: [(chart) => paint(chart, (ctx, bbox, place) => plot.boundaries.forEach((begin, k) => {
-          ctx.fillStyle = ctx.strokeStyle = '#777777';
-          ctx.font = `${11 * devicePixelRatio}px system-ui, sans-serif`;
-          ctx.textAlign = 'left';
-          ctx.setLineDash([4, 4]);
-          ctx.beginPath();
-          ctx.moveTo(place(begin), bbox.top);
-          ctx.lineTo(place(begin), bbox.top + bbox.height);
-          ctx.stroke();
-          ctx.fillText(k + 1, place(begin) + 4, bbox.top + 12 * devicePixelRatio);
-        }))],
+        setCursor: [({ cursor, posToVal }) => read(panel, cursor.left >= 0 ? posToVal(cursor.left, 'x') : null)],
+        drawClear: [(chart) => shade(chart, plot.spans)],
+        draw: [(chart) => mark(chart, plot.boundaries)],
       },
     }, uPlot.join(tables), box);
-    panel.read = (t) => outputs.forEach(([line, output]) => {
-      const at = t === null ? null : value(line, t);
-      output.textContent = at === null ? '' : at.toPrecision(4).replace('-', '−');
-    });
-    (axes[plot.axis] = axes[plot.axis] || []).push(panel);
+    panels.push(panel);
 
     const over = panel.chart.over;
     over.addEventListener('wheel', (event) => {
@@ -185,12 +171,12 @@
     const extent = [Math.min(...times), Math.max(...times)];
     const kinds = new Map(plot.spans.filter(([, , , label]) => label).map(([, , colour, label]) => [label, colour]));
     for (const [label, colour] of kinds) legend(tools, colour + '66', label, 'swatch broad');
-    const panels = plot.panels.map((data, k) => addPanel(box, plot, data, k === plot.panels.length - 1, extent));
-    const quarter = () => (shown(panels[0])[1] - shown(panels[0])[0]) / 4;
+    const own = plot.panels.map((data, k) => addPanel(box, plot, data, k === plot.panels.length - 1, extent));
+    const quarter = () => (shown(own[0])[1] - shown(own[0])[0]) / 4;
     const acts = [
-      ['−', 'zoom out', '-', () => widen(panels[0], 1.6)], ['+', 'zoom in', '+', () => widen(panels[0], 1 / 1.6)],
-      ['‹', 'earlier', 'ArrowLeft', () => shift(panels[0], -quarter())], ['›', 'later', 'ArrowRight', () => shift(panels[0], quarter())],
-      ['all', 'show all', 'Home', () => zoom(plot.axis, null)],
+      ['−', 'zoom out', '-', () => widen(own[0], 1.6)], ['+', 'zoom in', '+', () => widen(own[0], 1 / 1.6)],
+      ['‹', 'earlier', 'ArrowLeft', () => shift(own[0], -quarter())], ['›', 'later', 'ArrowRight', () => shift(own[0], quarter())],
+      ['all', 'show all', 'Home', () => zoom(null)],
     ];
     for (const [sign, title, , act] of acts) {
       const button = element('button', tools, sign);
@@ -203,14 +189,15 @@
       const found = event.target === box && acts.find(([, , key]) => key === event.key);
       if (found) { event.preventDefault(); found[3](); }
     });
-    new ResizeObserver(() => panels.forEach(({ chart }) => {
-      if (box.clientWidth && chart.width !== box.clientWidth) chart.setSize({ width: box.clientWidth, height: chart.height });
-    })).observe(box);
-    box.charts = panels.map((panel) => panel.chart);
+    box.charts = own.map(({ chart }) => chart);
+    box.fit = (width) => box.charts.forEach((chart) => {
+      if (width && chart.width !== width) chart.setSize({ width, height: chart.height });
+    });
+    new ResizeObserver(() => box.fit(box.clientWidth)).observe(box);
   }
 
   // The rig: angle of link 1 from the horizontal, of link 2 relative to it, both links drawn equally long.
-  function addRig(box, plot) {
+  function addRig(box, plot, chart) {
     const canvas = element('canvas', box), ctx = canvas.getContext('2d');
     const tools = element('div', box, '', 'tools');
     const play = element('button', tools, '▶ play'), clock = element('output', tools), speed = element('select', tools);
@@ -226,9 +213,7 @@
       if (q.includes(null)) return;
       const reach = canvas.width / 4.4, centre = canvas.width / 2;
       const x = centre + reach * Math.cos(q[0]), y = centre - reach * Math.sin(q[0]);
-      ctx.strokeStyle = ctx.fillStyle = colour;
-      ctx.lineWidth = width;
-      ctx.lineCap = ctx.lineJoin = 'round';
+      Object.assign(ctx, { strokeStyle: colour, fillStyle: colour, lineWidth: width, lineCap: 'round', lineJoin: 'round' });
       ctx.beginPath();
       ctx.moveTo(centre, centre);
       ctx.lineTo(x, y);
@@ -238,25 +223,29 @@
       ctx.arc(x, y, width, 0, 7);
       ctx.fill();
     };
-    function at(t) {
-      t = Math.min(Math.max(t, first), last);
+    animate = (at) => {
+      const t = Math.min(Math.max(at, first), last);
       scrub.value = t;
       clock.textContent = `${t.toFixed(2)} s`;
       ctx.clearRect(0, 0, canvas.width, canvas.height);
       const poses = lines.map((pose) => pose.map((line) => value(line, t)));
-      link(poses[0], '#1a1a1a', 14);
+      link(poses[0], INK, 14);
       link(poses[1], '#d55e00', 5);
       canvas.dataset.poses = JSON.stringify(poses);
+    };
+    function show(t) {
+      chart.setCursor({ left: chart.valToPos(t, 'x'), top: 0 }, true, true);
+      animate(t);
     }
     let before = null;
+    function stop() { before = null; play.textContent = '▶ play'; }
     function step(now) {
       if (before === null) return;
       const t = Number(scrub.value) + (now - before) / 1000 * speed.value;
       before = now;
-      moment(plot.axis, Math.min(t, last));
+      show(Math.min(t, last));
       if (t >= last) stop(); else requestAnimationFrame(step);
     }
-    function stop() { before = null; play.textContent = '▶ play'; }
     play.addEventListener('click', () => {
       if (before !== null) { stop(); return; }
       if (Number(scrub.value) >= last) scrub.value = first;
@@ -264,19 +253,25 @@
       before = performance.now();
       requestAnimationFrame(step);
     });
-    scrub.addEventListener('input', () => { stop(); moment(plot.axis, Number(scrub.value)); });
-    listeners.push({ axis: plot.axis, at });
-    at(first);
+    scrub.addEventListener('input', () => { stop(); show(Number(scrub.value)); });
+    animate(first);
   }
 
-  for (const box of document.querySelectorAll('[data-plot]')) addPlot(box, plots[box.dataset.plot]);
-  for (const box of document.querySelectorAll('[data-rig]')) addRig(box, plots[box.dataset.rig]);
+  const boxes = [...document.querySelectorAll('[data-plot]')];
+  for (const box of boxes) addPlot(box, plots[box.dataset.plot]);
+  for (const box of document.querySelectorAll('[data-rig]')) {
+    addRig(box, plots[box.dataset.rig], boxes.find((other) => other.dataset.plot === box.dataset.rig).charts[0]);
+  }
 
-  // On paper nothing is folded.
+  // On paper nothing is folded, and plots are as wide as the paper.
   const folded = [];
   addEventListener('beforeprint', () => {
     folded.push(...document.querySelectorAll('details:not([open])'));
     folded.forEach((each) => { each.open = true; });
+    boxes.forEach((box) => box.fit(680));
   });
-  addEventListener('afterprint', () => { folded.splice(0).forEach((each) => { each.open = false; }); });
+  addEventListener('afterprint', () => {
+    folded.splice(0).forEach((each) => { each.open = false; });
+    boxes.forEach((box) => box.fit(box.clientWidth));
+  });
 })();

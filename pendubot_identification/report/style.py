@@ -1,9 +1,9 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What all figures share: one style, and files that come out the same every time.
+"""The style of all static figures, and files that are the same every time.
 
-matplotlib takes half a second to import: nothing but what draws should import this module.
+matplotlib takes half a second to import: only modules that draw import this one.
 """
 
 from __future__ import annotations
@@ -16,8 +16,12 @@ from typing import Any
 import matplotlib
 from matplotlib.figure import Figure
 
-#: Of what stands behind the curves: limits, targets, halves.
+#: Limits, targets and boundaries behind the curves.
 GREY = '#888888'
+#: Width of a figure of a report [inch]: a column on a screen, and legible on a telephone.
+WIDTH = 5.2
+#: Settings of the figures of a report, which are smaller than a page.
+SMALL = {'axes.titlesize': 9, 'legend.fontsize': 8, 'lines.linewidth': 1.0, 'figure.constrained_layout.w_pad': 0.09}
 SETTINGS = {
     'font.family': 'DejaVu Sans',
     'font.size': 9,
@@ -39,22 +43,23 @@ SETTINGS = {
 
 @contextmanager
 def style(own: Mapping[str, Any] | None = None) -> Iterator[None]:
-    """Draw within this: the same whatever the user's own matplotlibrc says; ``own`` replaces settings."""
+    """Draw with these settings, whatever the user's matplotlibrc says; ``own`` replaces some of them."""
     with matplotlib.rc_context():
         matplotlib.rcdefaults()
         matplotlib.rcParams.update({**SETTINGS, **(own or {})})
         yield
 
 
-def rendered(figure: Figure, **how: Any) -> dict[str, bytes]:
+def rendered(figure: Figure, endings: tuple[str, ...] = ('png', 'svg'), **how: Any) -> dict[str, bytes]:
     """Return the figure as PNG and as SVG, without date or version, by the ending of the file's name.
 
-    ``how``: what else matplotlib's ``savefig`` takes.
+    ``how``: other arguments of matplotlib's ``savefig``.
     """
+    metadata: dict[str, dict[str, None]] = {'png': {'Software': None}, 'svg': {'Date': None, 'Creator': None}}
     files = {}
-    for ending, metadata in (('png', {'Software': None}), ('svg', {'Date': None, 'Creator': None})):
+    for ending in endings:
         file = BytesIO()
-        figure.savefig(file, format=ending, metadata=metadata, **how)
+        figure.savefig(file, format=ending, metadata=metadata[ending], **how)
         figure.set_layout_engine('none')  # the second one has the first one's layout, without computing it again
         files[ending] = file.getvalue()
     return files

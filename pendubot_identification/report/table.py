@@ -1,56 +1,33 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A table that is made once and shown as text for a terminal, on the page, in a notebook, and in Markdown."""
+"""A table that is described once and shown in a terminal, on the page and in a notebook."""
 
 from __future__ import annotations
 
+import re
 import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
-from html import escape
-from typing import TypeAlias
+
+from markupsafe import Markup, escape
 
 #: Columns of a terminal.
 WIDTH = 120
-
-
-@dataclass(frozen=True, slots=True)
-class Number:
-    """A number as its reader sees it, None as a dash, and which entry of a result file it is.
-
-    Attributes:
-        format: how it is rounded, as Python's ``format`` takes it; empty: in full.
-        entry: the path of its entry, such as ``parameters.P1.interval.0``.
-        of: whose result file that is: empty for the one that is shown, else ``reference``.
-        times: what the value is multiplied by before it is shown.
-    """
-
-    value: float | None
-    format: str = ''
-    entry: str = ''
-    of: str = ''
-    times: float = 1
-
-    def __str__(self) -> str:
-        return '-' if self.value is None else f'{self.value * self.times:{self.format}}'
-
-
-#: Text, a number, or several cells that stand one after the other in a place.
-Cell: TypeAlias = 'str | Number | tuple[Cell, ...]'
+SUPERSCRIPTS = str.maketrans('-0123456789', '⁻⁰¹²³⁴⁵⁶⁷⁸⁹')
 
 
 @dataclass(frozen=True, slots=True)
 class Table:
     """A head above columns, rows whose first cells name them, and paragraphs below."""
 
-    head: Sequence[Cell]
-    rows: Sequence[Sequence[Cell]]
-    notes: Sequence[Cell] = ()
+    head: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    notes: Sequence[str] = ()
 
     def text(self) -> str:
         """Return aligned columns, the first to the left and the others to the right, and the notes below them."""
-        lines = [[text(cell) for cell in row] for row in (self.head, *self.rows)]
+        lines = [self.head, *self.rows]
         widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
         aligned = (
             '  '.join([first.ljust(widths[0]), *map(str.rjust, others, widths[1:])]).rstrip()
@@ -58,32 +35,27 @@ class Table:
         )
         return '\n'.join([*aligned, *map(wrapped, self.notes)])
 
-    def html(self) -> str:
-        """Return a table, and the notes below it, each a paragraph."""
-        lines = [[escape(text(cell)) for cell in row] for row in (self.head, *self.rows)]
-        tags = ['th'] + ['td'] * (len(lines) - 1)
-        rows = (''.join(f'<{tag}>{cell}</{tag}>' for cell in line) for tag, line in zip(tags, lines, strict=True))
-        notes = ''.join(f'<p>{escape(text(note))}</p>' for note in self.notes)
-        return f'<table>{"".join(f"<tr>{row}</tr>" for row in rows)}</table>{notes}'
-
-    def markdown(self) -> str:
-        """Return a table of GitHub's Markdown, and the notes below it, each a paragraph."""
-        lines = [[text(cell).replace('|', r'\|') for cell in row] for row in (self.head, *self.rows)]
-        lines.insert(1, ['---'] + ['---:'] * (len(self.head) - 1))
-        table = '\n'.join(f'| {" | ".join(line)} |' for line in lines)
-        return '\n\n'.join([table, *map(text, self.notes)]) + '\n'
+    def html(self) -> Markup:
+        """Return the table as HTML, and the notes below it, each a paragraph."""
+        head = ''.join(f'<th scope="col">{escape(typeset(cell))}</th>' for cell in self.head)
+        rows = ''
+        for first, *others in self.rows:
+            cells = ''.join(f'<td>{escape(typeset(cell))}</td>' for cell in others)
+            rows += f'<tr><th scope="row">{escape(typeset(first))}</th>{cells}</tr>\n'
+        notes = ''.join(f'<p class="note">{escape(note)}</p>' for note in self.notes)
+        return Markup(f'<table><thead><tr>{head}</tr></thead>\n<tbody>{rows}</tbody></table>{notes}')
 
 
-def parts(cell: Cell) -> list[str | Number]:
-    """Return the texts and numbers that stand one after the other in a cell."""
-    return [part for inner in cell for part in parts(inner)] if isinstance(cell, tuple) else [cell]
+def number(value: float | None, format: str = '') -> str:
+    """Return a number as its reader sees it; a dash where it is unknown."""
+    return '-' if value is None else f'{value:{format}}'
 
 
-def text(cell: Cell) -> str:
-    """Return a cell as text."""
-    return ''.join(map(str, parts(cell)))
+def typeset(text: str) -> str:
+    """Return text with powers as superscripts: ``kg m²``."""
+    return re.sub(r'\^(-?\d)', lambda found: found[1].translate(SUPERSCRIPTS), text)
 
 
-def wrapped(cell: Cell) -> str:
-    """Return a paragraph in lines that a terminal need not break; names of files stay whole."""
-    return textwrap.fill(text(cell), WIDTH, subsequent_indent='  ', break_long_words=False, break_on_hyphens=False)
+def wrapped(text: str) -> str:
+    """Return a paragraph in lines that a terminal need not break; names of files stay complete."""
+    return textwrap.fill(text, WIDTH, subsequent_indent='  ', break_long_words=False, break_on_hyphens=False)

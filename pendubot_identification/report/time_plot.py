@@ -1,32 +1,34 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What is plotted over time, once: drawn as a static figure, and as the data that a page explores.
+"""Plots over time: described once, as data that the page explores (``page.js``) and that a static figure draws.
 
 A plot is a list of panels above one time axis; a panel is a list of lines. Plots of one page whose ``axis`` has the
-same name are zoomed and read together (``page.js``).
+same name are zoomed and read together.
 """
 
 from __future__ import annotations
 
 import itertools
 import math
-import re
-from collections.abc import Hashable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
 from numpy.typing import NDArray
+
+from .style import GREY, WIDTH
+from .table import SUPERSCRIPTS, typeset
 
 Array = NDArray[np.float64]
 
-#: Points that a line may have, two for each of half as many intervals of time: on a page, and in a static figure.
-MOST_POINTS, MOST_DRAWN = 1600, 1000
-#: Values below and above these are shown in thousandths and the like, which their label then says.
+#: Largest number of points of a line: the lowest and the highest of half as many intervals of time.
+MOST_POINTS = 1600
+#: Values from SMALL to LARGE are shown as they are, others in a power of ten that their label states.
 SMALL, LARGE = 0.01, 1e4
-INK, PALE = '#1a1a1a', '#999999'
-SUPERSCRIPTS = str.maketrans('-0123456789', '⁻⁰¹²³⁴⁵⁶⁷⁸⁹')
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +39,7 @@ class Line:
         label: in the legend; empty: not in it.
         pieces: times [s] and values, each of shape (N,).
         style: ``line``, ``steps`` (held until the next), ``dots``, or ``band``.
-        upper: of a ``band``, which lies above the pieces' values: the same times, and the values at its other edge.
+        upper: of a ``band``, whose lower edge are the pieces: the same times, and the values at its upper edge.
     """
 
     label: str
@@ -56,6 +58,21 @@ class Panel:
     unit: str
     lines: Sequence[Line]
     reach: tuple[float, float] | None = None
+
+    def data(self) -> dict[str, Any]:
+        """Return the panel as plain data."""
+        sizes = [np.nanmax(np.abs(y), initial=0.0) for line in self.lines for _, y in (*line.pieces, *line.upper)]
+        power = scaled(float(max(np.abs(self.reach) if self.reach else sizes, default=0.0)))
+        lines = []
+        for line in self.lines:
+            t, y = joined(line.pieces)
+            found = {'label': line.label, 'colour': line.colour, 'width': line.width, 'style': line.style}
+            found |= {'t': [round(at, 5) for at in t.tolist()], 'y': _numbers(y / 10.0**power)}
+            if line.style == 'band':
+                found['upper'] = _numbers(np.interp(t, *joined(line.upper)) / 10.0**power)
+            lines.append(found)
+        label = f'{self.quantity} [{in_powers(self.unit, power)}]'.strip()
+        return {'label': label, 'reach': self.reach and [b / 10.0**power for b in self.reach], 'lines': lines}
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,55 +94,61 @@ class TimePlot:
     boundaries: Sequence[float] = ()
     axis: str = 'time'
 
-    def draw(self, axes: NDArray[Any]) -> None:
-        """Draw it, each panel into its axes."""
-        styles: dict[str, dict[str, Any]] = {
-            'steps': {'drawstyle': 'steps-post'},
-            'dots': {'linestyle': '', 'marker': '.', 'markersize': 4},
+    def data(self) -> dict[str, Any]:
+        """Return the plot as plain data, thinned to what a screen shows."""
+        return {
+            'axis': self.axis,
+            'spans': [[round(s.begin, 5), round(s.end, 5), s.colour, s.label] for s in self.spans],
+            'boundaries': [round(begin, 5) for begin in self.boundaries],
+            'panels': [panel.data() for panel in self.panels],
         }
-        for panel, axis in zip(self.panels, axes, strict=True):
-            power = _power(panel)
-            for line in panel.lines:
-                t, y = joined(line.pieces, MOST_DRAWN)
-                if line.style == 'band':
-                    above = np.interp(t, *joined(line.upper, MOST_DRAWN))
-                    axis.fill_between(t, y / 10**power, above / 10**power, color=line.colour, alpha=0.25, linewidth=0)
-                    continue
-                axis.plot(
-                    t,
-                    y / 10**power,
-                    color=line.colour,
-                    linewidth=line.width,
-                    label=line.label,
-                    **styles.get(line.style, {}),
-                )
-            if panel.reach:
-                axis.set_ylim(*np.divide(panel.reach, 10**power))
-            for span in self.spans:
-                axis.axvspan(span.begin, span.end, color=span.colour, alpha=0.18, linewidth=0)
-            shown = axis.get_xlim()
-            for begin in self.boundaries[1:]:
-                if shown[0] < begin < shown[1]:
-                    axis.axvline(begin, color=PALE, linestyle='--', linewidth=0.8)
-            axis.set_ylabel(_label(panel, '\n' if len(panel.quantity) > 12 else ' '))
+
+    def figure(self) -> Figure:
+        """Return the plot as a static figure."""
+        data = self.data()
+        figure = Figure(figsize=(WIDTH, 0.4 + 1.1 * len(self.panels)), layout='constrained')
+        axes = figure.subplots(len(self.panels), 1, squeeze=False, sharex=True).ravel()
+        labels: list[str] = []
+        for panel, axis in zip(data['panels'], axes, strict=True):
+            for line in panel['lines']:
+                _draw(axis, line)
+            for begin, end, colour, _ in data['spans']:
+                axis.axvspan(begin, end, color=colour, alpha=0.18, linewidth=0)
+            axis.set(ylabel=panel['label'].replace(' [', '\n['), ylim=panel['reach'])
+            handles, earlier = axis.get_legend_handles_labels()[0], labels
+            labels = [line['label'] for line in panel['lines'] if line['label']]
+            if len(handles) > 1 and labels != earlier:
+                axis.legend(handles=handles, loc='upper right', ncols=4)
+        shown = axes[0].get_xlim()
         for number, begin in enumerate(self.boundaries, 1):
             if shown[0] < begin < shown[1]:
                 place = axes[0].get_xaxis_transform()
-                axes[0].text(begin, 1.0, f' {number}', transform=place, va='top', fontsize=7, color=PALE)
+                axes[0].text(begin, 1.0, f' {number}', transform=place, va='top', fontsize=7, color=GREY)
+                for axis in axes if number > 1 else ():
+                    axis.axvline(begin, color=GREY, linestyle='--', linewidth=0.8)
+        kinds = {span.label: span.colour for span in self.spans if span.label}
+        patches = [Patch(color=colour, alpha=0.4, label=label) for label, colour in kinds.items()]
+        if patches:
+            figure.legend(handles=patches, loc='outside upper left', ncols=4)
         axes[-1].set_xlabel('time [s]')
+        return figure
 
-    def data(self) -> dict[str, Any]:
-        """Return the same as plain data, thinned to what a screen shows: what ``page.js`` reads."""
-        return {
-            'axis': self.axis,
-            'spans': [[_round(s.begin), _round(s.end), s.colour, s.label] for s in self.spans],
-            'boundaries': [_round(begin) for begin in self.boundaries],
-            'panels': [_panel_data(panel) for panel in self.panels],
-        }
+
+def _draw(axis: Any, line: dict[str, Any]) -> None:
+    t, y = np.array(line['t']), np.array(line['y'], dtype=float)
+    if line['style'] == 'band':
+        axis.fill_between(t, y, np.array(line['upper'], dtype=float), color=line['colour'], alpha=0.25, linewidth=0)
+        return
+    how: dict[str, Any] = {'color': line['colour'], 'linewidth': line['width'], 'label': line['label'] or None}
+    if line['style'] == 'steps':
+        how['drawstyle'] = 'steps-post'
+    if line['style'] == 'dots':
+        how |= {'linestyle': '', 'marker': '.'}
+    axis.plot(t, y, **how)
 
 
 def envelope(t: Array, y: Array, most: int = MOST_POINTS) -> tuple[Array, Array]:
-    """Return at most ``most`` points of a line, shapes (N,), that cover what all of it covers.
+    """Return at most ``most`` points of a line, shapes (N,), that cover the same area of the plot.
 
     Of each interval of time the lowest and the highest point are kept, in their order.
     """
@@ -144,8 +167,8 @@ def joined(pieces: Sequence[tuple[Array, Array]], most: int = MOST_POINTS) -> tu
     times, values = [], []
     end = -math.inf
     share = max(most // max(len(pieces), 1), 4)
-    for t, y in pieces:
-        t, y = envelope(t, y, share)
+    for piece in pieces:
+        t, y = envelope(*piece, share)
         if len(t) == 0:
             continue
         if end > -math.inf:
@@ -156,20 +179,6 @@ def joined(pieces: Sequence[tuple[Array, Array]], most: int = MOST_POINTS) -> tu
         values.append(y)
         end = float(times[-1][-1])
     return (np.concatenate(times), np.concatenate(values)) if times else (np.empty(0), np.empty(0))
-
-
-def places(recordings: Sequence[Hashable], times: Sequence[Array]) -> dict[Hashable, float]:
-    """Return what to add to each recording's times [s] so that different ones stand one after the other.
-
-    ``recordings`` says by part of which recording it is; parts of one recording keep their distance in time.
-    """
-    found: dict[Hashable, float] = {}
-    end = None
-    for recording in dict.fromkeys(recordings):
-        own = [t for r, t in zip(recordings, times, strict=True) if r == recording]
-        found[recording] = 0.0 if end is None else end - min(float(t[0]) for t in own)
-        end = found[recording] + max(float(t[-1]) for t in own)
-    return found
 
 
 def scaled(largest: float) -> int:
@@ -183,38 +192,6 @@ def in_powers(unit: str, power: int) -> str:
     return f'10{str(power).translate(SUPERSCRIPTS)} {unit}'.rstrip() if power else unit
 
 
-def typeset(text: str) -> str:
-    """Return text in which what is raised to a power is written so: ``kg m²``."""
-    return re.sub(r'\^(-?\d)', lambda found: found[1].translate(SUPERSCRIPTS), text)
-
-
-def _power(panel: Panel) -> int:
-    sizes = [np.nanmax(np.abs(y), initial=0.0) for line in panel.lines for _, y in (*line.pieces, *line.upper)]
-    return scaled(float(max(np.abs(panel.reach) if panel.reach else sizes, default=0.0)))
-
-
-def _label(panel: Panel, gap: str = ' ') -> str:
-    return f'{panel.quantity}{gap if panel.quantity else ""}[{in_powers(panel.unit, _power(panel))}]'
-
-
-def _panel_data(panel: Panel) -> dict[str, Any]:
-    size = 10.0 ** _power(panel)
-    lines = []
-    for line in panel.lines:
-        t, y = joined(line.pieces)
-        found = {'label': line.label, 'colour': line.colour, 'width': line.width, 'style': line.style}
-        found |= {'t': [_round(at) for at in t.tolist()], 'y': _numbers(y / size)}
-        if line.style == 'band':
-            found['upper'] = _numbers(np.interp(t, *joined(line.upper)) / size)
-        lines.append(found)
-    return {'label': _label(panel), 'reach': panel.reach and [b / size for b in panel.reach], 'lines': lines}
-
-
 def _numbers(values: Array) -> list[float | None]:
     """Return numbers to five digits, as short as can be; None where there is none."""
     return [float(f'{value:.5g}') if math.isfinite(value) else None for value in values.tolist()]
-
-
-def _round(time: float) -> float:
-    """Return a time [s] to 10 us, which tells pieces apart that follow each other."""
-    return round(time, 5)

@@ -1,23 +1,34 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Recordings, settings and answers of a result, from its file."""
+"""Recordings, settings and estimates of a result, from its file."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pendubot_identification.errors import BagError
-from pendubot_identification.identify.result import Result, theta_of
 from pendubot_identification.identify.settings import Settings
 from pendubot_identification.model.parameters import NAMES, Bounds
 from pendubot_identification.recordings.bag_reader import BagWindow, read_trajectory
-from pendubot_identification.results.figure_data import Answer
 from pendubot_identification.trajectories.conversion import Conversion
 from pendubot_identification.trajectories.signals import evenly_stamped
 from pendubot_identification.trajectories.trajectory import Trajectory
+
+from .result import Result, theta_of
+
+
+class Answer(NamedTuple):
+    """The estimate of a criterion for simulations: its name, model, theta and input delay [s]."""
+
+    criterion: str
+    model: str
+    theta: NDArray[np.float64]
+    delay: float
 
 
 def recordings(result: Result, folder: Path | None = None) -> tuple[list[Trajectory], list[Trajectory]]:
@@ -60,28 +71,33 @@ def recordings(result: Result, folder: Path | None = None) -> tuple[list[Traject
 
 def settings(result: Result) -> Settings:
     """Return the settings of a result, except those of MDE and the start of a search."""
-    made = result.made_by
-    # In earlier versions, the name of likelihood was trajectory.
-    criteria = tuple('likelihood' if name == 'trajectory' else name for name in made.criteria)
-    same = ('delays', 'model', 'optimizer', 'smoothing', 'hold', 'link_length', 'seed')
+    made, size = result.made_by, len(result.made_by.lower_bounds)
+    low, high = made.delays
     return Settings(
-        criteria=criteria,
+        # In earlier versions, the name of likelihood was trajectory.
+        criteria=tuple('likelihood' if name == 'trajectory' else name for name in made.criteria),
+        model=made.model,
+        optimizer=made.optimizer,
         sliding=made.sliding_window,
+        smoothing=made.smoothing,
+        hold=made.hold,
+        delays=(low, high),
+        link_length=made.link_length,
+        seed=made.seed,
+        bounds=Bounds(np.array(made.lower_bounds), np.array(made.upper_bounds), NAMES[:size]),
         reading=Conversion.of(result.reading),
-        bounds=Bounds(np.array(made.lower_bounds), np.array(made.upper_bounds), NAMES[: len(made.lower_bounds)]),
-        **{name: getattr(made, name) for name in same},
     )
 
 
 def hold(result: Result) -> str:
     """Return the hold of the torque between samples; the criterion ``energy`` has none."""
-    asked: str = result.made_by.hold
+    asked = result.made_by.hold
     found = [answer.effort.hold for name, answer in result.criteria.items() if name != 'energy']
     return asked if asked != 'auto' else (found or ['zero'])[0]
 
 
 def answers(result: Result) -> dict[str, Answer]:
-    """Return every criterion's answer."""
+    """Return the estimate of each criterion."""
     return {
         name: Answer(name, result.model, theta_of(answer.parameters).vector(result.model), answer.effort.delay)
         for name, answer in result.criteria.items()

@@ -5,25 +5,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from pendubot_identification import __version__
 from pendubot_identification.errors import ResultError
 from pendubot_identification.identify.pipeline import identify
-from pendubot_identification.identify.result import SCHEMA, EffortTaken, Parameter
 from pendubot_identification.identify.settings import Settings
 from pendubot_identification.level import NORMAL_95, Level
-from pendubot_identification.model.parameters import MODELS, UNITS
+from pendubot_identification.model.parameters import MODELS, NAMES, UNITS
 from pendubot_identification.tracking.blocks import SegmentSettings
 from pendubot_identification.tracking.events import Change, Event, Start, State
 from pendubot_identification.tracking.tracker import Tracker
 from pendubot_identification.trajectories.trajectory import Trajectory
 
-from .result_file import read_result, result_text
+from .result import EffortTaken, Parameter, Tracked, TrackedResult, known
+from .result_file import read_result
 
 #: Largest number of states in a track; of more, every other one is dropped.
 KEPT = 4000
@@ -63,7 +63,12 @@ def start_of(path: Path | None, model: str | None = None) -> Start:
     """
     if path is None:
         chosen = model or 'coulomb'
-        return Start(model=chosen, validate=lambda motion: _assessed(motion, chosen))
+
+        def assess(motion: Trajectory) -> tuple[Level, Sequence[str]]:
+            found = identify([motion], (), Settings(criteria=('weak',), model=chosen, optimizer='lsq'))
+            return found.level, found.warnings
+
+        return Start(model=chosen, validate=assess)
     result = read_result(path)
     named = result.model if result.model in MODELS else result.theta.model
     if model not in (None, named):
@@ -71,32 +76,24 @@ def start_of(path: Path | None, model: str | None = None) -> Start:
     if result.level is Level.ERROR:
         raise ResultError(f'{path} is of level ERROR: {"; ".join(result.warnings)}; begin with another result, or none')
     size = MODELS[named]
-    names = list(result.parameters)
     # The filter's errors are normal, with the same 95 % interval.
     errors = {name: (e.std_error or 0.0) * e.quantile / NORMAL_95 for name, e in result.parameters.items()}
-    theta = result.theta.vector(named)[:size]
     level = Level.WARN if result.level is None else result.level
-    why = [f'of {path}, with which it began: {warning}' for warning in result.warnings]
+    warnings = [f'of {path}, with which it began: {warning}' for warning in result.warnings]
     if result.level is None:
-        why.append(f'{path}, with which it began, was never judged')
+        warnings.append(f'{path}, with which it began, was never judged')
     return Start(
         model=named,
-        theta=theta,
-        std_error=np.array([errors.get(name, 0.0) for name in names] + [0.0] * (size - len(names)))[:size],
+        theta=result.theta.vector(named)[:size],
+        std_error=np.array([errors.get(name, 0.0) for name in NAMES[:size]]),
         delays=(result.effort.delay, result.effort.delay),
         hold=result.effort.hold,
-        validate=lambda motion: (level, why),
+        validate=lambda motion: (level, warnings),
     )
 
 
-def _assessed(motion: Trajectory, model: str) -> tuple[Level, Sequence[str]]:
-    settings = Settings(criteria=('weak',), model=model, optimizer='lsq')
-    found = identify([motion], (), settings)
-    return found.level, found.warnings
-
-
-def track_text(tracker: Tracker, track: Track, bags: Sequence[str]) -> str:
-    """Return the newest state as a result file, with the events and the history of the parameters.
+def tracked_result(tracker: Tracker, track: Track, bags: Sequence[str]) -> TrackedResult:
+    """Return the newest state as a result, with the events and the history of the parameters.
 
     Raises:
         ResultError: there is no state yet.
@@ -104,38 +101,40 @@ def track_text(tracker: Tracker, track: Track, bags: Sequence[str]) -> str:
     state = tracker.state
     if state is None or tracker.segment_settings is None:
         raise ResultError(f'there are no parameters to be written: {tracker.reason}')
-    return result_text(
-        {
-            'schema': SCHEMA,
-            'parameters': parameters(state),
-            'level': state.level,
-            'warnings': state.warnings,
-            'criterion': 'weak, tracked',
-            'model': tracker.segment_settings.model,
-            'effort': effort_taken(state, tracker.segment_settings),
-            'made_by': {'version': __version__},
-            'tracked': {
-                'bags': bags,
-                'until': state.t,
-                'notes': tracker.notes,
-                'windows': track.windows,
-                'events': [{'kind': kind_of(event), **event._asdict(), 'text': str(event)} for event in track.events],
-                't': [s.t for s in track.states],
-                'unexplained': [s.unexplained for s in track.states],
-                'values': {n: [float(s.theta[k]) for s in track.states] for k, n in enumerate(state.names)},
-                'std_errors': {n: [float(s.std_error[k]) for s in track.states] for k, n in enumerate(state.names)},
-            },
-        }
+    theta, errors = (known(np.transpose([getattr(s, name) for s in track.states])) for name in ('theta', 'std_error'))
+    return TrackedResult(
+        parameters=parameters(state),
+        level=state.level,
+        warnings=list(state.warnings),
+        criterion='weak, tracked',
+        model=tracker.segment_settings.model,
+        effort=effort_taken(state, tracker.segment_settings),
+        tracked=Tracked(
+            bags=list(bags),
+            until=known(state.t),
+            notes=dict(tracker.notes),
+            windows=track.windows,
+            events=[_event(event) for event in track.events],
+            t=known([s.t for s in track.states]),
+            unexplained=known([s.unexplained for s in track.states]),
+            values=dict(zip(state.names, theta, strict=True)),
+            std_errors=dict(zip(state.names, errors, strict=True)),
+        ),
     )
 
 
-def parameters(state: State) -> Mapping[str, Parameter]:
+def _event(event: Event) -> dict[str, Any]:
+    kind = event.kind if isinstance(event, Change) else type(event).__name__.lower()
+    return {'kind': kind, **known(event._asdict()), 'text': str(event)}
+
+
+def parameters(state: State) -> dict[str, Parameter]:
     """Return a state's parameters as they stand in a result."""
     return {
         name: Parameter(
             value=float(value),
-            std_error=float(error),
-            interval=(float(value - NORMAL_95 * error), float(value + NORMAL_95 * error)),
+            std_error=known(error),
+            interval=(known(value - NORMAL_95 * error), known(value + NORMAL_95 * error)),
             unit=unit,
             determined=bool(error < abs(value) / 2),
         )
@@ -145,9 +144,6 @@ def parameters(state: State) -> Mapping[str, Parameter]:
 
 def effort_taken(state: State, segment_settings: SegmentSettings) -> EffortTaken:
     """Return hold and delay of the effort."""
-    return EffortTaken(hold=segment_settings.hold, delay=state.delay, delay_std_error=state.delay_std_error)
-
-
-def kind_of(event: Event) -> str:
-    """Return the type of an event in a word."""
-    return event.kind if isinstance(event, Change) else type(event).__name__.lower()
+    return EffortTaken(
+        hold=segment_settings.hold, delay=known(state.delay), delay_std_error=known(state.delay_std_error)
+    )

@@ -11,9 +11,8 @@ import yaml
 from scipy.stats import t as student
 
 from pendubot_identification.recordings.bag_reader import BagReader
-from pendubot_identification.results.result_file import write_result
 from test.conftest import ROOT
-from test.identified import plain
+from test.identified import plain, write
 
 SAMPLE = ROOT / 'bags' / 'paper_experiment'
 
@@ -23,7 +22,7 @@ def results(tmp_path, monkeypatch):
     """Two criteria's answers from the same 4 s of the sample bag."""
     monkeypatch.chdir(tmp_path)
     for name, criterion in (('a', 'energy'), ('b', 'weak')):
-        write_result(tmp_path / f'{name}.yaml', plain((criterion,)))
+        write(tmp_path / f'{name}.yaml', plain((criterion,)))
     return tmp_path
 
 
@@ -65,7 +64,7 @@ def test_few_degrees_of_freedom_make_a_difference_less_sure(results, compared):
     for name, value in (('c', 1.0), ('d', 1.3)):
         data = plain(('weak',))
         data['parameters']['P1'] |= {'value': value, 'std_error': 0.1, 'degrees_of_freedom': 2.0, 'on_bound': False}
-        write_result(results / f'{name}.yaml', data)
+        write(results / f'{name}.yaml', data)
     row = compared('c.yaml', 'd.yaml')['parameters']['P1']
     assert row['apart'][1] == pytest.approx(3 / math.sqrt(2))
     assert row['p'][1] == pytest.approx(2 * student(4).sf(3 / math.sqrt(2)))
@@ -87,7 +86,7 @@ def test_they_stand_side_by_side_with_what_each_predicts_of_a_bag(compared, run)
 def test_results_of_the_same_motion_are_named(results, compared, window, shared):
     data = plain(('weak',))
     data['bags'][0]['bag'] = f'swing@{window}'
-    write_result(results / 'c.yaml', data)
+    write(results / 'c.yaml', data)
     notes = compared('a.yaml', 'c.yaml')['notes']
     assert any('estimated from the same motion' in note for note in notes) is shared
 
@@ -96,7 +95,7 @@ def test_a_bag_that_one_was_estimated_from_is_named(results, compared):
     """It was from the first four seconds."""
     data = plain(('weak',))
     data['bags'][0]['sha256'] = BagReader(SAMPLE).content_hash
-    write_result(results / 'c.yaml', data)
+    write(results / 'c.yaml', data)
     for window, named in (('', 1), ('@3.9:', 1), ('@4:', 0)):
         notes = compared('a.yaml', 'c.yaml', '--on', f'{SAMPLE}{window}')['notes']
         assert (

@@ -25,9 +25,9 @@ from hypothesis import strategies as st
 
 from pendubot_identification.cli.brief import LINES, brief
 from pendubot_identification.cli.terminal import curve
-from pendubot_identification.identify.result import Parameter
 from pendubot_identification.level import Level
 from pendubot_identification.model.parameters import NAMES, UNITS
+from pendubot_identification.results.result import Parameter
 from pendubot_identification.results.result_file import read_complete_result
 from test.conftest import ROOT
 

@@ -34,7 +34,7 @@ def bag(motion, tmp_path_factory):
 
 def test_a_bag_is_followed_and_written_as_a_result_with_a_figure(run, bag, tmp_path):
     now, look = tmp_path / 'now.yaml', tmp_path / 'look'
-    status, out, err = run('track', str(bag), '--output', str(now), '--report', str(look))
+    status, out, err = run('track', str(bag), '--output', str(now), '--report', str(look), '--figures')
     assert (status, err) == (0, '')
     assert 'payload on link 2, at 15.' in out
     assert 'level OK' in out

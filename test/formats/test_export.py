@@ -14,10 +14,10 @@ import sympy
 import yaml
 
 from pendubot_identification.formats.export import FORMATS, ROBOTS, export
-from pendubot_identification.identify.result import Given, Parameter
 from pendubot_identification.level import Level
 from pendubot_identification.model.dynamics import forward_dynamics, mass_matrix
 from pendubot_identification.model.parameters import MODELS, NAMES
+from pendubot_identification.results.result import Parameter, PartialResult
 from test.identified import identified, made
 
 
@@ -121,7 +121,7 @@ def test_units_level_warnings_and_provenance_stand_in_it(result, name):
 
 @pytest.mark.parametrize('name', [name for name in FORMATS if name not in ROBOTS])
 def test_a_file_by_hand_with_nothing_but_values_is_enough(name):
-    text = written(name, Given(parameters={n: Parameter(value=0.5) for n in NAMES[:7]}))
+    text = written(name, PartialResult(parameters={n: Parameter(value=0.5) for n in NAMES[:7]}))
     assert '0.5' in text
     assert 'not known' in text
 
@@ -131,7 +131,7 @@ def test_what_a_hand_left_out_is_0_in_its_own_place():
     size, left_out = 14, {'Fs2', 'k2'}
     theta = {name: 0.5 + k for k, name in enumerate(NAMES[:size])} | dict.fromkeys(left_out, 0.0)
     given = {name: Parameter(value=value) for name, value in reversed(theta.items()) if name not in left_out}
-    result = Given(parameters=given)
+    result = PartialResult(parameters=given)
     struct = evaluated(written('m', result))
     assert (struct['theta'], struct['names']) == (list(theta.values()), list(theta))
     assert yaml.safe_load(written('yaml', result))['/**']['ros__parameters'] == theta
@@ -214,7 +214,7 @@ def test_the_model_is_that_of_the_dynamics_in_every_language(language, model, tm
         pytest.skip(f'needs {needed}')
     rng = np.random.default_rng(3)
     theta = (np.array([22, 4, 1, 224, 33, 66, 1, 50, 20, 3, 30, 10, 3000, 2000]) * 1e-4)[: MODELS[model]]
-    given = Given(parameters={n: Parameter(value=float(v)) for n, v in zip(NAMES, theta, strict=False)})
+    given = PartialResult(parameters={n: Parameter(value=float(v)) for n, v in zip(NAMES, theta, strict=False)})
     points = rng.normal(size=(20, 6)) * [3, 3, 0.3, 0.3, 1, 1]
     found = language(written(language.name, given), points, tmp_path)
     lines = found.splitlines()
@@ -231,7 +231,7 @@ def test_the_model_is_that_of_the_dynamics_in_every_language(language, model, tm
 
 def test_the_module_takes_symbols_too():
     """By ``lib``: sympy here, as casadi or jax.numpy elsewhere."""
-    given = Given(parameters={n: Parameter(value=0.5 - 0.05 * k) for k, n in enumerate(NAMES[:9])})
+    given = PartialResult(parameters={n: Parameter(value=0.5 - 0.05 * k) for k, n in enumerate(NAMES[:9])})
     exec(compile(written('py', given), 'pendubot.py', 'exec'), module := {})
     symbols = sympy.symbols('q1 q2 v1 v2 tau1 tau2')
     at = dict(zip(symbols, (0.3, -1.2, 0.01, -0.2, 0.4, 0.1), strict=True))

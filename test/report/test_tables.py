@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What a terminal shows of a result: everything that matters, within its width, from the plain data alone."""
+"""The tables of a result, for a terminal and as HTML: everything that matters, within its width."""
 
 import json
 import re
@@ -10,7 +10,7 @@ from dataclasses import asdict
 import pytest
 
 from pendubot_identification.model.parameters import NAMES, PAPER
-from pendubot_identification.report.table import text
+from pendubot_identification.report.table import Table
 from pendubot_identification.report.tables import (
     comparison_table,
     effects_table,
@@ -31,6 +31,18 @@ OK = 'the 95 % intervals hold, given the torque scale, the clock and g'
 def columns(text):
     """The cells of every line, by its first."""
     return {cells[0]: cells[1:] for line in text.splitlines() if (cells := re.split(r'  +', line.strip()))}
+
+
+def test_a_table_is_aligned_text_and_escaped_html_with_its_notes():
+    table = Table(['', 'a < b'], [['P1 [kg m^2]', '0.0022'], ['b', '-']], ['a note', ' '.join(['words'] * 30)])
+    *rows, note, words, more = table.text().splitlines()
+    assert rows == ['              a < b', 'P1 [kg m^2]  0.0022', 'b                 -']
+    assert f'{words} {more.strip()}' == ' '.join(['words'] * 30)
+    assert max(len(words), len(more)) <= 120
+    assert '<th scope="row">P1 [kg m²]</th><td>0.0022</td>' in table.html()
+    assert '<th scope="col">a &lt; b</th>' in table.html()
+    assert '<p class="note">a note</p>' in table.html()
+    assert note == 'a note'
 
 
 @pytest.mark.parametrize('arguments', [(), MDE, (('energy', 'weak'), 'geared')])
@@ -84,13 +96,13 @@ def test_the_papers_answer_stands_beside_the_published_one_with_its_J():
     result['criteria']['energy'] = energy = mde
     table = parameter_table(typed(result))
     at = table.head.index('energy by MDE')
-    shown = {text(row[0]).split()[0]: text(row[at]) for row in table.rows}
+    shown = {row[0].split()[0]: row[at] for row in table.rows}
     assert {name for name, value in shown.items() if value == '-'} == set(result['parameters']) - set(NAMES[:7])
     for name, entry in energy['parameters'].items():
         assert float(shown[name]) == pytest.approx(entry['value'], abs=5.1e-5)
     J = f'energy {energy["J"]["training"]:.4g} J^2, {energy["J"]["validation"]:.4g} on validation'
     assert J in ' '.join(summary(typed(result)).split())
-    assert 'energy by MDE' not in text(parameter_table(typed(plain(*MDE))).head)
+    assert 'energy by MDE' not in parameter_table(typed(plain(*MDE))).head
 
 
 def test_intervals_are_by_the_degrees_of_freedom_of_their_standard_errors():
@@ -100,7 +112,7 @@ def test_intervals_are_by_the_degrees_of_freedom_of_their_standard_errors():
     for parameters in (result['parameters'], result['criteria'][result['criterion']]['parameters']):
         parameters['P1'] = first
     assert parameter_rows(typed(result))[0].part == 1.0
-    assert '± 0.31' in text(parameter_rows(typed(result))[0].value)
+    assert '± 0.31' in parameter_rows(typed(result))[0].half_width
     assert '± 0.31' in comparison_table(typed(result)).text()
 
 

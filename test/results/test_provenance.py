@@ -11,8 +11,8 @@ import pytest
 from pendubot_identification.identify.settings import Settings
 from pendubot_identification.model.parameters import NAMES, Bounds
 from pendubot_identification.recordings.datasets import load_datasets
+from pendubot_identification.results.assemble import assemble_result
 from pendubot_identification.results.provenance import answers, hold, recordings, settings
-from pendubot_identification.results.result_file import result_of
 from test.conftest import ROOT
 from test.identified import identified, made, plain
 from test.identified import result as read
@@ -31,7 +31,7 @@ SAMPLE = ROOT / 'bags' / 'paper_experiment'
 )
 def test_recordings_are_divided_as_they_were(bags, validate):
     data = load_datasets([b.format(SAMPLE) for b in bags], [v.format(SAMPLE) for v in validate])
-    again = recordings(result_of(identified(('weak',)), data.sources))
+    again = recordings(assemble_result(identified(('weak',)), data.sources))
     for motions, before in zip(again, (data.training, data.validation), strict=True):
         assert [m.name for m in motions] == [m.name for m in before]
         for motion, other in zip(motions, before, strict=True):
@@ -53,7 +53,7 @@ def test_settings_of_a_result_are_read_back():
         seed=7,
         bounds=Bounds(np.zeros(9), np.arange(1.0, 10.0), NAMES[:9]),
     )
-    again = settings(result_of(replace(identified(('weak',)), settings=asked), []))
+    again = settings(assemble_result(replace(identified(('weak',)), settings=asked), []))
     for field in fields(Settings):
         if field.name != 'bounds':
             assert getattr(again, field.name) == getattr(asked, field.name), field.name

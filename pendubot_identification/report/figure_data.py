@@ -1,13 +1,12 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Data for figures of a result: simulated motion, residuals, and the effect of each parameter, as arrays."""
+"""Data for the figures of a report: simulated motion, residuals, and the effect of each parameter, as arrays."""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,10 +18,11 @@ from pendubot_identification.identify.effects import EffectSettings, FoundEffect
 from pendubot_identification.identify.fitting import standardised_innovations
 from pendubot_identification.identify.linear import linear
 from pendubot_identification.identify.prediction import HORIZONS, LOST
-from pendubot_identification.identify.result import EffectFound
 from pendubot_identification.identify.settings import Settings
 from pendubot_identification.level import NORMAL_95
 from pendubot_identification.model.parameters import NAMES
+from pendubot_identification.results.provenance import Answer
+from pendubot_identification.results.result import EffectFound
 from pendubot_identification.trajectories.motion import Motion
 
 Array = NDArray[np.float64]
@@ -35,27 +35,18 @@ SHOWN = 10.0
 ROWS: tuple[str, ...] = ('shoulder', 'elbow', 'energy')
 
 
-class Answer(NamedTuple):
-    """The estimate of a criterion for simulations: its name, model, theta and input delay [s]."""
-
-    criterion: str
-    model: str
-    theta: Array
-    delay: float
-
-
 @dataclass(frozen=True, slots=True)
 class Simulation:
-    """A measured motion, and simulations of it from measured states on.
+    """A measured motion, and K simulations of it from measured states on.
 
     Attributes:
         name: of the recording.
         t: times [s] of the samples, shape (N,).
         measured: q1, q2 as recorded and q1', q2' from smoothed positions [rad, rad/s], shape (4, N).
         ahead: length of each simulation [s].
-        simulated_t: times [s] of L simulations, shape (K, L).
-        simulated: their states, shape (K, 4, L); NaN after a simulation diverges.
-        complete: whether the complete motion is shown; else its worst part.
+        simulated_t: times [s] of the simulations, shape (L, K).
+        simulated: their states, shape (L, 4, K); NaN after a simulation diverges.
+        complete: whether the complete motion is shown, or only its worst part.
     """
 
     name: str
@@ -72,14 +63,11 @@ class Residuals:
     """The residuals of a criterion on its training data.
 
     Attributes:
-        criterion: its name.
-        unit: of the residuals.
-        names: of the channels.
-        parts: of each recording the times [s], shape (N,), and residuals, shape (N, C).
-        interval: between two residuals [s].
+        names: of the C channels.
+        parts: the name of each recording, the times [s], shape (N,), and the residuals, shape (N, C).
         overlap: residuals nearer than this [s] share data, so they are correlated with any model; infinite if each
             residual contains all data before it.
-        lags: shape (M,), [s].
+        lags: [s], shape (M,).
         autocorrelation: at these lags, over all recordings, shape (M, C).
         band: 95 % of the autocorrelations of white residuals lie within plus and minus this.
     """
@@ -87,20 +75,24 @@ class Residuals:
     criterion: str
     unit: str
     names: tuple[str, ...]
-    parts: tuple[tuple[Array, Array], ...]
-    interval: float
+    parts: tuple[tuple[str, Array, Array], ...]
     overlap: float
     lags: Array
     autocorrelation: Array
     band: float
 
+    @property
+    def cumulative(self) -> bool:
+        """Whether each residual contains all data before it."""
+        return bool(np.isinf(self.overlap))
+
 
 @dataclass(frozen=True, slots=True)
 class Excitation:
-    """The effect of each parameter in the rows of the weak criterion, on training data. Root mean squares.
+    """Root mean squares of the effects of D parameters in the rows of the weak criterion [N m, N m, W].
 
     Attributes:
-        term: the parameter times its column, by parameter and row [N m, N m, W], shape (D, 3).
+        term: the parameter times its column, shape (D, 3).
         own: the residual of a term after regression on all other columns, shape (D, 3).
         residual: the residual of the weak criterion, shape (3,).
     """
@@ -116,39 +108,31 @@ class UnexplainedTorque:
 
     Attributes:
         names: of the recordings.
-        starts: when each begins [s].
         times: of each recording [s], shapes (K,).
         torque: of both joints, averaged by the weak criterion's test functions [N m], shapes (K, 2).
-        fraction: its root mean square over the effort's, of each joint, shape (2,).
-        abscissas: by name, the quantities to plot it against, of shoulder and elbow, at all times, shape (K, 2).
+        abscissas: by name, the quantities to plot it against, of shoulder and elbow, at all times, shapes (sum K, 2).
     """
 
     names: tuple[str, ...]
-    starts: tuple[float, ...]
     times: tuple[Array, ...]
     torque: tuple[Array, ...]
-    fraction: Array
     abscissas: dict[str, Array]
 
 
 def unexplained_torque(motions: Sequence[Motion], answer: Answer) -> UnexplainedTorque:
-    """Return the torque that an answer does not explain: the weak-form residuals of both joints.
+    """Return the torque that an estimate does not explain: the weak-form residuals of both joints.
 
     Raises:
         TrajectoryError: a recording is shorter than a test function.
     """
     made = [weak_regression(m, answer.model, answer.delay, weights=(1, 1, 1), stride=WIDTH / 4) for m in motions]
     times = [r.t[::3] for r in made]
-    left = [(r.y - r.phi @ answer.theta).reshape(-1, 3)[:, :2] for r in made]
-    effort = np.sqrt((np.concatenate([r.y.reshape(-1, 3)[:, :2] for r in made]) ** 2).sum(axis=1).mean())
     states = np.concatenate([m.states(t) for m, t in zip(motions, times, strict=True)], axis=1)
     tau = np.concatenate([m.impulse(t - answer.delay, 1) for m, t in zip(motions, times, strict=True)])
     return UnexplainedTorque(
         names=tuple(m.name for m in motions),
-        starts=tuple(m.start for m in motions),
         times=tuple(times),
-        torque=tuple(left),
-        fraction=np.sqrt((np.concatenate(left) ** 2).mean(axis=0)) / max(float(effort), np.finfo(float).tiny),
+        torque=tuple((r.y - r.phi @ answer.theta).reshape(-1, 3)[:, :2] for r in made),
         abscissas={'its angle [rad]': states[:2].T, 'its speed [rad/s]': states[2:].T, 'torque [N m]': tau[:, [0, 0]]},
     )
 
@@ -206,7 +190,7 @@ def simulate_beside(motions: Sequence[Motion], answer: Answer, scale: Array) -> 
 
 
 def residuals(motions: Sequence[Motion], answer: Answer, settings: Settings) -> Residuals:
-    """Return the residuals of an answer, a criterion's of the settings, on its training data.
+    """Return the residuals of an estimate by one criterion of the settings on its training data.
 
     For ``likelihood`` (``trajectory`` in earlier results), these are the normalized innovations every 0.05 s.
 
@@ -231,8 +215,7 @@ def residuals(motions: Sequence[Motion], answer: Answer, settings: Settings) -> 
         criterion=answer.criterion,
         unit=unit,
         names=names,
-        parts=tuple(parts),
-        interval=interval,
+        parts=tuple((m.name, *part) for m, part in zip(motions, parts, strict=True)),
         overlap=overlap,
         lags=np.asarray(interval * np.arange(lags + 1)),
         autocorrelation=_autocorrelation([values for _, values in parts], lags),
@@ -254,7 +237,7 @@ def excitation(motions: Sequence[Motion], answer: Answer, names: Collection[str]
 
     Args:
         motions: the training data.
-        answer: any criterion's; the rows are always those of ``weak``, one for each joint.
+        answer: by any criterion; the rows are always those of ``weak``.
         names: of the D parameters of the model on this rig.
 
     Raises:

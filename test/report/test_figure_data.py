@@ -12,13 +12,8 @@ import pytest
 from pendubot_identification.identify.prediction import state_scale
 from pendubot_identification.identify.settings import Settings
 from pendubot_identification.model.parameters import PAPER
-from pendubot_identification.results.figure_data import (
-    SHOWN,
-    Answer,
-    excitation,
-    residuals,
-    simulate_beside,
-)
+from pendubot_identification.report.figure_data import SHOWN, excitation, residuals, simulate_beside
+from pendubot_identification.results.provenance import Answer
 from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.trajectory import Trajectory
 from test.identified import identified
@@ -48,17 +43,17 @@ def test_the_mean_square_of_the_residuals_is_J(found, criterion):
     estimate = next(e for e in result.estimates if e.criterion == criterion)
     given = answer(estimate.theta, criterion, delay=estimate.effort.delay)
     left = residuals(motions, given, result.settings)
-    everything = np.concatenate([values for _, values in left.parts])
+    everything = np.concatenate([values for _, _, values in left.parts])
     assert everything.size == estimate.residuals
     np.testing.assert_allclose((everything**2).mean(), estimate.J, rtol=1e-6)
-    assert all(np.diff(t).min() > 0 for t, _ in left.parts)
+    assert all(np.diff(t).min() > 0 for _, t, _ in left.parts)
 
 
 def test_innovations_of_the_likelihood_are_white_and_of_unit_variance():
     motion = Motion.prepare(recording(900), 0.02)
     left = residuals([motion], answer(), Settings(hold='zero'))
-    ((t, values),) = left.parts
-    assert (left.unit, left.interval) == ('standard deviations', pytest.approx(0.05))
+    ((_, t, values),) = left.parts
+    assert left.unit == 'standard deviations'
     np.testing.assert_allclose(np.diff(t), 0.05)
     np.testing.assert_allclose((values**2).mean(axis=0), 1, atol=0.35)
     assert (np.abs(left.autocorrelation[1:]) < 1.5 * left.band).mean() > 0.85

@@ -1,0 +1,180 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The plots over time of a report."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from pendubot_identification.level import NORMAL_95
+from pendubot_identification.model.parameters import NAMES, UNITS
+from pendubot_identification.tracking.events import Change, Event, State
+from pendubot_identification.trajectories.trajectory import Trajectory
+
+from .figure_data import Residuals, Simulation, UnexplainedTorque
+from .style import SMALL, rendered, style
+from .time_plot import Line, Panel, Span, TimePlot
+
+Array = NDArray[np.float64]
+
+MEASURED, SIMULATED, ESTIMATION, VALIDATION = '#1a1a1a', '#d55e00', '#56b4e9', '#e69f00'
+#: Colours that can be told apart by everyone (Okabe and Ito).
+COLOURS = ('#0072b2', '#d55e00', '#009e73', '#cc79a7')
+STATES = (('q1', 'rad'), ('q2', 'rad'), ("q1'", 'rad/s'), ("q2'", 'rad/s'))
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """A plot over time or a static figure; ``about`` is what its caption in ``page.html.jinja`` depends on."""
+
+    name: str
+    content: TimePlot | Figure
+    about: Mapping[str, Any] = field(default_factory=dict)
+
+    @style(SMALL)
+    def files(self, *endings: str) -> dict[str, bytes]:
+        """Return it as a static figure, by the ending of the file's name."""
+        figure = self.content.figure() if isinstance(self.content, TimePlot) else self.content
+        return rendered(figure, endings, bbox_inches='tight')
+
+
+@dataclass(frozen=True, slots=True)
+class Timeline:
+    """The places of recordings, one after the other.
+
+    Attributes:
+        shifts: what to add to the times [s] of each recording, by its name.
+        begins: where each begins [s], in order; empty if there is only one.
+    """
+
+    shifts: Mapping[str, float] = field(default_factory=dict)
+    begins: Sequence[float] = ()
+
+    @classmethod
+    def of(cls, motions: Sequence[Trajectory]) -> Timeline:
+        """Return the places of these motions; parts of one recording keep their distance in time."""
+        spans: dict[str, list[float]] = {}
+        for motion in motions:
+            spans.setdefault(recording_of(motion.name), []).extend((float(motion.t[0]), float(motion.t[-1])))
+        shifts: dict[str, float] = {}
+        begins: list[float] = []
+        end = None
+        for name, times in spans.items():
+            shifts[name] = 0.0 if end is None else end - min(times)
+            begins.append(min(times) + shifts[name])
+            end = max(times) + shifts[name]
+        return cls(shifts, begins if len(begins) > 1 else ())
+
+    def shift(self, name: str) -> float:
+        """Return what to add to the times [s] of a recording, or of a part of it."""
+        return self.shifts.get(recording_of(name), 0.0)
+
+
+def recording_of(name: str) -> str:
+    """Return the recording of a part with the name ``BAG@START:END``."""
+    return name.rpartition('@')[0] or name
+
+
+def plot_recordings(training: Sequence[Trajectory], validation: Sequence[Trajectory]) -> Picture:
+    """Plot the torques and both angles, and which part estimates and which validates."""
+    motions = [*training, *validation]
+    timeline = Timeline.of(motions)
+    times = [motion.t + timeline.shift(motion.name) for motion in motions]
+    driven = any(motion.tau[:, 1].any() for motion in motions)
+
+    def line(values: Sequence[Array], label: str = '', colour: str = MEASURED, **how: Any) -> Line:
+        return Line(label, list(zip(times, values, strict=True)), colour, **how)
+
+    torques = [line([m.tau[:, 0] for m in motions], 'shoulder' if driven else '', width=0.8, style='steps')]
+    if driven:
+        torques.append(line([m.tau[:, 1] for m in motions], 'elbow', COLOURS[0], width=0.8, style='steps'))
+    panels = [Panel('tau1, tau2' if driven else 'tau1', 'N m', torques)]
+    panels += [Panel(name, 'rad', [line([m.q[:, k] for m in motions])]) for k, name in enumerate(('q1', 'q2'))]
+    kinds = [(ESTIMATION, 'estimates')] * len(training) + [(VALIDATION, 'validates')] * len(validation)
+    spans = [Span(t[0], t[-1], *kind) for t, kind in zip(times, kinds, strict=True)]
+    about = {'driven': driven, 'recordings': list(timeline.shifts)}
+    return Picture('recordings', TimePlot(panels, spans, timeline.begins), about)
+
+
+def plot_simulation(simulation: Simulation, timeline: Timeline, *, validation: bool) -> Picture:
+    """Plot measured states, states simulated from measured ones on, and their difference."""
+    shift = timeline.shift(simulation.name)
+    times, pieces = (simulation.simulated_t + shift).T, simulation.simulated
+    panels, errors = [], []
+    for k, (name, unit) in enumerate(STATES):
+        measured = simulation.measured[k]
+        middle, reach = (measured.max() + measured.min()) / 2, 0.75 * np.ptp(measured) + 1e-3
+        # A state far outside the plot would only make its lines long.
+        near = np.where(np.abs(pieces[:, k] - middle) < 20 * reach, pieces[:, k], np.nan)
+        truth = np.interp(simulation.simulated_t.T, simulation.t, measured)
+        lines = [
+            Line('measured', [(simulation.t + shift, measured)], MEASURED, 1.6),
+            Line('simulated', list(zip(times, near.T, strict=True)), SIMULATED),
+            Line('', [(times[:, 0], pieces[0, k])], SIMULATED, style='dots'),
+        ]
+        panels.append(Panel(name, unit, lines, (middle - reach, middle + reach)))
+        errors.append(Line(name, list(zip(times, near.T - truth, strict=True)), COLOURS[k % 2]))
+    panels += [Panel('error', 'rad', errors[:2]), Panel('error', 'rad/s', errors[2:])]
+    about = {
+        'validation': validation,
+        'ahead': simulation.ahead,
+        'part': '' if simulation.complete else simulation.name,
+    }
+    return Picture('simulation', TimePlot(panels, boundaries=timeline.begins), about)
+
+
+def plot_residuals(residuals: Residuals, timeline: Timeline) -> Picture:
+    """Plot the residuals of a criterion."""
+    lines = [
+        Line(channel, [(t + timeline.shift(name), y[:, k]) for name, t, y in residuals.parts], colour, 0.7)
+        for k, (channel, colour) in enumerate(zip(residuals.names, COLOURS, strict=False))
+    ]
+    plot = TimePlot([Panel('', residuals.unit, lines)], boundaries=timeline.begins)
+    return Picture(f'residuals_{residuals.criterion}', plot, {'cumulative': residuals.cumulative})
+
+
+def plot_unexplained_torque(left: UnexplainedTorque, timeline: Timeline) -> Picture:
+    """Plot the unexplained torque of both joints."""
+    times = [t + timeline.shift(name) for name, t in zip(left.names, left.times, strict=True)]
+    panels = [
+        Panel(
+            joint, 'N m', [Line('', [(t, y[:, k]) for t, y in zip(times, left.torque, strict=True)], COLOURS[k], 0.7)]
+        )
+        for k, joint in enumerate(('shoulder', 'elbow'))
+    ]
+    return Picture('torque_left', TimePlot(panels, boundaries=timeline.begins))
+
+
+def plot_track(states: Sequence[State], events: Sequence[Event]) -> Picture:
+    """Plot tracked parameters with their 95 % bands, the unexplained torque, and all events."""
+    t = np.array([s.t for s in states])
+    theta, std_error = (np.array([getattr(s, name) for s in states]) for name in ('theta', 'std_error'))
+    reach = np.where(np.isfinite(std_error), NORMAL_95 * std_error, np.nan)
+    panels = []
+    for k, name in enumerate(NAMES[: theta.shape[1]]):
+        low, high = theta[:, k] - reach[:, k], theta[:, k] + reach[:, k]
+        # The first bands are wide and would hide the others.
+        usual = np.isfinite(low) & (np.arange(len(t)) >= len(t) // 20)
+        shown = (low[usual].min(), high[usual].max()) if usual.any() else (0.0, 0.0)
+        margin = 0.1 * (shown[1] - shown[0])
+        lines = [
+            Line('95 %', [(t, low)], COLOURS[0], style='band', upper=[(t, high)]),
+            Line(name, [(t, theta[:, k])], COLOURS[0]),
+        ]
+        panels.append(Panel(name, UNITS[k], lines, (shown[0] - margin, shown[1] + margin) if margin > 0 else None))
+    panels.append(Panel('unexplained', 'N m', [Line('', [(t, np.array([s.unexplained for s in states]))], MEASURED)]))
+    spans = []
+    for event in events:
+        begin = max(event.begin, float(t[0]))
+        end = max(event.end, begin + 0.003 * float(t[-1] - t[0]))  # wide enough to be seen
+        changed = isinstance(event, Change)
+        label = 'change' if changed else type(event).__name__.lower()
+        spans.append(Span(begin, end, SIMULATED if changed else VALIDATION, label))
+    return Picture('track', TimePlot(panels, spans))

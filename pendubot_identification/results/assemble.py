@@ -1,0 +1,141 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The result of an identification, assembled from its estimates."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import astuple, fields
+from typing import Any, TypeVar
+
+import numpy as np
+
+from pendubot_identification import __version__
+from pendubot_identification.identify.estimate import Estimate
+from pendubot_identification.identify.identification import Identification
+from pendubot_identification.identify.prediction import HORIZONS
+from pendubot_identification.model.parameters import NAMES, UNDER_LOAD, UNITS
+from pendubot_identification.recordings.source import Source
+
+from . import result as tree
+from .result import known
+
+T = TypeVar('T')
+
+#: Number of generations whose best values a result file holds.
+SHOWN_GENERATIONS = 30
+
+
+def assemble_result(found: Identification, sources: Sequence[Source]) -> tree.Result:
+    """Return the result of an identification of these recordings."""
+    best, settings = found.best, found.settings
+    answers = {estimate.criterion: _answer(estimate, found) for estimate in found.estimates}
+    joints = dict(zip(UNDER_LOAD, ('shoulder', 'elbow'), strict=True))
+    length, length_error = known(found.link_length)
+    return _entry(
+        tree.Result,
+        answers[best.criterion],
+        schema=tree.SCHEMA,
+        not_covered=best.not_covered,
+        faults=[_entry(tree.FaultFound, fault) for fault in found.faults],
+        effects=[_entry(tree.EffectFound, effect) for effect in found.effects],
+        unmodelled=known(found.unmodelled),
+        advice=list(best.advice),
+        criterion=best.criterion,
+        model=best.model,
+        not_in_model=[f'{name}, for the effort of the {joints[name]} is zero throughout' for name in best.absent],
+        smoothing=known(found.smoothing),
+        prediction=_prediction(tree.SelectedPrediction, best, method=found.validation),
+        link_length=tree.LinkLength(value=length, std_error=length_error, expected=settings.link_length),
+        criteria=answers,
+        covariance=known(best.covariance[np.ix_(best.present, best.present)]),
+        covariance_rank=best.covariance_rank,
+        made_by=_entry(
+            tree.MadeBy,
+            settings,
+            version=__version__,
+            sliding_window=settings.sliding,
+            start=None if settings.start is None else list(astuple(settings.start)),
+            lower_bounds=known(settings.bounds.lower),
+            upper_bounds=known(settings.bounds.upper),
+        ),
+        reading=settings.reading.words(),
+        bags=list(sources),
+    )
+
+
+def _entry(kind: type[T], source: object, **others: Any) -> T:
+    """Return an entry of the result, with the attributes of the same names but for ``others``."""
+    names = {f.name for f in fields(kind)} - others.keys()  # type: ignore[arg-type]
+    return kind(**{name: known(getattr(source, name)) for name in names}, **others)
+
+
+def _answer(e: Estimate, found: Identification) -> tree.CriterionAnswer:
+    """Return the estimate of one criterion."""
+    quadratic, effort = math.isfinite(e.J_exact), e.effort
+    search = convergence = None
+    if e.runs is not None:
+        how, runs = found.settings.search(e.criterion, e.model)
+        search = _entry(tree.Search, how, runs=runs)
+        history = e.runs.history
+        generations = np.unique(np.rint(np.geomspace(1, len(history), SHOWN_GENERATIONS)).astype(int)) - 1
+        convergence = tree.Convergence(generations=known(generations), best=known(history[generations].T))
+    return _entry(
+        tree.CriterionAnswer,
+        e,
+        parameters={NAMES[k]: _parameter(e, k) for k in np.flatnonzero(e.present).tolist()},
+        effort=tree.EffortTaken(
+            hold=effort.hold,
+            delay=known(effort.delay),
+            delay_std_error=known(effort.std_error),
+            linear_lag=known(effort.delay + (found.interval / 2 if effort.hold == 'zero' else 0.0)),
+        ),
+        J=tree.CriterionValue(
+            unit=e.unit,
+            training=known(e.J),
+            training_runs=known(e.J_runs if quadratic else [e.J]),
+            least_squares=known(e.J_exact),
+            runs_at_least_squares=e.runs_at_minimum if quadratic and e.runs is not None else None,
+            residuals=known(e.residuals),
+            validation=known(e.J_validation),
+            validation_runs=known(e.J_validation_runs),
+        ),
+        prediction=_prediction(tree.Predicted, e),
+        zeros=_zeros(e),
+        mde=search,
+        convergence=convergence,
+        correlation=known(e.correlation[np.ix_(e.present, e.present)]),
+    )
+
+
+def _prediction(kind: type[T], e: Estimate, **others: Any) -> T:
+    fit = dict(zip(('q1', 'q2', 'dq1', 'dq2'), known(e.prediction.fit.T), strict=True))
+    return _entry(kind, e.prediction, horizons=list(HORIZONS), fit=fit, **others)
+
+
+def _parameter(e: Estimate, k: int) -> tree.Parameter:
+    held = bool(e.held[k])
+    low, high = known(e.intervals[k])
+    return tree.Parameter(
+        value=float(e.theta[k]),
+        std_error=known(e.std_error[k]),
+        degrees_of_freedom=known(np.broadcast_to(e.freedom, e.theta.shape)[k]),
+        interval=(low, high),
+        unit=UNITS[k],
+        on_bound=not (e.free[k] or held),
+        determined=None if held else bool(e.determined[k]),
+        held=held,
+    )
+
+
+def _zeros(e: Estimate) -> list[tree.ZeroFound]:
+    if e.zeros is None:
+        return []
+    angles, errors = (known(np.degrees(values)) for values in (e.zeros.angles, e.zeros.std_error))
+    columns = zip(e.zeros.recordings, *angles, *errors, strict=True)
+    return [
+        tree.ZeroFound(recording=name, q1=q1, q1_std_error=q1_error, q2=q2, q2_std_error=q2_error)
+        for name, q1, q2, q1_error, q2_error in columns
+    ]

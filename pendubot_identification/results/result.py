@@ -1,0 +1,379 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The result of an identification: one class for each part of a result file, with the names that the file has.
+
+Everything in it is what YAML and JSON can hold, so that file, ``--json``, report, messages and Python share it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import asdict, dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pendubot_identification import __version__
+from pendubot_identification.level import NORMAL_95, Level
+from pendubot_identification.model.parameters import Parameters
+from pendubot_identification.recordings.source import Source
+
+SCHEMA = 1
+
+
+def _read_by(read: Callable[[Any], Any]) -> Any:
+    """Return the type of entries that a function reads; pydantic 1 (of Ubuntu 24.04) and 2 ask for it differently."""
+
+    def schema(*_: object) -> Any:
+        from pydantic_core import core_schema
+
+        return core_schema.no_info_plain_validator_function(read)
+
+    asked = {'__get_validators__': lambda: iter([read]), '__get_pydantic_core_schema__': schema}
+    return type(read.__name__, (), {name: staticmethod(answer) for name, answer in asked.items()})
+
+
+def _number(value: Any) -> float | None:
+    if isinstance(value, (int, float, str)) and not isinstance(value, bool):
+        with suppress(ValueError, OverflowError):
+            return known(float(value))  # YAML reads 4e-4 as a text
+    raise ValueError('a number is expected')
+
+
+def _finite(value: Any) -> float:
+    if (number := _number(value)) is None:
+        raise ValueError('a number is expected')
+    return number
+
+
+def _level(value: Any) -> Level:
+    if value not in Level.__members__:
+        raise ValueError(f'one of {", ".join(Level.__members__)} is expected')
+    return Level[value]
+
+
+if TYPE_CHECKING:
+    Finite = float
+    Number = float | None
+    LevelByName = Level
+else:
+    Finite = _read_by(_finite)
+    Number = _read_by(_number) | None  #: None where it is unknown.
+    LevelByName = _read_by(_level)
+
+
+def known(value: Any) -> Any:
+    """Return a value in Python's own numbers, lists and dictionaries, with None for numbers that are not finite."""
+    if isinstance(value, (np.ndarray, np.generic)):
+        return known(value.tolist())
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, Mapping):
+        return {key: known(entry) for key, entry in value.items()}
+    return [known(entry) for entry in value] if isinstance(value, (list, tuple)) else value
+
+
+def plain(result: PartialResult) -> dict[str, Any]:
+    """Return a result as a dictionary that YAML and JSON can hold, with the keys and the order of its file."""
+
+    def named(entries: list[tuple[str, Any]]) -> dict[str, Any]:
+        return {key: value.name if isinstance(value, Level) else value for key, value in entries}
+
+    return asdict(result, dict_factory=named)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Parameter:
+    """An estimated parameter.
+
+    Attributes:
+        std_error: standard error, with ``degrees_of_freedom``, which are None for a normal distribution.
+        interval: the 95 % interval.
+        on_bound: whether the estimate lies on a bound of its search interval.
+        determined: whether the motion determines it; None for a parameter that was ``held`` at its value.
+    """
+
+    value: Finite
+    std_error: Number = None
+    degrees_of_freedom: Number = None
+    interval: tuple[Number, Number] = (None, None)
+    unit: str = ''
+    on_bound: bool | None = None
+    determined: bool | None = None
+    held: bool = False
+
+    @property
+    def quantile(self) -> float:
+        """Half-width of the 95 % interval in standard errors."""
+        high = self.interval[1]
+        return (high - self.value) / self.std_error if self.std_error and high is not None else NORMAL_95
+
+
+@dataclass(frozen=True, kw_only=True)
+class FaultFound:
+    """A convention that the recordings break, see :class:`.diagnosis.Fault`."""
+
+    name: str
+    found: str
+    remedy: str
+    unexplained: Number = None
+    put_right: Number = None
+    options: list[str] = field(default_factory=list)
+
+
+@dataclass(frozen=True, kw_only=True)
+class EffectFound:
+    """An unmodelled effect, see :class:`.effects.FoundEffect`."""
+
+    name: str
+    where: str
+    sizes: list[Number]
+    gain: Number = None
+    z: Number = None
+    accepted: bool = False
+    moved: list[Number] = field(default_factory=list)
+
+
+@dataclass(frozen=True, kw_only=True)
+class EffortTaken:
+    """Hold and delay [s] of the effort; ``linear_lag`` is the delay for linear interpolation between samples."""
+
+    hold: str = 'zero'
+    delay: Finite = 0.0
+    delay_std_error: Number = None
+    linear_lag: Finite = 0.0
+    unit: str = 's'
+
+
+@dataclass(frozen=True, kw_only=True)
+class ZeroFound:
+    """The errors of a recording's zeros: recorded minus true angles."""
+
+    recording: str
+    q1: Number
+    q1_std_error: Number
+    q2: Number
+    q2_std_error: Number
+    unit: str = 'degree'
+
+
+@dataclass(frozen=True, kw_only=True)
+class CriterionValue:
+    """J of the estimate and of each run of MDE, and its exact minimum where that is known."""
+
+    unit: str
+    training: Number
+    training_runs: list[Number]
+    least_squares: Number
+    runs_at_least_squares: int | None
+    residuals: int
+    validation: Number
+    validation_runs: list[Number]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Predicted:
+    """By horizon [s]: simulation errors in standard deviations, and the fit of each state in per cent."""
+
+    horizons: list[Finite]
+    error: list[Number]
+    persistence: list[Number]
+    fit: dict[str, list[Number]]
+    starts: list[int]
+
+
+@dataclass(frozen=True, kw_only=True)
+class SelectedPrediction(Predicted):
+    """The same of the selected criterion; ``method`` says which data were predicted from which."""
+
+    method: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class LinkLength:
+    """P3 / P5 by the elbow's equation of motion, and the measured length."""
+
+    value: Number
+    std_error: Number
+    expected: Number
+    unit: str = 'm'
+
+
+@dataclass(frozen=True, kw_only=True)
+class Search:
+    """Settings of MDE, see :class:`.mde.MDESettings`."""
+
+    runs: int
+    population: int
+    generations: int
+    per_component: bool
+    spread: Number
+
+
+@dataclass(frozen=True, kw_only=True)
+class Convergence:
+    """The best value of each run, a row a run, after increasing numbers of generations."""
+
+    generations: list[int]
+    best: list[list[Number]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class CriterionAnswer:
+    """The estimate by one criterion, see :class:`.estimate.Estimate`."""
+
+    parameters: dict[str, Parameter]
+    level: LevelByName
+    warnings: list[str]
+    consequences: list[str] = field(default_factory=list)
+    effort: EffortTaken
+    J: CriterionValue
+    prediction: Predicted
+    condition_number: Number
+    unexplained: Number
+    zeros: list[ZeroFound]
+    exact: bool
+    converged: bool
+    steps: list[str]
+    mde: Search | None
+    convergence: Convergence | None = None
+    uncertainty: str
+    correlation: list[list[Number]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Software:
+    """The version that made a result."""
+
+    version: str = 'of an unknown version'
+
+
+@dataclass(frozen=True, kw_only=True)
+class MadeBy(Software):
+    """The settings of an identification, see :class:`.settings.Settings`.
+
+    ``applied``: options for reading the recordings that the program chose itself.
+    """
+
+    criteria: list[str]
+    model: str
+    optimizer: str
+    sliding_window: Number
+    smoothing: Number
+    hold: str
+    delays: list[Finite]
+    start: list[Finite] | None
+    link_length: Number
+    seed: int
+    lower_bounds: list[Finite]
+    upper_bounds: list[Finite]
+    applied: list[str] = field(default_factory=list)
+
+
+def theta_of(parameters: Mapping[str, Parameter]) -> Parameters:
+    """Return the parameter vector; absent parameters are 0."""
+    return Parameters(**{name: entry.value for name, entry in parameters.items()})
+
+
+@dataclass(frozen=True, kw_only=True)
+class PartialResult:
+    """Parameters, and the other entries that every program may rely on; a file written by hand has parameters alone.
+
+    Attributes:
+        parameters: in the order of theta; those that are 0 may be absent.
+        level: None where the parameters were not assessed.
+        not_covered: by name, parameters that the level does not cover, and why; None in results of earlier versions.
+    """
+
+    schema: int = SCHEMA
+    parameters: dict[str, Parameter]
+    level: LevelByName | None = None
+    not_covered: dict[str, str] | None = None
+    warnings: list[str] = field(default_factory=list)
+    criterion: str | None = None
+    model: str | None = None
+    effort: EffortTaken = field(default_factory=EffortTaken)
+    effects: list[EffectFound] = field(default_factory=list)
+    made_by: Software = field(default_factory=Software)
+    bags: list[Source] = field(default_factory=list)
+
+    @property
+    def theta(self) -> Parameters:
+        """The parameter vector; absent parameters are 0."""
+        return theta_of(self.parameters)
+
+    def unphysical(self) -> list[str]:
+        """Return why no rig can have these parameters, in the words of an identification's warnings."""
+        return [f'not physical: {problem}' for problem in self.theta.unphysical()]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Result(PartialResult):
+    """The result of an identification.
+
+    ``field()`` makes entries required that may be absent from a partial result.
+
+    Attributes:
+        consequences: further findings that follow from a severe fault.
+        unmodelled: fraction of the innovations' variance at shoulder and elbow that no known effect explains.
+        not_in_model: the parameters that this rig cannot have, and why.
+        reading: how the recordings were read, see :class:`.conversion.Conversion`.
+        covariance_rank: below the number of parameters where it comes from few recordings; None in earlier results.
+    """
+
+    level: LevelByName = field()
+    warnings: list[str] = field()
+    criterion: str = field()
+    model: str = field()
+    effort: EffortTaken = field()
+    made_by: MadeBy = field()
+    bags: list[Source] = field()
+    consequences: list[str] = field(default_factory=list)
+    faults: list[FaultFound] = field(default_factory=list)
+    unmodelled: list[Number] | None = None
+    advice: list[str] = field(default_factory=list)
+    not_in_model: list[str] = field(default_factory=list)
+    zeros: list[ZeroFound]
+    smoothing: Finite
+    J: CriterionValue
+    prediction: SelectedPrediction
+    link_length: LinkLength
+    condition_number: Number
+    criteria: dict[str, CriterionAnswer]
+    covariance: list[list[Number]]
+    covariance_rank: int | None = None
+    reading: dict[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Tracked:
+    """The history of tracked parameters.
+
+    Attributes:
+        until: the last time [s].
+        notes: remarks, and how often each was made.
+        windows: informative windows, BAG@START:END.
+        events: changes, disturbances and losses, each with its kind, times [s] and text.
+        t: times [s]; at each the unexplained torque [N m], the parameters and their standard errors.
+    """
+
+    bags: list[str]
+    until: Finite
+    notes: dict[str, int]
+    windows: list[str]
+    events: list[dict[str, Any]]
+    t: list[Finite]
+    unexplained: list[Number]
+    values: dict[str, list[Finite]]
+    std_errors: dict[str, list[Number]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrackedResult(PartialResult):
+    """The newest parameters of a rig that was tracked, and their history."""
+
+    made_by: Software = field(default_factory=lambda: Software(version=__version__))
+    tracked: Tracked

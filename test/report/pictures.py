@@ -1,0 +1,62 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Made-up data for every picture of a report."""
+
+import functools
+
+import numpy as np
+
+from pendubot_identification.report import figures, plots
+from pendubot_identification.report.figure_data import Excitation, Residuals, Simulation, UnexplainedTorque
+from pendubot_identification.results.result import Parameter, PartialResult
+from pendubot_identification.trajectories.trajectory import Trajectory
+from test.identified import made
+
+
+def motion(samples=300, interval=0.01, name='swing', start=0.0):
+    t = start + np.arange(samples) * interval
+    q = np.column_stack([np.sin(t), np.cos(3 * t)])
+    return Trajectory(t, q, np.column_stack([np.sign(np.sin(9 * t)), 0 * t]), name=name)
+
+
+def simulation(**changes):
+    m = motion()
+    t = np.arange(3) + np.linspace(0, 1, 50)[:, None]
+    values = {'name': 'swing', 't': m.t, 'measured': np.vstack([m.q.T, m.q.T]), 'ahead': 1.0, 'simulated_t': t}
+    return Simulation(**values | {'simulated': np.zeros((50, 4, 3)), 'complete': True} | changes)
+
+
+def residuals(samples=300, interval=0.01, channels=3):
+    t = np.arange(samples) * interval
+    values = np.sin(t[:, None] * np.arange(1, channels + 1))
+    parts = (('swing', t, values), ('other', t, values))
+    lags, flat = np.arange(100) * interval, np.ones((100, channels))
+    return Residuals('weak', 'N m', tuple('abcd'[:channels]), parts, 0.3, lags, flat, 0.1)
+
+
+def unexplained_torque():
+    t = 0.02 * np.arange(200)
+    torque = np.column_stack([np.sin(7 * t), np.zeros_like(t)])
+    seen = {'its angle [rad]': np.concatenate([torque, torque]), 'its speed [rad/s]': np.zeros((400, 2))}
+    return UnexplainedTorque(('a', 'b'), (t, t), (torque, torque), seen)
+
+
+@functools.cache
+def every_picture():
+    result = made(optimizer='mde', criteria=('energy',))
+    energy = result.criteria['energy']
+    by_hand = PartialResult(parameters={'P1': Parameter(value=0.0022), 'Fc1': Parameter(value=0.1)})
+    timeline = plots.Timeline()
+    return [
+        plots.plot_recordings([motion()], [motion(start=3.0)]),
+        plots.plot_simulation(simulation(), timeline, validation=True),
+        plots.plot_residuals(residuals(), timeline),
+        figures.draw_whiteness(residuals()),
+        plots.plot_unexplained_torque(unexplained_torque(), timeline),
+        figures.draw_torque_means(unexplained_torque()),
+        *figures.draw_convergence('energy', energy.J.least_squares, energy.convergence),
+        figures.draw_parameters(result, (by_hand, 'by hand')),
+        *figures.draw_correlation(result),
+        figures.draw_excitation(list(result.parameters), Excitation(np.ones((7, 3)), np.ones((7, 3)), np.ones(3))),
+    ]
