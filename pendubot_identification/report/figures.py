@@ -84,9 +84,8 @@ def draw_convergence(criterion: str, least: float, convergence: Convergence) -> 
 @drawn
 def draw_parameters(result: Result, beside: Beside | None = None) -> Picture:
     """Draw each parameter with its 95 % interval by every criterion, and another result beside."""
-    selected = result.criterion
-    rows = [(f'{selected}, published', result.parameters, COLOURS[1])]
-    rows += [(n, answer.parameters, COLOURS[0]) for n, answer in result.criteria.items() if n != selected]
+    rows = [(f'{result.criterion}, selected', result.parameters, COLOURS[1])]
+    rows += [(n, answer.parameters, COLOURS[0]) for n, answer in result.criteria.items() if n != result.criterion]
     rows += [(beside[1], beside[0].parameters, MEASURED)] if beside else []
     names = list(result.parameters)
     lines = -(-len(names) // 2)

@@ -37,13 +37,18 @@ class Table:
 
     def html(self) -> Markup:
         """Return the table as HTML, and the notes below it, each a paragraph."""
-        head = ''.join(f'<th scope="col">{escape(typeset(cell))}</th>' for cell in self.head)
+        head = ''.join(f'<th scope="col">{_cell(cell)}</th>' for cell in self.head)
         rows = ''
         for first, *others in self.rows:
-            cells = ''.join(f'<td>{escape(typeset(cell))}</td>' for cell in others)
-            rows += f'<tr><th scope="row">{escape(typeset(first))}</th>{cells}</tr>\n'
+            cells = ''.join(f'<td>{_cell(cell)}</td>' for cell in others)
+            rows += f'<tr><th scope="row">{_cell(first)}</th>{cells}</tr>\n'
         notes = ''.join(f'<p class="note">{escape(note)}</p>' for note in self.notes)
         return Markup(f'<table><thead><tr>{head}</tr></thead>\n<tbody>{rows}</tbody></table>{notes}')
+
+
+def _cell(text: str) -> Markup:
+    """Return the HTML of a cell; a browser may break a line after a hyphen, but not after a minus sign."""
+    return escape(re.sub(r'(?<!\w)-(?=\d)|(?<=\de)-(?=\d)', '−', typeset(text)))
 
 
 def number(value: float | None, format: str = '') -> str:

@@ -126,7 +126,7 @@ def rounding(entries: Iterable[Parameter]) -> str:
 
 def _doubt(entry: Parameter) -> str:
     if entry.held:
-        return 'held'
+        return 'fixed'
     if entry.on_bound:
         return 'on its bound'
     return 'undetermined' if entry.determined is False else ''
@@ -158,11 +158,11 @@ def comparison_table(result: Result, truth: Mapping[str, float] | None = None) -
 
     rows = [
         [
-            f'{name} [{published.unit}]',
+            f'{name} [{selected.unit}]',
             *(cell(answer, name) for answer in result.criteria.values()),
             *([] if truth is None else [f'{truth[name]:{format}}']),
         ]
-        for name, published in result.parameters.items()
+        for name, selected in result.parameters.items()
     ]
     return Table(['', *result.criteria, *([] if truth is None else ['true value'])], rows)
 
@@ -192,7 +192,7 @@ def criterion_table(result: Result) -> Table:
         ['J training', *(number(a.J.training, '.4g') for a in answers)],
         ['J validation', *(number(a.J.validation, '.4g') for a in answers)],
         ['unit of J', *(a.J.unit for a in answers)],
-        ['effort acts later by [s]', *(_with_error(a.effort.delay, a.effort.delay_std_error, '.3g') for a in answers)],
+        ['input delay [s]', *(_with_error(a.effort.delay, a.effort.delay_std_error, '.3g') for a in answers)],
         ['condition number', *(number(a.condition_number, '.4g') for a in answers)],
         ['level', *(a.level.name for a in answers)],
     ]
@@ -200,7 +200,7 @@ def criterion_table(result: Result) -> Table:
 
 
 def _heads(result: Result) -> list[str]:
-    return [f'{name}, published' if name == result.criterion else name for name in result.criteria]
+    return [f'{name}, selected' if name == result.criterion else name for name in result.criteria]
 
 
 def run_table(result: Result) -> Table | None:
@@ -254,14 +254,14 @@ def data_sentences(result: Result) -> list[str]:
     effort, length = result.effort, result.link_length
     delay = _with_error(effort.delay, effort.delay_std_error, '.3g')
     sentences = [
-        f'The torque was taken as {HOLDS.get(effort.hold, effort.hold)}, and as acting later than it is stamped by '
-        f'{delay} s; states were smoothed over {result.smoothing} s.'
+        f'The torque was taken as {HOLDS.get(effort.hold, effort.hold)}, with an input delay of {delay} s; states were '
+        f'smoothed over {result.smoothing} s.'
     ]
     if length.value is not None:
         found = _with_error(length.value, length.std_error, '.4g')
         expected = f'; {length.expected} m was expected' if length.expected else ''
         sentences.append(
-            f"The elbow's own equation, in which no torque stands, gives the length of link 1 as {found} m{expected}."
+            f"The elbow's equation of motion, which contains no torque, gives {found} m as length of link 1{expected}."
         )
     return sentences
 
@@ -319,10 +319,10 @@ def consequences(result: Result) -> list[str]:
 def summary(result: Result) -> str:
     """Return all that a terminal shows of a result."""
     sources = [f'{b.role}: {b.bag}, {b.samples} samples, {b.duration:.2f} s' for b in result.bags]
-    published = f'published: the answer of {result.criterion}, {result.model} model'
+    selected = f'selected: the criterion {result.criterion}, {result.model} model'
     shown: list[str | Table | None] = [
         '\n'.join(sources),
-        f'{published}\n{parameter_table(result).text()}\n{wrapped(J_sentence(result))}',
+        f'{selected}\n{parameter_table(result).text()}\n{wrapped(J_sentence(result))}',
     ]
     # Where a fault of the recordings explains all that is odd, the rest would only hide it.
     if not result.consequences:

@@ -50,7 +50,7 @@ def test_everything_fits_a_terminal_and_needs_the_plain_data_alone(arguments):
     result = json.loads(json.dumps(plain(*arguments)))
     text = summary(typed(result))
     assert max(map(len, text.splitlines())) <= 120
-    assert f'published: the answer of {result["criterion"]}, {result["model"]} model' in text
+    assert f'selected: the criterion {result["criterion"]}, {result["model"]} model' in text
     assert not re.search(r'None|nan|Number', text)
     rows, criteria = columns(text), len(result['criteria'])
     for name, entry in result['parameters'].items():
