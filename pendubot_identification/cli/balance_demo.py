@@ -144,7 +144,7 @@ def _show(folder: Path, watcher: Watcher) -> int:
 
     from pendubot_identification.control.plan import deviation, held_since
     from pendubot_identification.model.parameters import BALANCE
-    from pendubot_identification.report.balance_figure import draw_balance
+    from pendubot_identification.report.plots import draw_balance
     from pendubot_identification.results.result_file import read_parameters
     from pendubot_identification.trajectories.trajectory import Trajectory
 

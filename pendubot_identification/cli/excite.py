@@ -86,7 +86,7 @@ def run(args: argparse.Namespace) -> int:
     from pendubot_identification.model.parameters import PAPER
     from pendubot_identification.optimizers.mde import MDESettings
     from pendubot_identification.optimizers.optimizer import require_runs
-    from pendubot_identification.report.excitation import excitation_table, motion_lines
+    from pendubot_identification.report.tables import excitation_table, motion_lines
     from pendubot_identification.results.result_file import read_estimate
 
     parameters, errors = (PAPER, None) if args.estimate is None else read_estimate(args.estimate)

@@ -11,6 +11,7 @@ from datetime import datetime, timezone
 from functools import partial
 from pathlib import Path
 
+from pendubot_identification import __version__
 from pendubot_identification.errors import PendubotError
 from pendubot_identification.files import OutputFolder
 from pendubot_identification.identify.effects import compensated
@@ -25,7 +26,7 @@ from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.trajectory import Trajectory
 
 from . import figure_data, figures, plots
-from .page import Bag, failure_page, result_page, track_page
+from .page import Bag, failure_page, render, result_page
 from .plots import Picture
 from .table import Table
 from .tables import Beside
@@ -106,7 +107,8 @@ def write_track(
         ResultError: the system refuses to write.
     """
     picture = plots.plot_track(*track)
-    page = track_page(track[0][-1], picture, table, happened, bags, result=bool(result))
+    about = {'version': __version__, 'state': track[0][-1], 'table': table, 'happened': happened, 'bags': bags}
+    page = render('track.html.jinja', [picture], result=bool(result), **about)
     return _write(folder, {'result.yaml': result} if result else {}, [picture] if static else (), page)
 
 

@@ -18,14 +18,12 @@ from typing import Any, NamedTuple
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
-from pendubot_identification import __version__
 from pendubot_identification.model.parameters import SPECIFICATIONS
 from pendubot_identification.results.result import Result
-from pendubot_identification.tracking.events import State
 
 from . import tables
 from .plots import Picture
-from .table import Table, typeset
+from .table import typeset
 from .time_plot import TimePlot
 
 
@@ -46,32 +44,17 @@ def result_page(
 ) -> str:
     """Return the page of a result, with another result ``beside`` it; ``notes`` say why a picture is missing."""
     meanings = {s.name: s.meaning for s in SPECIFICATIONS}
-    return _page(pictures, result=result, tables=tables, meanings=meanings, bags=bags, beside=beside, notes=notes)
+    shown = {'result': result, 'tables': tables, 'meanings': meanings, 'bags': bags, 'beside': beside, 'notes': notes}
+    return render('page.html.jinja', pictures, **shown)
 
 
 def failure_page(reason: str, asked: Sequence[str], pictures: Iterable[Picture] = ()) -> str:
     """Return the page of an identification that failed: why, what was asked for, and the data as far as they go."""
-    return _page(pictures, result=None, reason=reason, asked=asked)
+    return render('page.html.jinja', pictures, result=None, reason=reason, asked=asked)
 
 
-def track_page(
-    state: State, picture: Picture, table: Table, happened: Sequence[str], bags: Sequence[str], *, result: bool
-) -> str:
-    """Return the page of a rig that was tracked.
-
-    Args:
-        state: the newest.
-        picture: of all states, by :func:`.plots.plot_track`.
-        table: of the parameters at the end.
-        happened: the events in sentences.
-        bags: the tracked recordings.
-        result: whether a result file stands beside the page.
-    """
-    shown = {'state': state, 'table': table, 'happened': happened, 'bags': bags, 'result': result}
-    return _page([picture], 'track.html.jinja', version=__version__, **shown)
-
-
-def _page(pictures: Iterable[Picture], template: str = 'page.html.jinja', **context: Any) -> str:
+def render(template: str, pictures: Iterable[Picture], **context: Any) -> str:
+    """Return a page by its template, with pictures and whatever else the template shows."""
     folder = Path(__file__).parent
     environment = Environment(
         loader=FileSystemLoader(folder),

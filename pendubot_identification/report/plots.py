@@ -1,12 +1,14 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The plots over time of a report."""
+"""The plots over time of a report, and of a swing-up."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,7 +21,7 @@ from pendubot_identification.tracking.events import Change, Event, State
 from pendubot_identification.trajectories.trajectory import Trajectory
 
 from .figure_data import Residuals, Simulation, UnexplainedTorque
-from .style import SMALL, rendered, style
+from .style import GREY, SMALL, rendered, style
 from .time_plot import Line, Panel, Span, TimePlot
 
 Array = NDArray[np.float64]
@@ -47,12 +49,7 @@ class Picture:
 
 @dataclass(frozen=True, slots=True)
 class Timeline:
-    """The places of recordings, one after the other.
-
-    Attributes:
-        shifts: what to add to the times [s] of each recording, by its name.
-        begins: where each begins [s], in order; empty if there is only one.
-    """
+    """Recordings one after the other: what to add to the times [s] of each, and where each begins [s]."""
 
     shifts: Mapping[str, float] = field(default_factory=dict)
     begins: Sequence[float] = ()
@@ -62,7 +59,7 @@ class Timeline:
         """Return the places of these motions; parts of one recording keep their distance in time."""
         spans: dict[str, list[float]] = {}
         for motion in motions:
-            spans.setdefault(recording_of(motion.name), []).extend((float(motion.t[0]), float(motion.t[-1])))
+            spans.setdefault(_recording(motion.name), []).extend((float(motion.t[0]), float(motion.t[-1])))
         shifts: dict[str, float] = {}
         begins: list[float] = []
         end = None
@@ -74,10 +71,10 @@ class Timeline:
 
     def shift(self, name: str) -> float:
         """Return what to add to the times [s] of a recording, or of a part of it."""
-        return self.shifts.get(recording_of(name), 0.0)
+        return self.shifts.get(_recording(name), 0.0)
 
 
-def recording_of(name: str) -> str:
+def _recording(name: str) -> str:
     """Return the recording of a part with the name ``BAG@START:END``."""
     return name.rpartition('@')[0] or name
 
@@ -178,3 +175,19 @@ def plot_track(states: Sequence[State], events: Sequence[Event]) -> Picture:
         label = 'change' if changed else type(event).__name__.lower()
         spans.append(Span(begin, end, SIMULATED if changed else VALIDATION, label))
     return Picture('track', TimePlot(panels, spans))
+
+
+def draw_balance(path: Path, motion: Trajectory, limit: float) -> None:
+    """Draw the angles of a swing-up from upright, and the torque with its limit [N m], into a picture file."""
+    t = motion.t - motion.t[0]
+    angles = [
+        Line(label, [(t, np.degrees(np.remainder(angle + math.pi / 2, 2 * math.pi) - math.pi))], colour, 0.5, 'dots')
+        for label, angle, colour in zip(
+            ('link 1', 'link 2'), (motion.q[:, 0], motion.q.sum(axis=1)), COLOURS, strict=False
+        )
+    ]
+    limits = [Line('', [(t[[0, -1]], np.full(2, bound))], GREY) for bound in (-limit, limit)]
+    torque = Line('', [(t, motion.tau[:, 0])], MEASURED, 0.7, 'steps')
+    panels = [Panel('from upright', 'degrees', angles, (-185, 185)), Panel('torque', 'N m', [torque, *limits])]
+    picture = Picture('balance', TimePlot(panels))
+    path.write_bytes(picture.files(path.suffix[1:])[path.suffix[1:]])

@@ -118,7 +118,7 @@ class TimePlot:
             handles, earlier = axis.get_legend_handles_labels()[0], labels
             labels = [line['label'] for line in panel['lines'] if line['label']]
             if len(handles) > 1 and labels != earlier:
-                axis.legend(handles=handles, loc='upper right', ncols=4)
+                axis.legend(handles=handles, loc='lower left', bbox_to_anchor=(0, 1), ncols=4, borderaxespad=0.2)
         shown = axes[0].get_xlim()
         for number, begin in enumerate(self.boundaries, 1):
             if shown[0] < begin < shown[1]:
@@ -143,7 +143,7 @@ def _draw(axis: Any, line: dict[str, Any]) -> None:
     if line['style'] == 'steps':
         how['drawstyle'] = 'steps-post'
     if line['style'] == 'dots':
-        how |= {'linestyle': '', 'marker': '.'}
+        how |= {'linestyle': '', 'marker': '.', 'markersize': 4 * line['width']}
     axis.plot(t, y, **how)
 
 

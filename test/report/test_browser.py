@@ -9,8 +9,10 @@ import shutil
 import numpy as np
 import pytest
 
+from pendubot_identification.files import OutputFolder
 from pendubot_identification.level import NORMAL_95, Level
-from pendubot_identification.report.page import result_page, track_page
+from pendubot_identification.report.folder import write_track
+from pendubot_identification.report.page import result_page
 from pendubot_identification.report.plots import plot_track
 from pendubot_identification.report.table import Table
 from pendubot_identification.tracking.events import Change, Disturbance, State
@@ -200,27 +202,15 @@ def test_on_a_telephone_nothing_is_wider_than_the_screen(opened, script):
 
 def test_what_became_of_parameters_is_explored_beside_what_happened(opened, tmp_path):
     rng = np.random.default_rng(1)
+    values = 1 + 0.01 * rng.standard_normal((100, 9))
     states = [
-        State(
-            float(t),
-            np.ones(9) + 0.01 * rng.standard_normal(9),
-            np.full(9, 0.01 + 1 / (1 + t)),
-            0.0,
-            0.001,
-            Level.OK,
-            (),
-            0.1,
-            True,
-        )
-        for t in range(100)
+        State(float(t), theta, np.full(9, 0.01 + 1 / (1 + t)), 0.0, 0.001, Level.OK, (), 0.1, True)
+        for t, theta in enumerate(values)
     ]
     states[0] = states[0]._replace(std_error=np.full(9, np.inf))
     events = [Change(40.0, 41.0, 'payload on link 2', {'P2': (0.1, 0.01)}), Disturbance(60.0, 60.5)]
-    file = tmp_path / 'report.html'
     table, happened = Table(['', 'value'], [['P1', '1 +- 0.1']]), [str(event) for event in events]
-    file.write_text(
-        track_page(states[-1], plot_track(states, events), table, happened, ['day'], result=False), encoding='utf-8'
-    )
+    file = write_track(OutputFolder(tmp_path / 'look'), (states, events), table, happened, ['day'], '')
     assert plot_track(states[:1], []).content.data()['panels'], 'of one state, too'
     page = opened(file)
     before = page.evaluate(RANGES)['track']

@@ -14,7 +14,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pendubot_identification.report import figures, plots
-from pendubot_identification.report.balance_figure import draw_balance
 from pendubot_identification.report.time_plot import Line, Panel, TimePlot, envelope, joined
 from pendubot_identification.trajectories.trajectory import Trajectory
 from test.identified import plain
@@ -115,7 +114,7 @@ def test_small_values_are_shown_in_powers_of_ten_that_their_label_says(largest, 
 def test_a_swing_up_shows_both_links_from_upright_the_torque_and_its_limit(tmp_path):
     t = np.arange(200) * 0.01
     q = np.column_stack([np.linspace(-math.pi / 2, math.pi / 2, 200), np.zeros(200)])
-    draw_balance(tmp_path / 'a.svg', Trajectory(t, q, np.column_stack([np.sin(t), 0 * t])), 2.0)
+    plots.draw_balance(tmp_path / 'a.svg', Trajectory(t, q, np.column_stack([np.sin(t), 0 * t])), 2.0)
     text = (tmp_path / 'a.svg').read_text()
     for words in ('[degrees]', 'link 1', 'link 2', '[N m]', 'time [s]'):
         assert f'<!-- {words}' in text or f'\n{words} -->' in text, words
