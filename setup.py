@@ -53,7 +53,7 @@ setup(
         'matplotlib>=3.6',
         'jinja2>=3.0',
         'markupsafe',
-        'pydantic>=1.10',
+        'pydantic>=1.10,!=2.0.*,!=2.1.*,!=2.2.*,!=2.3.*,!=2.4.*,!=2.5.*',
         'PyYAML>=6.0',
         'tqdm>=4.66',
     ],

@@ -37,7 +37,6 @@ def assemble_result(found: Identification, sources: Sequence[Source]) -> tree.Re
     return _entry(
         tree.Result,
         answers[best.criterion],
-        schema=tree.SCHEMA,
         not_covered=best.not_covered,
         faults=[_entry(tree.FaultFound, fault) for fault in found.faults],
         effects=[_entry(tree.EffectFound, effect) for effect in found.effects],

@@ -82,7 +82,7 @@ def plain(result: PartialResult) -> dict[str, Any]:
     def named(entries: list[tuple[str, Any]]) -> dict[str, Any]:
         return {key: value.name if isinstance(value, Level) else value for key, value in entries}
 
-    return asdict(result, dict_factory=named)
+    return {'schema': SCHEMA, **asdict(result, dict_factory=named)}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -288,7 +288,6 @@ class PartialResult:
         not_covered: by name, parameters that the level does not cover, and why; None in results of earlier versions.
     """
 
-    schema: int = SCHEMA
     parameters: dict[str, Parameter]
     level: LevelByName | None = None
     not_covered: dict[str, str] | None = None

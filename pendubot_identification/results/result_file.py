@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import reprlib
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, TypeVar
@@ -48,10 +47,9 @@ def read_result(path: Path) -> PartialResult:
         ResultError: there is no such file, it has another schema, or an entry is wrong.
     """
     data = _read(path)
-    partial = structured(PartialResult, data, path)
     with suppress(ResultError):
         return structured(Result, data, path)
-    return partial
+    return structured(PartialResult, data, path)
 
 
 def read_complete_result(path: Path) -> Result:
@@ -101,14 +99,16 @@ def structured(kind: type[T], data: Any, file: object) -> T:
     except pydantic.ValidationError as error:
         problem = error.errors()[0]
     path = [key for key in problem['loc'] if key != '__root__']
-    found, expected = data, problem['msg'].removeprefix('Value error, ')
+    found, said = data, problem['msg'].removeprefix('Value error, ').replace('Input', 'input')
     try:
         for key in path:
             found = found[key]
-        said = f'is {reprlib.repr(found)}: {expected[:1].lower()}{expected[1:]}'
+        if not isinstance(found, dict):
+            said = f'is {found!r}; {said}'
     except (LookupError, TypeError):
         said = 'is missing'
-    raise ResultError(f'{file}: {".".join(map(str, path))} {said}; {EXPECTED}, as it wrote it')
+    entry = '.'.join(map(str, path)) or 'the result'
+    raise ResultError(f'{file}: {entry} {said}; {EXPECTED}, as it wrote it')
 
 
 def _read(path: Path) -> dict[str, Any]:

@@ -178,15 +178,15 @@ def test_handwritten_numbers_are_read(tmp_path):
 @pytest.mark.parametrize(
     ('entry', 'sentence'),
     [
-        ({'value': 'much'}, "parameters.b2.value is 'much': a number is expected; name a file that pendubot identify"),
-        ({'value': None}, 'parameters.b2.value is None: .*; name a file that pendubot identify wrote'),
-        ({'value': float('nan')}, 'parameters.b2.value is nan: a number is expected'),
-        ({'value': True}, 'parameters.b2.value is True: a number is expected'),
+        ({'value': 'much'}, "parameters.b2.value is 'much'; a number is expected; name a file that pendubot identify"),
+        ({'value': None}, 'parameters.b2.value is None; .*; name a file that pendubot identify wrote'),
+        ({'value': float('nan')}, 'parameters.b2.value is nan; a number is expected'),
+        ({'value': True}, 'parameters.b2.value is True; a number is expected'),
         ({'std_error': 1.0}, 'parameters.b2.*value'),
-        (0.1, 'parameters.b2 is 0.1: .*dict'),
-        ({'value': 1.0, 'interval': 0.1}, 'parameters.b2.interval is 0.1: .*tuple'),
-        ({'value': 1.0, 'interval': [1, 'b']}, "parameters.b2.interval.1 is 'b': a number is expected"),
-        ({'value': 1.0, 'unit': [3]}, r'parameters.b2.unit is \[3\]: .*str'),
+        (0.1, 'parameters.b2 is 0.1; .*dict'),
+        ({'value': 1.0, 'interval': 0.1}, 'parameters.b2.interval is 0.1; .*tuple'),
+        ({'value': 1.0, 'interval': [1, 'b']}, "parameters.b2.interval.1 is 'b'; a number is expected"),
+        ({'value': 1.0, 'unit': [3]}, r'parameters.b2.unit is \[3\]; .*str'),
         (None, 'has no parameter vector: check b2; one number each is expected for P1, P2'),
     ],
 )
