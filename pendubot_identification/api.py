@@ -376,4 +376,4 @@ class Identified:
 
         said = [f'{self.level.name}: {sentence}' for sentence in self.warnings or [verdict(self.result)]]
         paragraphs = ''.join(f'<p>{html.escape(sentence)}</p>' for sentence in said)
-        return paragraphs + parameter_table(self.result).html() + prediction_table(self.result).html()
+        return f'{paragraphs}{parameter_table(self.result).html()}{prediction_table(self.result).html()}'

@@ -108,8 +108,8 @@ def test_a_notebook_shows_verdict_and_tables(found):
     doubtful = replace(found, result=replace(found.result, level=Level.WARN, warnings=['P1 < P2 & so on']))
     shown = ElementTree.fromstring(f'<div>{doubtful._repr_html_()}</div>')
     assert shown.find('p').text == 'WARN: P1 < P2 & so on'
-    rows = shown.find('table').findall('tr')
-    assert [row[0].text for row in rows[1:3]] == ['P1 [kg m^2]', 'P2 [kg m^2]']
+    rows = list(shown.find('table').iter('tr'))
+    assert [row[0].text for row in rows[1:3]] == ['P1 [kg m²]', 'P2 [kg m²]']
     assert 'the 95 % intervals hold, given the torque scale' in found._repr_html_()
     assert 'P1=0.0022' in repr(found)
 

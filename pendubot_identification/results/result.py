@@ -9,7 +9,7 @@ Everything in it is what YAML and JSON can hold, so that file, ``--json``, repor
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -27,13 +27,18 @@ SCHEMA = 1
 def _read_by(read: Callable[[Any], Any]) -> Any:
     """Return the type of entries that a function reads; pydantic 1 (of Ubuntu 24.04) and 2 ask for it differently."""
 
-    def schema(*_: object) -> Any:
-        from pydantic_core import core_schema
+    class Entry:
+        @classmethod
+        def __get_validators__(cls) -> Iterator[Callable[[Any], Any]]:
+            yield read
 
-        return core_schema.no_info_plain_validator_function(read)
+        @classmethod
+        def __get_pydantic_core_schema__(cls, _: object, handler: Any) -> Any:
+            from pydantic import PlainValidator
 
-    asked = {'__get_validators__': lambda: iter([read]), '__get_pydantic_core_schema__': schema}
-    return type(read.__name__, (), {name: staticmethod(answer) for name, answer in asked.items()})
+            return PlainValidator(read).__get_pydantic_core_schema__(Any, handler)
+
+    return Entry
 
 
 def _number(value: Any) -> float | None:
