@@ -25,10 +25,10 @@
     }
   }
   const shown = ({ chart }) => [chart.scales.x.min, chart.scales.x.max];
-  function widen(panel, factor, about = null) {
+  function widen(panel, factor) {
     const [low, high] = shown(panel), [first, last] = panel.extent;
-    const middle = about === null ? (low + high) / 2 : about;
-    const [a, b] = [middle - (middle - low) * factor, middle + (high - middle) * factor];
+    const middle = (low + high) / 2, reach = (high - low) / 2 * factor;
+    const [a, b] = [middle - reach, middle + reach];
     if (b - a >= last - first) zoom(null);
     else if (b - a > 1e-3 * (last - first)) zoom(a, b); // the data are thinned: closer there is nothing to see
   }
@@ -144,13 +144,6 @@
     panels.push(panel);
 
     const over = panel.chart.over;
-    over.addEventListener('wheel', (event) => {
-      if (!event.ctrlKey && !event.shiftKey) return; // the page scrolls
-      event.preventDefault();
-      const [low, high] = shown(panel), turned = event.deltaY || event.deltaX;
-      if (event.shiftKey) shift(panel, Math.sign(turned) * (high - low) / 10);
-      else widen(panel, turned > 0 ? 1.25 : 0.8, panel.chart.posToVal(event.offsetX, 'x'));
-    }, { passive: false });
     let held = null;
     over.addEventListener('pointerdown', (event) => {
       if (event.shiftKey || event.pointerType === 'touch') held = event.clientX;

@@ -116,15 +116,12 @@ def test_intervals_are_by_the_degrees_of_freedom_of_their_standard_errors():
     assert '± 0.31' in comparison_table(typed(result)).text()
 
 
-@pytest.mark.parametrize('accepted', [True, False])
-def test_effects_are_shown_whether_compensated_or_not(accepted):
-    result = plain()
+@pytest.mark.parametrize(('accepted', 'said'), [(True, 'compensated'), (False, 'possible')])
+def test_effects_are_shown_whether_compensated_or_not(accepted, said):
     effect = {'name': 'dead zone', 'where': 'motor', 'sizes': [0.02], 'gain': 81.2, 'z': 7.3, 'moved': [0.01] * 5}
-    result['effects'] = [effect | {'accepted': accepted}]
-    rows = columns(effects_table(typed(result)).text())
-    assert rows['dead zone (motor)'] == ['compensated' if accepted else 'possible', '81', '7.3']
-    result |= {'unmodelled': None, 'effects': []}
-    assert effects_table(typed(result)) is None
+    result = plain() | {'effects': [effect | {'accepted': accepted}]}
+    assert columns(effects_table(typed(result)).text())['dead zone (motor)'] == [said, '81', '7.3']
+    assert effects_table(typed(result | {'unmodelled': None, 'effects': []})) is None
 
 
 def test_warnings_come_last_and_the_level_first():
