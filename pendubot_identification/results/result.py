@@ -55,7 +55,7 @@ def _finite(value: Any) -> float:
 
 
 def _level(value: Any) -> Level:
-    if value not in Level.__members__:
+    if not isinstance(value, str) or value not in Level.__members__:
         raise ValueError(f'one of {", ".join(Level.__members__)} is expected')
     return Level[value]
 
