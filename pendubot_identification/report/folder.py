@@ -131,7 +131,7 @@ def _of_motions(result: Result, training: Sequence[Trajectory], validation: Sequ
         for recorded in (training, validation)
     )
     scale, asked = state_scale(estimating), settings(result)
-    effects = figure_data.known_effects(estimating, result.effects)
+    effects = figure_data.known_effects(estimating, best.delay, result.effects)
     estimating, validating = (
         [compensated(motion, effects, best.delay) for motion in motions] for motions in (estimating, validating)
     )
