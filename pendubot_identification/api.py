@@ -346,8 +346,8 @@ class Identified:
         """
         write_result(Path(path), self.result, overwrite=overwrite)
 
-    def report(self, folder: File, *, overwrite: bool = False) -> Path:
-        """Write a page with figures, and the result beside it; return where the page is.
+    def report(self, folder: File, *, overwrite: bool = False, figures: bool = False) -> Path:
+        """Write a page with figures, these also as SVG and PNG if asked for, and the result; return where the page is.
 
         Raises:
             PendubotError: the folder holds something already, or cannot be written.
@@ -355,7 +355,7 @@ class Identified:
         from .report.folder import write_report
 
         with OutputFolder(Path(folder), overwrite=overwrite) as made:
-            return write_report(made, self.result, self.motions, None, (), lambda what, done, of, best: None)
+            return write_report(made, self.result, self.motions, None, (), lambda *_: None, static=figures)
 
     def export(self, format: str, *, link_length: float | None = None, torque_limit: float | None = None) -> str:
         """Return the text of a file, see :meth:`Pendubot.export`; it also says where the numbers come from."""
