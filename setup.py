@@ -67,7 +67,7 @@ setup(
         'docs': ['myst-parser', 'sphinx'],
         # What benchmarks/speed measures itself against.
         'benchmark': ['minionpy', 'mujoco[sysid]', 'numba', 'pygmo', 'pymoo'],
-        # What else exported rigs are held against, and an example needs; 1 GB, so these tests are skipped without them.
+        # What else benchmarks.exports compares exported rigs with, and an example needs; 1 GB.
         'engines': ['casadi', 'drake', 'pin'],
         'test': [
             'colcon-common-extensions',

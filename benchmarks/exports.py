@@ -3,14 +3,103 @@
 
 """Print the differences between exported rigs in other engines and this package: ``python -m benchmarks.exports``."""
 
+import importlib
+import tempfile
+
 import mujoco
 import numpy as np
 
 from pendubot_identification.formats.masses import rig_of
-from pendubot_identification.formats.robots import mjcf
-from pendubot_identification.model.parameters import Parameters
+from pendubot_identification.formats.robots import mjcf, urdf
+from pendubot_identification.model.dynamics import GRAVITY
+from pendubot_identification.model.parameters import MODELS, Parameters
 from pendubot_identification.model.rollout import roll
-from test.formats.test_engines import CASES, Mujoco, compared, smooth, states, thetas
+from test.formats.test_engines import STEP, STEPS, Mujoco, compared, smooth, states, thetas
+
+
+def integrated(acceleration, q, v):
+    """The states after each step, for engines that do not integrate."""
+
+    def slope(x):
+        return np.array([*x[2:], *acceleration(x[:2], x[2:])])
+
+    x, found = np.array([*q, *v]), []
+    for _ in range(STEPS):
+        a = slope(x)
+        b = slope(x + STEP / 2 * a)
+        c = slope(x + STEP / 2 * b)
+        x = x + STEP / 6 * (a + 2 * b + 2 * c + slope(x + STEP * c))
+        found.append(x)
+    return np.array(found)
+
+
+class Pinocchio:
+    """A file in Pinocchio; its accelerations are integrated here."""
+
+    def __init__(self, text, parameters):
+        self.engine = importlib.import_module('pinocchio')
+        if '<mujoco' in text:
+            with tempfile.NamedTemporaryFile('w', suffix='.xml') as file:
+                file.write(text)
+                file.flush()
+                self.model = self.engine.buildModelFromMJCF(file.name)
+        else:
+            self.model = self.engine.buildModelFromXML(text)
+            self.model.armature = np.array([0.0, parameters.J2])
+        self.data, self.damping = self.model.createData(), np.array([parameters.b1, parameters.b2])
+
+    def at(self, q):
+        """Its own coordinates; a joint without limits has two."""
+        return self.engine.integrate(self.model, self.engine.neutral(self.model), q)
+
+    def terms(self, q, v):
+        M = self.engine.crba(self.model, self.data, self.at(q))
+        return np.triu(M) + np.triu(M, 1).T, self.engine.nonLinearEffects(self.model, self.data, self.at(q), v).copy()
+
+    def motion(self, q, v, tau):
+        def acceleration(q, v):
+            return self.engine.aba(self.model, self.data, self.at(q), v, tau - self.damping * v)
+
+        return integrated(acceleration, q, v)
+
+
+class Drake:
+    """A file in Drake."""
+
+    def __init__(self, text, parameters):
+        multibody, parsing = (importlib.import_module(f'pydrake.multibody.{name}') for name in ('plant', 'parsing'))
+        self.plant = plant = multibody.MultibodyPlant(0.0)
+        parsing.Parser(plant).AddModelsFromString(text, 'urdf')
+        plant.WeldFrames(plant.world_frame(), plant.GetFrameByName('base_link'))
+        plant.mutable_gravity_field().set_gravity_vector([0.0, 0.0, -GRAVITY])
+        plant.Finalize()
+        p = parameters
+        damping = [plant.GetJointByName(name).default_damping() for name in ('shoulder', 'elbow')]
+        assert damping == [p.b1, p.b2]
+        self.context, self.rotor = plant.CreateDefaultContext(), np.diag([0.0, p.J2])
+        self.damping = np.array(damping)
+
+    def terms(self, q, v):
+        self.plant.SetPositions(self.context, q)
+        self.plant.SetVelocities(self.context, v)
+        gravity = self.plant.CalcGravityGeneralizedForces(self.context)
+        return self.plant.CalcMassMatrix(self.context) + self.rotor, self.plant.CalcBiasTerm(self.context) - gravity
+
+    def motion(self, q, v, tau):
+        def acceleration(q, v):
+            M, bias = self.terms(q, v)
+            return np.linalg.solve(M, tau - bias - self.damping * v)
+
+        return integrated(acceleration, q, v)
+
+
+CASES = [
+    *((Mujoco, mjcf, model) for model in MODELS),
+    (Pinocchio, mjcf, 'geared'),
+    (Mujoco, urdf, 'geared'),
+    (Pinocchio, urdf, 'geared'),
+    (Drake, urdf, 'geared'),
+]
 
 
 def integrators():

@@ -150,10 +150,7 @@ def known_effects(motions: Sequence[Motion], delay: float, listed: Sequence[Effe
 def simulate_beside(motions: Sequence[Motion], answer: Answer, scale: Array) -> Simulation:
     """Simulate recordings from measured states on, and return the worst predicted part of one of them.
 
-    Args:
-        motions: the recordings.
-        answer: the parameters of the simulation.
-        scale: standard deviations of the states, shape (4,), the unit of the errors.
+    ``scale``: standard deviations of the states, shape (4,), the unit of the errors.
 
     Raises:
         TrajectoryError: the recordings are too short to be simulated.
@@ -233,12 +230,7 @@ def _autocorrelation(parts: Sequence[Array], lags: int) -> Array:
 
 
 def excitation(motions: Sequence[Motion], answer: Answer, names: Collection[str] = NAMES) -> Excitation:
-    """Return the effect of each parameter, and its part that no other parameter can imitate.
-
-    Args:
-        motions: the training data.
-        answer: by any criterion; the rows are always those of ``weak``.
-        names: of the D parameters of the model on this rig.
+    """Return the effect of each parameter of these names in the rows of ``weak``, on training data.
 
     Raises:
         TrajectoryError: the recordings are shorter than a test function.

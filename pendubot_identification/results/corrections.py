@@ -33,20 +33,21 @@ def identify_recordings(
         PendubotError: the recordings cannot be read or are too little informative, and no correction applies.
     """
     given = settings.reading.options()
-    for remaining in reversed(range(TIMES + 1)):
+    remaining = TIMES if apply_remedies else 0
+    while True:
         applied = settings.applied
-        notes = [f'applied, as the recordings need it: {" ".join(applied)}'] * bool(applied)
+        notes = [f'applied, as the recordings need it: {" ".join(applied)}'] if applied else []
         try:
             data = load(settings.reading)
             found = identify(data.training, data.validation, settings, progress, [*data.notes, *notes])
             corrected = found.corrected_conversion
+            if corrected is None or not remaining:
+                return found, data
         except PendubotError as error:
-            if not (apply_remedies and remaining and error.remedy):
+            if not (remaining and error.remedy):
                 raise
             corrected = Conversion.of(settings.reading.words() | error.remedy)
             if corrected == settings.reading:
                 raise
-        if corrected is None or not apply_remedies or not remaining:
-            return found, data
+        remaining -= 1
         settings = replace(settings, reading=corrected, applied=tuple(o for o in corrected.options() if o not in given))
-    raise AssertionError('the last time returns or raises')

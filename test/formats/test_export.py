@@ -77,12 +77,6 @@ def test_c_compiles_without_a_warning_and_keeps_every_digit(result, theta, tmp_p
     np.testing.assert_array_equal([float(line) for line in run.stdout.split()], theta)
 
 
-def test_yaml_holds_the_parameters_of_a_node(result, theta):
-    parameters = yaml.safe_load(written('yaml', result))['/**']['ros__parameters']
-    assert list(parameters) == list(NAMES[:7])
-    np.testing.assert_array_equal(list(parameters.values()), theta)
-
-
 @pytest.mark.ros
 def test_a_node_of_any_name_loads_the_yaml(result, theta, tmp_path):
     import rclpy
