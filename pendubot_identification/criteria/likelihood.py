@@ -26,7 +26,7 @@ from scipy.optimize import lsq_linear
 
 from pendubot_identification.model.dynamics import SIGN_WIDTH
 from pendubot_identification.model.filter import Samples, Term, Vectors, innovations
-from pendubot_identification.model.parameters import LARGEST_COUPLING
+from pendubot_identification.model.parameters import repaired
 from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.signals import encoder_step
 
@@ -468,7 +468,7 @@ def fit(
         progress: called with J after every iteration.
     """
     sought = lower < upper
-    x = np.clip(x, lower, upper)
+    x = repaired(np.clip(x, lower, upper))
     damping, converged, number = 1e-3, False, 0
     reach = np.where(np.arange(len(x)) < likelihood.shared, np.inf, 1.0)  # of noise: e times at once
     now = likelihood.evaluate(x, sought)
@@ -486,11 +486,8 @@ def fit(
             if gain < tolerance:
                 converged = True
                 break
-            trial = x + step
-            with np.errstate(all='ignore'):
-                value = np.inf
-                if physical(trial):
-                    value = float(likelihood.costs(trial).sum()) + likelihood.prior(trial)
+            trial = repaired(x + step)
+            value = float(likelihood.costs(trial).sum()) + likelihood.prior(trial)
             if value < cost - 0.01 * gain:
                 after = likelihood.evaluate(trial, sought)
                 if np.isfinite(after.informations).all():
@@ -510,11 +507,6 @@ def fit(
     margin = 1e-9 * np.maximum(upper - lower, 0)
     free = sought & (x > lower + margin) & (x < upper - margin)
     return LikelihoodFit(x, free, cost, now, information, number, converged)
-
-
-def physical(x: Array) -> bool:
-    """Tell whether P1 to P3, the first of the unknowns, make M(q) positive definite for every q."""
-    return bool(x[0] > 0 and x[1] > 0 and x[2] ** 2 <= LARGEST_COUPLING**2 * x[0] * x[1])
 
 
 def bounded_step(

@@ -21,11 +21,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pendubot_identification.errors import TrajectoryError
-from pendubot_identification.model.parameters import Bounds
+from pendubot_identification.model.parameters import Bounds, repaired
 from pendubot_identification.model.rollout import roll, sensitivities
 from pendubot_identification.trajectories.motion import Motion
 
-from .likelihood import FilterData, bounded_step, physical
+from .likelihood import FilterData, bounded_step
 
 Array = NDArray[np.float64]
 
@@ -223,9 +223,7 @@ class _Criterion:
         return r / scales[0][:, :, None] / scales[1][self.simulations.recording], states
 
     def value(self, theta: Array, scales: _Scales) -> float:
-        """Return J without the logarithms; infinite where a simulation is lost or the mass matrix is impossible."""
-        if not physical(theta):
-            return np.inf
+        """Return J without the logarithms; infinite where a simulation is lost."""
         z, _ = self._scaled(theta, scales)
         step = theta - self.first
         cost = float(step @ self.prior @ step / 2 + self.pull @ step + self.eps / 2 * (z * z).sum())
@@ -258,11 +256,12 @@ def _descend(criterion: _Criterion, theta: Array, scales: _Scales, bounds: Bound
         information = informations.sum(axis=0) + criterion.prior
         for _ in range(8):
             step, gain = bounded_step(information, slope, damping, bounds.lower - theta, bounds.upper - theta, sought)
-            after = criterion.value(theta + step, scales) if gain > 0.01 * settings.tolerance else np.inf
+            trial = repaired(theta + step)
+            after = criterion.value(trial, scales) if gain > 0.01 * settings.tolerance else np.inf
             if after < cost or gain <= 0.01 * settings.tolerance:
                 break
             damping *= 10
         if not after < cost:
             break
-        theta, cost, damping = theta + step, after, damping / 5
+        theta, cost, damping = trial, after, damping / 5
     return theta, begin - cost

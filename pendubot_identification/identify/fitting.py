@@ -24,11 +24,10 @@ from pendubot_identification.criteria.likelihood import (
     LikelihoodSettings,
     bounded_step,
     fit,
-    physical,
 )
 from pendubot_identification.criteria.prediction_error import refine
 from pendubot_identification.errors import TrajectoryError
-from pendubot_identification.model.parameters import MODELS, NAMES, Bounds
+from pendubot_identification.model.parameters import MODELS, NAMES, Bounds, repaired
 from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.signals import choose_smoothing
 from pendubot_identification.trajectories.trajectory import Trajectory
@@ -193,9 +192,7 @@ class Composite:
         step, _ = bounded_step(
             rest, pull, 1e-6, bounds.lower - self.theta, bounds.upper - self.theta, bounds.lower < bounds.upper
         )
-        # Theta itself where no part of the step is physical: it may lie on the edge, or beyond by a rounding error.
-        parts = (self.theta + step / 2**halvings for halvings in range(30))
-        return np.asarray(next(filter(physical, parts), self.theta))
+        return repaired(self.theta + step)
 
 
 @dataclass(frozen=True, slots=True)
@@ -437,16 +434,14 @@ def _exact_fit(data: TrainingData, all_intervals: Problem, progress: Progress) -
     filter_data = FilterData.of(data.motions, native)
     like = all_intervals.likelihood.of(filter_data)
     quantum = np.log(filter_data.quantization) / 2
-    start = np.append(all_intervals.fit.x[:at], [*quantum, *np.log(noise[:, 2:].min(axis=0))])
     lower, upper = (np.append(each[:at], each[at : at + 4]) for each in (all_intervals.lower, all_intervals.upper))
     lower[at : at + 2] -= 1.0
+    upper[at:] = [*quantum + math.log(SETTINGS.quantized), *np.log(math.sqrt(0.1) * quiet)]
+    start = np.append(all_intervals.fit.x[:at], [*quantum, *np.log(noise[:, 2:].min(axis=0))])
     progress('likelihood: all samples', 0, 0, math.nan)
     try:
         found = fit(like, start, lower, upper, 15, 0.02)
     except FloatingPointError:
-        return None
-    last = np.exp(found.x[at:])
-    if (last[2:] / math.sqrt(0.1) > quiet).any() or (last[:2] / np.exp(quantum) > SETTINGS.quantized).any():
         return None
     e, s = like.innovations(found.x)
     for rows in filter_data.rows:
@@ -473,9 +468,7 @@ def _smallest(data: TrainingData, problem: Problem) -> Problem:
                 H[np.ix_(others, others)], H[np.ix_(others, dropped)] @ x[dropped], rcond=1e-12
             )[0]
         x[size:GEARED] = 0.0
-        x = np.clip(x, lower, upper)
-        if not physical(x):
-            continue
+        x = repaired(np.clip(x, lower, upper))
         costs = float(problem.likelihood.costs(x).sum()) + problem.likelihood.prior(x)
         if not costs < problem.fit.cost + 40 * worth:
             continue
