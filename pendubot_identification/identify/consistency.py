@@ -57,7 +57,7 @@ def remarks(answer: Composite, sound: bool, named: Collection[str]) -> Iterator[
     if sound:
         yield from contradictions(answer)
     # What an exact rig may leave is nobody's effect.
-    if not answer.exact and (answer.unexplained > 1 - 1 / FITTING.variance).any():
+    if not answer.exact and (answer.unexplained > FITTING.least).any():
         shoulder, elbow = (f'{100 * part:.3g} %' for part in answer.unexplained)
         yield (
             f'the rig has unmodelled effects: they make {shoulder} and {elbow} of the variance of the innovations at '

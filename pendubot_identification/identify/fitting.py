@@ -58,6 +58,7 @@ class FittingSettings:
             mean of the most that simulated rigs have, 6e-4 and 3e-3, and the least that real ones have, .07 and .16.
         quantized: positions' noise over their quantization, at most.
         variance: mean of the squared innovations over their expected variances, at most, in every recording.
+        least: unexplained fraction of the innovations' variance that shows an effect: from the same factor.
         fine: Runge-Kutta step [s] of the exact step where a joint is slower than ``slow`` [rad/s].
         slow: six widths of the change of sign of dry friction.
         between: longest such step [s] where the delay lets the torque change between samples, by more than a tenth of
@@ -74,6 +75,7 @@ class FittingSettings:
     quiet: tuple[float, float] = (6e-3, 2e-2)
     quantized: float = 1.15
     variance: float = 1.25
+    least: float = 0.2
     fine: float = 0.0005
     slow: float = 0.3
     between: float = 0.001
@@ -215,7 +217,7 @@ class Fits:
     def of(cls, data: TrainingData, rough: Problem, progress: Progress) -> Fits:
         """Go on from the shortest interval."""
         all_intervals = _all_levels(data, rough, progress)
-        return cls(data, rough, all_intervals, _exact_fit(data, all_intervals, progress))
+        return cls(data, rough, all_intervals, _exact_fit(data, rough, all_intervals, progress))
 
     @property
     def last(self) -> Problem:
@@ -414,7 +416,7 @@ def _all_levels(data: TrainingData, rough: Problem, progress: Progress) -> Probl
             intervals = intervals[:-1]
 
 
-def _exact_fit(data: TrainingData, all_intervals: Problem, progress: Progress) -> Problem | None:
+def _exact_fit(data: TrainingData, rough: Problem, all_intervals: Problem, progress: Progress) -> Problem | None:
     """Fit all samples by one Gaussian filter if nothing but quantization is left then; None otherwise."""
     quiet = np.array(SETTINGS.quiet) * _effort(data)
     at = all_intervals.likelihood.shared
@@ -447,6 +449,9 @@ def _exact_fit(data: TrainingData, all_intervals: Problem, progress: Progress) -
     for rows in filter_data.rows:
         if not ((e[rows] ** 2 / s[rows]).mean(axis=0) < SETTINGS.variance).all():
             return None
+    # Torque noise at its limit: more may be needed, unless quantization hides it.
+    if (found.x[at:] > upper[at:] - 1e-6).any() and (unexplained(rough.likelihood, found.x) > SETTINGS.least).any():
+        return None
     return _smallest(data, Problem(like, found, lower, upper))
 
 
@@ -481,6 +486,15 @@ def _smallest(data: TrainingData, problem: Problem) -> Problem:
     return problem
 
 
+def unexplained(likelihood: Likelihood, x: Array) -> Array:
+    """Return the fraction of the variance of both joints' innovations that quantization does not explain, shape (2,)."""
+    e, s = likelihood.innovations(x)
+    # The first innovations, of a speed that is not known yet, would hide all others.
+    weights = (likelihood.filter_data.weight[:, None] + 1e-12) / s
+    variance = np.average(e**2, axis=0, weights=weights)
+    return np.clip(1 - likelihood.filter_data.quantization / np.maximum(variance, 1e-300), 0.0, 1.0)
+
+
 def _composite(fits: Fits, found: Sequence[FoundEffect]) -> Composite:
     """Return the answer of a likelihood, with all but theta eliminated."""
     data, rough, problem = fits.data, fits.rough, fits.last
@@ -494,10 +508,6 @@ def _composite(fits: Fits, found: Sequence[FoundEffect]) -> Composite:
     inverse = np.zeros_like(H)
     inverse[np.ix_(free, free)] = np.linalg.pinv(H[np.ix_(free, free)], hermitian=True)
     moves = blocks.slopes @ inverse[:, 14]
-    near = rough.likelihood
-    shortest, expected = near.innovations(rough.fit.x)
-    # The first innovations, of a speed that is not known yet, would hide all others.
-    variance = np.average(shortest**2, axis=0, weights=(near.filter_data.weight[:, None] + 1e-12) / expected)
     lower, upper = problem.lower, problem.upper
     size = int(np.flatnonzero(upper[:GEARED] > lower[:GEARED]).max(initial=0)) + 1
     model = next(name for name, count in MODELS.items() if count >= size)
@@ -515,7 +525,7 @@ def _composite(fits: Fits, found: Sequence[FoundEffect]) -> Composite:
         informations=onto @ blocks.informations @ onto.T,
         owner=like.filter_data.owner,
         filter_data=like.filter_data,
-        unexplained=np.clip(1 - near.filter_data.quantization / np.maximum(variance, 1e-300), 0.0, 1.0),
+        unexplained=unexplained(rough.likelihood, rough.fit.x),
         J=solved.cost / max(like.filter_data.measurements, 1),
         converged=solved.converged and rough.fit.converged,
         steps=(),

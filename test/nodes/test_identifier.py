@@ -191,10 +191,10 @@ def test_identifies_again_with_the_parameters_of_the_moment(bag, listener):
     status, values, (params,) = listener.identified(f'{bag}@0:9', model='rotor')
     assert params.layout.dim[0].label == 'P1,P2,P3,P4,P5,b1,b2,Fc1,Fc2,J2'
     assert float(values['J2']) == params.data[9]
+    assert status.level == OK
+    status, values, _ = listener.identified(f'{bag}@0:9', model='viscous', criterion='energy')
     assert status.level == WARN
     assert values['warnings.0'] in status.message
-    status, *_ = listener.identified(f'{bag}@0:9', sliding=0.5)
-    assert status.level == OK
 
 
 def test_a_file_with_columns_is_identified_and_remedies_are_applied(bag, tmp_path, listener):
@@ -264,7 +264,8 @@ def test_a_level_of_ok_says_what_it_does_not_cover(tmp_path, listener):
     status, values, _ = listener.identified(tmp_path / 'dry', criterion='weak', model='coulomb')
     assert status.level == OK
     assert status.message.startswith('identified: the 95 % intervals hold, given ')
-    assert status.message.endswith('; do not rely on b1 (on its bound), b2 (on its bound)')
+    assert '; do not rely on ' in status.message
+    assert 'b1 (on its bound), b2 (on its bound)' in status.message
     assert (values['not_covered.b1'], values['not_covered.b2']) == ('on its bound', 'on its bound')
 
 
