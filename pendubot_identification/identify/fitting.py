@@ -487,7 +487,7 @@ def _smallest(data: TrainingData, problem: Problem) -> Problem:
 
 
 def unexplained(likelihood: Likelihood, x: Array) -> Array:
-    """Return the fraction of the variance of both joints' innovations that quantization does not explain, shape (2,)."""
+    """Return the fraction of both joints' innovation variance that quantization does not explain, shape (2,)."""
     e, s = likelihood.innovations(x)
     # The first innovations, of a speed that is not known yet, would hide all others.
     weights = (likelihood.filter_data.weight[:, None] + 1e-12) / s
