@@ -10,8 +10,10 @@ import math
 import re
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pendubot_identification.errors import TableError
 from pendubot_identification.trajectories.conventions import OPTIONAL, REQUIRED, TIME_UNITS
@@ -22,6 +24,7 @@ from .tables import Table, read_table
 
 #: Longest interval of samples [s], above which the unit of time is wrong, and the usual interval [s].
 LONGEST_INTERVAL, USUAL_INTERVAL = 0.1, 0.005
+DECIMAL_COMMA = re.compile(r'\s*[-+]?\d*,\d+([eE][-+]?\d+)?\s*')
 #: Usual names of columns, in lower case.
 ALIASES = {
     't': ('t', 'time', 'times', 'timestamp', 'stamp', 'sec', 'seconds', 'time_s', 't_s', 'zeit', 'tout'),
@@ -56,25 +59,16 @@ class TableReader:
         """The columns to use, by quantity.
 
         Raises:
-            TableError: a required or named column is missing.
+            TableError: a required or named column is missing or not the only one, or the torque is a motor current.
         """
-        table = self.table
-        taken = {name: column for name, column in self.conversion.names.items() if table.has(column)}
-        missing = [name for name in (*REQUIRED, *self.conversion.columns) if name not in taken]
-        if missing:
-            likely = {name: self._alias(name) for name in missing}
-            constant = '' if likely.get('tau1') or not self._current else ' --torque-constant K'
-            if constant and 'tau1' in likely:
-                likely['tau1'] = self._current
-            named = {**self.conversion.columns, **{name: column or 'NAME' for name, column in likely.items()}}
-            columns = ','.join(f'{name}={column}' for name, column in named.items())
-            known = all(likely.values())
-            raise TableError(
-                f'{self.path} has no column {self.conversion.names[missing[0]]!r} for {missing[0]}; its columns are '
-                f'{", ".join(table.names)}: name the right one with --columns {columns}{constant}',
-                **({'columns': columns} if known and not constant else {}),
-            )
-        if CURRENT.fullmatch(taken['tau1'].strip()) and not self.conversion.torque_constant:
+        names, conversion = self.table.names, self.conversion
+        taken = {name: column for name, column in conversion.names.items() if column in names}
+        if several := [column for column in taken.values() if names.count(column) > 1]:
+            column = several[0]
+            raise TableError(f'{self.path} has {names.count(column)} columns {column!r}; rename all but one of them')
+        if missing := [name for name in (*REQUIRED, *conversion.columns) if name not in taken]:
+            raise self._missing(missing)
+        if CURRENT.fullmatch(taken['tau1'].strip()) and not conversion.torque_constant:
             raise TableError(
                 f'{self.path}: the column {taken["tau1"]!r} seems to hold a motor current, and a torque is expected: '
                 "give the motor's constant with --torque-constant K [N m per unit of that column], or "
@@ -82,20 +76,23 @@ class TableReader:
             )
         return taken
 
-    @property
-    def _current(self) -> str | None:
-        """The only column whose name is that of a motor current, if there is one."""
-        found = [c for c in self.table.names if CURRENT.fullmatch(c.strip())]
-        return found[0] if len(found) == 1 else None
-
-    def _alias(self, name: str) -> str | None:
-        """Return the only column with a usual name of a quantity, if there is one."""
-        found = [
-            c
-            for c in self.table.names
-            if c.lower() in ALIASES.get(name, ()) and c not in self.conversion.names.values()
-        ]
-        return found[0] if len(found) == 1 else None
+    def _missing(self, quantities: list[str]) -> TableError:
+        """Return the error of missing columns, with the only column that has a usual name of each quantity."""
+        used = self.conversion.names.values()
+        free = [column for column in self.table.names if column not in used]
+        likely = {name: _only([c for c in free if c.lower() in ALIASES.get(name, ())]) for name in quantities}
+        current = _only([column for column in self.table.names if CURRENT.fullmatch(column.strip())])
+        constant = current and not likely.get('tau1')
+        if constant and 'tau1' in likely:
+            likely['tau1'] = current
+        named = {**self.conversion.columns, **{name: column or 'NAME' for name, column in likely.items()}}
+        columns = ','.join(f'{name}={column}' for name, column in named.items())
+        return TableError(
+            f'{self.path} has no column {self.conversion.names[quantities[0]]!r} for {quantities[0]}; its columns are '
+            f'{", ".join(self.table.names)}: name the right one with --columns {columns}'
+            + (' --torque-constant K' if constant else ''),
+            **({'columns': columns} if all(likely.values()) and not constant else {}),
+        )
 
     @cached_property
     def motion(self) -> Trajectory:
@@ -104,9 +101,8 @@ class TableReader:
         Raises:
             TableError: the file cannot be read, a column is missing, a value is no number, stamps do not increase.
         """
-        table, conversion = self.table, self.conversion
-        comma, skip = conversion.decimal == 'comma', conversion.skip_missing
-        values = {n: table.numbers(column, comma=comma, skip=skip) for n, column in self.taken.items()}
+        conversion = self.conversion
+        values = {name: self._numbers(column) for name, column in self.taken.items()}
         complete = np.isfinite(np.column_stack(list(values.values()))).all(axis=1)
         if not complete.any():
             raise TableError(f'{self.path} holds no row of numbers; export the recording again')
@@ -116,7 +112,7 @@ class TableReader:
         if wrong.size:
             before, time = values['t'][wrong[0] : wrong[0] + 2]
             raise TableError(
-                f'{table.where(int(np.flatnonzero(complete)[wrong[0] + 1]))}: the time {time:.12g} '
+                f'{self._where(np.flatnonzero(complete)[wrong[0] + 1])}: the time {time:.12g} '
                 f'{"repeats" if time == before else "runs back"}, after {before:.12g}; every row needs a later one: '
                 'export more digits, or correct or remove that row'
             )
@@ -132,3 +128,52 @@ class TableReader:
                 raise TableError(f'{apart}; record at a higher rate')
             raise TableError(f'{apart}; its times may be in {unit}: add --time-unit {unit}', time_unit=unit)
         return motion
+
+    def _numbers(self, column: str) -> NDArray[np.float64]:
+        """Return a column as numbers, shape (N,); with ``skip_missing``, NaN for other cells, else TableError."""
+        cells = self.table.cells[self.table.names.index(column)]
+        numbers = _numbers(cells, comma=self.conversion.decimal == 'comma')
+        bad = np.flatnonzero(~np.isfinite(numbers))
+        if self.conversion.skip_missing or not bad.size:
+            return numbers
+        cell = str(np.asarray(cells, dtype=object)[bad[0]]).strip()
+        empty = not cell or (self.table.row == 'row' and cell in ('nan', 'NaT'))  # of Excel's sheets
+        found = f'{self._where(bad[0])}, column {column!r}: {"nothing" if empty else repr(cell)} is no finite number'
+        if DECIMAL_COMMA.fullmatch(cell):
+            raise TableError(f'{found}; decimals are written with commas: add --decimal comma', decimal='comma')
+        if bad.size == len(numbers) > 1:
+            raise TableError(f'{found}, nor is any other there; is it another column? name it with --columns')
+        raise TableError(
+            f'{found}, as of {bad.size} of {len(numbers)} rows; correct or remove them, or leave them out: add '
+            '--skip-missing',
+            skip_missing='true',
+        )
+
+    def _where(self, k: int) -> str:
+        """Return the place of row k in the file."""
+        return f'{self.path}, {self.table.row} {self.table.rows[k] if self.table.rows else k + 1}'
+
+
+def _only(found: list[str]) -> str:
+    return found[0] if len(found) == 1 else ''
+
+
+def _numbers(cells: Any, *, comma: bool) -> NDArray[np.float64]:
+    """Return cells as numbers, NaN where there is none; times of day and durations in seconds since the first."""
+    if isinstance(cells, tuple):
+        return np.array([_number(cell.replace(',', '.') if comma else cell) for cell in cells])
+    if isinstance(cells, np.ndarray):
+        return np.asarray(cells, dtype=float)
+    import pandas
+
+    cells = cells.infer_objects()
+    if cells.dtype.kind in 'mM':
+        return np.asarray((cells - cells.iloc[0]).dt.total_seconds(), dtype=float)
+    return np.asarray(pandas.to_numeric(cells, errors='coerce'), dtype=float)
+
+
+def _number(cell: str) -> float:
+    try:
+        return float(cell)
+    except ValueError:
+        return math.nan

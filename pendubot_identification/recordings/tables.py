@@ -7,13 +7,10 @@ from __future__ import annotations
 
 import codecs
 import csv
-import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 from zipfile import BadZipFile
 
 import numpy as np
@@ -21,92 +18,17 @@ from numpy.typing import NDArray
 
 from pendubot_identification.errors import TableError
 
-Array = NDArray[np.float64]
-
-DECIMAL_COMMA = re.compile(r'\s*[-+]?\d*,\d+([eE][-+]?\d+)?\s*')
 #: Every version of MATLAB can do this.
 WRITETABLE = "in MATLAB, writetable(table(t, q1, q2, tau1), 'run.csv') makes a text file of it"
 
 
-@dataclass(frozen=True)
-class Table:
+class Table(NamedTuple):
     """The columns of a file."""
 
-    path: Path
     names: list[str]  #: of the columns.
-    cells: list[Any]  #: of each column: an array of numbers, or a pandas Series.
+    cells: list[Any]  #: of each column: a tuple of texts, an array of numbers, or a pandas Series.
     row: str = 'sample'  #: the file's word for a row ...
     rows: Sequence[int] = ()  #: ... and the number of each; by default from 1 on.
-
-    def __post_init__(self) -> None:
-        if not self.names:
-            raise TableError(f'{self.path} holds no columns of numbers; export it again')
-
-    def where(self, k: int) -> str:
-        """Return the place of row k in the file."""
-        return f'{self.path}, {self.row} {self.rows[k] if self.rows else k + 1}'
-
-    def has(self, name: str) -> bool:
-        """Tell whether there is such a column.
-
-        Raises:
-            TableError: there are several.
-        """
-        if (count := self.names.count(name)) > 1:
-            raise TableError(f'{self.path} has {count} columns {name!r}; rename all but one of them')
-        return count == 1
-
-    def numbers(self, name: str, *, comma: bool = False, skip: bool = False) -> Array:
-        """Return a column as numbers, shape (N,); times of day and durations in seconds.
-
-        Args:
-            name: of the column.
-            comma: whether decimals are written with commas.
-            skip: whether a cell without a finite number becomes NaN instead of an error.
-
-        Raises:
-            TableError: a cell holds no finite number.
-        """
-        cells = self.cells[self.names.index(name)]
-        numbers = _numbers(cells, comma)
-        bad = np.flatnonzero(~np.isfinite(numbers))
-        if bad.size and not skip:
-            cell = np.asarray(cells, dtype=object)[bad[0]]
-            cell = '' if self.row == 'row' and cell != cell else str(cell).strip()
-            found = (
-                f'{self.where(int(bad[0]))}, column {name!r}: {repr(cell) if cell else "nothing"} is no finite number'
-            )
-            if DECIMAL_COMMA.fullmatch(cell):
-                raise TableError(f'{found}; decimals are written with commas: add --decimal comma', decimal='comma')
-            if bad.size == len(numbers) > 1:
-                raise TableError(f'{found}, nor is any other there; is it another column? name it with --columns')
-            raise TableError(
-                f'{found}, as of {bad.size} of {len(numbers)} rows; correct or remove them, or leave them out: add '
-                '--skip-missing',
-                skip_missing='true',
-            )
-        return numbers
-
-
-def _numbers(cells: Any, comma: bool) -> Array:
-    """Return cells as numbers, NaN where there is none; times in seconds since the first."""
-    if isinstance(cells, np.ndarray) and cells.dtype.kind == 'U':
-        return np.array([_number(cell.replace(',', '.') if comma else cell) for cell in cells])
-    if isinstance(cells, np.ndarray):
-        return np.asarray(cells, dtype=float)
-    import pandas
-
-    cells = cells.infer_objects()
-    if cells.dtype.kind in 'mM':
-        return np.asarray((cells - cells.iloc[0]).dt.total_seconds(), dtype=float)
-    return np.asarray(pandas.to_numeric(cells, errors='coerce'), dtype=float)
-
-
-def _number(cell: str) -> float:
-    try:
-        return float(cell)
-    except ValueError:
-        return math.nan
 
 
 def read_table(path: Path) -> Table:
@@ -118,12 +40,15 @@ def read_table(path: Path) -> Table:
     read, packages = FORMATS[path.suffix.lower()]
     try:
         with path.open('rb'):
-            return read(path)
+            table = read(path)
     except OSError as error:
         why = error.strerror or str(error)
         raise TableError(f'{path} cannot be read: {why}; check its name and permissions') from error
     except ImportError as error:
         raise TableError(f'reading {path} needs {packages}: pip install {packages}; or {WRITETABLE}') from error
+    if not table.names:
+        raise TableError(f'{path} holds no columns of numbers; export it again')
+    return table
 
 
 def is_table(path: Path) -> bool:
@@ -136,50 +61,36 @@ def _text(path: Path) -> Table:
     data = path.read_bytes()
     utf16 = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
     try:
-        text = data.decode('utf-16' if utf16 else 'utf-8-sig')
+        lines = [line.strip(' ') for line in data.decode('utf-16' if utf16 else 'utf-8-sig').splitlines()]
     except UnicodeDecodeError as error:
         raise TableError(f'{path} is no text in UTF-8 or UTF-16; export it as CSV in UTF-8') from error
-    lines = text.splitlines()
     if not any(map(str.strip, lines)):
         raise TableError(f'{path} is empty; a line of column names and rows of numbers are expected: export it again')
-    # Excel may write the separator in a line of its own.
-    separator = re.fullmatch(r'"?sep=(.)"?', lines[0].strip(' '), re.IGNORECASE)
-    header = 1 if separator else 0
-    # numpy writes a # before the names.
-    line = lines[header].lstrip('# ') if len(lines) > header else ''
-    likely = [each for each in ',;\t' if each in line] or [' ' if ' ' in line else ',']
-    delimiter = separator[1] if separator else max(likely, key=line.count)
-
-    def split(line: str) -> list[str]:
-        cells = next(csv.reader([line], delimiter=delimiter, skipinitialspace=delimiter == ' '), [])
-        return cells[:-1] if delimiter == ' ' and cells and not cells[-1] else cells
-
-    names = [name.strip() for name in split(line)]
-    rows = [k for k in range(header + 1, len(lines)) if lines[k].strip(delimiter + ' ')]
-    # Some programs end a row with a separator.
-    body = [lines[k].removesuffix(delimiter) if lines[k].count(delimiter) == len(names) else lines[k] for k in rows]
-    numbers = [k + 1 for k in rows]
-    for kind in (float, str) if body else ():
-        with suppress(ValueError):
-            cells = np.loadtxt(
-                body,
-                kind,
-                delimiter=None if delimiter == ' ' else delimiter,
-                comments=None,
-                quotechar='"',
-                ndmin=2,
-            )
-            if cells.shape[1] == len(names):
-                return Table(path, names, list(cells.T), 'line', numbers)
-    for row, number in zip(map(split, body), numbers, strict=True):
+    # Excel may write the separator in a line of its own, and numpy a # before the names.
+    separator = re.fullmatch(r'"?sep=(.)"?', lines[0], re.IGNORECASE)
+    first = 1 if separator else 0
+    title = lines[first].lstrip('# ') if len(lines) > first else ''
+    likely = [each for each in ',;\t' if each in title] or [' ' if ' ' in title else ',']
+    delimiter = separator[1] if separator else max(likely, key=title.count)
+    reader = csv.reader([title, *lines[first + 1 :]], delimiter=delimiter, skipinitialspace=True)
+    names = [name.strip() for name in next(reader)]
+    numbers, rows = list[int](), list[list[str]]()
+    for row in reader:
+        # Some programs end a row with a separator.
+        if len(row) == len(names) + 1 and not row[-1].strip():
+            row.pop()
+        if not any(map(str.strip, row)):
+            continue
+        numbers.append(first + reader.line_num)
+        rows.append(row)
         if len(row) != len(names):
             comma = delimiter == ',' and len(row) > len(names)
             why = 'decimals may be written with commas: write them with points, or ' if comma else ''
             raise TableError(
-                f'{path}, line {number} has {len(row)} cells; {len(names)} are expected, one for each column name; '
-                f'{why}correct or remove that row'
+                f'{path}, line {numbers[-1]} has {len(row)} cells; {len(names)} are expected, one for each column '
+                f'name; {why}correct or remove that row'
             )
-    return Table(path, names, [np.empty(0)] * len(names), 'line')
+    return Table(names, list(zip(*rows, strict=True)) or [()] * len(names), 'line', numbers)
 
 
 def _excel(path: Path) -> Table:
@@ -191,9 +102,9 @@ def _excel(path: Path) -> Table:
     except (BadZipFile, ValueError, KeyError, TypeError) as error:
         raise TableError(f'{path} is no Excel file ({error}); save it as .xlsx or .csv') from error
     if frame.empty:
-        return Table(path, [], [])
+        return Table([], [])
     names, rows = ['' if name != name else str(name).strip() for name in frame.iloc[0]], frame.iloc[1:]
-    return Table(path, names, [rows[k] for k in rows], 'row', list(rows.index + 1))
+    return Table(names, [rows[k] for k in rows], 'row', list(rows.index + 1))
 
 
 def _parquet(path: Path) -> Table:
@@ -204,7 +115,7 @@ def _parquet(path: Path) -> Table:
         frame = pandas.read_parquet(path, engine='pyarrow')
     except pyarrow.ArrowException as error:
         raise TableError(f'{path} is no Parquet file ({error}); export it again') from error
-    return Table(path, list(frame.columns), [frame.iloc[:, k] for k in range(frame.shape[1])])
+    return Table(list(frame.columns), [frame.iloc[:, k] for k in range(frame.shape[1])])
 
 
 def _matlab(path: Path) -> Table:
@@ -213,7 +124,8 @@ def _matlab(path: Path) -> Table:
     from scipy.io.matlab import MatlabOpaque, MatReadError
 
     try:
-        variables = {n: v for n, v in loadmat(path, simplify_cells=True).items() if not re.fullmatch('__.*__', n)}
+        found = loadmat(path, simplify_cells=True)
+        variables = {name: value for name, value in found.items() if not name.startswith('__')}
         if any(isinstance(value, MatlabOpaque) for value in variables.values()):
             raise _opaque(path)
     except NotImplementedError:
@@ -226,7 +138,7 @@ def _matlab(path: Path) -> Table:
     leaves = [(at, cells) for at, cells in leaves if len(cells) == size]
     last = [at[-1] for at, _ in leaves]
     names = [at[-1] if last.count(at[-1]) == 1 else '.'.join(at) for at, _ in leaves]
-    return Table(path, names, [cells for _, cells in leaves])
+    return Table(names, [cells for _, cells in leaves])
 
 
 def _matlab_73(path: Path) -> dict[str, Any]:
@@ -245,7 +157,7 @@ def _matlab_73(path: Path) -> dict[str, Any]:
         return {name: value(item) for name, item in file.items() if not name.startswith('#')}
 
 
-def _leaves(variables: Mapping[str, Any], *at: str) -> Iterator[tuple[tuple[str, ...], Array]]:
+def _leaves(variables: Mapping[str, Any], *at: str) -> Iterator[tuple[tuple[str, ...], NDArray[Any]]]:
     """Return columns by their path; q with two columns gives q1 and q2."""
     for name, value in variables.items():
         if isinstance(value, Mapping):
