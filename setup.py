@@ -49,7 +49,7 @@ setup(
         'scipy>=1.11',
         'pyserial>=3.5',
         'mcap>=1.5',
-        'rosbags>=0.10',
+        'rosbags>=0.11',
         'matplotlib>=3.6',
         'jinja2>=3.0',
         'markupsafe',

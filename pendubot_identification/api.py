@@ -13,6 +13,7 @@ from __future__ import annotations
 import hashlib
 import html
 import math
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -72,7 +73,10 @@ def read(
 
     window, how = BagWindow.parse(str(path)), Conversion.of(reading)
     require_files(how, [window.path])
-    return read_trajectory(window, topic=topic, joint_names=joint_names, conversion=how).trajectory
+    recorded = read_trajectory(window, topic=topic, joint_names=joint_names, conversion=how)
+    if recorded.note:
+        warnings.warn(recorded.note, stacklevel=2)
+    return recorded.trajectory
 
 
 def identify(

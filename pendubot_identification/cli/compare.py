@@ -149,6 +149,7 @@ def _predictions(
         window, names = BagWindow.parse(args.on), joints(args.joints)
         require_files(reading, [window.path])
     recorded = read_trajectory(window, topic=args.topic, joint_names=names, conversion=reading)
+    notes += [recorded.note] if recorded.note else []
     save_map(args, reading)
     motion = evenly_stamped(recorded.trajectory)
     # States as all results are held against them; the torque as each result takes it.

@@ -70,8 +70,8 @@ def run(args: argparse.Namespace) -> int:
         PendubotError: the file cannot be read or the bag not written.
     """
     from pendubot_identification.recordings.joint_states import write_trajectory
+    from pendubot_identification.recordings.survey import as_text, survey_table
     from pendubot_identification.recordings.table_reader import TableReader
-    from pendubot_identification.recordings.table_survey import as_text, survey
     from pendubot_identification.recordings.tables import FORMATS, is_table
 
     with wrong_usage():
@@ -90,7 +90,7 @@ def run(args: argparse.Namespace) -> int:
 
         write_trajectory(args.output, motion, overwrite=args.force, progress=written)
     save_map(args, reading)
-    print(f'{args.output}: {as_text(survey(reader))}')
+    print(f'{args.output}: {as_text(survey_table(reader))}')
     if shows_curves():
         print(_sketch(motion))
     return 0

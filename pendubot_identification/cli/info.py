@@ -9,14 +9,11 @@ import argparse
 import json
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from pendubot_identification.errors import UsageError, wrong_usage
 
 from .reading import add_reading, reading_of, save_map
-
-if TYPE_CHECKING:
-    from pendubot_identification.recordings.bag_survey import TopicTimes
 
 DESCRIPTION = """\
 Say what is in a bag: its topics, how many messages of each, how often and how regularly, how long it lasts, whether
@@ -30,7 +27,7 @@ Of each topic:
   latency    from the stamp to the recorder: usually, and at most
   stamps     that repeat or run back
   lost       messages that the recorder numbered and that are not there any more
-Intervals are those of header.stamp, and of the log time where a type has none.
+Intervals are those of header.stamp, and of the log time where a type has none or it was never set.
 
 Of a file with columns (pendubot import --help says which there are) it says what is taken of it, as it is read: ranges,
 first and last values, and what looks as if it were in other units."""
@@ -54,61 +51,37 @@ def run(args: argparse.Namespace) -> int:
         BagError: it cannot be read.
     """
     from pendubot_identification.recordings.bag_reader import BagReader
-    from pendubot_identification.recordings.bag_survey import survey
+    from pendubot_identification.recordings.survey import as_text, survey_bag, survey_table
     from pendubot_identification.recordings.tables import is_table
 
     with wrong_usage():
         reading = reading_of(args)
     if is_table(args.bag):
-        from pendubot_identification.recordings import table_survey
         from pendubot_identification.recordings.table_reader import TableReader
 
-        found = table_survey.survey(TableReader(args.bag, reading))
+        found = survey_table(TableReader(args.bag, reading))
         save_map(args, reading)
-        print(json.dumps(found, indent=2) if args.json else f'{args.bag}: {table_survey.as_text(found)}')
+        print(json.dumps(found, indent=2) if args.json else f'{args.bag}: {as_text(found)}')
         return 0
     if words := reading.options():
         raise UsageError(
             f'{args.bag} is a bag, of which info says what is in it, not what it means; leave out {" ".join(words)}'
         )
     bag = BagReader(args.bag)
-    topics, damages = survey(bag.files)
+    topics = survey_bag(bag)
     summary = {
         'bag': str(bag.path),
         'files': [str(file.path) for file in bag.files],
         'closed': bag.closed,
         'note': bag.note,
-        'damaged': [{'file': name} | asdict(damage) for name, found in damages.items() for damage in found],
+        'damaged': [{'file': file.path.name} | asdict(damage) for file in bag.files for damage in file.damages],
         'start_ns': bag.first_ns if bag.count else None,
         'duration': bag.duration,
-        'messages': sum(len(topic.logged) for topic in topics.values()),
-        'topics': [_of_topic(name, type_name, topics[name]) for name, (type_name, _) in bag.topics.items()],
+        'messages': sum(topic['messages'] for topic in topics),
+        'topics': topics,
     }
     print(json.dumps(summary, indent=2) if args.json else _as_text(summary))
     return 0
-
-
-def _of_topic(name: str, type_name: str, times: TopicTimes) -> dict[str, Any]:
-    import numpy as np
-
-    from pendubot_identification.recordings.regularity import regularity
-
-    stamped = len(times.stamps) > 0
-    at = times.stamps if stamped else times.logged
-    span = float(np.ptp(times.logged)) / 1e9 if len(at) else 0.0
-    latency = (times.logged[: len(times.stamps)] - times.stamps) / 1e9
-    return {
-        'name': name,
-        'type': type_name,
-        'messages': len(at),
-        'lost': times.lost,
-        'rate': (len(at) - 1) / span if span else 0.0,
-        'stamped': stamped,
-        # JSON has no NaN.
-        **{key: None if value != value else value for key, value in asdict(regularity(at)).items()},
-        'latency': float(np.median(latency)) if stamped else None,
-        'latency_max': float(latency.max()) if stamped else None,
-    }
 
 
 def _as_text(summary: dict[str, Any]) -> str:

@@ -56,7 +56,7 @@ def run(args: argparse.Namespace) -> int:
         print(json.dumps({'output': str(output), 'whole': whole, 'files': [asdict(file) for file in saved]}, indent=2))
         return 0
     for file in saved:
-        print(f'{file.file}: {"closed" if file.closed else "never closed, or truncated"}')
+        print(f'{file.file}: {file.unread or ("closed" if file.closed else "never closed, or truncated")}')
         width = max(map(len, file.saved), default=0)
         for topic, count in file.saved.items():
             lost = file.missing.get(topic)

@@ -23,7 +23,7 @@ from pendubot_identification.setting import Setting
 from .driving import CommandGuard
 from .runtime import SettingsNode, run
 from .shutdown import Shutdown
-from .topics import check_names, message_class, quality
+from .topics import check_names, message_class, weakest
 
 SECOND = 1_000_000_000
 DEPTH = 1000  #: Messages kept for subscribers that are slow, or that have to be sent again.
@@ -64,8 +64,8 @@ class Player(SettingsNode):
             self._end_ns = min(self._end_ns, self._reader.first_ns + round(window.end * SECOND))
         if self._first_ns >= self._end_ns:
             raise ParameterError(f'{window}: the bag lasts {self._reader.duration:.3f} s; give a START within it')
-        if self._reader.note:
-            self.get_logger().warning(self._reader.note)
+        for note in filter(None, [self._reader.note, window.cut(self._reader.duration)]):
+            self.get_logger().warning(note)
         self._publishers_of = {
             name: self.create_publisher(message_class(name, there[name]), name, self._qos(name))
             for name in wanted or there
@@ -98,13 +98,9 @@ class Player(SettingsNode):
             raise self._failure
 
     def _qos(self, name: str) -> QoSProfile:
-        """Return the weakest of what was offered, so that whoever heard it then hears it now."""
+        """Return the weakest quality of service that was offered, so that whoever heard it then hears it now."""
         channels = (c for file in self._reader.files for c in file.channels.values() if c.topic == name)
-        profiles = [p for c in channels for p in offered_profiles(c.metadata.get('offered_qos_profiles', ''))]
-        # By name or, in older bags, by number.
-        reliable = all(p.get('reliability') not in ('best_effort', 2) for p in profiles)
-        latched = all(p.get('durability') in ('transient_local', 1) for p in profiles)
-        return quality(DEPTH, reliable, latched and bool(profiles))
+        return weakest([profile for channel in channels for profile in offered_profiles(channel)], DEPTH)
 
     def _play(self) -> None:
         try:

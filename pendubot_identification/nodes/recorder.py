@@ -19,7 +19,6 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from pendubot_identification.errors import BagError, ParameterError
 from pendubot_identification.level import Level
-from pendubot_identification.recordings.bag_metadata import Qos
 from pendubot_identification.recordings.bag_writer import BagWriter
 from pendubot_identification.recordings.flow import Flow, diagnose
 from pendubot_identification.setting import Setting
@@ -27,7 +26,7 @@ from pendubot_identification.setting import Setting
 from .diagnostics import StatusPublisher
 from .runtime import SettingsNode, run
 from .shutdown import Shutdown
-from .topics import DEPTH, Fetcher, check_names, heard, matched, message_class
+from .topics import DEPTH, Fetcher, check_names, heard, matched, message_class, recorded
 
 DISCOVERY_PERIOD = 0.1  #: How often publishers that are new are looked for [s].
 FETCH_PERIOD = 0.01  #: How often what has come is fetched from the middleware [s].
@@ -161,8 +160,8 @@ class Recorder(SettingsNode):
             qos = matched(publishers, DEPTH)
             message_type = message_class(name, type_name)
             if name not in self._topics:
-                offered = Qos(qos.reliability.name.lower(), qos.durability.name.lower())
-                self._topics[name] = Topic(self._bag.add_topic(name, type_name, offered), Flow())
+                offered = (recorded(publisher.qos_profile) for publisher in publishers)
+                self._topics[name] = Topic(self._bag.add_topic(name, type_name, *offered), Flow())
             self._fetcher.subscribe(name, message_type, qos)
             self._sync_due.set()  # metadata.yaml names the topic
             self.get_logger().info(f'recording {name} [{type_name}]')

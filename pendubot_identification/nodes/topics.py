@@ -7,22 +7,32 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from importlib import import_module
 from typing import Any
 
 from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.duration import Duration
 from rclpy.exceptions import InvalidTopicNameException
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSCompatibility, QoSProfile, ReliabilityPolicy, qos_check_compatible
+from rclpy.qos import (
+    DurabilityPolicy,
+    LivelinessPolicy,
+    QoSCompatibility,
+    QoSProfile,
+    ReliabilityPolicy,
+    qos_check_compatible,
+)
 from rclpy.subscription import Subscription
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 from rclpy.validate_topic_name import validate_topic_name
+from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 
 from pendubot_identification.errors import BagError, ParameterError
 
 BATCH = 500  #: Messages of one topic that are fetched before the others, and all else, have a turn.
 DEPTH = 10_000  #: Messages of a topic that may wait: ten seconds' worth at 1 kHz.
+SECOND, UNLIMITED = 10**9, 2**63 - 1  #: [ns]
 #: What rmw says of an endpoint whose node it does not know yet, and how long that may take [s].
 UNKNOWN, PATIENCE = '_NODE_NAME_UNKNOWN_', 2.0
 
@@ -102,6 +112,43 @@ def quality(depth: int, reliable: bool, latched: bool) -> QoSProfile:
         reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
         durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
     )
+
+
+def recorded(profile: QoSProfile) -> Qos:
+    """Return an offered quality of service as a bag holds it."""
+
+    def time_of(duration: Duration) -> QosTime:
+        return QosTime(*divmod(duration.nanoseconds, SECOND))
+
+    return Qos(
+        QosHistory[profile.history.name],
+        profile.depth,
+        QosReliability[profile.reliability.name],
+        QosDurability[profile.durability.name],
+        time_of(profile.deadline),
+        time_of(profile.lifespan),
+        QosLiveliness[profile.liveliness.name],
+        time_of(profile.liveliness_lease_duration),
+        profile.avoid_ros_namespace_conventions,
+    )
+
+
+def weakest(profiles: Sequence[Qos], depth: int) -> QoSProfile:
+    """Return the weakest of the qualities of service in a bag: whoever heard its publishers hears it, too."""
+    reliable = all(p.reliability is not QosReliability.BEST_EFFORT for p in profiles)
+    latched = bool(profiles) and all(p.durability is QosDurability.TRANSIENT_LOCAL for p in profiles)
+    found = quality(depth, reliable, latched)
+
+    def longest(times: Iterable[QosTime]) -> Duration:
+        # Zero stands for no limit.
+        return Duration(nanoseconds=max((t.sec * SECOND + t.nsec or UNLIMITED for t in times), default=0))
+
+    found.deadline = longest(p.deadline for p in profiles)
+    found.lifespan = longest(p.lifespan for p in profiles)
+    found.liveliness_lease_duration = longest(p.liveliness_lease_duration for p in profiles)
+    if profiles and all(p.liveliness is QosLiveliness.MANUAL_BY_TOPIC for p in profiles):
+        found.liveliness = LivelinessPolicy.MANUAL_BY_TOPIC
+    return found
 
 
 def matched(publishers: Sequence[TopicEndpointInfo], depth: int) -> QoSProfile:

@@ -7,42 +7,32 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import yaml
 from mcap.records import Channel, Schema
+from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
+from rosbags.rosbag2.metadata import dump_qos_v9, parse_qos
 
 from pendubot_identification.files import yaml_text
 
 METADATA = 'metadata.yaml'
-
-
-@dataclass(frozen=True, slots=True)
-class Qos:
-    """The quality of service of a topic's publisher, in rosbag2's words."""
-
-    reliability: str = 'reliable'
-    durability: str = 'volatile'
-    history: str = 'keep_last'
-    depth: int = 1000
-
-    def profile(self) -> dict[str, Any]:
-        """Return every key of rosbag2's YAML form; deadline, lifespan and lease are infinite."""
-        infinite = {'sec': 9223372036, 'nsec': 854775807}
-        return {
-            'history': self.history,
-            'depth': self.depth,
-            'reliability': self.reliability,
-            'durability': self.durability,
-            'deadline': infinite,
-            'lifespan': infinite,
-            'liveliness': 'automatic',
-            'liveliness_lease_duration': infinite,
-            'avoid_ros_namespace_conventions': False,
-        }
+INFINITE = QosTime(9223372036, 854775807)
+#: The default quality of service of a publisher.
+RELIABLE = Qos(
+    QosHistory.KEEP_LAST,
+    1000,
+    QosReliability.RELIABLE,
+    QosDurability.VOLATILE,
+    INFINITE,
+    INFINITE,
+    QosLiveliness.AUTOMATIC,
+    INFINITE,
+    False,
+)
 
 
 def information(
@@ -67,7 +57,7 @@ def information(
                     'name': channel.topic,
                     'type': schema.name,
                     'serialization_format': channel.message_encoding,
-                    'offered_qos_profiles': offered_profiles(channel.metadata['offered_qos_profiles']),
+                    'offered_qos_profiles': dump_qos_v9(offered_profiles(channel)),
                     'type_description_hash': channel.metadata['topic_type_hash'],
                 },
                 'message_count': counts.get(number, 0),
@@ -83,14 +73,32 @@ def information(
     }
 
 
+def offered_profiles(channel: Channel) -> list[Qos]:
+    """Return the qualities of service that the publishers of a channel offered; none if their text is damaged."""
+    return _parsed_profiles(channel.metadata.get('offered_qos_profiles', ''))
+
+
 @cache
-def offered_profiles(text: str) -> list[dict[str, Any]]:
-    """Return the qualities of service of a channel; none if the text is damaged."""
-    try:
-        profiles = yaml.safe_load(text)
-    except yaml.YAMLError:
-        return []
-    return [each for each in profiles if isinstance(each, dict)] if isinstance(profiles, list) else []
+def _parsed_profiles(text: str) -> list[Qos]:
+    # The parser raises many types for damaged text.
+    with suppress(Exception):
+        return parse_qos(text)
+    return []
+
+
+def parse_information(text: str) -> dict[str, Any]:
+    """Return the content of metadata.yaml, or of its copy in an .mcap file; nothing if it is damaged."""
+    with suppress(yaml.YAMLError, AttributeError):
+        content = yaml.safe_load(text)
+        return dict(content.get('rosbag2_bagfile_information', content))
+    return {}
+
+
+def read_information(folder: Path) -> dict[str, Any]:
+    """Return the content of a folder's metadata.yaml; nothing if it is missing or damaged."""
+    with suppress(OSError, UnicodeDecodeError):
+        return parse_information((folder / METADATA).read_text(encoding='utf-8'))
+    return {}
 
 
 def write_metadata(folder: Path, content: dict[str, Any]) -> None:

@@ -10,6 +10,7 @@ import math
 import os
 import re
 from collections.abc import Collection, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -26,14 +27,24 @@ from .mcap_file import FOREVER_NS, McapFile, Messages
 from .table_reader import TableReader
 from .tables import is_table
 
-#: Largest expected difference of stamp and log time [ns]; beyond it, the whole bag is read.
-LATENCY_NS = 1_000_000_000
-#: Longest recording that is read at once [s]; the last holds for more than so many samples.
-LONGEST, MANY, LONGEST_OF_MANY = 600.0, 200_000, 180.0
-#: Length of the first window of a longer recording that its error message proposes [s].
-ENOUGH = 60.0
-#: A window may end this long after the last sample without a warning [s], as durations are rounded.
-LATE_END = 0.1
+
+@dataclass(frozen=True, slots=True)
+class ReadSettings:
+    """Limits on the recordings that are read at once; a longer one takes hundreds of megabytes and minutes."""
+
+    longest: float = 600.0  #: Longest recording [s] ...
+    many: int = 200_000  #: ... and, of more samples than this, ...
+    longest_of_many: float = 180.0  #: ... the longest recording [s].
+    first_window: float = 60.0  #: Length of the window that the error message of a longer recording proposes [s].
+    latency_ns: int = 1_000_000_000  #: Largest expected difference of stamp and log time [ns].
+    late_end: float = 0.1  #: A window may end so long after the last sample without a warning [s]: users round.
+
+    def exclude(self, samples: int, duration: float) -> bool:
+        """Tell whether so many samples over so many seconds [s] are too long."""
+        return duration > (self.longest if samples <= self.many else self.longest_of_many)
+
+
+SETTINGS = ReadSettings()
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +92,7 @@ class BagWindow:
 
     def cut(self, last: float) -> str:
         """Return a warning if the window ends after the last sample, at ``last`` [s]; else nothing."""
-        if self.end is None or self.end <= last + LATE_END:
+        if self.end is None or self.end <= last + SETTINGS.late_end:
             return ''
         return (
             f'{self} ends at {self.end:g} s, but its last sample is at {last:.3f} s: the samples up to there are used; '
@@ -97,23 +108,21 @@ class BagWindow:
 
 @dataclass(frozen=True)
 class RecordedTrajectory:
-    """A motion from a bag, t [s] from the bag's first sample on the topic, and the bag's data for a result.
-
-    ``sha256`` is of its .mcap files, one after the other; ``closed`` and ``note`` are as of :class:`BagReader`.
-    """
+    """A motion from a recording, t [s] from its first sample, and the recording's data for a result."""
 
     trajectory: Trajectory
     window: BagWindow
-    sha256: str
-    closed: bool
-    note: str
+    sha256: str  #: of the .mcap files, one after the other, or of the file with columns.
+    closed: bool  #: as of the reader.
+    note: str  #: warnings; else empty.
 
 
 class BagReader:
     """A bag folder or a single .mcap file, closed or not; metadata.yaml is not read.
 
     Attributes:
-        files: its .mcap files in order.
+        files: its readable .mcap files in order.
+        unread: why nothing of a file can be read, by its path.
         topics: type and number of messages of each, by name.
         first_ns, last_ns: earliest and latest log time [ns since the epoch], 0 in an empty bag.
         closed: whether all files were closed and can be read.
@@ -125,7 +134,7 @@ class BagReader:
 
     def __init__(self, path: Path) -> None:
         self.path = Path(path)
-        self.files, unread = _opened(self.path)
+        self.files, self.unread = _opened(self.path)
         topics: dict[str, tuple[str, int]] = {}
         for file in self.files:
             for name, (type_name, count) in file.topics.items():
@@ -133,8 +142,8 @@ class BagReader:
         self.topics = dict(sorted(topics.items()))
         self.first_ns = min((file.first_ns for file in self.files if file.first_ns is not None), default=0)
         self.last_ns = max((file.last_ns for file in self.files if file.last_ns is not None), default=0)
-        self.closed = all(file.closed for file in self.files) and not unread
-        self.note = '; '.join([*(file.note for file in self.files if file.note), *unread])
+        self.closed = all(file.closed for file in self.files) and not self.unread
+        self.note = '; '.join([*(file.note for file in self.files if file.note), *self.unread.values()])
 
     @property
     def duration(self) -> float:
@@ -157,83 +166,52 @@ class BagReader:
         return digest.hexdigest()
 
     def messages(self, topics: Collection[str], start_ns: int = 0, end_ns: int = FOREVER_NS) -> Iterator[Messages]:
-        """Return the messages of some topics with START <= log time < END [ns], many at once, in the order of writing.
-
-        Raises:
-            BagError: a part of a closed file is damaged.
-        """
+        """Yield messages as :meth:`McapFile.messages`, one file after the other, as ``ros2 bag play`` does."""
         for file in self.files:
             yield from file.messages(topics, start_ns, end_ns)
 
 
-class Stream:
-    """The samples of two joints in a window; each iteration reads them anew.
+class OtherClockError(BagError):
+    """Stamps and log times are of different clocks, so that the index does not lead to a window's samples."""
 
-    Iterating gives blocks, each of t [ns] from the bag's first sample on the topic by ``header.stamp``, shape (N,), and
-    of position [rad], effort [N m] and velocity [rad/s], NaN where there is none, shape (N, 3, 2). Efforts are those of
-    ``effort_names``, by default of the joints themselves.
 
-    Attributes:
-        missed: whether the last iteration may have missed samples.
+def joint_samples(
+    reader: BagReader,
+    window: BagWindow,
+    topic: str = JOINT_STATES_TOPIC,
+    joint_names: Sequence[str] = JOINT_NAMES,
+    effort_names: Sequence[str] | None = None,
+    margin_ns: int = SETTINGS.latency_ns,
+) -> Iterator[tuple[NDArray[np.int64], NDArray[np.float64]]]:
+    """Yield the samples of two joints in a window, many at once; not finite, late or out of order as they are.
+
+    Each block is t [ns] from the bag's first sample on the topic by ``header.stamp``, shape (N,), and position [rad],
+    effort [N m] and velocity [rad/s], NaN where there is none, shape (N, 3, 2). Efforts are those of ``effort_names``,
+    by default of the joints themselves. By log time, the window and ``margin_ns`` around it are read.
 
     Raises:
-        BagError: the topic is not there or not of JointStates; when read, a joint is missing or has no position or
-            effort, or a part that is needed is damaged.
+        BagError: the topic is not there or not of JointStates; a joint is missing or has no position or effort; a part
+            that is needed is damaged.
+        OtherClockError: at the end, if messages outside of the margin may belong to the window.
     """
-
-    def __init__(
-        self,
-        reader: BagReader,
-        topic: str,
-        joint_names: Sequence[str],
-        start: float | None = None,
-        end: float | None = None,
-        *,
-        effort_names: Sequence[str] | None = None,
-    ) -> None:
-        _require(reader, topic)
-        self._reader, self._topic, self._joint_names, self._effort_names = reader, topic, joint_names, effort_names
-        self._from_start = start is None
-        self._low = round(min((start or 0.0) * 1e9, FOREVER_NS))
-        self._high = FOREVER_NS if end is None else round(min(end * 1e9, FOREVER_NS))
-        self.missed = False
-
-    def __iter__(self) -> Iterator[tuple[NDArray[np.int64], NDArray[np.float64]]]:
-        return self._blocks(LATENCY_NS)
-
-    def _blocks(self, margin_ns: int) -> Iterator[tuple[NDArray[np.int64], NDArray[np.float64]]]:
-        """Read the window, and ``margin_ns`` around it by log time, the time of the index."""
-        low, high, topics = self._low, self._high, [self._topic]
-        first = next(iter(next(self._reader.messages(topics))))
-        first_ns = stamp_of(decode_joint_state(first.data))
-        decode = JointDecoder(self._joint_names, f'{self._reader.path}: {self._topic}', self._effort_names)
-        from_ns, until_ns = first.log_time + low - margin_ns, first.log_time + high + margin_ns
-        earliest, latest = FOREVER_NS, -FOREVER_NS
-        for messages in self._reader.messages(topics, max(from_ns, 0), min(until_ns, FOREVER_NS)):
-            stamps, values = decode(messages)
-            elapsed_ns = stamps - first_ns
-            earliest, latest = min(earliest, int(elapsed_ns.min())), max(latest, int(elapsed_ns.max()))
-            # With no START, a trajectory reports stamps that run back beyond the first.
-            wanted = elapsed_ns < high if self._from_start else (low <= elapsed_ns) & (elapsed_ns < high)
-            if wanted.any():
-                yield elapsed_ns[wanted], values[wanted]
-        covered = earliest <= low and (latest >= high or until_ns > self._reader.last_ns)
-        self.missed = margin_ns < FOREVER_NS and not covered
-
-    def samples(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """Return all samples as one block; of a recording that is too long, enough samples to recognise that."""
-        for margin_ns in (LATENCY_NS, FOREVER_NS):
-            times, values, count = [np.empty(0, np.int64)], [np.empty((0, 3, 2))], 0
-            self.missed = False
-            for elapsed_ns, block in self._blocks(margin_ns):
-                times.append(elapsed_ns)
-                values.append(block)
-                count += len(elapsed_ns)
-                if is_long(count, min((elapsed_ns[-1] - times[1][0]) / 1e9, self._reader.duration)):
-                    break
-            if not self.missed:
-                break
-        return np.concatenate(times), np.concatenate(values)
+    _require(reader, topic)
+    low, high = (round(min(bound * 1e9, FOREVER_NS)) for bound in (window.start or 0.0, window.end or math.inf))
+    first = next(iter(next(reader.messages([topic]))))
+    first_ns = stamp_of(decode_joint_state(first.data))
+    decode = JointDecoder(joint_names, f'{reader.path}: {topic}', effort_names)
+    from_ns, until_ns = first.log_time + low - margin_ns, first.log_time + high + margin_ns
+    earliest, latest = FOREVER_NS, -FOREVER_NS
+    for messages in reader.messages([topic], max(from_ns, 0), min(until_ns, FOREVER_NS)):
+        stamps, values = decode(messages)
+        elapsed_ns = stamps - first_ns
+        earliest, latest = min(earliest, int(elapsed_ns.min())), max(latest, int(elapsed_ns.max()))
+        # With no START, a trajectory reports stamps that run back beyond the first.
+        wanted = elapsed_ns < high if window.start is None else (low <= elapsed_ns) & (elapsed_ns < high)
+        if wanted.any():
+            yield elapsed_ns[wanted], values[wanted]
+    covered = earliest <= low and (latest >= high or until_ns > reader.last_ns)
+    if margin_ns < FOREVER_NS and not covered:
+        raise OtherClockError(f'{window}: its stamps are of another clock than its log times; follow the whole bag')
 
 
 Reader = BagReader | TableReader
@@ -274,7 +252,7 @@ def read_trajectory(
         motion, duration = replace(window.of(reader.motion), name=str(window)), reader.motion.duration
         t = motion.t
     else:
-        elapsed_ns, values = _stream(reader, window, topic, joint_names, conversion).samples()
+        elapsed_ns, values = _collect(reader, window, topic, joint_names, conversion.effort_names(joint_names))
         t, duration = elapsed_ns / 1e9, reader.duration
     if not len(t):
         raise TrajectoryError(
@@ -285,18 +263,17 @@ def read_trajectory(
         # A velocity is optional in each message.
         velocities = values[:, 2] if np.isfinite(values[:, 2]).all() else None
         motion = conversion.motion(t, values[:, 0], values[:, 1], velocities, str(window))
-    return RecordedTrajectory(motion.require_samples(), window, reader.content_hash, reader.closed, reader.note)
+    note = '; '.join(filter(None, [reader.note, window.cut(float(t[-1]))]))
+    return RecordedTrajectory(motion.require_samples(), window, reader.content_hash, reader.closed, note)
 
 
 def stream_samples(
     reader: Reader, window: BagWindow, topic: str, joint_names: Sequence[str], conversion: Conversion
 ) -> Iterator[NDArray[np.float64]]:
-    """Return rows of t [s] from the recording's first sample, q1, q2 [rad], tau1, tau2 [N m], many at a time.
-
-    All samples of a bag come as they are: not finite, late, or out of order.
+    """Yield rows of t [s] from the recording's first sample, q1, q2 [rad], tau1, tau2 [N m], many at a time.
 
     Raises:
-        BagError: the bag, the topic or a joint is not there; the window cannot be found in it.
+        BagError, OtherClockError: as :func:`joint_samples`.
         TableError: a file with columns cannot be read, or lacks one.
     """
     if isinstance(reader, TableReader):
@@ -304,39 +281,41 @@ def stream_samples(
         if len(motion):
             yield np.column_stack([motion.t, motion.q, motion.tau])
         return
-    stream = _stream(reader, window, topic, joint_names, conversion)
     Q, c, T, d = conversion.affine
-    for elapsed_ns, values in stream:
+    for elapsed_ns, values in joint_samples(reader, window, topic, joint_names, conversion.effort_names(joint_names)):
         yield np.column_stack([elapsed_ns / 1e9, values[:, 0] @ Q.T + c, values[:, 1] @ T.T + d])
-    if stream.missed:
-        raise BagError(f'{window}: its stamps are of another clock than its log times; follow the whole bag')
 
 
-def _stream(
-    reader: BagReader, window: BagWindow, topic: str, joint_names: Sequence[str], conversion: Conversion
-) -> Stream:
-    efforts = conversion.effort_names(joint_names)
-    return Stream(reader, topic, joint_names, window.start, window.end, effort_names=efforts)
-
-
-def is_long(samples: int, duration: float) -> bool:
-    """Tell whether so many samples over so many seconds [s] would take hundreds of megabytes and minutes."""
-    return duration > (LONGEST if samples <= MANY else LONGEST_OF_MANY)
+def _collect(
+    reader: BagReader, window: BagWindow, topic: str, joint_names: Sequence[str], effort_names: Sequence[str]
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Return all samples of a window as one block; of too long a recording, enough of them to recognise that."""
+    for margin_ns in (SETTINGS.latency_ns, FOREVER_NS):
+        times, values, count = [np.empty(0, np.int64)], [np.empty((0, 3, 2))], 0
+        with suppress(OtherClockError):
+            for elapsed_ns, block in joint_samples(reader, window, topic, joint_names, effort_names, margin_ns):
+                times.append(elapsed_ns)
+                values.append(block)
+                count += len(elapsed_ns)
+                if SETTINGS.exclude(count, min((elapsed_ns[-1] - times[1][0]) / 1e9, reader.duration)):
+                    break
+            break
+    return np.concatenate(times), np.concatenate(values)
 
 
 def _require_short(window: BagWindow, t: NDArray[np.float64], duration: float) -> None:
     """Raise LongRecordingError for too long a window, with samples at t [s], of a recording of ``duration`` [s]."""
-    if not is_long(len(t), min(float(t[-1] - t[0]), duration)):
+    if not SETTINGS.exclude(len(t), min(float(t[-1] - t[0]), duration)):
         return
     start = window.start or 0.0
-    at_once = f'{LONGEST:g} s'
-    if len(t) > MANY:
-        at_once += f', or {LONGEST_OF_MANY:g} s of more than {MANY} samples,'
-    lasts = min(window.end or np.inf, duration) - start
+    at_once = f'{SETTINGS.longest:g} s'
+    if len(t) > SETTINGS.many:
+        at_once += f', or {SETTINGS.longest_of_many:g} s of more than {SETTINGS.many} samples,'
+    lasts = min(window.end or math.inf, duration) - start
     raise LongRecordingError(
         f'{window} is too long: it lasts {lasts:.0f} s, and at most {at_once} are taken at once',
         str(window),
-        str(BagWindow(window.path, window.start, start + ENOUGH)),
+        str(BagWindow(window.path, window.start, start + SETTINGS.first_window)),
     )
 
 
@@ -354,10 +333,10 @@ def _require(reader: BagReader, topic: str) -> None:
         raise BagError(f'{reader.path}: {topic} is of type {there[topic]}; name a topic of type {JOINT_STATE}')
 
 
-def _opened(path: Path) -> tuple[list[McapFile], list[str]]:
-    """Return the readable files of a bag in order, and an error for each other one; BagError if none is readable."""
+def _opened(path: Path) -> tuple[list[McapFile], dict[Path, str]]:
+    """Return the readable files of a bag in order, and errors by file for others; BagError if none is readable."""
     if os.path.isfile(path):
-        return [McapFile(path)], []
+        return [McapFile(path)], {}
     try:
         names = os.listdir(path)
     except PermissionError as error:
@@ -373,14 +352,15 @@ def _opened(path: Path) -> tuple[list[McapFile], list[str]]:
             f'{path} is no bag that can be read here: it holds no .mcap file; give a bag recorded with storage mcap '
             '(ros2 bag convert makes one of any other)'
         )
-    files, unread = list[McapFile](), list[str]()
+    files, unread = list[McapFile](), dict[Path, str]()
     # NAME_2.mcap comes before NAME_10.mcap.
     for name in sorted(found, key=lambda name: (len(name), name)):
+        file = path / (name if name in names else f'{name}.zstd')
         try:
-            files.append(McapFile(path / (name if name in names else f'{name}.zstd')))
+            files.append(McapFile(file))
         except BagError as error:
-            unread.append(str(error))
+            unread[file] = str(error)
     # A power cut may leave one empty, but not all.
     if not files:
-        raise BagError(unread[0])
+        raise BagError(next(iter(unread.values())))
     return files, unread

@@ -5,15 +5,20 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from dataclasses import dataclass
+from array import array
+from collections import Counter, deque
+from dataclasses import dataclass, field
 from pathlib import Path
+
+import numpy as np
 
 from pendubot_identification.errors import BagError
 
+from .bag_metadata import METADATA, parse_information, read_information
 from .bag_reader import BagReader
 from .bag_writer import BagWriter, complete_bag
 from .mcap_file import Damage, McapFile
+from .survey import missing_numbers
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,10 +30,11 @@ class SavedFile:
     """
 
     file: str  #: the original's path
-    closed: bool  #: whether it had an end and an index
-    saved: dict[str, int]  #: messages, by topic
-    missing: dict[str, int]  #: messages, by topic
-    damaged: list[Damage]  #: parts that were not used
+    closed: bool = False  #: whether it had an end and an index
+    saved: dict[str, int] = field(default_factory=dict)  #: messages, by topic
+    missing: dict[str, int] = field(default_factory=dict)  #: messages, by topic
+    damaged: list[Damage] = field(default_factory=list)  #: parts that were not used
+    unread: str = ''  #: why nothing of it can be read; else empty
 
     @property
     def intact(self) -> bool:
@@ -39,7 +45,8 @@ class SavedFile:
 def repair(path: Path, output: Path, *, overwrite: bool = False) -> list[SavedFile]:
     """Write a closed copy of a bag, in one file, with every intact message; the original is only read.
 
-    Messages, their times and numbers, topics, types and qualities of service are copied byte for byte.
+    Messages, their times and numbers, topics, types and qualities of service are copied byte for byte, each file's
+    messages in the order of log time.
 
     Raises:
         BagError: there is no such bag, nothing of it can be saved, the output is taken or the system refuses to write.
@@ -47,33 +54,41 @@ def repair(path: Path, output: Path, *, overwrite: bool = False) -> list[SavedFi
     source, target = Path(path).resolve(), Path(output).resolve()
     if source == target or source in target.parents or target in source.parents:
         raise BagError(f'{output} is the bag itself, or in or around it; give another --output')
-    files = BagReader(path).files
-    if not any(file.channels for file in files):
+    bag = BagReader(path)
+    if not any(file.channels for file in bag.files):
         raise BagError(f'{path} holds no intact message; nothing can be saved')
-    numbers: Counter[str] = Counter()
-    with complete_bag(output, overwrite=overwrite) as bag:
-        return [_copied(file, bag, numbers) for file in files]
+    for file in bag.files:
+        deque(file.scan(), maxlen=0)
+    described = read_information(source)
+    origin = described or next(filter(None, (parse_information(file.description) for file in bag.files)), {})
+    last_numbers: Counter[str] = Counter()
+    with complete_bag(output, overwrite=overwrite) as copy:
+        copy.origin = {key: origin[key] for key in ('custom_data', 'ros_distro') if origin.get(key)}
+        saved = [_copied(file, copy, last_numbers) for file in bag.files]
+    named = [source / Path(name).name for name in described.get('relative_file_paths', ())]
+    unread = {file: f'{file} is named in {METADATA} and does not exist' for file in named if not file.exists()}
+    return saved + [SavedFile(str(file), unread=why) for file, why in (unread | bag.unread).items()]
 
 
-def _copied(file: McapFile, bag: BagWriter, numbers: Counter[str]) -> SavedFile:
-    """Append one file to those before; ``numbers`` are the last message numbers by topic."""
-    saved, missing, damaged = Counter[str](), Counter[str](), list[Damage]()
+def _copied(file: McapFile, copy: BagWriter, last_numbers: Counter[str]) -> SavedFile:
+    """Append one file to those before; ``last_numbers`` are the last message numbers by topic."""
     to = {
-        number: bag.add_channel(file.schemas[channel.schema_id], channel)
+        number: copy.add_channel(file.schemas[channel.schema_id], channel)
         for number, channel in sorted(file.channels.items())
         if channel.schema_id in file.schemas
     }
-    for part in file.intact_parts(damaged):
-        for message in part.messages:
-            if message.channel_id not in to:
-                continue
-            name = file.channels[message.channel_id].topic
-            bag.write(to[message.channel_id], message.data, message.log_time, message.publish_time, message.sequence)
-            saved[name] += 1
-            # Lower numbers are of repeated messages; recorders that do not count leave zeros.
-            if message.sequence > numbers[name]:
-                missing[name] += message.sequence - numbers[name] - 1 if numbers[name] else 0
-                numbers[name] = message.sequence
+    numbers = {name: array('q') for name in file.topics}
+    for messages in file.messages(file.topics):
+        for message in messages:
+            if message.channel_id in to:
+                copy.write(
+                    to[message.channel_id], message.data, message.log_time, message.publish_time, message.sequence
+                )
+                numbers[file.channels[message.channel_id].topic].append(message.sequence)
+    missing = Counter[str]()
     for name, (_, counted) in file.topics.items():
-        missing[name] = max(missing[name], counted - saved[name])
-    return SavedFile(str(file.path), file.closed, dict(saved), dict(+missing), damaged)
+        found = np.array(numbers[name], np.int64)
+        missing[name] = max(missing_numbers(found, last_numbers[name]), counted - len(found))
+        last_numbers[name] = int(found.max(initial=last_numbers[name]))
+    saved = Counter({name: len(found) for name, found in numbers.items()})
+    return SavedFile(str(file.path), file.closed, dict(+saved), dict(+missing), file.damages)

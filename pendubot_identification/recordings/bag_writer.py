@@ -12,25 +12,36 @@ import threading
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from mcap.data_stream import RecordBuilder
 from mcap.records import Channel, Schema
 from mcap.writer import CompressionType, Writer
+from rosbags.interfaces import Qos
+from rosbags.rosbag2.metadata import dump_qos_v9
 
 from pendubot_identification.errors import BagError
 from pendubot_identification.files import yaml_text
 
-from .bag_metadata import METADATA, Qos, information, sync_folder, write_metadata
+from .bag_metadata import METADATA, RELIABLE, information, sync_folder, write_metadata
 from .message_types import message_definition
 
-#: A chunk is written after this time between log times, or before it exceeds this size [bytes].
-FLUSH_INTERVAL_NS, CHUNK_SIZE = 100_000_000, 64 * 1024
-#: Largest overhead of a message, a chunk, a channel of a chunk and a file or topic, beside the data [bytes].
-MESSAGE_COST, CHUNK_COST, INDEX_COST, FILE_COST = 64, 256, 64, 16384
-#: The default quality of service.
-OFFERED = Qos()
+
+@dataclass(frozen=True, slots=True)
+class WriteSettings:
+    """When a chunk is written, and how much space it takes beside its messages."""
+
+    interval_ns: int = 100_000_000  #: Longest difference of log times in a chunk [ns]: a killed program loses it.
+    chunk_size: int = 64 * 1024  #: Largest size of a chunk with more than one message [bytes].
+    message_cost: int = 64  #: Largest overhead of a message, ...
+    chunk_cost: int = 256  #: ... of a chunk, ...
+    index_cost: int = 64  #: ... of a channel of a chunk, ...
+    file_cost: int = 16384  #: ... and of a file or topic, beside the data [bytes].
+
+
+SETTINGS = WriteSettings()
 
 
 class RefusedError(BagError):
@@ -53,6 +64,9 @@ class BagWriter:
         reserve: free space of the disk that is left to other programs [bytes].
         folder: the folder to write to, if it is another one.
 
+    Attributes:
+        origin: entries of metadata.yaml that a copy takes over from the original, such as ``custom_data``.
+
     Raises:
         BagError: the name is taken.
         RefusedError: the reserve is not free, or the system refuses to write. Every method raises it then, and the bag
@@ -61,6 +75,7 @@ class BagWriter:
 
     def __init__(self, path: Path, *, reserve: int = 0, folder: Path | None = None) -> None:
         self.path = Path(path)
+        self.origin: dict[str, Any] = {}
         self._folder, self._reserve = folder or self.path, reserve
         self.file = self._folder / f'{self.path.absolute().name}_0.mcap'
         self._lock, self._describing = threading.RLock(), threading.Lock()
@@ -68,13 +83,13 @@ class BagWriter:
         self._topics: dict[int, tuple[Schema, Channel]] = {}
         self._counts: Counter[int] = Counter()
         self._described = (-1, -1)
-        self._first_ns = self._last_ns = self._latest_ns = self._flushed_ns = 0
+        self._first_ns = self._last_ns = self._flushed_ns = 0
         self._complete_size = self._chunks = self._pending = 0
         if os.path.lexists(self._folder):
             raise BagError(f'{self._folder} exists already; give another name')
         with self._explained():
             above = next(folder for folder in self._folder.absolute().parents if folder.exists())
-            if reason := _shortage(above, FILE_COST, reserve):
+            if reason := _shortage(above, SETTINGS.file_cost, reserve):
                 raise RefusedError(f'{self.path} is not begun: {reason}; free some space, or lower the reserve', reason)
             self._folder.mkdir(parents=True)
             self._file = self.file.open('xb')
@@ -89,14 +104,17 @@ class BagWriter:
         """Free space of its disk [bytes]."""
         return shutil.disk_usage(self._folder).free
 
-    def add_topic(self, topic: str, type_name: str, qos: Qos = OFFERED) -> int:
+    def add_topic(self, topic: str, type_name: str, *offered: Qos) -> int:
         """Announce a topic of a type such as ``std_msgs/msg/Float64``; return the channel to write to.
+
+        ``offered`` are the qualities of service of its publishers.
 
         Raises:
             BagError: the type's definition is not installed.
         """
         definition = message_definition(type_name)
-        metadata = {'offered_qos_profiles': yaml_text([qos.profile()]), 'topic_type_hash': definition.type_hash}
+        profiles = yaml_text(dump_qos_v9(list(offered) or [RELIABLE]))
+        metadata = {'offered_qos_profiles': profiles, 'topic_type_hash': definition.type_hash}
         return self.add_channel(
             Schema(0, definition.text.encode(), 'ros2msg', type_name), Channel(0, topic, 'cdr', metadata, 0)
         )
@@ -131,20 +149,20 @@ class BagWriter:
         Times are of receiving and publishing [ns since the epoch]; ``sequence`` is its number on this channel.
         """
         published_ns = log_time_ns if publish_time_ns is None else publish_time_ns
-        size = len(data) + MESSAGE_COST
+        size = len(data) + SETTINGS.message_cost
         with self._explained():
-            if self._pending + size > CHUNK_SIZE:
+            if self._pending + size > SETTINGS.chunk_size:
                 self._flush(size)
             self._mcap.add_message(channel, log_time_ns, data, published_ns, sequence & 0xFFFFFFFF)
             if not self._counts:
                 self._first_ns = self._last_ns = self._flushed_ns = log_time_ns
             self._first_ns, self._last_ns = min(self._first_ns, log_time_ns), max(self._last_ns, log_time_ns)
-            self._latest_ns = log_time_ns
             self._counts[channel] += 1
             self._pending += size
             # A clock that was set back must not stop the flushing.
-            if abs(log_time_ns - self._flushed_ns) >= FLUSH_INTERVAL_NS:
+            if abs(log_time_ns - self._flushed_ns) >= SETTINGS.interval_ns:
                 self._flush()
+                self._flushed_ns = log_time_ns
 
     def flush(self) -> None:
         """Hand everything written so far to the system."""
@@ -184,8 +202,8 @@ class BagWriter:
 
     def _flush(self, coming: int = 0) -> None:
         """Write the pending chunk; if the space is needed to close the bag, close it without the coming message."""
-        chunks = (self._chunks + 1) * (CHUNK_COST + INDEX_COST * len(self._topics))
-        needed = self._pending + coming + chunks + FILE_COST * (1 + len(self._topics))
+        chunks = (self._chunks + 1) * (SETTINGS.chunk_cost + SETTINGS.index_cost * len(self._topics))
+        needed = self._pending + coming + chunks + SETTINGS.file_cost * (1 + len(self._topics))
         if reason := _shortage(self._folder, needed, self._reserve, self._complete_size):
             self._close()
             sentence = f'{self.path} is closed with all earlier messages: {reason}; free some space'
@@ -196,8 +214,7 @@ class BagWriter:
     def _hand_over(self) -> None:
         self._chunks += self._pending > 0
         self._mcap.flush()
-        self._file.flush()
-        self._complete_size, self._flushed_ns, self._pending = self._file.tell(), self._latest_ns, 0
+        self._complete_size, self._pending = self._file.tell(), 0
 
     def _close(self) -> None:
         self._hand_over()
@@ -210,7 +227,7 @@ class BagWriter:
         self._describe()
 
     def _information(self) -> dict[str, object]:
-        return information(self.file.name, self._topics, self._counts, self._first_ns, self._last_ns)
+        return information(self.file.name, self._topics, self._counts, self._first_ns, self._last_ns) | self.origin
 
     def _describe(self) -> None:
         """Write metadata.yaml, unless it is up to date."""

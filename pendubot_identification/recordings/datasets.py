@@ -68,12 +68,13 @@ def load_datasets(
     validation = [read(BagWindow.parse(text)) for text in validate]
     unlimited = [window.start is None and window.end is None for window in windows]
     if not validation and unlimited == [True]:
-        training, validation = _halves(training[0])
+        whole, half = training[0], len(training[0].trajectory) // 2
+        training = [replace(whole, trajectory=whole.trajectory[:half])]
+        validation = [replace(whole, trajectory=whole.trajectory[half:])]
     elif not validation and not all(unlimited):
         validation = [rest for window in _rest(windows) if (rest := _validation_part(window, read)) is not None]
     pairs = [('training', r) for r in training] + [('validation', r) for r in validation]
     notes = [r.note for _, r in pairs if r.note]
-    notes += filter(None, (r.window.cut(span(r.trajectory)[1]) for _, r in pairs))
     for (role, first), (_, second) in combinations(pairs, 2):
         starts, ends = zip(span(first.trajectory), span(second.trajectory), strict=True)
         if role == 'training' and first.sha256 == second.sha256 and max(starts) <= min(ends):
@@ -81,25 +82,12 @@ def load_datasets(
                 f'{first.window} and {second.window} share samples: they count twice, and standard errors and J on '
                 'validation look better than they are'
             )
-    sources = (
-        Source(
-            str(r.window),
-            role,
-            len(r.trajectory),
-            r.trajectory.duration,
-            r.sha256,
-            r.closed,
-            topic,
-            list(joint_names),
-        )
-        for role, r in pairs
-    )
-    return Datasets(
-        tuple(r.trajectory for r in training),
-        tuple(r.trajectory for r in validation),
-        tuple(sources),
-        tuple(dict.fromkeys(notes)),
-    )
+    sources = []
+    for role, r in pairs:
+        samples, duration = len(r.trajectory), r.trajectory.duration
+        sources.append(Source(str(r.window), role, samples, duration, r.sha256, r.closed, topic, list(joint_names)))
+    trained, validated = (tuple(r.trajectory for r in part) for part in (training, validation))
+    return Datasets(trained, validated, tuple(sources), tuple(dict.fromkeys(notes)))
 
 
 def require_files(conversion: Conversion, paths: Iterable[Path]) -> None:
@@ -110,12 +98,6 @@ def require_files(conversion: Conversion, paths: Iterable[Path]) -> None:
             f'{options(only)[0]} is for files with columns; the stamps of a bag are in nanoseconds, and its joints '
             'have names (--joints): leave it out'
         )
-
-
-def _halves(recorded: RecordedTrajectory) -> tuple[list[RecordedTrajectory], list[RecordedTrajectory]]:
-    motion = recorded.trajectory
-    half = len(motion) // 2
-    return [replace(recorded, trajectory=motion[:half])], [replace(recorded, trajectory=motion[half:])]
 
 
 def _validation_part(window: BagWindow, read: Callable[[BagWindow], RecordedTrajectory]) -> RecordedTrajectory | None:

@@ -25,15 +25,12 @@ JOINT_NAMES = ('shoulder', 'elbow')
 
 #: Start of a motion without a clock [ns since the epoch]: fixed, so that the same motion gives the same bytes.
 EPOCH_NS = 1_500_000_000_000_000_000
+#: CDR's encapsulation, and the stamp with which a header begins.
+STAMP = np.dtype([('encapsulation', 'V4'), ('sec', '<i4'), ('nanosec', '<u4')])
 
 
 def encode_joint_state(
-    stamp_ns: int,
-    names: Sequence[str],
-    position: ArrayLike,
-    velocity: ArrayLike,
-    effort: ArrayLike,
-    frame: str = '',
+    stamp_ns: int, names: Sequence[str], position: ArrayLike, velocity: ArrayLike, effort: ArrayLike, frame: str = ''
 ) -> bytes:
     """Return a JointState as CDR, with its encapsulation header: stamp [ns], names of the joints, and their values.
 
@@ -64,13 +61,16 @@ def stamp_of(message: Any) -> int:
     return int(message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec)
 
 
+def stamps_ns(found: NDArray[np.void]) -> NDArray[np.int64]:
+    """Return stamps [ns], shape (N,), of the starts of little-endian messages, each a :data:`STAMP`."""
+    return found['sec'].astype(np.int64) * 1_000_000_000 + found['nanosec']
+
+
 class JointDecoder:
     """Reads two joints from many JointStates at once; ``source`` is named in errors.
 
-    Efforts are those of ``effort_names``, by default of the joints themselves.
-
-    JointStates with the same names of joints and frame differ in their stamp and numbers alone. rosbags decodes one of
-    them, which gives the offsets for all others of the same layout.
+    Efforts are those of ``effort_names``, by default of the joints themselves. rosbags decodes one JointState; numpy
+    reads all others of the same layout.
     """
 
     def __init__(self, joint_names: Sequence[str], source: str, effort_names: Sequence[str] | None = None) -> None:
@@ -91,47 +91,65 @@ class JointDecoder:
             if self._layout is not None:
                 remaining = remaining[~self._layout.read(messages, remaining, stamps, values)]
             if remaining.size:
-                (message,) = messages.part(remaining[:1])
+                k, remaining = remaining[0], remaining[1:]
+                (message,) = messages.part(slice(k, k + 1))
                 state = decode_joint_state(message.data)
-                where = f'{self._source}, sample {self._count + remaining[0]}'
-                joints, efforts = _places(state, self._joint_names, self._effort_names, where)
-                k = remaining[0]
+                joints, efforts = self._indices(state, f'{self._source}, sample {self._count + k}')
                 stamps[k], values[k, :2] = stamp_of(state), (state.position[joints], state.effort[efforts])
                 if len(state.velocity) == len(state.name):
                     values[k, 2] = state.velocity[joints]
                 self._layout = _Layout.of(message.data, state, joints, efforts)
-                remaining = remaining[1:]
         self._count += len(messages)
         return stamps, values
 
+    def _indices(self, state: Any, where: str) -> tuple[list[int], list[int]]:
+        """Return the indices of both joints and of their efforts, which may be separate entries."""
+        n, there = len(state.name), ', '.join(state.name) or 'none'
+        if missing := [name for name in self._joint_names if name not in state.name]:
+            raise BagError(f'{where} has no joint {missing[0]!r}; its joints are {there}: name two of these')
+        if missing := [name for name in self._effort_names if name not in state.name]:
+            raise BagError(
+                f'{where} has no measured current: its joints are {there}, and {missing[0]} is expected beside them; '
+                'record with a bridge of this version, or leave out --torque-constant'
+            )
+        if len(state.position) != n:
+            raise BagError(f'{where} has {len(state.position)} positions for {n} joints; each joint needs one')
+        if len(state.effort) != n:
+            raise BagError(
+                f'{where} has {len(state.effort)} efforts for {n} joints; each joint needs one, 0 where it is not '
+                'driven'
+            )
+        joints, efforts = (
+            [state.name.index(name) for name in names] for names in (self._joint_names, self._effort_names)
+        )
+        return joints, efforts
+
 
 class _Layout(NamedTuple):
-    """The layout of JointStates with the same names.
+    """The layout of JointStates with the same frame and names."""
 
-    Attributes:
-        example: one of them, shape (bytes,).
-        shared: 255 where all of them are the same, else 0, shape (bytes,).
-        places: offsets of the decoder's numbers: positions, efforts and, if there are any, velocities.
-    """
-
-    example: NDArray[np.uint8]
-    shared: NDArray[np.uint8]
-    places: list[int]
+    example: NDArray[np.uint8]  #: the bytes of one of them.
+    same: NDArray[np.uint8]  #: 255 for each byte in which all of them are the same, else 0.
+    offsets: list[int]  #: of the decoder's numbers: positions, efforts and, if there are any, velocities.
 
     @classmethod
     def of(cls, data: bytes, state: Any, joints: list[int], efforts: list[int]) -> _Layout | None:
         """Return the layout of a message; None for another byte order or a message with further bytes."""
-        # Two messages that differ in every bit of their numbers, and nowhere else.
-        clear, full = (_probe(state, bits) for bits in (0, -1))
-        example = np.frombuffer(data, np.uint8)
-        if len(example) != len(clear) or (example[:2] != clear[:2]).any():
+        again = encode_joint_state(0, state.name, state.position, state.velocity, state.effort, state.header.frame_id)
+        if len(again) != len(data) or again[:2] != data[:2]:
             return None
+        # The arrays end the message; before each stand its length and the padding to 8 bytes.
+        n, m = len(state.name), len(state.velocity)
+        effort = len(data) - 8 * n
+        velocity = effort - 8 * (m + 1) if m else effort
+        position = velocity - 8 * (n + 1)
+        example = np.frombuffer(data, np.uint8)
         # Bytes that differ from the encoder's are padding, which has any content.
-        shared = np.where((clear == full) & (clear == example), 255, 0).astype(np.uint8)
-        shared[4:12] = 0  # the stamp
-        n, numbers = len(state.name), np.flatnonzero(clear != full)[::8]
-        velocities = numbers[n:-n][joints] if len(state.velocity) == n else ()
-        return cls(example, shared, [*numbers[:n][joints], *numbers[-n:][efforts], *velocities])
+        same = np.where(example == np.frombuffer(again, np.uint8), 255, 0).astype(np.uint8)
+        for start, size in ((4, 8), (position, 8 * n), (velocity, 8 * m), (effort, 8 * n)):
+            same[start : start + size] = 0  # the stamp and the numbers
+        offsets = [position + 8 * k for k in joints] + [effort + 8 * k for k in efforts]
+        return cls(example, same, offsets + [velocity + 8 * k for k in joints if m == n])
 
     def read(
         self, messages: Messages, which: NDArray[np.intp], stamps: NDArray[np.int64], values: NDArray[np.float64]
@@ -140,78 +158,40 @@ class _Layout(NamedTuple):
         size = len(self.example)
         found = messages.heads['length'][which] == FIELDS + size
         rows = messages.part(which[found]).contents(f'V{size}').view(np.uint8).reshape(-1, size)
-        found[found] = same = ~((rows ^ self.example) & self.shared).any(axis=1)
+        found[found] = same = ~((rows ^ self.example) & self.same).any(axis=1)
         rows, which = rows[same], which[found]
-        sec, nanosec = rows[:, 4:8].view('<i4')[:, 0], rows[:, 8:12].view('<u4')[:, 0]
-        stamps[which] = sec.astype(np.int64) * 1_000_000_000 + nanosec
-        for k, at in enumerate(self.places):
+        stamps[which] = stamps_ns(rows[:, : STAMP.itemsize].view(STAMP)[:, 0])
+        for k, at in enumerate(self.offsets):
             values.reshape(-1, 6)[which, k] = rows[:, at : at + 8].view('<f8')[:, 0]
         return found
 
 
-def _probe(state: Any, bits: int) -> NDArray[np.uint8]:
-    """Return the bytes of a message with these names, whose numbers all have the bits of an integer."""
-    position, velocity, effort = (
-        np.full(len(numbers), bits).view(np.float64) for numbers in (state.position, state.velocity, state.effort)
-    )
-    return np.frombuffer(encode_joint_state(0, state.name, position, velocity, effort, state.header.frame_id), np.uint8)
-
-
-def _places(
-    state: Any, joint_names: Sequence[str], effort_names: Sequence[str], where: str
-) -> tuple[list[int], list[int]]:
-    """Return the indices of two joints and of their efforts, which may be separate entries."""
-    n, there = len(state.name), ', '.join(state.name) or 'none'
-    if missing := [name for name in joint_names if name not in state.name]:
-        raise BagError(f'{where} has no joint {missing[0]!r}; its joints are {there}: name two of these')
-    if missing := [name for name in effort_names if name not in state.name]:
-        raise BagError(
-            f'{where} has no measured current: its joints are {there}, and {missing[0]} is expected beside them; '
-            'record with a bridge of this version, or leave out --torque-constant'
-        )
-    if len(state.position) != n:
-        raise BagError(f'{where} has {len(state.position)} positions for {n} joints; each joint needs one')
-    if len(state.effort) != n:
-        raise BagError(
-            f'{where} has {len(state.effort)} efforts for {n} joints; each joint needs one, 0 where it is not driven'
-        )
-    joints, efforts = ([state.name.index(name) for name in names] for names in (joint_names, effort_names))
-    return joints, efforts
-
-
 def write_trajectory(
-    path: Path,
-    trajectory: Trajectory,
-    *,
-    joint_names: Sequence[str] = JOINT_NAMES,
-    start_ns: int = EPOCH_NS,
-    overwrite: bool = False,
-    progress: Callable[[int], None] | None = None,
+    path: Path, trajectory: Trajectory, *, overwrite: bool = False, progress: Callable[[int], None] | None = None
 ) -> None:
     """Write a motion as a complete bag with the topic ``/joint_states``, or none.
 
-    Without velocities, the messages have none. ``start_ns`` is the stamp of t = 0 [ns since the epoch]; ``progress`` is
-    called with the number of samples written.
+    Without velocities, the messages have none. ``progress`` is called with the number of samples written.
 
     Raises:
         BagError: the name is taken, or the system refuses to write.
     """
-    if (last := start_ns / 1e9 + float(trajectory.t.max(initial=0.0))) >= 2**31:
+    from .bag_writer import complete_bag  # readers do not need it
+
+    if (last := EPOCH_NS / 1e9 + float(trajectory.t.max(initial=0.0))) >= 2**31:
         raise BagError(
             f'{trajectory.name}: its last stamp would be {last:.6g} s after 1970, and a stamp of ROS ends in 2038; '
             'correct its times'
         )
     order = np.arange(len(trajectory))
-    stamps = start_ns + np.rint(trajectory.t * 1e9).astype(np.int64)
+    stamps = EPOCH_NS + np.rint(trajectory.t * 1e9).astype(np.int64)
     # Stamps must increase even if times increase by less than a nanosecond.
     stamps = np.maximum.accumulate(stamps - order) + order
-    from .bag_writer import complete_bag  # readers do not need it
-
     with complete_bag(path, overwrite=overwrite) as bag:
         channel = bag.add_topic(JOINT_STATES_TOPIC, JOINT_STATE)
         for k, stamp in enumerate(stamps.tolist()):
             velocity = () if trajectory.qd is None else trajectory.qd[k]
-            data = encode_joint_state(stamp, joint_names, trajectory.q[k], velocity, trajectory.tau[k])
+            data = encode_joint_state(stamp, JOINT_NAMES, trajectory.q[k], velocity, trajectory.tau[k])
             bag.write(channel, data, stamp, sequence=k + 1)
             if progress is not None and k % 1000 == 0:
                 progress(k)

@@ -1,11 +1,10 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""One .mcap file: its topics and its messages; of an unclosed or damaged file, everything that is intact.
+"""Reads one .mcap file; of an unclosed or damaged file, everything that is intact.
 
-The mcap library parses records (https://mcap.dev/spec) and chunks; numpy reads many messages at once. A closed file
-ends with an index of its chunks. For an unclosed file, an index is made of every intact chunk. Messages may also stand
-outside of chunks.
+The mcap library parses single records (https://mcap.dev/spec); numpy reads the messages of many records at once. A
+closed file ends with an index of its chunks. For any other file, the index is made by reading the whole file.
 """
 
 from __future__ import annotations
@@ -17,7 +16,7 @@ import tempfile
 import weakref
 import zlib
 from array import array
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -30,7 +29,7 @@ import numpy as np
 import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, Footer, Message, Schema, Statistics
+from mcap.records import Channel, Chunk, Footer, Message, Metadata, Schema, Statistics
 from numpy.typing import DTypeLike, NDArray
 
 from pendubot_identification.errors import BagError
@@ -38,27 +37,33 @@ from pendubot_identification.errors import BagError
 MAGIC = b'\x89MCAP0\r\n'
 #: Opcode and length of a record.
 HEAD = struct.Struct('<BQ')
-#: A message's record up to its data.
+#: A message's record up to its data; its length counts the last four of these fields and the data.
 MESSAGE = np.dtype('u1, <u8, <u2, <u4, <i8, <i8')
 MESSAGE.names = ('opcode', 'length', 'channel', 'sequence', 'logged', 'published')
-#: A message's length counts these bytes beside its data.
 FIELDS = MESSAGE.itemsize - HEAD.size
 #: The record before the last magic.
 FOOTER_SIZE = HEAD.size + 20
 #: Start of a chunk's index record: first and last log time, offset and length of the chunk's record.
 INDEX = struct.Struct('<qqqq')
+#: Records that a chunk may hold beside messages.
 DEFINITIONS: dict[int, Any] = {Opcode.SCHEMA: Schema, Opcode.CHANNEL: Channel}
-#: Records that a chunk may hold.
-IN_CHUNKS = (*DEFINITIONS, Opcode.MESSAGE)
-#: The opcodes of the specification; those from 128 on are private.
-OPCODES = frozenset(map(int, Opcode)) | frozenset(range(128, 256))
+#: From this opcode on, records are private.
+PRIVATE = 128
 #: Start of a message that rosbag2 compressed by itself; no CDR starts like this.
 ZSTD = b'\x28\xb5\x2f\xfd'
-#: Nothing that decompresses at once is larger than this [bytes], and no bag grows by more than this factor.
-LARGEST, RATIO = 1 << 27, 1000
-#: Size of the blocks of records that numpy reads at once [bytes]; they fit into a processor's cache.
-BLOCK = 250_000
 FOREVER_NS = 2**63 - 1
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """Limits on memory: no small file that claims gigabytes may fill it."""
+
+    decompressed: int = 1 << 27  #: Largest size of a chunk or message after decompression [bytes].
+    growth: int = 1000  #: Largest ratio of the sizes of an .mcap.zstd after and before decompression.
+    block: int = 250_000  #: Size of the records that numpy reads at once [bytes]; fits into a processor's cache.
+
+
+LIMITS = Limits()
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,17 +76,11 @@ class Damage:
 
 @dataclass(frozen=True, slots=True)
 class Messages:
-    """Messages of one block of records.
+    """Messages of one block of records."""
 
-    Attributes:
-        data: their records, perhaps with others in between.
-        starts: offset of each record, shape (N,).
-        heads: the records up to the data, each a :data:`MESSAGE`, shape (N,).
-    """
-
-    data: bytes
-    starts: NDArray[np.int64]
-    heads: NDArray[np.void]
+    data: bytes  #: their records, perhaps with others in between.
+    starts: NDArray[np.int64]  #: offset of each record, shape (N,).
+    heads: NDArray[np.void]  #: the records up to the data, each a :data:`MESSAGE`, shape (N,).
 
     @classmethod
     def of(cls, contents: Sequence[bytes], heads: NDArray[np.void] | None = None) -> Messages:
@@ -102,23 +101,31 @@ class Messages:
             data = self.data[start + MESSAGE.itemsize : start + HEAD.size + length]
             yield Message(channel, logged, data, published, sequence)
 
-    def part(self, which: NDArray[Any]) -> Messages:
+    def part(self, which: NDArray[Any] | slice) -> Messages:
         """Return some of them."""
         return Messages(self.data, self.starts[which], self.heads[which])
+
+    def followed_by(self, others: Messages) -> Messages:
+        """Return these messages and then the others."""
+        own = Messages.of([message.data for message in self], self.heads)
+        starts = np.concatenate([own.starts, len(own.data) + others.starts])
+        return Messages(own.data + others.data, starts, np.concatenate([own.heads, others.heads]))
 
     def contents(self, kind: DTypeLike) -> NDArray[Any]:
         """Return the start of each message's data as one type, shape (N,)."""
         return _gathered(self.data, self.starts + MESSAGE.itemsize, np.dtype(kind))
 
 
-class Part(NamedTuple):
-    """A chunk, which has a checksum, or consecutive records outside of chunks: offset, size [bytes] and content."""
+NOTHING = Messages(b'', np.empty(0, np.int64), np.empty(0, MESSAGE))
 
-    offset: int
-    size: int
-    is_chunk: bool
-    definitions: list[Schema | Channel]
-    messages: Messages
+
+class Part(NamedTuple):
+    """The content of a chunk, which has a checksum, or of consecutive records outside of chunks."""
+
+    size: int  #: [bytes]
+    is_chunk: bool = False
+    definitions: Sequence[Schema | Channel] = ()
+    messages: Messages = NOTHING
 
 
 class McapFile:
@@ -127,22 +134,23 @@ class McapFile:
     Attributes:
         path: of the file.
         closed: whether its writer closed it.
-        note: for an unclosed or damaged file, a sentence about its intact messages; else empty.
         channels, schemas: by their numbers.
         topics: the schema's name and the number of messages of each topic.
         first_ns, last_ns: earliest and latest log time [ns since the epoch]; None where there is no message.
+        damages: parts that cannot be read, if the file was scanned.
+        description: a copy of metadata.yaml that a scan found in the file; else empty.
 
     Raises:
         BagError: the file is missing, empty or no MCAP file.
     """
 
     def __init__(self, path: Path) -> None:
-        self.path = path
-        self.closed, self.note = True, ''
+        self.path, self.closed, self.description = path, True, ''
         self.channels: dict[int, Channel] = {}
         self.schemas: dict[int, Schema] = {}
         self.first_ns: int | None = None
         self.last_ns: int | None = None
+        self.damages: list[Damage] = []
         self._counts: Counter[int] = Counter()
         try:
             file = _opened(path)
@@ -155,10 +163,10 @@ class McapFile:
                 raise BagError(f'{path} is no MCAP file; give a bag folder or a .mcap file as rosbag2 writes them')
             try:
                 self._index = self._read_summary()
-            except Exception:
+            except Exception:  # the parsers raise many types for damaged bytes
                 self.closed = False
             if self.first_ns is None:
-                self._index = self._scan()
+                deque(self.scan(), maxlen=0)
         except OSError as error:
             reason = error.strerror or str(error)
             raise BagError(f'{path} cannot be read: {reason}; check its name, permissions and disk') from error
@@ -168,8 +176,21 @@ class McapFile:
             _, before = self.topics.get(channel.topic, ('', 0))
             self.topics[channel.topic] = (schema.name if schema else '', before + self._counts[number])
 
+    @property
+    def note(self) -> str:
+        """A sentence about the intact messages of an unclosed or damaged file; else empty."""
+        if self.closed:
+            return ''
+        count = sum(count for _, count in self.topics.values())
+        seconds = ((self.last_ns or 0) - (self.first_ns or 0)) / 1e9
+        lost = sum(damage.size for damage in self.damages if damage.offset + damage.size < self._size)
+        return (
+            f'{self.path.name} was never closed, or is truncated or damaged: its {count} intact messages, within '
+            f'{seconds:.3f} s, are used' + (f'; {lost} bytes among them are damaged' if lost else '')
+        )
+
     def messages(self, topics: Collection[str], start_ns: int = 0, end_ns: int = FOREVER_NS) -> Iterator[Messages]:
-        """Return the messages of some topics with START <= log time < END [ns], many at once, in the order of writing.
+        """Yield the messages of some topics with START <= log time < END [ns] in the order of log time, many at once.
 
         Only chunks with messages of these times are read. Intact messages before a damage come first.
 
@@ -177,24 +198,37 @@ class McapFile:
             BagError: a part of a closed file is damaged, or the file changed after it was opened.
         """
         channels = np.array([number for number, channel in self.channels.items() if channel.topic in topics], np.uint16)
-        within = (self._index[:, 1] >= start_ns) & (self._index[:, 0] < end_ns)
-        for found in self._indexed(self._index[within]):
-            logged, wanted = found.heads['logged'], np.isin(found.heads['channel'], channels, kind='table')
-            wanted &= (start_ns <= logged) & (logged < end_ns)
-            if wanted.any():
-                yield found.part(wanted)
+        rows = self._index[(self._index[:, 1] >= start_ns) & (self._index[:, 0] < end_ns)]
+        waiting: Messages | None = None
+        for block, until_ns in self._read_parts(rows[np.argsort(rows[:, 0], kind='stable')]):
+            wanted = np.isin(block.heads['channel'], channels, kind='table')
+            wanted &= (start_ns <= block.heads['logged']) & (block.heads['logged'] < end_ns)
+            found = block.part(wanted) if waiting is None else waiting.followed_by(block.part(wanted))
+            logged = found.heads['logged']
+            if (logged[1:] < logged[:-1]).any():
+                found = found.part(np.argsort(logged, kind='stable'))
+            # A recorder with several threads writes some messages after later ones, even into the next chunk.
+            ready = int(np.searchsorted(found.heads['logged'], until_ns, side='right'))
+            waiting = found.part(slice(ready, None)) if ready < len(found) else None
+            if ready:
+                yield found.part(slice(ready))
 
-    def _indexed(self, rows: NDArray[np.int64]) -> Iterator[Messages]:
-        """Return the messages of parts of the index; several small parts are read together."""
+    def _read_parts(self, rows: NDArray[np.int64]) -> Iterator[tuple[Messages, int]]:
+        """Yield the messages of parts of the index, sorted by first log time, and the first log time of the next part.
+
+        Several small parts are read together.
+        """
         waiting, size = list[bytes](), 0
         for k, (first_ns, _, offset, length) in enumerate(map(np.ndarray.tolist, rows)):
+            next_ns = int(rows[k + 1, 0]) if k + 1 < len(rows) else FOREVER_NS
             try:
                 waiting.append(_unpacked(self._read(offset, length)))
                 size += len(waiting[-1])
-                found = parse_records(b''.join(waiting))[1] if size >= BLOCK or k + 1 == len(rows) else None
+                full = size >= LIMITS.block or k + 1 == len(rows)
+                found = parse_records(b''.join(waiting)).messages if full else None
             except Exception as error:
                 with suppress(Exception):
-                    yield parse_records(b''.join(waiting))[1]
+                    yield parse_records(b''.join(waiting)).messages, FOREVER_NS
                 after = (first_ns - (self.first_ns or 0)) / 1e9
                 raise BagError(
                     f'{self.path} is damaged {offset} bytes from its start, {after:.3f} s after its first message, or '
@@ -202,65 +236,8 @@ class McapFile:
                     f'or save its intact messages with pendubot repair {self.path.parent}'
                 ) from error
             if found is not None:
-                yield found
+                yield found, next_ns
                 waiting, size = [], 0
-
-    def intact_parts(self, damages: list[Damage]) -> Iterator[Part]:
-        """Return the intact parts from the start of the file to its end, without the index.
-
-        Damaged parts are appended to ``damages`` on the way.
-
-        Raises:
-            OSError: the system refuses to read.
-        """
-        tail = os.pread(self._descriptor, len(MAGIC), max(self._size - len(MAGIC), len(MAGIC)))
-        end = self._size - len(MAGIC) * (tail == MAGIC)
-        at = checked = len(MAGIC)
-        while at < end:
-            size, part = self._part(at, end)
-            if part is not None:
-                yield part
-                checked = at + size
-            elif not size:
-                # A wrong length leads past intact chunks: search from the last intact part on.
-                found = self._next_chunk(checked + 1, end)
-                at = checked if found < at else at
-                size = found - at
-                damages.append(Damage(at, size))
-            at += size
-
-    def _part(self, at: int, end: int) -> tuple[int, Part | None]:
-        """Return the size of the record at an offset, 0 if it is damaged, and its part if it may hold messages."""
-        try:
-            opcode, length = HEAD.unpack(self._read(at, HEAD.size))
-            size = HEAD.size + length
-            if at + size > end or opcode not in OPCODES:
-                return 0, None
-            if opcode in IN_CHUNKS:
-                # Records outside of chunks mostly follow each other.
-                size = _end_of_run(self._read(at, max(size, min(BLOCK, end - at))))
-            elif opcode != Opcode.CHUNK:
-                return size, None
-            part = Part(at, size, opcode == Opcode.CHUNK, *parse_records(_unpacked(self._read(at, size))))
-            # A chunk with a damaged opcode looks like a message of an unknown channel.
-            known = {*self.channels, *(each.id for each in part.definitions if isinstance(each, Channel))}
-            if part.is_chunk or known.issuperset(part.messages.heads['channel'].tolist()):
-                return size, part
-        except OSError:
-            raise
-        except Exception:  # the parsers raise many types for damaged bytes
-            pass
-        return 0, None
-
-    def _next_chunk(self, start: int, end: int) -> int:
-        """Return the offset of the next intact chunk; the end where there is none."""
-        while start < end:
-            block = self._read(start, min(BLOCK, end - start))
-            for found in re.finditer(bytes([Opcode.CHUNK]), block):
-                if self._part(start + found.start(), end)[1] is not None:
-                    return start + found.start()
-            start += len(block)
-        return end
 
     def _read_summary(self) -> NDArray[np.int64]:
         """Take counts and definitions from the end of the file; return its index of chunks, or raise anything."""
@@ -274,7 +251,7 @@ class McapFile:
         # An index with a wrong time would hide messages.
         if footer.summary_crc and zlib.crc32(summary[:-4]) != footer.summary_crc:
             raise ValueError('the summary is damaged')
-        numbers, statistics = array('q'), None
+        numbers, statistics, content_end = array('q'), None, 0
         for opcode, begin, content_end in _records(summary):
             # The library would need ten times as long for these as a window of ten seconds.
             if opcode == Opcode.CHUNK_INDEX:
@@ -283,38 +260,84 @@ class McapFile:
                 statistics = _parsed(Statistics, summary[begin:content_end])
             elif opcode in DEFINITIONS:
                 self._define(_parsed(DEFINITIONS[opcode], summary[begin:content_end]))
+        if content_end != len(summary):
+            raise ValueError('the summary is truncated')
         index = np.array(numbers, np.int64).reshape(-1, 4)
         if statistics is not None and statistics.message_count and statistics.chunk_count == len(index) > 0:
             self.first_ns, self.last_ns = statistics.message_start_time, statistics.message_end_time
             self._counts.update(statistics.channel_message_counts)
         return index[np.argsort(index[:, 2], kind='stable')]
 
-    def _scan(self) -> NDArray[np.int64]:
-        """Make the index, the counts and the definitions by reading the whole file."""
-        damages: list[Damage] = []
-        numbers = array('q')
-        for part in self.intact_parts(damages):
+    def scan(self) -> Iterator[Messages]:
+        """Yield the messages of all intact parts in the order of writing, without the index, and collect the damages.
+
+        At the end, the intact parts are the index for :meth:`messages`, also of a closed file.
+
+        Raises:
+            OSError: the system refuses to read.
+        """
+        tail = os.pread(self._descriptor, len(MAGIC), max(self._size - len(MAGIC), len(MAGIC)))
+        end = self._size - len(MAGIC) * (tail == MAGIC)
+        numbers, counts = array('q'), Counter[int]()
+        self.damages = []
+        at = intact = len(MAGIC)
+        while at < end:
+            part = self._part(at, end)
+            if part is None:
+                # A wrong length leads past intact chunks: search from the last intact part on.
+                found = self._next_chunk(intact + 1, end)
+                at = intact if found < at else at
+                self.damages.append(Damage(at, found - at))
+                at = found
+                continue
             for each in part.definitions:
                 self._define(each, part.is_chunk)
             if part.messages:
-                logged = part.messages.heads['logged']
-                numbers.extend((int(logged.min()), int(logged.max()), part.offset, part.size))
-                self._counts.update(part.messages.heads['channel'].tolist())
-        index = np.array(numbers, np.int64).reshape(-1, 4)
-        if len(index):
-            self.first_ns, self.last_ns = int(index[:, 0].min()), int(index[:, 1].max())
-        self.closed = self.closed and not damages
-        if not self.closed:
-            count = sum(self._counts[number] for number in self.channels)
-            seconds = ((self.last_ns or 0) - (self.first_ns or 0)) / 1e9
-            self.note = (
-                f'{self.path.name} was never closed, or is truncated or damaged: its {count} intact messages, within '
-                f'{seconds:.3f} s, are used'
-            )
-            if inside := [damage for damage in damages if damage.offset + damage.size < self._size]:
-                lost = sum(damage.size for damage in inside)
-                self.note += f'; {lost} bytes among them are damaged, first at byte {inside[0].offset}'
-        return index
+                heads = part.messages.heads
+                numbers.extend((int(heads['logged'].min()), int(heads['logged'].max()), at, part.size))
+                counts.update(dict(enumerate(np.bincount(heads['channel']).tolist())))
+                yield part.messages
+            at += part.size
+            intact = at if part.definitions or part.messages else intact
+        self._index = np.array(numbers, np.int64).reshape(-1, 4)
+        if self.first_ns is None:
+            self._counts, self.closed = counts, self.closed and not self.damages
+            if len(self._index):
+                self.first_ns, self.last_ns = int(self._index[:, 0].min()), int(self._index[:, 1].max())
+
+    def _part(self, at: int, end: int) -> Part | None:
+        """Return the chunk, the records outside of chunks, or the other record at an offset; None if it is damaged."""
+        try:
+            opcode, length = HEAD.unpack(self._read(at, HEAD.size))
+            size = HEAD.size + length
+            if at + size > end or not (0 < opcode <= Opcode.DATA_END or opcode >= PRIVATE):
+                return None
+            if opcode == Opcode.CHUNK:
+                return parse_records(_unpacked(self._read(at, size)))._replace(size=size, is_chunk=True)
+            if opcode == Opcode.METADATA:
+                content = _parsed(Metadata, self._read(at + HEAD.size, length)).metadata
+                self.description = content.get('serialized_metadata', self.description)
+            if opcode != Opcode.MESSAGE and opcode not in DEFINITIONS:
+                return Part(size)
+            # Records outside of chunks mostly follow each other.
+            part = parse_records(self._read(at, max(size, min(LIMITS.block, end - at))), whole=False)
+        except OSError:
+            raise
+        except Exception:  # as above
+            return None
+        # A chunk with a damaged opcode looks like a message of an unknown channel.
+        known = {*self.channels, *(each.id for each in part.definitions if isinstance(each, Channel))}
+        return part if known.issuperset(part.messages.heads['channel'].tolist()) else None
+
+    def _next_chunk(self, start: int, end: int) -> int:
+        """Return the offset of the next intact chunk; the end where there is none."""
+        while start < end:
+            block = self._read(start, min(LIMITS.block, end - start))
+            for found in re.finditer(bytes([Opcode.CHUNK]), block):
+                if self._part(start + found.start(), end) is not None:
+                    return start + found.start()
+            start += len(block)
+        return end
 
     def _define(self, each: Schema | Channel, checked: bool = True) -> None:
         known: dict[int, Any] = self.schemas if isinstance(each, Schema) else self.channels
@@ -328,63 +351,50 @@ class McapFile:
         return data
 
 
-def parse_records(data: bytes) -> tuple[list[Schema | Channel], Messages]:
-    """Return the definitions and the messages in the records of a chunk, or raise anything."""
+def parse_records(data: bytes, *, whole: bool = True) -> Part:
+    """Return the messages and definitions of records, or raise anything; without ``whole``, of the first of them."""
     definitions: list[Schema | Channel] = []
-    size = HEAD.size + int.from_bytes(data[1 : HEAD.size], 'little')
-    if _equally_long(data, size):
-        starts = np.arange(0, len(data), size)
+    end, size = 0, HEAD.size + int.from_bytes(data[1 : HEAD.size], 'little')
+    heads = np.frombuffer(data, np.uint8, len(data) // size * size).reshape(-1, size)[:, : HEAD.size]
+    equal = data.startswith(bytes([Opcode.MESSAGE])) and bool((heads == heads[:1]).all())
+    if equal and not (whole and len(data) % size):
+        # Messages that are equally long are the usual case.
+        starts, end = np.arange(0, len(heads) * size, size), len(heads) * size
     else:
         places = array('q')
-        for opcode, begin, end in _records(data):
+        for opcode, begin, stop in _records(data):
             if opcode == Opcode.MESSAGE:
                 places.append(begin - HEAD.size)
+            elif opcode in DEFINITIONS:
+                definitions.append(_parsed(DEFINITIONS[opcode], data[begin:stop]))
             else:
-                definitions.append(_parsed(DEFINITIONS[opcode], data[begin:end]))
+                break
+            end = stop
         starts = np.array(places, np.int64)
-    heads = _gathered(data, starts, MESSAGE)
-    if (heads['length'] < FIELDS).any():
-        raise ValueError('a message is too short')
-    messages = Messages(data, starts, heads)
+    messages = Messages(data, starts, _gathered(data, starts, MESSAGE))
+    if (whole and end != len(data)) or (messages.heads['length'] < FIELDS).any():
+        raise ValueError('the lengths of records are wrong')
     if len(starts) and data.startswith(ZSTD, int(starts[0]) + MESSAGE.itemsize):
         # rosbag2's compression mode ``message``.
-        contents, room = list[bytes](), LARGEST
+        contents, room = list[bytes](), LIMITS.decompressed
         for message in messages:
-            data = _decompressed('zstd', message.data, room) if message.data.startswith(ZSTD) else message.data
-            contents, room = [*contents, data], room - len(data)
-        messages = Messages.of(contents, heads)
-    return definitions, messages
-
-
-def _equally_long(data: bytes, size: int) -> bool:
-    """Tell whether all records are messages of this size, the usual case."""
-    if data[:1] != bytes([Opcode.MESSAGE]) or len(data) % size:
-        return False
-    rows = np.frombuffer(data, np.uint8).reshape(-1, size)[:, : HEAD.size]
-    return bool((rows == rows[0]).all())
+            content = _decompressed('zstd', message.data, room) if message.data.startswith(ZSTD) else message.data
+            contents.append(content)
+            room -= len(content)
+        messages = Messages.of(contents, messages.heads)
+    return Part(end, False, definitions, messages)
 
 
 def _records(data: bytes) -> Iterator[tuple[int, int, int]]:
-    """Return opcode, start and end of each record's content; ValueError or struct.error where there is none."""
+    """Yield opcode, start and end of the content of each complete record."""
     end = 0
-    while end < len(data):
+    while end + HEAD.size <= len(data):
         opcode, length = HEAD.unpack_from(data, end)
         begin = end + HEAD.size
         end = begin + length
         if end > len(data):
-            raise ValueError('a record reaches beyond the end')
+            return
         yield opcode, begin, end
-
-
-def _end_of_run(data: bytes) -> int:
-    """Return the end of the leading records that may stand in a chunk."""
-    at = 0
-    with suppress(ValueError, struct.error):
-        for opcode, _, end in _records(data):
-            if opcode not in IN_CHUNKS:
-                break
-            at = end
-    return at
 
 
 def _parsed(kind: Any, content: bytes) -> Any:
@@ -415,7 +425,7 @@ def _unpacked(record: bytes) -> bytes:
 
 def _decompressed(compression: str, data: bytes, limit: int) -> bytes:
     """Return data of at most ``limit`` bytes: a small file that claims gigabytes must not fill the memory."""
-    if limit > LARGEST:
+    if limit > LIMITS.decompressed:
         raise ValueError('too large')
     if compression == 'lz4':
         return bytes(lz4.frame.LZ4FrameDecompressor().decompress(data, limit + 1))
@@ -431,11 +441,11 @@ def _opened(path: Path) -> IO[bytes]:
     plain = tempfile.TemporaryFile()  # noqa: SIM115
     # A truncated file is decompressed as far as possible.
     with path.open('rb') as packed, suppress(zstandard.ZstdError):
-        limit = RATIO * os.fstat(packed.fileno()).st_size
+        limit = LIMITS.growth * os.fstat(packed.fileno()).st_size
         for block in zstandard.ZstdDecompressor().read_to_iter(packed):
             plain.write(block)
             if plain.tell() > limit:
-                raise BagError(f'{path} is no bag: decompressed it would be over {RATIO} times as large')
+                raise BagError(f'{path} is no bag: decompressed it would be over {LIMITS.growth} times as large')
     if not plain.tell():
         raise BagError(f'{path} cannot be decompressed: it is truncated or damaged; copy it again from the recorder')
     plain.flush()

@@ -52,9 +52,20 @@ def message_definition(type_name: str) -> MessageDefinition:
 
 
 def _register(store: Typestore, type_name: str) -> None:
+    """Take a type and the types that it uses from the sourced workspaces into the store."""
     if type_name in store.fielddefs:
         return
-    definitions = get_types_from_msg(_installed_definition(type_name), type_name)
+    package, _, name = type_name.partition('/msg/')
+    if not name or '/' in package + name:
+        raise BagError(f'{type_name!r} is no message type; a name such as sensor_msgs/msg/JointState is expected')
+    prefixes = [*os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep), sys.prefix]
+    paths = [Path(prefix, 'share', package, 'msg', f'{name}.msg') for prefix in prefixes if prefix]
+    if (path := next(filter(Path.is_file, paths), None)) is None:
+        raise BagError(
+            f'the definition of {type_name} is not installed (no share/{package}/msg/{name}.msg); install {package} '
+            'or source the workspace that has it'
+        )
+    definitions = get_types_from_msg(path.read_text(encoding='utf-8'), type_name)
     for _, fields in definitions.values():
         for _, (kind, detail) in fields:
             if kind in (Nodetype.ARRAY, Nodetype.SEQUENCE):
@@ -62,18 +73,3 @@ def _register(store: Typestore, type_name: str) -> None:
             if kind == Nodetype.NAME:
                 _register(store, detail)
     store.register(definitions)
-
-
-def _installed_definition(type_name: str) -> str:
-    parts = type_name.split('/')
-    if len(parts) != 3 or parts[1] != 'msg':
-        raise BagError(f'{type_name!r} is no message type; a name such as sensor_msgs/msg/JointState is expected')
-    prefixes = [*os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep), sys.prefix]
-    for prefix in filter(None, prefixes):
-        path = Path(prefix, 'share', parts[0], 'msg', f'{parts[2]}.msg')
-        if path.is_file():
-            return path.read_text(encoding='utf-8')
-    raise BagError(
-        f'the definition of {type_name} is not installed (no share/{parts[0]}/msg/{parts[2]}.msg); install {parts[0]} '
-        'or source the workspace that has it'
-    )

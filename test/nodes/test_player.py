@@ -5,13 +5,14 @@ import signal
 import struct
 
 import pytest
-from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.qos import DurabilityPolicy, LivelinessPolicy, QoSProfile
+from rosbags.interfaces import QosDurability, QosLiveliness, QosTime
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
-from pendubot_identification.recordings.bag_metadata import Qos
+from pendubot_identification.recordings.bag_metadata import RELIABLE
 from pendubot_identification.recordings.bag_writer import BagWriter
 from pendubot_identification.recordings.joint_states import JOINT_STATE, decode_joint_state, encode_joint_state
 from test.recordings.independent import by_mcap
@@ -24,6 +25,14 @@ START = 1_700_000_000_000_000_000
 MS = 1_000_000
 FLOAT = 'std_msgs/msg/Float64'
 COMMAND = '/pendubot/effort_command'
+LATCHED = RELIABLE._replace(
+    durability=QosDurability.TRANSIENT_LOCAL,
+    depth=1,
+    deadline=QosTime(7, 5),
+    lifespan=QosTime(3600, 0),
+    liveliness=QosLiveliness.MANUAL_BY_TOPIC,
+    liveliness_lease_duration=QosTime(60, 0),
+)
 
 
 @pytest.fixture
@@ -41,7 +50,7 @@ def bag(tmp_path):
     for part in range(2):
         with BagWriter(tmp_path / f'part{part}') as writer:
             states = writer.add_topic('/states', JOINT_STATE)
-            latched = writer.add_topic('/latched', FLOAT, Qos(durability='transient_local', depth=1))
+            latched = writer.add_topic('/latched', FLOAT, LATCHED)
             for k in range(200 * part, 200 * part + 200):
                 stamp = START + k * MS
                 if k == 100:
@@ -68,8 +77,12 @@ def test_everything_is_published_as_it_was_recorded(bag, node):
     heard = {topic: subscribe(node, topic) for topic in ('/states', '/latched')}
     with player(bag) as program:
         assert spin_until(node, lambda: sum(map(len, heard.values())) == 401, 20.0)
+        (offered,) = (each.qos_profile for each in node.get_publishers_info_by_topic('/latched'))
         assert program.process.wait(10) == 0
         program.wait_for('401 messages played')
+    assert offered.liveliness == LivelinessPolicy.MANUAL_BY_TOPIC
+    durations = offered.deadline, offered.lifespan, offered.liveliness_lease_duration
+    assert [each.nanoseconds for each in durations] == [7 * 10**9 + 5, 3600 * 10**9, 60 * 10**9]
     sent = by_mcap(bag)
     for topic, came in heard.items():
         assert came == [data for t, _, data in sent if t == topic]

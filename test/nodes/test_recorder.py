@@ -11,7 +11,8 @@ import pytest
 import yaml
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from mcap.reader import make_reader
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.duration import Duration
+from rclpy.qos import DurabilityPolicy, LivelinessPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from std_msgs.msg import Float64, String
 
@@ -74,7 +75,14 @@ def test_every_message_of_every_quality_of_service_comes_back_and_diagnostics_sa
         '/latched': [Float64(data=7.0)],
     }
     qualities = dict.fromkeys(published, 1000)
-    qualities['/latched'] = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    qualities['/latched'] = QoSProfile(
+        depth=1,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL,
+        deadline=Duration(seconds=7, nanoseconds=5),
+        lifespan=Duration(seconds=3600),
+        liveliness=LivelinessPolicy.MANUAL_BY_TOPIC,
+        liveliness_lease_duration=Duration(seconds=60),
+    )
     qualities['/best_effort'] = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
     publishers = {
         topic: node.create_publisher(type(messages[0]), topic, qualities[topic])
@@ -119,6 +127,10 @@ def test_every_message_of_every_quality_of_service_comes_back_and_diagnostics_sa
     assert found['/joint_states'] == ('reliable', 'volatile')
     assert found['/latched'] == ('reliable', 'transient_local')
     assert found['/best_effort'] == ('best_effort', 'volatile')
+    assert offered['/latched']['liveliness'] == 'manual_by_topic'
+    times = [offered['/latched'][name] for name in ('deadline', 'lifespan', 'liveliness_lease_duration')]
+    assert times == [{'sec': 7, 'nsec': 5}, {'sec': 3600, 'nsec': 0}, {'sec': 60, 'nsec': 0}]
+    assert offered['/effort']['deadline'] == {'sec': 9223372036, 'nsec': 854775807}
 
 
 def test_it_ends_by_itself_after_max_messages_of_the_first_topic(tmp_path, node, monkeypatch):

@@ -12,8 +12,8 @@ from pendubot_identification.recordings.bag_repair import repair
 from pendubot_identification.recordings.bag_writer import BagWriter
 from pendubot_identification.recordings.joint_states import JOINT_STATE
 
+from .bags import message
 from .independent import by_mcap, by_rosbags
-from .test_bag_writer import message
 
 COUNT = 400
 TOPICS = ('/joint_states', '/other')
@@ -29,35 +29,27 @@ def write(path, *, closed=True):
         bag.write(channels[k % 2], data, stamp, sequence=1 + k // 2)
         sent.append((TOPICS[k % 2], stamp, data))
     bag.flush()
-    left = (path / f'{path.name}_0.mcap').read_bytes()
+    left = bag.file.read_bytes()
     bag.close()
     if not closed:
-        (path / f'{path.name}_0.mcap').write_bytes(left)
+        bag.file.write_bytes(left)
         (path / 'metadata.yaml').unlink()
     return sent
 
 
 @dataclass
 class Outcome:
-    """The result of reading and repairing a damaged bag.
+    """The result of reading and repairing a damaged bag."""
 
-    Attributes:
-        silent: messages that were accepted though they were never sent, or are missing without a word.
-        read: how many messages a reader gave.
-        saved: how many a repaired copy holds.
-        refused: whether the bag was refused in one sentence.
-    """
-
-    silent: int = 0
-    read: int = 0
-    saved: int = 0
-    refused: bool = False
+    silent: int = 0  #: messages that were accepted though they were never sent, or are missing without a word.
+    read: int = 0  #: messages that a reader gave.
+    saved: int = 0  #: messages in a repaired copy.
+    refused: bool = False  #: whether the bag was refused in one sentence.
 
 
 def examine(path, copy, sent):
     """Read and repair a bag that may be damaged, as a user would; anything but a BagError is a crash."""
-    outcome = Outcome()
-    known = set(sent)
+    outcome, known = Outcome(), set(sent)
     try:
         reader = BagReader(path)
         for name in TOPICS:
@@ -105,11 +97,6 @@ def flip(file, at, bits=1):
     data = bytearray(file.read_bytes())
     data[at] ^= bits
     file.write_bytes(data)
-
-
-def contents(folder):
-    """Return bytes and time of change of every file in a folder."""
-    return {file: (file.read_bytes(), file.stat().st_mtime_ns) for file in folder.rglob('*') if file.is_file()}
 
 
 def damaged_bags(folder, trials, alter, *, closed=True, seed=1):

@@ -5,45 +5,27 @@ import hashlib
 import os
 import shutil
 import tempfile
+from dataclasses import replace
+from itertools import chain
 from pathlib import Path
+from unittest import mock
 
 import numpy as np
 import pytest
-from mcap.writer import CompressionType, Writer
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from mcap.reader import make_reader
+from mcap.writer import CompressionType
 
 from pendubot_identification.errors import BagError, TrajectoryError
 from pendubot_identification.recordings import mcap_file
 from pendubot_identification.recordings.bag_reader import BagReader, BagWindow, read_trajectory
 from pendubot_identification.recordings.bag_writer import BagWriter
 from pendubot_identification.recordings.joint_states import JOINT_STATE, encode_joint_state
-from pendubot_identification.recordings.message_types import message_definition
 from pendubot_identification.trajectories.conversion import Conversion
 
-from .test_bag_writer import START, STEP, message
-
-SECOND = 1_000_000_000
-JOINTS = ('shoulder', 'elbow')
-
-
-def write(path, samples, topic='/joint_states', latency=lambda k: 3_000_000):
-    """Write a bag of samples (stamp, names, position, velocity, effort), logged a latency after their stamps."""
-    with BagWriter(path) as bag:
-        channel = bag.add_topic(topic, JOINT_STATE)
-        for k, (stamp, *content) in enumerate(samples):
-            bag.write(channel, encode_joint_state(stamp, *content), stamp + latency(k))
-    return path
-
-
-def samples(n=1000, **changed):
-    """n samples of 0.01 s; ``changed`` replaces stamp, names, position, velocity or effort by a function of k."""
-    usual = {
-        'stamp': lambda k: START + k * STEP,
-        'names': lambda k: JOINTS,
-        'position': lambda k: (0.001 * k, -0.001 * k),
-        'velocity': lambda k: (0.1, -0.1),
-        'effort': lambda k: (k, 0.0),
-    } | changed
-    return [tuple(usual[key](k) for key in ('stamp', 'names', 'position', 'velocity', 'effort')) for k in range(n)]
+from .bags import FLOAT, START, STEP, TOPIC, foreign, message, samples, write
+from .damage import flip
 
 
 @pytest.fixture(scope='module')
@@ -69,15 +51,10 @@ def test_a_path_may_hold_an_at_sign(tmp_path):
 @pytest.mark.parametrize(
     ('text', 'sentence'),
     [
-        ('bag@', 'names no window'),
-        ('bag@5', 'names no window'),
-        ('@1:2', 'names no window'),
-        ('bag@1:2:3', 'names no window'),
+        *((text, 'names no window') for text in ('bag@', 'bag@5', '@1:2', 'bag@1:2:3')),
         ('bag@one:2', 'must be numbers of seconds'),
-        ('bag@3:3', 'empty or reversed'),
-        ('bag@4:3', 'empty or reversed'),
-        ('bag@-1:3', 'is no time in a bag'),
-        ('bag@nan:3', 'is no time in a bag'),
+        *((text, 'empty or reversed') for text in ('bag@3:3', 'bag@4:3')),
+        *((text, 'is no time in a bag') for text in ('bag@-1:3', 'bag@nan:3')),
     ],
 )
 def test_a_malformed_window_is_one_sentence(text, sentence):
@@ -87,7 +64,7 @@ def test_a_malformed_window_is_one_sentence(text, sentence):
 
 def test_a_bag_is_counted_by_topic_and_it_and_its_file_are_the_same_motion(bag):
     reader = BagReader(bag)
-    assert reader.topics == {'/joint_states': (JOINT_STATE, 1000)}
+    assert reader.topics == {TOPIC: (JOINT_STATE, 1000)}
     assert (reader.closed, reader.note, reader.count, reader.duration) == (True, '', 1000, 9.99)
     assert reader.first_ns == START + 3_000_000
     for path in (bag, bag / 'bag_0.mcap'):
@@ -112,51 +89,46 @@ def test_a_window_counts_from_the_bags_first_sample(bag, start, end, first, last
 
 def test_stamps_of_another_clock_are_found(tmp_path):
     # From the third second on the log's clock is half a minute ahead: the index leads astray.
-    path = write(tmp_path / 'bag', samples(), latency=lambda k: 30 * SECOND if k >= 300 else 0)
+    path = write(tmp_path / 'bag', samples(), logged=lambda k: START + k * STEP + 30 * 10**9 * (k >= 300))
     trajectory = read_trajectory(BagWindow(path, 2, 6)).trajectory
     np.testing.assert_array_equal(trajectory.tau[[0, -1], 0], [200, 599])
 
 
 def test_any_two_joints_of_any_topic_may_be_named(tmp_path):
-    path = write(
-        tmp_path / 'bag',
-        samples(
-            100,
-            names=lambda k: ('gripper', 'elbow', 'shoulder'),
-            position=lambda k: (9, 2, 1),
-            velocity=lambda k: (9, 4, 3),
-            effort=lambda k: (9, 6, 5),
-        ),
-        topic='/rig/joints',
-    )
-    for names, q in ((JOINTS, [1, 2]), (('gripper', 'elbow'), [9, 2])):
-        trajectory = read_trajectory(path, topic='/rig/joints', joint_names=names).trajectory
-        np.testing.assert_array_equal(trajectory.q[0], q)
+    path = write(tmp_path / 'bag', samples(100, names=lambda k: ('gripper', 'elbow')), topic='/rig/joints')
+    trajectory = read_trajectory(path, topic='/rig/joints', joint_names=('elbow', 'gripper')).trajectory
+    np.testing.assert_array_equal(trajectory.tau[:, 1], np.arange(100))
 
 
 def test_splits_are_read_in_order(tmp_path):
-    everything = samples(1200)
     path = tmp_path / 'bag'
     path.mkdir()
     for k in range(12):
-        part = write(tmp_path / f'part{k}', everything[100 * k : 100 * (k + 1)])
-        shutil.copy(part / f'part{k}_0.mcap', path / f'bag_{k}.mcap')
-    assert len(read_trajectory(path).trajectory) == 1200
+        foreign(path / f'bag_{k}.mcap', map(message, range(10 * k, 10 * k + 10)))
+    np.testing.assert_array_equal(read_trajectory(path).trajectory.tau[:, 0], np.arange(120))
 
 
-def foreign(path, numbers=range(300), **options):
-    """Write some samples as others do; return the file's bytes without its end."""
-    with path.open('wb') as file:
-        writer = Writer(file, chunk_size=4000, **options)
-        writer.start(profile='ros2')
-        text = message_definition(JOINT_STATE).text.encode()
-        channel = writer.register_channel('/joint_states', 'cdr', writer.register_schema(JOINT_STATE, 'ros2msg', text))
-        for stamp, data in map(message, numbers):
-            writer.add_message(channel, stamp, data, stamp)
-        writer.flush()
-        end = file.tell()
-        writer.finish()
-    return path.read_bytes()[:end]
+@settings(max_examples=50)
+@given(
+    st.lists(st.integers(0, 300), min_size=1, max_size=150),
+    st.tuples(st.integers(0, 300), st.integers(0, 300)).map(sorted),
+    st.sampled_from([1, 5000, 250_000]),
+    st.booleans(),
+)
+def test_messages_come_in_the_order_of_log_time_as_mcap_reads_them(tmp_path_factory, numbers, window, block, closed):
+    """Threads of a recorder write messages out of order, also into later chunks."""
+    file = tmp_path_factory.getbasetemp() / 'unordered.mcap'
+    # Equal log times stay in the order of writing.
+    left = foreign(file, [(message(n)[0], message(k)[1]) for k, n in enumerate(numbers)])
+    with file.open('rb') as stream:
+        start, end = (START + bound * STEP for bound in window)
+        expected = make_reader(stream).iter_messages(starting_at=start, ending_before=end)
+        expected = [(each.log_time, each.data) for _, _, each in expected]
+    if not closed:
+        file.write_bytes(left)
+    with mock.patch.object(mcap_file, 'LIMITS', replace(mcap_file.LIMITS, block=block)):
+        found = chain.from_iterable(mcap_file.McapFile(file).messages([TOPIC], start, end))
+        assert [(each.log_time, each.data) for each in found] == expected
 
 
 @pytest.mark.parametrize('closed', [True, False])
@@ -173,7 +145,7 @@ def foreign(path, numbers=range(300), **options):
 )
 def test_files_of_other_writers_are_read(tmp_path, options, closed):
     file = tmp_path / 'other.mcap'
-    unfinished = foreign(file, **options)
+    unfinished = foreign(file, map(message, range(300)), **options)
     if not closed:
         file.write_bytes(unfinished)
     recorded = read_trajectory(BagWindow(file, 0.5, 2))
@@ -197,9 +169,7 @@ def test_a_damaged_index_hides_no_message(bag, tmp_path):
 
 def test_damage_in_a_closed_file_is_named_and_can_be_avoided(bag, tmp_path):
     path = shutil.copytree(bag, tmp_path / 'bag')
-    data = bytearray((path / 'bag_0.mcap').read_bytes())
-    data[data.index(encode_joint_state(*samples()[500])) + 60] ^= 1
-    (path / 'bag_0.mcap').write_bytes(data)
+    flip(path / 'bag_0.mcap', (path / 'bag_0.mcap').read_bytes().index(encode_joint_state(*samples()[500])) + 60)
     with pytest.raises(BagError, match=r'is damaged \d+ bytes from its start, 4\.\d+ s after its first message'):
         read_trajectory(path)
     assert len(read_trajectory(BagWindow(path, 0, 3)).trajectory) == 300
@@ -210,7 +180,6 @@ def test_damage_in_a_closed_file_is_named_and_can_be_avoided(bag, tmp_path):
     [
         (None, r'holds no \.mcap file'),
         (b'', 'is empty'),
-        (b'\x89MCAP', 'is no MCAP file'),
         (b't,q1,q2\n1,2,3', 'is no MCAP file'),
     ],
 )
@@ -224,14 +193,13 @@ def test_no_bag_is_one_sentence(tmp_path, content, sentence):
 
 
 def test_a_topic_that_is_not_there_or_of_another_type_is_one_sentence(tmp_path):
-    with BagWriter(tmp_path / 'empty') as bag:
-        bag.add_topic('/joint_states', JOINT_STATE)
+    write(tmp_path / 'empty', [])
     assert BagReader(tmp_path / 'empty').closed
     with BagWriter(tmp_path / 'bag') as bag:
-        bag.write(bag.add_topic('/effort', 'std_msgs/msg/Float64'), b'\x00\x01\x00\x00' + bytes(8), START)
+        bag.write(bag.add_topic('/effort', 'std_msgs/msg/Float64'), FLOAT + bytes(8), START)
     for name, topic, sentence in (
-        ('empty', '/joint_states', 'holds no message'),
-        ('bag', '/joint_states', r'nothing on /joint_states; its topics are /effort \[std_msgs/msg/Float64\]'),
+        ('empty', TOPIC, 'holds no message'),
+        ('bag', TOPIC, r'nothing on /joint_states; its topics are /effort \[std_msgs/msg/Float64\]'),
         ('bag', '/effort', '/effort is of type std_msgs/msg/Float64; name a topic of type sensor_msgs'),
     ):
         with pytest.raises(BagError, match=sentence):
@@ -242,13 +210,10 @@ def test_a_topic_that_is_not_there_or_of_another_type_is_one_sentence(tmp_path):
     ('changed', 'error', 'sentence'),
     [
         ({'names': lambda k: ('a', 'b')}, BagError, "no joint 'shoulder'; its joints are a, b"),
-        ({'effort': lambda k: ()}, BagError, 'has 0 efforts for 2 joints'),
         ({'effort': lambda k: (1,) if k == 70 else (1, 2)}, BagError, 'sample 70 has 1 efforts for 2 joints'),
         ({'position': lambda k: ()}, BagError, 'has 0 positions for 2 joints'),
         ({'position': lambda k: (np.nan if k == 7 else 0, 0)}, TrajectoryError, 'q that is not a finite number'),
-        ({'effort': lambda k: (0, np.inf)}, TrajectoryError, 'tau that is not a finite number'),
         ({'stamp': lambda k: START + (k - 2 * (k == 60)) * STEP}, TrajectoryError, 'runs backwards by 0.01 s'),
-        ({'stamp': lambda k: START + (k - (k == 60)) * STEP}, TrajectoryError, 'sample 60 repeats'),
         ({'stamp': lambda k: 0}, TrajectoryError, 'sample 1 repeats'),
     ],
 )
@@ -259,11 +224,8 @@ def test_unusable_samples_are_one_sentence(tmp_path, changed, error, sentence):
 
 
 def test_a_bag_is_converted_and_missing_samples_are_left_out(tmp_path):
-    changed = {
-        'stamp': lambda k: START + k * STEP,
-        'position': lambda k: (np.nan if k % 10 == 7 else np.sin(k), 90 + k % 7),
-    }
-    path = write(tmp_path / 'bag', samples(100, **changed))
+    positions = {'position': lambda k: (np.nan if k % 10 == 7 else np.sin(k), 90 + k % 7)}
+    path = write(tmp_path / 'bag', samples(100, **positions))
     conversion = Conversion.of({'skip_missing': True, 'negate': 'q1,tau1', 'degrees': True, 'torque_unit': 'mNm'})
     motion = read_trajectory(path, conversion=conversion).trajectory
     k = np.flatnonzero(np.arange(100) % 10 != 7)
@@ -273,11 +235,7 @@ def test_a_bag_is_converted_and_missing_samples_are_left_out(tmp_path):
 
 @pytest.mark.parametrize(
     ('start', 'end', 'sentence'),
-    [
-        (20, 30, r'holds no sample; the recording lasts 9\.990 s'),
-        (1, 1.3, '30 samples .* too few'),
-        (9.995, None, 'no sample'),
-    ],
+    [(20, 30, r'holds no sample; the recording lasts 9\.990 s'), (1, 1.3, '30 samples .* too few')],
 )
 def test_an_unusable_window_is_one_sentence(bag, start, end, sentence):
     with pytest.raises(TrajectoryError, match=sentence):
@@ -289,7 +247,7 @@ def test_a_bag_without_permission_is_one_sentence(closed):
     """Root reads everything, so another user tries, who cannot enter the folders of pytest."""
     with tempfile.TemporaryDirectory() as folder:
         os.chmod(folder, 0o755)
-        path = write(Path(folder) / 'bag', samples(100))
+        path = write(Path(folder) / 'bag', samples(1))
         os.chmod(path, 0o755)
         os.chmod(Path(folder) / closed, 0)
         user = os.geteuid()

@@ -16,47 +16,35 @@ from rosbags.typesys import Stores, get_typestore
 
 from pendubot_identification.errors import BagError
 from pendubot_identification.recordings import bag_writer
-from pendubot_identification.recordings.bag_metadata import Qos
+from pendubot_identification.recordings.bag_metadata import RELIABLE, offered_profiles
 from pendubot_identification.recordings.bag_reader import BagReader, read_trajectory
 from pendubot_identification.recordings.bag_writer import BagWriter, complete_bag
-from pendubot_identification.recordings.joint_states import (
-    JOINT_STATE,
-    encode_joint_state,
-    write_trajectory,
-)
+from pendubot_identification.recordings.joint_states import JOINT_STATE, write_trajectory
 from pendubot_identification.recordings.message_types import message_definition
 from pendubot_identification.trajectories.trajectory import Trajectory
+from test.cli.conftest import contents
 
+from .bags import START, STEP, TOPIC, message
 from .independent import by_mcap, by_rosbags
-
-START = 1_700_000_000_000_000_000
-STEP = 10_000_000
-FLOAT = bytes([0, 1, 0, 0])
-
-
-def message(k):
-    stamp = START + k * STEP
-    return stamp, encode_joint_state(stamp, ('shoulder', 'elbow'), [0.1 * k, -k], [1, 2], [k, 0])
 
 
 def write(path, count=100, bag=None):
     with bag or BagWriter(path) as bag:
-        channel = bag.add_topic('/joint_states', JOINT_STATE)
+        channel = bag.add_topic(TOPIC, JOINT_STATE)
         for k in range(count):
             stamp, data = message(k)
             bag.write(channel, data, stamp, stamp - 1000, sequence=k + 1)
     return path
 
 
-def motion(n=100, step=0.01, qd=True):
-    t = np.arange(n) * step
-    q = np.column_stack([np.sin(t), np.cos(3 * t)])
-    return Trajectory(t=t, q=q, tau=0.5 * q, qd=2 * q if qd else None)
+def described(path):
+    """Return the content of metadata.yaml."""
+    return yaml.safe_load((path / 'metadata.yaml').read_text())['rosbag2_bagfile_information']
 
 
 def test_rosbags_and_mcap_read_back_every_message(tmp_path):
     path = write(tmp_path / 'bag')
-    assert by_rosbags(path) == by_mcap(path) == [('/joint_states', *message(k)) for k in range(100)]
+    assert by_rosbags(path) == by_mcap(path) == [(TOPIC, *message(k)) for k in range(100)]
     definition = message_definition(JOINT_STATE)
     with Reader(path) as reader:
         (connection,) = reader.connections
@@ -72,7 +60,7 @@ def test_rosbags_and_mcap_read_back_every_message(tmp_path):
         assert len(reader.get_summary().chunk_indexes) >= 9
     assert (schema.name, schema.encoding, channel.message_encoding) == (JOINT_STATE, 'ros2msg', 'cdr')
     assert channel.metadata['topic_type_hash'] == definition.type_hash
-    assert yaml.safe_load(channel.metadata['offered_qos_profiles']) == [Qos().profile()]
+    assert offered_profiles(channel) == [RELIABLE]
     assert (first.log_time, first.publish_time, first.sequence) == (START, START - 1000, 1)
 
 
@@ -86,16 +74,11 @@ def shape(node):
 def test_metadata_is_like_that_of_rosbags(tmp_path):
     path = write(tmp_path / 'bag')
     store = get_typestore(Stores.ROS2_JAZZY)
-    with Reader(path) as reader:
-        qos = reader.connections[0].ext.offered_qos_profiles
     with Writer(tmp_path / 'other', version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-        other = writer.add_connection('/joint_states', JOINT_STATE, typestore=store, offered_qos_profiles=qos)
+        other = writer.add_connection(TOPIC, JOINT_STATE, typestore=store, offered_qos_profiles=[RELIABLE])
         for k in range(100):
             writer.write(other, *message(k))
-    ours, theirs = (
-        yaml.safe_load((folder / 'metadata.yaml').read_text())['rosbag2_bagfile_information']
-        for folder in (path, tmp_path / 'other')
-    )
+    ours, theirs = described(path), described(tmp_path / 'other')
     assert shape(ours) == shape(theirs)
     for key in ('version', 'storage_identifier', 'message_count', 'starting_time', 'topics_with_message_count'):
         assert ours[key] == theirs[key]
@@ -119,13 +102,13 @@ def test_metadata_is_like_that_of_rosbags(tmp_path):
 def test_nothing_but_a_bag_is_ever_overwritten(tmp_path, make):
     path = tmp_path / 'taken'
     make(path)
-    before = {file: file.read_bytes() for file in tmp_path.rglob('*') if file.is_file()}
+    before = contents(tmp_path)
     for overwrite in (False, True):
         with pytest.raises(BagError, match=r'give another name'), complete_bag(path, overwrite=overwrite):
             pass
     with pytest.raises(BagError, match=r'give another name'):
         BagWriter(path)
-    assert {file: file.read_bytes() for file in tmp_path.rglob('*') if file.is_file()} == before
+    assert contents(tmp_path) == before
 
 
 def test_a_bag_is_overwritten_only_on_request_and_by_a_complete_one(tmp_path):
@@ -135,7 +118,7 @@ def test_a_bag_is_overwritten_only_on_request_and_by_a_complete_one(tmp_path):
 
     def interrupted():
         with complete_bag(path, overwrite=True) as bag:
-            bag.write(bag.add_topic('/joint_states', JOINT_STATE), message(0)[1], START)
+            bag.write(bag.add_topic(TOPIC, JOINT_STATE), message(0)[1], START)
             bag.flush()
             raise KeyboardInterrupt
 
@@ -150,6 +133,22 @@ def test_a_bag_is_overwritten_only_on_request_and_by_a_complete_one(tmp_path):
     assert by_mcap(path) == by_rosbags(path)
 
 
+def test_the_first_of_two_writers_of_one_bag_is_kept(tmp_path, monkeypatch):
+    path = tmp_path / 'bag'
+
+    def both():
+        with complete_bag(path) as slow:
+            monkeypatch.setattr(os, 'getpid', lambda: 1)
+            with complete_bag(path) as quick:
+                write(path, 20, quick)
+            write(path, 10, slow)
+
+    with pytest.raises(BagError, match='is not written: Directory not empty'):
+        both()
+    assert os.listdir(tmp_path) == ['bag']
+    assert BagReader(path).count == 20
+
+
 def test_a_folder_that_cannot_be_made_is_one_sentence(tmp_path):
     (tmp_path / 'file').write_text('')
     with pytest.raises(BagError, match=r'cannot be written \(Not a directory\)'):
@@ -159,7 +158,7 @@ def test_a_folder_that_cannot_be_made_is_one_sentence(tmp_path):
 @pytest.mark.parametrize('jump', [0, 3600], ids=['', 'a clock that is set back'])
 def test_a_killed_writer_loses_at_most_a_tenth_of_a_second(tmp_path, jump):
     with BagWriter(tmp_path / 'bag') as bag:
-        channel = bag.add_topic('/joint_states', JOINT_STATE)
+        channel = bag.add_topic(TOPIC, JOINT_STATE)
         for k in range(1000):
             bag.write(channel, message(k)[1], START + (k - jump * (k >= 500)) * STEP)
         # What the system has by now is what a SIGKILL leaves.
@@ -170,26 +169,26 @@ def test_a_killed_writer_loses_at_most_a_tenth_of_a_second(tmp_path, jump):
 
 
 def test_metadata_is_up_to_date_while_writing(tmp_path):
-    def described():
-        content = yaml.safe_load((tmp_path / 'bag' / 'metadata.yaml').read_text())['rosbag2_bagfile_information']
-        return {t['topic_metadata']['name']: t['message_count'] for t in content['topics_with_message_count']}
+    def counts():
+        topics = described(tmp_path / 'bag')['topics_with_message_count']
+        return {topic['topic_metadata']['name']: topic['message_count'] for topic in topics}
 
     with BagWriter(tmp_path / 'bag') as bag:
-        assert described() == {}
-        channel = bag.add_topic('/joint_states', JOINT_STATE)
+        assert counts() == {}
+        channel = bag.add_topic(TOPIC, JOINT_STATE)
         for count in (0, 1):
             bag.sync()
-            assert described() == {'/joint_states': count}
+            assert counts() == {TOPIC: count}
             bag.write(channel, message(0)[1], START)
 
 
 def fill(bag):
     """Write until the bag refuses; return what was sent until then, and the refusal."""
-    channel = bag.add_topic('/joint_states', JOINT_STATE)
+    channel = bag.add_topic(TOPIC, JOINT_STATE)
     sent = []
     try:
         for k in range(100_000):
-            sent.append(('/joint_states', *message(k)))
+            sent.append((TOPIC, *message(k)))
             bag.write(channel, message(k)[1], message(k)[0])
     except BagError as error:
         sentence = str(error)
@@ -218,9 +217,8 @@ def test_a_full_disk_is_one_sentence_and_leaves_complete_chunks(tmp_path, monkey
     assert reader.closed == predicted
     assert len(sent) - (1 if predicted else 11) <= reader.count <= len(sent)
     assert os.path.getsize(tmp_path / 'bag' / 'bag_0.mcap') <= 100_000
-    damages = []
-    assert sum(1 for _ in reader.files[0].intact_parts(damages)) > 10
-    assert damages == [], 'half a chunk was left at the end'
+    assert sum(1 for _ in reader.files[0].scan()) > 10
+    assert reader.files[0].damages == [], 'half a chunk was left at the end'
 
 
 def test_the_bag_is_closed_before_the_reserve_is_gone(tmp_path, monkeypatch):
@@ -247,13 +245,14 @@ def test_a_bag_is_not_begun_where_the_reserve_is_gone_already(tmp_path):
     assert not (tmp_path / 'bag').exists()
 
 
-@pytest.mark.parametrize('qd', [True, False])
-def test_a_trajectory_comes_back_as_it_was(tmp_path, qd):
-    trajectory = motion(qd=qd)
+@pytest.mark.parametrize('velocities', [True, False])
+def test_a_trajectory_comes_back_as_it_was(tmp_path, velocities):
+    t = np.arange(100) * 0.01
+    q = np.column_stack([np.sin(t), np.cos(3 * t)])
+    trajectory = Trajectory(t=t, q=q, tau=0.5 * q, qd=2 * q if velocities else None)
     for folder in ('one', 'two'):
         write_trajectory(tmp_path / folder / 'bag', trajectory)
-    for file in ('bag_0.mcap', 'metadata.yaml'):
-        assert (tmp_path / 'one/bag' / file).read_bytes() == (tmp_path / 'two/bag' / file).read_bytes()
+    assert sorted(contents(tmp_path / 'one').values()) == sorted(contents(tmp_path / 'two').values())
     back = read_trajectory(tmp_path / 'one' / 'bag').trajectory
     np.testing.assert_allclose(back.t, trajectory.t, rtol=0, atol=0.5e-9)
     for name in ('q', 'qd', 'tau'):
@@ -276,8 +275,7 @@ def test_a_type_of_a_workspace_is_found_with_its_dependencies(tmp_path, monkeypa
     ('name', 'sentence'),
     [
         ('nowhere_msgs/msg/Thing', 'is not installed'),
-        ('Thing', 'is no message type'),
-        ('a/srv/B', 'is no message type'),
+        *((name, 'is no message type') for name in ('Thing', 'a/srv/B', 'a/msg/../B')),
     ],
 )
 def test_an_unknown_type_is_one_sentence(name, sentence):
@@ -292,32 +290,16 @@ def test_sync_puts_the_file_on_the_disk_and_so_does_the_end(tmp_path, monkeypatc
     bag = BagWriter(tmp_path / 'bag')
     folder = str(tmp_path / 'bag')
     # metadata.yaml, under the name that it has until it is complete, the folder that lists it, and the one above.
-    described = [f'{folder}/metadata.yaml.tmp', folder]
-    assert synced == [*described, str(tmp_path)]
-    channel = bag.add_topic('/joint_states', JOINT_STATE)
+    listed = [f'{folder}/metadata.yaml.tmp', folder]
+    assert synced == [*listed, str(tmp_path)]
+    channel = bag.add_topic(TOPIC, JOINT_STATE)
     bag.write(channel, message(0)[1], START)
     for action, expected in (
-        (bag.sync, [f'{folder}/bag_0.mcap', *described]),
+        (bag.sync, [f'{folder}/bag_0.mcap', *listed]),
         (bag.sync, [f'{folder}/bag_0.mcap']),
         (lambda: bag.write(channel, message(1)[1], START), []),
-        (bag.close, [f'{folder}/bag_0.mcap', *described]),
+        (bag.close, [f'{folder}/bag_0.mcap', *listed]),
     ):
         synced.clear()
         action()
         assert synced == expected
-
-
-def test_the_first_of_two_writers_of_one_bag_is_kept(tmp_path, monkeypatch):
-    path = tmp_path / 'bag'
-
-    def both():
-        with complete_bag(path) as slow:
-            monkeypatch.setattr(os, 'getpid', lambda: 1)
-            with complete_bag(path) as quick:
-                write(path, 20, quick)
-            write(path, 10, slow)
-
-    with pytest.raises(BagError, match='is not written: Directory not empty'):
-        both()
-    assert os.listdir(tmp_path) == ['bag']
-    assert BagReader(path).count == 20

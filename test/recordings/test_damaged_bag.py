@@ -3,31 +3,31 @@
 
 """Unclosed, truncated and damaged bags: intact messages are read and repaired, and losses are reported."""
 
+import json
 import os
 import shutil
 from itertools import chain
 
 import numpy as np
 import pytest
+import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.writer import CompressionType
 
+from pendubot_identification.cli.main import main
 from pendubot_identification.errors import BagError
-from pendubot_identification.recordings.bag_metadata import Qos
-from pendubot_identification.recordings.bag_reader import BagReader, Stream
+from pendubot_identification.recordings.bag_reader import BagReader, BagWindow, joint_samples
 from pendubot_identification.recordings.bag_repair import repair
 from pendubot_identification.recordings.bag_writer import BagWriter
-from pendubot_identification.recordings.joint_states import JOINT_NAMES
+from test.cli.conftest import contents
 
 from . import damage
+from .bags import FLOAT, LATCHED, START, STEP, TOPIC, foreign, message
 from .independent import by_mcap, by_rosbags, chunks
-from .test_bag_reader import foreign
-from .test_bag_writer import FLOAT, START, STEP, message
 
 #: A chunk holds so many messages here.
 CHUNK = 11
-TOPIC = '/joint_states'
 
 
 @pytest.fixture(autouse=True)
@@ -63,19 +63,55 @@ def test_a_damaged_chunk_loses_only_its_own_messages(tmp_path, place, at, flip):
 
 
 def test_repairing_an_intact_bag_copies_it(tmp_path):
-    path = tmp_path / 'bag'
+    path, origin = tmp_path / 'bag', {'custom_data': {'operator': 'Ada'}, 'ros_distro': 'kilted'}
     with BagWriter(path) as bag:
-        latched = bag.add_topic('/latched', 'std_msgs/msg/Float64', Qos(durability='transient_local', depth=1))
+        bag.origin = origin
+        latched = bag.add_topic('/latched', 'std_msgs/msg/Float64', LATCHED)
         for k in range(5):
             bag.write(latched, FLOAT + bytes([k] * 8), START + 500 * k, START + 7, sequence=k + 1)
-    before = damage.contents(path)
+    before = contents(path)
     (saved,) = repair(path, tmp_path / 'copy')
-    assert damage.contents(path) == before
+    assert contents(path) == before
     assert saved.intact
     assert saved.saved == {'/latched': 5}
     metadata = (path / 'metadata.yaml').read_bytes()
     assert (tmp_path / 'copy' / 'metadata.yaml').read_bytes() == metadata.replace(b'bag_', b'copy_')
     assert by_mcap(tmp_path / 'copy') == by_mcap(path) == by_rosbags(tmp_path / 'copy')
+    # A recorder that was killed left no metadata.yaml; the file holds a copy.
+    (path / 'metadata.yaml').unlink()
+    repair(path, tmp_path / 'second')
+    described = yaml.safe_load((tmp_path / 'second' / 'metadata.yaml').read_text())['rosbag2_bagfile_information']
+    assert {key: described[key] for key in origin} == origin
+
+
+def test_repairing_sorts_messages_by_log_time(tmp_path):
+    times = [3, 1, 2, 50, 40, 45]
+    with BagWriter(tmp_path / 'bag') as bag:
+        channel = bag.add_topic('/other', 'std_msgs/msg/Float64')
+        for k in times:
+            bag.write(channel, FLOAT + bytes([k] * 8), START + k * STEP)
+    (saved,) = repair(tmp_path / 'bag', tmp_path / 'copy')
+    assert saved.intact
+    assert [at for _, at, _ in by_mcap(tmp_path / 'copy')] == [START + k * STEP for k in sorted(times)]
+
+
+@pytest.mark.parametrize('left', [0, 20, None], ids=['empty', 'half', 'gone'])
+def test_a_lost_part_of_a_split_bag_is_reported(tmp_path, capsys, left):
+    with BagWriter(tmp_path / 'bag') as bag:
+        bag.add_topic('/other', 'std_msgs/msg/Float64')
+    metadata, (file,) = tmp_path / 'bag' / 'metadata.yaml', (tmp_path / 'bag').glob('*.mcap')
+    metadata.write_text(metadata.read_text().replace('- bag_0.mcap', '- bag_0.mcap\n  - bag_1.mcap.zstd'))
+    if left is not None:
+        (tmp_path / 'bag' / 'bag_1.mcap.zstd').write_bytes(b'\x28\xb5\x2f\xfd' + bytes(left) if left else b'')
+    assert main(['repair', str(tmp_path / 'bag'), '--json', '--output', str(tmp_path / 'copy')]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert not told['whole']
+    assert [(each['closed'], bool(each['unread'])) for each in told['files']] == [(True, False), (False, True)]
+    assert main(['repair', str(tmp_path / 'bag'), '--output', str(tmp_path / 'again')]) == 0
+    text = capsys.readouterr().out
+    assert 'bag_1.mcap.zstd' in text
+    assert 'nothing was missing' not in text
+    assert file.exists()
 
 
 @pytest.mark.parametrize(
@@ -93,21 +129,16 @@ def test_a_refused_repair_is_one_sentence_and_changes_nothing(tmp_path, output, 
     shutil.copytree(tmp_path / 'bag', tmp_path / 'taken')
     file = tmp_path / 'bag' / 'bag_0.mcap'
     file.write_bytes(file.read_bytes()[:left])
-    before = damage.contents(tmp_path)
+    before = contents(tmp_path)
     with pytest.raises(BagError, match=sentence):
         repair(tmp_path / 'bag', tmp_path / output, overwrite=overwrite)
-    assert damage.contents(tmp_path) == before
+    assert contents(tmp_path) == before
 
 
 def unclosed(folder, data):
     folder.mkdir(exist_ok=True)
     (folder / 'bag_0.mcap').write_bytes(data)
     return folder
-
-
-def of_topic(reader, topic):
-    """Return every message of a topic as (topic, log time, bytes)."""
-    return [(topic, message.log_time, message.data) for part in reader.messages([topic]) for message in part]
 
 
 def check(reader, messages):
@@ -117,15 +148,15 @@ def check(reader, messages):
     assert f'{len(messages)} intact messages' in reader.note
     assert (reader.first_ns, reader.last_ns) == (min(times), max(times))
     for topic, (_, count) in reader.topics.items():
-        expected = [each for each in messages if each[0] == topic]
-        assert count == len(expected)
-        assert of_topic(reader, topic) == expected
+        found = [(topic, message.log_time, message.data) for part in reader.messages([topic]) for message in part]
+        assert found == [each for each in messages if each[0] == topic]
+        assert count == len(found)
 
 
-def times_of(reader, *window):
+def times_of(path, *window):
     """Return the times of a window's samples [ns], and their first effort."""
-    times, values = Stream(reader, TOPIC, JOINT_NAMES, *window).samples()
-    return times, values[:, 1, 0]
+    blocks = list(joint_samples(BagReader(path), BagWindow(path, *window)))
+    return [np.concatenate([[], *(block[0] for block in blocks)]), *(block[1][:, 1, 0] for block in blocks)]
 
 
 @pytest.fixture(scope='module')
@@ -141,7 +172,7 @@ def closed(tmp_path_factory):
 def test_a_window_is_the_same_in_the_unclosed_and_the_closed_bag(closed, tmp_path_factory, window):
     file, data, found = closed
     folder = unclosed(tmp_path_factory.getbasetemp() / 'open', data[: found[-1].end])
-    for one, other in zip(times_of(BagReader(folder), *window), times_of(BagReader(file), *window), strict=True):
+    for one, other in zip(times_of(folder, *window), times_of(file, *window), strict=True):
         np.testing.assert_array_equal(one, other)
 
 
@@ -151,11 +182,12 @@ def test_a_file_that_changed_is_one_sentence(closed, tmp_path):
     for other in (data[: found[20].begin + 50], bytes(len(data))):
         unclosed(tmp_path / 'bag', other)
         with pytest.raises(BagError, match=r'is damaged \d+ bytes from its start, .* or changed after it was opened'):
-            of_topic(reader, TOPIC)
+            list(reader.messages([TOPIC]))
 
 
 def test_without_checksums_a_chunk_with_a_wrong_length_is_damaged(tmp_path):
-    data = bytearray(foreign(tmp_path / 'file', compression=CompressionType.NONE, enable_crcs=False))
+    options = {'compression': CompressionType.NONE, 'enable_crcs': False}
+    data = bytearray(foreign(tmp_path / 'file', map(message, range(300)), **options))
     found = chunks(tmp_path / 'file')
     hit = found.pop(len(found) // 2)
     data[hit.end - len(message(0)[1]) - 30] ^= 0x40  # the length of its last message
@@ -164,14 +196,14 @@ def test_without_checksums_a_chunk_with_a_wrong_length_is_damaged(tmp_path):
 
 @pytest.mark.parametrize('chunked', [0, 50])
 def test_messages_outside_of_chunks_are_read_too(tmp_path, chunked):
-    outside = foreign(tmp_path / 'outside', range(100), use_chunking=False)
-    inside = foreign(tmp_path / 'inside', range(100, 100 + chunked), compression=CompressionType.NONE)
+    outside = foreign(tmp_path / 'outside', map(message, range(100)), use_chunking=False)
+    options = {'compression': CompressionType.NONE}
+    inside = foreign(tmp_path / 'inside', map(message, range(100, 100 + chunked)), **options)
     for chunk in chunks(tmp_path / 'inside'):
         outside += inside[chunk.begin : chunk.end]
-    reader = BagReader(unclosed(tmp_path / 'bag', outside))
-    check(reader, [(TOPIC, *message(k)) for k in range(100 + chunked)])
-    times, _ = times_of(reader, 0.9, 1.2)
-    np.testing.assert_array_equal(times, np.arange(90, min(120, 100 + chunked)) * STEP)
+    path = unclosed(tmp_path / 'bag', outside)
+    check(BagReader(path), [(TOPIC, *message(k)) for k in range(100 + chunked)])
+    np.testing.assert_array_equal(times_of(path, 0.9, 1.2)[0], np.arange(90, min(120, 100 + chunked)) * STEP)
 
 
 def test_a_file_that_grows_keeps_the_length_at_which_it_was_opened(closed, tmp_path):

@@ -6,6 +6,7 @@
 import numpy as np
 import pytest
 
+from pendubot_identification import api
 from pendubot_identification.errors import PendubotError
 from pendubot_identification.recordings.datasets import load_datasets
 from pendubot_identification.recordings.joint_states import write_trajectory
@@ -31,6 +32,8 @@ def test_a_window_beyond_the_end_is_named_with_both_times(recordings, name):
     (note,) = data.notes
     assert note.startswith(f'{path}@0:50 ends at 50 s, but its last sample is at 11.990 s')
     assert [len(motion) for motion in data.training] == [1200]
+    with pytest.warns(match='@0:50 ends at 50 s, but its last sample is at 11'):
+        assert len(api.read(f'{path}@0:50')) == 1200
     with pytest.raises(PendubotError, match=r'@13:50: the window holds no sample; the recording lasts 11\.99. s'):
         load_datasets([f'{path}@13:50'])
 

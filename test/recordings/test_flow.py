@@ -9,39 +9,27 @@ from pendubot_identification.level import Level
 from pendubot_identification.recordings.flow import Flow, diagnose
 
 
-@given(st.sets(st.integers(2, 300)), st.integers(1, 10_000))
-def test_missing_numbers_of_one_publisher_are_lost(dropped, first):
-    flow = Flow()
-    # The last one comes: what is lost after it, nobody can know.
-    numbers = [k for k in range(1, 302) if k not in dropped]
-    for k in numbers:
-        flow.add(first + k, 0)
-    assert (flow.count, flow.lost) == (len(numbers), len(dropped))
-
-
-def test_losses_of_several_publishers_are_not_counted():
-    flow = Flow()
-    for number in (1, 40, 2, 41, 7):
-        flow.add(number, 0, publishers=2)
-    flow.add(9, 0)
-    flow.add(11, 0)
-    assert (flow.count, flow.lost) == (7, 1)
-
-
-def flow_of(*numbers, lag_ns=0):
+def flow_of(numbers, lag_ns=0, publishers=1):
     flow = Flow()
     for number in numbers:
-        flow.add(number, lag_ns)
+        flow.add(number, lag_ns, publishers)
     return flow
 
 
+@given(st.sets(st.integers(2, 300)), st.integers(1, 10_000))
+def test_missing_numbers_of_one_publisher_are_lost(dropped, first):
+    # The last one comes: what is lost after it, nobody can know.
+    flow = flow_of(first + k for k in range(1, 302) if k not in dropped)
+    assert (flow.count, flow.lost) == (301 - len(dropped), len(dropped))
+
+
 @pytest.mark.parametrize(
-    ('numbers', 'lost'),
-    [((1, 2, 3, 1, 2, 4), 1), ((None, None), 0)],
-    ids=['a publisher that begins anew', 'a middleware that does not number'],
+    ('numbers', 'publishers', 'lost'),
+    [((1, 2, 3, 1, 2, 4), 1, 1), ((None, None), 1, 0), ((1, 40, 2, 41, 7), 2, 0)],
+    ids=['a publisher that begins anew', 'a middleware that does not number', 'several publishers'],
 )
-def test_restarted_and_unnumbered_publishers_lose_nothing(numbers, lost):
-    flow = flow_of(*numbers)
+def test_restarted_unnumbered_and_several_publishers_lose_nothing(numbers, publishers, lost):
+    flow = flow_of(numbers, publishers=publishers)
     assert (flow.count, flow.lost) == (len(numbers), lost)
 
 
@@ -51,13 +39,13 @@ def test_restarted_and_unnumbered_publishers_lose_nothing(numbers, lost):
         ({}, Level.OK, 'recording'),
         ({'troubles': ('somebody is deaf',)}, Level.WARN, 'somebody is deaf'),
         ({'free': 150_000_000}, Level.WARN, '150 MB left on the disk; the bag is closed at 100'),
-        ({'flows': {'/x': flow_of(1, 5)}}, Level.WARN, '/x: 3 messages lost'),
+        ({'flows': {'/x': flow_of([1, 5])}}, Level.WARN, '/x: 3 messages lost'),
         ({'flows': {'/x': Flow()}}, Level.WARN, '/x: nothing yet'),
-        ({'flows': {'/x': flow_of(1, lag_ns=2_500_000_000)}}, Level.WARN, '/x: written 2.5 s late'),
+        ({'flows': {'/x': flow_of([1], lag_ns=2_500_000_000)}}, Level.WARN, '/x: written 2.5 s late'),
     ],
 )
 def test_a_problem_of_a_recording_is_a_warning(changed, level, sentence):
-    usual = {'flows': {'/x': flow_of(1)}, 'elapsed': 1.0, 'troubles': (), 'free': 10**12, 'reserve': 10**8}
+    usual = {'flows': {'/x': flow_of([1])}, 'elapsed': 1.0, 'troubles': (), 'free': 10**12, 'reserve': 10**8}
     diagnosis = diagnose(**usual | changed)
     assert (diagnosis.level, diagnosis.message) == (level, sentence)
     assert {'/x messages', '/x rate [Hz]', '/x lag [s]', '/x lost', 'free [MB]'} <= diagnosis.values.keys()

@@ -4,6 +4,7 @@
 """Recordings that are too long to be read at once: errors, and windows of them."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,7 +14,6 @@ from pendubot_identification import api
 from pendubot_identification.cli.main import main
 from pendubot_identification.errors import LongRecordingError
 from pendubot_identification.recordings import bag_reader
-from pendubot_identification.recordings.bag_metadata import Qos
 from pendubot_identification.recordings.bag_reader import BagWindow, read_trajectory
 from pendubot_identification.recordings.bag_writer import BagWriter
 from pendubot_identification.recordings.datasets import load_datasets
@@ -49,8 +49,8 @@ def bag(motion, tmp_path_factory):
 @pytest.fixture
 def soon(monkeypatch):
     """Half a minute is already too long."""
-    monkeypatch.setattr(bag_reader, 'LONGEST', LONGEST)
-    monkeypatch.setattr(bag_reader, 'ENOUGH', ENOUGH)
+    shorter = replace(bag_reader.SETTINGS, longest=LONGEST, first_window=ENOUGH)
+    monkeypatch.setattr(bag_reader, 'SETTINGS', shorter)
     monkeypatch.setattr(windows, 'LENGTH', LENGTH)
 
 
@@ -107,8 +107,8 @@ def test_without_an_informative_window_the_error_says_so(motion, tmp_path, soon,
 
 def test_a_topic_that_ended_long_before_the_bag_has_its_own_duration(motion, tmp_path, soon):
     writer = BagWriter(tmp_path / 'bag')
-    joints = writer.add_topic('/joint_states', JOINT_STATE, Qos())
-    other = writer.add_topic('/other', JOINT_STATE, Qos())
+    joints = writer.add_topic('/joint_states', JOINT_STATE)
+    other = writer.add_topic('/other', JOINT_STATE)
     for k in (*range(1000), 17_000):
         stamp = EPOCH_NS + k * 5_000_000
         message = encode_joint_state(stamp, JOINT_NAMES, motion.q[k], [0, 0], motion.tau[k])

@@ -1,0 +1,195 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The content of bags and of files with columns, as ``pendubot info`` shows it: times, losses, ranges."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from mcap.records import Schema
+from numpy.typing import NDArray
+
+from pendubot_identification.trajectories.trajectory import Trajectory
+
+from .bag_reader import BagReader
+from .joint_states import STAMP, stamps_ns
+from .mcap_file import FIELDS
+from .table_reader import TableReader
+
+#: A definition whose first field is a header; comments and constants hold no bytes.
+HEADER = re.compile(rb'(?:[^\S\n]*(?:#.*|[^#\n]*=.*)?\n)*[^\S\n]*(?:std_msgs/(?:msg/)?)?Header\s')
+UNITS = {'q1': 'rad', 'q2': 'rad', 'dq1': 'rad/s', 'dq2': 'rad/s', 'tau1': 'N m', 'tau2': 'N m'}
+
+
+@dataclass(frozen=True, slots=True)
+class SurveySettings:
+    """Thresholds for gaps, and for probable mistakes in the units of a file."""
+
+    gap: float = 1.5  #: A gap is longer than this many median intervals.
+    minimum_intervals: int = 10  #: Fewest intervals for a median.
+    same_clock: float = 86400.0  #: Largest difference of stamps and log times of the same clock [s].
+    fast: float = 30.0  #: A median speed above this is not in rad/s.
+    strong: float = 30.0  #: A torque above this is not in N m.
+    little: float = 0.05  #: Negligible angle [rad] and fraction of the largest torque.
+    resting: int = 3  #: Number of samples at rest.
+
+
+SETTINGS = SurveySettings()
+
+
+def survey_bag(bag: BagReader) -> list[dict[str, Any]]:
+    """Scan all files of a bag; return the messages of each topic in numbers, for JSON: times in seconds, rates in Hz.
+
+    Raises:
+        OSError: a file cannot be read.
+    """
+    nothing = np.empty(0, np.int64)
+    columns = {name: ([nothing], [nothing], [nothing]) for name in bag.topics}
+    for file in bag.files:
+        with_header = {schema.id for schema in file.schemas.values() if _has_header(schema)}
+        for messages in file.scan():
+            channels = messages.heads['channel']
+            for number in file.channels.keys() & set(channels.tolist()):
+                own, channel = messages.part(channels == number), file.channels[number]
+                logged, stamps, numbers = columns[channel.topic]
+                logged.append(own.heads['logged'])
+                numbers.append(own.heads['sequence'])
+                if channel.schema_id in with_header and (own.heads['length'] >= FIELDS + STAMP.itemsize).all():
+                    stamps.append(stamps_ns(own.contents(STAMP)))
+    found = []
+    for name, (type_name, _) in bag.topics.items():
+        found.append({'name': name, 'type': type_name} | _in_numbers(*map(np.concatenate, columns[name])))
+    return found
+
+
+def _has_header(schema: Schema) -> bool:
+    return schema.encoding == 'ros2msg' and HEADER.match(schema.data) is not None
+
+
+def _in_numbers(logged: NDArray[np.int64], stamps: NDArray[np.int64], numbers: NDArray[np.int64]) -> dict[str, Any]:
+    """Describe messages by their log times and stamps [ns], and the recorder's numbers; some may have no stamp."""
+    stamped = len(stamps) == len(logged) > 0 and bool(stamps.all())
+    order = np.argsort(logged, kind='stable')
+    logged, stamps = logged[order], stamps[order] if stamped else stamps
+    span = float(np.ptp(logged)) / 1e9 if len(logged) else 0.0
+    latency = (logged - stamps) / 1e9 if stamped else np.empty(0)
+    same_clock = stamped and np.abs(latency).max() < SETTINGS.same_clock
+    return {
+        'messages': len(logged),
+        'lost': missing_numbers(numbers),
+        'rate': (len(logged) - 1) / span if span else 0.0,
+        'stamped': stamped,
+        **regularity(stamps if stamped else logged),
+        'latency': float(np.median(latency)) if same_clock else None,
+        'latency_max': float(latency.max()) if same_clock else None,
+    }
+
+
+def regularity(times_ns: NDArray[np.int64]) -> dict[str, Any]:
+    """Return the regularity of times in the order of arrival [ns], shape (N,), for JSON; None where it is unknown.
+
+    ``period`` is the median interval, ``jitter`` the 99 % quantile of the deviations from it, ``longest`` the longest
+    interval, ``first_gap`` the start of the first gap [s]; ``gaps``, the samples ``missing`` in them, times that are
+    ``repeated`` and times that run ``backwards`` are counted.
+    """
+    steps = np.diff(times_ns)
+    # A time that runs back does not shorten the next gap.
+    ahead = np.maximum.accumulate(times_ns)
+    ahead = ahead[np.diff(ahead, prepend=ahead[:1] - 1) > 0]
+    intervals = np.diff(ahead) / 1e9
+    found: dict[str, Any] = {'period': None, 'jitter': None, 'longest': float(intervals.max(initial=0.0))}
+    found |= {'gaps': 0, 'missing': 0, 'first_gap': None}
+    if len(intervals) >= SETTINGS.minimum_intervals:
+        period = float(np.median(intervals))
+        late = np.flatnonzero(intervals > SETTINGS.gap * period)
+        found |= {
+            'period': period,
+            'jitter': float(np.quantile(np.abs(intervals - period), 0.99)),
+            'gaps': len(late),
+            'missing': int(np.rint(intervals[late] / period - 1).sum()),
+            'first_gap': float(ahead[late[0]] - ahead[0]) / 1e9 if len(late) else None,
+        }
+    return found | {'repeated': int((steps == 0).sum()), 'backwards': int((steps < 0).sum())}
+
+
+def missing_numbers(numbers: NDArray[np.int64], before: int = 0) -> int:
+    """Return how many of the recorder's numbers are missing among these, which follow ``before``.
+
+    Recorders that do not number leave zeros.
+    """
+    known = np.sort(numbers[numbers > before]).astype(np.int64)
+    return int((np.diff(known, prepend=before or known[:1]) - 1).clip(0).sum())
+
+
+def survey_table(reader: TableReader) -> dict[str, Any]:
+    """Return the motion of a file in numbers: times in seconds, rates in Hz, quantities in rad and N m.
+
+    Raises:
+        TableError: it cannot be read.
+    """
+    motion = reader.motion
+    columns = {'q1': motion.q[:, 0], 'q2': motion.q[:, 1], 'tau1': motion.tau[:, 0], 'tau2': motion.tau[:, 1]}
+    if motion.qd is not None:
+        columns |= {'dq1': motion.qd[:, 0], 'dq2': motion.qd[:, 1]}
+    return {
+        'file': str(reader.path),
+        'columns': reader.taken,
+        'not_taken': [name for name in reader.table.names if name not in reader.taken.values()],
+        'read_with': reader.conversion.options(),
+        'samples': len(motion),
+        'left_out': len(reader.table.cells[0]) - len(motion),
+        'duration': motion.duration,
+        'rate': (len(motion) - 1) / motion.duration if motion.duration else 0.0,
+        **regularity(np.rint(motion.t * 1e9).astype(np.int64)),
+        'quantities': {
+            name: {'least': float(x.min()), 'greatest': float(x.max()), 'first': float(x[0]), 'last': float(x[-1])}
+            for name, x in columns.items()
+            if name in reader.taken
+        },
+        'guesses': list(guesses(motion)),
+    }
+
+
+def guesses(motion: Trajectory) -> Iterator[str]:
+    """Yield probable mistakes, each with the option that corrects it."""
+    if len(motion) < 2:
+        return
+    speed = np.abs(np.diff(motion.q, axis=0)).max(axis=1) / np.diff(motion.t)
+    if np.median(speed) > SETTINGS.fast:
+        yield 'angles that change so fast look like degrees: --degrees?'
+    torque = np.abs(motion.tau[:, 0])
+    if torque.max() > SETTINGS.strong:
+        yield 'torques so large look like mN m: --torque-unit mNm?'
+    if not torque.any():
+        yield 'the torque is zero throughout: is it another column? --columns tau1=NAME'
+    rotation = np.ptp(motion.q[: SETTINGS.resting], axis=0).max()
+    if (
+        torque[0] <= SETTINGS.little * torque.max()
+        and rotation < SETTINGS.little
+        and abs(motion.q[0, 0]) < SETTINGS.little
+    ):
+        yield 'at rest without torque link 1 hangs, and q1 is 0 there: --zero hanging?'
+
+
+def as_text(found: dict[str, Any]) -> str:
+    """Return a survey as text."""
+    left_out = f', {found["left_out"]} left out' if found['left_out'] else ''
+    lines = [f'{found["samples"]} samples{left_out}, {found["duration"]:.3f} s, {found["rate"]:.1f} Hz']
+    taken = ', '.join(name if name == column else f'{name} = {column}' for name, column in found['columns'].items())
+    lines.append(f'taken     {taken}' + (f'; not {", ".join(found["not_taken"])}' if found['not_taken'] else ''))
+    if found['read_with']:
+        lines.append(f'read      {" ".join(found["read_with"])}')
+    if found['period'] is not None:
+        gaps = f'{found["gaps"]} gaps, the first after {found["first_gap"]:.3f} s' if found['gaps'] else 'no gaps'
+        lines.append(
+            f'jitter    {1e3 * found["jitter"]:.3f} ms; {gaps}; longest interval {1e3 * found["longest"]:.3f} ms'
+        )
+    lines.append(f'{"":12}{"least":>12}{"greatest":>12}{"first":>12}{"last":>12}')
+    for name, values in found['quantities'].items():
+        lines.append(f'{f"{name} [{UNITS[name]}]":12}' + ''.join(f'{value:12.4g}' for value in values.values()))
+    return '\n'.join([*lines, *(f'looks odd {guess}' for guess in found['guesses'])])

@@ -1,0 +1,62 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Bags that tests write: with this package, and as other programs do."""
+
+from mcap.writer import Writer
+from rosbags.interfaces import QosDurability
+
+from pendubot_identification.recordings.bag_metadata import RELIABLE
+from pendubot_identification.recordings.bag_writer import BagWriter
+from pendubot_identification.recordings.joint_states import JOINT_STATE, encode_joint_state
+from pendubot_identification.recordings.message_types import message_definition
+
+START = 1_700_000_000_000_000_000
+STEP = 10_000_000
+TOPIC = '/joint_states'
+JOINTS = ('shoulder', 'elbow')
+#: Encapsulation of a Float64.
+FLOAT = bytes([0, 1, 0, 0])
+LATCHED = RELIABLE._replace(durability=QosDurability.TRANSIENT_LOCAL, depth=1)
+
+
+def message(k):
+    """Return the stamp and the bytes of sample k."""
+    stamp = START + k * STEP
+    return stamp, encode_joint_state(stamp, JOINTS, [0.1 * k, -k], [1, 2], [k, 0])
+
+
+def samples(n=1000, **changed):
+    """Return n samples of 0.01 s; ``changed`` are other stamps, names, positions, velocities or efforts, by k."""
+    usual = {
+        'stamp': lambda k: START + k * STEP,
+        'names': lambda k: JOINTS,
+        'position': lambda k: (0.001 * k, -0.001 * k),
+        'velocity': lambda k: (0.1, -0.1),
+        'effort': lambda k: (k, 0.0),
+    } | changed
+    return [tuple(usual[key](k) for key in ('stamp', 'names', 'position', 'velocity', 'effort')) for k in range(n)]
+
+
+def write(path, samples, topic=TOPIC, logged=lambda k: START + k * STEP + 3_000_000, bag=None):
+    """Write samples with their log times into a bag; return its path."""
+    with bag or BagWriter(path) as bag:
+        channel = bag.add_topic(topic, JOINT_STATE)
+        for k, sample in enumerate(samples):
+            bag.write(channel, encode_joint_state(*sample), logged(k), sequence=k + 1)
+    return path
+
+
+def foreign(path, messages, **options):
+    """Write messages (stamp, bytes) as other programs do; return the file's bytes without its end."""
+    with path.open('wb') as file:
+        writer = Writer(file, chunk_size=4000, **options)
+        writer.start(profile='ros2')
+        text = message_definition(JOINT_STATE).text.encode()
+        channel = writer.register_channel(TOPIC, 'cdr', writer.register_schema(JOINT_STATE, 'ros2msg', text))
+        for stamp, data in messages:
+            writer.add_message(channel, stamp, data, stamp)
+        writer.flush()
+        end = file.tell()
+        writer.finish()
+    return path.read_bytes()[:end]

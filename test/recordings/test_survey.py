@@ -1,0 +1,60 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pendubot_identification.recordings.bag_reader import BagReader
+from pendubot_identification.recordings.survey import regularity, survey_bag
+
+from .bags import START, STEP, samples, write
+
+MS = 1_000_000
+
+
+@given(st.integers(1, 50), st.sets(st.integers(1, 198), max_size=60), st.integers(0, 2**62))
+def test_removed_samples_are_counted_as_missing(period, taken, start):
+    times = start + period * MS * np.array([k for k in range(200) if k not in taken], dtype=np.int64)
+    found = regularity(times)
+    # The median interval is the period only as long as most intervals are whole.
+    assert found['period'] == period / 1e3
+    assert found['missing'] == len(taken)
+    assert (found['gaps'] > 0) == bool(taken)
+    assert found['first_gap'] == (pytest.approx((min(taken) - 1) * period / 1e3) if taken else None)
+    assert (found['repeated'], found['backwards']) == (0, 0)
+
+
+def test_jitter_is_the_99_percent_quantile():
+    intervals = np.full(1000, 10 * MS)
+    intervals[::10] += MS
+    intervals[500] += 2 * MS
+    found = regularity(np.cumsum(intervals))
+    assert [found[name] for name in ('period', 'longest', 'gaps')] == [0.01, 0.013, 0]
+    assert found['jitter'] == pytest.approx(0.001)
+
+
+def test_few_messages_have_no_median_interval():
+    for n in range(5):
+        found = regularity(np.arange(n, dtype=np.int64))
+        assert (found['period'], found['gaps'], found['missing']) == (None, 0, 0)
+
+
+@pytest.mark.parametrize(
+    ('stamp', 'stamped', 'latency'),
+    [(lambda k: START + k * STEP, True, 0.003), (lambda k: 0, False, None), (lambda k: 5 + k * STEP, True, None)],
+    ids=['set', 'never set', 'of a simulation'],
+)
+def test_latency_needs_stamps_of_the_same_clock(tmp_path, stamp, stamped, latency):
+    (topic,) = survey_bag(BagReader(write(tmp_path / 'bag', samples(100, stamp=stamp))))
+    assert [topic[name] for name in ('messages', 'lost', 'stamped', 'period', 'repeated')] == [100, 0, stamped, 0.01, 0]
+    assert topic['latency'] == topic['latency_max'] == latency
+
+
+def test_messages_out_of_order_are_surveyed_in_the_order_of_log_time(tmp_path):
+    order = np.random.default_rng(1).permutation(100)
+    stamps = {'stamp': lambda k: START + int(order[k]) * STEP}
+    path = write(tmp_path / 'bag', samples(100, **stamps), logged=lambda k: START + int(order[k]) * STEP)
+    (topic,) = survey_bag(BagReader(path))
+    assert [topic[name] for name in ('period', 'gaps', 'backwards', 'latency_max')] == [0.01, 0, 0, 0]
