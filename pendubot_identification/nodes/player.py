@@ -100,7 +100,8 @@ class Player(SettingsNode):
     def _qos(self, name: str) -> QoSProfile:
         """Return the weakest quality of service that was offered, so that whoever heard it then hears it now."""
         channels = (c for file in self._reader.files for c in file.channels.values() if c.topic == name)
-        return weakest([profile for channel in channels for profile in offered_profiles(channel)], DEPTH)
+        texts = (channel.metadata.get('offered_qos_profiles', '') for channel in channels)
+        return weakest([profile for text in texts for profile in offered_profiles(text)], DEPTH)
 
     def _play(self) -> None:
         try:

@@ -57,7 +57,7 @@ def information(
                     'name': channel.topic,
                     'type': schema.name,
                     'serialization_format': channel.message_encoding,
-                    'offered_qos_profiles': dump_qos_v9(offered_profiles(channel)),
+                    'offered_qos_profiles': dump_qos_v9(offered_profiles(channel.metadata['offered_qos_profiles'])),
                     'type_description_hash': channel.metadata['topic_type_hash'],
                 },
                 'message_count': counts.get(number, 0),
@@ -73,15 +73,10 @@ def information(
     }
 
 
-def offered_profiles(channel: Channel) -> list[Qos]:
-    """Return the qualities of service that the publishers of a channel offered; none if their text is damaged."""
-    return _parsed_profiles(channel.metadata.get('offered_qos_profiles', ''))
-
-
 @cache
-def _parsed_profiles(text: str) -> list[Qos]:
-    # The parser raises many types for damaged text.
-    with suppress(Exception):
+def offered_profiles(text: str) -> list[Qos]:
+    """Return the qualities of service in a channel's metadata; none if the text is damaged."""
+    with suppress(Exception):  # the parser raises many types
         return parse_qos(text)
     return []
 

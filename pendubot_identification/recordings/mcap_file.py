@@ -253,7 +253,7 @@ class McapFile:
             raise ValueError('the summary is damaged')
         numbers, statistics, content_end = array('q'), None, 0
         for opcode, begin, content_end in _records(summary):
-            # The library would need ten times as long for these as a window of ten seconds.
+            # The library needs 0.15 s for the 30,000 of an hour, longer than all else that a short window takes.
             if opcode == Opcode.CHUNK_INDEX:
                 numbers.extend(INDEX.unpack_from(summary, begin))
             elif opcode == Opcode.STATISTICS:

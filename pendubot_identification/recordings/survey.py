@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from mcap.records import Schema
 from numpy.typing import NDArray
 
 from pendubot_identification.trajectories.trajectory import Trajectory
@@ -51,7 +50,7 @@ def survey_bag(bag: BagReader) -> list[dict[str, Any]]:
     nothing = np.empty(0, np.int64)
     columns = {name: ([nothing], [nothing], [nothing]) for name in bag.topics}
     for file in bag.files:
-        with_header = {schema.id for schema in file.schemas.values() if _has_header(schema)}
+        definitions = {number: schema.data for number, schema in file.schemas.items() if schema.encoding == 'ros2msg'}
         for messages in file.scan():
             channels = messages.heads['channel']
             for number in file.channels.keys() & set(channels.tolist()):
@@ -59,16 +58,15 @@ def survey_bag(bag: BagReader) -> list[dict[str, Any]]:
                 logged, stamps, numbers = columns[channel.topic]
                 logged.append(own.heads['logged'])
                 numbers.append(own.heads['sequence'])
-                if channel.schema_id in with_header and (own.heads['length'] >= FIELDS + STAMP.itemsize).all():
+                if (
+                    HEADER.match(definitions.get(channel.schema_id, b''))
+                    and own.heads['length'].min() >= FIELDS + STAMP.itemsize
+                ):
                     stamps.append(stamps_ns(own.contents(STAMP)))
     found = []
     for name, (type_name, _) in bag.topics.items():
         found.append({'name': name, 'type': type_name} | _in_numbers(*map(np.concatenate, columns[name])))
     return found
-
-
-def _has_header(schema: Schema) -> bool:
-    return schema.encoding == 'ros2msg' and HEADER.match(schema.data) is not None
 
 
 def _in_numbers(logged: NDArray[np.int64], stamps: NDArray[np.int64], numbers: NDArray[np.int64]) -> dict[str, Any]:

@@ -47,10 +47,10 @@ def write(path, samples, topic=TOPIC, logged=lambda k: START + k * STEP + 3_000_
     return path
 
 
-def foreign(path, messages, **options):
+def foreign(path, messages, chunk_size=4000, **options):
     """Write messages (stamp, bytes) as other programs do; return the file's bytes without its end."""
     with path.open('wb') as file:
-        writer = Writer(file, chunk_size=4000, **options)
+        writer = Writer(file, chunk_size=chunk_size, **options)
         writer.start(profile='ros2')
         text = message_definition(JOINT_STATE).text.encode()
         channel = writer.register_channel(TOPIC, 'cdr', writer.register_schema(JOINT_STATE, 'ros2msg', text))

@@ -60,7 +60,7 @@ def test_rosbags_and_mcap_read_back_every_message(tmp_path):
         assert len(reader.get_summary().chunk_indexes) >= 9
     assert (schema.name, schema.encoding, channel.message_encoding) == (JOINT_STATE, 'ros2msg', 'cdr')
     assert channel.metadata['topic_type_hash'] == definition.type_hash
-    assert offered_profiles(channel) == [RELIABLE]
+    assert offered_profiles(channel.metadata['offered_qos_profiles']) == [RELIABLE]
     assert (first.log_time, first.publish_time, first.sequence) == (START, START - 1000, 1)
 
 

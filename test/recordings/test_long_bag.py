@@ -17,19 +17,15 @@ from pendubot_identification.recordings import bag_reader
 from pendubot_identification.recordings.bag_reader import BagWindow, read_trajectory
 from pendubot_identification.recordings.bag_writer import BagWriter
 from pendubot_identification.recordings.datasets import load_datasets
-from pendubot_identification.recordings.joint_states import (
-    EPOCH_NS,
-    JOINT_NAMES,
-    JOINT_STATE,
-    encode_joint_state,
-    write_trajectory,
-)
+from pendubot_identification.recordings.joint_states import JOINT_STATE, write_trajectory
 from pendubot_identification.tracking import windows
 from pendubot_identification.trajectories.trajectory import Trajectory
 from test.changing_rig import Day, record
 
-#: Longest recording here, proposed window and informative windows [s].
-LONGEST, ENOUGH, LENGTH = 25.0, 20.0, 10
+from .bags import STEP, TOPIC, message
+
+#: Length of informative windows here [s].
+LENGTH = 10
 DAY = Day(payload=0.2, payload_at=40.0, rests=((44, 50),), pushes=((63, 0, 0.3, 0.5),))
 
 
@@ -46,15 +42,14 @@ def bag(motion, tmp_path_factory):
     return path
 
 
-@pytest.fixture
+@pytest.fixture(autouse=True)
 def soon(monkeypatch):
     """Half a minute is already too long."""
-    shorter = replace(bag_reader.SETTINGS, longest=LONGEST, first_window=ENOUGH)
-    monkeypatch.setattr(bag_reader, 'SETTINGS', shorter)
+    monkeypatch.setattr(bag_reader, 'SETTINGS', replace(bag_reader.SETTINGS, longest=25.0, first_window=20.0))
     monkeypatch.setattr(windows, 'LENGTH', LENGTH)
 
 
-def test_a_long_recording_is_refused_with_a_window_of_it(bag, motion, tmp_path, soon):
+def test_a_long_recording_is_refused_with_a_window_of_it(bag, motion, tmp_path):
     sentence = f'{bag} is too long: it lasts 90 s, and at most 25 s are taken at once; take windows of it, such as '
     for read in (api.read, read_trajectory, lambda path: load_datasets([str(path)])):
         with pytest.raises(LongRecordingError, match=rf'^{sentence}{bag}@:20: pendubot track {bag} names good ones$'):
@@ -70,13 +65,13 @@ def test_a_long_recording_is_refused_with_a_window_of_it(bag, motion, tmp_path, 
     assert len(api.read(f'{table}@80:')) == 2000
 
 
-def test_the_beginning_of_a_long_rest_is_for_validation(bag, motion, soon):
+def test_the_beginning_of_a_long_rest_is_for_validation(bag, motion):
     data = load_datasets([f'{bag}@30:40'])
     assert [source.bag for source in data.sources] == [f'{bag}@{w}' for w in ('30:40', ':20', '40:60')]
     np.testing.assert_array_equal(data.validation[1].q, motion.q[(motion.t >= 40) & (motion.t < 60)])
 
 
-def test_identify_names_informative_windows_between_changes(bag, soon, capsys, tmp_path):
+def test_identify_names_informative_windows_between_changes(bag, capsys, tmp_path):
     """The payload is put on at 40 s, then the rig rests until 50 s, and is pushed at 63 s."""
     look = tmp_path / 'look'
     assert main(['identify', str(bag), '--report', str(look)]) == 1
@@ -97,22 +92,19 @@ def test_identify_names_informative_windows_between_changes(bag, soon, capsys, t
     assert main(['identify', *named, '--criterion', 'weak', '--model', 'coulomb', '--optimizer', 'lsq']) == 0
 
 
-def test_without_an_informative_window_the_error_says_so(motion, tmp_path, soon, capsys):
-    holes = motion.t % 9 > 0.5
-    write_trajectory(tmp_path / 'holes', motion[holes])
+def test_without_an_informative_window_the_error_says_so(motion, tmp_path, capsys):
+    write_trajectory(tmp_path / 'holes', motion[motion.t % 9 > 0.5])
     assert main(['identify', str(tmp_path / 'holes')]) == 1
     said = ' '.join(capsys.readouterr().err.split())
     assert 'no minute of it moves without a gap, a change or a push; take windows of it, such as' in said
 
 
-def test_a_topic_that_ended_long_before_the_bag_has_its_own_duration(motion, tmp_path, soon):
-    writer = BagWriter(tmp_path / 'bag')
-    joints = writer.add_topic('/joint_states', JOINT_STATE)
-    other = writer.add_topic('/other', JOINT_STATE)
-    for k in (*range(1000), 17_000):
-        stamp = EPOCH_NS + k * 5_000_000
-        message = encode_joint_state(stamp, JOINT_NAMES, motion.q[k], [0, 0], motion.tau[k])
-        writer.write(joints if k < 1000 else other, message, stamp, stamp)
-    writer.close()
+def test_a_topic_that_ended_long_before_the_bag_has_its_own_duration(tmp_path):
+    with BagWriter(tmp_path / 'bag') as writer:
+        joints, other = (writer.add_topic(name, JOINT_STATE) for name in (TOPIC, '/other'))
+        for k in (*range(1000), 8_500):
+            stamp, data = message(k)
+            writer.write(joints if k < 1000 else other, data, stamp)
+    assert bag_reader.BagReader(tmp_path / 'bag').duration == 8500 * STEP / 1e9
     data = load_datasets([str(tmp_path / 'bag')])
     assert [len(d) for d in (*data.training, *data.validation)] == [500, 500]
