@@ -295,7 +295,8 @@ class McapFile:
             if part.messages:
                 heads = part.messages.heads
                 numbers.extend((int(heads['logged'].min()), int(heads['logged'].max()), at, part.size))
-                counts.update(dict(enumerate(np.bincount(heads['channel']).tolist())))
+                if self.first_ns is None:
+                    counts.update(heads['channel'].tolist())
                 yield part.messages
             at += part.size
             intact = at if part.definitions or part.messages else intact

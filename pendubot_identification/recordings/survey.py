@@ -50,7 +50,8 @@ def survey_bag(bag: BagReader) -> list[dict[str, Any]]:
     nothing = np.empty(0, np.int64)
     columns = {name: ([nothing], [nothing], [nothing]) for name in bag.topics}
     for file in bag.files:
-        definitions = {number: schema.data for number, schema in file.schemas.items() if schema.encoding == 'ros2msg'}
+        schemas = [schema for schema in file.schemas.values() if schema.encoding == 'ros2msg']
+        with_header = {schema.id for schema in schemas if HEADER.match(schema.data)}
         for messages in file.scan():
             channels = messages.heads['channel']
             for number in file.channels.keys() & set(channels.tolist()):
@@ -58,10 +59,7 @@ def survey_bag(bag: BagReader) -> list[dict[str, Any]]:
                 logged, stamps, numbers = columns[channel.topic]
                 logged.append(own.heads['logged'])
                 numbers.append(own.heads['sequence'])
-                if (
-                    HEADER.match(definitions.get(channel.schema_id, b''))
-                    and own.heads['length'].min() >= FIELDS + STAMP.itemsize
-                ):
+                if channel.schema_id in with_header and own.heads['length'].min() >= FIELDS + STAMP.itemsize:
                     stamps.append(stamps_ns(own.contents(STAMP)))
     found = []
     for name, (type_name, _) in bag.topics.items():
@@ -72,11 +70,12 @@ def survey_bag(bag: BagReader) -> list[dict[str, Any]]:
 def _in_numbers(logged: NDArray[np.int64], stamps: NDArray[np.int64], numbers: NDArray[np.int64]) -> dict[str, Any]:
     """Describe messages by their log times and stamps [ns], and the recorder's numbers; some may have no stamp."""
     stamped = len(stamps) == len(logged) > 0 and bool(stamps.all())
-    order = np.argsort(logged, kind='stable')
-    logged, stamps = logged[order], stamps[order] if stamped else stamps
+    if (logged[1:] < logged[:-1]).any():
+        order = np.argsort(logged, kind='stable')
+        logged, stamps = logged[order], stamps[order] if stamped else stamps
     span = float(np.ptp(logged)) / 1e9 if len(logged) else 0.0
     latency = (logged - stamps) / 1e9 if stamped else np.empty(0)
-    same_clock = stamped and np.abs(latency).max() < SETTINGS.same_clock
+    same_clock = stamped and max(latency.max(), -latency.min()) < SETTINGS.same_clock
     return {
         'messages': len(logged),
         'lost': missing_numbers(numbers),
@@ -99,15 +98,15 @@ def regularity(times_ns: NDArray[np.int64]) -> dict[str, Any]:
     # A time that runs back does not shorten the next gap.
     ahead = np.maximum.accumulate(times_ns)
     ahead = ahead[np.diff(ahead, prepend=ahead[:1] - 1) > 0]
-    intervals = np.diff(ahead) / 1e9
-    found: dict[str, Any] = {'period': None, 'jitter': None, 'longest': float(intervals.max(initial=0.0))}
+    intervals = np.diff(ahead)
+    found: dict[str, Any] = {'period': None, 'jitter': None, 'longest': float(intervals.max(initial=0)) / 1e9}
     found |= {'gaps': 0, 'missing': 0, 'first_gap': None}
     if len(intervals) >= SETTINGS.minimum_intervals:
         period = float(np.median(intervals))
         late = np.flatnonzero(intervals > SETTINGS.gap * period)
         found |= {
-            'period': period,
-            'jitter': float(np.quantile(np.abs(intervals - period), 0.99)),
+            'period': period / 1e9,
+            'jitter': float(np.quantile(np.abs(intervals - period), 0.99)) / 1e9,
             'gaps': len(late),
             'missing': int(np.rint(intervals[late] / period - 1).sum()),
             'first_gap': float(ahead[late[0]] - ahead[0]) / 1e9 if len(late) else None,
@@ -120,8 +119,10 @@ def missing_numbers(numbers: NDArray[np.int64], before: int = 0) -> int:
 
     Recorders that do not number leave zeros.
     """
-    known = np.sort(numbers[numbers > before]).astype(np.int64)
-    return int((np.diff(known, prepend=before or known[:1]) - 1).clip(0).sum())
+    known = np.sort(numbers[numbers > before])
+    first = int(known[0]) - before - 1 if before and known.size else 0
+    steps = np.diff(known)
+    return first + int((steps[steps > 1] - 1).sum())
 
 
 def survey_table(reader: TableReader) -> dict[str, Any]:
