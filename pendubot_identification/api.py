@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What scripts and notebooks import from ``pendubot_identification`` itself: the command line's work on arrays.
+"""The Python interface, imported from ``pendubot_identification`` itself.
 
 >>> from pendubot_identification import identify, read, simulate
 >>> found = identify('bags/paper_experiment', criterion='weak')
@@ -25,15 +25,13 @@ from numpy.typing import ArrayLike, NDArray
 from .errors import ParameterError, PendubotError
 from .files import OutputFolder
 from .formats.export import MEANINGS, export
-from .identify.options import OPTIONS
 from .level import Level
 from .model import dynamics, simulation
-from .model.parameters import SPECIFICATIONS, Parameters, default_bounds
+from .model.parameters import SPECIFICATIONS, Parameters
 from .model.simulation import HANGING
 from .recordings.source import Source
 from .results.result import Parameter, PartialResult, Result
 from .results.result_file import read_complete_result, read_parameters, write_result
-from .trajectories.conventions import CONVERSION
 from .trajectories.conversion import Conversion
 from .trajectories.trajectory import Trajectory
 
@@ -58,15 +56,14 @@ def read(
     """Read a motion from a bag or a file with columns (.csv, .mat, .xlsx, .parquet), also of ``FILE@START:END``.
 
     Args:
-        path: of the recording.
-        topic: of a bag, with its JointStates.
-        joint_names: of a bag, the names of shoulder and elbow.
-        reading: what its numbers mean: columns (by quantity, what a file calls t [s], q1, q2, tau1 [N m], tau2, dq1,
-            dq2), degrees=True, zero='hanging', elbow='absolute', negate='q2', time_unit='ms',
-            torque_constant=0.05 [N m/A], ...: options of the command line, - written as _.
+        path: the recording.
+        topic: of the JointStates in a bag.
+        joint_names: shoulder and elbow in a bag.
+        reading: options of the command line for units, signs and zeros, such as degrees=True, zero='hanging',
+            time_unit='ms' or columns={'q1': 'theta1'}.
 
     Raises:
-        PendubotError: it cannot be read, is no motion, or is too long to be taken at once: give a window of it.
+        PendubotError: the recording cannot be read, or is too long to be read at once.
     """
     from .recordings.bag_reader import BagWindow, read_trajectory
     from .recordings.datasets import require_files
@@ -82,46 +79,32 @@ def read(
 def identify(
     *recordings: Trajectory | File,
     validate: Sequence[Trajectory | File] = (),
-    bounds: Mapping[str, tuple[float, float]] | None = None,
+    bounds: Mapping[str, float | tuple[float, float]] | None = None,
     topic: str = '/joint_states',
     joint_names: Sequence[str] = ('shoulder', 'elbow'),
     **options: Any,
 ) -> Identified:
-    """Estimate the parameters of a rig, as ``pendubot identify`` does, which says more of each option.
+    """Estimate the parameters of a rig, like ``pendubot identify``, whose help describes each option.
 
     Args:
-        recordings: bags or files with columns, each ``BAG[@START:END]``, or motions. Of one without a window the first
-            half estimates and the second validates.
-        validate: what only judges.
-        bounds: by name, where a parameter is searched, such as ``{'P1': (0, 0.5)}``; equal ends hold it.
-        topic: of bags, with their JointStates.
-        joint_names: of bags, the names of shoulder and elbow.
-        options: criterion (``'weak'``, or several), model, optimizer, hold, delay (``0.004`` or ``(0, 0.02)`` s),
-            sliding, smoothing, start, link_length, seed, ...: those of the command line, - written as _; for bags and
-            files also those of :func:`read`.
+        recordings: bags or files with columns, each ``BAG[@START:END]``, or motions. Of a single one without a window
+            the first half estimates and the second validates.
+        validate: recordings that only validate.
+        bounds: search intervals by name, such as ``{'P1': (0, 0.5)}``; a single number fixes a parameter.
+        topic: of the JointStates in bags.
+        joint_names: shoulder and elbow in bags.
+        options: those of the command line, such as criterion (``'weak'``, or several), model, delay (``0.004`` or
+            ``(0, 0.02)`` s) and seed; for bags and files also those of :func:`read`.
 
     Raises:
-        PendubotError: what was given makes no sense, or determines no parameters.
+        PendubotError: an argument is invalid, or the recordings determine no parameters.
     """
     from .identify.pipeline import identify as estimate
-    from .identify.settings import Settings
     from .results.assemble import assemble_result
+    from .results.options import bounds_of, settings_of
 
-    reading = Conversion.of({o.name: options.pop(o.name) for o in CONVERSION if o.name in options})
-    if unknown := options.keys() - {option.name for option in OPTIONS}:
-        names = ', '.join(option.name for option in (*OPTIONS, *CONVERSION))
-        raise ParameterError(f'there is no option {min(unknown)!r}; the options are {names}')
-    if isinstance(criteria := options.get('criterion'), str):
-        options['criterion'] = tuple(name.strip() for name in criteria.split(','))
-    if isinstance(delay := options.get('delay'), (int, float)):
-        options['delay'] = (delay, delay)
-    if isinstance(start := options.get('start'), (str, Path)):
-        options['start'] = read_parameters(Path(start))
-    box = default_bounds()
-    for name, (low, high) in (bounds or {}).items():
-        box = box.replaced(name, low, high)
-    settings = Settings.of(bounds=box, reading=reading, **options)
-    training, validation, sources, notes = _divided(recordings, validate, topic, joint_names, reading)
+    settings = settings_of(options, bounds_of(bounds or {}))
+    training, validation, sources, notes = _divided(recordings, validate, topic, joint_names, settings.reading)
     found = estimate(training, validation, settings, notes=notes)
     return Identified(assemble_result(found, sources), (training, validation))
 
@@ -133,7 +116,7 @@ def _divided(
     joints: Sequence[str],
     reading: Conversion,
 ) -> tuple[Sequence[Any], Sequence[Any], Sequence[Source], Sequence[str]]:
-    """Return the motions that estimate, those that validate, where they came from, and what is to be said of that."""
+    """Return the motions for training and for validation, their sources, and notes for the user."""
     given = [*recordings, *validate]
     if all(isinstance(each, (str, Path)) for each in given) and recordings:
         from .recordings.datasets import load_datasets
@@ -146,22 +129,18 @@ def _divided(
         raise ParameterError(f'{kinds} was given; names of bags, or motions as read() returns them, are expected')
     if words := reading.words():
         raise ParameterError(f'{", ".join(words)} say how files are read, and motions are read already; leave them out')
-    training, validation = (
-        [r for r in recordings if isinstance(r, Trajectory)],
-        [r for r in validate if isinstance(r, Trajectory)],
-    )
+    training, validation = ([each for each in side if isinstance(each, Trajectory)] for side in (recordings, validate))
     if len(training) == 1 and not validation:
-        (whole,) = training
-        training, validation = [whole[: len(whole) // 2]], [whole[len(whole) // 2 :]]
+        (motion,) = training
+        training, validation = [motion[: len(motion) // 2]], [motion[len(motion) // 2 :]]
     roles = [('training', each) for each in training] + [('validation', each) for each in validation]
     return training, validation, [_source(role, each) for role, each in roles], ()
 
 
 def _source(role: str, motion: Trajectory) -> Source:
-    content = hashlib.sha256(
-        b''.join(np.ascontiguousarray(each).tobytes() for each in (motion.t, motion.q, motion.tau))
-    )
-    return Source(f'{motion.name} (from memory)', role, len(motion), motion.duration, content.hexdigest(), True)
+    content = b''.join(np.ascontiguousarray(each).tobytes() for each in (motion.t, motion.q, motion.tau))
+    digest = hashlib.sha256(content).hexdigest()
+    return Source(f'{motion.name} (from memory)', role, len(motion), motion.duration, digest, True)
 
 
 def simulate(
@@ -171,18 +150,13 @@ def simulate(
     q: tuple[float, float] = HANGING,
     qd: tuple[float, float] = (0.0, 0.0),
 ) -> Trajectory:
-    """Return the motion of a rig at the times t [s], shape (N,), from q [rad] and qd [rad/s] on.
+    """Return the simulated motion of a rig at increasing times t [s], shape (N,), from q [rad] and qd [rad/s] on.
 
-    Args:
-        pendubot: the rig.
-        t: increasing.
-        tau: the torque [N m] from each time until the next: of the shoulder, a number or shape (N,), or of both joints,
-            shape (N, 2).
-        q: where it begins.
-        qd: how fast.
+    ``tau`` is the torque [N m] from each time until the next: of the shoulder, a number or shape (N,), or of both
+    joints, shape (N, 2).
 
     Raises:
-        PendubotError: the parameters are not physical, or the motion is too fast to be followed.
+        PendubotError: the parameters are not physical, or the motion is too fast for the simulation.
     """
     times, torques = np.asarray(t, dtype=float), np.asarray(tau, dtype=float)
     if torques.ndim == 0:
@@ -197,7 +171,7 @@ def simulate(
 
 
 class Pendubot(Parameters):
-    """A rig by its parameters, P1 to b2 and what else its model has, with what follows from them.
+    """The parameters of a rig and its equations of motion.
 
     q, qd and tau are of shoulder and elbow: q1 [rad] from the horizontal, q2 relative to link 1, qd [rad/s], tau [N m].
     """
@@ -206,7 +180,7 @@ class Pendubot(Parameters):
 
     @classmethod
     def load(cls, path: File) -> Pendubot:
-        """Return the rig of a result file, also of one by hand.
+        """Return the rig of a result file, or of a file with parameters by hand.
 
         Raises:
             PendubotError: it cannot be read.
@@ -223,7 +197,7 @@ class Pendubot(Parameters):
         return dynamics.mass_matrix(self.theta, q)
 
     def bias(self, q: ArrayLike, qd: ArrayLike) -> Array:
-        """Return V(q, qd) qd + G(q) [N m], shape (2,): what Coriolis forces and gravity ask for, without friction."""
+        """Return the torque of Coriolis forces and gravity, V(q, qd) qd + G(q) [N m], shape (2,)."""
         free = replace(self, b1=0.0, b2=0.0, Fc1=0.0, Fc2=0.0, Fs1=0.0, Fs2=0.0, k1=0.0, k2=0.0)
         result: Array = -self.mass_matrix(q) @ free.acceleration(q, qd)
         return result
@@ -239,7 +213,7 @@ class Pendubot(Parameters):
     def linearised(self) -> tuple[Array, Array]:
         """Return A, shape (4, 4), and B, shape (4, 1), of x' = A x + B tau upright; x is q - UPRIGHT, then qd.
 
-        tau is the shoulder's. Dry friction is left out, whose slope at rest describes no motion of any size.
+        tau is the shoulder's. Dry friction, which is not linear, is left out.
         """
         from .control.linear_control import linearise
 
@@ -257,7 +231,7 @@ class Pendubot(Parameters):
         return simulate(self, t, tau, q, qd)
 
     def export(self, format: str, *, link_length: float | None = None, torque_limit: float | None = None) -> str:
-        """Return the text of a file: mjcf, urdf, yaml, m, h or py, as ``pendubot export`` writes it.
+        """Return the text that ``pendubot export`` writes in a format: mjcf, urdf, yaml, m, h or py.
 
         Raises:
             PendubotError: there is no such format, or no real masses give these parameters.
@@ -268,11 +242,11 @@ class Pendubot(Parameters):
 
 @dataclass(frozen=True, repr=False)
 class Identified:
-    """What an identification found.
+    """The result of an identification.
 
     Attributes:
-        result: all of it, entry by entry as in a result file.
-        motions: what estimated and what validated; None of a loaded result.
+        result: the entries of its file.
+        motions: for training and for validation; None of a loaded result.
     """
 
     result: Result
@@ -280,10 +254,10 @@ class Identified:
 
     @classmethod
     def load(cls, path: File) -> Identified:
-        """Return what a result file holds.
+        """Return the result of a file.
 
         Raises:
-            PendubotError: it is no file of an identification.
+            PendubotError: it is not the file of an identification.
         """
         return cls(read_complete_result(Path(path)))
 
@@ -294,7 +268,7 @@ class Identified:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The names of the parameters that were estimated: D of them."""
+        """The names of the D estimated parameters."""
         return tuple(self.result.parameters)
 
     @property
@@ -319,12 +293,12 @@ class Identified:
 
     @property
     def level(self) -> Level:
-        """How far to trust them."""
+        """The level of the result."""
         return self.result.level
 
     @property
     def warnings(self) -> list[str]:
-        """Why, in sentences."""
+        """The warnings, a sentence each."""
         return self.result.warnings
 
     def frame(self) -> DataFrame:
@@ -362,7 +336,7 @@ class Identified:
             return write_report(made, self.result, self.motions, None, (), lambda *_: None, static=figures)
 
     def export(self, format: str, *, link_length: float | None = None, torque_limit: float | None = None) -> str:
-        """Return the text of a file, see :meth:`Pendubot.export`; it also says where the numbers come from."""
+        """Return the text of a file, see :meth:`Pendubot.export`, with the origin of the numbers."""
         return export(self.result, format, link_length, torque_limit)[0]
 
     def __repr__(self) -> str:
@@ -375,7 +349,7 @@ class Identified:
         return summary(self.result)
 
     def _repr_html_(self) -> str:
-        """Return what a notebook shows: verdict, parameters with their intervals, errors of simulation."""
+        """Return level, parameters with their intervals, and prediction errors for a notebook."""
         from .report.tables import parameter_table, prediction_table, verdict
 
         said = [f'{self.level.name}: {sentence}' for sentence in self.warnings or [verdict(self.result)]]

@@ -31,10 +31,10 @@ from pendubot_identification.recordings.joint_states import JOINT_NAMES
 from pendubot_identification.report.tables import headline, summary
 from pendubot_identification.results.assemble import assemble_result
 from pendubot_identification.results.corrections import identify_recordings
-from pendubot_identification.results.result_file import read_parameters, result_text
+from pendubot_identification.results.options import settings_of
+from pendubot_identification.results.result_file import result_text
 from pendubot_identification.setting import Setting
 from pendubot_identification.trajectories.conventions import CONVERSION
-from pendubot_identification.trajectories.conversion import Conversion
 
 from .diagnostics import StatusPublisher, diagnostics_message, stamp_now
 from .messages import LATCHED, identification_values, parameters_message
@@ -216,15 +216,10 @@ class Identifier(SettingsNode):
 
 
 def _settings(values: dict[str, Any]) -> Settings:
-    chosen = {o.name: values[o.name] for o in OPTIONS if values.get(o.name) is not None}
-    if names := [name.strip() for name in chosen.pop('criterion', '').split(',') if name.strip()]:
-        chosen['criterion'] = tuple(names)
-    if 'start' in chosen:
-        chosen['start'] = read_parameters(Path(chosen['start']))
     lower, upper = values['lower_bounds'], values['upper_bounds']
     bounds = Bounds(np.array(lower), np.array(upper), NAMES[: max(len(lower), MODELS['viscous'])])
-    reading = Conversion.of({o.name: values[o.name] for o in CONVERSION if values.get(o.name) is not None})
-    return Settings.of(delay=(values['delay_min'], values['delay_max']), bounds=bounds, reading=reading, **chosen)
+    options = {option.name: values[option.name] for option in (*OPTIONS, *CONVERSION) if option.name in values}
+    return settings_of(options | {'delay': (values['delay_min'], values['delay_max'])}, bounds)
 
 
 def _named(bags: list[str]) -> list[str]:
