@@ -1,10 +1,11 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Modified differential evolution, the paper's Table 1.
+"""Modified differential evolution (MDE), Table 1 of the paper.
 
-:func:`trials` is Table 1 in numpy. On a quadratic criterion mde.c does the same, ten times as fast, where there was a
-C compiler: from random numbers of its own, so that single runs differ, but neither how soon nor where they end.
+:func:`trials` is Table 1 in numpy. For a quadratic criterion, mde.c does the same ten times as fast, if there is a C
+compiler. Its random numbers differ, so that single runs differ, but not their minima and the distribution of their
+generations.
 """
 
 from __future__ import annotations
@@ -37,26 +38,26 @@ from .optimizer import (
 
 Array = NDArray[np.float64]
 
-#: Of mde.c: what the length of its rows is a multiple of, and the generations after which Python has its turn, to tell
-#: how far it is or to be interrupted.
+#: Of mde.c: the length of its rows is a multiple of the first; after so many generations it returns to Python for the
+#: progress and interrupts.
 LANES, CHUNK = 16, 500
 
 
 @dataclass(frozen=True, slots=True)
 class MDESettings:
-    """The paper's Table 6 and its defaults.
+    """Table 6 of the paper, with its values as defaults.
 
     Raises:
-        ParameterError: a setting that makes no sense.
+        ParameterError: a setting is invalid.
     """
 
     population: int = 30  #: NP, the vectors of one run.
-    generations: int = 4000  #: the most that a run may take.
+    generations: int = 4000  #: most generations of a run.
     threshold: float = 0.3  #: a mutation is rand/1 where rand > threshold, best/1 otherwise.
     weight: tuple[float, float] = (0.4, 1.0)  #: the interval from which F is drawn.
     crossover: tuple[float, float] = (0.7, 1.0)  #: the interval from which CR is drawn.
-    #: Whether operator and indices are drawn anew for every component (the pseudocode) or once for a target vector (the
-    #: paper's text; converges faster here).
+    #: Whether operator and indices are drawn for every component (the pseudocode) or once for a target vector (the text
+    #: of the paper; converges faster here).
     per_component: bool = True
     target: float | None = None  #: stop a run at a value not above this.
     #: Stop a run once (worst - best) of its population is not above this fraction of its best value.
@@ -91,8 +92,8 @@ def mde(
 ) -> OptimizationResult:
     """Minimise a function within bounds in several independent runs.
 
-    A :class:`QuadraticObjective` goes to mde.c, if that was built. ``settings``: None for the paper's. The same seed
-    gives the same result. ``progress`` is called with the generations done and the best value so far, now and then.
+    A :class:`QuadraticObjective` is minimised by mde.c, if that was built. The default settings are those of the paper.
+    The same seed gives the same result.
 
     Raises:
         ParameterError: see :func:`.optimizer.require_runs`.
@@ -116,7 +117,7 @@ def generation(
 ) -> State:
     """Return the populations, shape (D, runs, NP), and their values, shape (runs, NP), one generation later.
 
-    A trial takes its target's place where it is at least as good.
+    A trial replaces its target vector if it is at least as good.
     """
     trial = trials(rng, bounds, settings, x, values.argmin(axis=1))
     offered = evaluate(objective, trial)
@@ -125,9 +126,9 @@ def generation(
 
 
 def trials(rng: np.random.Generator, bounds: Bounds, settings: MDESettings, x: Array, best: NDArray[np.intp]) -> Array:
-    """Return a trial for every target vector i: the paper's Table 1, for all vectors of all runs at once.
+    """Return the trial of every target vector i in all runs, Table 1 of the paper.
 
-    Populations ``x`` and trials have shape (D, runs, NP); ``best`` tells which vector of each run is the best.
+    Populations ``x`` and trials have shape (D, runs, NP); ``best`` is the index of the best vector of each run.
     """
     D, runs, NP = x.shape
     choices = (D if settings.per_component else 1, runs, NP)
@@ -140,8 +141,8 @@ def trials(rng: np.random.Generator, bounds: Bounds, settings: MDESettings, x: A
 
     best_1 = rng.random(choices) <= settings.threshold
     r1, r2, r3 = three_others(rng, NP, choices)
-    # Line 14: in best/1 r1, r2, best and i all differ. Where r1 or r2 is the best vector, r3 takes its place: best/1
-    # has no other use for r3, and any pair of the others is as likely as before.
+    # Line 14: in best/1 r1, r2, best and i all differ. If r1 or r2 is the best vector, r3 replaces it, which best/1
+    # does not use otherwise; every pair of the other vectors remains equally likely.
     r1, r2 = (np.where(best_1 & (r == best), r3, r) for r in (r1, r2))
 
     flat, first = x.ravel(), NP * np.arange(D * runs).reshape(D, runs, 1)
@@ -151,8 +152,8 @@ def trials(rng: np.random.Generator, bounds: Bounds, settings: MDESettings, x: A
 
 
 def three_others(rng: np.random.Generator, NP: int, shape: tuple[int, ...]) -> tuple[NDArray[np.intp], ...]:
-    """Return r1, r2 and r3, which differ from each other and from the target i, the number along the last axis."""
-    # Each is drawn from as many numbers as are left, and passes over those that are taken.
+    """Return r1, r2 and r3, which differ from each other and from the target i, the index along the last axis."""
+    # Each is drawn from the number of remaining indices, and then shifted past the indices that are taken.
     i = np.arange(NP)
     r1, r2, r3 = (((NP - taken) * rng.random(shape)).astype(np.intp) for taken in (1, 2, 3))
     r1 += r1 >= i
@@ -167,9 +168,9 @@ def three_others(rng: np.random.Generator, NP: int, shape: tuple[int, ...]) -> t
 
 
 def drawn_back(v: Array, x: Array, bounds: Bounds) -> Array:
-    """Return v, shape (D, runs, NP), with what leaves the bounds set halfway between its target's x and the bound.
+    """Return v, shape (D, runs, NP), with components outside the bounds set halfway from the target's x to the bound.
 
-    Set on the bound, all would soon be equal there and their differences, the source of every mutation, zero for good.
+    On the bound itself, components would soon be equal, and their differences, from which mutations come, zero.
     """
     lower, upper = columns(bounds)
     inside = np.minimum(np.maximum(v, lower), upper)
@@ -178,7 +179,7 @@ def drawn_back(v: Array, x: Array, bounds: Bounds) -> Array:
 
 @runtime_checkable
 class QuadraticObjective(Protocol):
-    """An objective that mde.c knows, too: |root [x, -1]|^2 + worth * :func:`.parameters.coupling_excess` of x."""
+    """The objective of mde.c: |root [x, -1]|^2 + worth * :func:`.parameters.coupling_excess` of x."""
 
     @property
     def root(self) -> Array:
@@ -186,11 +187,11 @@ class QuadraticObjective(Protocol):
 
     @property
     def worth(self) -> float:
-        """Price of an indefinite mass matrix; 0 for none, and then x need not begin with P1, P2, P3."""
+        """Penalty of an indefinite mass matrix; with 0, x need not begin with P1, P2, P3."""
 
 
 class _Settings(ctypes.Structure):
-    """Of mde.c."""
+    """The settings of mde.c."""
 
     _fields_ = (
         *((name, ctypes.c_int64) for name in ('population', 'dimension', 'per_component')),
@@ -209,7 +210,7 @@ def _compiled(
     values: Array,
     progress: Progress | None,
 ) -> OptimizationResult:
-    """Return what mde.c finds, run by run, from initial populations x and their values."""
+    """Return the result of mde.c, run by run, from initial populations x and their values."""
     D, runs, NP = x.shape
     how = _Settings(
         *(NP, D, settings.per_component, settings.threshold, *settings.weight, *settings.crossover),

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What every optimiser here shares: independent runs side by side, when they stop, and what they have found."""
+"""The common parts of the optimizers: independent runs side by side, their end, and their result."""
 
 from __future__ import annotations
 
@@ -20,43 +20,39 @@ Array = NDArray[np.float64]
 Objective = Callable[[Array], Array]
 #: Called with the generations done and the best value so far.
 Progress = Callable[[int, float], None]
-#: Of the runs: best points, shape (D, runs, NP), their values, shape (runs, NP), and what else an optimiser keeps.
+#: Best points, shape (D, runs, NP), their values, shape (runs, NP), and further arrays of an optimizer.
 State = tuple[Array, ...]
 
-#: Of all runs together.
+#: Largest number of vectors in all runs, which the memory limits.
 MOST_VECTORS = 100_000
 
 
 @dataclass(frozen=True, slots=True)
 class OptimizationResult:
-    """What the runs found; every array has one entry (or row, or column) per run."""
+    """The result of the runs; every array has one entry, row or column per run."""
 
-    x: Array  #: each run's best point, shape (runs, D).
-    value: Array  #: its value, shape (runs,).
-    generations: NDArray[np.int64]  #: how many generations each run took, shape (runs,).
-    #: The best value after each generation, shape (generations + 1, runs); a run that stopped keeps its last.
+    x: Array  #: best point of each run, shape (runs, D).
+    value: Array  #: value of that point, shape (runs,).
+    generations: NDArray[np.int64]  #: number of generations of each run, shape (runs,).
+    #: Best value after each generation, shape (generations + 1, runs); a run that has stopped keeps its last value.
     history: Array
     stopped_by: tuple[str, ...]  #: per run ``generations``, ``target`` or ``spread``.
-    at_start: int  #: function values that a run asks for before its first generation.
-    per_generation: int  #: function values that it asks for in each.
+    at_start: int  #: function values of a run before its first generation.
+    per_generation: int  #: function values of a run in each generation.
 
     @property
     def best(self) -> int:
-        """The number of the run that found the lowest value."""
+        """The index of the run with the lowest value."""
         return int(np.argmin(self.value))
 
     @property
     def evaluations(self) -> NDArray[np.int64]:
-        """How many function values each run asked for, shape (runs,)."""
+        """The number of function values of each run, shape (runs,)."""
         return self.at_start + self.generations * self.per_generation
 
 
 def require_runs(runs: int, population: int, seed: int) -> None:
-    """Refuse no runs, too many vectors in all, and a negative seed.
-
-    Raises:
-        ParameterError: one of these.
-    """
+    """Raise ParameterError for no runs, too many vectors in all, or a negative seed."""
     if runs < 1:
         raise ParameterError(f'{runs} runs were asked for; at least 1 is needed')
     if runs * population > MOST_VECTORS:
@@ -68,12 +64,12 @@ def require_runs(runs: int, population: int, seed: int) -> None:
 
 
 def random_numbers(seed: int) -> np.random.Generator:
-    """Return numpy's quickest generator."""
+    """Return the fastest generator of numpy."""
     return np.random.Generator(np.random.SFC64(seed))
 
 
 def random_points(rng: np.random.Generator, bounds: Bounds, runs: int, population: int) -> Array:
-    """Return points spread evenly over the box, shape (D, runs, NP)."""
+    """Return uniformly distributed points in the box, shape (D, runs, NP)."""
     lower, upper = columns(bounds)
     return rng.uniform(lower, upper, (len(lower), runs, population))
 
@@ -96,10 +92,10 @@ def best_points(x: Array, values: Array) -> Array:
 def reasons_to_stop(
     values: Array, generation: int, generations: int, target: float | None, spread: float | None
 ) -> NDArray[np.str_]:
-    """Return why each run stops, shape (runs,), after a generation; empty where it goes on.
+    """Return why each run stops after a generation, shape (runs,); empty for a run that continues.
 
-    ``values``, shape (runs, NP), are those of the runs' vectors. A run stops at a best value not above ``target``, once
-    (worst - best) is not above the fraction ``spread`` of the best, and after so many generations.
+    With the values of its vectors, shape (runs, NP), a run stops at a best value not above ``target``, at a (worst -
+    best) not above the fraction ``spread`` of the best, or after the last of ``generations``.
     """
     lowest = values.min(axis=1)
     reasons = np.full(len(values), 'generations' if generation >= generations else '', dtype='U11')
@@ -123,12 +119,12 @@ def run_generations(
     """Advance all runs, generation by generation, until each has stopped, see :func:`reasons_to_stop`.
 
     Args:
-        step: takes the arrays of the runs that go on, and returns them one generation later.
-        state: these arrays at the start, see :data:`State`; the last axis but one of each is that of the runs.
-        generations: the most that a run may take.
-        target: None for none.
+        step: takes the arrays of the runs that continue, and returns them one generation later.
+        state: these arrays at the start, see :data:`State`; the last axis but one is that of the runs.
+        generations: most generations of a run.
+        target: see :func:`reasons_to_stop`; None for no target.
         spread: likewise.
-        per_generation: function values that a run asks for in each; None: as many as it has vectors.
+        per_generation: function values of a run in each generation; None: one for each vector.
         progress: called after every generation.
     """
     runs, population = state[1].shape
