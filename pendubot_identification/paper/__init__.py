@@ -1,4 +1,4 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""All that only the reproduction of the paper needs: its functions, competitors, trials, tables, figures, command."""
+"""The reproduction of the paper: functions, algorithms, experiments, tables, figures."""

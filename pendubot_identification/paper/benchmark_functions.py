@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The paper's Table 2: functions with many minima but one, on boxes around it."""
+"""Table 2 of the paper: the test functions of the optimizers."""
 
 from __future__ import annotations
 

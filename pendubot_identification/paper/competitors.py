@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What the paper holds MDE against, its Table 3: DE, HDE and PSO, with all independent runs advanced as one array."""
+"""The algorithms that the paper compares with MDE, its Table 3: DE, HDE and PSO; all runs advance as one array."""
 
 from __future__ import annotations
 
@@ -29,10 +29,9 @@ from pendubot_identification.optimizers.optimizer import (
 
 Array = NDArray[np.float64]
 
-
-#: What makes MDE plain DE, rand/1/bin (Storn and Price 1997): one F, one CR, partners once a vector. The values are the
-#: paper's Table 3: Pedersen's for 10 dimensions and 20 000 function values (Good parameters for differential evolution,
-#: HL1002, 2010).
+#: Settings with which MDE is plain DE, rand/1/bin (Storn and Price 1997): one F, one CR, partners once a vector. The
+#: values of Table 3 are Pedersen's for 10 dimensions and 20 000 function values (Good parameters for differential
+#: evolution, HL1002, 2010).
 CLASSIC = MDESettings(18, 4000, 0.0, weight=(0.6714,) * 2, crossover=(0.5026,) * 2, per_component=False)
 
 
@@ -46,13 +45,11 @@ def hde(
     runs: int = 10,
     seed: int = 1,
 ) -> OptimizationResult:
-    """Minimise by DE with a gradient step of the best vector in every generation (the paper's, after its reference 29).
+    """Minimise by DE with a gradient step of the best vector in every generation (reference 29 of the paper).
 
-    The step is one more trial: x_best - rate gradient(x_best), drawn back into the box, takes the best one's place
-    where it is at least as good. So a generation asks for NP + 1 function values and one gradient.
-
-    ``gradient`` is that of the objective, (..., D) in, (..., D) out, ``rate`` the learning rate, ``settings`` are like
-    :data:`CLASSIC`; all else as in :func:`.mde.mde`.
+    The step is one more trial: x_best - rate gradient(x_best), clipped to the bounds, replaces the best vector if it is
+    at least as good. A generation takes NP + 1 function values and one gradient, (..., D) in, (..., D) out. The other
+    arguments are those of :func:`.mde.mde`.
     """
     require_runs(runs, settings.population, seed)
     rng = random_numbers(seed)
@@ -73,10 +70,10 @@ def hde(
 
 @dataclass(frozen=True, slots=True)
 class PSOSettings:
-    """The paper's Table 3: Pedersen's parameters for 20 dimensions and 400 000 function values.
+    """Table 3 of the paper: Pedersen's parameters for 20 dimensions and 400 000 function values.
 
-    In the notation of :func:`pso`: s particles, inertia w, c1 (personal), c2 (social). A run stops at a value not above
-    the target, or with the generation in which it has asked for so many function values (evaluations).
+    In the notation of :func:`pso`: inertia w, personal c1, social c2. A run stops at a value not above the target, or
+    with the generation in which it reaches the number of function evaluations.
     """
 
     particles: int = 149
@@ -94,9 +91,9 @@ def pso(
 
         v <- w v + c1 r1 (own best - x) + c2 r2 (swarm's best - x),    x <- x + v
 
-    r1 and r2 are drawn once a particle, not once a component. Velocities are bounded by the width of the box, positions
-    by the box; all particles move, then all are evaluated. Pedersen, Good parameters for particle swarm optimization,
-    HL1001, 2010. Arguments are those of :func:`.mde.mde`.
+    r1 and r2 are drawn once a particle. Velocities are limited to the width of the box, positions to the box. All
+    particles move, then all are evaluated. Pedersen, Good parameters for particle swarm optimization, HL1001, 2010.
+    Arguments are those of :func:`.mde.mde`.
     """
     settings = settings or PSOSettings()
     require_runs(runs, settings.particles, seed)

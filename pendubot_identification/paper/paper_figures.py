@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The paper's figures from what was found here, and those that it leaves out."""
+"""The figures of the paper from the results of this package, and further figures."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ from .trials import ALGORITHMS, PER_VECTOR, TARGET, Outcome
 
 Array = NDArray[np.float64]
 
-#: Colour, line and marker of the first, second, ... of several curves: told apart by hue (also by the colour-blind), by
-#: lightness, which is what is left in grey, and by the line itself.
+#: Colour, line and marker of several curves, which differ in hue (also for the colour-blind), in lightness, and in the
+#: line itself.
 STYLES: tuple[dict[str, Any], ...] = (
     {'color': '#000000', 'linestyle': '-', 'marker': 'o'},
     {'color': '#0060ad', 'linestyle': '--', 'marker': 's'},
@@ -33,34 +33,30 @@ STYLES: tuple[dict[str, Any], ...] = (
     {'color': '#009e73', 'linestyle': (0, (1, 1)), 'marker': 'D'},
     {'color': '#e69f00', 'linestyle': (0, (5, 1, 1, 1, 1, 1)), 'marker': 'v'},
 )
-#: An order that gives MDE the plainest line.
+#: MDE has the plainest line.
 STYLE_OF = dict(zip((*reversed(ALGORITHMS), PER_VECTOR), STYLES, strict=True))
 MEASURED = {'color': '#000000', 'linewidth': 2.2, 'alpha': 0.45}
-#: Of remarks.
-DIM = '#555555'
 #: Width of a figure that fills a page, and height of a legend above all panels [inch].
 WIDTH, LEGEND = 8.0, 0.32
-#: What lies between these percentiles of the runs is shaded.
-SPREAD = (10, 90)
-#: Errors below this are drawn as this.
+#: Smaller errors are drawn as this one.
 LEAST = 1e-8
-#: P1 to P5 stand in the energy; the parameters after them are friction.
+#: Number of parameters in the energy, P1 to P5; the others are friction.
 INERTIAL = 5
 #: Length [s] of the simulations in the figure of the fit.
 PIECE = 1.0
 
 
 def convergence(outcomes: Sequence[Outcome], over: str = 'generations') -> Figure:
-    """Return Figure 1: error against generations, as in the paper, or against ``function values``.
+    """Return Figure 1: error over generations, as in the paper, or over ``function values``.
 
-    Medians over the runs, shaded between percentiles; a run that has stopped keeps its last error.
+    Medians over the runs, shaded from the 10th to the 90th percentile; a run that has stopped keeps its last error.
     """
     figure, axes = _panels(2, 2, 6.2, sharex=True)
     panel = dict(zip(dict.fromkeys(o.function for o in outcomes), axes.flat, strict=True))
     for o in outcomes:
         ax, result, style = panel[o.function], o.result, STYLE_OF[o.algorithm]
         at = np.unique(np.round(np.geomspace(1, len(result.history), 200)).astype(int)) - 1
-        errors = np.percentile(result.history[at], [SPREAD[0], 50, SPREAD[1]], axis=1)
+        errors = np.percentile(result.history[at], [10, 50, 90], axis=1)
         low, median, high = np.maximum(errors, LEAST)
         x = at + 1 if over == 'generations' else result.at_start + at * result.per_generation
         ax.fill_between(x, low, high, color=style['color'], alpha=0.13, linewidth=0)
@@ -78,7 +74,7 @@ def convergence(outcomes: Sequence[Outcome], over: str = 'generations') -> Figur
 
 
 def threshold(outcomes: Sequence[Outcome]) -> Figure:
-    """Return generations and arrivals of MDE over the threshold, per component and per vector."""
+    """Return the generations and the success rate of MDE over the threshold, per component and per vector."""
     figure, axes = _panels(2, 2, 6.0, sharex=True, sharey='row')
     problems = list(dict.fromkeys(o.function for o in outcomes))
     titles = {'MDE': 'operator per component', PER_VECTOR: 'operator per vector'}
@@ -125,7 +121,7 @@ def dimensions(outcomes: Sequence[Outcome]) -> Figure:
 
 
 def data_set(training: Trajectory, validation: Trajectory) -> Figure:
-    """Return the recording: torque and positions, the half that estimates and the half that validates."""
+    """Return the torque and the positions of a recording, with its halves for training and validation."""
     figure, axes = _panels(3, 1, 5.4, sharex=True)
     start = training.t[0]
     for motion in (training, validation):
@@ -144,11 +140,7 @@ def data_set(training: Trajectory, validation: Trajectory) -> Figure:
 
 
 def fit(training: Trajectory, validation: Trajectory, parameters: Parameters) -> Figure:
-    """Return how identified parameters explain a recording: its energy balance, and its motion simulated by pieces.
-
-    Raises:
-        ParameterError: the parameters are not physical.
-    """
+    """Return the energy balance of a recording with identified parameters, and its motion simulated in pieces."""
     figure, axes = _panels(4, 1, 7.4)
     start = training.t[0]
     for k, motion in enumerate((training, validation)):
@@ -178,9 +170,9 @@ def fit(training: Trajectory, validation: Trajectory, parameters: Parameters) ->
 
 
 def energy_balance(trajectory: Trajectory, theta: Array) -> tuple[Array, Array, Array]:
-    """Return both sides of the paper's equation (6), from the first sample to every later one, theta of shape (7,).
+    """Return time [s] and both sides of equation (6) of the paper, theta of shape (7,), each of shape (N,).
 
-    Time [s], E(t) - E(0) [J], and the work of the torque less that of friction [J], each of shape (N,).
+    The sides are E(t) - E(0) [J], and the work of the torque less the work of friction [J].
     """
     made = energy_regression(trajectory)
     gained, friction = made.phi[:, :INERTIAL] @ theta[:INERTIAL], made.phi[:, INERTIAL:] @ theta[INERTIAL:]
@@ -188,7 +180,7 @@ def energy_balance(trajectory: Trajectory, theta: Array) -> tuple[Array, Array, 
 
 
 def predicted(trajectory: Trajectory, parameters: Parameters, length: float) -> list[Trajectory]:
-    """Simulate a recording in pieces of ``length`` [s], each from its measured state and with its torque."""
+    """Return simulations of pieces of a recording, ``length`` [s] long, each from the measured state."""
     motion = resample(trajectory)
     q, qd = differentiate(motion.q, motion.interval, SMOOTHING)
     step = max(2, round(length / motion.interval))
@@ -201,13 +193,13 @@ def predicted(trajectory: Trajectory, parameters: Parameters, length: float) -> 
 
 
 def _panels(rows: int, columns: int, height: float, **shared: Any) -> tuple[Figure, Any]:
-    """Return a figure, ``height`` inches high, and its axes, shape (rows, columns)."""
+    """Return a figure of some height [inch], and its axes, shape (rows, columns)."""
     figure = Figure(figsize=(WIDTH, height), layout='constrained')
     return figure, figure.subplots(rows, columns, squeeze=False, **shared)
 
 
 def _label(axes: Any, across: str, *up: str) -> None:
-    """Name the abscissas below the last row, and the ordinates left of each row, or of all of them."""
+    """Label the abscissas of the last row, and the ordinates of the first column."""
     for ax in axes[-1]:
         ax.set_xlabel(across)
     for ax, label in zip(axes[:, 0], up * (len(axes) // len(up)), strict=True):
@@ -215,19 +207,19 @@ def _label(axes: Any, across: str, *up: str) -> None:
 
 
 def _remark(ax: Any, text: str, at: Any, shift: tuple[int, int], **how: Any) -> None:
-    ax.annotate(text, at, shift, textcoords='offset points', color=DIM, fontsize=8, **how)
+    ax.annotate(text, at, shift, textcoords='offset points', color='#555555', fontsize=8, **how)
 
 
 def _legend_above(figure: Figure, axes: Any, columns: int) -> None:
-    """Put one legend for all panels, of the curves of one, above them."""
+    """Put the legend of one panel above all of them."""
     handles, labels = axes.get_legend_handles_labels()
     figure.legend(handles, labels, loc='upper center', ncols=columns)
-    # The legend's place, which matplotlib before 3.7 (Ubuntu 24.04) does not leave free by itself.
+    # matplotlib before 3.7 (Ubuntu 24.04) does not leave space for the legend by itself.
     figure.set_layout_engine('constrained', rect=(0, 0, 1, 1 - LEGEND / figure.get_figheight()))
 
 
 def _halves(panels: Any, training: Trajectory, validation: Trajectory) -> None:
-    """Show where a recording's first half ends and, above the first panel, say which half is which."""
+    """Mark the end of the first half of a recording, and label the halves above the first panel."""
     start = training.t[0]
     border = (training.t[-1] + validation.t[0]) / 2 - start
     for ax in panels:

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The paper's tables beside what was found here, and those that it leaves out, as Markdown and as CSV."""
+"""The tables of the paper with the results of this package beside its own, and further tables."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from .trials import ALGORITHMS, BUDGET, IDENTIFICATION, PER_VECTOR, TARGET, Outc
 
 Cell = str | int | float | None
 
-#: The paper's Table 4: best, worst, average and standard deviation of the errors over 10 runs, and the time of one [s].
+#: Table 4 of the paper: best, worst, average and standard deviation of the errors over 10 runs, and time of a run [s].
 TABLE_4 = {
     ('Sphere', 'PSO'): (2.30e-5, 0.0028, 8.06e-4, 8.35e-4, 0.1910),
     ('Sphere', 'DE'): (3.09e-6, 9.60e-6, 6.59e-6, 2.46e-6, 0.0763),
@@ -40,18 +40,15 @@ TABLE_4 = {
     ('Rastrigin', 'MDE'): (2.22e-6, 8.88e-6, 4.87e-6, 2.28e-6, 0.1182),
 }
 AVERAGE, TIME = 2, 4
-#: Its Table 7, J over 10 runs: best, worst, average. Its Table 8 is :data:`.model.parameters.PAPER`.
-TABLE_7: dict[str, tuple[float | None, ...]] = {
-    'training': (2.37e-3, 2.39e-3, 2.37e-3),
-    'validation': (None, None, 3.03e-3),
-}
+#: Table 7, J over 10 runs: best, worst, average. Table 8 is :data:`.model.parameters.PAPER`.
+TABLE_7 = {'training': (2.37e-3, 2.39e-3, 2.37e-3), 'validation': (None, None, 3.03e-3)}
 STATISTICS: dict[str, Callable[[Any], Any]] = {
     'best': np.min,
     'worst': np.max,
     'average': np.mean,
     'standard deviation': lambda values: np.std(values, ddof=1) if len(values) > 1 else 0.0,
 }
-#: Below this p two algorithms are said to differ.
+#: Significance level of a difference.
 ALPHA = 0.01
 FIRST = (
     'Who is first: a run that reaches the target comes before one that does not; of two that reach it, the one with '
@@ -63,10 +60,7 @@ CHOSEN = 0.3
 
 
 class Table(NamedTuple):
-    """A table that a person and a program can read: columns by their names, and paragraphs below it.
-
-    ``name`` is that of its files, ``title`` says what it is.
-    """
+    """A table as columns by name, with paragraphs below it; ``name`` is the name of its files."""
 
     name: str
     title: str
@@ -75,29 +69,29 @@ class Table(NamedTuple):
 
     @property
     def rows(self) -> list[tuple[Cell, ...]]:
-        """A cell a column."""
+        """The cells of each row."""
         return list(zip(*self.columns.values(), strict=True))
 
     def markdown(self) -> str:
-        """Return title, table and notes, numbers rounded to three or four digits."""
+        """Return title, table and notes, with numbers of three or four digits."""
         lines = [self.columns, ['---'] * len(self.columns), *(map(shown, row) for row in self.rows)]
         table = '\n'.join(f'| {" | ".join(line)} |' for line in lines)
         return '\n\n'.join([f'## {self.title}', table, *self.notes]) + '\n'
 
     def data(self) -> dict[str, Any]:
-        """Return all of it as plain data; a number that is none becomes None."""
+        """Return plain data for JSON, in which NaN and infinity are None."""
         rows = [[None if isinstance(c, float) and not math.isfinite(c) else c for c in row] for row in self.rows]
         return {'title': self.title, 'head': list(self.columns), 'rows': rows, 'notes': list(self.notes)}
 
     def csv(self) -> str:
-        """Return head and rows, numbers in full."""
+        """Return head and rows, with all digits."""
         file = io.StringIO()
         csv.writer(file, lineterminator='\n').writerows([self.columns, *self.rows])
         return file.getvalue()
 
 
 def shown(cell: Cell) -> str:
-    """Return a cell for a reader: 0.0461, 3.03e-6, 34."""
+    """Return a cell as text, such as 0.0461, 3.03e-6 or 34."""
     if cell is None:
         return ''
     if not isinstance(cell, float):
@@ -111,7 +105,7 @@ def shown(cell: Cell) -> str:
 
 
 def table_4(outcomes: Sequence[Outcome], runs: int) -> list[Table]:
-    """Return Table 4, what it says of MDE, and how MDE's generations stand to each other."""
+    """Return Table 4, the comparison of MDE with the others, and its generations beside the paper's times."""
     many = len(outcomes[0].result.value)
     values = [o.result.value for o in outcomes]
     columns: dict[str, list[Any]] = _named(outcomes)
@@ -136,13 +130,11 @@ def table_4(outcomes: Sequence[Outcome], runs: int) -> list[Table]:
 
 
 def _claims(outcomes: Sequence[Outcome], runs: int) -> Table:
-    """Return where the paper's averages have MDE ahead, and whether ours do."""
+    """Return where MDE is ahead by the averages of the paper and by ours."""
     found = {(o.function, o.algorithm): o for o in outcomes}
     many = len(outcomes[0].result.value)
     pairs = [(found[f.name, 'MDE'], found[f.name, other]) for f in FUNCTIONS for other in ALGORITHMS[:-1]]
-    paper = [
-        TABLE_4[o.function, o.algorithm][AVERAGE] / TABLE_4[mde.function, mde.algorithm][AVERAGE] for mde, o in pairs
-    ]
+    paper = [TABLE_4[o.function, o.algorithm][AVERAGE] / TABLE_4[o.function, 'MDE'][AVERAGE] for _, o in pairs]
     columns: dict[str, list[Any]] = {
         'function': [o.function for _, o in pairs],
         'against': [o.algorithm for _, o in pairs],
@@ -170,7 +162,7 @@ def _agreement(paper: float, mde: float, other: float) -> str:
 
 
 def _pace(outcomes: Sequence[Outcome]) -> Table:
-    """Return the generations that MDE takes on each function against the paper's times."""
+    """Return the generations of MDE on each function beside the paper's times."""
     mde = [o for o in outcomes if o.algorithm == 'MDE']
     times = np.array([TABLE_4[o.function, 'MDE'][TIME] for o in mde])
     taken = np.array([_of_arrived(o, np.mean) for o in mde])
@@ -186,7 +178,7 @@ def _pace(outcomes: Sequence[Outcome]) -> Table:
 
 
 def times(outcomes: Sequence[Outcome], seconds: Sequence[float]) -> Table:
-    """Return the time of a run; all runs of an algorithm are advanced together: it is their time over their number."""
+    """Return the time of a run, which is the time of all runs of an algorithm over their number."""
     many = len(outcomes[0].result.value)
     columns = _named(outcomes) | {
         'here [s]': [spent / many for spent in seconds],
@@ -200,7 +192,7 @@ def times(outcomes: Sequence[Outcome], seconds: Sequence[float]) -> Table:
 
 
 def table_7(found: Mapping[str, Any]) -> Table:
-    """Return J over the runs of the identification beside the paper's."""
+    """Return J of the runs of the identification beside the paper's."""
     columns: dict[str, Any] = {'J [J^2]': list(TABLE_7)}
     for k, (what, statistic) in enumerate(STATISTICS.items()):
         columns[what] = [statistic(found[f'J_{which}']) for which in TABLE_7]
@@ -218,7 +210,7 @@ def table_7(found: Mapping[str, Any]) -> Table:
 
 
 def table_8(found: Mapping[str, Any]) -> Table:
-    """Return the parameters beside the paper's, which are the virtual rig's truth."""
+    """Return the parameters beside the paper's, which are the true ones of the virtual rig."""
     truth, theta = PAPER.vector(), np.array(found['theta'])
     columns: dict[str, Any] = {
         '': NAMES[: len(truth)],
@@ -236,7 +228,7 @@ def table_8(found: Mapping[str, Any]) -> Table:
 
 
 def threshold_table(outcomes: Sequence[Outcome]) -> Table:
-    """Return generations and arrivals of MDE for every threshold."""
+    """Return the generations and the success rate of MDE for every threshold."""
     problems = list(dict.fromkeys(o.function for o in outcomes))
     found = {(o.function, o.algorithm, o.threshold or 0.0): o for o in outcomes}
     thresholds = sorted({threshold for _, _, threshold in found})
@@ -266,7 +258,7 @@ def threshold_table(outcomes: Sequence[Outcome]) -> Table:
 
 
 def operator_table(outcomes: Sequence[Outcome]) -> Table:
-    """Return MDE with its operator drawn per component, as in the pseudocode, against per vector, as in the text."""
+    """Return MDE with its operator drawn per component, as in the pseudocode, and per vector, as in the text."""
     component, vector = (
         [o for o in outcomes if o.threshold == CHOSEN and o.algorithm == algorithm] for algorithm in ('MDE', PER_VECTOR)
     )
@@ -291,7 +283,7 @@ def operator_table(outcomes: Sequence[Outcome]) -> Table:
 
 
 def dimensions_tables(outcomes: Sequence[Outcome]) -> list[Table]:
-    """Return who is first in 2, 10 and 30 dimensions with equal budgets, and the errors behind it."""
+    """Return the first algorithm in 2, 10 and 30 dimensions with equal budgets, and the errors."""
     mde = {(o.n, o.function): o for o in outcomes if o.algorithm == 'MDE'}
     values = [o.result.value for o in outcomes]
     errors: dict[str, list[Any]] = {'n': [o.n for o in outcomes]} | _named(outcomes)
@@ -328,7 +320,7 @@ def _named(outcomes: Sequence[Outcome]) -> dict[str, list[Any]]:
 
 
 def _against(pairs: Sequence[tuple[Outcome, Outcome]]) -> dict[str, list[Any]]:
-    """Return how often MDE is first in a pair of runs, p, and what that says; nothing of MDE against itself."""
+    """Return the fraction of pairs of runs in which MDE is first, p, and the verdict; None for MDE itself."""
     cells: list[tuple[Cell, Cell, Cell]] = []
     for mde, other in pairs:
         p, ahead = rank_sum(*ranks([mde.result, other.result]))
@@ -346,5 +338,5 @@ def _fraction(o: Outcome) -> str:
 
 
 def _of_arrived(o: Outcome, statistic: Any) -> float:
-    """Return a statistic of the generations of the runs that reach the target; NaN without any."""
+    """Return a statistic of the generations of the runs that reach the target; NaN if none does."""
     return float(statistic(o.result.generations[o.arrived])) if o.arrived.any() else math.nan

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What the reproduction of the paper runs, experiment by experiment, what came of it, and how runs are compared."""
+"""The experiments of the reproduction, their outcomes, and the comparison of runs."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ from .competitors import CLASSIC, PSOSettings, hde, pso
 
 Array = NDArray[np.float64]
 
-#: Table 3: a run stops at this error, or after 4000 generations. PSO's 4000 are function values, as SwarmOps counts:
-#: only so does it match its column of Table 4.
+#: Table 3: a run stops at this error, or after 4000 generations. The 4000 of PSO are function values, as in SwarmOps;
+#: otherwise it does not match its column of Table 4.
 TARGET = 1e-5
 #: n of Table 4, inferred.
 DIMENSION = 2
 ALGORITHMS = ('PSO', 'DE', 'HDE', 'MDE')
-#: The same as MDE, with the operator drawn once a vector, as the paper's text has it.
+#: MDE with the operator drawn once a vector, as in the text of the paper.
 PER_VECTOR = 'MDE per vector'
-#: Table 3; that of PSO, DE and HDE is in competitors.py.
+#: Table 3; see competitors.py for PSO, DE and HDE.
 SETTINGS: dict[str, PSOSettings | MDESettings] = {
     'PSO': PSOSettings(target=TARGET),
     'DE': replace(CLASSIC, target=TARGET),
@@ -42,17 +42,17 @@ SETTINGS: dict[str, PSOSettings | MDESettings] = {
 }
 HDE_RATE = 0.01
 
-#: Runs that tell how often an algorithm arrives, for each one that the paper's tables have.
+#: Runs for the success rate of an algorithm, for each run of the paper's tables.
 MANY = 10
-#: More of them would not fit into a usual memory.
+#: Largest number of runs of a table, which the memory limits.
 MOST_RUNS = MOST_VECTORS // (MANY * PSOSettings().particles)
-#: Runs of the sweep, likewise, and the generations after which one of them has failed. Those that arrive take 200.
+#: Runs of the sweep for each run of a table, and most generations of one; runs that reach the target take 200.
 SWEEP, SWEEP_GENERATIONS = 5, 400
 THRESHOLDS = tuple(k / 10 for k in range(11))
-#: n of the comparison beyond the paper, and the function values of each run, n times these: the budget for which
-#: Pedersen chose the parameters that Table 3 has for DE. At n = 2 it is what the paper gives PSO.
+#: n of the comparison beyond the paper, and function values of a run for each dimension: the budget for which Pedersen
+#: chose the parameters of DE in Table 3. At n = 2 it is the budget of PSO in the paper.
 DIMENSIONS, BUDGET = (2, 10, 30), 2000
-#: How near to its least value J counts as minimised.
+#: J is minimised at this relative distance from its least value.
 NEAR = 1e-6
 IDENTIFICATION = 'Identification'
 
@@ -62,8 +62,8 @@ def compete(
 ) -> OptimizationResult:
     """Minimise a function of n variables by an algorithm with the settings of Table 3.
 
-    ``evaluations``: end each run with the generation in which it has asked for so many function values, whatever the
-    algorithm; None: at the paper's limits.
+    Each run ends with the generation in which it reaches a number of function ``evaluations``, or by default at the
+    limits of the paper.
     """
     f, bounds, how = function.value, function.bounds(n), SETTINGS[algorithm]
     if isinstance(how, PSOSettings):
@@ -78,12 +78,12 @@ def compete(
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What runs of one algorithm on one function of n variables came to.
+    """The result of runs of one algorithm on one function of n variables.
 
     Attributes:
-        threshold: of MDE, where it is not the paper's.
+        threshold: of MDE in the sweep.
         seed: of these runs alone.
-        detailed: whether points and histories are worth keeping.
+        detailed: whether :meth:`data` has points and histories.
     """
 
     function: str
@@ -96,14 +96,11 @@ class Outcome:
 
     @property
     def arrived(self) -> NDArray[np.bool_]:
-        """Which runs reached their target, shape (runs,)."""
+        """Whether each run reached its target, shape (runs,)."""
         return np.array([reason == 'target' for reason in self.result.stopped_by])
 
     def data(self) -> dict[str, Any]:
-        """Return the runs as plain numbers, strings, lists and dictionaries.
-
-        A history is a list of [generation, value], one for each generation that found something better.
-        """
+        """Return the runs as plain data; a history has [generation, value] of each generation with an improvement."""
         r = self.result
         columns = {'value': r.value, 'generations': r.generations, 'evaluations': r.evaluations}
         lists: dict[str, Sequence[Any]] = {name: column.tolist() for name, column in columns.items()}
@@ -125,7 +122,7 @@ class Outcome:
 
 
 def competition(seed: int, runs: int) -> Iterator[Outcome]:
-    """Run what Table 4 and Figure 1 show: four algorithms, four functions, the paper's settings."""
+    """Run the experiment of Table 4 and Figure 1: four algorithms on four functions with the paper's settings."""
     for f in FUNCTIONS:
         for algorithm in ALGORITHMS:
             own = seed_of(seed, 'competition', f.name, algorithm)
@@ -134,7 +131,7 @@ def competition(seed: int, runs: int) -> Iterator[Outcome]:
 
 
 def dimensions(seed: int, runs: int) -> Iterator[Outcome]:
-    """Run the same in more dimensions, everyone with as many function values."""
+    """Run the same experiment in more dimensions, with equal budgets of function values."""
     for n in DIMENSIONS:
         for f in FUNCTIONS:
             for algorithm in SETTINGS:
@@ -144,10 +141,7 @@ def dimensions(seed: int, runs: int) -> Iterator[Outcome]:
 
 
 def sweep(seed: int, runs: int, identification: Quadratic, bounds: Bounds) -> Iterator[Outcome]:
-    """Run MDE with every threshold, its operator drawn per component and per vector, on each function and on J.
-
-    ``identification`` is J of the paper's experiment, ``bounds`` its box.
-    """
+    """Run MDE with every threshold, per component and per vector, on each function and on J within its bounds."""
     least = float(identification(identification.minimum(bounds)))
     at_functions = MDESettings(population=50, generations=SWEEP_GENERATIONS, target=TARGET)
     problems: list[tuple[str, Objective, Bounds, MDESettings, int]] = [
@@ -164,16 +158,16 @@ def sweep(seed: int, runs: int, identification: Quadratic, bounds: Bounds) -> It
 
 
 def seed_of(seed: int, *what: object) -> int:
-    """Return a seed of its own for one of several experiments, so that none shares its random numbers with another."""
+    """Return the seed of one of several experiments, so that their random numbers are independent."""
     name = ' '.join(map(str, what)).encode()
     return int(np.random.SeedSequence([seed, *name]).generate_state(1)[0])
 
 
 def ranks(outcomes: Sequence[OptimizationResult]) -> list[Array]:
-    """Return how good runs are among each other, the lower the better; equally good ones have the same number.
+    """Return the ranks of runs, of which lower ones are better; ties have the same rank.
 
-    A run that reaches the target is better than one that does not. Of two that do, the one with fewer function values
-    is better, for its error only says by how much it overshot; of two that do not, the one with the lower error.
+    Runs that reach the target come first, ordered by function values, because their errors are meaningless; then the
+    others, ordered by their errors.
     """
     keys = []
     for each in outcomes:
@@ -184,9 +178,9 @@ def ranks(outcomes: Sequence[OptimizationResult]) -> list[Array]:
 
 
 def rank_sum(first: Array, second: Array) -> tuple[float, float]:
-    """Return the two-sided p of the rank-sum test (Mann and Whitney 1947), and how often the first is lower.
+    """Return the two-sided p of the rank-sum test (Mann and Whitney 1947), and the fraction of pairs with first lower.
 
-    The latter is the share of all pairs of runs, ties counting half: 1 where every run of the first is better.
+    Ties count half: the fraction is 1 if every run of the first is better.
     """
     test = mannwhitneyu(first, second, alternative='two-sided', method='asymptotic')
     return float(test.pvalue), 1 - float(test.statistic) / (len(first) * len(second))
