@@ -9,52 +9,13 @@ import argparse
 import sys
 import time
 from dataclasses import asdict
-from pathlib import Path
 from typing import Any
 
 from pendubot_identification.errors import PendubotError
 
-DESCRIPTION = """\
-Run the complete job on the virtual rig: a virtual board on a pseudo-terminal, the bridge, the exciter and the recorder
-in processes of their own; then the identifier on the recorded bag; then a subscriber that joins late and receives the
-parameters. Needs ROS 2 (rclpy); it talks on this computer alone, in a ROS domain of its own in which nobody else is,
-whatever ROS_DOMAIN_ID and the like say, and reaches no real rig.
-"""
 BAG = 'paper_experiment'
 SAMPLES = 1800
 RATE = 100
-
-
-def add_parser(subparsers: Any) -> None:
-    """Add this subcommand."""
-    parser = subparsers.add_parser('demo', help='the whole chain on a virtual rig (needs ROS)', description=DESCRIPTION)
-    parser.add_argument(
-        '--output', type=Path, metavar='DIR', help='new folder for bag and result (default: a temporary one)'
-    )
-    parser.add_argument('--seed', type=seed, default=1, help='of the torque, 0 or more (default %(default)s)')
-    then = parser.add_mutually_exclusive_group()
-    then.add_argument(
-        '--track',
-        action='store_true',
-        help='instead: follow the virtual rig, another one, while it gets a payload, and balance it by that; a minute',
-    )
-    then.add_argument(
-        '--balance',
-        action='store_true',
-        help='then swing up and hold the virtual rig, another one, by the identified parameters, and draw that',
-    )
-    parser.set_defaults(run=run)
-
-
-def seed(text: str) -> int:
-    """Return a seed that the exciter takes.
-
-    Raises:
-        argparse.ArgumentTypeError: it would not.
-    """
-    if not text.isdecimal() or int(text) >= 2**31:
-        raise argparse.ArgumentTypeError(f'{text!r} is no seed; a whole number from 0 to {2**31 - 1} is expected')
-    return int(text)
 
 
 def run(args: argparse.Namespace) -> int:

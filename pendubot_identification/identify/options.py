@@ -39,6 +39,16 @@ START = Setting(
     'start', '', 'result file from whose parameters likelihood starts; by default the answer of weak', optional=True
 )
 PER_VECTOR = Setting('per_vector', False, "draw MDE's operator once per vector; beyond energy and viscous it always is")
+SPREAD_LIMIT = Setting(
+    'spread',
+    SPREAD,
+    'stop a run of MDE when the worst J of its population exceeds the best by no more than this fraction; by default '
+    '1e-9, which loses nothing; 0 takes every generation, as in the paper',
+    '',
+    0.0,
+    1.0,
+    optional=True,
+)
 WHAT = (
     CRITERION,
     Setting(
@@ -58,15 +68,6 @@ DATA = (
     ),
     DELAY,
     Setting(
-        'smoothing',
-        0.0,
-        "the differentiator's window; by default 0.02 for energy, chosen from the data for the others",
-        's',
-        0.0,
-        10.0,
-        optional=True,
-    ),
-    Setting(
         'sliding', 0.0, 'sliding window of the energy balance; by default cumulative', 's', 1e-3, 3600.0, optional=True
     ),
     Setting(
@@ -79,30 +80,6 @@ DATA = (
         optional=True,
     ),
 )
-MDE = (
-    Setting('runs', 0, 'independent runs of MDE; by default 10', '', 1, 100_000, optional=True),
-    Setting('population', 0, 'vectors of a run, NP; by default 30', '', 5, 100_000, optional=True),
-    Setting(
-        'generations',
-        0,
-        'generations of a run, at most; by default 4000',
-        '',
-        1,
-        10_000_000,
-        optional=True,
-    ),
-    Setting(
-        'spread',
-        SPREAD,
-        'stop a run when the worst J of its population exceeds the best by no more than this fraction; by default '
-        '1e-9, which loses nothing; 0 takes every generation, as in the paper',
-        '',
-        0.0,
-        1.0,
-        optional=True,
-    ),
-    PER_VECTOR,
-)
 HOW = (
     Setting(
         'optimizer',
@@ -113,12 +90,30 @@ HOW = (
     ),
     START,
     Setting('seed', 1, 'same seed, same result', '', 0),
-    *MDE,
+    SPREAD_LIMIT,
 )
+#: Of files of settings, the node and Python, but not of the command line.
+EXPERT = (
+    Setting(
+        'smoothing',
+        0.0,
+        "the differentiator's window; by default 0.02 for energy, chosen from the data for the others",
+        's',
+        0.0,
+        10.0,
+        optional=True,
+    ),
+    Setting('runs', 0, 'independent runs of MDE; by default 10', '', 1, 100_000, optional=True),
+    Setting('population', 0, 'vectors of a run, NP; by default 30', '', 5, 100_000, optional=True),
+    Setting('generations', 0, 'generations of a run, at most; by default 4000', '', 1, 10_000_000, optional=True),
+    PER_VECTOR,
+)
+#: The options of MDE alone.
+MDE = (SPREAD_LIMIT, *EXPERT[1:])
 APPLY_REMEDIES = Setting(
     'apply_remedies',
     False,
     'read the recordings as a fault that is named in them asks for, and identify again; the result says what was '
     'applied',
 )
-OPTIONS = (*WHAT, *DATA, *HOW)
+OPTIONS = (*WHAT, *DATA, *HOW, *EXPERT)

@@ -1,10 +1,11 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The experiments that ``pendubot reproduce`` runs, and the files that come of them."""
+"""``pendubot reproduce``: the experiments of the paper, and the files with their results."""
 
 from __future__ import annotations
 
+import argparse
 import json
 import time
 from collections.abc import Callable, Collection, Iterable
@@ -17,6 +18,7 @@ from tqdm import tqdm
 from pendubot_identification import __version__
 from pendubot_identification.criteria.energy import energy_regression
 from pendubot_identification.criteria.quadratic import Quadratic
+from pendubot_identification.errors import PendubotError, UsageError
 from pendubot_identification.files import OutputFolder
 from pendubot_identification.identify.pipeline import identify
 from pendubot_identification.identify.settings import Settings
@@ -24,11 +26,18 @@ from pendubot_identification.model.parameters import MODELS, Parameters, default
 from pendubot_identification.recordings.datasets import Datasets, load_datasets
 from pendubot_identification.report.style import rendered, style
 from pendubot_identification.resources import resource
-from pendubot_identification.trajectories.trajectory import Trajectory
 
 from . import paper_figures, paper_tables, trials
 from .paper_tables import Table
 
+#: The parts by the method of :class:`Reproduction` that makes them.
+EXPERIMENTS = {
+    'competition': ('table4', 'figure1'),
+    'identification': ('table7', 'table8', 'dataset', 'fit'),
+    'sweep': ('threshold', 'operator'),
+    'dimensions': ('dimensions',),
+}
+PARTS = tuple(part for parts in EXPERIMENTS.values() for part in parts)
 SAMPLE = 'bags/paper_experiment'
 HEAD = """\
 # The paper, reproduced
@@ -40,18 +49,47 @@ N. S. Nguyen and D. K. Nguyen, *Parameter estimation of Pendubot model using mod
 
 version {version}. The same command gives the same files, byte for byte; times.md and times.csv alone hold measured
 times, and those differ. What in the paper is ambiguous or lost, and what was chosen instead, is in docs/paper.md of the
-package."""
+package.
+"""
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the experiments, write, print."""
+    wanted = tuple(dict.fromkeys(name.strip() for name in args.only.split(','))) if args.only else PARTS
+    if unknown := [name for name in wanted if name not in PARTS]:
+        raise UsageError(f'there is no {unknown[0]!r}; name some of {", ".join(PARTS)}')
+    if not 1 <= args.runs <= trials.MOST_RUNS:
+        raise UsageError(f'{args.runs} runs were asked for; a number from 1 to {trials.MOST_RUNS} is expected')
+    if args.seed < 0:
+        raise UsageError(f'the seed is {args.seed}; a whole number of at least 0 is expected')
+    made = Reproduction(OutputFolder(args.output, overwrite=args.force), wanted, args.seed, args.runs, quiet=args.json)
+    done: list[str] = []
+    try:
+        for experiment, parts in EXPERIMENTS.items():
+            if here := [part for part in parts if part in wanted]:
+                getattr(made, experiment)()
+                done += here
+    except KeyboardInterrupt:
+        raise PendubotError(
+            f'interrupted; what is done is kept in {args.output}: {", ".join(done) or "raw runs only"}. '
+            'For the rest run it again with --only and another --output'
+        ) from None
+    finally:
+        only = '' if len(wanted) == len(PARTS) else f' --only {",".join(wanted)}'
+        made.write_index(only, [part for part in wanted if part not in done])
+    print(json.dumps(made.data(), indent=2) if args.json else f'{", ".join(done)}: read {args.output / "index.md"}')
+    return 0
 
 
 class Reproduction:
-    """The experiments, a method each, which write the parts that are wanted: what is done is on the disk.
+    """The experiments, a method each; each writes its wanted parts as soon as they are made.
 
-    A table has so many ``runs``; ``quiet``: show no progress, not even on a terminal.
+    ``runs`` are those of a table; ``quiet`` hides the progress.
     """
 
     def __init__(self, folder: OutputFolder, wanted: Collection[str], seed: int, runs: int, *, quiet: bool) -> None:
         self._folder, self._wanted, self._seed, self._runs, self._quiet = folder, wanted, seed, runs, quiet
-        #: Tables, and figures as (name, caption), in the order in which they stand in index.md.
+        #: Tables, and figures as (name, caption), in the order of index.md.
         self._contents: list[Table | tuple[str, str]] = []
         self._raw: list[str] = []
 
@@ -74,10 +112,10 @@ class Reproduction:
     def identification(self) -> None:
         """Identify the sample bag by the paper's criterion and MDE."""
         data = _sample()
-        halves = [*data.training, *data.validation]
-        found = self._identify(data, *halves)
+        found = self._identify(data)
         self._write_raw('identification', found)
         self._add_tables(paper_tables.table_7(found), paper_tables.table_8(found))
+        halves = *data.training, *data.validation
         caption = 'The sample bag: the experiment of Section 4.4 on the virtual rig'
         self._add_figure('dataset', caption, paper_figures.data_set, *halves)
         caption = (
@@ -108,22 +146,22 @@ class Reproduction:
         self._add_tables(errors)
 
     def write_index(self, only: str, missing: Collection[str]) -> None:
-        """Write index.md: how all was made, ``only`` being the option as given, all parts, and which are missing."""
-        parts = [HEAD.format(only=only, runs=self._runs, seed=self._seed, version=__version__) + '\n']
+        """Write index.md with all parts; ``only`` is the option as given, ``missing`` are parts that are not made."""
+        texts = [HEAD.format(only=only, runs=self._runs, seed=self._seed, version=__version__)]
         if missing:
-            parts.append(f'**Not finished:** {", ".join(missing)} are missing here.\n')
+            texts.append(f'**Not finished:** {", ".join(missing)} are missing here.\n')
         for entry in self._contents:
             if isinstance(entry, Table):
-                parts.append(entry.markdown())
+                texts.append(entry.markdown())
             else:
                 name, caption = entry
-                parts.append(f'![{caption}](figures/{name}.png)\n\n{caption} ([SVG](figures/{name}.svg))\n')
+                texts.append(f'![{caption}](figures/{name}.png)\n\n{caption} ([SVG](figures/{name}.svg))\n')
         files = ', '.join(f'[{name}]({name})' for name in self._raw)
-        parts.append(f'## Raw runs\n\nSeeds and every run: {files}. Tables as CSV and Markdown: `tables/`.\n')
-        self._folder.write('index.md', '\n'.join(parts))
+        texts.append(f'## Raw runs\n\nSeeds and every run: {files}. Tables as CSV and Markdown: `tables/`.\n')
+        self._folder.write('index.md', '\n'.join(texts))
 
     def data(self) -> dict[str, Any]:
-        """Return what ``--json`` prints."""
+        """Return the tables and the names of the other files, for ``--json``."""
         return {
             'version': __version__,
             'seed': self._seed,
@@ -135,7 +173,7 @@ class Reproduction:
         }
 
     def _run(self, experiment: str, outcomes: Iterable[trials.Outcome]) -> tuple[list[trials.Outcome], list[float]]:
-        """Return what came of an experiment, and what each part took [s]; an interrupt writes what is done, too."""
+        """Return the outcomes of an experiment and the time of each [s]; an interrupt, too, writes the raw runs."""
         done: list[trials.Outcome] = []
         ends, complete = [time.perf_counter()], False
         try:
@@ -150,9 +188,9 @@ class Reproduction:
             self._write_raw(experiment, {'complete': complete, 'trials': [outcome.data() for outcome in done]})
         return done, np.diff(ends).tolist()
 
-    def _identify(self, data: Datasets, training: Trajectory, validation: Trajectory) -> dict[str, Any]:
-        """Return the identification in the paper's settings as plain data."""
-        # At no spread a run stops early: every generation is taken, as in the paper.
+    def _identify(self, data: Datasets) -> dict[str, Any]:
+        """Return the identification with the paper's settings as plain data."""
+        # Without a spread, every run takes all generations, as in the paper.
         settings = Settings(('energy',), 'viscous', 'mde', spread=0.0, runs=self._runs, seed=self._seed)
         with self._progress('identification') as bar:
 
@@ -160,8 +198,8 @@ class Reproduction:
                 bar.total = of or None
                 bar.update(done - bar.n)
 
-            best = identify([training], [validation], settings, tell).best
-        assert best.runs is not None  # for the type checker; MDE was asked for
+            best = identify(data.training, data.validation, settings, tell).best
+        assert best.runs is not None  # MDE was asked for
         mde, _ = settings.search('energy', 'viscous')
         return {
             'bag': SAMPLE,
@@ -181,7 +219,7 @@ class Reproduction:
         }
 
     def _progress(self, experiment: str) -> Any:
-        """Return a bar that shows on a terminal, and nowhere else, what is being done."""
+        """Return a progress bar, which shows on a terminal only."""
         return tqdm(desc=experiment, disable=True if self._quiet else None, leave=False)
 
     def _write_raw(self, experiment: str, data: dict[str, Any]) -> None:
@@ -190,7 +228,7 @@ class Reproduction:
         self._raw.append(name)
 
     def _wants(self, name: str) -> bool:
-        """Whether a table or figure belongs to the parts that are wanted: figure1_evaluations belongs to figure1."""
+        """Tell whether a table or figure belongs to a wanted part, such as figure1_evaluations to figure1."""
         return name.partition('_')[0] in self._wanted
 
     def _add_tables(self, *tables: Table) -> None:

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The subcommands that write bags, or look at one: import-csv, simulate, info and repair."""
+"""The subcommands that write bags or describe one: import, simulate, info and repair."""
 
 import json
 import re
@@ -32,6 +32,17 @@ def elsewhere(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
 
 
+@pytest.fixture
+def described(run):
+    """Describes a bag; returns what a program reads of it. A person reads that without an error."""
+
+    def described(bag):
+        assert run('info', bag)[0] == 0
+        return json.loads(run('info', bag, '--json')[1])
+
+    return described
+
+
 def damaged(file, at):
     """Change a byte."""
     data = bytearray(file.read_bytes())
@@ -58,34 +69,16 @@ def test_the_rig_is_the_papers_or_that_of_a_result(run, tmp_path, rig):
     values = {name: {'value': value} for name, value in asdict(rig).items() if value}
     (tmp_path / 'rig.yaml').write_text(yaml.safe_dump({'schema': SCHEMA, 'parameters': values}))
     options = () if rig == PAPER else ('--parameters', 'rig.yaml')
-    assert run('simulate', '--output', 'bag', '--samples', '150', '--counts', '0', *options)[0] == 0
-    motion = read_trajectory(tmp_path / 'bag').trajectory
-    np.testing.assert_allclose(motion.q, simulate(rig, np.arange(150) / 100, motion.tau).q, atol=1e-9)
-    assert f'schema: {SCHEMA}\n' in run('simulate', '--help')[1], 'how to write them'
-
-
-def test_the_same_options_simulate_the_same_bag(run, tmp_path):
     for name in 'ab':
-        assert run('simulate', '--output', f'{name}/bag', '--samples', '300')[0] == 0
+        command = ('simulate', '--output', f'{name}/bag', '--samples', '150', '--counts', '0', *options)
+        assert run(*command)[0] == 0
+    motion = read_trajectory(tmp_path / 'a/bag').trajectory
+    np.testing.assert_allclose(motion.q, simulate(rig, np.arange(150) / 100, motion.tau).q, atol=1e-9)
     first, second = (next(tmp_path.glob(f'{name}/bag/*.mcap')) for name in 'ab')
-    assert first.read_bytes() == second.read_bytes()
+    assert first.read_bytes() == second.read_bytes(), 'the same options'
 
 
-def test_a_bag_is_described_for_people_and_for_programs(run):
-    assert run('simulate', '--output', 'bag', '--samples', '101')[0] == 0
-    text = run('info', 'bag')[1]
-    assert 'closed    yes\nduration  1.000 s' in text
-    assert '/joint_states      101 messages    100.00 Hz  sensor_msgs/msg/JointState' in text
-    described = json.loads(run('info', 'bag', '--json')[1])
-    assert described['closed'] is True
-    (topic,) = described['topics']
-    expected = {'name': '/joint_states', 'type': 'sensor_msgs/msg/JointState', 'messages': 101, 'rate': 100.0}
-    expected |= {'period': 0.01, 'jitter': 0, 'longest': 0.01, 'gaps': 0, 'missing': 0, 'first_gap': None, 'lost': 0}
-    expected |= {'stamped': True, 'repeated': 0, 'backwards': 0, 'latency': 0, 'latency_max': 0}
-    assert topic == expected
-
-
-def test_what_is_irregular_or_missing_is_told(run, tmp_path):
+def test_irregular_and_missing_messages_are_counted(run, described, tmp_path):
     with BagWriter(tmp_path / 'bag') as bag:
         channel = bag.add_topic('/joint_states', JOINT_STATE)
         for k in range(100):
@@ -95,22 +88,22 @@ def test_what_is_irregular_or_missing_is_told(run, tmp_path):
             stamp = START + {70: 69, 80: 60}.get(k, k) * 10_000_000
             data = encode_joint_state(stamp, ('a', 'b'), [0, 0], [], [0, 0])
             bag.write(channel, data, START + k * 10_000_000 + 3_000_000, sequence=k + 1)
+    (topic,) = described('bag')['topics']
+    expected = {'gaps': 3, 'missing': 4, 'first_gap': 0.39, 'repeated': 1, 'backwards': 1, 'lost': 2}
+    assert topic.items() >= (expected | {'latency': 0.003, 'latency_max': 0.203}).items()
     text = run('info', 'bag')[1]
-    assert 'gaps 3, 4 messages, first after 0.390 s' in text
-    assert 'latency 3.000 ms, at most 203.000 ms' in text
-    assert 'stamps 1 repeat, 1 run back' in text
-    assert 'lost 2 messages that the recorder had numbered' in text
+    assert 'first after 0.390 s' in text
+    assert 'at most 203.000 ms' in text
 
 
-def test_what_is_damaged_inside_is_told_though_the_bag_was_closed(run, tmp_path):
+def test_damage_inside_a_closed_bag_is_located(run, described, tmp_path):
     assert run('simulate', '--output', 'bag', '--samples', '101')[0] == 0
     file = tmp_path / 'bag' / 'bag_0.mcap'
     at = file.stat().st_size // 2
     damaged(file, at)
-    text = run('info', 'bag')[1]
-    assert 'closed    yes' in text
-    assert 'bytes from byte' in text
-    (place,) = json.loads(run('info', 'bag', '--json')[1])['damaged']
+    found = described('bag')
+    (place,) = found['damaged']
+    assert found['closed']
     assert place['offset'] < at < place['offset'] + place['size']
 
 
@@ -119,14 +112,9 @@ def test_a_killed_bag_becomes_a_closed_copy(run, tmp_path):
     sent = damage.write(tmp_path / 'swing', closed=False)
     file = tmp_path / 'swing' / 'swing_0.mcap'
     damaged(file, file.read_bytes().index(sent[200][2]) + 20)
-    text = run('info', 'swing')[1]
-    assert 'closed    no: pendubot repair makes a closed copy' in text
-    assert 'swing_0.mcap was never closed, or is truncated or damaged: its ' in text
-    text = run('repair', 'swing/')[1]
-    assert 'swing_0.mcap: never closed, or truncated' in text
-    assert ' messages saved, 5 lost' in text
-    assert 'are damaged and left out' in text
-    assert 'swing_repaired, closed; the original is as it was' in text
+    before = contents(tmp_path / 'swing')
+    assert 'pendubot repair makes a closed copy' in run('info', 'swing')[1]
+    assert run('repair', 'swing/')[0] == 0
     bag = BagReader(tmp_path / 'swing_repaired')
     assert (bag.closed, bag.count) == (True, len(by_mcap(tmp_path / 'swing_repaired')))
     assert damage.COUNT - 11 <= bag.count < damage.COUNT
@@ -135,12 +123,12 @@ def test_a_killed_bag_becomes_a_closed_copy(run, tmp_path):
     assert (told['output'], told['whole'], saved['closed']) == ('whole', False, False)
     assert sum(saved['saved'].values()) + sum(saved['missing'].values()) == damage.COUNT
     assert [set(place) for place in saved['damaged']] == [{'offset', 'size'}]
+    assert contents(tmp_path / 'swing') == before
     assert run('repair', 'swing/swing_0.mcap')[0] == 0
     assert BagReader(tmp_path / 'swing' / 'swing_0_repaired').closed, 'of a single file, beside it'
     # What the first repair could not save is still missing.
-    text = run('repair', 'swing_repaired', '--output', 'again')[1]
-    assert ' lost' in text
-    assert 'damaged' not in text
+    (again,) = json.loads(run('repair', 'swing_repaired', '--output', 'again', '--json')[1])['files']
+    assert (again['damaged'], again['missing']) == ([], saved['missing'])
 
 
 @pytest.mark.parametrize('command', ['import-csv {}/run.csv', 'simulate', 'repair {}/sim'])

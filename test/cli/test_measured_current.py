@@ -78,7 +78,7 @@ def test_a_bag_is_identified_from_the_current_and_else_from_the_commanded_torque
     output = tmp_path / 'result.yaml'
     assert_right(identified(warm / 'bag', '--torque-constant', K, '--output', output))
     assert yaml.safe_load(output.read_text())['reading'] == {'torque_constant': str(K)}
-    assert_right(identified(warm / 'bag', '--map', output))
+    assert_right(identified(warm / 'bag', '--settings', output))
     for options in ((), ('--torque-constant', '0')):
         commanded = identified(warm / 'bag', *options)
         assert commanded['reading'] == {}
@@ -88,28 +88,18 @@ def test_a_bag_is_identified_from_the_current_and_else_from_the_commanded_torque
 
 def test_a_file_with_columns_holds_a_current_in_place_of_the_torque(identified, run, warm, tmp_path):
     options = ('--columns', 'tau1=ampere', '--torque-constant', K)
-    assert_right(identified(warm / 'log.csv', *options, '--save-map', tmp_path / 'lab.yaml'))
-    assert_right(identified(warm / 'log.csv', '--map', tmp_path / 'lab.yaml'))
-    status, out, _ = run('info', warm / 'log.csv', '--map', tmp_path / 'lab.yaml')
-    assert (status, f'--torque-constant {K}' in out) == (0, True)
+    assert_right(identified(warm / 'log.csv', *options, '--save-settings', tmp_path / 'lab.yaml'))
+    assert_right(identified(warm / 'log.csv', '--settings', tmp_path / 'lab.yaml'))
     # A bag that is made of it holds the torque, so that nothing need be said when that is read.
     assert run('import', warm / 'log.csv', *options, '--output', tmp_path / 'bag')[0] == 0
     imported = identified(tmp_path / 'bag')
     assert_right(imported | {'reading': {'torque_constant': str(K)}})
 
 
-@pytest.mark.parametrize('command', ['identify', 'track'])
-def test_a_bag_without_the_current_is_one_sentence(refused, warm, command):
-    line = refused(command, warm / 'earlier', '--torque-constant', K)
-    assert line.endswith(
-        'sample 0 has no measured current: its joints are shoulder, elbow, and shoulder_current is expected beside '
-        'them; record with a bridge of this version, or leave out --torque-constant'
-    )
-
-
-@pytest.mark.parametrize(('value', 'found'), [('x', "'x'"), ('-1', 'torque_constant is -1.0'), ('nan', 'is nan')])
-def test_a_constant_that_makes_no_sense_is_wrong_usage(refused, warm, value, found):
-    assert found in refused('identify', warm / 'bag', f'--torque-constant={value}', status=2)
+def test_a_bag_without_the_current_and_a_constant_without_sense_are_refused(refused, warm):
+    assert 'has no measured current' in refused('identify', warm / 'earlier', '--torque-constant', K)
+    for value, found in (('x', "'x'"), ('-1', 'torque_constant is -1.0'), ('nan', 'is nan')):
+        assert found in refused('identify', warm / 'bag', f'--torque-constant={value}', status=2)
 
 
 def test_a_rig_is_followed_by_its_current(run, warm):

@@ -6,9 +6,13 @@
 import re
 import shutil
 
+import numpy as np
 import pytest
 import yaml
 
+from pendubot_identification.model.simulation import HANGING
+from pendubot_identification.recordings.joint_states import write_trajectory
+from pendubot_identification.trajectories.trajectory import Trajectory
 from test.cli.conftest import FAST, contents
 from test.processes import run_program
 from test.report.test_page import Page
@@ -79,14 +83,15 @@ def test_a_reference_by_hand_stands_beside_the_result(there, tmp_path, run):
 
 
 def test_a_failed_identification_has_a_page_that_says_why_and_shows_what_could_be_read(tmp_path, run):
-    assert run('simulate', '--output', tmp_path / 'rest', '--amplitude', '-0.000001', '0.000001')[0] == 0
+    t, q = np.arange(600) / 100, np.tile(HANGING, (600, 1))
+    write_trajectory(tmp_path / 'rest', Trajectory(t, q, 1e-6 * np.column_stack([np.sin(5 * t), 0 * t])))
     for window, sentence, drawn in (
         ('', 'excite the rig', {'recordings'}),
         ('@0:0.2', 'few', set()),
     ):
         look = tmp_path / f'look{window}'
         status, out, err = run('identify', f'{tmp_path / "rest"}{window}', '--report', look, *FAST)
-        assert (status, out) == (1, f'why is also said in {look / "report.html"}\n')
+        assert (status, out) == (1, f'the reason is also on the page {look / "report.html"}\n')
         assert sentence in err
         assert ' '.join(err.removeprefix('pendubot: ').split()) in text(look)
         assert f'estimate from {tmp_path / "rest"}{window}' in text(look)

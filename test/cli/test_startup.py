@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What nobody waits for: libraries that a subcommand does not need are not imported."""
+"""The start of the command line: no needless imports, ASCII terminals, no ROS, and the settings of the kernel."""
 
 import json
 import os
@@ -11,6 +11,7 @@ import sys
 import pytest
 
 from pendubot_identification import __version__
+from test.cli.conftest import PAPERS
 from test.conftest import ROOT
 
 SAMPLE = 'bags/paper_experiment'
@@ -25,11 +26,13 @@ print(json.dumps(sorted({name.split('.')[0] for name in sys.modules})), file=sys
 """
 
 
+def child(*arguments, **options):
+    command = [sys.executable, *map(str, arguments)]
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120, **options)
+
+
 def imported(*arguments):
-    child = subprocess.run(
-        [sys.executable, '-c', CHILD, *arguments], cwd=ROOT, capture_output=True, text=True, timeout=60, check=True
-    )
-    return set(json.loads(child.stderr.splitlines()[-1]))
+    return set(json.loads(child('-c', CHILD, *arguments, check=True).stderr.splitlines()[-1]))
 
 
 @pytest.mark.parametrize('arguments', [['--help'], ['--version'], ['identify', '--help'], ['info', SAMPLE]])
@@ -41,29 +44,45 @@ def test_help_and_info_import_nothing_heavy(arguments):
 
 
 def test_identifying_leaves_what_it_does_not_need_alone(tmp_path):
-    found = imported('identify', SAMPLE, '--output', str(tmp_path / 'result.yaml'))
+    found = imported('identify', SAMPLE, *PAPERS, '--output', str(tmp_path / 'result.yaml'))
     assert 'numpy' in found
     assert not found & {'matplotlib', 'jinja2', 'rclpy'}
 
 
 @pytest.mark.parametrize(('switch', 'path'), [('on', 'compiled kernel'), ('off', 'switched off by PENDUBOT_KERNEL')])
 def test_version_says_which_path_is_taken(switch, path):
-    said = subprocess.run(
-        [sys.executable, '-m', 'pendubot_identification.cli.main', '--version'],
-        env={'PENDUBOT_KERNEL': switch},
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=True,
-    ).stdout
+    command = ('-m', 'pendubot_identification.cli.main', '--version')
+    said = child(*command, env={'PENDUBOT_KERNEL': switch}, check=True).stdout
     assert said.startswith(f'pendubot {__version__}')
     assert path in said or (switch == 'on' and 'there was no C compiler' in said)
 
 
 @pytest.mark.parametrize(('given', 'threads'), [('3', 3), ('', 0), ('many', 0), ('-2', 0)])
 def test_the_kernel_takes_no_more_threads_than_told(given, threads):
-    child = 'import pendubot_identification.kernel as kernel; print(kernel.threads)'
-    env = {**os.environ, 'PENDUBOT_THREADS': given}
-    command = [sys.executable, '-c', child]
-    said = subprocess.run(command, env=env, capture_output=True, text=True, timeout=60, check=True)
-    assert int(said.stdout) == threads
+    command = ('-c', 'import pendubot_identification.kernel as kernel; print(kernel.threads)')
+    assert int(child(*command, env={**os.environ, 'PENDUBOT_THREADS': given}, check=True).stdout) == threads
+
+
+def test_works_where_ros_cannot_be_imported_and_a_terminal_knows_but_ascii(made, tmp_path):
+    """rclpy and the messages are made impossible to import; so are the wheels' hooks, which -S leaves out."""
+    blocker = tmp_path / 'without_ros.py'
+    blocker.write_text(
+        'import sys\n'
+        'class Blocker:\n'
+        '    def find_spec(self, name, path=None, target=None):\n'
+        "        if name.split('.')[0] in ('rclpy', 'rosidl_pycommon') or name.split('.')[0].endswith('_msgs'):\n"
+        "            raise ModuleNotFoundError(f'no module named {name!r}: there is no ROS here')\n"
+        'sys.meta_path.insert(0, Blocker())\n'
+        'from pendubot_identification.cli.main import main\n'
+        'raise SystemExit(main(sys.argv[1:]))\n'
+    )
+    env = {k: v for k, v in os.environ.items() if not k.startswith(('ROS', 'AMENT', '_ROS'))}
+    env['PYTHONPATH'] = os.pathsep.join([str(ROOT), *(p for p in sys.path if p.endswith('site-packages'))])
+    env['PYTHONIOENCODING'] = 'ascii'
+    result = child('-S', blocker, 'identify', made / 'swing', *PAPERS, '--verbose', env=env)
+    assert (result.returncode, result.stderr) == (0, '')
+    assert r'\xb1' in result.stdout, 'in the place of a sign that ASCII lacks'
+    demo = child('-S', blocker, 'demo', env=env)
+    assert demo.returncode == 1
+    assert 'the demo needs ROS 2' in demo.stderr
+    assert 'Traceback' not in demo.stderr

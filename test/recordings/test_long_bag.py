@@ -76,7 +76,7 @@ def test_identify_names_informative_windows_between_changes(bag, capsys, tmp_pat
     look = tmp_path / 'look'
     assert main(['identify', str(bag), '--report', str(look)]) == 1
     said, err = capsys.readouterr()
-    assert f'why is also said in {look}/report.html' in said
+    assert f'the reason is also on the page {look}/report.html' in said
     sentence = ' '.join(err.split())
     assert 'it lasts 90 s, and at most 25 s are taken at once; take windows of it, such as' in sentence
     named = sentence.partition('pendubot identify ')[2].split()
@@ -96,7 +96,7 @@ def test_without_an_informative_window_the_error_says_so(motion, tmp_path, capsy
     write_trajectory(tmp_path / 'holes', motion[motion.t % 9 > 0.5])
     assert main(['identify', str(tmp_path / 'holes')]) == 1
     said = ' '.join(capsys.readouterr().err.split())
-    assert 'no minute of it moves without a gap, a change or a push; take windows of it, such as' in said
+    assert 'no minute of it moves without a gap, a change or a disturbance; take windows of it, such as' in said
 
 
 def test_a_topic_that_ended_long_before_the_bag_has_its_own_duration(tmp_path):

@@ -1,0 +1,79 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The values of the options by which recordings are read, from the command line and files of settings."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from pendubot_identification.errors import ParameterError
+from pendubot_identification.files import read_yaml, write_atomically
+from pendubot_identification.identify.options import APPLY_REMEDIES, OPTIONS
+from pendubot_identification.setting import Setting
+from pendubot_identification.trajectories.conventions import CONVERSION
+from pendubot_identification.trajectories.conversion import Conversion
+
+
+def given_options(args: argparse.Namespace, options: Iterable[Setting]) -> dict[str, Any]:
+    """Return the values of options by name, from the command line or else the file of ``--settings``.
+
+    Raises:
+        ParameterError: the file cannot be read, or names something else than options.
+    """
+    found = {} if args.settings is None else _read_settings(args.settings)
+    found |= {name: value for name, value in vars(args).items() if value is not None}
+    return {option.name: found[option.name] for option in options if option.name in found}
+
+
+def conversion_of(args: argparse.Namespace) -> Conversion:
+    """Return the conversion of recordings that the options ask for.
+
+    Raises:
+        ParameterError: an option is invalid, or the file of ``--settings`` cannot be read.
+    """
+    return Conversion.of(given_options(args, CONVERSION))
+
+
+def save_settings(args: argparse.Namespace, conversion: Conversion) -> None:
+    """Write a conversion to the file of ``--save-settings``, if that is given.
+
+    Raises:
+        ResultError: the file exists already or cannot be written.
+    """
+    if args.save_settings is not None:
+        text = yaml.safe_dump(conversion.words(), sort_keys=False)
+        write_atomically(args.save_settings, text, overwrite=getattr(args, 'force', False))
+
+
+def joint_names(args: argparse.Namespace) -> list[str]:
+    """Return the names of shoulder and elbow that ``--joints`` gives.
+
+    Raises:
+        ParameterError: it does not name two joints.
+    """
+    names = list(dict.fromkeys(name.strip() for name in args.joints.split(',') if name.strip()))
+    if len(names) != 2:
+        raise ParameterError(
+            f'--joints {args.joints!r} names {len(names)} joints; two are expected, such as shoulder,elbow'
+        )
+    return names
+
+
+def _read_settings(path: Path) -> dict[str, Any]:
+    """Return the options that a YAML file names; of a result, those by which its recordings were read."""
+    found = read_yaml(path, 'name a file of --save-settings', ParameterError)
+    if isinstance(found, dict) and 'schema' in found:
+        found = found.get('reading', {})
+    if not isinstance(found, dict):
+        raise ParameterError(f'{path} names no options; lines such as "degrees: true" are expected')
+    named = {str(name).replace('-', '_'): value for name, value in found.items()}
+    known = [option.name for option in (*OPTIONS, APPLY_REMEDIES, *CONVERSION)]
+    if unknown := [name for name in named if name not in known]:
+        raise ParameterError(f'{path}: there is no option {unknown[0]!r}; the options are {", ".join(known)}')
+    return named
