@@ -12,7 +12,7 @@ import time
 
 import pytest
 
-from pendubot_identification.cli.programs import Programs
+from pendubot_identification.cli.processes import Programs
 from pendubot_identification.errors import PendubotError
 from test.processes import Program
 
@@ -26,7 +26,7 @@ ELSEWHERE = {
 OWN = """
 import os, subprocess, sys
 from pendubot_identification.cli.main import main
-from pendubot_identification.cli.programs import own_ros
+from pendubot_identification.cli.processes import own_ros
 with own_ros(domains={domains}) as (rclpy, domain):
     assert rclpy.get_default_context().get_domain_id() == domain
     assert os.environ['ROS_DOMAIN_ID'] == str(domain), 'the programs that it starts are there, too'
@@ -91,7 +91,7 @@ def test_sigterm_ends_all_that_was_started_and_keeps_the_bag(tmp_path):
         assert demo.process.wait(20) == 1
         with pytest.raises(ProcessLookupError):
             os.killpg(demo.process.pid, 0)
-        demo.wait_for(f'what was recorded so far is kept in {bag}')
+        demo.wait_for(f'what was recorded so far is kept in {folder}')
         demo.wait_for('pendubot: interrupted')
     assert 'Error' not in demo.output
     assert (bag / 'metadata.yaml').exists(), 'it is closed'
