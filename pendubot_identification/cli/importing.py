@@ -13,13 +13,9 @@ from pendubot_identification.recordings.joint_states import write_trajectory
 from pendubot_identification.recordings.survey import as_text, survey_table
 from pendubot_identification.recordings.table_reader import TableReader
 from pendubot_identification.recordings.tables import FORMATS, is_table
-from pendubot_identification.trajectories.trajectory import Trajectory
 
 from .options import conversion_of
-from .terminal import columns, curve, progress_bar, shows_curves
-
-#: Width of the names left of the curves.
-MARGIN = 6
+from .terminal import progress_bar
 
 
 def run(args: argparse.Namespace) -> int:
@@ -40,15 +36,4 @@ def run(args: argparse.Namespace) -> int:
 
         write_trajectory(args.output, motion, overwrite=args.force, progress=tell)
     print(f'{args.output}: {as_text(survey_table(reader))}')
-    if shows_curves():
-        print(_sketch(motion))
     return 0
-
-
-def _sketch(motion: Trajectory) -> str:
-    """Return curves of both angles and the torque over time."""
-    width = columns() - MARGIN
-    lines = []
-    for name, x in (('q1', motion.q[:, 0]), ('q2', motion.q[:, 1]), ('tau1', motion.tau[:, 0])):
-        lines += [f'{label:{MARGIN}}{line}' for label, line in zip(('', name), curve(x, width, 2), strict=True)]
-    return '\n'.join([*lines, f'{"":{MARGIN}}0 s{f"{motion.duration:.4g} s":>{width - 3}}'])

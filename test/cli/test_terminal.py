@@ -19,13 +19,11 @@ import time
 from contextlib import suppress
 from dataclasses import replace
 
-import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pendubot_identification.cli.brief import LINES, brief
-from pendubot_identification.cli.terminal import curve
 from pendubot_identification.level import Level
 from pendubot_identification.model.parameters import NAMES, UNITS
 from pendubot_identification.results.result import Parameter
@@ -143,29 +141,6 @@ def test_help_is_help(run):
     assert run('help') == run('--help')
     for command in re.findall(r'^    (\w+) ', run('--help')[1], re.MULTILINE):
         assert run('help', command) == run(command, '--help')
-
-
-def test_curves_lose_nothing_and_fit_in():
-    spike = np.zeros(100_000)
-    spike[31_234] = 1.0
-    rows = np.array([[ord(sign) - 0x2800 for sign in line] for line in curve(spike, 50, 3)])
-    assert rows.shape == (3, 50)
-    assert np.flatnonzero(rows[0]).tolist() == [15], 'at its time, over the rest'
-    assert (rows[2] & (0x40 | 0x80) != 0).all(), 'the rest lies at the bottom'
-    assert curve(np.array([2.0]), 4, 1) == curve(np.full(9, -1.0), 4, 1), 'a single sample, and one that rests'
-
-
-def test_an_import_shows_the_motion_on_a_terminal_alone(tmp_path):
-    t = np.arange(300) / 100
-    table = np.column_stack([t, np.sin(5 * t) - 1.5, np.cos(7 * t), np.sign(np.sin(3 * t))])
-    np.savetxt(tmp_path / 'run ü.csv', table, delimiter=',', header='t,q1,q2,tau1', comments='')
-    command = (*PENDUBOT, 'import', tmp_path / 'run ü.csv', '--output', tmp_path / 'bag', '--force')
-    shown = in_a_terminal(*command)
-    assert len(re.findall('[\u2800-\u28ff]{74}', shown)) == 6
-    assert 'writing bag' in shown
-    piped = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, check=True)
-    assert piped.stderr == ''
-    assert not re.search('[\u2800-\u28ff]', piped.stdout)
 
 
 #: How each is started, and told of the script in the folder.
