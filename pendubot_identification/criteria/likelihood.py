@@ -236,26 +236,30 @@ def _at_rest(motion: Motion, limit: Array, still: float) -> Flags:
     return np.asarray((span <= np.maximum(limit, 1e-9)).all(axis=1)[np.cumsum(np.isin(np.arange(len(t)), first)) - 1])
 
 
+class Unknown(NamedTuple):
+    """One unknown of an effect: its size, bounds, and where it starts."""
+
+    scale: float
+    lower: float
+    upper: float
+    start: float = 0.0
+
+
 @dataclass(frozen=True, slots=True)
 class Extension:
-    """What an effect adds to the model: E unknowns.
+    """What an effect adds to the model.
 
     Attributes:
+        unknowns: E of them.
         terms: torques, the coefficients of which are the first unknowns.
         shape: changes the recorded torque or the recorded angles by the other unknowns.
-        width: whether the last two unknowns are the widths of dry friction's change of sign at both joints.
-        scale: the size of each unknown, shape (E,).
-        lower, upper: bounds, shape (E,).
-        start: shape (E,).
+        width: joints whose dry friction changes its sign over a width that is one of the last unknowns.
     """
 
+    unknowns: tuple[Unknown, ...]
     terms: tuple[Term, ...] = ()
     shape: Shape | None = None
     width: tuple[int, ...] = ()
-    scale: tuple[float, ...] = ()
-    lower: tuple[float, ...] = ()
-    upper: tuple[float, ...] = ()
-    start: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -296,7 +300,7 @@ class Likelihood:
     @property
     def shared(self) -> int:
         """How many unknowns all levels share."""
-        return SHARED + sum(len(e.scale) for e in self.effects)
+        return SHARED + sum(len(e.unknowns) for e in self.effects)
 
     @property
     def size(self) -> int:
@@ -311,8 +315,8 @@ class Likelihood:
         coefficients, shapes = [], []
         at = SHARED
         for effect in self.effects:
-            own = lanes[at : at + len(effect.scale)]
-            at += len(effect.scale)
+            own = lanes[at : at + len(effect.unknowns)]
+            at += len(effect.unknowns)
             n = len(effect.terms)
             terms += effect.terms
             coefficients.append(own[:n])

@@ -15,11 +15,11 @@ from scipy.special import stdtr
 
 from pendubot_identification.criteria.likelihood import FilterData, Likelihood, fit
 
-from .effects import Problem
 from .estimate import Zeros
 from .fitting import SETTINGS as FITTING
 from .fitting import Composite
 from .prediction import predict
+from .selection import Problem
 
 Array = NDArray[np.float64]
 

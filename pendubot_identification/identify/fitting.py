@@ -32,10 +32,11 @@ from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.signals import choose_smoothing
 from pendubot_identification.trajectories.trajectory import Trajectory
 
-from .effects import EffectSettings, FoundEffect, Problem, find_effects, vuong
+from .catalogue import FoundEffect
 from .estimate import Progress
 from .linear import Linear, linear
 from .prediction import state_scale
+from .selection import EffectSettings, Problem, find_effects, vuong
 from .settings import Settings
 
 Array = NDArray[np.float64]

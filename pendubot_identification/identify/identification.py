@@ -15,8 +15,8 @@ from pendubot_identification.trajectories.conversion import Conversion
 from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.trajectory import Trajectory
 
+from .catalogue import FoundEffect, compensated
 from .diagnosis import Fault
-from .effects import FoundEffect, compensated
 from .estimate import Estimate
 from .fitting import Composite, TrainingData
 from .options import CRITERIA

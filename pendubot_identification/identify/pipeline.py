@@ -17,9 +17,9 @@ from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.signals import evenly_stamped
 from pendubot_identification.trajectories.trajectory import Trajectory
 
+from .catalogue import compensated
 from .consistency import remarks
 from .diagnosis import Fault, diagnose, link_length, with_options
-from .effects import compensated
 from .estimate import Progress
 from .fitting import TrainingData, fit_composite
 from .identification import Identification, Run

@@ -14,7 +14,7 @@ from scipy.signal import correlate
 
 from pendubot_identification.criteria.prediction_error import STEP, Simulations
 from pendubot_identification.criteria.weak import WIDTH, weak_regression
-from pendubot_identification.identify.effects import EffectSettings, FoundEffect, catalogue
+from pendubot_identification.identify.catalogue import FoundEffect, catalogue
 from pendubot_identification.identify.fitting import standardised_innovations
 from pendubot_identification.identify.linear import linear
 from pendubot_identification.identify.prediction import HORIZONS, LOST
@@ -139,7 +139,7 @@ def unexplained_torque(motions: Sequence[Motion], answer: Answer) -> Unexplained
 
 def known_effects(motions: Sequence[Motion], delay: float, listed: Sequence[EffectFound]) -> list[FoundEffect]:
     """Return the accepted effects of a result, from the catalogue of its motions."""
-    known = {(effect.name, effect.where): effect for effect in catalogue(motions, delay, EffectSettings())}
+    known = {(effect.name, effect.where): effect for effect in catalogue(motions, delay)}
     return [
         FoundEffect(known[e.name, e.where], np.array(e.sizes, dtype=float), np.nan, np.nan, True, np.zeros(5))
         for e in listed

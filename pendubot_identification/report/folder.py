@@ -14,7 +14,7 @@ from pathlib import Path
 from pendubot_identification import __version__
 from pendubot_identification.errors import PendubotError
 from pendubot_identification.files import OutputFolder
-from pendubot_identification.identify.effects import compensated
+from pendubot_identification.identify.catalogue import compensated
 from pendubot_identification.identify.prediction import state_scale
 from pendubot_identification.recordings.bag_reader import BagReader, BagWindow
 from pendubot_identification.recordings.tables import is_table

@@ -27,7 +27,9 @@ def likelihood(moved, theta=TRUE, effects=(), **settings):
     speed = max(m.states(m.recorded.t)[2:].std() for m in moved)
     inertia, weight = theta[:2].sum(), theta[3:5].sum()
     own = [inertia] * 3 + [weight] * 2 + [torque / speed] * 2 + [torque] * 2 + [inertia] + [torque] * 2 + [1, 1]
-    extra = [np.array([v for e in effects for v in getattr(e, n)]) for n in ('scale', 'start', 'lower', 'upper')]
+    extra = [
+        np.array([getattr(u, n) for e in effects for u in e.unknowns]) for n in ('scale', 'start', 'lower', 'upper')
+    ]
     like = Likelihood(filter_data, tuple(effects), np.concatenate([own, [0.01] * 3, extra[0]]))
     quantization, box = np.log(filter_data.quantization) / 2, default_bounds()
     noise = [*(quantization + 0.4), *np.log([0.03 * torque] * 2)] * like.levels

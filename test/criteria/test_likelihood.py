@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import PPoly
 
-from pendubot_identification.criteria.likelihood import SHARED, Extension, FilterData, fit, fitted_information
+from pendubot_identification.criteria.likelihood import SHARED, Extension, FilterData, Unknown, fit, fitted_information
 from pendubot_identification.model.filter import Term, TermKind
 from pendubot_identification.model.simulation import quantised, simulate
 from pendubot_identification.trajectories.motion import Motion
@@ -25,9 +25,9 @@ def scaled(motion, own):
 
 #: A torque, a change of the recorded torque, and the width of the shoulder's dry friction.
 EFFECTS = (
-    Extension((Term(TermKind.DRAG, 1),), None, (), (0.01,), (-1.0,), (1.0,), (0.003,)),
-    Extension((), scaled, (), (0.1,), (-0.5,), (0.5,), (0.02,)),
-    Extension((), None, (0,), (0.05,), (0.005,), (3.0,), (0.08,)),
+    Extension((Unknown(0.01, -1.0, 1.0, 0.003),), (Term(TermKind.DRAG, 1),)),
+    Extension((Unknown(0.1, -0.5, 0.5, 0.02),), shape=scaled),
+    Extension((Unknown(0.05, 0.005, 3.0, 0.08),), width=(0,)),
 )
 
 

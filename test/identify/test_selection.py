@@ -10,15 +10,8 @@ import numpy as np
 import pytest
 
 from pendubot_identification.criteria.likelihood import fit
-from pendubot_identification.identify.effects import (
-    MEANINGS,
-    EffectSettings,
-    Problem,
-    blind,
-    catalogue,
-    compensated,
-    find_effects,
-)
+from pendubot_identification.identify.catalogue import MEANINGS, REPETITIONS, catalogue, compensated
+from pendubot_identification.identify.selection import EffectSettings, Problem, find_effects
 from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.trajectory import Trajectory
 from test import simulated_rig as rig
@@ -82,7 +75,7 @@ def problem(recorded):
 
 def candidate(base, name, where):
     """Return the first candidate of this name."""
-    found = catalogue(base.likelihood.filter_data.motions, 0.0, EffectSettings())
+    found = catalogue(base.likelihood.filter_data.motions, 0.0)
     return next(c for c in found if (c.name, c.where) == (name, where))
 
 
@@ -132,29 +125,24 @@ def test_each_candidate_starts_as_the_model(problem):
     base = problem('clean')
     free = np.zeros(base.likelihood.size, dtype=bool)
     cost = base.likelihood.costs(base.fit.x)
-    for c in catalogue(base.likelihood.filter_data.motions, 0.0, EffectSettings()):
+    for c in catalogue(base.likelihood.filter_data.motions, 0.0):
         assert c.name in MEANINGS
-        extension = c.extension
-        sizes = len(extension.scale), len(extension.lower), len(extension.upper), len(extension.start)
-        assert len(set(sizes)) == 1
-        assert np.all(np.less_equal(extension.lower, extension.start))
-        assert np.all(np.less_equal(extension.start, extension.upper))
+        assert all(unknown.lower <= unknown.start <= unknown.upper for unknown in c.extension.unknowns)
         like, x, lower, upper = base.extended([c])
-        assert like.size == len(x) == len(lower) == len(upper) == len(free) + sizes[0]
-        if not blind(c):
+        assert like.size == len(x) == len(lower) == len(upper) == len(free) + len(c.extension.unknowns)
+        if not c.blind:
             np.testing.assert_allclose(like.costs(x), cost, rtol=1e-7, atol=1e-6)
 
 
 def test_cogging_is_a_candidate_where_the_joint_turns(problem):
     base = problem('clean')
-    settings = EffectSettings()
-    both = [c.where for c in catalogue(base.likelihood.filter_data.motions, 0.0, settings) if c.name == 'cogging']
-    assert len(both) == 2 * (settings.repetitions - 1)
+    both = [c.where for c in catalogue(base.likelihood.filter_data.motions, 0.0) if c.name == 'cogging']
+    assert len(both) == 2 * (REPETITIONS - 1)
     still = [
         replace(m, recorded=replace(m.recorded, q=m.recorded.q * [0.01, 1.0]))
         for m in base.likelihood.filter_data.motions
     ]
-    alone = [c.where for c in catalogue(still, 0.0, settings) if c.name == 'cogging']
+    alone = [c.where for c in catalogue(still, 0.0) if c.name == 'cogging']
     assert alone == [where for where in both if where.startswith('elbow')]
 
 
@@ -175,5 +163,5 @@ def test_compensated_torques_are_those_that_act(problem):
 
 
 def test_each_effect_of_the_catalogue_has_a_meaning(problem):
-    names = {c.name for c in catalogue(problem('clean').likelihood.filter_data.motions, 0.0, EffectSettings())}
+    names = {c.name for c in catalogue(problem('clean').likelihood.filter_data.motions, 0.0)}
     assert names == set(MEANINGS)

@@ -1,0 +1,266 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The catalogue of unmodelled effects: what each adds to the model, in words and as an extension of the likelihood."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline, PPoly
+from scipy.signal import lfilter
+
+from pendubot_identification.criteria.likelihood import Extension, Shape, Unknown
+from pendubot_identification.model.dynamics import SIGN_WIDTH
+from pendubot_identification.model.filter import Term, TermKind
+from pendubot_identification.trajectories.motion import Motion
+
+Array = NDArray[np.float64]
+JOINTS = ('shoulder', 'elbow')
+#: Cogging is a candidate for a joint that turns by more [rad], up to so many times a turn.
+TURN, REPETITIONS = 1.0, 24
+#: Step [s] of torques that depend on the motion or on their past.
+STEP = 0.001
+#: What each effect is, and what to do.
+MEANINGS = {
+    'dead zone': (
+        'the motor gives no torque below a threshold',
+        "record the motor's current, or raise the driver's offset",
+    ),
+    'saturation': (
+        'the motor gives less torque than recorded where that is large',
+        "record the motor's current, or excite with less",
+    ),
+    'back-EMF': (
+        'the motor gives less torque the faster it turns',
+        "record the motor's current, raise the supply voltage, or excite with less",
+    ),
+    'lag': (
+        'the torque follows the recorded one with a lag',
+        "record the motor's current, or excite with slower torques",
+    ),
+    'offset': (
+        'a constant torque acts that is not recorded',
+        "check the zero of the torque's or current's sensor, and cables",
+    ),
+    'asymmetry': ('dry friction differs between the two directions', 'use Fc as the mean of both directions'),
+    'width': ('dry friction changes its sign over another range of speed than 0.05 rad/s', 'simulate with this width'),
+    'drag': ('a joint brakes with the square of its speed', 'move more slowly, or use b for these speeds alone'),
+    'spring': ('a torque grows with a joint angle: a cable or a spring', 'free the cable, or lead it along the axis'),
+    'drift': ('friction changes with time', 'let the rig warm up, and record again'),
+    'cogging': ('a torque repeats several times a turn: a motor that cogs, or a gear', 'treat friction as approximate'),
+    'eccentricity': ('an angle is off by an error that repeats once a turn', 'centre the encoder or its coupling'),
+    'creep': ('dry friction is larger at low speed than in the model', 'use Fc and Fs for these speeds alone'),
+}
+#: Effects of which the model's friction is a part.
+FRICTION = ('asymmetry', 'width', 'drag', 'drift', 'creep')
+
+
+@dataclass(frozen=True, slots=True)
+class Effect:
+    """A candidate.
+
+    Attributes:
+        name: one of :data:`MEANINGS`.
+        where: the joint or part on which it acts.
+        extension: what it adds to the model.
+        blind: whether the likelihood without it has no slope towards it, so that its own start must be tried.
+    """
+
+    name: str
+    where: str
+    extension: Extension
+    blind: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class FoundEffect:
+    """An effect that the recordings speak for.
+
+    Attributes:
+        effect: which.
+        sizes: of its unknowns.
+        gain: by how much it lowers J.
+        z: Vuong's.
+        accepted: whether it is sure, and the published parameters were estimated together with it.
+        moved: by how much each of P1 to P5 changes beside it, as a fraction, shape (5,).
+    """
+
+    effect: Effect
+    sizes: Array
+    gain: float
+    z: float
+    accepted: bool
+    moved: Array
+
+    @property
+    def name(self) -> str:
+        """Of the effect."""
+        return self.effect.name
+
+    @property
+    def where(self) -> str:
+        """In words."""
+        return self.effect.where
+
+    @property
+    def sentence(self) -> str:
+        """What was found, how sure that is, and what to do."""
+        found, remedy = MEANINGS[self.name]
+        if not self.accepted:
+            return f'possible, not compensated: {found} ({self.where}); {remedy}'
+        own = ', '.join(f'{size:.3g}' for size in self.sizes)
+        said = (
+            f'{found} ({self.where}, {own}): compensated, P1 to P5 change by up to {100 * abs(self.moved).max():.2g} %'
+        )
+        if self.name in FRICTION:
+            said += '; the friction parameters are meaningful only together with it'
+        return f'{said}; {remedy}'
+
+
+def catalogue(motions: Sequence[Motion], delay: float) -> Iterator[Effect]:
+    """Return every effect that recordings can show; ``delay`` of the torque [s]."""
+    tau = max(float(np.abs(m.recorded.tau).max()) for m in motions)
+    states = [m.states(m.recorded.t) for m in motions]
+    speed = max(float(each[2:].std(axis=1).max()) for each in states)
+    fastest = max(1e-9, *(float(np.abs(each[2]).max()) for each in states))
+    spans = np.max([np.ptp(m.recorded.q, axis=0) for m in motions], axis=0)
+
+    def linear(
+        name: str, joint: int, *kinds: TermKind, number: float = 0.0, scale: float = tau, where: str = ''
+    ) -> Effect:
+        # The torque of an effect stays below half of the motor's.
+        reach = {TermKind.ANGLE: 2 / max(spans[joint], 1e-9), TermKind.DRAG: tau / scale / speed**2 / 4}
+        unknowns = []
+        for kind in kinds:
+            own = scale / speed if kind is TermKind.VISCOUS_DRIFT else scale
+            limit = 0.5 * own * reach.get(kind, 1.0)
+            unknowns.append(Unknown(own, -limit, limit))
+        terms = tuple(Term(kind, joint, number) for kind in kinds)
+        return Effect(name, JOINTS[joint] + where, Extension(tuple(unknowns), terms))
+
+    for joint, name in enumerate(JOINTS):
+        yield linear('offset', joint, TermKind.CONSTANT)
+        yield linear('asymmetry', joint, TermKind.DIRECTION)
+        yield linear('drag', joint, TermKind.DRAG, scale=tau / speed**2)
+        yield linear('spring', joint, TermKind.ANGLE, TermKind.CONSTANT)
+        yield linear('drift', joint, TermKind.VISCOUS_DRIFT, TermKind.COULOMB_DRIFT)
+        for slow in (0.1, 0.3):
+            yield linear('creep', joint, TermKind.CREEP, number=slow, where=f', below {slow:g} rad/s')
+        yield Effect('width', name, Extension((Unknown(SIGN_WIDTH, 0.005, 3.0, SIGN_WIDTH),), width=(joint,)))
+        sine = Unknown(0.01, -0.1, 0.1)
+        yield Effect('eccentricity', f"{name}'s encoder", Extension((sine, sine), shape=_eccentric(joint)))
+        for number in range(2, REPETITIONS + 1) if spans[joint] > TURN else ():
+            yield linear('cogging', joint, TermKind.SINE, TermKind.COSINE, number=number, where=f', {number} a turn')
+    dead = _sample_wise(lambda tau, zone: np.sign(tau) * np.maximum(np.abs(tau) - zone, 0))
+    yield Effect('dead zone', 'motor', Extension((Unknown(tau, 0.0, 0.5 * tau),), shape=dead))
+    sag = _sample_wise(lambda each, part: each * (1 - part * (each / tau) ** 2))
+    yield Effect('saturation', 'gradual', Extension((Unknown(1.0, -0.5, 0.9),), shape=sag))
+    limit = _sample_wise(lambda tau, most: np.clip(tau, -most, most))
+    for part in (0.85, 0.6):
+        clipped = Extension((Unknown(tau, 0.1 * tau, tau, part * tau),), shape=limit)
+        yield Effect('saturation', 'motor', clipped, blind=True)
+    falling = Unknown(tau, 0.1 * tau, 2 * tau, tau), Unknown(1 / fastest, 0.0, 2 / fastest, 0.5 / fastest)
+    yield Effect('back-EMF', 'motor', Extension(falling, shape=_limited_by_speed(delay)), blind=True)
+    for lag in (0.004, 0.02):
+        yield Effect('lag', 'motor', Extension((Unknown(0.01, 0.0005, 0.2, lag),), shape=_lagged), blind=True)
+
+
+def _sample_wise(change: Callable[[Array, float], Array]) -> Shape:
+    """Return the shape that changes every sample of the recorded torque by itself."""
+
+    def shaped(motion: Motion, own: Array) -> Motion:
+        tau = change(motion.recorded.tau, float(own[0]))
+        t = motion.recorded.t
+        held = len(motion.impulse.c) == 2
+        pieces = [tau[:-1]] if held else [np.diff(tau, axis=0) / np.diff(t)[:, None], tau[:-1]]
+        return replace(
+            motion, impulse=PPoly(np.array(pieces), t).antiderivative(), recorded=replace(motion.recorded, tau=tau)
+        )
+
+    return shaped
+
+
+def _fine_torque(motion: Motion) -> tuple[Array, Array]:
+    """Return times at most a step apart [s], and the recorded torques' means between them, shapes (N + 1,), (N, 2)."""
+    count = max(1, math.ceil((motion.impulse.x[-1] - motion.impulse.x[0]) / min(STEP, motion.interval)))
+    t = np.linspace(motion.impulse.x[0], motion.impulse.x[-1], count + 1)
+    return t, np.diff(motion.impulse(t), axis=0) / np.diff(t)[:, None]
+
+
+def _limited_by_speed(delay: float) -> Shape:
+    """Return the shape of a motor whose largest torque falls with its speed, from a standstill to no load.
+
+    The unknowns are the largest torque at a standstill [N m] and the inverse of the speed at no load [s/rad].
+    """
+
+    def shaped(motion: Motion, own: Array) -> Motion:
+        t, tau = _fine_torque(motion)
+        speed = motion.states(np.clip((t[1:] + t[:-1]) / 2 + delay, motion.start, motion.end))[2:].T
+        high, low = own[0] * np.maximum(1 - own[1] * speed, 0), -own[0] * np.maximum(1 + own[1] * speed, 0)
+        return replace(motion, impulse=PPoly(np.clip(tau, low, high)[None], t).antiderivative())
+
+    return shaped
+
+
+def _eccentric(joint: int) -> Shape:
+    """Return the shape of an encoder that reads an angle plus a sine and a cosine of it [rad], the two unknowns."""
+
+    def true(read: Array, own: Array) -> Array:
+        angle = read
+        for _ in range(4):  # errors are small, so that this converges
+            angle = read - own[0] * np.sin(angle) - own[1] * np.cos(angle)
+        return angle
+
+    def shaped(motion: Motion, own: Array) -> Motion:
+        q, nodes = motion.recorded.q.copy(), motion.smoothed.x
+        q[:, joint] = true(q[:, joint], own)
+        states = motion.smoothed(nodes)
+        angle = states[:, joint] = true(states[:, joint], own)
+        states[:, 2 + joint] /= 1 + own[0] * np.cos(angle) - own[1] * np.sin(angle)
+        return replace(motion, smoothed=CubicSpline(nodes, states), recorded=replace(motion.recorded, q=q, qd=None))
+
+    return shaped
+
+
+def _lagged(motion: Motion, own: Array) -> Motion:
+    """Return the motion whose torque passes a first-order lag of so many seconds."""
+    t, mean = _fine_torque(motion)
+    step, lag = t[1] - t[0], float(own[0])
+    decay = math.exp(-step / lag)
+    late = lfilter([1 - decay], [1, -decay], mean, axis=0)
+    before = np.vstack([np.zeros((1, 2)), late[:-1]])
+    # The mean of a lagged torque over a step lies between its values at both ends.
+    part = (1 - decay) * lag / step
+    return replace(motion, impulse=PPoly((mean + (before - mean) * part)[None], t).antiderivative())
+
+
+def compensated(motion: Motion, effects: Sequence[FoundEffect], delay: float) -> Motion:
+    """Return a motion with the torques that act, as far as accepted effects tell them, along its smoothed states.
+
+    Friction that drifts is taken as at the end of the training data.
+    """
+    result = motion
+    for found in effects:
+        extension = found.effect.extension
+        if found.accepted and extension.shape is not None:
+            result = extension.shape(result, found.sizes[len(extension.terms) :])
+    terms = [
+        (term, size)
+        for found in effects
+        if found.accepted
+        for term, size in zip(found.effect.extension.terms, found.sizes, strict=False)
+    ]
+    if not terms:
+        return result
+    t = np.union1d(result.impulse.x, np.arange(motion.start, motion.end, 0.0025) - delay)
+    states = result.states(np.clip((t[1:] + t[:-1]) / 2 + delay, motion.start, motion.end))
+    tau = np.diff(result.impulse(t), axis=0) / np.diff(t)[:, None]
+    for term, size in terms:
+        q, v = states[term.joint], states[2 + term.joint]
+        tau[:, term.joint] += size * term.torque(q, v, 0.5)
+    return replace(result, impulse=PPoly(tau[None], t).antiderivative())
