@@ -7,12 +7,14 @@ ros2 launch pendubot_identification identification.launch.py bags:=swing output:
 ros2 launch pendubot_identification identification.launch.py bags:="['swing@0:9', 'swing2']" validate:=swing3
 """
 
-from pendubot_identification.launching import described, program
+from pendubot_identification.errors import ParameterError
+from pendubot_identification.launching import Program, described
+from pendubot_identification.recordings.bag_reader import BagWindow
 from pendubot_identification.resources import resource
 
 ARGUMENTS = {
     'bags': ([''], "bags that estimate, each BAG or BAG@START:END; several as a list: \"['swing@0:9', 'swing2']\""),
-    'validate': ([''], 'bags that only judge, likewise'),
+    'validate': ([''], 'bags that only validate, likewise'),
     'criterion': ('', 'some of energy, weak, likelihood, with commas between them; empty: likelihood'),
     'model': ('auto', 'viscous, coulomb, rotor, geared, or auto'),
     'output': ('', 'result file to write; empty: none'),
@@ -21,8 +23,13 @@ ARGUMENTS = {
 
 
 def start(given):
-    """Return the identifier; it stays, so that whoever joins later receives the parameters, too."""
-    return [program('identifier', str(resource('config/identifier.yaml')), {name: given[name] for name in ARGUMENTS})]
+    """Return the identifier; it stays, so that programs that join later receive the parameters, too."""
+    for bag in filter(None, given['bags'] + given['validate']):
+        path = BagWindow.parse(bag).path
+        if not path.exists():
+            raise ParameterError(f'there is no bag {path}; give the folder of a bag, or a file with columns')
+    values = {name: given[name] for name in ARGUMENTS}
+    return [Program('identifier', (str(resource('config/identifier.yaml')), values))]
 
 
 def generate_launch_description():

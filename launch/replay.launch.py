@@ -1,28 +1,31 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A bag played again, and shown: what a rig did, without the rig. It ends with the bag.
+"""A bag played again, and shown: the motion of a rig without the rig. It ends with the bag.
 
 ros2 launch pendubot_identification replay.launch.py bag:=swing rviz:=true
 """
 
-from launch.conditions import IfCondition
-from launch.substitutions import LaunchConfiguration
+from pendubot_identification.errors import ParameterError
+from pendubot_identification.launching import Program, described, launch_file
+from pendubot_identification.recordings.bag_reader import BagReader, BagWindow
 
-from pendubot_identification.launching import described, include, program
-
+VIEW = launch_file('view.launch.py')
 ARGUMENTS = {
     'bag': ('', 'folder of the bag, or its .mcap file; BAG@START:END: these seconds of it'),
     'rate': (1.0, 'times real time'),
-    'view': (True, 'whether robot_state_publisher describes the rig, for RViz: see view.launch.py'),
+    **VIEW['OPTIONAL'],
 }
 
 
 def start(given):
-    """Return the player."""
-    return [program('player', {name: given[name] for name in ('bag', 'rate')})]
+    """Return the player, which ends all with the bag, and the view."""
+    if not given['bag']:
+        raise ParameterError('bag is empty; give the folder of a bag: bag:=FOLDER')
+    BagReader(BagWindow.parse(given['bag']).path)  # refuses a bag that is missing
+    return [Program('player', ({'bag': given['bag'], 'rate': given['rate']},)), *VIEW['start'](given)]
 
 
 def generate_launch_description():
     """Play, and describe the rig."""
-    return described(ARGUMENTS, start, include('view.launch.py', condition=IfCondition(LaunchConfiguration('view'))))
+    return described(ARGUMENTS, start)

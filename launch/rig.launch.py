@@ -9,14 +9,12 @@ ros2 launch pendubot_identification rig.launch.py bridge:=bridge.yaml excitation
 
 import os
 
-from launch.conditions import IfCondition
-from launch.substitutions import LaunchConfiguration
-
 from pendubot_identification.errors import ParameterError
-from pendubot_identification.launching import described, include, program
+from pendubot_identification.launching import Program, described, launch_file
 from pendubot_identification.parameter_files import refuse_untaken
 from pendubot_identification.resources import resource
 
+VIEW = launch_file('view.launch.py')
 ARGUMENTS = {
     'virtual': (False, 'true: start a virtual board and talk to it instead of a rig'),
     'bridge': ('', "the bridge's parameter file, your copy of config/bridge.yaml; empty: the one of the package"),
@@ -28,12 +26,12 @@ ARGUMENTS = {
     'duration': (18.0, 'length of the excitation [s]'),
     'amplitude': (1.0, 'torques are drawn within plus and minus this [N m]'),
     'seed': (1, 'same seed, same torques'),
-    'view': (True, 'whether robot_state_publisher describes the rig, for RViz: see view.launch.py'),
+    **VIEW['OPTIONAL'],
 }
 
 
 def start(given):
-    """Return bridge, recorder and exciter; nothing is armed before the recorder records."""
+    """Return bridge, recorder, exciter and view; nothing is armed before the recorder records."""
 
     def file(name, argument):
         path = os.path.expanduser(given[argument])
@@ -59,13 +57,14 @@ def start(given):
     }
     moving = {'arm': given['arm'], 'recorded': True} | ({} if given['excitation'] else train)
     return [
-        *([program('virtual_board', arguments=['--link', port])] if given['virtual'] else []),
-        program('bridge', file('bridge', 'bridge'), link),
-        program('recorder', str(resource('config/recorder.yaml')), {'output': given['output']}),
-        program('exciter', file('exciter', 'excitation'), moving),
+        *([Program('virtual_board', arguments=('--link', port))] if given['virtual'] else []),
+        Program('bridge', (file('bridge', 'bridge'), link)),
+        Program('recorder', (str(resource('config/recorder.yaml')), {'output': given['output']})),
+        Program('exciter', (file('exciter', 'excitation'), moving)),
+        *VIEW['start'](given),
     ]
 
 
 def generate_launch_description():
     """Start everything, and end it when the excitation is over or a program ends before."""
-    return described(ARGUMENTS, start, include('view.launch.py', condition=IfCondition(LaunchConfiguration('view'))))
+    return described(ARGUMENTS, start)

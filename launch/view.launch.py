@@ -13,7 +13,7 @@ from pathlib import Path
 
 from pendubot_identification.formats.export import export
 from pendubot_identification.formats.robots import drawn
-from pendubot_identification.launching import described, viewer
+from pendubot_identification.launching import Program, described
 from pendubot_identification.resources import resource
 from pendubot_identification.results.result_file import read_result
 
@@ -24,22 +24,29 @@ ARGUMENTS = {
     'rviz': (False, 'true: start RViz (package rviz2)'),
     'plotjuggler': (False, 'true: start PlotJuggler (package plotjuggler_ros); choose Start, then OK'),
 }
+#: The same in a launch file that starts other programs, too.
+OPTIONAL = {
+    'view': (True, 'whether robot_state_publisher describes the rig, for RViz: see view.launch.py'),
+    **ARGUMENTS,
+}
 
 
 def start(given):
-    """Return what publishes /robot_description and /tf, and what shows them where wanted."""
+    """Return the programs that publish /robot_description and /tf, and those that show them."""
 
-    def shown(package, without, **options):
-        name = package.replace('_', '-')
-        return viewer(package, f'sudo apt install ros-$ROS_DISTRO-{name}, or give {without}:=false', **options)
+    def shown(name, option, **how):
+        package = f'ros-$ROS_DISTRO-{name.replace("_", "-")}'
+        return Program(name, package=name, remedy=f'sudo apt install {package}, or give {option}:=false', **how)
 
+    if not given.get('view', True):
+        return []
     urdf = drawn(given['l1'], given['l2'])
     if given['parameters']:
         urdf, _ = export(read_result(Path(given['parameters'])), 'urdf')
-    rviz = ['-d', str(resource('config/pendubot.rviz'))]
-    plotjuggler = ['--layout', str(resource('config/plotjuggler.xml'))]
+    rviz = '-d', str(resource('config/pendubot.rviz'))
+    plotjuggler = '--layout', str(resource('config/plotjuggler.xml'))
     return [
-        shown('robot_state_publisher', 'view', parameters=[{'robot_description': urdf}]),
+        shown('robot_state_publisher', 'view', parameters=({'robot_description': urdf},)),
         *([shown('rviz2', 'rviz', arguments=rviz)] if given['rviz'] else []),
         *([shown('plotjuggler', 'plotjuggler', arguments=plotjuggler)] if given['plotjuggler'] else []),
     ]

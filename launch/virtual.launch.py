@@ -6,18 +6,21 @@
 ros2 launch pendubot_identification virtual.launch.py rviz:=true
 """
 
-from launch.substitutions import LaunchConfiguration
+from pendubot_identification.launching import described, launch_file
 
-from pendubot_identification.launching import described, include
-
+RIG = launch_file('rig.launch.py')
 ARGUMENTS = {
+    **{name: argument for name, argument in RIG['ARGUMENTS'].items() if name != 'virtual'},
     'port': ('/tmp/pendubot', 'the link to its pseudo-terminal that the virtual board makes'),
     'arm': (True, 'false: the exciter waits until you call /bridge/arm'),
 }
 
 
+def start(given):
+    """Return the rig's programs on a virtual board."""
+    return RIG['start'](given | {'virtual': True})
+
+
 def generate_launch_description():
-    """Start the rig's programs on a virtual board; their other arguments are those of rig.launch.py."""
-    own = {name: LaunchConfiguration(name) for name in ARGUMENTS}
-    rig = include('rig.launch.py', launch_arguments={'virtual': 'true', **own}.items())
-    return described(ARGUMENTS, lambda given: [], rig)
+    """Start everything, and end it when the excitation is over or a program ends before."""
+    return described(ARGUMENTS, start)

@@ -1,42 +1,39 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What the launch files share: everything is checked before the first program starts, and all programs end together.
+"""The common part of the launch files: everything is checked before the first program starts, and all end together.
 
-Launch starts programs while it visits a description. So every argument is read, and every program is looked for, before
-the first program starts.
+Launch starts programs while it visits a description. So each launch file is a single action, which reads all arguments
+and looks for all programs before it returns the nodes to start.
 """
 
 from __future__ import annotations
 
-import difflib
 import math
 import os
+import runpy
 import signal
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from functools import partial
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, List  # noqa: UP035  (launch_ros of Jazzy knows lists by this name)
 
 import yaml
-from launch import LaunchContext, LaunchDescription
-from launch.actions import DeclareLaunchArgument, EmitEvent, IncludeLaunchDescription, LogInfo, OpaqueFunction
-from launch.events import Shutdown
-from launch.launch_description_sources import PythonLaunchDescriptionSource
-from launch.substitutions import LaunchConfiguration
-from launch_ros.actions import Node
-from launch_ros.parameter_descriptions import ParameterValue
-from launch_ros.substitutions import ExecutableInPackage
+from ament_index_python.packages import PackageNotFoundError, get_package_prefix
 
 from pendubot_identification.errors import ParameterError, PendubotError
 from pendubot_identification.nodes.shutdown import LAUNCH
 from pendubot_identification.resources import NAME, resource
+from pendubot_identification.setting import meant
 
-#: The variable that says among which machines ROS programs find each other, and what it may say here.
+#: The variable that says among which machines ROS programs find each other, and its values here.
 RANGE, RANGES = 'ROS_AUTOMATIC_DISCOVERY_RANGE', ('LOCALHOST', 'SUBNET', 'SYSTEM_DEFAULT')
+#: The variables that name a profile of Fast DDS: of Jazzy's version, and of later ones.
+PROFILES = ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE')
 #: The arguments that every launch file has.
 COMMON = {
-    # Whoever is found may arm the motor.
+    # Every program that is found may arm the motor.
     'discovery': (
         os.environ.get(RANGE) or 'LOCALHOST',
         f'LOCALHOST: only programs on this machine take part; SUBNET: also those on its network; by default as {RANGE}',
@@ -45,92 +42,179 @@ COMMON = {
 }
 #: Arguments of the launch library itself, which no file declares.
 LIBRARY = ('launch-prefix', 'launch-prefix-filter', 'emulate_tty', 'sigterm_timeout', 'sigkill_timeout')
-#: The variables that name a profile of Fast DDS: of Jazzy's version, and of later ones.
-PROFILES = ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE')
-#: The programs of this package that were started.
-_programs: list[Node] = []
+#: By the type of an argument: the expected text.
+EXPECTED = {
+    bool: 'true or false',
+    int: 'a whole number',
+    float: 'a number',
+    list: "a text, or a list of texts such as \"['a', 'b']\",",
+}
+#: Absolute names of topics in programs of other packages, which two rigs would share.
+SHARED = ('tf', 'tf_static', 'joint_states', 'robot_description')
+#: The nodes of this package that were started.
+_nodes: list[Any] = []
 
 
-def described(
-    arguments: Mapping[str, tuple[Any, str]],
-    start: Callable[[dict[str, Any]], Sequence[Any]],
-    *included: IncludeLaunchDescription,
-) -> LaunchDescription:
-    """Return the description of a launch file.
+@dataclass(frozen=True)
+class Program:
+    """A program that a launch file starts.
+
+    When a program of this package ends, everything ends: with status 1, if it failed. A program of another package only
+    shows the rig: when it ends, all others go on.
+
+    Attributes:
+        name: of the executable and its node.
+        parameters: files, and values by name; later ones count.
+        arguments: of the command line.
+        package: that has it.
+        remedy: what to do if it is not installed.
+    """
+
+    name: str
+    parameters: tuple[str | dict[str, Any], ...] = ()
+    arguments: tuple[str, ...] = ()
+    package: str = NAME
+    remedy: str = f'build {NAME} with colcon, and source its workspace'
+
+
+def launch_file(name: str) -> dict[str, Any]:
+    """Return the names that another launch file of this package defines, such as ``ARGUMENTS`` and ``start``."""
+    return runpy.run_path(str(resource(f'launch/{name}')))
+
+
+def described(arguments: Mapping[str, tuple[Any, str]], start: Callable[[dict[str, Any]], Sequence[Program]]) -> Any:
+    """Return the launch description of a launch file.
 
     Args:
-        arguments: by name, the default, whose type the value has to have, and what it means.
-        start: makes a list of :func:`program` and :func:`viewer` from the values of the arguments, ``namespace``
-            resolved; it raises PendubotError for whatever is wrong.
-        included: other launch files, gone through in between: what they check, they check before anything starts, too.
+        arguments: by name, the default, whose type the value has to have, and the meaning.
+        start: returns the programs by the values of the arguments, ``namespace`` resolved; it raises PendubotError
+            for anything wrong.
     """
-    arguments = {**arguments, **COMMON}
-    entities: list[Any] = []
+    from launch import LaunchDescription
+    from launch.actions import DeclareLaunchArgument, LogInfo, OpaqueFunction
+    from launch_ros.actions import Node
+    from launch_ros.parameter_descriptions import ParameterValue
 
-    def check(context: LaunchContext) -> None:
+    def typed(values: str | dict[str, Any]) -> Any:
+        # launch_ros would write lists as tuples of Python, which no other reader of YAML knows.
+        texts = List[str]  # noqa: UP006
+        if isinstance(values, str):
+            return values
+        return {k: ParameterValue(v, value_type=texts) if isinstance(v, list) else v for k, v in values.items()}
+
+    def make(context: Any) -> list[Any]:
+        # All that is launched: this file may be included by another one, with arguments of its own.
+        whole = getattr(context.locals.event, 'launch_description', None)
+        known = [] if whole is None else [each.name for each in whole.get_launch_arguments()]
         try:
-            _refuse_unknown(context)
-            texts = context.launch_configurations
-            given = {name: _value(name, texts[name], default) for name, (default, _) in arguments.items()}
-            if given['discovery'] not in RANGES:
-                raise ParameterError(f'discovery is {given["discovery"]}; one of {", ".join(RANGES)} is expected')
-            # As launch_ros does it: a namespace without / is below that of the including file.
-            names = ('' if given['namespace'].startswith('/') else texts.get('ros_namespace', '')), given['namespace']
-            given['namespace'] = ''.join(f'/{part}' for name in names for part in name.split('/') if part)
-            environment = _environment(given['discovery'])
-            entities.extend(made(additional_env=environment) for made in start(given))
-            if entities and given['discovery'] == 'LOCALHOST' and PROFILES[0] not in environment:
-                entities.insert(0, LogInfo(msg=_OWN_PROFILE))
+            planned = plan(arguments, start, context.launch_configurations, context.argv if known else [], known)
         except PendubotError as error:
             raise ParameterError(f'nothing was started: {error}') from None
         # Launch itself would leave its programs at SIGTERM, and as the first process of a container ignore it.
         if signal.getsignal(signal.SIGTERM) == signal.SIG_DFL:
             signal.signal(signal.SIGTERM, _terminate)
+        made = [Node(**each | {'parameters': [typed(values) for values in each['parameters']]}) for each in planned]
+        _nodes.extend(node for node, each in zip(made, planned, strict=True) if 'on_exit' in each)
+        environment = planned[0]['additional_env']
+        if environment[RANGE] == 'LOCALHOST' and PROFILES[0] not in environment:
+            names = ' or '.join(PROFILES)
+            text = f'the Fast DDS profile that {names} names is kept: it decides whether programs on other machines '
+            return [LogInfo(msg=f'{text}can arm the motor'), *made]
+        return made
 
     declared = [
         DeclareLaunchArgument(name, default_value=str(default), description=description)
-        for name, (default, description) in arguments.items()
+        for name, (default, description) in {**arguments, **COMMON}.items()
     ]
-    started = OpaqueFunction(function=lambda _: entities)
-    return LaunchDescription([*declared, OpaqueFunction(function=check), *included, started])
+    return LaunchDescription([*declared, OpaqueFunction(function=make)])
 
 
-#: What is logged where the user's profile of Fast DDS is kept.
-_OWN_PROFILE = (
-    f'the Fast DDS profile that {" or ".join(PROFILES)} names is kept: it decides whether programs on other machines '
-    'can arm the motor'
-)
+def plan(
+    arguments: Mapping[str, tuple[Any, str]],
+    start: Callable[[dict[str, Any]], Sequence[Program]],
+    texts: Mapping[str, str],
+    words: Sequence[str] = (),
+    known: Sequence[str] = (),
+) -> list[dict[str, Any]]:
+    """Return the arguments of ``launch_ros.actions.Node`` for each program of a launch file, all of them checked.
 
-
-def _environment(discovery: str) -> dict[str, str]:
-    """Return the environment variables of every program for a range of discovery."""
-    environment = {RANGE: discovery}
-    if discovery == 'LOCALHOST' and not any(os.environ.get(name) for name in PROFILES):
-        environment |= dict.fromkeys(PROFILES, str(resource('config/this_machine.xml')))
-    return environment
-
-
-def _refuse_unknown(context: LaunchContext) -> None:
-    """Refuse arguments of the command line that neither the launched file nor a file that it includes declares.
+    Args:
+        arguments: see :func:`described`.
+        start: likewise.
+        texts: the launch configurations: arguments as text, ``ros_namespace`` of an including file, and others.
+        words: of the command line, NAME:=VALUE.
+        known: the names of all arguments that exist.
 
     Raises:
-        ParameterError: there is one.
+        PendubotError: an argument or a program is missing or makes no sense.
     """
-    # The whole that is launched: this file may be included by another one, with arguments of its own.
-    whole = getattr(context.locals.event, 'launch_description', None)
-    if whole is None:  # included later, when something else happened
-        return
-    known = [declared.name for declared in whole.get_launch_arguments()]
-    for name in (word.partition(':=')[0] for word in context.argv):
+    for name in (word.partition(':=')[0] for word in words):
         if name not in (*known, *LIBRARY):
-            near = difflib.get_close_matches(name, known, 1)
-            meant = f'is {near[0]} meant' if near else 'which is meant'
-            raise ParameterError(f'this launch has no argument {name}; {meant}? --show-args lists them all')
+            raise ParameterError(
+                f'this launch has no argument {name}; {meant(name, known)}? --show-args lists them all'
+            )
+    given = {name: _value(name, texts[name], default) for name, (default, _) in {**arguments, **COMMON}.items()}
+    if given['discovery'] not in RANGES:
+        raise ParameterError(f'discovery is {given["discovery"]}; one of {", ".join(RANGES)} is expected')
+    # As launch_ros does it: a namespace without / is below that of the including file.
+    above = '' if given['namespace'].startswith('/') else texts.get('ros_namespace', '')
+    given['namespace'] = ''.join(f'/{part}' for part in f'{above}/{given["namespace"]}'.split('/') if part)
+    environment = {RANGE: given['discovery']}
+    if given['discovery'] == 'LOCALHOST' and not any(os.environ.get(name) for name in PROFILES):
+        environment |= dict.fromkeys(PROFILES, str(resource('config/this_machine.xml')))
+    return [_node(program, texts, environment) for program in start(given)]
+
+
+def _node(program: Program, texts: Mapping[str, str], environment: dict[str, str]) -> dict[str, Any]:
+    """Return the arguments of ``launch_ros.actions.Node`` for a program.
+
+    Raises:
+        ParameterError: it is not installed.
+    """
+    try:
+        there = Path(get_package_prefix(program.package), 'lib', program.package, program.name).exists()
+    except PackageNotFoundError:
+        there = False
+    if not there:
+        raise ParameterError(f'{program.name} is not installed; {program.remedy}')
+    node = {
+        'package': program.package,
+        'executable': program.name,
+        'exec_name': program.name,
+        'namespace': texts['namespace'],
+        'output': 'screen',
+        'parameters': program.parameters,
+        'arguments': program.arguments,
+        # At a SIGINT launch tells its programs nothing at first: at Ctrl-C the terminal has told them. A supervisor has
+        # not. And a recorder needs time to close its bag on a slow disk. [s]
+        'sigterm_timeout': texts.get('sigterm_timeout', '0.2'),
+        'sigkill_timeout': texts.get('sigkill_timeout', '10'),
+        'additional_env': environment,
+    }
+    if program.package == NAME:
+        # It ends with launch, whatever ends that.
+        ending = {**environment, LAUNCH: str(os.getpid())}
+        return node | {'name': program.name, 'on_exit': _ended, 'additional_env': ending}
+    # It knows nothing of launch: the system terminates it when launch has ended.
+    prefix = f'setpriv --pdeathsig TERM {texts.get("launch-prefix", "")}'
+    return node | {'remappings': [(f'/{topic}', topic) for topic in SHARED], 'prefix': prefix}
+
+
+def _ended(event: Any, context: Any) -> Any:
+    """End everything; launch has a status other than 0 only where something raises."""
+    from launch.actions import EmitEvent
+    from launch.events import Shutdown
+
+    # Some are told to end before they can do so by themselves.
+    told = context.is_shutdown and event.returncode in (-signal.SIGINT, -signal.SIGTERM)
+    if event.returncode and not told:
+        raise PendubotError(f'{event.process_name} failed, with status {event.returncode}: everything ends')
+    return EmitEvent(event=Shutdown(reason=f'{event.process_name} has ended'))
 
 
 def _terminate(*_: Any) -> None:
     """Terminate the programs and wait until they have ended; then launch ends."""
-    pids = [node.process_details['pid'] for node in _programs if node.process_details]
+    pids = [node.process_details['pid'] for node in _nodes if node.process_details]
     for wait in (os.WNOHANG, 0):
         for pid in pids:
             # Raises where it has been reaped: the number may be another process's by now.
@@ -139,94 +223,8 @@ def _terminate(*_: Any) -> None:
                     os.kill(pid, signal.SIGTERM)
 
 
-def include(file: str, **given: Any) -> IncludeLaunchDescription:
-    """Return another launch file of this package, to be included; it has the including one's arguments, too."""
-    return IncludeLaunchDescription(PythonLaunchDescriptionSource(str(resource(f'launch/{file}'))), **given)
-
-
-def program(name: str, *parameters: Any, arguments: Sequence[str] = ()) -> Callable[..., Node]:
-    """Return what makes a program of this package, given its ``additional_env``.
-
-    When the program ends, everything ends: with status 1, if it failed. It ends with launch, whatever ends that.
-
-    ``name`` is that of its node, too; ``parameters`` are files, and values by name: what comes later counts.
-
-    Raises:
-        ParameterError: it is not there.
-    """
-    remedy, values = f'build {NAME} with colcon, and source its workspace', [*map(_plain, parameters)]
-    given = {'name': name, 'parameters': values, 'arguments': arguments, 'on_exit': _ended}
-
-    def make(additional_env: dict[str, str]) -> Node:
-        _programs.append(made(additional_env={**additional_env, LAUNCH: str(os.getpid())}))
-        return _programs[-1]
-
-    made = _node(NAME, name, remedy, **given)
-    return make
-
-
-def viewer(package: str, remedy: str, **given: Any) -> Callable[..., Node]:
-    """Return what makes a program of another package that only shows what happens: when it ends, all else goes on.
-
-    Raises:
-        ParameterError: the package is not installed; ``remedy`` says what to do then.
-    """
-    # Absolute names in such programs, which two rigs would share.
-    topics = 'tf', 'tf_static', 'joint_states', 'robot_description'
-    remappings = [(f'/{topic}', topic) for topic in topics]
-    # It knows nothing of launch: the system terminates it when launch has ended.
-    prefix = ['setpriv --pdeathsig TERM ', LaunchConfiguration('launch-prefix', default='')]
-    return _node(package, package, remedy, remappings=remappings, prefix=prefix, **given)
-
-
-def _node(package: str, executable: str, remedy: str, **given: Any) -> Callable[..., Node]:
-    try:
-        ExecutableInPackage(executable, package).perform(LaunchContext())
-    except Exception:
-        raise ParameterError(f'{executable} is not installed; {remedy}') from None
-    return partial(
-        Node,
-        package=package,
-        executable=executable,
-        exec_name=executable,
-        namespace=LaunchConfiguration('namespace'),
-        output='screen',
-        # At a SIGINT launch tells its programs nothing at first: at Ctrl-C the terminal has told them. A supervisor has
-        # not. And a recorder needs time to close its bag on a slow disk. [s]
-        sigterm_timeout=LaunchConfiguration('sigterm_timeout', default='0.2'),
-        sigkill_timeout=LaunchConfiguration('sigkill_timeout', default='10'),
-        **given,
-    )
-
-
-def _plain(parameters: Any) -> Any:
-    """Keep launch_ros from writing lists as tuples of Python, which no other reader of YAML knows."""
-    if not isinstance(parameters, dict):
-        return parameters
-    texts = List[str]  # noqa: UP006
-    return {k: ParameterValue(v, value_type=texts) if isinstance(v, list) else v for k, v in parameters.items()}
-
-
-def _ended(event: Any, context: LaunchContext) -> EmitEvent:
-    """End everything; launch has a status other than 0 only where something raises."""
-    # Some are told to end before they can do so by themselves.
-    told = context.is_shutdown and event.returncode in (-signal.SIGINT, -signal.SIGTERM)
-    if event.returncode and not told:
-        raise PendubotError(f'{event.process_name} failed, with status {event.returncode}: everything ends')
-    return EmitEvent(event=Shutdown(reason=f'{event.process_name} has ended'))
-
-
-#: By the type of an argument: what is expected.
-EXPECTED = {
-    bool: 'true or false',
-    int: 'a whole number',
-    float: 'a number',
-    list: "a text, or a list of texts such as \"['a', 'b']\",",
-}
-
-
 def _value(name: str, text: str, default: Any) -> Any:
-    """Return what an argument says, as a value of the type of its default."""
+    """Return the value of an argument, of the type of its default."""
     kind = type(default)
     with suppress(KeyError, ValueError, yaml.YAMLError):
         if kind is bool:

@@ -5,8 +5,9 @@
 
 from __future__ import annotations
 
+import difflib
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,6 +21,8 @@ class Setting:
     Attributes:
         dynamic: whether a node's parameter can be set after the start.
         optional: whether it may be left open, which is None; ROS, which has no None, says the default instead.
+        length: how many values a list has; 0: any number.
+        distinct: whether the values of a list differ and none is empty.
     """
 
     name: str
@@ -31,6 +34,8 @@ class Setting:
     choices: tuple[str, ...] = ()
     dynamic: bool = False
     optional: bool = False
+    length: int = 0
+    distinct: bool = False
 
     def of_ros(self, value: Any) -> Any:
         """Return the value of a ROS parameter: arrays as lists, and None where it is left open."""
@@ -46,6 +51,10 @@ class Setting:
         """
         if value is None and self.optional:
             return
+        if self.length and len(value) != self.length:
+            raise ParameterError(f'{self.name} has {len(value)} values; {self.length} are expected')
+        if self.distinct and (len(set(value)) != len(value) or '' in value):
+            raise ParameterError(f'{self.name} are {value}; {self.length} different names are expected')
         for entry in value if isinstance(value, (list, tuple)) else [value]:
             allowed = not self.choices or entry in self.choices
             if isinstance(entry, (int, float)):
@@ -79,3 +88,9 @@ class Setting:
     def help(self) -> str:
         """Return the meaning with its unit."""
         return self.description + (f' [{self.unit}]' if self.unit else '')
+
+
+def meant(name: str, known: Sequence[str]) -> str:
+    """Return the question whether a similar one of the known names is meant."""
+    near = difflib.get_close_matches(name, known, 1)
+    return f'is {near[0]} meant' if near else 'which is meant'

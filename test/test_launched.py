@@ -1,9 +1,10 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A launch file by the real launch library, with real programs; skipped where the library is not installed."""
+"""The launch files by the real launch library, with real programs; skipped where the library is not installed."""
 
 import importlib.util
+import json
 import os
 import signal
 import subprocess
@@ -12,15 +13,16 @@ import time
 from pathlib import Path
 
 import pytest
+import yaml
 
 from test.conftest import ROOT
 from test.processes import Program
+from test.test_launch import NEEDED, OTHERS, PACKAGE, PROGRAMS, RANGE, files_and_values, launch
 
 pytestmark = [
     pytest.mark.ros,
     pytest.mark.skipif(importlib.util.find_spec('launch_ros') is None, reason='no launch library: no ROS workspace'),
 ]
-PACKAGE = 'pendubot_identification'
 #: What ros2 launch does, from a terminal.
 LAUNCH = """
 import sys
@@ -38,37 +40,53 @@ service.include_launch_description(
 sys.exit(service.run())
 """
 CLOSED = b'\x89MCAP0\r\n'
+#: A program of this package as it is installed, and one that only says how it was started.
+REAL = 'import sys\nfrom pendubot_identification.programs import {name}\nsys.exit({name}())\n'
+TELLS = """
+import json, os, sys, time
+from pathlib import Path
+partial = Path('{folder}/{name}.partial')
+partial.write_text(json.dumps([sys.argv[1:], dict(os.environ)]))
+partial.rename('{folder}/{name}.json')
+time.sleep(100)
+"""
 
 
 @pytest.fixture
-def prefix(tmp_path):
-    """The package as it is installed: its programs where launch looks for them."""
-    folder, index = tmp_path / f'prefix/lib/{PACKAGE}', tmp_path / 'prefix/share/ament_index/resource_index/packages'
-    for each in (folder, index):
-        each.mkdir(parents=True)
-    (index / PACKAGE).touch()
-    for name in ('bridge', 'recorder', 'exciter'):
-        program = f'#!{sys.executable}\nimport sys\nfrom {PACKAGE}.programs import {name}\nsys.exit({name}())\n'
-        (folder / name).write_text(program)
-        (folder / name).chmod(0o755)
-    return tmp_path / 'prefix'
-
-
-@pytest.fixture
-def launched(prefix, tmp_path):
-    """Launches the rig on a virtual board that launch does not know of; tells torque and armed of its last sample."""
-    script, trace = tmp_path / 'start.py', tmp_path / 'trace.csv'
+def launched(tmp_path):
+    """Launches a file with programs of a given source in the place of the installed ones."""
+    script = tmp_path / 'start.py'
     script.write_text(LAUNCH)
-    own = tmp_path / 'own.yaml'
+    index = tmp_path / 'prefix/share/ament_index/resource_index/packages'
+    index.mkdir(parents=True)
+    programs = []
+
+    def start(name, source, *arguments, before=()):
+        for package, program in [(PACKAGE, each) for each in PROGRAMS] + [(each, each) for each in OTHERS]:
+            file = tmp_path / 'prefix/lib' / package / program
+            file.parent.mkdir(parents=True, exist_ok=True)
+            file.write_text(f'#!{sys.executable}\n{source.format(name=program, folder=tmp_path)}')
+            file.chmod(0o755)
+            (index / package).touch()
+        path = os.pathsep.join([str(ROOT), *sys.path[1:]])
+        env = {'AMENT_PREFIX_PATH': str(tmp_path / 'prefix'), 'PYTHONPATH': path}
+        programs.append(
+            Program.of_file(script, ROOT / 'launch' / f'{name}.launch.py', *arguments, env=env, before=before)
+        )
+        return programs[-1]
+
+    yield start
+    for each in programs:
+        each.__exit__()
+
+
+@pytest.fixture
+def rig(launched, tmp_path):
+    """Launches the rig on a virtual board that launch does not know of; returns torque and armed of its last sample."""
+    trace, own = tmp_path / 'trace.csv', tmp_path / 'own.yaml'
     own.write_text('/**/bridge: {ros__parameters: {confirm_zeros: false}}')
-    given = [
-        f'bridge:={own}',
-        f'port:={tmp_path / "rig"}',
-        f'output:={tmp_path / "bag"}',
-        'arm:=true',
-        'view:=false',
-        'duration:=100.0',
-    ]
+    given = {'bridge': own, 'port': tmp_path / 'rig', 'output': tmp_path / 'bag', 'arm': 'true', 'view': 'false'}
+    words = [f'{name}:={value}' for name, value in {**given, 'duration': 100.0}.items()]
 
     def last():
         *_, torque, status = trace.read_text().rpartition('\n')[0].splitlines()[-1].split(',')
@@ -76,43 +94,49 @@ def launched(prefix, tmp_path):
 
     with Program('virtual_board', '--link', tmp_path / 'rig', '--trace', trace) as board:
         board.wait_for('virtual board on')
-        programs = []
-
-        def start(*arguments, before=()):
-            env = {'AMENT_PREFIX_PATH': str(prefix), 'PYTHONPATH': os.pathsep.join([str(ROOT), *sys.path[1:]])}
-            path = ROOT / 'launch' / 'rig.launch.py'
-            programs.append(Program.of_file(script, path, *given, *arguments, env=env, before=before))
-            return programs[-1]
-
-        yield start, last
-        for each in programs:
-            each.__exit__()
+        yield lambda *arguments, **how: launched('rig', REAL, *words, *arguments, **how), last
 
 
-def until_disarmed(last, timeout=30.0):
+def until(condition, timeout=30.0):
     deadline = time.monotonic() + timeout
-    while last() != (0, 0):
-        assert time.monotonic() < deadline, last()
+    while not condition():
+        assert time.monotonic() < deadline
         time.sleep(0.01)
+
+
+@pytest.mark.parametrize('name', NEEDED)
+def test_the_library_starts_the_planned_programs_with_their_parameters(launched, tmp_path, monkeypatch, name):
+    given = {**NEEDED[name], 'namespace': '/lab1', **({'rviz': 'true'} if name == 'view' else {})}
+    program = launched(name, TELLS, *(f'{argument}:={value}' for argument, value in given.items()))
+    monkeypatch.setenv('AMENT_PREFIX_PATH', str(tmp_path / 'prefix'))
+    planned = launch(name, **given)
+    until(lambda: len(list(tmp_path.glob('*.json'))) == len(planned) or program.process.poll() is not None)
+    for each, plan in planned.items():
+        words, environment = json.loads((tmp_path / f'{each}.json').read_text())
+        assert '__ns:=/lab1' in words
+        assert (f'__node:={each}' in words) == (plan.package == PACKAGE)
+        assert environment[RANGE] == plan.additional_env[RANGE]
+        *_, typed = [yaml.safe_load(Path(word).read_text()) for word in words if 'launch_params_' in word] or [{}]
+        (content,) = typed.values() or [{'ros__parameters': {}}]
+        assert content['ros__parameters'] == files_and_values(plan)[1]
+        assert words[: len(plan.arguments)] == list(plan.arguments)
+    program.stop()
 
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGKILL])
-def test_a_signal_to_launch_alone_ends_every_program_and_disarms(launched, tmp_path, number):
+def test_a_signal_to_launch_alone_ends_every_program_and_disarms(rig, tmp_path, number):
     """launch itself would tell its programs of a SIGINT after 5 s, and of the others never."""
-    start, last = launched
-    launch = start()
-    launch.wait_for('exciting for')
-    launch.process.send_signal(number)
+    start, last = rig
+    program = start()
+    program.wait_for('exciting for')
+    program.process.send_signal(number)
     begin = time.monotonic()
-    until_disarmed(last)
+    until(lambda: last() == (0, 0))
     assert time.monotonic() - begin < 4.0
-    launch.process.wait(20)
-    deadline = time.monotonic() + 20.0
+    program.process.wait(20)
     (file,) = (tmp_path / 'bag').glob('*.mcap')
-    while not file.read_bytes().endswith(CLOSED):
-        assert time.monotonic() < deadline, 'the bag was not closed'
-        time.sleep(0.01)
-    assert "after receiving 'SIGTERM'" not in launch.output
+    until(lambda: file.read_bytes().endswith(CLOSED), 20.0)
+    assert "after receiving 'SIGTERM'" not in program.output
 
 
 def can_unshare():
@@ -120,18 +144,18 @@ def can_unshare():
 
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
-def test_launch_as_the_first_process_of_a_container_ends_in_order(launched, tmp_path, number):
+def test_launch_as_the_first_process_of_a_container_ends_in_order(rig, tmp_path, number):
     """The system ignores a SIGTERM that such a process does not handle, and kills all others when it ends."""
     if not can_unshare():
         pytest.skip('no right to make a PID namespace')
-    start, last = launched
+    start, last = rig
     container = start(before=('unshare', '--pid', '--fork', '--mount-proc', '--kill-child'))
     container.wait_for('exciting for')
     pid = container.process.pid
     (first,) = map(int, Path(f'/proc/{pid}/task/{pid}/children').read_text().split())
     os.kill(first, number)
     begin = time.monotonic()
-    until_disarmed(last)
+    until(lambda: last() == (0, 0))
     assert time.monotonic() - begin < 4.0
     container.process.wait(20)
     (file,) = (tmp_path / 'bag').glob('*.mcap')
@@ -139,17 +163,35 @@ def test_launch_as_the_first_process_of_a_container_ends_in_order(launched, tmp_
 
 
 @pytest.mark.parametrize(
-    ('arguments', 'said'),
+    ('name', 'word', 'said'),
     [
-        (['amplitud:=0.05'], 'this launch has no argument amplitud; is amplitude meant?'),
-        (['namespace:=lab1', 'bridge:=MINE'], 'and none of /lab1/bridge; name /lab1/bridge in it'),
+        ('rig', 'amplitud:=0.05', 'nothing was started: this launch has no argument amplitud; is amplitude meant?'),
+        ('replay', 'bag:=/nowhere', 'nothing was started: there is no bag /nowhere; give a bag folder or a .mcap file'),
     ],
 )
-def test_what_is_refused_starts_nothing(launched, tmp_path, arguments, said):
-    start, _ = launched
-    (tmp_path / 'mine.yaml').write_text('bridge: {ros__parameters: {torque_limit: 0.1}}')
-    launch = start(*(word.replace('MINE', str(tmp_path / 'mine.yaml')) for word in arguments))
-    assert launch.process.wait(30) == 1
-    launch.wait_for(f'nothing was started: {"" if "amplitud" in said else "nothing is taken from"}')
-    assert said in launch.output
-    assert 'process started' not in launch.output
+def test_what_is_refused_starts_nothing(launched, name, word, said):
+    program = launched(name, REAL, word)
+    assert program.process.wait(30) == 1
+    program.wait_for(said)
+    assert 'process started' not in program.output
+
+
+#: A launch file of a user, with an argument of its own.
+USERS = f"""
+from launch import LaunchDescription
+from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription
+from launch.launch_description_sources import PythonLaunchDescriptionSource
+
+def generate_launch_description():
+    rig = PythonLaunchDescriptionSource({str(ROOT / 'launch' / 'rig.launch.py')!r})
+    return LaunchDescription([DeclareLaunchArgument('speed', default_value='1'), IncludeLaunchDescription(rig)])
+"""
+
+
+def test_a_launch_file_that_includes_ours_may_have_arguments_of_its_own(launched, tmp_path):
+    file = tmp_path / 'users.launch.py'
+    file.write_text(USERS)
+    program = launched(str(file).removesuffix('.launch.py'), TELLS, 'speed:=3', 'amplitude:=0.05', 'l1:=0.3')
+    until(lambda: (tmp_path / 'exciter.json').exists() or program.process.poll() is not None)
+    assert (tmp_path / 'exciter.json').exists(), program.output
+    program.stop()
