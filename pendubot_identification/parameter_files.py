@@ -6,8 +6,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
-from itertools import pairwise
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +25,12 @@ def addressed(content: Any, above: str = '') -> Iterator[tuple[str, dict[str, An
                 yield from addressed(inner, f'{above}/{str(key).lstrip("/")}')
 
 
+def parameter_names(paths: Iterable[str | Path], ending: str = '') -> set[str]:
+    """Return the names of the parameters that files hold for nodes whose names end so."""
+    nodes = (node for path in paths for node in addressed(_content(path)))
+    return {name for node, parameters in nodes if node.endswith(ending) for name in parameters}
+
+
 def refuse_untaken(path: str, node: str) -> None:
     """Refuse a parameter file that holds no parameter of a node: ROS would ignore it and use the defaults.
 
@@ -36,11 +41,7 @@ def refuse_untaken(path: str, node: str) -> None:
     Raises:
         ParameterError: ROS takes nothing from the file.
     """
-    try:
-        content = yaml.safe_load(Path(path).read_text(encoding='utf-8'))
-    except (OSError, ValueError, yaml.YAMLError):
-        content = None
-    names = [name for name, parameters in addressed(content) if parameters]
+    names = [name for name, parameters in addressed(_content(path)) if parameters]
     # rclpy uses the same regular expression: * is one part of a name, ** is any number of parts.
     if not any(re.fullmatch(name.replace('/*', r'(/\w+)'), node, re.ASCII) for name in names):
         held = f'parameters of {", ".join(names)}' if names else 'no parameters of any node'
@@ -50,6 +51,8 @@ def refuse_untaken(path: str, node: str) -> None:
         )
 
 
-def parameter_files(argv: Sequence[str]) -> list[str]:
-    """Return the parameter files that a program's arguments name."""
-    return [path for option, path in pairwise(argv) if option == '--params-file']
+def _content(path: str | Path) -> Any:
+    try:
+        return yaml.safe_load(Path(path).read_text(encoding='utf-8'))
+    except (OSError, ValueError, yaml.YAMLError):
+        return None

@@ -43,7 +43,7 @@ class LiveRig(Rig):
         from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 
         from pendubot_identification.level import Level
-        from pendubot_identification.nodes.diagnostics import diagnostics_message
+        from pendubot_identification.nodes.messages import diagnostics_message
 
         theta = [float(value) for value in (rig.vector() if hasattr(rig, 'vector') else rig)]
         names = NAMES[: len(theta)]

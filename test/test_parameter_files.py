@@ -6,7 +6,7 @@
 import pytest
 
 from pendubot_identification.errors import ParameterError
-from pendubot_identification.parameter_files import parameter_files, refuse_untaken
+from pendubot_identification.parameter_files import refuse_untaken
 
 pytestmark = pytest.mark.ros
 NAMES = [
@@ -63,8 +63,3 @@ def test_names_the_content_of_the_file_and_the_correction(tmp_path, content, hel
         f'nothing is taken from {file}: it holds {held}, and none of /lab1/bridge; name /lab1/bridge in it, or '
         '/**/bridge for every namespace'
     )
-
-
-def test_finds_the_files_in_the_arguments_of_a_program():
-    arguments = ['bridge', '--ros-args', '--params-file', 'a', '-p', 'port:=x', '--params-file', 'b']
-    assert parameter_files(arguments) == ['a', 'b']

@@ -23,27 +23,23 @@ from std_srvs.srv import Trigger
 from pendubot_identification.control.balancing import Balancing, Phase
 from pendubot_identification.control.controller import Loop, SafetyLimits
 from pendubot_identification.control.plan import Plan
-from pendubot_identification.errors import ControlError, ParameterError, PendubotError
+from pendubot_identification.errors import ControlError, PendubotError
 from pendubot_identification.level import Level
 from pendubot_identification.model.parameters import Parameters
-from pendubot_identification.recordings.joint_states import JOINT_NAMES
 from pendubot_identification.setting import Setting
 
-from .diagnostics import StatusPublisher, status_name
-from .driving import Driver
-from .messages import LATCHED, joint_sample
-from .runtime import SettingsNode, run
-from .shutdown import Shutdown
-from .topics import name_rivals
+from .messages import LATCHED, StatusPublisher, joint_sample
+from .ownership import Driver, name_rivals
+from .runtime import JOINTS, SettingsNode, explained, run
 
 #: The first message of a new publisher may come this long [s] before it is counted.
 MATCHING = 0.05
 
 
 class Balancer(SettingsNode):
-    """Waits for parameters and samples, prepares itself, and moves the rig from ~/start to ~/stop or the first doubt.
+    """Waits for parameters and samples, prepares itself, and moves the rig from ~/start to ~/stop or the first fault.
 
-    What it decides is in :class:`.control.balancing.Balancing`.
+    :class:`.control.balancing.Balancing` makes the decisions.
     """
 
     PROGRAM = 'balancer'
@@ -54,7 +50,7 @@ class Balancer(SettingsNode):
         'does not obey, wrong wiring, parameters that no rig has.'
     )
     SETTINGS = (
-        Setting('joint_names', list(JOINT_NAMES), 'names of shoulder and elbow in joint_states'),
+        JOINTS,
         Setting('torque_limit', 2.0, 'largest torque asked for; that of bridge and board holds, too', 'N m', 1e-3, 1e3),
         Setting('accept_warn', False, 'whether parameters of level WARN, or unjudged ones, are used', dynamic=True),
         Setting('motor_delay', -1.0, 'the motor obeys so late; -1: as identified', 's', -1.0, 0.5),
@@ -65,14 +61,13 @@ class Balancer(SettingsNode):
         Setting('max_age', 0.1, 'a sample older than this, or missing for so long, stops', 's', 0.001, 10.0),
     )
 
-    def __init__(self, ended: Shutdown) -> None:
-        super().__init__(ended)
-        s = self.settings()
+    def open(self, s: dict[str, Any]) -> None:
+        """Listen to samples, parameters and the bridge; serve start and stop."""
         self._names, self._max_age = s['joint_names'], s['max_age']
-        bounds = SafetyLimits(s['max_shoulder'], s['max_elbow'], s['max_speed'], s['max_age'], s['swing_up_time'])
-        self._balancing = Balancing(s['torque_limit'], None if s['motor_delay'] < 0 else s['motor_delay'], bounds)
-        self._worker: threading.Thread | None = None
-        self._tell = StatusPublisher(self)
+        limits = SafetyLimits(s['max_shoulder'], s['max_elbow'], s['max_speed'], s['max_age'], s['swing_up_time'])
+        self._balancing = Balancing(s['torque_limit'], None if s['motor_delay'] < 0 else s['motor_delay'], limits)
+        self._worker = threading.Thread()
+        self._publish_status = StatusPublisher(self)
         group = ReentrantCallbackGroup()
         self._driver = Driver(self, group)
         # The newest alone: a torque for an older one would come too late.
@@ -86,11 +81,6 @@ class Balancer(SettingsNode):
         self.create_timer(min(0.05, self._max_age / 2), self._supervise)
         self.create_timer(1.0, self._diagnose)
 
-    def check(self, values: dict[str, Any]) -> None:
-        """Refuse settings that make no sense together."""
-        if len(set(values['joint_names'])) != 2 or '' in values['joint_names']:
-            raise ParameterError(f'joint_names are {values["joint_names"]}; two different names are expected')
-
     def close(self) -> None:
         """Command zero torque and disarm; wait, for a second at most, until the bridge has answered."""
         if self._balancing.phase is not Phase.IDLE:
@@ -98,7 +88,7 @@ class Balancer(SettingsNode):
             self._driver.let_go_and_wait()
 
     def _subscribe_parameters(self) -> None:
-        """Subscribe to the parameters and what judges them; anew, to receive the latched messages again."""
+        """Subscribe to the parameters and their quality; anew, to receive the latched messages again."""
         for each in self._identified:
             self.destroy_subscription(each)
         self._missed = False
@@ -127,11 +117,10 @@ class Balancer(SettingsNode):
                 self._balancing.offer(values)
 
     def _on_identification(self, array: DiagnosticArray) -> None:
-        if not self._has_one_publisher(self._identified[1]):
-            return
-        for status in array.status:
-            values = {pair.key: pair.value for pair in status.values}
-            self._balancing.readiness.assess(Level(min(2, status.level[0])), status.message, values)
+        if self._has_one_publisher(self._identified[1]):
+            for status in array.status:
+                values = {pair.key: pair.value for pair in status.values}
+                self._balancing.readiness.assess(Level(min(2, status.level[0])), status.message, values)
 
     def _has_one_publisher(self, subscription: Subscription) -> bool:
         """Return whether a message is to be taken; report it where it is not."""
@@ -152,7 +141,7 @@ class Balancer(SettingsNode):
     def _on_diagnostics(self, array: DiagnosticArray) -> None:
         for status in array.status:
             limit = {pair.key: pair.value for pair in status.values}.get('torque limit [N m]')
-            if status.name == status_name(self._driver.bridge) and limit is not None:
+            if status.name == self._driver.bridge.lstrip('/') and limit is not None:
                 self._balancing.readiness.board_limit(float(limit))
 
     async def _on_start(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
@@ -185,7 +174,7 @@ class Balancer(SettingsNode):
         return Trigger.Response(success=True, message='stopped; the bridge is told to disarm')
 
     def _supervise(self) -> None:
-        """Notice silence; prepare for what has come in, in a thread of its own; while idle, publish no torque."""
+        """Notice silence; prepare for new parameters, in a thread of its own; while idle, publish no torque."""
         # While the program ends, close() still needs the publisher.
         if self._balancing.phase is Phase.IDLE and not self.ended.is_set():
             self._driver.end()
@@ -195,7 +184,7 @@ class Balancer(SettingsNode):
             self._refuse_second_rig()
             self._take_parameters()
             self._balancing.silence(self.get_clock().now().nanoseconds * 1e-9, self._max_age)
-        if self._worker is None or not self._worker.is_alive():
+        if not self._worker.is_alive():
             before = self._balancing.obstacle
             wanted = self._balancing.to_prepare(self.get_parameter('accept_warn').value)
             if self._balancing.obstacle not in ('', before):
@@ -208,20 +197,21 @@ class Balancer(SettingsNode):
         try:
             plan = Plan.make(parameters, loop, simulate_closed_loop=self._balancing.phase is Phase.IDLE)
         except Exception as error:
-            self._balancing.not_prepared((parameters, loop), _sentence(error))
-            self.get_logger().error(f'these parameters cannot be used: {_sentence(error)}')
+            reason = explained(error)
+            self._balancing.not_prepared((parameters, loop), reason)
+            self.get_logger().error(f'these parameters cannot be used: {reason}')
         else:
             self._balancing.prepared(plan)
             self.get_logger().info(f'prepared: {plan.summary()}')
 
     @contextmanager
     def _stopping_on_error(self) -> Iterator[None]:
-        """Whatever is wrong ends in zero torque and a disarmed bridge."""
+        """At any error command zero torque and disarm."""
         moving = self._balancing.phase is not Phase.IDLE
         try:
             yield
         except Exception as error:
-            self._balancing.stop(_sentence(error))
+            self._balancing.stop(explained(error))
             self.get_logger().error(f'stopped: {self._balancing.stopped}', throttle_duration_sec=1.0)
             if moving:
                 self._driver.let_go()
@@ -230,11 +220,7 @@ class Balancer(SettingsNode):
         level, message, values = self._balancing.diagnosis()
         if (rivals := self._rivals()) and rivals not in message:
             level, message = Level.ERROR, f'{message}; {rivals}'
-        self._tell(level, message, values)
-
-
-def _sentence(error: Exception) -> str:
-    return str(error) if isinstance(error, PendubotError) else f'{type(error).__name__}: {error}'
+        self._publish_status(level, message, values)
 
 
 main = partial(run, Balancer)

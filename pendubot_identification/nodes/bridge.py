@@ -30,15 +30,36 @@ from pendubot_identification.link.host import Host
 from pendubot_identification.link.serial_port import SerialPort
 from pendubot_identification.setting import Setting
 
-from .command_age import CommandAge
-from .diagnostics import StatusPublisher
 from .joint_state_bytes import JointStateBytes
-from .runtime import SettingsNode, run
-from .shutdown import Shutdown
-from .topics import name_rivals
+from .messages import StatusPublisher
+from .ownership import EFFORT_COMMAND, name_rivals
+from .runtime import JOINTS, SettingsNode, explained, run
 
 #: The computer's clock was set if it is off by more than this [s].
 CLOCK_TOLERANCE = 0.05
+
+
+class CommandAge:
+    """Estimates the age of commands from the times at which they were sent and taken.
+
+    The difference of these two times is the offset between two clocks plus a latency, which is never negative. Its
+    minimum over the last commands is therefore the offset plus the least latency, and the age is the excess over it.
+    """
+
+    #: The minimum is taken over this period and the one before it [ns]: a clock that was set counts for no longer.
+    PERIOD = 5_000_000_000
+
+    def __init__(self) -> None:
+        self._least = self._least_before = math.inf
+        self._since = 0
+
+    def measure(self, sent_ns: int, taken_ns: int) -> float:
+        """Return the age [s] of a command; each time [ns] is that of its own program's clock."""
+        delay = taken_ns - sent_ns
+        if not 0 <= taken_ns - self._since < self.PERIOD:
+            self._least_before, self._least, self._since = self._least, delay, taken_ns
+        self._least = min(self._least, delay)
+        return (delay - min(self._least, self._least_before)) * 1e-9
 
 
 class Bridge(SettingsNode):
@@ -54,26 +75,21 @@ class Bridge(SettingsNode):
     SETTINGS = (
         Setting('port', '/dev/pendubot', "the board's serial port: a path or a pyserial URL"),
         Setting('baud', 921600, 'speed of the port', 'bit/s', 1200, 12_000_000),
-        Setting('joint_names', ['shoulder', 'elbow'], 'names of the two joints in joint_states'),
-        Setting('sign', [1, 1], '1 or -1 for each joint: which way its encoder counts', '', -1, 1),
-        Setting('zero', [-math.pi / 2, 0.0], 'position of each joint at count 0', 'rad', -7.0, 7.0),
-        Setting('counts_per_turn', [0, 0], 'of each encoder; 0 asks the board', 'counts', 0, 1 << 31),
+        JOINTS,
+        Setting('sign', [1, 1], '1 or -1 for each joint: which way its encoder counts', '', -1, 1, length=2),
+        Setting('zero', [-math.pi / 2, 0.0], 'position of each joint at count 0', 'rad', -7.0, 7.0, length=2),
+        Setting('counts_per_turn', [0, 0], 'of each encoder; 0 asks the board', 'counts', 0, 1 << 31, length=2),
         Setting('torque_limit', 2.0, 'largest torque ever sent; the board has its own limit', 'N m', 0.0, 1000.0),
         Setting('watchdog_ms', 100, 'without a command for so long the board stops its motor', 'ms', 10, 65535),
         Setting('command_timeout', 0.1, 'without an effort command for so long the torque is 0', 's', 0.001, 3600.0),
         Setting('link_timeout', 0.1, 'without anything valid for so long the link is lost: disarmed', 's', 0.01, 60.0),
-        Setting(
-            'max_speed', 100.0, 'fastest speed of a joint; a higher one is not published and disarms', 'rad/s', 0.1, 1e6
-        ),
-        Setting(
-            'max_travel', [0.0, 0.0], 'how far each joint may be from count 0; 0: as the board says', 'rad', 0.0, 1e4
-        ),
+        Setting('max_speed', 100.0, 'largest joint speed; a faster sample disarms, unpublished', 'rad/s', 0.1, 1e6),
+        Setting('max_travel', [0.0, 0.0], 'largest angle from count 0; 0: by the board', 'rad', 0.0, 1e4, length=2),
         Setting('confirm_zeros', True, 'whether ~/confirm_zeros has to be called once after every start of the board'),
     )
 
-    def __init__(self, ended: Shutdown) -> None:
-        super().__init__(ended)
-        s = self.settings()
+    def open(self, s: dict[str, Any]) -> None:
+        """Publish, subscribe and serve; then open the port."""
         frozen: dict[str, Any] = {name: tuple(v) if isinstance(v, list) else v for name, v in s.items()}
         config = HostConfig(**{each.name: frozen[each.name] for each in fields(HostConfig)})
         self._host = Host(config, new_session=lambda: 1 + secrets.randbelow((1 << 32) - 1))
@@ -85,8 +101,8 @@ class Bridge(SettingsNode):
         self._epoch_ns = time.time_ns() - time.monotonic_ns()
         self._message = JointStateBytes(s['joint_names'])
         self._joint_states = self.create_publisher(JointState, 'joint_states', QoSProfile(depth=1000))
-        self._tell = StatusPublisher(self, hardware_id=s['port'])
-        self._efforts = self.create_subscription(Float64, 'pendubot/effort_command', self._on_effort, 1)
+        self._publish_status = StatusPublisher(self, hardware_id=s['port'])
+        self._efforts = self.create_subscription(Float64, EFFORT_COMMAND, self._on_effort, 1)
         self._command_timeout, self._command_age = s['command_timeout'], CommandAge()
         self._stale, self._was_stale = 0, False
         self._logged_rivals = ''  # the sentence about rivals that was logged last
@@ -103,25 +119,20 @@ class Bridge(SettingsNode):
             on_closed=lambda reason: self._step(lambda now: self._host.closed(reason, now)),
         )
         self._housekeeper = threading.Thread(target=self._keep_house, name='housekeeper', daemon=True)
-        # What stands by now stays: to look through it for garbage takes tens of ms, in which no sample gets through.
+        # The objects so far stay: to look through them for garbage takes tens of ms, in which no sample gets through.
         gc.freeze()
         self._link.start()
         self._housekeeper.start()
 
     def check(self, values: dict[str, Any]) -> None:
-        """Refuse settings that make no sense together."""
-        for name in ('joint_names', 'sign', 'zero', 'counts_per_turn', 'max_travel'):
-            if len(values[name]) != 2:
-                raise ParameterError(f'{name} has {len(values[name])} values; two are expected, shoulder and elbow')
+        """Refuse a sign of 0 and an empty port."""
         if 0 in values['sign']:
             raise ParameterError('sign holds a 0; 1 or -1 is expected for each joint')
-        if len(set(values['joint_names'])) != 2 or '' in values['joint_names']:
-            raise ParameterError(f'joint_names are {values["joint_names"]}; two different names are expected')
         if not values['port']:
             raise ParameterError('port is empty; set it to a path or a pyserial URL')
 
     def close(self) -> None:
-        """Disarm the board, whatever the reason of the end, and give the port back."""
+        """Disarm the board, whatever the reason of the end, and close the port."""
         self._closing.set()
         self._step(self._host.disarm)
         self._housekeeper.join(2.0)
@@ -135,12 +146,13 @@ class Bridge(SettingsNode):
                 if data := self._host.data_to_send():
                     self._link.write(data)
                 for event in events:
-                    # In here, so that what one thread reports, or answers, cannot overtake what another did before.
+                    # Under the lock, so that the reports and answers of one thread cannot overtake those of another.
                     if isinstance(event, Report):
                         self._health.note(event)
-                        self._log(event)
+                        self.log(event.level, event.text)
                     elif isinstance(event, (Armed, ArmingFailed)):
-                        self._answer(event)
+                        while self._arming:
+                            self.answer(self._arming.pop(), event)
             for event in events:
                 if isinstance(event, Sample):
                     stamp_ns, q, qd, effort, current = event
@@ -149,31 +161,16 @@ class Bridge(SettingsNode):
             self._fail(error)
 
     def _fail(self, error: Exception) -> None:
-        """End the program, which disarms, at what should not have happened."""
+        """End the program, which disarms, at an error that no user can cause."""
         if not self._closing.is_set():
-            self.get_logger().fatal(f'{type(error).__name__}: {error}; ending')
+            self.get_logger().fatal(f'{explained(error)}; ending')
             self.end(1)
-
-    def _log(self, report: Report) -> None:
-        # rclpy wants every place that logs to keep to one severity.
-        if report.level is Level.ERROR:
-            self.get_logger().error(report.text)
-        elif report.level is Level.WARN:
-            self.get_logger().warning(report.text)
-        else:
-            self.get_logger().info(report.text)
-
-    def _answer(self, outcome: Armed | ArmingFailed) -> None:
-        while self._arming:
-            self._arming.pop().set_result(outcome)
-        if self.executor is not None:
-            self.executor.wake()
 
     def _keep_house(self) -> None:
         due = time.monotonic() + 1.0
         try:
             while not self._closing.wait(self._until_next_poll()):
-                self._step(self._poll)
+                self._step(lambda now: [*self._disarm_if_contested(now), *self._host.poll(now)])
                 if time.monotonic() >= due:
                     due = time.monotonic() + 1.0
                     self._diagnose()
@@ -186,7 +183,7 @@ class Bridge(SettingsNode):
 
     def _diagnose(self) -> None:
         with self._lock:
-            # As on a computer that learns the time only after its start: what others stamp no longer fits.
+            # As on a computer that learns the time only after its start: the stamps of other programs no longer fit.
             set_by = (time.time_ns() - time.monotonic_ns() - self._epoch_ns) / 1e9
             if abs(set_by) > CLOCK_TOLERANCE:
                 text = f"the computer's clock was set by {set_by:+.2f} s: stamps keep the old time; restart the bridge"
@@ -199,10 +196,7 @@ class Bridge(SettingsNode):
                     self.get_logger().error(rivals)
             self._logged_rivals = rivals
             d = self._health.diagnose(self._host, time.monotonic_ns())
-        self._tell(d.level, d.message, d.values | {'stale': self._stale})
-
-    def _poll(self, now: int) -> list[HostEvent]:
-        return [*self._disarm_if_contested(now), *self._host.poll(now)]
+        self._publish_status(d.level, d.message, d.values | {'stale': self._stale})
 
     def _disarm_if_contested(self, now: int) -> list[HostEvent]:
         """Disarm an armed motor, or stop arming it, if there are several publishers of effort commands."""
@@ -240,7 +234,7 @@ class Bridge(SettingsNode):
         self._arming.append(future)
         if rivals := name_rivals(self, self._efforts):
             return [ArmingFailed(rivals)]
-        # Not while it is closing: the last that the board hears has to be the disarm.
+        # Not while it is closing: the last message to the board has to be the disarm.
         return [ArmingFailed('the bridge is ending')] if self._closing.is_set() else self._host.arm(now)
 
     def _on_disarm(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:

@@ -5,31 +5,31 @@
 
 from __future__ import annotations
 
+import math
 import time
+from dataclasses import fields
 from functools import partial
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.qos import QoSProfile
+from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
 from pendubot_identification.excitation.excitation import PulseTrain
 from pendubot_identification.setting import Setting
 
-from .diagnostics import status_name
-from .driving import Driver
+from .ownership import Driver, name_rivals
 from .runtime import SettingsNode, run
-from .shutdown import Shutdown
-from .topics import name_rivals
 
 #: A longer gap between two joint states [s] ends the excitation: nobody was watching the rig, or nobody moved it.
 SILENCE = 2.0
-#: Whoever is there is found within this [s], and the first joint state is here; what Fast DDS announces every 3 s.
+#: All programs are discovered within this [s], and the first joint state is here; Fast DDS announces every 3 s.
 DISCOVERY = 4.0
 #: Without an answer for this long [s] it asks to be armed once more.
 PATIENCE = 3.0
-#: A recorder says once a second what it wrote; without a word for this long [s] it is taken for gone.
+#: A recorder reports once a second what it wrote; without a report for this long [s] it is taken for gone.
 UNRECORDED = 5.0
 
 
@@ -53,26 +53,20 @@ class Exciter(SettingsNode):
         Setting('recorded', False, 'whether it moves the rig only while a recorder records its joint states'),
     )
 
-    def __init__(self, ended: Shutdown) -> None:
-        super().__init__(ended)
-        values = self.settings()
-        self._pulses = _pulses(values)
-        self._duration = values['duration'] or float('inf')
-        self._arms: bool = values['arm']
-        #: Until when it is believed that a recorder records.
-        self._recorded = 0.0 if values['recorded'] else float('inf')
-        self._asked: float | None = None
-        self._born = time.monotonic()
+    def open(self, s: dict[str, Any]) -> None:
+        """Listen to the joint states, and to the reports of the bridge and the recorder."""
+        self._pulses, self._duration, self._arms = _pulses(s), s['duration'] or math.inf, s['arm']
+        # Times [s] by the monotonic clock: of the start, the last request to arm, the beginning of the motion and the
+        # last joint state; and until when a recorder is known to record.
+        self._born, self._asked, self._since, self._heard = time.monotonic(), -math.inf, -math.inf, -math.inf
+        self._recorded = -math.inf if s['recorded'] else math.inf
         self._running = False
-        self._since = self._born
+        # Stamps [s] of the first joint state of the motion and of the last one.
         self._start: float | None = None
-        #: When the last joint state came, and its stamp [s].
-        self._heard: float | None = None
         self._stamp = 0.0
-        self._disarmed = 0
         self._armed: bool | None = None
+        self._disarmed = 0  # how many reports in a row say that the bridge is not armed
         self._driver = Driver(self)
-        self._bridge = self._driver.bridge
         self._joint_states = self.create_subscription(
             JointState, 'joint_states', self._on_joint_state, QoSProfile(depth=100)
         )
@@ -86,7 +80,7 @@ class Exciter(SettingsNode):
     def close(self) -> None:
         """Command zero torque and disarm, unless it never drove."""
         self._running = False
-        if self._asked is not None or self._start is not None:
+        if self._asked > 0 or self._start is not None:
             self._driver.let_go_and_wait()
 
     def _on_joint_state(self, message: JointState) -> None:
@@ -113,10 +107,10 @@ class Exciter(SettingsNode):
 
     def _silence(self, stamp: float | None = None) -> str:
         """Return a sentence if the time since the last joint state, or to this ``stamp`` [s], is too long, else ''."""
-        gap = time.monotonic() - max(self._since, self._heard or 0.0)
+        gap = time.monotonic() - max(self._since, self._heard)
         if stamp is not None and self._start is not None:
             gap = max(gap, abs(stamp - self._stamp))
-        if gap <= (DISCOVERY if self._heard is None else SILENCE):
+        if gap <= (DISCOVERY if math.isinf(self._heard) else SILENCE):
             return ''
         return f'stopped: no joint states for {gap:.1f} s; look at the bridge, or whether this program was held up'
 
@@ -126,19 +120,17 @@ class Exciter(SettingsNode):
             if self.ended.is_set():
                 return
             values = {value.key: value.value for value in status.values}
-            # As a recorder says it; before it hears the topic it is 0.
+            # By a recorder; before it hears the topic it is 0.
             if float(values.get(f'{self._joint_states.topic_name} rate [Hz]', 0.0)) > 0.0:
                 self._recorded = max(self._recorded, time.monotonic() + UNRECORDED)
-            armed = values.get('armed')
-            if status.name != status_name(self._bridge) or armed is None:
-                continue
-            self._armed = armed == 'True'
-            # One that was under way when the motor was armed may still say the contrary.
-            self._disarmed = 0 if armed == 'True' else self._disarmed + 1
-            if self._running and self._disarmed > 1:
-                self._give_up(f'stopped, for the bridge is no longer armed: {status.message}')
-            elif self._armed:
-                self._begin()
+            if status.name == self._driver.bridge.lstrip('/') and 'armed' in values:
+                self._armed = values['armed'] == 'True'
+                # A report that was under way when the motor was armed may still say the contrary.
+                self._disarmed = 0 if self._armed else self._disarmed + 1
+                if self._running and self._disarmed > 1:
+                    self._give_up(f'stopped, for the bridge is no longer armed: {status.message}')
+                elif self._armed:
+                    self._begin()
 
     def _supervise(self) -> None:
         """Arm, if that is wanted, once joint states come in; give up when they no longer do, or a rival comes."""
@@ -147,10 +139,10 @@ class Exciter(SettingsNode):
         if rivals := self._driver.rivals() or name_rivals(self, self._joint_states, wait=True):
             self._give_up(rivals)
             return
+        now, driver = time.monotonic(), self._driver
         if self._armed is False or not self._is_new():
             # A motor that is armed may be driven by a program that was not found yet; a second would disarm it.
-            self._driver.begin()
-        now = time.monotonic()
+            driver.begin()
         if self._running:
             if silence := self._silence():
                 self._give_up(silence)
@@ -159,38 +151,34 @@ class Exciter(SettingsNode):
         elif missing := self._missing(now):
             self.get_logger().info(missing, throttle_duration_sec=5.0)
         # An answer may be lost where both sides have only just met, so it asks again.
-        elif (
-            (self._asked is None or now - self._asked > PATIENCE)
-            and self._driver.publisher is not None
-            and self._driver.arm.service_is_ready()
-        ):
+        elif now - self._asked > PATIENCE and driver.publisher is not None and driver.arm.service_is_ready():
             self._asked = now
-            self._driver.arm.call_async(Trigger.Request()).add_done_callback(self._on_armed)
+            driver.arm.call_async(Trigger.Request()).add_done_callback(self._on_armed)
 
     def _missing(self, now: float) -> str:
         """Return what is waited for before the bridge is asked to arm, or nothing."""
-        name = self._joint_states.topic_name
-        if self._heard is None or now - self._heard > SILENCE:
+        name, bridge = self._joint_states.topic_name, self._driver.bridge
+        if now - self._heard > SILENCE:
             return f'waiting for {name}: start the bridge'
         if not self._is_new() and not self._driver.arm.service_is_ready():
             return (
-                f'waiting for {self._bridge}/arm, which nobody serves: start the bridge or, if its node has another '
-                'name, remap bridge/arm and bridge/disarm'
+                f'waiting for {bridge}/arm, which nobody serves: start the bridge or, if its node has another name, '
+                'remap bridge/arm and bridge/disarm'
             )
         if now > self._recorded:
             return f'waiting for a recorder of {name}: start it'
-        return '' if self._arms else f'waiting to be armed: call {self._bridge}/arm'
+        return '' if self._arms else f'waiting to be armed: call {bridge}/arm'
 
     def _is_new(self) -> bool:
         return time.monotonic() - self._born < DISCOVERY
 
     def _begin(self) -> None:
         """Excite from the next sample on, unless others may still be found to drive, or nothing records it."""
-        if self._running or self.ended.is_set() or self._driver.publisher is None or time.monotonic() > self._recorded:
-            return
-        self._running, self._since = True, time.monotonic()
+        now = time.monotonic()
+        if not (self._running or self.ended.is_set() or self._driver.publisher is None or now > self._recorded):
+            self._running, self._since = True, now
 
-    def _on_armed(self, future: Any) -> None:
+    def _on_armed(self, future: Future) -> None:
         response = future.result()
         if response.success:
             self._begin()
@@ -207,8 +195,7 @@ class Exciter(SettingsNode):
 
 
 def _pulses(values: dict[str, Any]) -> PulseTrain:
-    names = ('period', 'width', 'amplitude_min', 'amplitude_max', 'hold', 'seed')
-    return PulseTrain(**{name: values[name] for name in names})
+    return PulseTrain(**{each.name: values[each.name] for each in fields(PulseTrain)})
 
 
 main = partial(run, Exciter)

@@ -15,11 +15,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from diagnostic_msgs.msg import DiagnosticArray
-from std_msgs.msg import Float64MultiArray
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.task import Future
 from std_srvs.srv import Trigger
 
-from pendubot_identification.errors import ParameterError, PendubotError, ResultError
+from pendubot_identification.errors import ResultError
 from pendubot_identification.files import refuse_input, refuse_unwritable, write_atomically
 from pendubot_identification.identify.options import APPLY_REMEDIES, CRITERION, DELAY, DELAYS, OPTIONS, PER_VECTOR
 from pendubot_identification.identify.settings import Settings
@@ -27,72 +27,68 @@ from pendubot_identification.level import Level
 from pendubot_identification.model.parameters import MODELS, NAMES, Bounds, default_bounds
 from pendubot_identification.recordings.bag_reader import BagWindow
 from pendubot_identification.recordings.datasets import load_datasets
-from pendubot_identification.recordings.joint_states import JOINT_NAMES
 from pendubot_identification.report.tables import headline, summary
 from pendubot_identification.results.assemble import assemble_result
 from pendubot_identification.results.corrections import identify_recordings
 from pendubot_identification.results.options import settings_of
+from pendubot_identification.results.result import Result, plain
 from pendubot_identification.results.result_file import result_text
 from pendubot_identification.setting import Setting
 from pendubot_identification.trajectories.conventions import CONVERSION
 
-from .diagnostics import StatusPublisher, diagnostics_message, stamp_now
-from .messages import LATCHED, identification_values, parameters_message
-from .runtime import SettingsNode, run
-from .shutdown import Shutdown
+from .messages import Identification, StatusPublisher, flat, parameter_values
+from .runtime import JOINTS, SettingsNode, explained, run
 from .topics import check_names
 
-#: Between two log lines of one step [s]; the beginning of a step is said at once.
+#: Time between two log lines of one step [s]; the beginning of a step is logged at once.
 LOG_PERIOD = 5.0
-#: What the user sets to have an existing result file overwritten.
+#: The parameter that lets an existing result file be overwritten.
 FORCE = 'force:=true'
 
 
-def _parameters() -> Iterator[Setting]:
+def _options() -> Iterator[Setting]:
     """Yield the options of an identification as ROS parameters."""
     for option in OPTIONS:
         if option is DELAY:
             for name, end, default in zip(('delay_min', 'delay_max'), ('least', 'greatest'), DELAYS, strict=True):
-                words = f'{option.description}: the {end}'
-                yield replace(option, name=name, default=default, description=words, dynamic=True)
+                yield replace(option, name=name, default=default, description=f'{option.description}: the {end}')
         elif option is CRITERION:
-            yield replace(option, choices=(), dynamic=True)  # the text names several of them
+            yield replace(option, choices=())  # the text names several of them
         elif option is not PER_VECTOR:
-            yield replace(option, dynamic=True)
+            yield option
 
 
 class Progress:
-    """How far an identification has come: log lines at a decent rate, and a status on /diagnostics once a second."""
+    """The progress of an identification: log lines at a decent rate, and a status on /diagnostics once a second."""
 
     def __init__(self, node: SettingsNode, idle: str) -> None:
         self._node = node
         # Replaced as a whole, so that the timer's thread never sees half of it.
         self._state: tuple[Level, str, dict[str, object]] = (Level.OK, idle, {})
         self._step, self._step_began, self._logged = '', 0.0, 0.0
-        tell = StatusPublisher(node, ': progress')
-        node.create_timer(1.0, lambda: tell(*self._state))
+        publish = StatusPublisher(node, ': progress')
+        node.create_timer(1.0, lambda: publish(*self._state))
 
-    def __call__(self, what: str, done: int, of: int, best: float) -> None:
-        """Take what is being done, how much of it is done, of how much (0: not known), and the best J or NaN."""
+    def __call__(self, step: str, done: int, of: int, best: float) -> None:
+        """Take the step, how much of it is done, of how much (0: not known), and the best J or NaN."""
         now = time.monotonic()
-        begins = what != self._step
+        begins = step != self._step
         if begins:
-            self._step, self._step_began = what, now
-        values: dict[str, object] = {'step': what, 'done': done, 'of': of or 'not known'}
+            self._step, self._step_began = step, now
+        values: dict[str, object] = {'step': step, 'done': done, 'of': of or 'not known'}
         if not math.isnan(best):
             values['J'] = best
         if of and done:
             values['seconds_left'] = round((now - self._step_began) * (of - done) / done, 1)
-        summary = what + (f', {done} of {of}' if of else '') + ('' if math.isnan(best) else f', J = {best:.4e}')
-        self._state = (Level.OK, summary, values)
+        text = step + (f', {done} of {of}' if of else '') + ('' if math.isnan(best) else f', J = {best:.4e}')
+        self._state = (Level.OK, text, values)
         if begins or now - self._logged >= LOG_PERIOD:
             self._logged = now
-            self._node.get_logger().info(summary)
+            self._node.get_logger().info(text)
 
-    def ended(self, level: Level, summary: str) -> None:
-        """Say how the work ended; the next call begins anew."""
-        self._step = ''
-        self._state = (level, summary, {})
+    def ended(self, level: Level, text: str) -> None:
+        """Show how the work ended; the next call begins anew."""
+        self._step, self._state = '', (level, text, {})
 
 
 class Identifier(SettingsNode):
@@ -101,118 +97,118 @@ class Identifier(SettingsNode):
     PROGRAM = 'identifier'
     SUMMARY = (
         'Estimates the parameters of a rig from recorded bags and publishes them, latched, on pendubot/params, with '
-        'everything that says how far to trust them on pendubot/identification. Set its parameters and call '
-        '~/identify to identify again.'
+        'their quality on pendubot/identification. Set its parameters and call ~/identify to identify again: it '
+        'answers when the result is there, with success unless that failed or is of level ERROR.'
     )
-    SETTINGS = (
-        Setting(
-            'bags',
-            [''],
-            'bags or files with columns that estimate, each BAG[@START:END] in seconds from its first sample',
-            dynamic=True,
-        ),
-        Setting('validate', [''], 'bags that only judge; by default what the windows leave', dynamic=True),
-        Setting('topic', 'joint_states', 'topic with the joint states in the bags', dynamic=True),
-        Setting('joint_names', list(JOINT_NAMES), 'their joint names: shoulder, elbow', dynamic=True),
-        *_parameters(),
-        *(replace(option, dynamic=True) for option in (*CONVERSION, APPLY_REMEDIES)),
-        Setting('lower_bounds', default_bounds().lower.tolist(), f'of {" ".join(NAMES)}, in their units', dynamic=True),
-        Setting('upper_bounds', default_bounds().upper.tolist(), f'of {" ".join(NAMES)}, in their units', dynamic=True),
-        Setting('output', '', 'result file to write; empty: none', dynamic=True),
-        Setting('force', False, 'whether an existing result file is overwritten', dynamic=True),
+    SETTINGS = tuple(
+        replace(each, dynamic=True)
+        for each in (
+            Setting('bags', [''], 'bags or files with columns that estimate, each BAG[@START:END] in seconds'),
+            Setting('validate', [''], 'bags that only validate; by default the rest of the bags'),
+            Setting('topic', 'joint_states', 'topic with the joint states in the bags'),
+            JOINTS,
+            *_options(),
+            *CONVERSION,
+            APPLY_REMEDIES,
+            Setting('lower_bounds', default_bounds().lower.tolist(), f'of {" ".join(NAMES)}, in their units'),
+            Setting('upper_bounds', default_bounds().upper.tolist(), f'of {" ".join(NAMES)}, in their units'),
+            Setting('output', '', 'result file to write; empty: none'),
+            Setting('force', False, 'whether an existing result file is overwritten'),
+        )
     )
 
-    def __init__(self, ended: Shutdown) -> None:
-        super().__init__(ended)
-        self._params = self.create_publisher(Float64MultiArray, 'pendubot/params', LATCHED)
-        self._identification = self.create_publisher(DiagnosticArray, 'pendubot/identification', LATCHED)
-        self.create_service(Trigger, '~/identify', self._on_identify)
+    def open(self, s: dict[str, Any]) -> None:
+        """Publish and serve; identify where bags are named."""
+        self._identification = Identification(self)
         self._progress = Progress(self, 'waiting for ~/identify')
-        self._worker: threading.Thread | None = None
-        if _named(self.settings()['bags']):
-            self._start()
+        self._outcome: Future | None = None
+        # A group of its own: the node serves others while a caller waits for the result.
+        self.create_service(Trigger, '~/identify', self._on_identify, callback_group=ReentrantCallbackGroup())
+        if _named(s['bags']):
+            self._start(s)
         else:
             self.get_logger().info('waiting: set the parameter bags and call ~/identify')
-
-    def close(self) -> None:
-        """Leave a computation that is under way: it holds nothing that could be lost."""
-
-    def _on_identify(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        if self._worker is not None and self._worker.is_alive():
-            response.message = 'an identification is under way; wait for its result on /pendubot/identification'
-        elif not _named(self.settings()['bags']):
-            response.message = 'no bags are named; set the parameter bags, such as ["swing@0:9"]'
-        else:
-            self._start()
-            response.success = True
-            response.message = 'started; the result comes on /pendubot/params and /pendubot/identification'
-        return response
-
-    def _start(self) -> None:
-        """Identify in a thread of its own, so that the node answers meanwhile."""
-        self._worker = threading.Thread(target=self._work, args=(self.settings(),), daemon=True)
-        self._worker.start()
-
-    def _work(self, values: dict[str, Any]) -> None:
-        try:
-            self._identify(values)
-        except Exception as error:
-            known = isinstance(error, PendubotError)
-            self._failed(str(error) if known else f'{type(error).__name__}: {error}')
-
-    def _identify(self, values: dict[str, Any]) -> None:
-        settings = _settings(values)
-        bags, validation = _named(values['bags']), _named(values['validate'])
-        output = Path(values['output']) if values['output'] else None
-        if output is not None:
-            read = [BagWindow.parse(bag).path for bag in bags + validation]
-            refuse_input(output, [*read, Path(values['start']) if values['start'] else None])
-            refuse_unwritable(output, overwrite=values['force'], force=FORCE)
-        # A name in a bag: in this node's namespace if it is relative, but not remapped.
-        topic = self.resolve_topic_name(values['topic'], only_expand=True)
-        names = values['joint_names']
-        found, data = identify_recordings(
-            lambda reading: load_datasets(bags, validation, topic=topic, joint_names=names, conversion=reading),
-            settings,
-            self._progress,
-            apply_remedies=values['apply_remedies'],
-        )
-        result = assemble_result(found, data.sources)
-        unwritten = ''
-        try:
-            if output is not None:
-                write_atomically(output, result_text(result), overwrite=values['force'], force=FORCE)
-        except ResultError as error:
-            unwritten = str(error)
-        # Two lines, because rclpy keeps a severity for each line that logs.
-        if result.level is Level.OK:
-            self.get_logger().info(f'identified\n{summary(result)}')
-        else:
-            self.get_logger().warning(f'identified\n{summary(result)}')
-        # The judgement first, so that whoever hears the parameters can already know how good they are; and both last,
-        # so that whoever hears them can already have them identified again.
-        self._publish(result.level, headline(result), identification_values(result))
-        self._params.publish(parameters_message(result))
-        if unwritten:
-            # The parameters are none the worse for it, so their judgement stands.
-            self.get_logger().error(unwritten)
-            self._progress.ended(Level.ERROR, unwritten)
-
-    def _failed(self, sentence: str) -> None:
-        self.get_logger().error(sentence)
-        self._publish(Level.ERROR, sentence, {})
-
-    def _publish(self, level: Level, headline: str, values: dict[str, Any]) -> None:
-        self._progress.ended(level, headline)
-        message = diagnostics_message(stamp_now(self), 'pendubot identification', level, headline, values)
-        self._identification.publish(message)
 
     def check(self, values: dict[str, Any]) -> None:
         """Refuse settings that make no sense together."""
         _settings(values)
         check_names([values['topic']], 'topic')
-        if len(values['joint_names']) != 2:
-            raise ParameterError(f'joint_names are {values["joint_names"]}; two are expected, shoulder and elbow')
+
+    async def _on_identify(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        s = self.settings()
+        if self._outcome is not None and not self._outcome.done():
+            response.message = 'an identification is under way; wait for its result on /pendubot/identification'
+        elif not _named(s['bags']):
+            response.message = 'no bags are named; set the parameter bags, such as ["swing@0:9"]'
+        else:
+            level, response.message = await self._start(s)
+            response.success = level is not Level.ERROR
+        return response
+
+    def _start(self, s: dict[str, Any]) -> Future:
+        """Identify in a thread of its own, so that the node answers meanwhile; return level and headline to come."""
+        self._outcome = Future()
+        threading.Thread(target=self._work, args=(s, self._outcome), daemon=True).start()
+        return self._outcome
+
+    def _work(self, s: dict[str, Any], outcome: Future) -> None:
+        try:
+            level, text = self._identify(s)
+        except Exception as error:
+            level, text = Level.ERROR, explained(error)
+            self.get_logger().error(text)
+            self._identification.publish(level, text, {})
+        self._progress.ended(level, text)
+        self.answer(outcome, (level, text))
+
+    def _identify(self, s: dict[str, Any]) -> tuple[Level, str]:
+        settings = _settings(s)
+        bags, validation = _named(s['bags']), _named(s['validate'])
+        output = Path(s['output']) if s['output'] else None
+        if output is not None:
+            read = [BagWindow.parse(bag).path for bag in bags + validation]
+            refuse_input(output, [*read, Path(s['start']) if s['start'] else None])
+            refuse_unwritable(output, overwrite=s['force'], force=FORCE)
+        # A name in a bag: in this node's namespace if it is relative, but not remapped.
+        topic = self.resolve_topic_name(s['topic'], only_expand=True)
+        names = s['joint_names']
+        found, data = identify_recordings(
+            lambda reading: load_datasets(bags, validation, topic=topic, joint_names=names, conversion=reading),
+            settings,
+            self._progress,
+            apply_remedies=s['apply_remedies'],
+        )
+        result = assemble_result(found, data.sources)
+        level, text = result.level, headline(result)
+        self.log(level, f'identified\n{summary(result)}')
+        try:
+            if output is not None:
+                write_atomically(output, result_text(result), overwrite=s['force'], force=FORCE)
+        except ResultError as error:
+            # The parameters are none the worse for it, so they are published with their own level.
+            level, text = Level.ERROR, str(error)
+            self.get_logger().error(text)
+        theta = result.theta.vector(result.model)
+        self._identification.publish(result.level, headline(result), identification_values(result), theta)
+        return level, text
+
+
+def identification_values(result: Result) -> dict[str, Any]:
+    """Return the entries of a result under flat names; matrices and single runs are only in the result file.
+
+    ``P1``, ``P1.std_error``, ``P1.unit``, ``J.training``, ``prediction.error``, ``criterion``, ``bags.0.bag``,
+    ``warnings.0``, ``criteria.energy.P1`` ...
+    """
+    data = plain(result)
+    values = parameter_values(data['parameters'])
+    for key, entry in data.items():
+        if key not in ('parameters', 'criteria', 'covariance', 'covariance_rank'):
+            values |= flat(key, entry)
+    for name, answer in data['criteria'].items():
+        J = {which: answer['J'][which] for which in ('training', 'validation', 'unit')}
+        brief = {'level': answer['level'], 'J': J, 'error': answer['prediction']['error']}
+        values |= flat(f'criteria.{name}', brief | {n: entry['value'] for n, entry in answer['parameters'].items()})
+    return values
 
 
 def _settings(values: dict[str, Any]) -> Settings:

@@ -3,7 +3,7 @@
 
 """A serialised JointState of two joints and the motor current in which only the numbers change.
 
-A message object is turned into bytes anew at every publishing, which costs more than all the rest of a sample's way.
+To serialise a message object at every publishing costs more than all other work on a sample.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 
+from pendubot_identification.model.dynamics import Pair
 from pendubot_identification.trajectories.conventions import current_name
 
 _STAMP = struct.Struct('=iI')
@@ -35,26 +36,13 @@ class JointStateBytes:
         message = JointState(name=names, position=[*q, 0.0], velocity=[*qd, 0.0], effort=[*effort, 0.0])
         message.header.stamp.sec, message.header.stamp.nanosec = stamp
         self._data = bytearray(serialize_message(message))
-        # Where the numbers are, the middleware itself says.
+        # The middleware itself shows where the numbers are.
         self._stamp = self._data.index(_STAMP.pack(*stamp))
         self._q, self._qd, self._effort = (self._data.index(_PAIR.pack(*pair)) for pair in (q, qd, effort))
 
-    def fill(
-        self,
-        stamp_ns: int,
-        q: tuple[float, float],
-        qd: tuple[float, float],
-        effort: float,
-        current: float,
-    ) -> bytes:
-        """Return the message of one sample.
-
-        Args:
-            stamp_ns: time of the sample [ns since the epoch].
-            q: positions of shoulder and elbow [rad].
-            qd: velocities of shoulder and elbow [rad/s].
-            effort: commanded torque at the shoulder, as the board reports it [N m].
-            current: measured motor current [A].
+    def fill(self, stamp_ns: int, q: Pair, qd: Pair, effort: float, current: float) -> bytes:
+        """Return the message of a sample: time since the epoch [ns], positions [rad], velocities [rad/s], shoulder's
+        commanded torque as the board reports it [N m], and motor current [A].
         """
         data = self._data
         _STAMP.pack_into(data, self._stamp, *divmod(stamp_ns, _SECOND))

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""An identification as the messages that a controller and a person read."""
+"""The messages of the nodes: parameters, joint states, and diagnostics with their way to /diagnostics."""
 
 from __future__ import annotations
 
@@ -9,29 +9,25 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from numpy.typing import NDArray
+from rclpy.clock import Clock
+from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 
 from pendubot_identification.errors import ControlError
+from pendubot_identification.level import Level
 from pendubot_identification.model.parameters import NAMES
-from pendubot_identification.results.result import Result, plain
 
 #: A subscriber that joins later still receives the last message.
 LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
-def parameters_message(result: Result) -> Float64MultiArray:
-    """Return theta of the published model; ``layout.dim[0].label`` names its 7, 9, 10 or 14 entries, ``P1,P2,...``.
-
-    A parameter that the rig cannot have keeps its place, with 0.
-    """
-    return vector_message(result.theta.vector(result.model))
-
-
-def vector_message(theta: NDArray[np.float64]) -> Float64MultiArray:
-    """Return a parameter vector, shape (D,), as such a message."""
+def parameters_message(theta: NDArray[np.float64]) -> Float64MultiArray:
+    """Return a parameter vector, shape (D,), as a message; ``layout.dim[0].label`` names its entries, ``P1,P2,...``."""
     names = ','.join(NAMES[: len(theta)])
     message = Float64MultiArray(data=theta.tolist())
     message.layout.dim = [MultiArrayDimension(label=names, size=len(theta), stride=len(theta))]
@@ -55,31 +51,72 @@ def joint_sample(m: JointState, names: Sequence[str]) -> tuple[float, tuple[floa
     return m.header.stamp.sec + m.header.stamp.nanosec * 1e-9, q, effort
 
 
-def identification_values(result: Result) -> dict[str, Any]:
-    """Return the entries of a result under flat names.
+def diagnostics_message(
+    stamp: Time, name: str, level: Level, summary: str, values: Mapping[str, Any], hardware_id: str = ''
+) -> DiagnosticArray:
+    """Return one status with its values by name; numbers keep their full precision."""
+    pairs = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
+    status = DiagnosticStatus(level=bytes([level]), name=name, message=summary, hardware_id=hardware_id, values=pairs)
+    message = DiagnosticArray(status=[status])
+    message.header.stamp = stamp
+    return message
 
-    ``P1``, ``P1.std_error``, ``P1.unit``, ``J.training``, ``prediction.error``, ``criterion``, ``bags.0.bag``,
-    ``warnings.0``, ``criteria.energy.P1`` ... Matrices and single runs are left to the result file.
+
+def stamp_now(node: Node) -> Time:
+    """Return ROS time; the system's where use_sim_time is set and nobody has published on /clock yet."""
+    now = node.get_clock().now()
+    return (now if now.nanoseconds else Clock().now()).to_msg()
+
+
+class StatusPublisher:
+    """Publishes the status of a node, or of a part of it, on /diagnostics.
+
+    Its name is ``bridge`` for /bridge and ``lab1/bridge`` for /lab1/bridge, because all rigs share the topic.
     """
-    data, values = plain(result), {}
-    for name, entry in data['parameters'].items():
-        values[name] = entry['value']
-        values |= flat(name, {key: value for key, value in entry.items() if key != 'value'})
-    for key, entry in data.items():
-        if key not in ('parameters', 'criteria', 'covariance', 'covariance_rank'):
-            values |= flat(key, entry)
-    for name, answer in data['criteria'].items():
-        J = {which: answer['J'][which] for which in ('training', 'validation', 'unit')}
-        brief = {'level': answer['level'], 'J': J, 'error': answer['prediction']['error']}
-        values |= flat(f'criteria.{name}', brief | {n: entry['value'] for n, entry in answer['parameters'].items()})
-    return values
+
+    def __init__(self, node: Node, part: str = '', hardware_id: str = '') -> None:
+        self._node, self._hardware_id = node, hardware_id
+        self._name = node.get_fully_qualified_name().lstrip('/') + part
+        self.publisher = node.create_publisher(DiagnosticArray, '/diagnostics', 10)
+
+    def __call__(self, level: Level, summary: str, values: Mapping[str, Any]) -> None:
+        """Publish."""
+        stamp = stamp_now(self._node)
+        self.publisher.publish(diagnostics_message(stamp, self._name, level, summary, values, self._hardware_id))
 
 
-def flat(prefix: str, entry: Any) -> dict[str, Any]:
-    """Return what is nested in an entry under flat names."""
+class Identification:
+    """Publishes parameters, latched, on pendubot/params and their quality on pendubot/identification."""
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._params = node.create_publisher(Float64MultiArray, 'pendubot/params', LATCHED)
+        self._quality = node.create_publisher(DiagnosticArray, 'pendubot/identification', LATCHED)
+
+    def publish(
+        self, level: Level, summary: str, values: Mapping[str, Any], theta: NDArray[np.float64] | None = None
+    ) -> None:
+        """Publish the quality first, so that whoever receives the parameters, if any, can already know it."""
+        stamp = stamp_now(self._node)
+        self._quality.publish(diagnostics_message(stamp, 'pendubot identification', level, summary, values))
+        if theta is not None:
+            self._params.publish(parameters_message(theta))
+
+
+def parameter_values(parameters: Mapping[str, Any]) -> dict[str, Any]:
+    """Return parameters of a result under the names ``P1``, ``P1.std_error``, ``P1.unit`` and so on."""
+    return {name.removesuffix('.value'): value for name, value in flat('', parameters).items()}
+
+
+def flat(name: str, entry: Any) -> dict[str, Any]:
+    """Return the entries of nested mappings and lists under flat names, such as ``J.training`` or ``bags.0.bag``.
+
+    Values of single runs are left out; lists of numbers stay lists.
+    """
     if isinstance(entry, Mapping):
-        kept = ((key, value) for key, value in entry.items() if not key.endswith('_runs'))
-        return {k: v for key, value in kept for k, v in flat(f'{prefix}.{key}', value).items()}
-    if isinstance(entry, Sequence) and not isinstance(entry, str) and any(isinstance(e, (Mapping, str)) for e in entry):
-        return {k: v for index, value in enumerate(entry) for k, v in flat(f'{prefix}.{index}', value).items()}
-    return {prefix: entry}
+        inner = [(key, value) for key, value in entry.items() if not key.endswith('_runs')]
+    elif isinstance(entry, list) and any(isinstance(each, (Mapping, str)) for each in entry):
+        inner = list(enumerate(entry))
+    else:
+        return {name: entry}
+    return {k: v for key, value in inner for k, v in flat(f'{name}.{key}'.lstrip('.'), value).items()}

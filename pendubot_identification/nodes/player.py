@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""``player``: publishes what is in a bag again, at its own pace, where there is no ``ros2 bag play``."""
+"""``player``: publishes a bag again, at its own pace, where there is no ``ros2 bag play``."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from pendubot_identification.recordings.bag_reader import BagReader, BagWindow
 from pendubot_identification.recordings.mcap_file import McapFile
 from pendubot_identification.setting import Setting
 
-from .driving import CommandGuard
 from .runtime import SettingsNode, run
-from .shutdown import Shutdown
 from .topics import check_names, message_class, weakest
 
 SECOND = 1_000_000_000
 DEPTH = 1000  #: Messages kept for subscribers that are slow, or that have to be sent again.
 DELIVERY = 2.0  #: For so long the last messages may be on their way at the end [s].
+COMMAND = 'std_msgs/msg/Float64'  #: The type of effort commands.
+SHARED = ('/clock', '/diagnostics', '/parameter_events', '/rosout')  #: Topics that are the same in every namespace.
 
 
 class Player(SettingsNode):
@@ -35,29 +35,24 @@ class Player(SettingsNode):
 
     PROGRAM = 'player'
     SUMMARY = (
-        "Publishes a bag's messages byte for byte, on the topics, with the quality of service and at the pace at which "
-        'they were recorded, and ends. With a clock, nodes with use_sim_time see the time of the recording. Effort '
-        'commands are not played to a bridge, unless topics names them. ros2 bag play does more, where there is one.'
+        "Publishes a bag's messages byte for byte, with the quality of service and at the pace at which they were "
+        'recorded, on their topics or, in a namespace, on these topics within it; then it ends. With a clock, nodes '
+        'with use_sim_time see the time of the recording. Effort commands (std_msgs/Float64) would move an armed rig: '
+        'they are played only where topics names them. ros2 bag play does more, where there is one.'
     )
     SETTINGS = (
         Setting('bag', '', 'the bag, BAG or BAG@START:END in seconds from its first message: a folder or .mcap file'),
-        Setting('topics', [''], 'the topics to play; one empty name: all'),
+        Setting('topics', [''], 'the topics to play; one empty name: all but effort commands'),
         Setting('rate', 1.0, 'how many times as fast as recorded', '', 0.001, 1000.0),
         Setting('clock', 0.0, "how often the recording's time is published on /clock; 0: not", 'Hz', 0.0, 1000.0),
         Setting('wait', 0.0, 'wait at most so long until somebody subscribes to every topic', 's', 0.0, 3600.0),
     )
 
-    def __init__(self, ended: Shutdown) -> None:
-        super().__init__(ended)
-        s = self.settings()
+    def open(self, s: dict[str, Any]) -> None:
+        """Open the bag and publish; begin to play."""
         window, self._rate, self._wait = BagWindow.parse(s['bag']), s['rate'], s['wait']
         self._reader = BagReader(window.path)
-        there = {name: kind for name, (kind, count) in self._reader.topics.items() if count}
-        # Names in a bag: in this node's namespace if they are relative, but not remapped.
-        wanted = [self.resolve_topic_name(name, only_expand=True) for name in s['topics'] if name]
-        if not there or not there.keys() >= set(wanted):
-            named = f'on {", ".join(wanted)}; its topics are {", ".join(there)}' if there else 'that can be played'
-            raise BagError(f'{window.path} holds nothing {named}')
+        kinds = self._chosen([name for name in s['topics'] if name])
         self._first_ns = self._reader.first_ns + round((window.start or 0.0) * SECOND)
         self._end_ns = self._reader.last_ns + 1
         if window.end is not None:
@@ -67,11 +62,9 @@ class Player(SettingsNode):
         for note in filter(None, [self._reader.note, window.cut(self._reader.duration)]):
             self.get_logger().warning(note)
         self._publishers_of = {
-            name: self.create_publisher(message_class(name, there[name]), name, self._qos(name))
-            for name in wanted or there
+            name: self.create_publisher(message_class(name, kind), self._published(name), self._qos(name))
+            for name, kind in kinds.items()
         }
-        # Torques of a recording must move no rig: to a bridge they are played only where they are asked for by name.
-        self._guard = CommandGuard(self, [each for name, each in self._publishers_of.items() if name not in wanted])
         self._begun_ns = 0
         self._failure: Exception | None = None
         if s['clock']:
@@ -81,7 +74,7 @@ class Player(SettingsNode):
         self._thread.start()
 
     def check(self, values: dict[str, Any]) -> None:
-        """Refuse a bag without a name and topics without one."""
+        """Refuse an empty bag and texts that are no topic's name."""
         if not values['bag']:
             raise ParameterError('bag is empty; give the folder of a bag')
         check_names([name for name in values['topics'] if name])
@@ -90,15 +83,41 @@ class Player(SettingsNode):
         """Stop playing.
 
         Raises:
-            PendubotError: the bag could not be read to its end, or a bridge listens.
+            PendubotError: the bag could not be read to its end.
         """
         self.ended.set()
         self._thread.join(DELIVERY + 1.0)
         if self._failure is not None:
             raise self._failure
 
+    def _chosen(self, topics: list[str]) -> dict[str, str]:
+        """Return the types of the topics to play, by their names in the bag.
+
+        Raises:
+            BagError: the bag does not hold one of them, or nothing that can be played.
+        """
+        there = {name: kind for name, (kind, count) in self._reader.topics.items() if count}
+        if topics:
+            # Not remapped: these are names in a bag.
+            wanted = {self.resolve_topic_name(name, only_expand=True) for name in topics}
+            found = {name: kind for name, kind in there.items() if {name, self._published(name)} & wanted}
+        else:
+            wanted = {'any topic but effort commands'}
+            found = {name: kind for name, kind in there.items() if kind != COMMAND}
+            for name in sorted(there.keys() - found.keys()):
+                self.get_logger().info(f'{name} would move an armed rig; name it in topics to play it')
+        if len(found) < len(wanted):
+            on = ', '.join(sorted(wanted))
+            raise BagError(f'{self._reader.path} holds nothing on {on}; its topics are {", ".join(there)}')
+        return found
+
+    def _published(self, name: str) -> str:
+        """Return where a topic of the bag is published: in this node's namespace, unless all rigs share it."""
+        namespace = self.get_namespace().rstrip('/')
+        return name if name in SHARED or name.startswith(f'{namespace}/') else namespace + name
+
     def _qos(self, name: str) -> QoSProfile:
-        """Return the weakest quality of service that was offered, so that whoever heard it then hears it now."""
+        """Return the quality of service of a topic of the bag."""
         channels = (c for file in self._reader.files for c in file.channels.values() if c.topic == name)
         texts = (channel.metadata.get('offered_qos_profiles', '') for channel in channels)
         return weakest([profile for text in texts for profile in offered_profiles(text)], DEPTH)
@@ -109,7 +128,6 @@ class Player(SettingsNode):
             while not all(publisher.get_subscription_count() for publisher in self._publishers_of.values()):
                 if time.monotonic() >= deadline or self.ended.wait(0.02):
                     break
-            self._guard.look_around(self.ended)
             self.get_logger().info(f'playing {", ".join(self._publishers_of)}')
             self._begun_ns = time.monotonic_ns()
             count = sum(map(self._play_file, self._reader.files))
@@ -125,14 +143,9 @@ class Player(SettingsNode):
         count = 0
         for messages in file.messages(self._publishers_of, self._first_ns, self._end_ns):
             for message in messages:
-                while (left := (message.log_time - self._position()) / self._rate / SECOND) > 0:
-                    if self.ended.wait(left):
-                        break
-                if self.ended.is_set():
+                if self.ended.wait((message.log_time - self._position()) / self._rate / SECOND):
                     return count
-                publisher = self._publishers_of[file.channels[message.channel_id].topic]
-                self._guard.check(publisher)
-                publisher.publish(message.data)
+                self._publishers_of[file.channels[message.channel_id].topic].publish(message.data)
                 count += 1
         return count
 

@@ -8,13 +8,14 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import datetime, timezone
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from rclpy.duration import Duration
+from rclpy.qos import DurabilityPolicy, QoSCompatibility, QoSProfile, ReliabilityPolicy, qos_check_compatible
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from pendubot_identification.errors import BagError, ParameterError
@@ -23,26 +24,26 @@ from pendubot_identification.recordings.bag_writer import BagWriter
 from pendubot_identification.recordings.flow import Flow, diagnose
 from pendubot_identification.setting import Setting
 
-from .diagnostics import StatusPublisher
+from .messages import StatusPublisher
 from .runtime import SettingsNode, run
-from .shutdown import Shutdown
-from .topics import DEPTH, Fetcher, check_names, heard, matched, message_class, recorded
+from .topics import DEPTH, Fetcher, check_names, message_class, quality, recorded
 
-DISCOVERY_PERIOD = 0.1  #: How often publishers that are new are looked for [s].
-FETCH_PERIOD = 0.01  #: How often what has come is fetched from the middleware [s].
-FLUSH_PERIOD = 0.05  #: How often what was recorded is handed to the system, which keeps it through a SIGKILL [s].
-SYNC_PERIOD = 1.0  #: How often it is put on the disk, which keeps it through a power cut, and is counted [s].
+DISCOVERY_PERIOD = 0.1  #: Between two searches for new publishers [s].
+FETCH_PERIOD = 0.01  #: Between two fetches of messages from the middleware [s].
+FLUSH_PERIOD = 0.05  #: Between two flushes to the system, which keeps messages through a SIGKILL [s].
+SYNC_PERIOD = 1.0  #: Between two writes to the disk, which keeps messages through a power cut, and counts [s].
 PATIENCE = 5.0  #: After this time topics that nobody publishes are named in a warning [s].
 
 
 @dataclass
 class Topic:
-    """A topic that is recorded: its channel in the bag, how messages come, how many publish, the latest log time."""
+    """A topic to record: its channel in the bag, its statistics, and why some messages are missing."""
 
-    channel: int
-    flow: Flow
+    channel: int = -1  #: Negative before anybody publishes it.
+    flow: Flow = field(default_factory=Flow)
     publishers: int = 1
-    latest_ns: int = 0
+    latest_ns: int = 0  #: The latest log time.
+    trouble: str = ''
 
 
 class Recorder(SettingsNode):
@@ -65,22 +66,19 @@ class Recorder(SettingsNode):
         Setting('max_messages', 0, 'end after so many messages of the first topic; 0: when stopped', minimum=0),
     )
 
-    def __init__(self, ended: Shutdown) -> None:
-        super().__init__(ended)
-        s = self.settings()
-        self._names = self._resolved(s['topics'])
+    def open(self, s: dict[str, Any]) -> None:
+        """Begin the bag and look for publishers."""
+        self._topics = {name: Topic() for name in self._resolved(s['topics'])}
         self._max_messages: int = s['max_messages']
         self._fetcher = Fetcher(self, self._take)
-        self._troubles: dict[str, str] = {}
         self._ending, self._sync_due = threading.Event(), threading.Event()
         self._failure: BagError | None = None
         path = Path(s['output'] or f'pendubot_{datetime.now(timezone.utc):%Y%m%dT%H%M%SZ}')
         self._reserve: int = s['reserve']
-        self._topics: dict[str, Topic] = {}
         self._bag = BagWriter(path, reserve=self._reserve)
         self.get_logger().info(f'recording to {path}')
         self._missing_since = self._diagnosed = time.monotonic()
-        self._tell = StatusPublisher(self)
+        self._publish_status = StatusPublisher(self)
         self.create_timer(DISCOVERY_PERIOD, partial(self._guarded, self._discover))
         self.create_timer(FETCH_PERIOD, self._fetcher.fetch)
         self.create_timer(FLUSH_PERIOD, partial(self._guarded, self._bag.flush))
@@ -88,15 +86,11 @@ class Recorder(SettingsNode):
         threading.Thread(target=self._keep_synced, name='sync', daemon=True).start()
 
     def check(self, values: dict[str, Any]) -> None:
-        """Refuse topics that cannot be recorded.
-
-        Raises:
-            ParameterError: there are none, or one is no topic's name.
-        """
+        """Refuse topics that cannot be recorded."""
         self._resolved(values['topics'])
 
     def close(self) -> None:
-        """Close the bag and say what it holds.
+        """Close the bag and report its messages.
 
         Raises:
             BagError: the system refused to write.
@@ -107,16 +101,16 @@ class Recorder(SettingsNode):
             self._bag.close()
         except BagError as error:
             self._failure = self._failure or error
-        for name in self._names:
-            self.get_logger().info(f'{name}: {self._count(name)} messages')
+        for name, topic in self._topics.items():
+            self.get_logger().info(f'{name}: {topic.flow.count} messages')
         if self._failure is not None:
-            self._tell(Level.ERROR, str(self._failure), {})
+            self._publish_status(Level.ERROR, str(self._failure), {})
             # Else the program is gone before anybody has it.
-            self._tell.publisher.wait_for_all_acked(Duration(seconds=1))
+            self._publish_status.publisher.wait_for_all_acked(Duration(seconds=1))
             raise self._failure
 
     def _guarded(self, action: Callable[[], object]) -> bool:
-        """Do something with the bag; what the system refuses ends the program, with the bag as far as it is whole."""
+        """Do something with the bag; if the system refuses, the program ends with the complete part of the bag."""
         try:
             if not self._ending.is_set():
                 action()
@@ -134,7 +128,7 @@ class Recorder(SettingsNode):
         return list(dict.fromkeys(self.resolve_topic_name(topic) for topic in topics))
 
     def _discover(self) -> None:
-        for name in self._names:
+        for name, topic in self._topics.items():
             publishers = self.get_publishers_info_by_topic(name)
             types = sorted({publisher.topic_type for publisher in publishers})
             trouble = ''
@@ -142,50 +136,47 @@ class Recorder(SettingsNode):
                 trouble = self._follow(name, types[0], publishers)
             elif types:
                 trouble = f'{name} is published as {" and as ".join(types)}; stop the publisher of the wrong type'
-                # What is recorded is of one type; a stranger must not end a recording that runs.
-                if not self._count(name):
+                # A channel has one type; a stranger must not end a recording that runs.
+                if not topic.flow.count:
                     raise BagError(trouble)
-            if trouble and trouble != self._troubles.get(name):
+            if trouble and trouble != topic.trouble:
                 self.get_logger().error(trouble)
-            self._troubles[name] = trouble
-        missing = [name for name in self._names if self._fetcher.qos(name) is None]
+            topic.trouble = trouble
+        missing = [name for name, topic in self._topics.items() if topic.channel < 0]
         if missing and time.monotonic() - self._missing_since > PATIENCE:
             self._missing_since = float('inf')
             self.get_logger().warning(f'nobody publishes {", ".join(missing)} yet; still waiting')
 
     def _follow(self, name: str, type_name: str, publishers: list[TopicEndpointInfo]) -> str:
         """Subscribe, or again where the publishers there now are others; return who is not heard, if anybody."""
-        qos = self._fetcher.qos(name)
-        if qos is None or not heard(publishers, qos):
-            qos = matched(publishers, DEPTH)
+        topic, known = self._topics[name], self._fetcher.subscriptions.get(name)
+        if known is None or not _heard(publishers, known.qos_profile):
+            qos = _offered_by_all(publishers)
             message_type = message_class(name, type_name)
-            if name not in self._topics:
+            if topic.channel < 0:
                 offered = (recorded(publisher.qos_profile) for publisher in publishers)
-                self._topics[name] = Topic(self._bag.add_topic(name, type_name, *offered), Flow())
-            self._fetcher.subscribe(name, message_type, qos)
+                topic.channel = self._bag.add_topic(name, type_name, *offered)
+            known = self._fetcher.subscribe(name, message_type, qos)
             self._sync_due.set()  # metadata.yaml names the topic
             self.get_logger().info(f'recording {name} [{type_name}]')
-        # Else what is lost is taken for another publisher's first message.
-        self._topics[name].publishers = len(publishers)
-        deaf = len(publishers) - heard(publishers, qos)
+        # Else a lost message is taken for another publisher's first one.
+        topic.publishers = len(publishers)
+        deaf = len(publishers) - _heard(publishers, known.qos_profile)
         return f'{name}: {deaf} of {len(publishers)} publishers offer less and are not heard' if deaf else ''
 
     def _take(self, name: str, data: bytes, info: dict[str, Any]) -> None:
         topic = self._topics[name]
         received_ns = info['received_timestamp'] or time.time_ns()
         published_ns = info['source_timestamp'] or received_ns
-        # What had to be sent again was received later than what it precedes; players go by log time.
+        # A message that had to be sent again was received later than the next one; players go by log time.
         topic.latest_ns = max(received_ns, topic.latest_ns)
         number = topic.flow.count + 1
         if self._guarded(lambda: self._bag.write(topic.channel, data, topic.latest_ns, published_ns, number)):
             lag_ns = time.time_ns() - published_ns
             topic.flow.add(info['publication_sequence_number'], lag_ns, topic.publishers)
-        if 0 < self._max_messages <= self._count(self._names[0]):
+        if 0 < self._max_messages <= next(iter(self._topics.values())).flow.count:
             self._ending.set()
             self.end(self.exit_status)
-
-    def _count(self, name: str) -> int:
-        return self._topics[name].flow.count if name in self._topics else 0
 
     def _keep_synced(self) -> None:
         while not self._ending.is_set():
@@ -196,10 +187,22 @@ class Recorder(SettingsNode):
     def _diagnose(self) -> None:
         now = time.monotonic()
         elapsed, self._diagnosed = max(now - self._diagnosed, 1e-3), now
-        flows = {name: self._topics[name].flow if name in self._topics else Flow() for name in self._names}
-        troubles = tuple(filter(None, self._troubles.values()))
+        flows = {name: topic.flow for name, topic in self._topics.items()}
+        troubles = tuple(topic.trouble for topic in self._topics.values() if topic.trouble)
         found = diagnose(flows, elapsed, troubles=troubles, free=self._bag.free, reserve=self._reserve)
-        self._tell(found.level, found.message, {'bag': self._bag.path} | found.values)
+        self._publish_status(found.level, found.message, {'bag': self._bag.path} | found.values)
+
+
+def _offered_by_all(publishers: list[TopicEndpointInfo]) -> QoSProfile:
+    """Return the best quality that every publisher offers: a publisher that offers less than asked is not heard."""
+    reliable = all(p.qos_profile.reliability == ReliabilityPolicy.RELIABLE for p in publishers)
+    latched = all(p.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for p in publishers)
+    return quality(DEPTH, reliable, latched)
+
+
+def _heard(publishers: list[TopicEndpointInfo], qos: QoSProfile) -> int:
+    """Return how many of the publishers a subscription of this quality hears."""
+    return sum(qos_check_compatible(p.qos_profile, qos)[0] != QoSCompatibility.ERROR for p in publishers)
 
 
 main = partial(run, Recorder)

@@ -1,66 +1,68 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What every node shares: parameters with descriptors, ``--help``, signals, one-line errors, exit status."""
+"""The frame of every node: parameters with descriptors, ``--help``, signals, one-line errors, exit status."""
 
 from __future__ import annotations
 
-import difflib
 import math
-import re
 import sys
 import textwrap
 import threading
 import traceback
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from itertools import pairwise
 from typing import Any
 
 import rclpy
 import yaml
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
 from rclpy.clock import Clock, ClockType
-from rclpy.exceptions import ParameterException, ParameterUninitializedException
+from rclpy.exceptions import ParameterException
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
+from rclpy.task import Future
 from rclpy.timer import Timer
 from rclpy.utilities import remove_ros_args
 
-from pendubot_identification.errors import ParameterError, PendubotError
-from pendubot_identification.parameter_files import parameter_files, refuse_untaken
+from pendubot_identification.errors import ParameterError, PendubotError, sentence
+from pendubot_identification.level import Level
+from pendubot_identification.parameter_files import parameter_names, refuse_untaken
 from pendubot_identification.resources import resource
-from pendubot_identification.setting import Setting
+from pendubot_identification.setting import Setting, meant
 
-from .shutdown import Shutdown, ended
+from .shutdown import Shutdown, at_signal, ignore_signals
+
+#: The joints that a node reads or publishes.
+JOINTS = Setting(
+    'joint_names', ['shoulder', 'elbow'], 'names of the two joints in joint_states', length=2, distinct=True
+)
 
 
 def descriptor(setting: Setting) -> ParameterDescriptor:
     """Return the ROS descriptor of a setting: description with unit, range, and whether it can change."""
     made = ParameterDescriptor(name=setting.name, description=setting.help(), read_only=not setting.dynamic)
-    low, high = setting.minimum, setting.maximum
-    if setting.choices:
+    default, low, high = setting.default, setting.minimum, setting.maximum
+    if setting.choices or isinstance(default, list):
         made.additional_constraints = setting.expected()
-    if isinstance(setting.default, bool) or (math.isinf(low) and math.isinf(high)):
-        return made
-    if setting.optional:
-        low = min(low, setting.default)
-    if isinstance(setting.default, int):
-        low, high = max(low, -(2**63)), min(high, 2**63 - 1)
-        made.integer_range = [IntegerRange(from_value=int(low), to_value=int(high), step=0)]
-    elif isinstance(setting.default, float):
-        made.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
-    elif not isinstance(setting.default, str):
-        made.additional_constraints = setting.expected()
+    elif math.isfinite(low) or math.isfinite(high):
+        low = min(low, default) if setting.optional else low
+        if isinstance(default, int):
+            low, high = max(low, -(2**63)), min(high, 2**63 - 1)
+            made.integer_range = [IntegerRange(from_value=int(low), to_value=int(high), step=0)]
+        else:
+            made.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
     return made
 
 
 class SettingsNode(Node):
     """A node whose parameters are a table of :class:`Setting` and which ends cleanly.
 
-    A subclass opens what it needs in ``__init__`` and gives it back in :meth:`close`, which runs while ROS still works:
-    commands sent there arrive. ``ended`` is set when the program is to end.
+    A subclass opens its ports, files and topics in :meth:`open` and closes them in :meth:`close`, while ROS still
+    works: commands sent there arrive. ``ended`` is set when the program is to end.
     """
 
     PROGRAM: str
@@ -69,37 +71,47 @@ class SettingsNode(Node):
 
     def __init__(self, ended: Shutdown) -> None:
         super().__init__(self.PROGRAM)
-        for path in parameter_files(sys.argv):
-            refuse_untaken(path, self.get_fully_qualified_name())
         self.exit_status = 0
         self.ended = ended
+
+    def declare(self) -> None:
+        """Declare the parameters.
+
+        Raises:
+            ParameterError: one of them makes no sense or does not exist, or a parameter file is for other nodes.
+        """
+        files = [path for option, path in pairwise(sys.argv) if option == '--params-file']
+        for path in files:
+            refuse_untaken(path, self.get_fully_qualified_name())
         for setting in self.SETTINGS:
             try:
                 self.declare_parameter(setting.name, setting.default, descriptor(setting))
             except ParameterException as error:
-                # rclpy names the value only in its sentence.
-                given = re.search(r"to '(.*)' of type|\((.*)\) for parameter", str(error), re.DOTALL)
-                value = 'of another type' if given is None else given.group(given.lastindex or 0)
-                raise setting.refusal(value) from error
-        self._refuse_unknown()
+                raise setting.refusal(self._parameter_overrides[setting.name].value) from error
+        self._refuse_unknown(files)
         self._check(self.settings())
-        self.add_pre_set_parameters_callback(lambda changed: [self._meant(p) for p in changed])
+        self.add_pre_set_parameters_callback(lambda changed: [self._as_number(p) for p in changed])
         self.add_on_set_parameters_callback(self._on_set)
 
     def settings(self, changed: Sequence[Parameter] = ()) -> dict[str, Any]:
         """Return the value of every setting, or what it is changed to: arrays as lists, what is left open as None."""
-        given, values = {p.name: p.value for p in changed}, {}
+        given = {p.name: p for p in changed}
+        values = {}
         for setting in self.SETTINGS:
-            try:
-                value = given[setting.name] if setting.name in given else self.get_parameter(setting.name).value
-            except ParameterUninitializedException as error:
-                # What ROS makes of an empty list: it has no type.
-                raise setting.refusal('empty') from error
+            value = given.get(setting.name, self.get_parameter_or(setting.name)).value
+            if value is None:  # an empty list, which has no type in ROS
+                raise setting.refusal('empty')
             values[setting.name] = setting.of_ros(value)
         return values
 
+    def open(self, s: dict[str, Any]) -> None:
+        """Open what the node needs, by its settings."""
+
     def check(self, values: dict[str, Any]) -> None:
-        """Refuse settings that make no sense together, by ParameterError; a subclass overrides this."""
+        """Refuse settings that make no sense together, by ParameterError."""
+
+    def close(self) -> None:
+        """Close what the node holds; ROS still works."""
 
     def create_timer(self, period: float, callback: Callable[[], object]) -> Timer:
         """Call something every ``period`` [s] of real time, even where use_sim_time is set and /clock stands still."""
@@ -110,26 +122,45 @@ class SettingsNode(Node):
         self.exit_status = status
         self.ended.set()
 
-    def close(self) -> None:
-        """Give back what the node holds; ROS still works. A subclass overrides this."""
+    def log(self, level: Level, text: str) -> None:
+        """Log a text; rclpy wants every line of code that logs to keep to one severity."""
+        if level is Level.ERROR:
+            self.get_logger().error(text)
+        elif level is Level.WARN:
+            self.get_logger().warning(text)
+        else:
+            self.get_logger().info(text)
 
-    def _refuse_unknown(self) -> None:
-        """Refuse parameters that there are not: a limit that is misspelt would not limit anything."""
-        for name in self._parameter_overrides:
-            # The latter are declared with their topics.
-            if not self.has_parameter(name) and not name.startswith('qos_overrides.'):
-                near = difflib.get_close_matches(name, [setting.name for setting in self.SETTINGS], 1)
-                meant = f'is {near[0]} meant' if near else 'which is meant'
-                raise ParameterError(f'{self.PROGRAM} has no parameter {name}; {meant}? --help lists them all')
+    def _refuse_unknown(self, files: Sequence[str]) -> None:
+        """Refuse parameters that do not exist: a limit that is misspelt would not limit anything.
+
+        A section of a file that is for all nodes may have parameters of the package's other nodes.
+        """
+        # Topics declare their qos_overrides later.
+        names = self._parameter_overrides
+        unknown = {name for name in names if not (self.has_parameter(name) or name.startswith('qos_overrides.'))}
+        if unknown:
+            unknown -= parameter_names(files, '*') & parameter_names(resource('config').glob('*.yaml'))
+        for name in sorted(unknown):
+            near = meant(name, [setting.name for setting in self.SETTINGS])
+            raise ParameterError(f'{self.PROGRAM} has no parameter {name}; {near}? --help lists them all')
+
+    def answer(self, future: Future, outcome: object) -> None:
+        """Give a service that awaits a future its outcome, from any thread."""
+        future.set_result(outcome)
+        if self.executor is not None:
+            self.executor.wake()
 
     def _check(self, values: dict[str, Any]) -> None:
         for setting in self.SETTINGS:
             setting.check(values[setting.name])
         self.check(values)
 
-    def _meant(self, given: Parameter) -> Parameter:
-        """Return a parameter as a number where it is one as text: that is how ``ros2 param`` hands on 1e-09."""
-        # Without a dot that is no number in YAML 1.1; and a list with one in it comes as one text.
+    def _as_number(self, given: Parameter) -> Parameter:
+        """Return a parameter as a number where it is one as text: ``ros2 param`` sets 1e-09 as text.
+
+        Without a dot that is no number in YAML 1.1; and a list with one in it comes as one text.
+        """
         wanted = self.get_parameter_or(given.name).type_
         if given.type_ is Parameter.Type.STRING and wanted in (Parameter.Type.DOUBLE, Parameter.Type.DOUBLE_ARRAY):
             with suppress(ValueError, TypeError, yaml.YAMLError):
@@ -165,52 +196,50 @@ commented parameter file: {resource(f'config/{name}.yaml')}
 exit status: 0 success or ended by a signal, 1 a failure explained in one line, 2 wrong usage"""
 
 
-def run(node_class: type[SettingsNode]) -> int:
-    """Run a node until a signal or :meth:`SettingsNode.end`; return the exit status.
+def explained(error: Exception) -> str:
+    """Return the sentence that tells a user of an error; with ``--debug`` the traceback is printed, too."""
+    if '--debug' in sys.argv:
+        traceback.print_exception(error)
+    return sentence(error)
 
-    The executor spins in a thread of its own, so that a signal reaches the main thread at once and
-    :meth:`SettingsNode.close` can still use services and publishers.
-    """
-    argv = sys.argv
-    if '--help' in argv or '-h' in argv:
+
+def run(node_class: type[SettingsNode]) -> int:
+    """Run a node until a signal or :meth:`SettingsNode.end`; return the exit status."""
+    if '--help' in sys.argv or '-h' in sys.argv:
         print(help_text(node_class))
         return 0
     try:
-        own = remove_ros_args(argv)[1:]
+        own = remove_ros_args(sys.argv)[1:]
         wrong = next((f'unknown argument {a!r}' for a in own if a != '--debug'), '')
     except Exception as error:
         wrong = f'ROS refused the arguments ({str(error).split(", at ")[0]})'
     if wrong:
         print(f'{node_class.PROGRAM}: {wrong}; see --help', file=sys.stderr)
         return 2
+    ended = Shutdown()
     try:
-        rclpy.init(args=argv, signal_handler_options=SignalHandlerOptions.NO)
-        return _run_until_ended(node_class)
+        rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
+        at_signal(ended.set)
+        node = node_class(ended)
+        with running(node):
+            ended.wait()
+            node.close()
+        return node.exit_status
     except Exception as error:
-        if '--debug' in own:
-            traceback.print_exc()
-        known = isinstance(error, PendubotError)
-        sentence = str(error) if known else f'{type(error).__name__}: {error}; run again with --debug to see where'
-        print(f'{node_class.PROGRAM}: {sentence}', file=sys.stderr)
+        print(f'{node_class.PROGRAM}: {explained(error)}', file=sys.stderr)
         return 1
     finally:
         rclpy.try_shutdown()
-        ended()
+        ignore_signals()
 
 
-def _run_until_ended(node_class: type[SettingsNode]) -> int:
-    ending = Shutdown()
-    ending.set_at_signal()
-    # In two steps, so that a node that refuses its parameters takes leave: else others go on seeing its services.
-    node = node_class.__new__(node_class)
-    try:
-        node.__init__(ending)  # type: ignore[misc]
-    except BaseException:
-        with suppress(Exception):
-            node.destroy_node()
-        raise
+@contextmanager
+def running(node: SettingsNode) -> Iterator[None]:
+    """Open a node and spin it in a thread of its own, so that the caller's thread takes signals at once.
+
+    A failure in a callback ends the program and is raised at the end.
+    """
     executor = SingleThreadedExecutor()
-    executor.add_node(node)
     failures: list[BaseException] = []
 
     def spin() -> None:
@@ -221,19 +250,20 @@ def _run_until_ended(node_class: type[SettingsNode]) -> int:
         except BaseException as error:
             failures.append(error)
         finally:
-            ending.set()
+            node.ended.set()
 
     thread = threading.Thread(target=spin, daemon=True)
-    thread.start()
     try:
-        ending.wait()
+        node.declare()
+        node.open(node.settings())
+        executor.add_node(node)
+        thread.start()
+        yield
     finally:
-        try:
-            node.close()
-        finally:
-            executor.shutdown(timeout_sec=2.0)
+        executor.shutdown(timeout_sec=2.0)
+        if thread.is_alive():
             thread.join(2.0)
-            node.destroy_node()
+        # Also where it refuses its parameters: other programs would go on seeing its services.
+        node.destroy_node()
     if failures:
         raise failures[0]
-    return node.exit_status

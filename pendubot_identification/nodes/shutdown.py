@@ -1,63 +1,59 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What ends a program, from its start to its very end: a signal, or the end of its parent. Needs no ROS."""
+"""The end of a program: at a signal, or with the program that started it. Needs no ROS."""
 
 from __future__ import annotations
 
+import math
 import os
 import select
 import signal
 import threading
+import time
 from collections.abc import Callable
 from contextlib import suppress
 from functools import cache
 
 from . import PARENT
 
-#: The last comes when a terminal is closed, or a connection over which the program was started is lost.
+#: SIGHUP comes when a terminal is closed or the connection over which the program was started is lost.
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 #: The environment variable in which the launch files name their own process.
 LAUNCH = 'PENDUBOT_LAUNCH_PID'
+#: A thread that waits for the end of the program looks this often [s].
+POLL = 0.02
 
 
 class Shutdown:
-    """That a program is to end: said by any thread and by any signal's handler, for good, and waited for by any thread.
+    """A flag that the program ends, which any thread and any signal handler may set and any thread may wait for.
 
-    Not threading.Event: that takes a lock, for which a handler that interrupts its own thread holding it would wait
-    forever. And a signal given to another thread than the main one wakes that only through a pipe.
+    It takes no lock, unlike threading.Event: a handler that interrupts its own thread in a lock would wait forever.
     """
 
     def __init__(self) -> None:
         self._set = False
-        self._woken, self._wake = os.pipe()
-        os.set_blocking(self._wake, False)
 
     def set(self) -> None:
-        """Say it; whoever waits goes on."""
+        """Set the flag, for good."""
         self._set = True
-        with suppress(BlockingIOError):  # full, which wakes as well
-            os.write(self._wake, b'\0')
-
-    def set_at_signal(self) -> None:
-        """Have every signal that ends a program say it, whichever thread it comes to."""
-        signal.set_wakeup_fd(self._wake, warn_on_full_buffer=False)
-        at_signal(self.set)
 
     def is_set(self) -> bool:
-        """Tell whether it was said."""
+        """Return whether the flag is set."""
         return self._set
 
-    def wait(self, timeout: float | None = None) -> bool:
-        """Wait until it is said, or for so long [s], or until any signal came; return whether it was."""
-        select.select([self._woken], [], [], timeout)
+    def wait(self, timeout: float = math.inf) -> bool:
+        """Wait for the flag, at most so long [s]; return whether it is set."""
+        deadline = time.monotonic() + timeout
+        while not self._set and (left := deadline - time.monotonic()) > 0:
+            time.sleep(min(left, POLL))
         return self._set
 
 
 def at_signal(end: Callable[[], object]) -> None:
     """Call ``end`` at every signal that ends a program and when its parent ends; it may interrupt itself."""
     for number in SIGNALS:
-        # Who starts it by nohup wants it to go on.
+        # A program that was started by nohup outlives its terminal.
         if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:
             signal.signal(number, lambda *_: end())
     _terminate_with_parent()
@@ -65,11 +61,11 @@ def at_signal(end: Callable[[], object]) -> None:
 
 @cache  # one thread is enough
 def _terminate_with_parent() -> None:
-    """Have this process sent SIGTERM when its parent ends, or has ended, whatever the reason.
+    """Send SIGTERM to this process when its parent ends, for whatever reason, or if it has ended already.
 
     The parent is launch where the launch files name it, even if a ``launch-prefix`` stands in between. Otherwise it is
-    the process that started this one, unless that used nohup. PR_SET_PDEATHSIG would not do: it tells the end of the
-    thread that started this process.
+    the process that started this one, unless that used nohup. PR_SET_PDEATHSIG does not serve: it reports the end of
+    the thread that started this process.
     """
     launch = int(os.environ.get(LAUNCH, 0))
     nohup = signal.getsignal(signal.SIGHUP) == signal.SIG_IGN
@@ -90,7 +86,7 @@ def _terminate_with_parent() -> None:
     threading.Thread(target=watch, daemon=True).start()
 
 
-def ended() -> None:
-    """Ignore signals from now on: while the interpreter takes itself apart, one would change the exit status."""
+def ignore_signals() -> None:
+    """Ignore the signals from now on: one that comes while the interpreter exits would change the exit status."""
     for number in SIGNALS:
         signal.signal(number, signal.SIG_IGN)

@@ -12,8 +12,8 @@ import secrets
 import signal
 import sys
 import time
-from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, nullcontext
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
@@ -25,8 +25,9 @@ from pendubot_identification.link.virtual_board import LIMITS, BoardSettings, Fa
 from pendubot_identification.model.dynamics import GRAVITY
 from pendubot_identification.model.parameters import PRESETS
 from pendubot_identification.model.simulation import HANGING, LatePlant
+from pendubot_identification.setting import Setting
 
-from .shutdown import Shutdown, ended
+from .shutdown import Shutdown, at_signal, ignore_signals
 
 EPILOG = f"""\
 faults: {', '.join(each.name for each in fields(Faults))}
@@ -48,6 +49,7 @@ signals: SIGUSR1 pulls the cable in the middle of a frame, SIGUSR2 puts it back 
 
 exit status: 0 success or ended by a signal, 1 a failure explained in one line, 2 wrong usage"""
 
+PAYLOAD = Setting('payload', 0.0, 'payload at the end of link 2', 'kg', 0.0, 10.0, dynamic=True)
 STARTS = {'hanging': HANGING, 'upright': (math.pi / 2, 0.0)}
 
 
@@ -133,45 +135,69 @@ def _named(kind: str, texts: Sequence[str], table: type, number: Callable[[str],
     return found
 
 
-def _tell(what: str) -> None:
-    print(f'{what} at {time.time_ns()} ns', flush=True)
+def _report(event: str) -> None:
+    print(f'{event} at {time.time_ns()} ns', flush=True)
 
 
-def _changeable(board: VirtualBoard, stop: Shutdown) -> AbstractContextManager[None]:
-    """Return what makes it a node; without ROS, nothing, and that is said."""
+@contextmanager
+def _node(board: VirtualBoard, ended: Shutdown) -> Iterator[None]:
+    """Make the board a ROS node, too, whose parameter is the payload; without ROS, report that it is none."""
     try:
-        from .board_node import changeable
+        import rclpy
+        from rclpy.parameter import Parameter
+        from rclpy.signals import SignalHandlerOptions
+
+        from .runtime import SettingsNode, running
     except ImportError as error:
         print(f'virtual_board: rclpy cannot be imported ({error}), so that it is no node', file=sys.stderr, flush=True)
-        return nullcontext()
-    return changeable(board, sys.argv, stop)
+        yield
+        return
+
+    class BoardNode(SettingsNode):
+        PROGRAM, SETTINGS = 'virtual_board', (PAYLOAD,)
+
+        def open(self, s: dict[str, Any]) -> None:
+            board.carry(s['payload'])
+            self.add_post_set_parameters_callback(self._changed)
+
+        def _changed(self, parameters: Sequence[Parameter]) -> None:
+            for parameter in parameters:
+                if parameter.name == PAYLOAD.name:
+                    board.carry(parameter.value)
+                    self.get_logger().info(f'link 2 carries {parameter.value:g} kg')
+
+    rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        with running(BoardNode(ended)):
+            yield
+    finally:
+        rclpy.try_shutdown()
 
 
 def main() -> int:
     """Serve a virtual board until a signal comes; return the exit status."""
     argv = sys.argv[1:]
-    own = argv[: argv.index('--ros-args')] if '--ros-args' in argv else argv
-    options = parser().parse_args(own)
+    options = parser().parse_args(argv[: argv.index('--ros-args')] if '--ros-args' in argv else argv)
     if options.seed is None:
         # A real board has another boot_id each time it starts; the same one would claim that it never stopped.
         options.seed = secrets.randbits(32)
-    stop = Shutdown()
-    stop.set_at_signal()
+    ended = Shutdown()
+    at_signal(ended.set)
     try:
         board = make_board(options)
         with (
-            PtyServer(board, options.link, options.trace, _tell, options.patient) as server,
-            _changeable(board, stop) if own != argv else nullcontext(),
+            PtyServer(board, options.link, options.trace, _report, options.patient) as server,
+            _node(board, ended) if '--ros-args' in argv else nullcontext(),
         ):
             signal.signal(signal.SIGUSR1, lambda *_: server.pull())
             signal.signal(signal.SIGUSR2, lambda *_: server.plug())
             print(f'seed {options.seed}\nvirtual board on {server.path}', flush=True)
-            server.serve(stop.is_set, options.duration)
+            server.serve(ended.is_set, options.duration)
     except PendubotError as error:
         print(f'virtual_board: {error}', file=sys.stderr)
         return 1
     finally:
-        ended()
+        ignore_signals()
     return 0
 
 

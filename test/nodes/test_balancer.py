@@ -163,13 +163,6 @@ def test_it_publishes_torques_only_while_it_drives_and_refuses_to_start_beside_a
     rig.until(lambda: not rig.trace()[-1, 4] & ARMED)
 
 
-@pytest.fixture
-def stranger(ros):
-    node = ros.create_node('stranger', namespace='elsewhere')
-    yield node
-    node.destroy_node()
-
-
 def test_parameters_of_two_publishers_are_not_taken_and_it_starts_with_those_of_the_one_that_is_left(rig, stranger):
     foreign = stranger.create_publisher(Float64MultiArray, PARAMS, LATCHED)
     foreign.publish(Float64MultiArray(data=[3.0 * value for value in BALANCE.vector()]))

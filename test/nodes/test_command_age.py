@@ -5,7 +5,7 @@
 
 import pytest
 
-from pendubot_identification.nodes.command_age import CommandAge
+from pendubot_identification.nodes.bridge import CommandAge
 
 MS, SECOND = 10**6, 10**9
 START = 1_700_000_000 * SECOND

@@ -94,13 +94,6 @@ def test_moves_nothing_that_is_not_recorded(rig, tmp_path):
     assert torque.any()
 
 
-@pytest.fixture
-def stranger(ros):
-    node = ros.create_node('stranger', namespace='elsewhere')
-    yield node
-    node.destroy_node()
-
-
 def ends_with_1(program):
     assert program.process.wait(10) == 1
     assert 'excitation done' not in program.output

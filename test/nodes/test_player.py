@@ -9,8 +9,7 @@ from rclpy.qos import DurabilityPolicy, LivelinessPolicy, QoSProfile
 from rosbags.interfaces import QosDurability, QosLiveliness, QosTime
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64
-from std_srvs.srv import Trigger
+from std_msgs.msg import Float64, String
 
 from pendubot_identification.recordings.bag_metadata import RELIABLE
 from pendubot_identification.recordings.bag_writer import BagWriter
@@ -24,6 +23,7 @@ pytestmark = pytest.mark.ros
 START = 1_700_000_000_000_000_000
 MS = 1_000_000
 FLOAT = 'std_msgs/msg/Float64'
+TEXT = bytes([0, 1, 0, 0, 4, 0, 0, 0]) + b'abc\0'  #: A std_msgs/String.
 COMMAND = '/pendubot/effort_command'
 LATCHED = RELIABLE._replace(
     durability=QosDurability.TRANSIENT_LOCAL,
@@ -36,13 +36,6 @@ LATCHED = RELIABLE._replace(
 
 
 @pytest.fixture
-def node(ros):
-    node = ros.create_node('player_test')
-    yield node
-    node.destroy_node()
-
-
-@pytest.fixture
 def bag(tmp_path):
     """Two topics of 0.4 s in two files, one of them latched; a message of one between those of the other."""
     path = tmp_path / 'bag'
@@ -50,11 +43,11 @@ def bag(tmp_path):
     for part in range(2):
         with BagWriter(tmp_path / f'part{part}') as writer:
             states = writer.add_topic('/states', JOINT_STATE)
-            latched = writer.add_topic('/latched', FLOAT, LATCHED)
+            latched = writer.add_topic('/latched', 'std_msgs/msg/String', LATCHED)
             for k in range(200 * part, 200 * part + 200):
                 stamp = START + k * MS
                 if k == 100:
-                    writer.write(latched, bytes([0, 1, 0, 0]) + struct.pack('<d', 4.5), stamp)
+                    writer.write(latched, TEXT, stamp)
                 writer.write(states, encode_joint_state(stamp, ('a', 'b'), [k, 0], [], [0.5, 0]), stamp)
         writer.file.rename(path / f'bag_{part}.mcap')
     return path
@@ -64,7 +57,7 @@ def subscribe(node, topic):
     """What comes on /states or /latched, as bytes."""
     came = []
     latched = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-    kind, qos = (JointState, 1000) if topic == '/states' else (Float64, latched)
+    kind, qos = (JointState, 1000) if topic == '/states' else (String, latched)
     node.create_subscription(kind, topic, came.append, qos, raw=True)
     return came
 
@@ -114,55 +107,41 @@ def test_the_pace_is_the_recordings_and_a_late_subscriber_hears_what_is_latched(
         assert published[19] - published[0] > 900 * MS
         heard = subscribe(node, '/latched')
         assert spin_until(node, lambda: heard)
-        assert heard[0][4:] == struct.pack('<d', 4.5)
+        assert heard == [TEXT]
         assert program.stop(signal.SIGTERM) == 0
 
 
-@pytest.fixture
-def commands(tmp_path):
-    """Half a second of effort commands."""
-    path = tmp_path / 'commands'
+def test_effort_commands_are_played_only_where_they_are_named_and_all_topics_within_the_namespace(tmp_path, node):
+    """An armed rig would move; a bag of another rig is shown beside this one."""
+    path = tmp_path / 'bag'
     with BagWriter(path) as writer:
-        effort = writer.add_topic(COMMAND, FLOAT)
+        effort, other = (writer.add_topic(topic, FLOAT) for topic in (COMMAND, '/other'))
         for k in range(50):
-            writer.write(effort, bytes([0, 1, 0, 0]) + struct.pack('<d', 1.0), START + 10 * k * MS)
-    return path
+            for topic in (effort, other):
+                writer.write(topic, bytes([0, 1, 0, 0]) + struct.pack('<d', 1.0), START + 10 * k * MS)
+        states = writer.add_topic('/states', JOINT_STATE)
+        writer.write(states, encode_joint_state(START, ('a', 'b'), [0, 0], [], [0.5, 0]), START)
+    came = {topic: [] for topic in (COMMAND, '/other', '/states', f'/lab1{COMMAND}', '/lab1/states')}
+    for topic, messages in came.items():
+        kind = JointState if topic.endswith('states') else Float64
+        node.create_subscription(kind, topic, messages.append, 100, raw=True)
 
+    def played(*words, **values):
+        """Return how many messages came on each topic."""
+        for messages in came.values():
+            messages.clear()
+        with Program('player', *parameters(bag=path, wait=10.0, **values), *words) as program:
+            assert spin_until(node, lambda: program.process.poll() is not None, 20.0)
+            assert program.process.returncode == 0, program.output
+        spin_until(node, lambda: False, 0.2)
+        return {topic: len(messages) for topic, messages in came.items() if messages}, program.output
 
-@pytest.fixture
-def listener(ros):
-    """Makes nodes that listen to effort commands, some of which arm; what comes is in their list."""
-    nodes = []
-
-    def make(name, arms=False):
-        nodes.append(ros.create_node(name))
-        came = []
-        nodes[-1].create_subscription(Float64, COMMAND, lambda m: came.append(m.data), 100)
-        if arms:
-            nodes[-1].create_service(Trigger, '~/arm', lambda _, answer: answer)
-        return nodes[-1], came
-
-    yield make
-    for each in nodes:
-        each.destroy_node()
-
-
-def test_effort_commands_are_not_played_to_a_bridge_unless_that_is_asked_for(commands, listener):
-    there, came = listener('left_rig', True)
-    with player(commands) as program:
-        program.wait_for(f'/left_rig obeys {COMMAND}, which this bag holds: an armed rig would move; stop the bridge')
-        assert program.process.wait(10) == 1
-    assert not spin_until(there, lambda: came, 0.2)
-    with player(commands, topics=f'[{COMMAND}]') as program:
-        assert spin_until(there, lambda: len(came) == 50, 20.0), program.output
-        assert program.process.wait(10) == 0
-
-
-def test_effort_commands_are_played_to_others_until_a_bridge_comes(commands, listener):
-    there, came = listener('plotter')
-    with player(commands, rate=0.02) as program:
-        assert spin_until(there, lambda: came, 20.0), program.output
-        bridge, obeyed = listener('bridge')
-        program.wait_for('/bridge obeys')
-        assert program.process.wait(10) == 1
-    assert not spin_until(bridge, lambda: obeyed, 0.2)
+    counts, output = played()
+    assert counts == {'/states': 1}
+    assert f'{COMMAND} would move an armed rig; name it in topics to play it' in output
+    assert played(topics=f'[{COMMAND}]')[0] == {COMMAND: 50}
+    assert played('-r', '__ns:=/lab1')[0] == {'/lab1/states': 1}
+    assert played('-r', '__ns:=/lab1', topics=f'[states, {COMMAND[1:]}]')[0] == {
+        '/lab1/states': 1,
+        f'/lab1{COMMAND}': 50,
+    }

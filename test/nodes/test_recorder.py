@@ -34,13 +34,6 @@ pytestmark = pytest.mark.ros
 
 
 @pytest.fixture
-def node(ros):
-    node = ros.create_node('recorder_test')
-    yield node
-    node.destroy_node()
-
-
-@pytest.fixture
 def diagnostics(node):
     """What the recorder says on /diagnostics: level, text and values by name."""
     said = []

@@ -35,7 +35,7 @@ REFUSED = [
     ('bridge', {'torque_limit': -1.0}, 'torque_limit'),
     ('bridge', {'watchdog_ms': 3}, 'watchdog_ms'),
     ('bridge', {'port': "''"}, 'port is empty'),
-    ('bridge', {'joint_names': '[a, a]'}, 'two different names'),
+    ('bridge', {'joint_names': '[a, a]'}, 'different names'),
     ('balancer', {'max_age': 0.0}, 'max_age'),
     ('exciter', {'amplitude_min': 1.0, 'amplitude_max': -1.0}, 'amplitude_min 1 is not below amplitude_max -1'),
     ('exciter', {'width': 2.0}, 'width is 2.0; a number with a decimal point from 0.001 to 1 is expected'),
@@ -69,21 +69,32 @@ for program, arguments in json.loads(sys.argv[1]):
 """
 
 
+#: Parameter files that make no sense to a bridge, and the reason.
+FILES = [
+    ({'bridge': {'torque_limt': 0.1}}, 'bridge has no parameter torque_limt; is torque_limit meant'),
+    ({'/**': {'torque_limt': 0.1}}, 'bridge has no parameter torque_limt; is torque_limit meant'),
+    ({'bridge': {'port': '', 'seed': 1}}, 'bridge has no parameter seed'),
+    # A file for all nodes may have parameters of other nodes.
+    ({'/**': {'port': '', 'seed': 1, 'max_age': 0.1}}, 'port is empty'),
+    ({'recorder': {'output': 'swing'}}, 'it holds parameters of /recorder, and none of /bridge'),
+]
+
+
 def test_settings_that_make_no_sense_are_refused_in_a_sentence(tmp_path):
-    file = tmp_path / 'mine.yaml'
-    file.write_text('bridge:\n  ros__parameters:\n    torque_limt: 0.1\n')
-    runs = [(program, parameters(**values)) for program, values, _ in REFUSED]
-    runs.append(('bridge', ['--ros-args', '--params-file', str(file)]))
-    command = [sys.executable, '-c', RUN_ALL, json.dumps(runs)]
+    runs = [(program, parameters(**values), sentence) for program, values, sentence in REFUSED]
+    for k, (content, sentence) in enumerate(FILES):
+        file = tmp_path / f'{k}.yaml'
+        file.write_text(yaml.safe_dump({node: {'ros__parameters': values} for node, values in content.items()}))
+        runs.append(('bridge', ['--ros-args', '--params-file', str(file)], sentence))
+    command = [sys.executable, '-c', RUN_ALL, json.dumps([run[:2] for run in runs])]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=120)
-    sentences = [*(sentence for *_, sentence in REFUSED), 'has no parameter torque_limt; is torque_limit meant']
-    for line, (program, _), sentence in zip(done.stdout.splitlines(), runs, sentences, strict=True):
+    for line, (program, _, sentence) in zip(done.stdout.splitlines(), runs, strict=True):
         status, said = json.loads(line)
         assert status == 1, sentence
         assert said.startswith(f'{program}: ')
         assert sentence in said
         assert said.count('\n') == 1, said
-    assert list(tmp_path.iterdir()) == [file], 'no bag is begun'
+    assert {file.suffix for file in tmp_path.iterdir()} == {'.yaml'}, 'no bag is begun'
 
 
 def dump(node, client):

@@ -17,11 +17,11 @@ from pendubot_identification.link.pty_server import PtyServer
 from pendubot_identification.link.virtual_board import VirtualBoard
 from pendubot_identification.model.parameters import PAPER
 from pendubot_identification.model.simulation import Plant
-from pendubot_identification.nodes.shutdown import Shutdown
+from pendubot_identification.nodes.shutdown import Shutdown, at_signal
 
 def ending():
     made = Shutdown()
-    made.set_at_signal()
+    at_signal(made.set)
     return made
 
 def at_every_step(prepare, number):

@@ -1,0 +1,115 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""One owner of the motor: publishers of a topic that only one program may publish, and the way to the bridge."""
+
+from __future__ import annotations
+
+import time
+
+from rclpy.callback_groups import CallbackGroup
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import QoSProfile
+from rclpy.subscription import Subscription
+from rclpy.task import Future
+from rclpy.topic_endpoint_info import TopicEndpointInfo
+from std_msgs.msg import Float64
+from std_srvs.srv import Trigger
+
+EFFORT_COMMAND = 'pendubot/effort_command'
+#: The name that rmw gives an endpoint's node before it is known, and how long that may take [s].
+UNKNOWN, PATIENCE = '_NODE_NAME_UNKNOWN_', 2.0
+
+
+def full_name(endpoint: TopicEndpointInfo) -> str:
+    """Return the name of the endpoint's node with its namespace."""
+    return f'{endpoint.node_namespace.rstrip("/")}/{endpoint.node_name}'
+
+
+def _name_publishers(node: Node, topic: str, count: int, wait: bool) -> str:
+    """Return a sentence that names the ``count`` publishers of a topic.
+
+    DDS knows a publisher before the name of its node. With ``wait`` it waits for the names, for ``PATIENCE`` at most.
+    """
+    deadline = time.monotonic() + PATIENCE * wait
+    while True:
+        names = [full_name(each) for each in node.get_publishers_info_by_topic(topic) if each.node_name != UNKNOWN]
+        if len(names) >= count or time.monotonic() >= deadline:
+            break
+        time.sleep(0.02)
+    unknown = [f'{count - len(names)} of unknown name'] * (len(names) < count)
+    return (
+        f'{topic} has {count} publisher{"s" * (count > 1)}: {", ".join(sorted(names) + unknown)}; only one program may '
+        'publish there: end the others (a killed program counts until its DDS lease ends, after up to 20 s)'
+    )
+
+
+def name_rivals(node: Node, subscription: Subscription, wait: bool = False) -> str:
+    """Return a sentence that names the publishers of a subscription if there are several, else ''.
+
+    With ``wait`` it waits until their names are known.
+    """
+    count = subscription.get_publisher_count()
+    return _name_publishers(node, subscription.topic_name, count, wait) if count > 1 else ''
+
+
+class Driver:
+    """A node's way to a bridge: its effort commands, from :meth:`begin` on, and the services that arm and disarm.
+
+    ``bridge`` is the full name of the bridge: ``bridge`` in the node's namespace, or as remapped. ``publisher`` is None
+    before :meth:`begin` and after :meth:`end`: only a program that drives publishes effort commands.
+    """
+
+    def __init__(self, node: Node, callback_group: CallbackGroup | None = None) -> None:
+        self._node = node
+        self.publisher: Publisher | None = None
+        self.bridge = node.resolve_service_name('bridge/arm').removesuffix('/arm')
+        self.arm = node.create_client(Trigger, 'bridge/arm', callback_group=callback_group)
+        self.disarm = node.create_client(Trigger, 'bridge/disarm', callback_group=callback_group)
+
+    def begin(self) -> None:
+        """Publish effort commands from now on."""
+        if self.publisher is None:
+            self.publisher = self._node.create_publisher(Float64, EFFORT_COMMAND, QoSProfile(depth=1))
+
+    def is_heard(self) -> bool:
+        """Wait, for ``PATIENCE`` at most, until somebody receives the effort commands; return whether they do."""
+        deadline = time.monotonic() + PATIENCE
+        while self.publisher is not None and not self.publisher.get_subscription_count():
+            if time.monotonic() > deadline:
+                return False
+            time.sleep(0.01)
+        return True
+
+    def end(self) -> None:
+        """Publish no effort commands from now on."""
+        if self.publisher is not None:
+            self._node.destroy_publisher(self.publisher)
+            self.publisher = None
+
+    def effort(self, torque: float) -> None:
+        """Command a torque [N m], once :meth:`begin` was called."""
+        if self.publisher is not None:
+            self.publisher.publish(Float64(data=torque))
+
+    def let_go(self) -> Future:
+        """Command zero torque and disarm; return the bridge's answer to come."""
+        self.effort(0.0)
+        return self.disarm.call_async(Trigger.Request())
+
+    def let_go_and_wait(self) -> None:
+        """Command zero torque and disarm; wait, for a second at most, until the bridge has answered or is gone."""
+        answer, deadline = self.let_go(), time.monotonic() + 1.0
+        while not answer.done():
+            if not self.disarm.service_is_ready() or time.monotonic() > deadline:
+                self._node.get_logger().warning('the bridge did not answer to disarm; look whether it has done so')
+                return
+            time.sleep(0.02)
+
+    def rivals(self) -> str:
+        """Return a sentence that names the publishers of effort commands if another program is one, else ''."""
+        topic = self._node.resolve_topic_name(EFFORT_COMMAND)
+        count = self._node.count_publishers(topic)
+        own = self.publisher is not None
+        return _name_publishers(self._node, topic, count, wait=True) if count > own else ''

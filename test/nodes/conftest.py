@@ -1,0 +1,22 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Nodes of the tests' own."""
+
+import pytest
+
+
+@pytest.fixture
+def node(ros):
+    """A node that hears and publishes what a test wants."""
+    node = ros.create_node('test_node')
+    yield node
+    node.destroy_node()
+
+
+@pytest.fixture
+def stranger(ros):
+    """A node of another program, which publishes what only one program may."""
+    node = ros.create_node('stranger', namespace='elsewhere')
+    yield node
+    node.destroy_node()
