@@ -13,7 +13,6 @@ from functools import partial
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import JointState
@@ -28,7 +27,7 @@ from pendubot_identification.level import Level
 from pendubot_identification.model.parameters import Parameters
 from pendubot_identification.setting import Setting
 
-from .messages import LATCHED, StatusPublisher, joint_sample
+from .messages import LATCHED, Status, joint_sample
 from .ownership import Driver, name_rivals
 from .runtime import JOINTS, SettingsNode, explained, run
 
@@ -67,19 +66,17 @@ class Balancer(SettingsNode):
         limits = SafetyLimits(s['max_shoulder'], s['max_elbow'], s['max_speed'], s['max_age'], s['swing_up_time'])
         self._balancing = Balancing(s['torque_limit'], None if s['motor_delay'] < 0 else s['motor_delay'], limits)
         self._worker = threading.Thread()
-        self._publish_status = StatusPublisher(self)
-        group = ReentrantCallbackGroup()
-        self._driver = Driver(self, group)
+        self._driver = Driver(self)
         # The newest alone: a torque for an older one would come too late.
         self._samples = self.create_subscription(JointState, 'joint_states', self._on_sample, QoSProfile(depth=1))
         self._identified: list[Subscription] = []
         self._newest: tuple[list[float], float] | None = None  # parameters, and when they came
         self._subscribe_parameters()
         self.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
-        self.create_service(Trigger, '~/start', self._on_start, callback_group=group)
-        self.create_service(Trigger, '~/stop', self._on_stop, callback_group=group)
+        self.serve('~/start', self._on_start)
+        self.serve('~/stop', self._on_stop)
         self.create_timer(min(0.05, self._max_age / 2), self._supervise)
-        self.create_timer(1.0, self._diagnose)
+        Status(self, self._diagnosis)
 
     def close(self) -> None:
         """Command zero torque and disarm; wait, for a second at most, until the bridge has answered."""
@@ -144,19 +141,19 @@ class Balancer(SettingsNode):
             if status.name == self._driver.bridge.lstrip('/') and limit is not None:
                 self._balancing.readiness.board_limit(float(limit))
 
-    async def _on_start(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    async def _on_start(self) -> tuple[bool, str]:
         if rivals := self._driver.rivals() or self._rivals():
-            return Trigger.Response(message=rivals)
+            return False, rivals
         if not self._driver.arm.service_is_ready():
-            return Trigger.Response(message=f'nobody serves {self._driver.bridge}/arm; start the bridge')
+            return False, f'nobody serves {self._driver.bridge}/arm; start the bridge'
         try:
             self._balancing.begin()
         except PendubotError as error:
-            return Trigger.Response(message=str(error))
+            return False, str(error)
         self._driver.begin()
         if not self._driver.is_heard():
             self._balancing.stop()
-            return Trigger.Response(message='nobody subscribes to pendubot/effort_command; start the bridge')
+            return False, 'nobody subscribes to pendubot/effort_command; start the bridge'
         answer = await self._driver.arm.call_async(Trigger.Request())
         if not answer.success:
             self._balancing.stop()
@@ -165,13 +162,13 @@ class Balancer(SettingsNode):
             self.get_logger().info('armed and moving')
         else:
             self._driver.let_go()
-            return Trigger.Response(message='it was stopped meanwhile')
-        return Trigger.Response(success=answer.success, message=f'bridge: {answer.message}')
+            return False, 'it was stopped meanwhile'
+        return answer.success, f'bridge: {answer.message}'
 
-    def _on_stop(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    async def _on_stop(self) -> tuple[bool, str]:
         self._balancing.stop()
         self._driver.let_go()
-        return Trigger.Response(success=True, message='stopped; the bridge is told to disarm')
+        return True, 'stopped; the bridge is told to disarm'
 
     def _supervise(self) -> None:
         """Notice silence; prepare for new parameters, in a thread of its own; while idle, publish no torque."""
@@ -216,11 +213,11 @@ class Balancer(SettingsNode):
             if moving:
                 self._driver.let_go()
 
-    def _diagnose(self) -> None:
+    def _diagnosis(self) -> tuple[Level, str, dict[str, str]]:
         level, message, values = self._balancing.diagnosis()
         if (rivals := self._rivals()) and rivals not in message:
-            level, message = Level.ERROR, f'{message}; {rivals}'
-        self._publish_status(level, message, values)
+            return Level.ERROR, f'{message}; {rivals}', values
+        return level, message, values
 
 
 main = partial(run, Balancer)

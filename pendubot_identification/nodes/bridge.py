@@ -15,12 +15,10 @@ from dataclasses import fields
 from functools import partial
 from typing import Any
 
-from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.qos import QoSProfile
 from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
-from std_srvs.srv import Trigger
 
 from pendubot_identification.errors import ParameterError
 from pendubot_identification.level import Level
@@ -31,7 +29,7 @@ from pendubot_identification.link.serial_port import SerialPort
 from pendubot_identification.setting import Setting
 
 from .joint_state_bytes import JointStateBytes
-from .messages import StatusPublisher
+from .messages import Status
 from .ownership import EFFORT_COMMAND, name_rivals
 from .runtime import JOINTS, SettingsNode, explained, run
 
@@ -94,23 +92,22 @@ class Bridge(SettingsNode):
         config = HostConfig(**{each.name: frozen[each.name] for each in fields(HostConfig)})
         self._host = Host(config, new_session=lambda: 1 + secrets.randbelow((1 << 32) - 1))
         self._lock = threading.Lock()
-        self._closing = threading.Event()
+        self._closing, self._pause = threading.Event(), 0.0
         self._arming: list[Future] = []
         self._health = Health()
         # Added to times of the monotonic clock: ROS time, the system's as it was at the start, that nobody sets.
         self._epoch_ns = time.time_ns() - time.monotonic_ns()
         self._message = JointStateBytes(s['joint_names'])
         self._joint_states = self.create_publisher(JointState, 'joint_states', QoSProfile(depth=1000))
-        self._publish_status = StatusPublisher(self, hardware_id=s['port'])
+        Status(self, self._diagnosis, rig=s['port'])
         self._efforts = self.create_subscription(Float64, EFFORT_COMMAND, self._on_effort, 1)
         self._command_timeout, self._command_age = s['command_timeout'], CommandAge()
         self._stale, self._was_stale = 0, False
         self._logged_rivals = ''  # the sentence about rivals that was logged last
-        # Arming takes a while: a group of its own, so that effort commands are discarded meanwhile, not kept for later.
-        group = ReentrantCallbackGroup()
-        self.create_service(Trigger, '~/arm', self._on_arm, callback_group=group)
-        self.create_service(Trigger, '~/disarm', self._on_disarm, callback_group=group)
-        self.create_service(Trigger, '~/confirm_zeros', self._on_confirm_zeros, callback_group=group)
+        # Arming takes a while: effort commands are discarded meanwhile, not kept for later.
+        self.serve('~/arm', self._on_arm)
+        self.serve('~/disarm', self._on_disarm)
+        self.serve('~/confirm_zeros', self._on_confirm_zeros)
         self._link = SerialPort(
             s['port'],
             s['baud'],
@@ -158,30 +155,20 @@ class Bridge(SettingsNode):
                     stamp_ns, q, qd, effort, current = event
                     self._joint_states.publish(self._message.fill(stamp_ns + self._epoch_ns, q, qd, effort, current))
         except Exception as error:
-            self._fail(error)
-
-    def _fail(self, error: Exception) -> None:
-        """End the program, which disarms, at an error that no user can cause."""
-        if not self._closing.is_set():
-            self.get_logger().fatal(f'{explained(error)}; ending')
-            self.end(1)
+            if not self._closing.is_set():
+                self.get_logger().fatal(f'{explained(error)}; ending')
+                self.end(1)
 
     def _keep_house(self) -> None:
-        due = time.monotonic() + 1.0
-        try:
-            while not self._closing.wait(self._until_next_poll()):
-                self._step(lambda now: [*self._disarm_if_contested(now), *self._host.poll(now)])
-                if time.monotonic() >= due:
-                    due = time.monotonic() + 1.0
-                    self._diagnose()
-        except Exception as error:
-            self._fail(error)
+        while not self._closing.wait(self._pause):
+            self._step(self._poll)
 
-    def _until_next_poll(self) -> float:
-        with self._lock:
-            return self._host.next_poll(time.monotonic_ns())
+    def _poll(self, now: int) -> list[HostEvent]:
+        events = [*self._disarm_if_contested(now), *self._host.poll(now)]
+        self._pause = self._host.next_poll(now)
+        return events
 
-    def _diagnose(self) -> None:
+    def _diagnosis(self) -> tuple[Level, str, dict[str, Any]]:
         with self._lock:
             # As on a computer that learns the time only after its start: the stamps of other programs no longer fit.
             set_by = (time.time_ns() - time.monotonic_ns() - self._epoch_ns) / 1e9
@@ -196,7 +183,7 @@ class Bridge(SettingsNode):
                     self.get_logger().error(rivals)
             self._logged_rivals = rivals
             d = self._health.diagnose(self._host, time.monotonic_ns())
-        self._publish_status(d.level, d.message, d.values | {'stale': self._stale})
+        return d.level, d.message, d.values | {'stale': self._stale}
 
     def _disarm_if_contested(self, now: int) -> list[HostEvent]:
         """Disarm an armed motor, or stop arming it, if there are several publishers of effort commands."""
@@ -221,14 +208,13 @@ class Bridge(SettingsNode):
         text += f'at most {self._command_timeout:g} s (command_timeout) are allowed'
         return contested if was_stale else [*contested, Report(Level.WARN, text)]
 
-    async def _on_arm(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    async def _on_arm(self) -> tuple[bool, str]:
         future = Future()
         self._step(lambda now: self._arm(future, now))
         outcome: Armed | ArmingFailed = await future
-        response.success = isinstance(outcome, Armed)
-        response.message = outcome.reason if isinstance(outcome, ArmingFailed) else 'armed'
-        self.get_logger().info(f'arming: {response.message}')
-        return response
+        message = outcome.reason if isinstance(outcome, ArmingFailed) else 'armed'
+        self.get_logger().info(f'arming: {message}')
+        return isinstance(outcome, Armed), message
 
     def _arm(self, future: Future, now: int) -> list[HostEvent]:
         self._arming.append(future)
@@ -237,20 +223,19 @@ class Bridge(SettingsNode):
         # Not while it is closing: the last message to the board has to be the disarm.
         return [ArmingFailed('the bridge is ending')] if self._closing.is_set() else self._host.arm(now)
 
-    def _on_disarm(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    async def _on_disarm(self) -> tuple[bool, str]:
         self._step(self._host.disarm)
-        response.success = self._host.link == 'up'
-        condition = self._host.condition(time.monotonic_ns())
-        response.message = 'disarmed' if response.success else f'no board to tell: {condition.text}'
-        return response
+        if self._host.link == 'up':
+            return True, 'disarmed'
+        return False, f'no board to tell: {self._host.condition(time.monotonic_ns()).text}'
 
-    def _on_confirm_zeros(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    async def _on_confirm_zeros(self) -> tuple[bool, str]:
         with self._lock:
-            response.success, response.message = self._host.confirm_zeros(time.monotonic_ns())
+            confirmed, message = self._host.confirm_zeros(time.monotonic_ns())
             if data := self._host.data_to_send():
                 self._link.write(data)
-        self.get_logger().info(f'zeros: {response.message}')
-        return response
+        self.get_logger().info(f'zeros: {message}')
+        return confirmed, message
 
 
 main = partial(run, Bridge)

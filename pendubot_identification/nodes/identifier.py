@@ -15,9 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.task import Future
-from std_srvs.srv import Trigger
 
 from pendubot_identification.errors import ResultError
 from pendubot_identification.files import refuse_input, refuse_unwritable, write_atomically
@@ -36,7 +34,7 @@ from pendubot_identification.results.result_file import result_text
 from pendubot_identification.setting import Setting
 from pendubot_identification.trajectories.conventions import CONVERSION
 
-from .messages import Identification, StatusPublisher, flat, parameter_values
+from .messages import Identification, Status, flat, parameter_values
 from .runtime import JOINTS, SettingsNode, explained, run
 from .topics import check_names
 
@@ -66,8 +64,7 @@ class Progress:
         # Replaced as a whole, so that the timer's thread never sees half of it.
         self._state: tuple[Level, str, dict[str, object]] = (Level.OK, idle, {})
         self._step, self._step_began, self._logged = '', 0.0, 0.0
-        publish = StatusPublisher(node, ': progress')
-        node.create_timer(1.0, lambda: publish(*self._state))
+        Status(node, lambda: self._state, ': progress')
 
     def __call__(self, step: str, done: int, of: int, best: float) -> None:
         """Take the step, how much of it is done, of how much (0: not known), and the best J or NaN."""
@@ -122,8 +119,7 @@ class Identifier(SettingsNode):
         self._identification = Identification(self)
         self._progress = Progress(self, 'waiting for ~/identify')
         self._outcome: Future | None = None
-        # A group of its own: the node serves others while a caller waits for the result.
-        self.create_service(Trigger, '~/identify', self._on_identify, callback_group=ReentrantCallbackGroup())
+        self.serve('~/identify', self._on_identify)
         if _named(s['bags']):
             self._start(s)
         else:
@@ -134,16 +130,14 @@ class Identifier(SettingsNode):
         _settings(values)
         check_names([values['topic']], 'topic')
 
-    async def _on_identify(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    async def _on_identify(self) -> tuple[bool, str]:
         s = self.settings()
         if self._outcome is not None and not self._outcome.done():
-            response.message = 'an identification is under way; wait for its result on /pendubot/identification'
-        elif not _named(s['bags']):
-            response.message = 'no bags are named; set the parameter bags, such as ["swing@0:9"]'
-        else:
-            level, response.message = await self._start(s)
-            response.success = level is not Level.ERROR
-        return response
+            return False, 'an identification is under way; wait for its result on /pendubot/identification'
+        if not _named(s['bags']):
+            return False, 'no bags are named; set the parameter bags, such as ["swing@0:9"]'
+        level, text = await self._start(s)
+        return level is not Level.ERROR, text
 
     def _start(self, s: dict[str, Any]) -> Future:
         """Identify in a thread of its own, so that the node answers meanwhile; return level and headline to come."""

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -68,21 +68,24 @@ def stamp_now(node: Node) -> Time:
     return (now if now.nanoseconds else Clock().now()).to_msg()
 
 
-class StatusPublisher:
-    """Publishes the status of a node, or of a part of it, on /diagnostics.
+class Status:
+    """The status of a node, or of a part of it, on /diagnostics: once a second the ``diagnosis`` at the moment.
 
     Its name is ``bridge`` for /bridge and ``lab1/bridge`` for /lab1/bridge, because all rigs share the topic.
     """
 
-    def __init__(self, node: Node, part: str = '', hardware_id: str = '') -> None:
-        self._node, self._hardware_id = node, hardware_id
+    def __init__(
+        self, node: Node, diagnosis: Callable[[], tuple[Level, str, Mapping[str, Any]]], part: str = '', rig: str = ''
+    ) -> None:
+        self._node, self._rig = node, rig
         self._name = node.get_fully_qualified_name().lstrip('/') + part
         self.publisher = node.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        node.create_timer(1.0, lambda: self.publish(*diagnosis()))
 
-    def __call__(self, level: Level, summary: str, values: Mapping[str, Any]) -> None:
-        """Publish."""
+    def publish(self, level: Level, summary: str, values: Mapping[str, Any]) -> None:
+        """Publish a diagnosis."""
         stamp = stamp_now(self._node)
-        self.publisher.publish(diagnostics_message(stamp, self._name, level, summary, values, self._hardware_id))
+        self.publisher.publish(diagnostics_message(stamp, self._name, level, summary, values, self._rig))
 
 
 class Identification:

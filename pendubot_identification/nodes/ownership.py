@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import time
 
-from rclpy.callback_groups import CallbackGroup
+from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
@@ -61,12 +61,14 @@ class Driver:
     before :meth:`begin` and after :meth:`end`: only a program that drives publishes effort commands.
     """
 
-    def __init__(self, node: Node, callback_group: CallbackGroup | None = None) -> None:
+    def __init__(self, node: Node) -> None:
         self._node = node
         self.publisher: Publisher | None = None
         self.bridge = node.resolve_service_name('bridge/arm').removesuffix('/arm')
-        self.arm = node.create_client(Trigger, 'bridge/arm', callback_group=callback_group)
-        self.disarm = node.create_client(Trigger, 'bridge/disarm', callback_group=callback_group)
+        # A group of its own: answers come while a service of the node waits for them.
+        group = ReentrantCallbackGroup()
+        self.arm = node.create_client(Trigger, 'bridge/arm', callback_group=group)
+        self.disarm = node.create_client(Trigger, 'bridge/disarm', callback_group=group)
 
     def begin(self) -> None:
         """Publish effort commands from now on."""

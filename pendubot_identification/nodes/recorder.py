@@ -24,7 +24,7 @@ from pendubot_identification.recordings.bag_writer import BagWriter
 from pendubot_identification.recordings.flow import Flow, diagnose
 from pendubot_identification.setting import Setting
 
-from .messages import StatusPublisher
+from .messages import Status
 from .runtime import SettingsNode, run
 from .topics import DEPTH, Fetcher, check_names, message_class, quality, recorded
 
@@ -78,11 +78,10 @@ class Recorder(SettingsNode):
         self._bag = BagWriter(path, reserve=self._reserve)
         self.get_logger().info(f'recording to {path}')
         self._missing_since = self._diagnosed = time.monotonic()
-        self._publish_status = StatusPublisher(self)
+        self._status = Status(self, self._diagnosis)
         self.create_timer(DISCOVERY_PERIOD, partial(self._guarded, self._discover))
         self.create_timer(FETCH_PERIOD, self._fetcher.fetch)
         self.create_timer(FLUSH_PERIOD, partial(self._guarded, self._bag.flush))
-        self.create_timer(1.0, self._diagnose)
         threading.Thread(target=self._keep_synced, name='sync', daemon=True).start()
 
     def check(self, values: dict[str, Any]) -> None:
@@ -104,9 +103,9 @@ class Recorder(SettingsNode):
         for name, topic in self._topics.items():
             self.get_logger().info(f'{name}: {topic.flow.count} messages')
         if self._failure is not None:
-            self._publish_status(Level.ERROR, str(self._failure), {})
+            self._status.publish(Level.ERROR, str(self._failure), {})
             # Else the program is gone before anybody has it.
-            self._publish_status.publisher.wait_for_all_acked(Duration(seconds=1))
+            self._status.publisher.wait_for_all_acked(Duration(seconds=1))
             raise self._failure
 
     def _guarded(self, action: Callable[[], object]) -> bool:
@@ -184,13 +183,13 @@ class Recorder(SettingsNode):
             self._sync_due.clear()
             self._guarded(self._bag.sync)
 
-    def _diagnose(self) -> None:
+    def _diagnosis(self) -> tuple[Level, str, dict[str, Any]]:
         now = time.monotonic()
         elapsed, self._diagnosed = max(now - self._diagnosed, 1e-3), now
         flows = {name: topic.flow for name, topic in self._topics.items()}
         troubles = tuple(topic.trouble for topic in self._topics.values() if topic.trouble)
         found = diagnose(flows, elapsed, troubles=troubles, free=self._bag.free, reserve=self._reserve)
-        self._publish_status(found.level, found.message, {'bag': self._bag.path} | found.values)
+        return found.level, found.message, {'bag': self._bag.path} | found.values
 
 
 def _offered_by_all(publishers: list[TopicEndpointInfo]) -> QoSProfile:

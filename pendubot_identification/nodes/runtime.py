@@ -10,7 +10,7 @@ import sys
 import textwrap
 import threading
 import traceback
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Awaitable, Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from itertools import pairwise
 from typing import Any
@@ -18,6 +18,7 @@ from typing import Any
 import rclpy
 import yaml
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
+from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.clock import Clock, ClockType
 from rclpy.exceptions import ParameterException
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
@@ -27,6 +28,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 from rclpy.timer import Timer
 from rclpy.utilities import remove_ros_args
+from std_srvs.srv import Trigger
 
 from pendubot_identification.errors import ParameterError, PendubotError, sentence
 from pendubot_identification.level import Level
@@ -145,8 +147,17 @@ class SettingsNode(Node):
             near = meant(name, [setting.name for setting in self.SETTINGS])
             raise ParameterError(f'{self.PROGRAM} has no parameter {name}; {near}? --help lists them all')
 
+    def serve(self, name: str, answer: Callable[[], Awaitable[tuple[bool, str]]]) -> None:
+        """Serve a std_srvs/Trigger by a coroutine that returns success and message; others are served meanwhile."""
+
+        async def respond(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+            response.success, response.message = await answer()
+            return response
+
+        self.create_service(Trigger, name, respond, callback_group=ReentrantCallbackGroup())
+
     def answer(self, future: Future, outcome: object) -> None:
-        """Give a service that awaits a future its outcome, from any thread."""
+        """Give a coroutine that awaits a future its outcome, from any thread."""
         future.set_result(outcome)
         if self.executor is not None:
             self.executor.wake()

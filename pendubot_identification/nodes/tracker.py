@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 from sensor_msgs.msg import JointState
-from std_srvs.srv import SetBool, Trigger
+from std_srvs.srv import SetBool
 
 from pendubot_identification.level import NORMAL_95, Level
 from pendubot_identification.model.parameters import MODELS
@@ -24,7 +24,7 @@ from pendubot_identification.setting import Setting
 from pendubot_identification.tracking import tracker as tracking
 from pendubot_identification.tracking.events import Disturbance, Event, Lost, State
 
-from .messages import Identification, StatusPublisher, flat, parameter_values
+from .messages import Identification, Status, flat, parameter_values
 from .ownership import name_rivals
 from .runtime import JOINTS, SettingsNode, explained, run
 from .topics import DEPTH, Fetcher, quality
@@ -55,7 +55,6 @@ class Tracker(SettingsNode):
         """Subscribe, publish and serve; begin to estimate."""
         self._tracker = tracking.Tracker(start_of(Path(s['start'])) if s['start'] else start_of(None, s['model']))
         self._identification = Identification(self)
-        self._publish_status = StatusPublisher(self)
         self._decode = JointDecoder(s['joint_names'], self.resolve_topic_name('joint_states'))
         self._waiting: list[bytes] = []
         self._fetcher = Fetcher(self, lambda _, data, info: self._waiting.append(data))
@@ -70,8 +69,8 @@ class Tracker(SettingsNode):
         self._last_change = 'none'
         self._held, self._forget = threading.Event(), threading.Event()
         self.create_service(SetBool, '~/hold', self._on_hold)
-        self.create_service(Trigger, '~/reset', self._on_reset)
-        self.create_timer(1.0, self._diagnose)
+        self.serve('~/reset', self._on_reset)
+        Status(self, self._diagnosis)
         self._closing = threading.Event()
         self._worker = threading.Thread(target=self._work, daemon=True)
         self._worker.start()
@@ -89,9 +88,9 @@ class Tracker(SettingsNode):
         self._held.clear()
         return SetBool.Response(success=True, message='parameters that move are published')
 
-    def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    async def _on_reset(self) -> tuple[bool, str]:
         self._forget.set()
-        return Trigger.Response(success=True, message='all begins anew with the next motion')
+        return True, 'all begins anew with the next motion'
 
     def _work(self) -> None:
         while not self._closing.wait(PERIOD):
@@ -188,14 +187,14 @@ class Tracker(SettingsNode):
             self._said = key
             self._identification.publish(level, text, values, theta)
 
-    def _diagnose(self) -> None:
+    def _diagnosis(self) -> tuple[Level, str, dict[str, Any]]:
         state = self._tracker.state
         values = {'samples': self._taken, 'disturbances': self._disturbances, 'last change': self._last_change}
         values |= self._tracker.notes
         if state is not None:
             values |= {'moving': state.moving, 'unexplained torque [N m]': state.unexplained}
         level, text = self._condition()
-        self._publish_status(level, ('held; ' if self._held.is_set() else '') + text, values)
+        return level, ('held; ' if self._held.is_set() else '') + text, values
 
 
 main = partial(run, Tracker)

@@ -90,7 +90,7 @@ def test_a_failure_of_its_housekeeping_disarms_and_ends_it_with_1(rig, tmp_path,
     assert client.wait_for_service(10)
     r.until(lambda: client.call_async(r.trigger.Request()) and bridge.process.poll() is not None)
     assert bridge.process.returncode == 1
-    bridge.wait_for('AttributeError: this is broken; run again with --debug to see where; ending')
+    bridge.wait_for('AttributeError: this is broken; run again with --debug to see where')
     r.until(lambda: (r.trace()[:, 4] & ARMED).any() and not r.trace()[-1, 4] & ARMED)
     assert not (r.trace()[:, 4] & WATCHDOG).any(), 'by command, not by the watchdog'
 
