@@ -43,13 +43,12 @@ class LiveRig(Rig):
         from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 
         from pendubot_identification.level import Level
-        from pendubot_identification.nodes.messages import diagnostics_message
+        from pendubot_identification.nodes.messages import status_message
 
         theta = [float(value) for value in (rig.vector() if hasattr(rig, 'vector') else rig)]
         names = NAMES[: len(theta)]
         values = dict(zip(names, theta, strict=True)) | {'effort.delay': delay}
-        stamp = self.node.get_clock().now().to_msg()
-        self.identification.publish(diagnostics_message(stamp, 'x', Level(level), message, values))
+        self.identification.publish(status_message(self.node, 'x', Level(level), message, values))
         params = Float64MultiArray(data=theta)
         params.layout.dim = [MultiArrayDimension(label=','.join(names), size=len(theta), stride=len(theta))]
         self.params.publish(params)

@@ -220,7 +220,7 @@ def test_the_controller_receives_what_was_latched_before_it_started(ros):
     from std_msgs.msg import Float64MultiArray
 
     from pendubot_identification.level import Level
-    from pendubot_identification.nodes.messages import LATCHED, diagnostics_message, parameters_message
+    from pendubot_identification.nodes.messages import LATCHED, parameters_message, status_message
     from test.identified import made
     from test.processes import Program
 
@@ -228,7 +228,7 @@ def test_the_controller_receives_what_was_latched_before_it_started(ros):
     node = ros.create_node('identifier_of_the_example')
     status = node.create_publisher(DiagnosticArray, '/pendubot/identification', LATCHED)
     params = node.create_publisher(Float64MultiArray, '/pendubot/params', LATCHED)
-    status.publish(diagnostics_message(node.get_clock().now().to_msg(), 'identification', Level.WARN, 'so so', {}))
+    status.publish(status_message(node, 'identification', Level.WARN, 'so so', {}))
     params.publish(parameters_message(result.theta.vector(result.model)))
     try:
         with Program.of_file(ROOT / 'examples' / 'controller.py') as controller:

@@ -27,8 +27,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pendubot_identification.control.controller import UPRIGHT, Controller, Design, Loop, SafetyLimits
-from pendubot_identification.control.linear_control import design
+from pendubot_identification.control.controller import UPRIGHT, Controller, SafetyLimits
+from pendubot_identification.control.linear_control import Design, Loop, margins
 from pendubot_identification.control.plan import HELD, deviation, simulate_closed_loop
 from pendubot_identification.errors import ControlError
 from pendubot_identification.excitation.excitation import PulseTrain
@@ -190,7 +190,7 @@ def meet_margins(rates):
     print('\n| rate | margin | computed | met in simulation |\n|---|---|---|---|')
     for rate in rates:
         plan = Design.make(BALANCE, Loop(1 / rate, LAG, LIMIT))
-        m = plan.margins
+        m = margins(plan)
         met = edge(0.0, 3 * m.delay, lambda more: falls(plan, LAG + more, 1.0))  # noqa: B023
         print(f'| {rate} Hz | delay | {1e3 * m.delay:.1f} ms | {1e3 * met:.1f} ms |')
         met = edge(1.0, 0.0, lambda gain: falls(plan, LAG, gain))  # noqa: B023
@@ -205,14 +205,12 @@ def paper(rates, seeds):
     print('|---|---|---|---|---|---|')
     for rate in rates:
         for lag in (0.0, LAG):
-            loop = Loop(1 / rate, lag, LIMIT)
+            plan = Design.make(PAPER, Loop(1 / rate, lag, LIMIT))
             try:
-                plan = Design.make(PAPER, loop)
+                m, held = margins(plan), 0
             except ControlError as error:
-                K = design(PAPER, loop.period, loop.delay).K
-                print(f'| {rate} Hz | {1e3 * lag:g} ms | {K.round(1)} | {error} | | |')
+                print(f'| {rate} Hz | {1e3 * lag:g} ms | {plan.K.round(1)} | {error} | | |')
                 continue
-            m, held = plan.margins, 0
             for seed in range(seeds):
                 q1, q2 = np.random.default_rng(seed).uniform(-0.02, 0.02, 2)
                 rig = LatePlant(PAPER, lag, (UPRIGHT + q1, q2))
@@ -220,7 +218,7 @@ def paper(rates, seeds):
                 run = simulate_closed_loop(controller, rig, 1 + TIME + 0.1)
                 held += math.isfinite(judged(run.motion.t, run.motion.q, run.motion.tau[:, 0], 1.0).held)
             print(
-                f'| {rate} Hz | {1e3 * lag:g} ms | {plan.regulator.K.round(1)} | {1e3 * m.delay:.2f} ms '
+                f'| {rate} Hz | {1e3 * lag:g} ms | {plan.K.round(1)} | {1e3 * m.delay:.2f} ms '
                 f'| {m.gain_down:.2f} to {m.gain_up:.2f} | {held} of {seeds} |',
                 flush=True,
             )

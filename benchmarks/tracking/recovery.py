@@ -15,8 +15,8 @@ import math
 
 import numpy as np
 
-from pendubot_identification.control.controller import Controller, Design, Loop, SafetyLimits
-from pendubot_identification.control.linear_control import margins
+from pendubot_identification.control.controller import Controller, SafetyLimits
+from pendubot_identification.control.linear_control import Design, Loop, margins
 from pendubot_identification.control.plan import HELD, deviation
 from pendubot_identification.errors import ControlError
 from pendubot_identification.excitation.excitation import PulseTrain
@@ -73,8 +73,8 @@ def trial(payload, seed, *, tracked):
 def stability(known, payload):
     """Return the margins of a balancer that is designed for theta on a rig with the payload, or None if it falls."""
     try:
-        regulator = Design.make(Parameters.from_vector(known), Loop(1 / RATE, LAG, LIMIT)).regulator
-        return margins(regulator, BALANCE.carrying(payload))
+        made = Design.make(Parameters.from_vector(known), Loop(1 / RATE, LAG, LIMIT))
+        return margins(made, BALANCE.carrying(payload))
     except ControlError:
         return None
 

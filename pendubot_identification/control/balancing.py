@@ -1,11 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""When the balancer begins and stops, without ROS.
-
-It asks for a plan as soon as parameters and samples have come, moves the rig from :meth:`Balancing.armed` until it is
-stopped or something is wrong, and never begins again on its own.
-"""
+"""The balancer's decisions, without ROS: when to prepare, begin and stop. It never begins again on its own."""
 
 from __future__ import annotations
 
@@ -19,7 +15,8 @@ from pendubot_identification.level import Level
 from pendubot_identification.model.dynamics import Pair
 from pendubot_identification.model.parameters import Parameters
 
-from .controller import Controller, ControlMode, Loop, SafetyLimits
+from .controller import Controller, ControlMode, SafetyLimits
+from .linear_control import Loop
 from .plan import Plan, deviation
 from .readiness import Readiness
 
@@ -38,12 +35,11 @@ class Phase(Enum):
 
 
 class Balancing:
-    """Decides when to prepare, begin and stop; limit [N m] and motor_delay [s] are those of :class:`Readiness`.
+    """Asks for a plan as soon as parameters and samples have come; moves the rig from :meth:`armed` to :meth:`stop`.
 
     Attributes:
-        readiness: what has come in.
-        phase: idle, arming or running.
-        plan: what it begins with, or moves by; None before there is one. While idle, always a simulated one.
+        readiness: the parameters, their quality, and the loop; it defines ``limit`` [N m] and ``motor_delay`` [s].
+        plan: by which it begins or moves, None before there is one. While idle, it was simulated.
         obstacle: why it cannot begin; empty if it can.
         stopped: why it stopped last; empty if it did not, or was told to.
     """
@@ -63,8 +59,6 @@ class Balancing:
         self._upright_since: float | None = None
         self._arming_since: float | None = None
 
-    # Preparing
-
     def to_prepare(self, accept_warn: bool) -> tuple[Parameters, Loop] | None:
         """Return parameters and loop for which a plan is missing; None if there is nothing to prepare."""
         try:
@@ -83,10 +77,7 @@ class Balancing:
         return wanted
 
     def prepared(self, plan: Plan) -> None:
-        """Take a plan; a running controller adopts it at its next sample.
-
-        A plan without simulation was made during a motion; when that has ended meanwhile, it is dropped.
-        """
+        """Take a plan: now, or at the next sample of a motion. Without simulation, it is only for the motion."""
         self._refused, self.obstacle = None, ''
         if self.phase is not Phase.IDLE:
             self._coming = plan
@@ -99,14 +90,8 @@ class Balancing:
         if self.phase is Phase.IDLE:
             self.plan = None
 
-    # Beginning, moving, stopping
-
     def begin(self) -> None:
-        """Begin to arm.
-
-        Raises:
-            ControlError: it is not prepared, or can neither swing up nor is near upright.
-        """
+        """Begin to arm, or raise ControlError: not prepared, or neither near upright nor able to swing up."""
         if self.phase is not Phase.IDLE:
             raise ControlError(f'it is {self.phase.value} already')
         if self.plan is None or self._q is None:
@@ -133,33 +118,34 @@ class Balancing:
         if self.plan is not None and not self.plan.simulated:
             self.plan = None
 
-    def sample(self, t: float, now: float, q: Pair, effort: float, max_age: float) -> float | None:
-        """Take a sample of time t [s], received ``now`` [s], at most ``max_age`` [s] old; return the torque to command.
+    def sample(self, t: float, now: float, q: Pair, effort: float) -> float | None:
+        """Take a sample: times of sampling and arrival [s], positions [rad], torque applied from it on [N m].
 
-        ``q``: positions [rad]; ``effort``: torque that is applied from it on [N m]. The torque [N m] is None when idle.
+        Returns:
+            The torque to command [N m], None while idle.
 
         Raises:
             ControlError: it has stopped; command zero torque and disarm.
         """
-        self.silence(now, max_age)
+        self.silence(now)
         self.readiness.sample(t)
         self._q, self._heard = q, now
         if self.phase is Phase.IDLE:
             return None
         try:
-            return self._torque(t, now, q, effort, max_age)
+            return self._torque(t, now, q, effort)
         except ControlError as error:
             self.stop(str(error))
             raise
 
-    def _torque(self, t: float, now: float, q: Pair, effort: float, max_age: float) -> float:
+    def _torque(self, t: float, now: float, q: Pair, effort: float) -> float:
         if self._controller is None:
             self._arming_since = self._arming_since or t
             if t - self._arming_since > PATIENCE:
                 raise ControlError(f'the bridge did not answer within {PATIENCE:g} s whether it is armed; start again')
             return 0.0
-        if not now - t <= max_age:
-            raise ControlError(f'a sample is {now - t:.3f} s old; at most {max_age:g} s are allowed')
+        if not now - t <= self._bounds.gap:
+            raise ControlError(f'a sample is {now - t:.3f} s old; at most {self._bounds.gap:g} s are allowed')
         if self._coming is not None:
             self.plan, self._coming = self._coming, None
             self._controller.adopt(self.plan.design)
@@ -168,24 +154,16 @@ class Balancing:
         self._upright_since = (self._upright_since or t) if balancing else None
         return torque
 
-    def silence(self, now: float, max_age: float) -> None:
-        """Check that samples come; to be called several times in ``max_age`` [s].
-
-        Raises:
-            ControlError: none has come for so long while it moved; it has stopped.
-        """
-        paused, self._looked = now - self._looked > max_age, now
-        if self.phase is Phase.RUNNING and now - self._heard > max_age:
+    def silence(self, now: float) -> None:
+        """Stop, by ControlError, if no sample has come for the longest gap; to be called several times in that."""
+        paused, self._looked = now - self._looked > self._bounds.gap, now
+        if self.phase is Phase.RUNNING and now - self._heard > self._bounds.gap:
             why = 'the machine paused' if paused else 'look at the bridge'
             self.stop(f'no sample for {now - self._heard:.3f} s: {why}')
             raise ControlError(self.stopped)
 
     def offer(self, theta: list[float]) -> None:
-        """Take a parameter vector.
-
-        Raises:
-            ControlError: no rig can have it; it has stopped.
-        """
+        """Take a parameter vector; stop, by ControlError, if no rig can have it."""
         try:
             self.readiness.offer(theta)
         except PendubotError as error:
@@ -193,14 +171,14 @@ class Balancing:
             raise ControlError(str(error)) from error
 
     def diagnosis(self) -> tuple[Level, str, dict[str, str]]:
-        """Return how things stand: a level, a sentence, and figures by name."""
+        """Return a level, a sentence, and figures by name."""
         values = {'phase': self.phase.value, 'mode': 'none'}
         if self._controller is not None:
             values['mode'] = self._controller.mode.value
             values['balancing for [s]'] = f'{self._heard - (self._upright_since or self._heard):.1f}'
             values['transport [samples]'] = str(self._controller.monitor.transport)
         if self.plan is not None:
-            m, loop = self.plan.design.margins, self.plan.design.loop
+            m, loop = self.plan.margins, self.plan.design.loop
             values |= {
                 'period [s]': f'{loop.period:g}',
                 'dead time [s]': f'{loop.delay:.4f}',

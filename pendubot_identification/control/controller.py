@@ -3,7 +3,7 @@
 
 """The controller: a sample in, a torque out. It swings the rig up, balances it, and stops at its safety limits.
 
-Time comes with the samples. It stops by raising ControlError; its caller then commands zero torque and disarms.
+It stops by raising ControlError; its caller then commands zero torque and disarms.
 """
 
 from __future__ import annotations
@@ -14,11 +14,10 @@ from enum import Enum
 
 from pendubot_identification.errors import ControlError
 from pendubot_identification.model.dynamics import Pair
-from pendubot_identification.model.parameters import Parameters
 from pendubot_identification.model.rollout import advance
 
 from .estimator import CommandMonitor, Estimator, RigState
-from .linear_control import Margins, Regulator, design, margins
+from .linear_control import Design
 from .sign_check import SignCheck
 from .swing_up import swing_up
 
@@ -40,26 +39,6 @@ class ControlMode(Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class Loop:
-    """The sampled control loop: a torque computed from a sample is applied from the next one on.
-
-    Attributes:
-        period: between samples [s].
-        lag: the motor obeys so much later than the board says [s].
-        limit: largest torque [N m].
-    """
-
-    period: float
-    lag: float = 0.0
-    limit: float = 2.0
-
-    @property
-    def delay(self) -> float:
-        """Dead time from a sample until the torque computed from it acts [s]."""
-        return self.period + self.lag
-
-
-@dataclass(frozen=True, slots=True)
 class SafetyLimits:
     """Where the controller stops.
 
@@ -67,7 +46,7 @@ class SafetyLimits:
         shoulder: farthest that link 1 may be from upright [rad]; hanging is pi away.
         elbow: farthest that the elbow may turn [rad].
         speed: fastest joint speed [rad/s].
-        gap: longest time without a sample [s].
+        gap: longest time without a sample, and largest age of one [s].
         swing_up: longest swing-up [s]; 0: none at all.
     """
 
@@ -78,32 +57,6 @@ class SafetyLimits:
     swing_up: float = 30.0
 
 
-@dataclass(frozen=True, slots=True)
-class Design:
-    """What is computed from the parameters, which are also there as plain numbers theta, before anything moves."""
-
-    parameters: Parameters
-    theta: tuple[float, ...]
-    loop: Loop
-    regulator: Regulator
-    margins: Margins
-
-    @classmethod
-    def make(cls, parameters: Parameters, loop: Loop) -> Design:
-        """Design for a rig, whose parameters are physical, and a loop.
-
-        Raises:
-            ControlError: this controller is none for such a rig, or the loop is too slow to balance it.
-        """
-        if parameters.P5 <= 0 or parameters.P3 <= 0:
-            raise ControlError(
-                f'link 2 has its centre of mass at the elbow or behind it (P3 = {parameters.P3:.3g}, P5 = '
-                f'{parameters.P5:.3g}); this controller needs one that swings out: both above 0'
-            )
-        regulator = design(parameters, loop.period, loop.delay)
-        return cls(parameters, tuple(map(float, parameters.vector())), loop, regulator, margins(regulator))
-
-
 class Controller:
     """Estimates the state from the first sample on, and computes torques."""
 
@@ -112,7 +65,7 @@ class Controller:
         self.design = design
         self._loop = loop = design.loop
         self._bounds = bounds or SafetyLimits()
-        self._estimator = Estimator(design.parameters, loop.period, loop.lag, design.regulator.L)
+        self._estimator = Estimator(design.parameters, loop.period, loop.lag, design.L)
         self.monitor = CommandMonitor(loop.period)
         self._sign_check: SignCheck | None = SignCheck(design.theta, loop.period, loop.lag)
         self._last: float | None = None
@@ -126,14 +79,12 @@ class Controller:
         before = None if self._last is None else self._law(self._ahead())
         self.design = design
         loop = self._loop
-        self._estimator = Estimator(design.parameters, loop.period, loop.lag, design.regulator.L, self._estimator)
+        self._estimator = Estimator(design.parameters, loop.period, loop.lag, design.L, self._estimator)
         if before is not None:
             self._offset += before - self._law(self._ahead())
 
     def step(self, t: float, q: Pair, effort: float) -> float:
-        """Take a sample of time t [s] and positions q [rad]; return the torque [N m] to be applied, within the limit.
-
-        ``effort`` is the torque that is applied from it on [N m], as the board says.
+        """Take a sample: time [s], positions [rad], and the torque applied from it on [N m]; return the next torque.
 
         Raises:
             ControlError: it stops; the torque has to be 0 now, and the motor disarmed.
@@ -200,7 +151,7 @@ class Controller:
 
     def _law(self, state: RigState) -> float:
         if self.mode is ControlMode.BALANCE:
-            return self.design.regulator.torque(_from_upright(state))
+            return self.design.torque(_from_upright(state))
         return swing_up(self.design.parameters, self.design.theta, state, self._upright)
 
     def _catches(self, error: RigState) -> bool:
@@ -209,7 +160,7 @@ class Controller:
         for _ in range(round(CATCH_TIME / CATCH_STEP)):
             if max(abs(error[0]), abs(error[0] + error[1])) > REACH:
                 return False
-            torque = max(-limit, min(limit, self.design.regulator.torque(error)))
+            torque = max(-limit, min(limit, self.design.torque(error)))
             state = error[0] + UPRIGHT, *error[1:]
             q1, *rest = advance(self.design.theta, state, (torque, 0.0), CATCH_STEP, math)
             error = (q1 - UPRIGHT, *rest)

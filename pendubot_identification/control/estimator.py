@@ -3,8 +3,8 @@
 
 """The rig's state, estimated from encoder positions and applied torques, and how late commanded torques are applied.
 
-The estimator is a Kalman filter with constant gain whose model is the nonlinear one. So it needs no differences of
-positions, which lag behind, and it predicts over the loop's dead time at any speed.
+The estimator is a Kalman filter with constant gain and the nonlinear model. It needs no differences of positions, which
+lag behind, and it predicts over the loop's dead time at any speed.
 """
 
 from __future__ import annotations
@@ -35,10 +35,9 @@ DISOBEDIENCE = 0.1
 
 
 class Estimator:
-    """Estimates the state, sample by sample; period and lag [s] are those of the loop.
+    """Estimates the state by the Kalman gain ``L`` of the positions' innovation, shape (4, 2).
 
-    ``L`` is the Kalman gain of the positions' innovation, shape (4, 2). It goes on from the state and torques of
-    ``before``, an estimator with other parameters.
+    Period and lag [s] are those of the loop. ``before``: an estimator with other parameters, whose state it takes over.
     """
 
     def __init__(
@@ -56,10 +55,7 @@ class Estimator:
         self._applied: deque[float] = deque(applied, maxlen=self._whole + 2)
 
     def update(self, q: Pair, effort: float, samples: int = 1) -> None:
-        """Take positions [rad] and the torque applied from now on [N m].
-
-        ``samples``: how many periods have passed since the last one, more than 1 where some were lost.
-        """
+        """Take positions [rad] and the torque applied from now on [N m], ``samples`` periods after the last ones."""
         if self._state is None:
             self._state = (*q, 0.0, 0.0)
             self._applied.append(effort)

@@ -5,8 +5,7 @@
 
 Near upright x = (q - q*, q') [rad, rad/s] obeys x' = A x + B tau. The loop is sampled and has a dead time: the torque
 computed from a sample acts D seconds after it. The regulator feeds back the state predicted D ahead, which is the LQR
-of the plant augmented by its delay states (Artstein's reduction: the effect of the pending torques is known, and what
-remains is a plant without delay).
+of the plant augmented by its delay states (Artstein's reduction).
 """
 
 from __future__ import annotations
@@ -59,23 +58,71 @@ def sampled(A: Array, B: Array, duration: float) -> tuple[Array, Array]:
 
 
 @dataclass(frozen=True, slots=True)
-class Regulator:
-    """Gains for one period and dead time.
+class Loop:
+    """The sampled control loop: a torque computed from a sample is applied from the next one on.
 
     Attributes:
-        A, B: the linear model, shapes (4, 4) and (4, 1).
         period: between samples [s].
-        delay: from a sample to the moment when the torque computed from it acts [s].
-        K: shape (4,); tau = -K x, x predicted ``delay`` ahead.
+        lag: the motor obeys so much later than the board says [s].
+        limit: largest torque [N m].
+    """
+
+    period: float
+    lag: float = 0.0
+    limit: float = 2.0
+
+    @property
+    def delay(self) -> float:
+        """Dead time from a sample until the torque computed from it acts [s]."""
+        return self.period + self.lag
+
+
+@dataclass(frozen=True, slots=True)
+class Design:
+    """Regulator and estimator for a rig and a loop.
+
+    Attributes:
+        parameters: of the rig; ``theta`` has them as plain numbers, which are faster.
+        K: shape (4,); tau = -K x, x predicted over the dead time.
         L: shape (4, 2); Kalman gain of the positions' innovation.
     """
 
-    A: Array
-    B: Array
-    period: float
-    delay: float
+    parameters: Parameters
+    theta: tuple[float, ...]
+    loop: Loop
     K: Array
     L: Array
+
+    @classmethod
+    def make(cls, parameters: Parameters, loop: Loop) -> Design:
+        """Design the discrete LQR and the steady Kalman filter for physical parameters.
+
+        Raises:
+            ControlError: this controller is none for such a rig, or the motor cannot move what has to be balanced.
+        """
+        if parameters.P5 <= 0 or parameters.P3 <= 0:
+            raise ControlError(
+                f'link 2 has its centre of mass at the elbow or behind it (P3 = {parameters.P3:.3g}, P5 = '
+                f'{parameters.P5:.3g}); this controller needs one that swings out: both above 0'
+            )
+        A, both = linearise(parameters)
+        Phi, Gamma = sampled(A, both[:, :1], loop.period)
+        weight = (parameters.P4 + parameters.P5) * GRAVITY
+        Q, R = np.diag([1, 1, 0, 0]) / ANGLE**2, np.eye(1) / (TORQUE * weight) ** 2
+        _, pushes = sampled(A, both, loop.period)
+        disturbance = pushes @ pushes.T * (DISTURBANCE * weight) ** 2 * (0.01 / loop.period)
+        noise = np.eye(2) * (2 * math.pi / COUNTS_PER_TURN) ** 2 / 12
+        try:
+            S = solve_discrete_are(Phi, Gamma, Q, R)
+            covariance = solve_discrete_are(Phi.T, _MEASURED.T, disturbance, noise)
+        except (np.linalg.LinAlgError, ValueError) as error:
+            raise ControlError(
+                'no controller can be designed for these parameters: the motor hardly moves what has to be balanced; '
+                'identify the rig again'
+            ) from error
+        K = np.linalg.solve(Gamma.T @ S @ Gamma + R, Gamma.T @ S @ Phi)
+        L = covariance @ _MEASURED.T @ np.linalg.inv(_MEASURED @ covariance @ _MEASURED.T + noise)
+        return cls(parameters, tuple(map(float, parameters.vector())), loop, K[0], L)
 
     def torque(self, x: tuple[float, ...]) -> float:
         """Return the torque [N m] at a deviation from upright [rad, rad/s]."""
@@ -83,58 +130,29 @@ class Regulator:
         return -float(a * x[0] + b * x[1] + c * x[2] + d * x[3])
 
 
-def design(parameters: Parameters, period: float, delay: float) -> Regulator:
-    """Design the discrete LQR and the steady Kalman filter; period and delay are those of the regulator [s].
-
-    Raises:
-        ControlError: there is no such regulator, because the motor cannot move what has to be balanced.
-    """
-    A, both = linearise(parameters)
-    B = both[:, :1]
-    Phi, Gamma = sampled(A, B, period)
-    weight = (parameters.P4 + parameters.P5) * GRAVITY
-    Q, R = np.diag([1, 1, 0, 0]) / ANGLE**2, np.eye(1) / (TORQUE * weight) ** 2
-    _, pushes = sampled(A, both, period)
-    disturbance = pushes @ pushes.T * (DISTURBANCE * weight) ** 2 * (0.01 / period)
-    noise = np.eye(2) * (2 * math.pi / COUNTS_PER_TURN) ** 2 / 12
-    try:
-        S = solve_discrete_are(Phi, Gamma, Q, R)
-        covariance = solve_discrete_are(Phi.T, _MEASURED.T, disturbance, noise)
-    except (np.linalg.LinAlgError, ValueError) as error:
-        raise ControlError(
-            'no controller can be designed for these parameters: the motor hardly moves what has to be balanced; '
-            'identify the rig again'
-        ) from error
-    K = np.linalg.solve(Gamma.T @ S @ Gamma + R, Gamma.T @ S @ Phi)
-    L = covariance @ _MEASURED.T @ np.linalg.inv(_MEASURED @ covariance @ _MEASURED.T + noise)
-    return Regulator(A, B, period, delay, K[0], L)
-
-
-def closed_loop(r: Regulator, delay: float | None = None, rig: Parameters | None = None) -> tuple[Array, Array]:
+def closed_loop(design: Design, delay: float | None = None, rig: Parameters | None = None) -> tuple[Array, Array]:
     """Return two matrices F and M: F + g M takes the rig under the regulator over one period.
 
     It is stable when all eigenvalues have |z| < 1; g multiplies the torque on its way to the rig and, complex, turns
     the loop's phase.
 
     Args:
-        r: the design.
+        design: of regulator and estimator.
         delay: the rig's own dead time [s], where it is not the one that was designed for.
         rig: its own parameters, likewise.
 
     Returns:
         Shapes (8 + N, 8 + N): of the rig's x, its estimate before the measurement, and the torques of N samples.
     """
-    Phi, assumed = _effects(r, r.delay, r.period)
-    Phi_own, own = Phi, assumed
-    if delay is not None or rig is not None:
-        A, both = (r.A, r.B) if rig is None else linearise(rig)
-        Phi_own, own = _effects(replace(r, A=A, B=both[:, :1]), r.delay if delay is None else delay, r.period)
-    ahead, pending = _effects(r, r.delay, r.delay)
+    loop, delay = design.loop, design.loop.delay if delay is None else delay
+    Phi_own, own = _effects(rig or design.parameters, loop.period, delay, loop.period)
+    Phi, assumed = _effects(design.parameters, loop.period, loop.delay, loop.period)
+    ahead, pending = _effects(design.parameters, loop.period, loop.delay, loop.delay)
     past = max(map(len, (own, assumed, pending))) - 1
     own, assumed, pending = (np.pad(each, ((0, past + 1 - len(each)), (0, 0))) for each in (own, assumed, pending))
     state, estimate, torques = np.split(np.eye(8 + past), [4, 8])
-    corrected = estimate + r.L @ _MEASURED @ (state - estimate)
-    torque = -r.K @ (ahead @ corrected + pending[1:].T @ torques)
+    corrected = estimate + design.L @ _MEASURED @ (state - estimate)
+    torque = -design.K @ (ahead @ corrected + pending[1:].T @ torques)
     torques = np.vstack([torque, torques])
     fixed = np.vstack([Phi_own @ state, Phi @ corrected + assumed.T @ torques, torques[:past]])
     moved = np.zeros_like(fixed)
@@ -142,19 +160,20 @@ def closed_loop(r: Regulator, delay: float | None = None, rig: Parameters | None
     return fixed, moved
 
 
-def _effects(r: Regulator, delay: float, span: float) -> tuple[Array, Array]:
+def _effects(rig: Parameters, period: float, delay: float, span: float) -> tuple[Array, Array]:
     """Return how the state moves over ``span`` [s] after a sample: transition, shape (4, 4), and effects of torques.
 
     Row j of the effects, shape (N, 4), belongs to the torque that was computed j samples before this one.
     """
+    A, both = linearise(rig)
     effects = []
-    for j in range(math.ceil(delay / r.period - 1e-9) + 1):
-        begin, end = max(0.0, delay - j * r.period), min(span, delay - (j - 1) * r.period)
+    for j in range(math.ceil(delay / period - 1e-9) + 1):
+        begin, end = max(0.0, delay - j * period), min(span, delay - (j - 1) * period)
         effect = np.zeros(4)
         if end > begin:
-            effect = (sampled(r.A, r.B, span - end)[0] @ sampled(r.A, r.B, end - begin)[1])[:, 0]
+            effect = (sampled(A, both[:, :1], span - end)[0] @ sampled(A, both[:, :1], end - begin)[1])[:, 0]
         effects.append(effect)
-    return sampled(r.A, r.B, span)[0], np.array(effects)
+    return sampled(A, both[:, :1], span)[0], np.array(effects)
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,24 +192,22 @@ class Margins:
     delay: float
 
 
-def margins(r: Regulator, rig: Parameters | None = None) -> Margins:
-    """Return the margins of a design, from the eigenvalues of the sampled closed loop.
-
-    ``rig``: on which it is, where that is not the one that it was designed for.
+def margins(design: Design, rig: Parameters | None = None) -> Margins:
+    """Return the margins of a design on the rig that it was designed for, or another one, by the closed loop's poles.
 
     Raises:
         ControlError: the loop is unstable.
     """
-    fixed, moved = closed_loop(r, rig=rig)
+    loop, (fixed, moved) = design.loop, closed_loop(design, rig=rig)
     if not _stable(fixed + moved):
         raise ControlError(
-            f'a sample every {1e3 * r.period:g} ms and a dead time of {1e3 * r.delay:.3g} ms are too slow to hold this '
-            'rig upright; sample faster, or shorten the delay'
+            f'a sample every {1e3 * loop.period:g} ms and a dead time of {1e3 * loop.delay:.3g} ms are too slow to '
+            'hold this rig upright; sample faster, or shorten the delay'
         )
     up = _edge(lambda power: fixed + math.exp(power) * moved, math.log(_LARGEST_GAIN))
     down = _edge(lambda power: fixed + math.exp(-power) * moved, math.log(_LARGEST_GAIN))
     phase = _edge(lambda angle: fixed + complex(math.cos(angle), -math.sin(angle)) * moved, math.pi)
-    delay = _edge(lambda more: np.add(*closed_loop(r, r.delay + more, rig)), _LONGEST_DELAY)
+    delay = _edge(lambda more: np.add(*closed_loop(design, loop.delay + more, rig)), _LONGEST_DELAY)
     return Margins(math.exp(-down), math.exp(up), phase, delay)
 
 

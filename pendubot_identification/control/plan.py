@@ -19,7 +19,8 @@ from pendubot_identification.model.parameters import Parameters
 from pendubot_identification.model.simulation import HANGING, LatePlant
 from pendubot_identification.trajectories.trajectory import Trajectory
 
-from .controller import UPRIGHT, Controller, ControlMode, Design, Loop
+from .controller import UPRIGHT, Controller, ControlMode
+from .linear_control import Design, Loop, Margins, margins
 
 Array = NDArray[np.float64]
 
@@ -39,11 +40,13 @@ class Plan:
 
     Attributes:
         design: from the parameters.
+        margins: of the design.
         swing_up: when the rig is upright in simulation [s]; infinite if never, NaN if not simulated.
         sufficient: a torque limit [N m] that swings it up where the loop's does not; infinite if none does.
     """
 
     design: Design
+    margins: Margins
     swing_up: float = math.nan
     sufficient: float = math.nan
 
@@ -55,7 +58,7 @@ class Plan:
             ControlError: there is no such controller, or its margins are too small.
         """
         design = Design.make(parameters, loop)
-        m = design.margins
+        m = margins(design)
         if m.gain_up < GAIN or m.gain_down > 1 / GAIN or m.delay < DELAY:
             raise ControlError(
                 f'this rig can hardly be balanced: the gain may be {m.gain_down:.2f} to {m.gain_up:.2f} times what is '
@@ -64,9 +67,9 @@ class Plan:
                 'build a longer link 1'
             )
         if not simulate_closed_loop:
-            return cls(design)
-        swing_up = swing_up_time(design)
-        return cls(design, swing_up, math.nan if math.isfinite(swing_up) else sufficient_limit(design))
+            return cls(design, m)
+        swing_up = _swing_up_time(design)
+        return cls(design, m, swing_up, math.nan if math.isfinite(swing_up) else _sufficient_limit(design))
 
     @property
     def simulated(self) -> bool:
@@ -75,7 +78,7 @@ class Plan:
 
     def summary(self) -> str:
         """Say the margins and how the simulation went."""
-        m = self.design.margins
+        m = self.margins
         text = (
             f'gain may be {m.gain_down:.2f} to {m.gain_up:.2f} times what is thought, the phase margin is '
             f'{math.degrees(m.phase):.0f} degrees, the delay margin {1e3 * m.delay:.0f} ms beside '
@@ -91,21 +94,18 @@ class Plan:
         return f'{self.design.loop.limit:g} N m do not swing this rig up, as a simulation shows; {enough}'
 
 
-def swing_up_time(design: Design) -> float:
+def _swing_up_time(design: Design) -> float:
     """Return when [s] the rig with the design's own parameters is held upright, from hanging; infinite if never."""
     rig = LatePlant(design.parameters, design.loop.lag)
     run = simulate_closed_loop(Controller(design), rig, LONGEST, enough=ENOUGH)
     return math.inf if run.stopped else held_since(run.motion)
 
 
-def sufficient_limit(design: Design) -> float:
+def _sufficient_limit(design: Design) -> float:
     """Return a torque limit [N m] that swings the rig up, at most 30 % above the least; infinite if none does."""
-    limit = design.loop.limit * MORE
-    while limit <= MOST * design.loop.limit:
-        if math.isfinite(swing_up_time(replace(design, loop=replace(design.loop, limit=limit)))):
-            return limit
-        limit *= MORE
-    return math.inf
+    limits = design.loop.limit * MORE ** np.arange(1, math.floor(math.log(MOST) / math.log(MORE)) + 1)
+    larger = (replace(design, loop=replace(design.loop, limit=float(limit))) for limit in limits)
+    return next((each.loop.limit for each in larger if math.isfinite(_swing_up_time(each))), math.inf)
 
 
 def deviation(q: Array) -> Array:
@@ -143,7 +143,7 @@ def simulate_closed_loop(
         controller: before its first sample.
         rig: at its initial state, with its own motor delay.
         seconds: duration [s].
-        sensed: turns true positions into those that the controller is told, for instance with a wrong sign.
+        sensed: the positions that the controller gets in the place of the true ones, such as with a wrong sign.
         motor: factor of the torque, negative if the motor turns the wrong way.
         enough: end once it has balanced for so long without a break [s].
     """

@@ -13,7 +13,7 @@ from pendubot_identification.errors import ControlError
 from pendubot_identification.level import Level
 from pendubot_identification.model.parameters import NAMES, Parameters
 
-from .controller import Loop
+from .linear_control import Loop
 
 #: The period is this quantile of so many steps between samples, a low one because a busy machine skips samples. It is
 #: kept until it changes by more than this share.
@@ -21,9 +21,10 @@ SAMPLES, QUANTILE, TOLERANCE = 100, 0.1, 0.05
 
 
 class Readiness:
-    """Collects what comes in, in any order, within the largest torque that the user allows, ``limit`` [N m].
+    """Collects messages in any order.
 
-    The motor obeys ``motor_delay`` [s] later than the board says; None: as the identification found.
+    ``limit`` is the largest torque that the user allows [N m]. The motor obeys ``motor_delay`` [s] later than the board
+    reports; None: as the identification found.
     """
 
     def __init__(self, limit: float, motor_delay: float | None = None) -> None:
@@ -52,12 +53,7 @@ class Readiness:
         self._board_limit = limit
 
     def offer(self, theta: Sequence[float]) -> Parameters:
-        """Take a parameter vector.
-
-        Raises:
-            ControlError: no rig has these parameters.
-            ParameterError: it has a wrong length.
-        """
+        """Take a parameter vector, or raise PendubotError: no rig has it, or its length is wrong."""
         parameters = Parameters.from_vector(theta)
         self._theta = tuple(theta)
         if problems := parameters.unphysical():
@@ -69,11 +65,7 @@ class Readiness:
         self._judgements.append((level, message, values))
 
     def ready(self, accept_warn: bool) -> tuple[Parameters, Loop]:
-        """Return the parameters and the loop.
-
-        Raises:
-            ControlError: something is missing or not good enough; the sentence says what.
-        """
+        """Return the parameters and the loop, or raise ControlError: something is missing or not good enough."""
         if not self._theta:
             raise ControlError('no parameters have come on pendubot/params; start the identifier')
         parameters = self.offer(self._theta)

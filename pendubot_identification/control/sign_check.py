@@ -61,11 +61,7 @@ class SignCheck:
         self._countdown = self._size + self._late
 
     def update(self, q: Pair, effort: float) -> bool:
-        """Take positions [rad] and applied torque [N m]; return True once the wiring is found to be right.
-
-        Raises:
-            ControlError: it is wrong; the sentence says how.
-        """
+        """Take positions [rad] and torque [N m]; return True once the wiring is right, or raise ControlError."""
         self._positions.append(q)
         self._efforts.append(effort)
         self._countdown -= 1

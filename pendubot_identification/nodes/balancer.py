@@ -20,7 +20,8 @@ from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
 
 from pendubot_identification.control.balancing import Balancing, Phase
-from pendubot_identification.control.controller import Loop, SafetyLimits
+from pendubot_identification.control.controller import SafetyLimits
+from pendubot_identification.control.linear_control import Loop
 from pendubot_identification.control.plan import Plan
 from pendubot_identification.errors import ControlError, PendubotError
 from pendubot_identification.level import Level
@@ -62,7 +63,7 @@ class Balancer(SettingsNode):
 
     def open(self, s: dict[str, Any]) -> None:
         """Listen to samples, parameters and the bridge; serve start and stop."""
-        self._names, self._max_age = s['joint_names'], s['max_age']
+        self._names = s['joint_names']
         limits = SafetyLimits(s['max_shoulder'], s['max_elbow'], s['max_speed'], s['max_age'], s['swing_up_time'])
         self._balancing = Balancing(s['torque_limit'], None if s['motor_delay'] < 0 else s['motor_delay'], limits)
         self._worker = threading.Thread()
@@ -75,7 +76,7 @@ class Balancer(SettingsNode):
         self.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
         self.serve('~/start', self._on_start)
         self.serve('~/stop', self._on_stop)
-        self.create_timer(min(0.05, self._max_age / 2), self._supervise)
+        self.create_timer(min(0.05, s['max_age'] / 2), self._supervise)
         Status(self, self._diagnosis)
 
     def close(self) -> None:
@@ -99,7 +100,7 @@ class Balancer(SettingsNode):
             self._refuse_second_rig()
             stamp, q, effort = joint_sample(m, self._names)
             now = self.get_clock().now().nanoseconds * 1e-9
-            torque = self._balancing.sample(stamp, now, q, effort, self._max_age)
+            torque = self._balancing.sample(stamp, now, q, effort)
             if torque is not None:
                 self._driver.effort(torque)
 
@@ -180,7 +181,7 @@ class Balancer(SettingsNode):
         with self._stopping_on_error():
             self._refuse_second_rig()
             self._take_parameters()
-            self._balancing.silence(self.get_clock().now().nanoseconds * 1e-9, self._max_age)
+            self._balancing.silence(self.get_clock().now().nanoseconds * 1e-9)
         if not self._worker.is_alive():
             before = self._balancing.obstacle
             wanted = self._balancing.to_prepare(self.get_parameter('accept_warn').value)

@@ -28,8 +28,7 @@ from pendubot_identification.link.host import Host
 from pendubot_identification.link.serial_port import SerialPort
 from pendubot_identification.setting import Setting
 
-from .joint_state_bytes import JointStateBytes
-from .messages import Status
+from .messages import JointStateBytes, Status
 from .ownership import EFFORT_COMMAND, name_rivals
 from .runtime import JOINTS, SettingsNode, explained, run
 

@@ -1,40 +1,66 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The messages of the nodes: parameters, joint states, and diagnostics with their way to /diagnostics."""
+"""The messages of the nodes: joint states, parameters with their quality, and statuses on /diagnostics."""
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from numpy.typing import NDArray
 from rclpy.clock import Clock
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 
 from pendubot_identification.errors import ControlError
 from pendubot_identification.level import Level
+from pendubot_identification.model.dynamics import Pair
 from pendubot_identification.model.parameters import NAMES
+from pendubot_identification.trajectories.conventions import current_name
 
 #: A subscriber that joins later still receives the last message.
 LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+_STAMP, _PAIR, _EFFORTS = struct.Struct('=iI'), struct.Struct('=dd'), struct.Struct('=ddd')
 
 
-def parameters_message(theta: NDArray[np.float64]) -> Float64MultiArray:
-    """Return a parameter vector, shape (D,), as a message; ``layout.dim[0].label`` names its entries, ``P1,P2,...``."""
-    names = ','.join(NAMES[: len(theta)])
-    message = Float64MultiArray(data=theta.tolist())
-    message.layout.dim = [MultiArrayDimension(label=names, size=len(theta), stride=len(theta))]
-    return message
+class JointStateBytes:
+    """A serialised JointState in which only the numbers change.
+
+    To serialise a message object at every publishing costs more than all other work on a sample. Its entries are the
+    shoulder and the elbow, of the given names, and ``<shoulder>_current``. The last one has the measured motor current
+    [A] as its effort; its position and velocity are 0.
+    """
+
+    def __init__(self, joint_names: Sequence[str]) -> None:
+        stamp, q, qd, effort = (0x1234567, 0x2345678), (1.25e-300, 2.25e-300), (3.25e-300, 4.25e-300), (5.25e-300, 0.0)
+        names = [*joint_names, current_name(joint_names[0])]
+        message = JointState(name=names, position=[*q, 0.0], velocity=[*qd, 0.0], effort=[*effort, 0.0])
+        message.header.stamp.sec, message.header.stamp.nanosec = stamp
+        self._data = bytearray(serialize_message(message))
+        # The middleware itself shows where the numbers are.
+        self._stamp = self._data.index(_STAMP.pack(*stamp))
+        self._q, self._qd, self._effort = (self._data.index(_PAIR.pack(*pair)) for pair in (q, qd, effort))
+
+    def fill(self, stamp_ns: int, q: Pair, qd: Pair, effort: float, current: float) -> bytes:
+        """Return the message of a sample: time since the epoch [ns], positions [rad], velocities [rad/s], shoulder's
+        commanded torque as the board reports it [N m], and motor current [A].
+        """
+        data = self._data
+        _STAMP.pack_into(data, self._stamp, *divmod(stamp_ns, 1_000_000_000))
+        _PAIR.pack_into(data, self._q, *q)
+        _PAIR.pack_into(data, self._qd, *qd)
+        _EFFORTS.pack_into(data, self._effort, effort, 0.0, current)
+        return bytes(data)
 
 
-def joint_sample(m: JointState, names: Sequence[str]) -> tuple[float, tuple[float, float], float]:
+def joint_sample(m: JointState, names: Sequence[str]) -> tuple[float, Pair, float]:
     """Return when a sample was taken [s], shoulder's and elbow's position [rad], and the shoulder's effort [N m].
 
     Raises:
@@ -51,21 +77,27 @@ def joint_sample(m: JointState, names: Sequence[str]) -> tuple[float, tuple[floa
     return m.header.stamp.sec + m.header.stamp.nanosec * 1e-9, q, effort
 
 
-def diagnostics_message(
-    stamp: Time, name: str, level: Level, summary: str, values: Mapping[str, Any], hardware_id: str = ''
-) -> DiagnosticArray:
-    """Return one status with its values by name; numbers keep their full precision."""
-    pairs = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
-    status = DiagnosticStatus(level=bytes([level]), name=name, message=summary, hardware_id=hardware_id, values=pairs)
-    message = DiagnosticArray(status=[status])
-    message.header.stamp = stamp
+def parameters_message(theta: NDArray[np.float64]) -> Float64MultiArray:
+    """Return a parameter vector, shape (D,), as a message; ``layout.dim[0].label`` names its entries, ``P1,P2,...``."""
+    names = ','.join(NAMES[: len(theta)])
+    message = Float64MultiArray(data=theta.tolist())
+    message.layout.dim = [MultiArrayDimension(label=names, size=len(theta), stride=len(theta))]
     return message
 
 
-def stamp_now(node: Node) -> Time:
-    """Return ROS time; the system's where use_sim_time is set and nobody has published on /clock yet."""
+def status_message(
+    node: Node, name: str, level: Level, summary: str, values: Mapping[str, Any], rig: str = ''
+) -> DiagnosticArray:
+    """Return one status with its values by name, in full precision, stamped with ROS time.
+
+    The stamp is the system's time where use_sim_time is set and nobody has published on /clock yet.
+    """
+    pairs = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
+    status = DiagnosticStatus(level=bytes([level]), name=name, message=summary, hardware_id=rig, values=pairs)
+    message = DiagnosticArray(status=[status])
     now = node.get_clock().now()
-    return (now if now.nanoseconds else Clock().now()).to_msg()
+    message.header.stamp = (now if now.nanoseconds else Clock().now()).to_msg()
+    return message
 
 
 class Status:
@@ -84,8 +116,7 @@ class Status:
 
     def publish(self, level: Level, summary: str, values: Mapping[str, Any]) -> None:
         """Publish a diagnosis."""
-        stamp = stamp_now(self._node)
-        self.publisher.publish(diagnostics_message(stamp, self._name, level, summary, values, self._rig))
+        self.publisher.publish(status_message(self._node, self._name, level, summary, values, self._rig))
 
 
 class Identification:
@@ -100,8 +131,7 @@ class Identification:
         self, level: Level, summary: str, values: Mapping[str, Any], theta: NDArray[np.float64] | None = None
     ) -> None:
         """Publish the quality first, so that whoever receives the parameters, if any, can already know it."""
-        stamp = stamp_now(self._node)
-        self._quality.publish(diagnostics_message(stamp, 'pendubot identification', level, summary, values))
+        self._quality.publish(status_message(self._node, 'pendubot identification', level, summary, values))
         if theta is not None:
             self._params.publish(parameters_message(theta))
 

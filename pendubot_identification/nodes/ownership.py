@@ -13,18 +13,12 @@ from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 from rclpy.task import Future
-from rclpy.topic_endpoint_info import TopicEndpointInfo
 from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
 EFFORT_COMMAND = 'pendubot/effort_command'
 #: The name that rmw gives an endpoint's node before it is known, and how long that may take [s].
 UNKNOWN, PATIENCE = '_NODE_NAME_UNKNOWN_', 2.0
-
-
-def full_name(endpoint: TopicEndpointInfo) -> str:
-    """Return the name of the endpoint's node with its namespace."""
-    return f'{endpoint.node_namespace.rstrip("/")}/{endpoint.node_name}'
 
 
 def _name_publishers(node: Node, topic: str, count: int, wait: bool) -> str:
@@ -34,13 +28,15 @@ def _name_publishers(node: Node, topic: str, count: int, wait: bool) -> str:
     """
     deadline = time.monotonic() + PATIENCE * wait
     while True:
-        names = [full_name(each) for each in node.get_publishers_info_by_topic(topic) if each.node_name != UNKNOWN]
+        known = [each for each in node.get_publishers_info_by_topic(topic) if each.node_name != UNKNOWN]
+        names = sorted(f'{each.node_namespace.rstrip("/")}/{each.node_name}' for each in known)
         if len(names) >= count or time.monotonic() >= deadline:
             break
         time.sleep(0.02)
+    count = max(count, len(names))
     unknown = [f'{count - len(names)} of unknown name'] * (len(names) < count)
     return (
-        f'{topic} has {count} publisher{"s" * (count > 1)}: {", ".join(sorted(names) + unknown)}; only one program may '
+        f'{topic} has {count} publisher{"s" * (count > 1)}: {", ".join(names + unknown)}; only one program may '
         'publish there: end the others (a killed program counts until its DDS lease ends, after up to 20 s)'
     )
 

@@ -10,7 +10,8 @@ from dataclasses import replace
 import pytest
 
 from pendubot_identification.control.balancing import Balancing, Phase
-from pendubot_identification.control.controller import UPRIGHT, Loop, SafetyLimits
+from pendubot_identification.control.controller import UPRIGHT, SafetyLimits
+from pendubot_identification.control.linear_control import Loop
 from pendubot_identification.control.plan import Plan
 from pendubot_identification.control.readiness import Readiness
 from pendubot_identification.errors import ControlError
@@ -93,7 +94,7 @@ def prepared(bounds=None, swing_up=1.9):
 
 
 def upright(balancing, t, now=None, effort=0.0):
-    return balancing.sample(t, t if now is None else now, (UPRIGHT + 0.01, 0.0), effort, 0.1)
+    return balancing.sample(t, t if now is None else now, (UPRIGHT + 0.01, 0.0), effort)
 
 
 def running():
@@ -119,8 +120,8 @@ def test_it_moves_from_armed_to_stop_and_not_a_sample_longer():
         (lambda b: (upright(b, 1.015, now=1.1), upright(b, 1.02, now=1.13)), r'a sample is 0\.110 s old'),
         (lambda b: upright(b, 1.015, now=math.nan), 'a sample is nan s old'),
         (lambda b: upright(b, 1.3, now=1.015), 'passed between two samples'),
-        (lambda b: (b.silence(1.1, 0.1), b.silence(1.2, 0.1)), r'no sample for 0\.190 s: look at the bridge'),
-        (lambda b: b.silence(1.2, 0.1), r'no sample for 0\.190 s: the machine paused'),
+        (lambda b: (b.silence(1.1), b.silence(1.2)), r'no sample for 0\.190 s: look at the bridge'),
+        (lambda b: b.silence(1.2), r'no sample for 0\.190 s: the machine paused'),
         (lambda b: upright(b, 1.015, now=1.2), r'no sample for 0\.190 s: the machine paused'),
         (lambda b: b.offer([-value for value in THETA]), 'no rig has'),
         (lambda b: b.offer([1.0]), 'are expected'),
@@ -181,7 +182,7 @@ def test_what_came_while_it_moved_is_looked_at_anew_before_the_next_start(end):
             balancing.begin()
     assert balancing.plan is None or balancing.plan.swing_up == 1.9, 'what it may start by was simulated'
     balancing.prepared(replace(planned(*wanted), swing_up=math.inf))
-    balancing.sample(1.02, 1.02, (-UPRIGHT, 0.0), 0.0, 0.1)
+    balancing.sample(1.02, 1.02, (-UPRIGHT, 0.0), 0.0)
     with pytest.raises(ControlError, match='do not swing this rig up'):
         balancing.begin()
 
@@ -214,7 +215,7 @@ def test_what_cannot_be_swung_up_may_be_held_all_the_same():
         (prepared(swing_up=math.inf), 'do not swing this rig up, as a simulation shows'),
         (prepared(SafetyLimits(swing_up=0.0)), 'swing_up_time is 0'),
     ):
-        balancing.sample(1.0, 1.0, (-UPRIGHT, 0.0), 0.0, 0.1)
+        balancing.sample(1.0, 1.0, (-UPRIGHT, 0.0), 0.0)
         with pytest.raises(ControlError, match=words):
             balancing.begin()
         upright(balancing, 1.005)

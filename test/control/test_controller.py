@@ -10,7 +10,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pendubot_identification.control.controller import UPRIGHT, Controller, ControlMode, Design, Loop, SafetyLimits
+from pendubot_identification.control.controller import UPRIGHT, Controller, ControlMode, SafetyLimits
+from pendubot_identification.control.linear_control import Design, Loop
 from pendubot_identification.control.plan import Plan, held_since, simulate_closed_loop
 from pendubot_identification.errors import ControlError
 from pendubot_identification.model.parameters import BALANCE

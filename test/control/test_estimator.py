@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from pendubot_identification.control.estimator import CommandMonitor, Estimator
-from pendubot_identification.control.linear_control import design
+from pendubot_identification.control.linear_control import Design, Loop
 from pendubot_identification.model.parameters import BALANCE
 from pendubot_identification.model.simulation import HANGING, LatePlant
 
@@ -18,7 +18,7 @@ from pendubot_identification.model.simulation import HANGING, LatePlant
 def test_the_prediction_is_the_true_state_when_the_torque_acts(period, transport, lag):
     """Of a rig that random torques move."""
     delay, fine = transport * period + lag, 20
-    estimator = Estimator(BALANCE, period, lag, design(BALANCE, period, delay).L)
+    estimator = Estimator(BALANCE, period, lag, Design.make(BALANCE, Loop(period, lag)).L)
     rig, rng = LatePlant(BALANCE, lag, (HANGING[0] + 0.2, 0.1)), np.random.default_rng(1)
     torques, states, predictions = [0.0] * transport, [], []
     for k in range(round(2 / period)):
@@ -36,7 +36,7 @@ def test_the_prediction_is_the_true_state_when_the_torque_acts(period, transport
 
 
 def test_after_a_gap_the_speed_is_at_most_distance_over_time():
-    estimator = Estimator(BALANCE, 0.005, 0.004, design(BALANCE, 0.005, 0.009).L)
+    estimator = Estimator(BALANCE, 0.005, 0.004, Design.make(BALANCE, Loop(0.005, 0.004)).L)
     estimator.update(HANGING, 0.0)
     estimator.update((HANGING[0] + 1.0, 1.0), 0.0, 20)
     assert max(map(abs, estimator.state[2:])) < 20

@@ -8,8 +8,8 @@ import math
 import numpy as np
 import pytest
 
-from pendubot_identification.control.controller import Controller, Design, Loop, SafetyLimits
-from pendubot_identification.control.linear_control import closed_loop, design, linearise, margins
+from pendubot_identification.control.controller import Controller, SafetyLimits
+from pendubot_identification.control.linear_control import Design, Loop, closed_loop, linearise, margins
 from pendubot_identification.control.plan import HELD, deviation, simulate_closed_loop
 from pendubot_identification.errors import ControlError
 from pendubot_identification.model.dynamics import forward_dynamics
@@ -30,11 +30,11 @@ def test_upright_nothing_moves_and_the_slope_is_that_of_the_equations_of_motion(
 
 @pytest.mark.parametrize(('rate', 'lag'), [(200, 0.0013), (500, 0.011)])
 def test_margins_are_where_the_closed_loop_ceases_to_be_stable(rate, lag):
-    r = design(BALANCE, 1 / rate, 1 / rate + lag)
-    m = margins(r)
+    design = Design.make(BALANCE, Loop(1 / rate, lag))
+    m = margins(design)
 
     def radius(gain=1.0, delay=None):
-        fixed, moved = closed_loop(r, delay)
+        fixed, moved = closed_loop(design, delay)
         return abs(np.linalg.eigvals(fixed + gain * moved)).max()
 
     assert radius() < 1
@@ -42,7 +42,7 @@ def test_margins_are_where_the_closed_loop_ceases_to_be_stable(rate, lag):
         ({'gain': 0.99 * m.gain_up}, {'gain': 1.01 * m.gain_up}),
         ({'gain': 1.01 * m.gain_down}, {'gain': 0.99 * m.gain_down}),
         ({'gain': np.exp(-0.99j * m.phase)}, {'gain': np.exp(-1.01j * m.phase)}),
-        ({'delay': r.delay + 0.99 * m.delay}, {'delay': r.delay + 1.01 * m.delay}),
+        ({'delay': design.loop.delay + 0.99 * m.delay}, {'delay': design.loop.delay + 1.01 * m.delay}),
     ):
         assert radius(**inside) < 1 < radius(**outside)
 
@@ -57,7 +57,7 @@ def test_the_simulated_rig_falls_at_the_computed_margins():
         run = simulate_closed_loop(Controller(plan, SafetyLimits(swing_up=0.0)), rig, 3.0, motor=gain)
         return bool(run.stopped) or bool(deviation(run.motion.q).max() > HELD)
 
-    m = plan.margins
+    m = margins(plan)
     assert not falls(more=0.8 * m.delay)
     assert falls(more=1.2 * m.delay)
     assert not falls(gain=1.2 * m.gain_down)
@@ -66,4 +66,4 @@ def test_the_simulated_rig_falls_at_the_computed_margins():
 
 def test_what_is_too_slow_to_balance_is_said():
     with pytest.raises(ControlError, match='too slow to hold this rig upright'):
-        margins(design(BALANCE, 0.05, 3.0))
+        margins(Design.make(BALANCE, Loop(0.05, 2.95)))

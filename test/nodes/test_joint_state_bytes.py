@@ -7,7 +7,7 @@ import pytest
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 
-from pendubot_identification.nodes.joint_state_bytes import JointStateBytes
+from pendubot_identification.nodes.messages import JointStateBytes
 
 pytestmark = pytest.mark.ros
 
