@@ -148,11 +148,14 @@ def _fills_up(folder, limited):
             sent += 1
             wait(lambda: program.process.poll() is not None or recorded(path) >= sent - 5)  # noqa: B023
         status = program.process.returncode
+        why = 'the system limits files to 5.000 MB' if limited else 'its disk has'
+        wait(lambda: f'is closed with all earlier messages: {why}' in program.output)
+        traced = 'Traceback' in program.output
     left = shutil.disk_usage(folder).free - reserve
     info = BagReader(path)
     same = by_mcap(path) == by_rosbags(path)
     said = f'closed: {info.closed}, {left / 1e6:.1f} MB above the reserve, exit status {status}'
-    right = info.closed and left >= 0 and status == 1
+    right = info.closed and left >= 0 and status == 1 and not traced
     yield 'closed cleanly before the reserve is gone, exit status 1', said, right
     said = f'{info.count} of {sent} sent, those on their way at the end included; the same by both: {same}'
     yield 'all before it read by rosbags and mcap', said, same and info.count >= sent - 6

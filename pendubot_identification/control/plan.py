@@ -103,9 +103,12 @@ def _swing_up_time(design: Design) -> float:
 
 def _sufficient_limit(design: Design) -> float:
     """Return a torque limit [N m] that swings the rig up, at most 30 % above the least; infinite if none does."""
-    limits = design.loop.limit * MORE ** np.arange(1, math.floor(math.log(MOST) / math.log(MORE)) + 1)
-    larger = (replace(design, loop=replace(design.loop, limit=float(limit))) for limit in limits)
-    return next((each.loop.limit for each in larger if math.isfinite(_swing_up_time(each))), math.inf)
+    limit = design.loop.limit * MORE
+    while limit <= MOST * design.loop.limit:
+        if math.isfinite(_swing_up_time(replace(design, loop=replace(design.loop, limit=limit)))):
+            return limit
+        limit *= MORE
+    return math.inf
 
 
 def deviation(q: Array) -> Array:

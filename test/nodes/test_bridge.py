@@ -96,17 +96,17 @@ def test_a_failure_of_its_housekeeping_disarms_and_ends_it_with_1(rig, tmp_path,
 
 
 @on_each_board
-def test_a_missing_port_is_waited_for_and_found_again_when_lost_and_diagnostics_name_every_counter(rig):
+def test_a_missing_port_is_waited_for_and_diagnostics_name_every_counter(rig):
+    """Trials of benchmarks/faults lose and find it again."""
     # Glitches that follow each other closely are a speed, too.
     faults = ('bit_flip=0.05', 'glitch=0.02', 'duplicate_frame=0.05')
     r = rig(200, '--limit', 'max_speed=0', *(word for fault in faults for word in ('--fault', fault)))
-    bridge = r.start_bridge()
-    bridge.wait_for('missing')
+    r.start_bridge()
     answer = r.call('arm')
     assert not answer.success
     assert 'missing' in answer.message
     r.until(lambda: r.diagnosed(2, 'missing'))
-    board = r.start_board()
+    r.start_board()
     r.until_samples(10)
     counters = 'published', 'lost', 'damaged', 'duplicates', 'flagged'
     r.until(lambda: all(int(r.values()[name]) > 0 for name in counters), 30.0)
@@ -114,14 +114,6 @@ def test_a_missing_port_is_waited_for_and_found_again_when_lost_and_diagnostics_
     assert r.diagnoses[-1].level == b'\x01'
     assert 100 < float(values['rate [Hz]']) <= 205
     assert values['link'] == 'up'
-    board.kill()
-    bridge.wait_for('was lost')
-    r.until(lambda: r.diagnosed(2, 'was lost'))
-    r.trace_file.unlink()
-    r.start_board()
-    r.until_samples(10)
-    assert bridge.output.count('is missing') == 2, 'said once, and once as the reason why arming failed'
-    assert bridge.stop(signal.SIGHUP) == 0
 
 
 def test_a_computers_clock_that_is_set_meanwhile_is_reported_once_and_stands_in_the_diagnosis(ros, capfd):

@@ -97,67 +97,54 @@ def test_settings_that_make_no_sense_are_refused_in_a_sentence(tmp_path):
     assert {file.suffix for file in tmp_path.iterdir()} == {'.yaml'}, 'no bag is begun'
 
 
-def dump(node, client):
-    """The parameters of a node as ``ros2 param dump`` writes them."""
+def test_a_node_takes_back_the_parameters_that_ros2_dumped_and_numbers_as_they_are_typed(node, tmp_path):
+    """ROS's own tools hand on a number without a dot, 1e-09, as text."""
+    file = tmp_path / 'dump.yaml'
 
     def answer(future):
         assert spin_until(node, future.done)
         return future.result()
 
-    names = answer(client.list_parameters()).result.names
-    values = map(parameter_value_to_python, answer(client.get_parameters(names)).values)
-    return yaml.dump({'/identifier': {'ros__parameters': dict(zip(names, values, strict=True))}})
+    def dump():
+        """The parameters of the node as ``ros2 param dump`` writes them."""
+        names = answer(client.list_parameters()).result.names
+        values = map(parameter_value_to_python, answer(client.get_parameters(names)).values)
+        return yaml.dump({'/identifier': {'ros__parameters': dict(zip(names, values, strict=True))}})
 
-
-def test_a_node_takes_back_the_parameters_that_ros2_dumped_and_numbers_as_they_are_typed(ros, tmp_path):
-    """ROS's own tools hand on a number without a dot, 1e-09, as text."""
-    file, node = tmp_path / 'dump.yaml', ros.create_node('operator')
     bounds = {'lower_bounds': [0.0, 1e-9, *[0.0] * 5], 'upper_bounds': [1.0] * 7}
-    try:
-        with Program('identifier', *parameters(model='viscous', **bounds)):
-            client = AsyncParameterClient(node, '/identifier')
-            assert client.wait_for_services(20.0)
-            file.write_text(dump(node, client))
-            assert 'spread: 1.0e-09' in file.read_text()
-            loaded = client.load_parameter_file(str(file), True)
-            assert spin_until(node, loaded.done)
-            answers = zip(parameter_dict_from_yaml_file(str(file), True), loaded.result().results, strict=True)
-            # That one is ROS's own, and of no node can it be set.
-            refused = {name: r.reason for name, r in answers if not r.successful}
-            assert refused.keys() <= {'start_type_description_service'}
-            for text, taken in (('1e-8', True), ('.nan', False), ('many', False), ('[1e-8]', False)):
-                typed = Parameter.from_parameter_msg(ParameterMessage(name='spread', value=get_parameter_value(text)))
-                asked = client.set_parameters([typed])
-                assert spin_until(node, asked.done)
-                assert asked.result().results[0].successful == taken, text
-            assert 'spread: 1.0e-08' in dump(node, client)
-    finally:
-        node.destroy_node()
+    with Program('identifier', *parameters(model='viscous', **bounds)):
+        client = AsyncParameterClient(node, '/identifier')
+        assert client.wait_for_services(20.0)
+        file.write_text(dump())
+        assert 'spread: 1.0e-09' in file.read_text()
+        results = answer(client.load_parameter_file(str(file), True)).results
+        names = parameter_dict_from_yaml_file(str(file), True)
+        refused = {name for name, result in zip(names, results, strict=True) if not result.successful}
+        # That one is ROS's own, and of no node can it be set.
+        assert refused <= {'start_type_description_service'}
+        for text, taken in (('1e-8', True), ('.nan', False), ('many', False), ('[1e-8]', False)):
+            typed = ParameterMessage(name='spread', value=get_parameter_value(text))
+            (result,) = answer(client.set_parameters([Parameter.from_parameter_msg(typed)])).results
+            assert result.successful == taken, text
+        assert 'spread: 1.0e-08' in dump()
 
 
-def test_diagnostics_are_stamped_while_nobody_publishes_a_clock_and_by_the_clock_then(ros, tmp_path):
-    node, stamps = ros.create_node('operator'), {}
-    node.create_subscription(
-        DiagnosticArray,
-        '/diagnostics',
-        lambda array: stamps.update({status.name: array.header.stamp.sec for status in array.status}),
-        10,
-    )
-    clock = node.create_publisher(Clock, '/clock', 1)
-    message = Clock()
+def test_diagnostics_are_stamped_while_nobody_publishes_a_clock_and_by_the_clock_then(node, tmp_path):
+    stamps = {}
+
+    def take(array):
+        stamps.update({status.name: array.header.stamp.sec for status in array.status})
+
+    node.create_subscription(DiagnosticArray, '/diagnostics', take, 10)
+    clock, message, begin = node.create_publisher(Clock, '/clock', 1), Clock(), int(time.time())
     message.clock.sec = 1000
     named = {'bridge': {'port': tmp_path / 'board'}, 'recorder': {'output': tmp_path / 'bag'}, 'identifier': {}}
-    begin = int(time.time())
-    try:
-        with ExitStack() as programs:
-            for program, values in named.items():
-                programs.enter_context(Program(program, *parameters(use_sim_time='true', **values)))
-            assert spin_until(node, lambda: len(stamps) == 3, 30.0)
-            assert all(stamp >= begin for stamp in stamps.values()), stamps
-            told = lambda: clock.publish(message) or set(stamps.values()) == {1000}  # noqa: E731
-            assert spin_until(node, told), stamps
-    finally:
-        node.destroy_node()
+    with ExitStack() as programs:
+        for program, values in named.items():
+            programs.enter_context(Program(program, *parameters(use_sim_time='true', **values)))
+        assert spin_until(node, lambda: len(stamps) == 3, 30.0)
+        assert all(stamp >= begin for stamp in stamps.values()), stamps
+        assert spin_until(node, lambda: clock.publish(message) or set(stamps.values()) == {1000}), stamps
 
 
 @pytest.mark.parametrize('second', [signal.SIGINT, signal.SIGHUP])

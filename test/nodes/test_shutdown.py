@@ -12,17 +12,11 @@ from test.conftest import ROOT
 
 PRELUDE = """
 import signal, sys, threading
-from pathlib import Path
 from pendubot_identification.link.pty_server import PtyServer
 from pendubot_identification.link.virtual_board import VirtualBoard
 from pendubot_identification.model.parameters import PAPER
 from pendubot_identification.model.simulation import Plant
 from pendubot_identification.nodes.shutdown import Shutdown, at_signal
-
-def ending():
-    made = Shutdown()
-    at_signal(made.set)
-    return made
 
 def at_every_step(prepare, number):
     '''Do something again and again, each time with a signal at another of its steps, until there is no further one.'''
@@ -47,7 +41,8 @@ def at_every_step(prepare, number):
     assert step > 5
 
 def wait_and_set():
-    both = ending()
+    both = Shutdown()
+    at_signal(both.set)
     return lambda: (both.wait(0.0), both.set()), lambda: both.is_set() and both.wait()
 """
 #: A lock that is taken both there and by the handler would hang: the handler runs in the thread that it interrupts.
@@ -59,15 +54,10 @@ with PtyServer(VirtualBoard(Plant(PAPER))) as server:
 """
 #: The system gives it to another thread, while the main one sleeps.
 TO_ANOTHER_THREAD = """
-def signal_to_this_thread(main):
-    while Path(f'/proc/self/task/{main}/stat').read_text().rsplit(')')[-1].split()[0] != 'S':
-        pass
-    signal.pthread_kill(threading.get_ident(), signal.SIGINT)
-
-for _ in range(5):
-    woken = ending()
-    threading.Thread(target=signal_to_this_thread, args=(threading.get_native_id(),), daemon=True).start()
-    assert woken.wait()
+woken = Shutdown()
+at_signal(woken.set)
+threading.Timer(0.1, lambda: signal.pthread_kill(threading.get_ident(), signal.SIGINT)).start()
+assert woken.wait()
 """
 
 
