@@ -1,14 +1,14 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Writing files whole or not at all, alone or in a folder of their own, and never over others unasked."""
+"""Reading YAML, and writing files completely or not at all, never over others unasked."""
 
 from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Iterable, Mapping
-from contextlib import suppress
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -18,12 +18,10 @@ from pendubot_identification.errors import PendubotError, ResultError
 def read_yaml(
     path: Path, expected: str, refusal: type[PendubotError] = ResultError, replaced: tuple[str, str] = ('', '')
 ) -> Any:
-    """Return what a YAML file holds; ``expected`` is what to do about one that is none, in words.
-
-    The first text of ``replaced`` is read as the second.
+    """Return the content of a YAML file, the first text of ``replaced`` read as the second.
 
     Raises:
-        PendubotError: it cannot be read, or is no YAML; as ``refusal``.
+        PendubotError: it cannot be read, or is no YAML; as ``refusal``, whose sentence ends with ``expected``.
     """
     import yaml
 
@@ -57,20 +55,18 @@ def yaml_text(document: Any) -> str:
 
 
 def refuse_unwritable(path: Path, *, overwrite: bool = False, force: str = '--force') -> None:
-    """Refuse a file that could not be written, before a long computation; ``force`` is what has one overwritten.
+    """Refuse a file that could not be written, before a long computation; ``force`` is the option to overwrite.
 
     Raises:
         ResultError: the file exists already, or is a folder, or its folder is missing or cannot be written to.
     """
-    try:
+    with _writing(path):
         if path.is_dir():
             raise ResultError(f'{path} is a folder; name a file in it')
         if not overwrite:
             _refuse_existing(path, force)
         with tempfile.TemporaryFile(dir=path.parent):
             pass
-    except OSError as error:
-        raise _refused(path, error) from error
 
 
 def refuse_input(output: Path, inputs: Iterable[Path | None]) -> None:
@@ -88,7 +84,7 @@ def refuse_input(output: Path, inputs: Iterable[Path | None]) -> None:
 
 
 def write_atomically(path: Path, content: str | bytes, *, overwrite: bool = False, force: str = '--force') -> None:
-    """Write a file, whole or not at all; ``force`` is what has an existing one overwritten.
+    """Write a file completely or not at all; ``force`` is the option to overwrite.
 
     Raises:
         ResultError: the file exists already, or the system refuses to write it.
@@ -99,27 +95,28 @@ def write_atomically(path: Path, content: str | bytes, *, overwrite: bool = Fals
 
 
 class OutputFolder:
-    """A folder for the files of one result: made, and seen to be writable, before anything is computed.
+    """A folder for the files of one result: made, and found to be writable, before a long computation.
 
-    As a context it is removed at the end, with those above it that it had to make, if nothing has come into it. Where
-    it may hold something (``overwrite``), files of the same names are replaced and others stay.
+    As a context it is removed at the end, with the folders above it that it had to make, if it is empty. With
+    ``overwrite``, files of the same names are replaced and others stay.
 
     Raises:
-        ResultError: it holds something already, or the system refuses it.
+        ResultError: it has files already, or the system refuses it.
     """
 
     def __init__(self, path: Path, *, overwrite: bool = False) -> None:
         self.path = path
         self._made: list[Path] = []
-        try:
-            self._made = [folder for folder in (path, *path.parents) if not folder.exists()]
-            path.mkdir(parents=True, exist_ok=True)
-            held = any(path.iterdir())
-            with tempfile.TemporaryFile(dir=path):
-                pass
-        except OSError as error:
-            self.__exit__()
-            raise _refused(path, error) from error
+        with _writing(path):
+            try:
+                self._made = [folder for folder in (path, *path.parents) if not folder.exists()]
+                path.mkdir(parents=True, exist_ok=True)
+                held = any(path.iterdir())
+                with tempfile.TemporaryFile(dir=path):
+                    pass
+            except OSError:
+                self.__exit__()
+                raise
         if held and not overwrite:
             raise ResultError(
                 f'{path} exists already and holds something, and was left as it is; choose another name or add --force'
@@ -129,7 +126,7 @@ class OutputFolder:
         return self
 
     def __exit__(self, *_: object) -> None:
-        with suppress(OSError):  # one that holds something stays
+        with suppress(OSError):  # a folder with files stays
             for folder in self._made:
                 folder.rmdir()
 
@@ -140,10 +137,8 @@ class OutputFolder:
             ResultError: the system refuses.
         """
         path = self.path / name
-        try:
+        with _writing(path):
             path.parent.mkdir(exist_ok=True)
-        except OSError as error:
-            raise _refused(path, error) from error
         _write_together({path: content})
         return Path(os.path.abspath(path))
 
@@ -157,23 +152,19 @@ class OutputFolder:
 
 
 def _write_together(files: Mapping[Path, str | bytes]) -> None:
-    """Write all files or, where that fails, none; those that were there before are then as they were.
-
-    Raises:
-        ResultError: the system refuses.
-    """
+    """Write all files or, where that fails, none: those that were there before stay as they are."""
     beside = {path: path.with_name(path.name + '.partial') for path in files}
-    path = Path()
     try:
         for path, content in files.items():
-            if path.is_dir():
-                raise ResultError(f'{path} is a folder, where a file is to be written; choose another name')
             # A file's name may be no text; as part of one, it is then escaped.
-            beside[path].write_bytes(content.encode(errors='backslashreplace') if isinstance(content, str) else content)
+            data = content.encode(errors='backslashreplace') if isinstance(content, str) else content
+            with _writing(path):
+                if path.is_dir():
+                    raise ResultError(f'{path} is a folder, where a file is to be written; choose another name')
+                beside[path].write_bytes(data)
         for path, partial in beside.items():
-            os.replace(partial, path)
-    except OSError as error:
-        raise _refused(path, error) from error
+            with _writing(path):
+                os.replace(partial, path)
     finally:
         for partial in beside.values():
             with suppress(OSError):
@@ -185,5 +176,9 @@ def _refuse_existing(path: Path, force: str) -> None:
         raise ResultError(f'{path} exists already and was left as it is; choose another name or add {force}')
 
 
-def _refused(path: Path, error: OSError) -> ResultError:
-    return ResultError(f'{path} cannot be written ({error.strerror}); choose a folder that can be')
+@contextmanager
+def _writing(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise ResultError(f'{path} cannot be written ({error.strerror}); choose a folder that can be') from error

@@ -5,13 +5,12 @@
 
 import os
 import subprocess
-import sys
 import time
 
 import pytest
 
 from test.conftest import ROOT
-from test.processes import Program
+from test.processes import Program, parameters
 
 pytestmark = pytest.mark.ros
 RANGE = 'ROS_AUTOMATIC_DISCOVERY_RANGE'
@@ -84,16 +83,8 @@ def test_the_profile_keeps_another_machine_from_arming_and_nobody_on_this_one(ma
 
         def bridge(profile):
             env = {RANGE: range_, **profile}
-            program = Program(
-                'bridge',
-                '--ros-args',
-                '-p',
-                f'port:={tmp_path / "board"}',
-                '-p',
-                'confirm_zeros:=false',
-                env=env,
-                before=rig,
-            )
+            options = parameters(port=tmp_path / 'board', confirm_zeros='false')
+            program = Program('bridge', *options, env=env, before=rig)
             program.wait_for('counts per turn')
             return program
 
@@ -105,27 +96,3 @@ def test_the_profile_keeps_another_machine_from_arming_and_nobody_on_this_one(ma
             assert 'arming' not in kept.output
             for inside in ('SUBNET', 'LOCALHOST'):
                 assert answer(rig, 30, **{RANGE: inside}) == 'armed'
-
-
-def test_a_bridge_with_the_profile_is_found_by_programs_without_it_on_the_same_machine(tmp_path):
-    """As ros2 service call in another terminal."""
-    script = tmp_path / 'arm.py'
-    script.write_text(ARM)
-    with (
-        Program('virtual_board', '--link', tmp_path / 'board') as board,
-        Program(
-            *('bridge', '--ros-args', '-p', f'port:={tmp_path / "board"}', '-p', 'confirm_zeros:=false'),
-            env={RANGE: 'LOCALHOST', **PROFILE},
-        ) as bridge,
-    ):
-        board.wait_for('virtual board on')
-        bridge.wait_for('counts per turn')
-        for inside in ('SUBNET', 'LOCALHOST'):
-            done = subprocess.run(
-                [sys.executable, script, '30'],
-                env={**os.environ, **NO_PROFILE, RANGE: inside},
-                capture_output=True,
-                text=True,
-                timeout=60,
-            )
-            assert done.stdout == 'armed\n', done.stderr

@@ -61,8 +61,7 @@ class Balancer(SettingsNode):
         Setting('max_age', 0.1, 'a sample older than this, or missing for so long, stops', 's', 0.001, 10.0),
     )
 
-    def open(self, s: dict[str, Any]) -> None:
-        """Listen to samples, parameters and the bridge; serve start and stop."""
+    def _open(self, s: dict[str, Any]) -> None:
         self._names = s['joint_names']
         limits = SafetyLimits(s['max_shoulder'], s['max_elbow'], s['max_speed'], s['max_age'], s['swing_up_time'])
         self._balancing = Balancing(s['torque_limit'], None if s['motor_delay'] < 0 else s['motor_delay'], limits)
@@ -79,7 +78,7 @@ class Balancer(SettingsNode):
         self.create_timer(min(0.05, s['max_age'] / 2), self._supervise)
         Status(self, self._diagnosis)
 
-    def close(self) -> None:
+    def _close(self) -> None:
         """Command zero torque and disarm; wait, for a second at most, until the bridge has answered."""
         if self._balancing.phase is not Phase.IDLE:
             self._balancing.stop()
@@ -173,7 +172,7 @@ class Balancer(SettingsNode):
 
     def _supervise(self) -> None:
         """Notice silence; prepare for new parameters, in a thread of its own; while idle, publish no torque."""
-        # While the program ends, close() still needs the publisher.
+        # While the program ends, _close() still needs the publisher.
         if self._balancing.phase is Phase.IDLE and not self.ended.is_set():
             self._driver.end()
             if self._missed and not self._rivals():

@@ -85,13 +85,12 @@ class Bridge(SettingsNode):
         Setting('confirm_zeros', True, 'whether ~/confirm_zeros has to be called once after every start of the board'),
     )
 
-    def open(self, s: dict[str, Any]) -> None:
-        """Publish, subscribe and serve; then open the port."""
+    def _open(self, s: dict[str, Any]) -> None:
         frozen: dict[str, Any] = {name: tuple(v) if isinstance(v, list) else v for name, v in s.items()}
         config = HostConfig(**{each.name: frozen[each.name] for each in fields(HostConfig)})
         self._host = Host(config, new_session=lambda: 1 + secrets.randbelow((1 << 32) - 1))
         self._lock = threading.Lock()
-        self._closing, self._pause = threading.Event(), 0.0
+        self._pause = 0.0  # until the housekeeper's next step [s]
         self._arming: list[Future] = []
         self._health = Health()
         # Added to times of the monotonic clock: ROS time, the system's as it was at the start, that nobody sets.
@@ -120,16 +119,14 @@ class Bridge(SettingsNode):
         self._link.start()
         self._housekeeper.start()
 
-    def check(self, values: dict[str, Any]) -> None:
-        """Refuse a sign of 0 and an empty port."""
-        if 0 in values['sign']:
+    def _check(self, s: dict[str, Any]) -> None:
+        if 0 in s['sign']:
             raise ParameterError('sign holds a 0; 1 or -1 is expected for each joint')
-        if not values['port']:
+        if not s['port']:
             raise ParameterError('port is empty; set it to a path or a pyserial URL')
 
-    def close(self) -> None:
+    def _close(self) -> None:
         """Disarm the board, whatever the reason of the end, and close the port."""
-        self._closing.set()
         self._step(self._host.disarm)
         self._housekeeper.join(2.0)
         self._link.close()
@@ -154,12 +151,12 @@ class Bridge(SettingsNode):
                     stamp_ns, q, qd, effort, current = event
                     self._joint_states.publish(self._message.fill(stamp_ns + self._epoch_ns, q, qd, effort, current))
         except Exception as error:
-            if not self._closing.is_set():
+            if not self.ended.is_set():
                 self.get_logger().fatal(f'{explained(error)}; ending')
                 self.end(1)
 
     def _keep_house(self) -> None:
-        while not self._closing.wait(self._pause):
+        while not self.ended.wait(self._pause):
             self._step(self._poll)
 
     def _poll(self, now: int) -> list[HostEvent]:
@@ -219,8 +216,8 @@ class Bridge(SettingsNode):
         self._arming.append(future)
         if rivals := name_rivals(self, self._efforts):
             return [ArmingFailed(rivals)]
-        # Not while it is closing: the last message to the board has to be the disarm.
-        return [ArmingFailed('the bridge is ending')] if self._closing.is_set() else self._host.arm(now)
+        # Not while it ends: the last message to the board has to be the disarm.
+        return [ArmingFailed('the bridge is ending')] if self.ended.is_set() else self._host.arm(now)
 
     async def _on_disarm(self) -> tuple[bool, str]:
         self._step(self._host.disarm)

@@ -53,11 +53,10 @@ class Exciter(SettingsNode):
         Setting('recorded', False, 'whether it moves the rig only while a recorder records its joint states'),
     )
 
-    def open(self, s: dict[str, Any]) -> None:
-        """Listen to the joint states, and to the reports of the bridge and the recorder."""
+    def _open(self, s: dict[str, Any]) -> None:
         self._pulses, self._duration, self._arms = _pulses(s), s['duration'] or math.inf, s['arm']
-        # Times [s] by the monotonic clock: of the start, the last request to arm, the beginning of the motion and the
-        # last joint state; and until when a recorder is known to record.
+        # Times [s] by the monotonic clock: of the start, the last request to arm, the beginning of the motion, the last
+        # joint state, and the end of the time in which a recorder is known to record.
         self._born, self._asked, self._since, self._heard = time.monotonic(), -math.inf, -math.inf, -math.inf
         self._recorded = -math.inf if s['recorded'] else math.inf
         self._running = False
@@ -73,11 +72,10 @@ class Exciter(SettingsNode):
         self.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, QoSProfile(depth=10))
         self.create_timer(0.1, self._supervise)
 
-    def check(self, values: dict[str, Any]) -> None:
-        """Refuse pulses that make no sense together, such as amplitudes the wrong way round."""
-        _pulses(values)
+    def _check(self, s: dict[str, Any]) -> None:
+        _pulses(s)
 
-    def close(self) -> None:
+    def _close(self) -> None:
         """Command zero torque and disarm, unless it never drove."""
         self._running = False
         if self._asked > 0 or self._start is not None:

@@ -114,8 +114,7 @@ class Identifier(SettingsNode):
         )
     )
 
-    def open(self, s: dict[str, Any]) -> None:
-        """Publish and serve; identify where bags are named."""
+    def _open(self, s: dict[str, Any]) -> None:
         self._identification = Identification(self)
         self._progress = Progress(self, 'waiting for ~/identify')
         self._outcome: Future | None = None
@@ -125,10 +124,9 @@ class Identifier(SettingsNode):
         else:
             self.get_logger().info('waiting: set the parameter bags and call ~/identify')
 
-    def check(self, values: dict[str, Any]) -> None:
-        """Refuse settings that make no sense together."""
-        _settings(values)
-        check_names([values['topic']], 'topic')
+    def _check(self, s: dict[str, Any]) -> None:
+        _settings(s)
+        check_names([s['topic']], 'topic')
 
     async def _on_identify(self) -> tuple[bool, str]:
         s = self.settings()

@@ -48,8 +48,7 @@ class Player(SettingsNode):
         Setting('wait', 0.0, 'wait at most so long until somebody subscribes to every topic', 's', 0.0, 3600.0),
     )
 
-    def open(self, s: dict[str, Any]) -> None:
-        """Open the bag and publish; begin to play."""
+    def _open(self, s: dict[str, Any]) -> None:
         window, self._rate, self._wait = BagWindow.parse(s['bag']), s['rate'], s['wait']
         self._reader = BagReader(window.path)
         kinds = self._chosen([name for name in s['topics'] if name])
@@ -73,29 +72,20 @@ class Player(SettingsNode):
         self._thread = threading.Thread(target=self._play, daemon=True)
         self._thread.start()
 
-    def check(self, values: dict[str, Any]) -> None:
-        """Refuse an empty bag and texts that are no topic's name."""
-        if not values['bag']:
+    def _check(self, s: dict[str, Any]) -> None:
+        if not s['bag']:
             raise ParameterError('bag is empty; give the folder of a bag')
-        check_names([name for name in values['topics'] if name])
+        check_names([name for name in s['topics'] if name])
 
-    def close(self) -> None:
-        """Stop playing.
-
-        Raises:
-            PendubotError: the bag could not be read to its end.
-        """
+    def _close(self) -> None:
+        """Stop playing, and raise PendubotError if the bag could not be read to its end."""
         self.ended.set()
         self._thread.join(DELIVERY + 1.0)
         if self._failure is not None:
             raise self._failure
 
     def _chosen(self, topics: list[str]) -> dict[str, str]:
-        """Return the types of the topics to play, by their names in the bag.
-
-        Raises:
-            BagError: the bag does not hold one of them, or nothing that can be played.
-        """
+        """Return the types of the topics to play, by their names in the bag, or raise BagError if one is missing."""
         there = {name: kind for name, (kind, count) in self._reader.topics.items() if count}
         if topics:
             # Not remapped: these are names in a bag.

@@ -47,10 +47,10 @@ class Topic:
 
 
 class Recorder(SettingsNode):
-    """Subscribes to every topic as soon as somebody publishes it, and writes what comes.
+    """Subscribes to every topic as soon as somebody publishes it, and writes its messages.
 
-    The executor fetches and writes, a hundred times a second (each message brings the time of its coming along); a
-    thread of its own waits for the disk, so that a slow one delays nobody.
+    The executor fetches and writes a hundred times a second; a thread of its own waits for the disk, so that a slow one
+    delays nobody.
     """
 
     PROGRAM = 'recorder'
@@ -66,8 +66,7 @@ class Recorder(SettingsNode):
         Setting('max_messages', 0, 'end after so many messages of the first topic; 0: when stopped', minimum=0),
     )
 
-    def open(self, s: dict[str, Any]) -> None:
-        """Begin the bag and look for publishers."""
+    def _open(self, s: dict[str, Any]) -> None:
         self._topics = {name: Topic() for name in self._resolved(s['topics'])}
         self._max_messages: int = s['max_messages']
         self._fetcher = Fetcher(self, self._take)
@@ -84,16 +83,11 @@ class Recorder(SettingsNode):
         self.create_timer(FLUSH_PERIOD, partial(self._guarded, self._bag.flush))
         threading.Thread(target=self._keep_synced, name='sync', daemon=True).start()
 
-    def check(self, values: dict[str, Any]) -> None:
-        """Refuse topics that cannot be recorded."""
-        self._resolved(values['topics'])
+    def _check(self, s: dict[str, Any]) -> None:
+        self._resolved(s['topics'])
 
-    def close(self) -> None:
-        """Close the bag and report its messages.
-
-        Raises:
-            BagError: the system refused to write.
-        """
+    def _close(self) -> None:
+        """Close the bag and report its messages; raise BagError if the system refused to write."""
         self._fetcher.fetch_all()
         self._ending.set()
         try:

@@ -63,8 +63,7 @@ def descriptor(setting: Setting) -> ParameterDescriptor:
 class SettingsNode(Node):
     """A node whose parameters are a table of :class:`Setting` and which ends cleanly.
 
-    A subclass opens its ports, files and topics in :meth:`open` and closes them in :meth:`close`, while ROS still
-    works: commands sent there arrive. ``ended`` is set when the program is to end.
+    A subclass overrides :meth:`_check`, :meth:`_open` and :meth:`_close`. ``ended`` is set when the program is to end.
     """
 
     PROGRAM: str
@@ -91,7 +90,7 @@ class SettingsNode(Node):
             except ParameterException as error:
                 raise setting.refusal(self._parameter_overrides[setting.name].value) from error
         self._refuse_unknown(files)
-        self._check(self.settings())
+        self._refuse_senseless(self.settings())
         self.add_pre_set_parameters_callback(lambda changed: [self._as_number(p) for p in changed])
         self.add_on_set_parameters_callback(self._on_set)
 
@@ -106,14 +105,14 @@ class SettingsNode(Node):
             values[setting.name] = setting.of_ros(value)
         return values
 
-    def open(self, s: dict[str, Any]) -> None:
-        """Open what the node needs, by its settings."""
-
-    def check(self, values: dict[str, Any]) -> None:
+    def _check(self, s: dict[str, Any]) -> None:
         """Refuse settings that make no sense together, by ParameterError."""
 
-    def close(self) -> None:
-        """Close what the node holds; ROS still works."""
+    def _open(self, s: dict[str, Any]) -> None:
+        """Open ports, files, topics and services by the settings."""
+
+    def _close(self) -> None:
+        """Close them; ROS still works, so that commands sent here arrive."""
 
     def create_timer(self, period: float, callback: Callable[[], object]) -> Timer:
         """Call something every ``period`` [s] of real time, even where use_sim_time is set and /clock stands still."""
@@ -162,10 +161,10 @@ class SettingsNode(Node):
         if self.executor is not None:
             self.executor.wake()
 
-    def _check(self, values: dict[str, Any]) -> None:
+    def _refuse_senseless(self, values: dict[str, Any]) -> None:
         for setting in self.SETTINGS:
             setting.check(values[setting.name])
-        self.check(values)
+        self._check(values)
 
     def _as_number(self, given: Parameter) -> Parameter:
         """Return a parameter as a number where it is one as text: ``ros2 param`` sets 1e-09 as text.
@@ -182,7 +181,7 @@ class SettingsNode(Node):
 
     def _on_set(self, changed: Sequence[Parameter]) -> SetParametersResult:
         try:
-            self._check(self.settings(changed))
+            self._refuse_senseless(self.settings(changed))
         except PendubotError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
@@ -234,7 +233,7 @@ def run(node_class: type[SettingsNode]) -> int:
         node = node_class(ended)
         with running(node):
             ended.wait()
-            node.close()
+            node._close()
         return node.exit_status
     except Exception as error:
         print(f'{node_class.PROGRAM}: {explained(error)}', file=sys.stderr)
@@ -266,7 +265,7 @@ def running(node: SettingsNode) -> Iterator[None]:
     thread = threading.Thread(target=spin, daemon=True)
     try:
         node.declare()
-        node.open(node.settings())
+        node._open(node.settings())
         executor.add_node(node)
         thread.start()
         yield

@@ -51,8 +51,7 @@ class Tracker(SettingsNode):
         Setting('rate', 1.0, 'parameters are published at most so often', 'Hz', 0.01, 10.0, dynamic=True),
     )
 
-    def open(self, s: dict[str, Any]) -> None:
-        """Subscribe, publish and serve; begin to estimate."""
+    def _open(self, s: dict[str, Any]) -> None:
         self._tracker = tracking.Tracker(start_of(Path(s['start'])) if s['start'] else start_of(None, s['model']))
         self._identification = Identification(self)
         self._decode = JointDecoder(s['joint_names'], self.resolve_topic_name('joint_states'))
@@ -67,43 +66,38 @@ class Tracker(SettingsNode):
         self._said: tuple[Any, ...] = ()
         self._at = -np.inf
         self._last_change = 'none'
-        self._held, self._forget = threading.Event(), threading.Event()
+        self._held = self._forget = False
         self.create_service(SetBool, '~/hold', self._on_hold)
         self.serve('~/reset', self._on_reset)
         Status(self, self._diagnosis)
-        self._closing = threading.Event()
         self._worker = threading.Thread(target=self._work, daemon=True)
         self._worker.start()
         self.get_logger().info(self._tracker.waiting)
 
-    def close(self) -> None:
-        """Let the thread come to its end, but not wait for an identification that it is in."""
-        self._closing.set()
+    def _close(self) -> None:
+        """Let the thread come to its end, but do not wait for an identification in it."""
         self._worker.join(1.0)
 
     def _on_hold(self, request: SetBool.Request, _: SetBool.Response) -> SetBool.Response:
-        if request.data:
-            self._held.set()
-            return SetBool.Response(success=True, message='the published parameters stay as they are')
-        self._held.clear()
-        return SetBool.Response(success=True, message='parameters that move are published')
+        self._held = request.data
+        message = 'the published parameters stay as they are' if self._held else 'parameters that move are published'
+        return SetBool.Response(success=True, message=message)
 
     async def _on_reset(self) -> tuple[bool, str]:
-        self._forget.set()
+        self._forget = True
         return True, 'all begins anew with the next motion'
 
     def _work(self) -> None:
-        while not self._closing.wait(PERIOD):
+        while not self.ended.wait(PERIOD):
             try:
-                if self._forget.is_set():
-                    self._forget.clear()
+                if self._forget:
+                    self._forget = False
                     self._tracker.reset()
                     self._published = None
-                while self._fetcher.fetch() and not self._closing.is_set():
-                    pass
+                self._fetcher.fetch_all()
                 self._refuse_second_rig()
                 self._estimate()
-                if not self._held.is_set():
+                if not self._held:
                     self._publish()
             except Exception as error:  # no other thread would report it
                 self.get_logger().error(explained(error), throttle_duration_sec=10.0)
@@ -115,7 +109,7 @@ class Tracker(SettingsNode):
             self.get_logger().error(self._rivals)
         if self._rivals or before:
             self._waiting.clear()
-            self._forget.set()
+            self._forget = True
 
     def _estimate(self) -> None:
         waiting, self._waiting = self._waiting, []
@@ -194,7 +188,7 @@ class Tracker(SettingsNode):
         if state is not None:
             values |= {'moving': state.moving, 'unexplained torque [N m]': state.unexplained}
         level, text = self._condition()
-        return level, ('held; ' if self._held.is_set() else '') + text, values
+        return level, ('held; ' if self._held else '') + text, values
 
 
 main = partial(run, Tracker)

@@ -156,7 +156,7 @@ def _node(board: VirtualBoard, ended: Shutdown) -> Iterator[None]:
     class BoardNode(SettingsNode):
         PROGRAM, SETTINGS = 'virtual_board', (PAYLOAD,)
 
-        def open(self, s: dict[str, Any]) -> None:
+        def _open(self, s: dict[str, Any]) -> None:
             board.carry(s['payload'])
             self.add_post_set_parameters_callback(self._changed)
 

@@ -34,6 +34,13 @@ def rig(ros, tmp_path):
     rig.close()
 
 
+def patient(rig, **place):
+    """Start a board, a bridge and a balancer that outlast other work of the machine; return the balancer."""
+    rig.start_board(**place)
+    rig.start_bridge(*PATIENT)
+    return rig.start('balancer', *parameters(max_age=PATIENCE))
+
+
 def begin_and_hold(rig):
     """Start the balancer's work, and wait until it has held the rig for a while."""
     rig.begin()
@@ -49,9 +56,7 @@ def stays_disarmed(rig):
 def test_it_waits_for_parameters_holds_the_rig_takes_new_parameters_and_lets_go_when_told_or_at_those_that_no_rig_has(
     rig,
 ):
-    rig.start_board()
-    rig.start_bridge(*PATIENT)
-    balancer = rig.start('balancer', *parameters(max_age=PATIENCE))
+    balancer = patient(rig)
     balancer.wait_for('waiting: no parameters have come on pendubot/params')
     rig.publish(level=2, message='useless')
     balancer.wait_for('level ERROR (useless)')
@@ -130,9 +135,7 @@ def test_wrong_signs_stop_it_within_a_fifth_of_a_second(rig):
 
 
 def test_it_publishes_torques_only_while_it_drives_and_refuses_to_start_beside_another_program(rig):
-    rig.start_board(start='hanging', spread=0.0)
-    rig.start_bridge(*PATIENT)
-    balancer = rig.start('balancer', *parameters(max_age=PATIENCE))
+    balancer = patient(rig, start='hanging', spread=0.0)
     rig.publish()
     balancer.wait_for('prepared', 60.0)
     assert not rig.node.count_publishers(EFFORT)
@@ -167,9 +170,7 @@ def test_parameters_of_two_publishers_are_not_taken_and_it_starts_with_those_of_
     foreign = stranger.create_publisher(Float64MultiArray, PARAMS, LATCHED)
     foreign.publish(Float64MultiArray(data=[3.0 * value for value in BALANCE.vector()]))
     rig.publish()
-    rig.start_board()
-    rig.start_bridge(*PATIENT)
-    balancer = rig.start('balancer', *parameters(max_age=PATIENCE))
+    balancer = patient(rig)
     rivals = f'{PARAMS} has 2 publishers: /elsewhere/stranger, /listener; only one program may publish there'
     balancer.wait_for(f'a message was not taken: {rivals}')
     rig.until(lambda: any(each.level == b'\2' and rivals in each.message for each in rig.said()))
@@ -192,9 +193,7 @@ def test_parameters_of_two_publishers_are_not_taken_and_it_starts_with_those_of_
     [(DiagnosticArray, '/pendubot/identification', '/listener'), (JointState, '/joint_states', '/bridge')],
 )
 def test_it_refuses_to_start_where_an_input_has_two_publishers(rig, stranger, kind, topic, own):
-    rig.start_board()
-    rig.start_bridge(*PATIENT)
-    balancer = rig.start('balancer', *parameters(max_age=PATIENCE))
+    balancer = patient(rig)
     rig.publish()
     balancer.wait_for('prepared', 60.0)
     second = stranger.create_publisher(kind, topic, LATCHED)
@@ -209,9 +208,7 @@ def test_it_refuses_to_start_where_an_input_has_two_publishers(rig, stranger, ki
 
 
 def test_a_second_publisher_of_joint_states_stops_it(rig, stranger):
-    rig.start_board()
-    rig.start_bridge(*PATIENT)
-    balancer = rig.start('balancer', *parameters(max_age=PATIENCE))
+    balancer = patient(rig)
     rig.publish()
     begin_and_hold(rig)
     stranger.create_publisher(JointState, '/joint_states', 1)

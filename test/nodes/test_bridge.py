@@ -125,5 +125,6 @@ def test_a_computers_clock_that_is_set_meanwhile_is_reported_once_and_stands_in_
         bridge._epoch_ns -= 86_400 * 10**9
         assert spin_until(node, lambda: sum('set by +86400.00 s' in text for text in told) >= 2)
         assert capfd.readouterr().err.count("computer's clock") == 1
-        bridge.close()
+        bridge.end()
+        bridge._close()
     node.destroy_node()

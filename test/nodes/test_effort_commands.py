@@ -27,6 +27,15 @@ LEASE = """
 """
 
 
+def running(rig):
+    """Start a rig of which nothing but what is tested disarms."""
+    r = rig()
+    r.start_board()
+    bridge = r.start_bridge('watchdog_ms:=5000', 'link_timeout:=5.0')
+    r.until_samples()
+    return r, bridge
+
+
 def arm_and_drive(rig):
     assert rig.call('arm').success
     rig.drive_until(OWN / 1e6, lambda: rig.samples[-1][6] == OWN / 1e6)
@@ -34,11 +43,7 @@ def arm_and_drive(rig):
 
 @pytest.mark.usefixtures('each_board')
 def test_a_second_publisher_disarms_and_both_are_named_until_one_is_left_and_it_is_armed_again(rig, stranger):
-    r = rig()
-    r.start_board()
-    # What is not tested is not to disarm.
-    bridge = r.start_bridge('watchdog_ms:=5000', 'link_timeout:=5.0')
-    r.until_samples()
+    r, bridge = running(rig)
     arm_and_drive(r)
     other = stranger.create_publisher(r.float64, TOPIC, 1)
     r.until(lambda: other.publish(r.float64(data=OTHER / 1e6)) or not r.trace()[-1, 4] & ARMED)
@@ -61,10 +66,7 @@ def test_a_second_publisher_disarms_and_both_are_named_until_one_is_left_and_it_
 
 
 def test_a_second_publisher_disarms_even_if_nobody_commands(rig, stranger):
-    r = rig()
-    r.start_board()
-    r.start_bridge('watchdog_ms:=5000', 'link_timeout:=5.0')
-    r.until_samples()
+    r, _ = running(rig)
     arm_and_drive(r)
     stranger.create_publisher(r.float64, TOPIC, 1)
     r.until(lambda: not r.trace()[-1, 4] & ARMED)
@@ -74,10 +76,7 @@ def test_a_second_publisher_disarms_even_if_nobody_commands(rig, stranger):
 def test_a_publisher_that_was_killed_counts_until_its_lease_ends(rig, tmp_path):
     profile = tmp_path / 'short.xml'
     profile.write_text(LEASE)
-    r = rig()
-    r.start_board()
-    r.start_bridge('watchdog_ms:=5000', 'link_timeout:=5.0')
-    r.until_samples()
+    r, _ = running(rig)
     with Program('exciter', *parameters(), env={'FASTRTPS_DEFAULT_PROFILES_FILE': str(profile)}) as exciter:
         exciter.wait_for('waiting to be armed')
         r.until(lambda: r.node.count_publishers(TOPIC) == 1)
@@ -92,10 +91,7 @@ def test_a_publisher_that_was_killed_counts_until_its_lease_ends(rig, tmp_path):
 
 
 def test_a_command_that_waited_while_the_bridge_was_stopped_is_not_applied(rig):
-    r = rig()
-    r.start_board()
-    bridge = r.start_bridge('watchdog_ms:=5000', 'link_timeout:=5.0')
-    r.until_samples()
+    r, bridge = running(rig)
     arm_and_drive(r)
     bridge.process.send_signal(signal.SIGSTOP)
     state = Path(f'/proc/{bridge.process.pid}/stat')
