@@ -5,9 +5,6 @@
 
 import multiprocessing
 import time
-from contextlib import contextmanager
-
-import pytest
 
 #: What a sleep of half of it may take on a machine that runs [ns].
 TICK = 1_000_000
@@ -36,20 +33,6 @@ class Witness:
             if ended > since:
                 longest = max(longest, ended - begun)
         return longest / 1e6
-
-
-@contextmanager
-def steady_machine(longest):
-    """Skip a test that fails on a machine that stood still for longer than this [ms]; elsewhere it has failed."""
-    with Witness() as witness:
-        begun = time.monotonic_ns()
-        try:
-            yield
-        except AssertionError as error:
-            pause = witness.longest_pause(begun)
-            if pause <= longest:
-                raise
-            pytest.skip(f'the machine stood still for {pause:.0f} ms at a time; at most {longest} ms may be: {error}')
 
 
 def _watch(says):

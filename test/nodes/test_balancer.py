@@ -16,14 +16,11 @@ from pendubot_identification.nodes.messages import LATCHED
 from test.live import LiveRig
 from test.processes import parameters
 from test.rig import ARMED, PATIENT
-from test.witness import steady_machine
 
 pytestmark = pytest.mark.ros
 EFFORT, PARAMS = '/pendubot/effort_command', '/pendubot/params'
-#: How old a sample may be [s], where it is not what is tested ...
+#: How old a sample may be [s] on a machine that does other work.
 PATIENCE = 2.0
-#: ... and the longest pause [ms] of a machine on which none of the usual timeouts, of 0.1 s, passes unasked.
-STEADY = 50
 GENTLE = {'arm': 'true', 'duration': 0.0, 'width': 1.0, 'amplitude_min': 0.05, 'amplitude_max': 0.15}
 
 
@@ -81,20 +78,18 @@ def test_it_waits_for_parameters_holds_the_rig_takes_new_parameters_and_lets_go_
     rig.until(lambda: not rig.trace()[-1, 4] & ARMED)
 
 
-@steady_machine(STEADY)
 def test_when_bridge_board_or_balancer_fail_all_stops_and_nothing_begins_again(rig):
-    board = rig.start_board()
-    bridge = rig.start_bridge()
-    balancer = rig.start('balancer')
+    balancer = patient(rig)
+    board, bridge, _ = rig.programs
     rig.publish()
     begin_and_hold(rig)
-    # Halted, it passes neither samples nor commands; later it goes on.
+    # Halted, it passes neither samples nor commands, and the board's watchdog stops the motor; later it goes on.
     bridge.process.send_signal(signal.SIGSTOP)
     cut = len(rig.trace())
-    rig.until(lambda: len(rig.trace()) > cut + 100)
+    rig.until(lambda: len(rig.trace()) > cut + 500)
     t, _, tau, status = rig.motion()
     pushing = np.flatnonzero(tau[cut:])
-    assert not pushing.size or t[cut + pushing[-1]] - t[cut] < 0.2
+    assert not pushing.size or t[cut + pushing[-1]] - t[cut] < 0.6
     assert not (status[-20:] & ARMED).any()
     bridge.process.send_signal(signal.SIGCONT)
     balancer.wait_for('stopped: ')
@@ -112,21 +107,20 @@ def test_when_bridge_board_or_balancer_fail_all_stops_and_nothing_begins_again(r
     begin_and_hold(rig)
     balancer.kill()
     cut = len(rig.trace())
-    # Armed still, at torque 0, as the bridge does with every commander that falls silent.
-    rig.until(lambda: len(rig.trace()) > cut + 100)
-    assert not rig.trace()[cut + 40 :, 3].any()
+    # Armed still, at torque 0 after the command timeout of 1 s.
+    rig.until(lambda: len(rig.trace()) > cut + 400)
+    assert not rig.trace()[cut + 220 :, 3].any()
     assert rig.call('disarm').success
     rig.publish()
     rig.start('balancer').wait_for('prepared')
     assert stays_disarmed(rig), 'another balancer does not arm on its own'
 
 
-@steady_machine(STEADY)
 def test_wrong_signs_stop_it_within_a_fifth_of_a_second(rig):
     rig.start_board()
-    rig.start_bridge('sign:=[1, -1]')
+    rig.start_bridge('sign:=[1, -1]', *PATIENT)
     rig.publish()
-    balancer = rig.start('balancer')
+    balancer = rig.start('balancer', *parameters(max_age=PATIENCE))
     rig.begin()
     balancer.wait_for("stopped: the elbow's encoder counts the wrong way")
     rig.until(lambda: not rig.trace()[-1, 4] & ARMED)
