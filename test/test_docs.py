@@ -3,7 +3,6 @@
 
 """What the documentation tells a user to type, typed; what only ROS itself could run, held against what is declared."""
 
-import ast
 import importlib
 import re
 import shlex
@@ -87,11 +86,10 @@ def test_every_subcommand_is_shown_and_no_page_writes_what_another_has_written()
 
 
 def launch_arguments(file):
-    """The arguments of a launch file and of those that it includes."""
-    source = (ROOT / 'launch' / file).read_text()
-    (own,) = re.findall(r'^ARGUMENTS = (\{.*?^\})', source, re.MULTILINE | re.DOTALL)
-    included = re.findall(r"include\('(\S+?)'", source)
-    return {'discovery', 'namespace', *ast.literal_eval(own)}.union(*map(launch_arguments, included))
+    """The arguments of a launch file."""
+    from pendubot_identification.launching import COMMON, launch_file
+
+    return {*launch_file(file)['ARGUMENTS'], *COMMON}
 
 
 def known(kind, *words):
