@@ -100,6 +100,11 @@ class Program:
             self.process.send_signal(number)
         return self.process.wait(timeout)
 
+    def halt(self):
+        """Stop it until SIGCONT; it has stopped at the return."""
+        self.process.send_signal(signal.SIGSTOP)
+        os.waitid(os.P_PID, self.process.pid, os.WSTOPPED | os.WNOWAIT)
+
     def kill(self):
         self.process.kill()
         self.process.wait(10)

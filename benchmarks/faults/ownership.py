@@ -336,7 +336,7 @@ def stopped(folder, long):
             bridge = rig.start_bridge(f'watchdog_ms:={watchdog_ms}')
             rig.until_samples(20)
             drive(rig, OWN)
-            bridge.process.send_signal(signal.SIGSTOP)
+            bridge.halt()
             rig.effort(FOREIGN)  # waits for it
             time.sleep(pause)  # what is tried
             begun = len(rig.trace())

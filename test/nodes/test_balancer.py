@@ -84,7 +84,7 @@ def test_when_bridge_board_or_balancer_fail_all_stops_and_nothing_begins_again(r
     rig.publish()
     begin_and_hold(rig)
     # Halted, it passes neither samples nor commands, and the board's watchdog stops the motor; later it goes on.
-    bridge.process.send_signal(signal.SIGSTOP)
+    bridge.halt()
     cut = len(rig.trace())
     rig.until(lambda: len(rig.trace()) > cut + 500)
     t, _, tau, status = rig.motion()

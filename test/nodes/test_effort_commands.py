@@ -4,7 +4,6 @@
 """The motor has one owner: the bridge disarms at a second publisher of effort commands, and applies no old one."""
 
 import signal
-from pathlib import Path
 
 import pytest
 
@@ -93,9 +92,7 @@ def test_a_publisher_that_was_killed_counts_until_its_lease_ends(rig, tmp_path):
 def test_a_command_that_waited_while_the_bridge_was_stopped_is_not_applied(rig):
     r, bridge = running(rig)
     arm_and_drive(r)
-    bridge.process.send_signal(signal.SIGSTOP)
-    state = Path(f'/proc/{bridge.process.pid}/stat')
-    r.until(lambda: state.read_text().rpartition(')')[2].split()[0] == 'T')
+    bridge.halt()
     # In the board's time it waits for twice the command timeout: longer, and the board's watchdog would stop the motor.
     end = len(r.trace()) + 20
     r.effort(OTHER / 1e6)

@@ -181,7 +181,7 @@ def test_messages_that_were_lost_are_counted_and_publishers_that_are_not_heard_n
         assert spin_until(node, lambda: diagnostics and 'not heard' in diagnostics[-1][1])
         node.destroy_publisher(passing)
         assert spin_until(node, lambda: 'not heard' not in diagnostics[-1][1])
-        program.process.send_signal(signal.SIGSTOP)
+        program.halt()
         for k in range(1, 20_000):
             publisher.publish(Float64(data=float(k)))
         program.process.send_signal(signal.SIGCONT)
