@@ -56,38 +56,6 @@ def _options() -> Iterator[Setting]:
             yield option
 
 
-class Progress:
-    """The progress of an identification: log lines at a decent rate, and a status on /diagnostics once a second."""
-
-    def __init__(self, node: SettingsNode, idle: str) -> None:
-        self._node = node
-        # Replaced as a whole, so that the timer's thread never sees half of it.
-        self._state: tuple[Level, str, dict[str, object]] = (Level.OK, idle, {})
-        self._step, self._step_began, self._logged = '', 0.0, 0.0
-        Status(node, lambda: self._state, ': progress')
-
-    def __call__(self, step: str, done: int, of: int, best: float) -> None:
-        """Take the step, how much of it is done, of how much (0: not known), and the best J or NaN."""
-        now = time.monotonic()
-        begins = step != self._step
-        if begins:
-            self._step, self._step_began = step, now
-        values: dict[str, object] = {'step': step, 'done': done, 'of': of or 'not known'}
-        if not math.isnan(best):
-            values['J'] = best
-        if of and done:
-            values['seconds_left'] = round((now - self._step_began) * (of - done) / done, 1)
-        text = step + (f', {done} of {of}' if of else '') + ('' if math.isnan(best) else f', J = {best:.4e}')
-        self._state = (Level.OK, text, values)
-        if begins or now - self._logged >= LOG_PERIOD:
-            self._logged = now
-            self._node.get_logger().info(text)
-
-    def ended(self, level: Level, text: str) -> None:
-        """Show how the work ended; the next call begins anew."""
-        self._step, self._state = '', (level, text, {})
-
-
 class Identifier(SettingsNode):
     """Identifies at the start where bags are named, and again at every call of ~/identify; stays alive."""
 
@@ -116,7 +84,11 @@ class Identifier(SettingsNode):
 
     def _open(self, s: dict[str, Any]) -> None:
         self._identification = Identification(self)
-        self._progress = Progress(self, 'waiting for ~/identify')
+        # The progress on /diagnostics, replaced as a whole so that no thread sees half of it; and the step of the
+        # computation, when it began and was logged last [s].
+        self._progress: tuple[Level, str, dict[str, object]] = (Level.OK, 'waiting for ~/identify', {})
+        self._step, self._step_began, self._logged = '', 0.0, 0.0
+        Status(self, lambda: self._progress, ': progress')
         self._outcome: Future | None = None
         self.serve('~/identify', self._on_identify)
         if _named(s['bags']):
@@ -150,8 +122,25 @@ class Identifier(SettingsNode):
             level, text = Level.ERROR, explained(error)
             self.get_logger().error(text)
             self._identification.publish(level, text, {})
-        self._progress.ended(level, text)
+        self._step, self._progress = '', (level, text, {})
         self.answer(outcome, (level, text))
+
+    def _on_progress(self, step: str, done: int, of: int, best: float) -> None:
+        """Take the step, how much of it is done, of how much (0: not known), and the best J or NaN."""
+        now = time.monotonic()
+        begins = step != self._step
+        if begins:
+            self._step, self._step_began = step, now
+        values: dict[str, object] = {'step': step, 'done': done, 'of': of or 'not known'}
+        if not math.isnan(best):
+            values['J'] = best
+        if of and done:
+            values['seconds_left'] = round((now - self._step_began) * (of - done) / done, 1)
+        text = step + (f', {done} of {of}' if of else '') + ('' if math.isnan(best) else f', J = {best:.4e}')
+        self._progress = (Level.OK, text, values)
+        if begins or now - self._logged >= LOG_PERIOD:
+            self._logged = now
+            self.get_logger().info(text)
 
     def _identify(self, s: dict[str, Any]) -> tuple[Level, str]:
         settings = _settings(s)
@@ -167,7 +156,7 @@ class Identifier(SettingsNode):
         found, data = identify_recordings(
             lambda reading: load_datasets(bags, validation, topic=topic, joint_names=names, conversion=reading),
             settings,
-            self._progress,
+            self._on_progress,
             apply_remedies=s['apply_remedies'],
         )
         result = assemble_result(found, data.sources)
