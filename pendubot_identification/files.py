@@ -70,7 +70,7 @@ def refuse_unwritable(path: Path, *, overwrite: bool = False, force: str = '--fo
 
 
 def refuse_input(output: Path, inputs: Iterable[Path | None]) -> None:
-    """Refuse to write over files, and those of bags' folders, that are read, whatever ``--force`` says.
+    """Refuse to write over files, and those of bags' folders, that are read, with or without ``--force``.
 
     Raises:
         ResultError: the output is one of these.

@@ -27,7 +27,7 @@ from pendubot_identification.nodes.shutdown import LAUNCH
 from pendubot_identification.resources import NAME, resource
 from pendubot_identification.setting import meant
 
-#: The variable that says among which machines ROS programs find each other, and its values here.
+#: The variable for the machines among which ROS programs find each other, and its values here.
 RANGE, RANGES = 'ROS_AUTOMATIC_DISCOVERY_RANGE', ('LOCALHOST', 'SUBNET', 'SYSTEM_DEFAULT')
 #: The variables that name a profile of Fast DDS: of Jazzy's version, and of later ones.
 PROFILES = ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE')

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What is installed as programs: the nodes, where there is ROS to start them with, and the command line."""
+"""The installed programs: the nodes, which need ROS, and the command line."""
 
 from __future__ import annotations
 
@@ -38,8 +38,8 @@ def _start(name: str) -> int:
 
 
 def _until_nobody_reads(main: Callable[[], int]) -> int:
-    """Return what it returns, or 0 where whoever read its output has seen enough, as ``head`` does."""
-    if sys.stdout is None:  # closed by whoever started this
+    """Return the exit status, 0 if the reader of the output leaves before its end, as ``head`` does."""
+    if sys.stdout is None:  # closed by the parent process
         sys.stdout = io.StringIO()
     try:
         try:

@@ -20,7 +20,7 @@ class Setting:
 
     Attributes:
         dynamic: whether a node's parameter can be set after the start.
-        optional: whether it may be left open, which is None; ROS, which has no None, says the default instead.
+        optional: whether it may be left open, which is None; in ROS, which has no None, it is the default.
         length: how many values a list has; 0: any number.
         distinct: whether the values of a list differ and none is empty.
     """
@@ -63,11 +63,11 @@ class Setting:
                 raise self.refusal(entry)
 
     def refusal(self, value: object) -> ParameterError:
-        """Return the error that says what was given and what is expected."""
+        """Return the error with the given value and the expected one."""
         return ParameterError(f'{self.name} is {"empty" if value == "" else value}; {self.expected()} is expected')
 
     def expected(self) -> str:
-        """Say in words what values there are."""
+        """Return the allowed values in words."""
         if self.choices:
             return f'one of {", ".join(self.choices)}'
         several = isinstance(self.default, (list, tuple))

@@ -85,7 +85,7 @@ class Balancing:
             self.plan = plan
 
     def not_prepared(self, wanted: tuple[Parameters, Loop], reason: str) -> None:
-        """Note why there is no plan for what was wanted."""
+        """Note why there is no plan for these parameters and this loop."""
         self._refused, self.obstacle = wanted, reason
         if self.phase is Phase.IDLE:
             self.plan = None
@@ -111,7 +111,7 @@ class Balancing:
         self.phase = Phase.RUNNING
 
     def stop(self, reason: str = '') -> None:
-        """Be idle from now on; ``reason`` says what was wrong, if anything was."""
+        """Be idle from now on; ``reason`` names the fault, if there is one."""
         self.phase, self.stopped, self._controller = Phase.IDLE, reason, None
         # Plans made while it moved were not simulated: make them again.
         self._coming = self._refused = None

@@ -32,7 +32,7 @@ BUMPLESS = 0.1
 
 
 class ControlMode(Enum):
-    """What the controller is doing."""
+    """The control law in use."""
 
     SWING_UP = 'swinging up'
     BALANCE = 'balancing'

@@ -28,7 +28,7 @@ RigState = tuple[float, float, float, float]
 SAME_TORQUE = 2e-6
 #: The longest transport that is looked for [samples].
 LONGEST_TRANSPORT = 10
-#: The transport is the one that this share of the last so many unambiguous samples shows.
+#: The transport is accepted if this share of the last unambiguous samples, so many, shows it.
 TRANSPORT_SAMPLES, TRANSPORT_SHARE = 40, 0.8
 #: The motor does not obey when none of the commanded torques has been applied for so long [s].
 DISOBEDIENCE = 0.1

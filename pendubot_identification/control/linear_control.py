@@ -63,7 +63,7 @@ class Loop:
 
     Attributes:
         period: between samples [s].
-        lag: the motor obeys so much later than the board says [s].
+        lag: delay of the motor behind the board's report [s].
         limit: largest torque [N m].
     """
 
@@ -98,7 +98,7 @@ class Design:
         """Design the discrete LQR and the steady Kalman filter for physical parameters.
 
         Raises:
-            ControlError: this controller is none for such a rig, or the motor cannot move what has to be balanced.
+            ControlError: this controller is not for such a rig, or the motor cannot move it.
         """
         if parameters.P5 <= 0 or parameters.P3 <= 0:
             raise ControlError(
@@ -138,8 +138,8 @@ def closed_loop(design: Design, delay: float | None = None, rig: Parameters | No
 
     Args:
         design: of regulator and estimator.
-        delay: the rig's own dead time [s], where it is not the one that was designed for.
-        rig: its own parameters, likewise.
+        delay: the rig's dead time [s]; None: as designed.
+        rig: its parameters; None: as designed.
 
     Returns:
         Shapes (8 + N, 8 + N): of the rig's x, its estimate before the measurement, and the torques of N samples.

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Readiness: what must be known before the design: parameters, how good they are, and period and delay of the loop."""
+"""Readiness: the inputs of a design, which are parameters, their quality, and period and delay of the loop."""
 
 from __future__ import annotations
 

@@ -4,8 +4,8 @@
 """Sign check: finds wrong signs and exchanged encoders in the first tenths of a second of motion.
 
 Short windows are simulated under each hypothesis: wiring right, an encoder's sign wrong, the motor's sign wrong, or the
-encoders exchanged. The one that predicts the motion much better than the others is taken; inaccurate parameters worsen
-all predictions alike.
+encoders exchanged. The hypothesis that predicts the motion much better than all others is accepted; inaccurate
+parameters worsen all predictions alike.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ WINDOW, STEPS, STRIDE = 0.08, 8, 2
 #: A hypothesis is taken when every other has more than so many times its squared error, plus this [rad] squared.
 RATIO, FLOOR = 5.0, 0.0015
 
-#: What may be wrong, nothing first; the true positions of those seen; the sign of the motor.
+#: The fault, none first; the true positions by the measured ones; the sign of the motor.
 _FAULTS: tuple[tuple[str, Callable[[Pair], Pair], float], ...] = (
     ('', lambda q: q, 1.0),
     ("the shoulder's encoder counts the wrong way (sign)", lambda q: (2 * HANGING[0] - q[0], q[1]), 1.0),

@@ -1,11 +1,11 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Design of an excitation: the pulse train that tells a rig's parameters best, within what the rig may do.
+"""Design of an excitation: the most informative pulse train within the limits of a rig.
 
-What a motion tells is its Fisher information: the sum of the squared sensitivities of the positions, over the variance
-of the encoders' rounding. D-optimal is the motion whose information has the greatest determinant (Goodwin and Payne,
-Dynamic System Identification, 1977): the smallest ellipsoid of confidence, whatever the parameters' units.
+The Fisher information of a motion is the sum of the squared sensitivities of the positions, over the variance of the
+encoder quantization. The D-optimal motion has the information with the greatest determinant (Goodwin and Payne, Dynamic
+System Identification, 1977): the smallest confidence ellipsoid, independent of the parameters' units.
 """
 
 from __future__ import annotations
@@ -27,28 +27,28 @@ from .excitation import PulseTrain
 
 Array = NDArray[np.float64]
 
-#: What a motion tells is counted over segments of this length [s], each with an initial state of its own: no more than
-#: that is told by motions which the model does not describe for longer, or which are chaotic.
+#: The information is summed over segments of this length [s], each with an initial state of its own: motions that are
+#: chaotic, or that the model describes only for a while, hold no more.
 SEGMENT = 2.0
-#: The virtual rig's own steps are this much finer than a design needs.
+#: The steps of a simulated rig are finer by this factor than a design needs.
 COARSER = 4.0
-#: Of the limits, a design uses this much, because the parameters are only estimated.
+#: A design uses this fraction of the limits, because the parameters are only estimated.
 USED = 0.9
-#: The final design keeps the limits with so many parameter vectors drawn about the estimate, spread by at least this
-#: fraction of each parameter.
+#: The final design keeps the limits with DRAWS parameter vectors about the estimate, whose standard deviation is at
+#: least the fraction SPREAD of each parameter.
 DRAWS, SPREAD = 8, 0.03
-#: So many of the best designs are looked at in this way.
+#: The number of best designs that are checked so.
 FINALISTS = 40
-#: A cost beyond all those of trains within the limits.
+#: A cost above the cost of every train within the limits.
 BEYOND = 1e6
-#: Of MDE's search, and its coordinates; the seed of the random torques is one of them.
+#: Population, generations and coordinates of the search by MDE; SEEDS seeds of the random torques are tried.
 POPULATION, GENERATIONS, SEEDS = 80, 30, 1000
 COORDINATES = ('period', 'width', 'amplitude_min', 'amplitude_max', 'hold', 'seed')
 #: Ranges that are searched: period [s] and hold [s] up to these, width from this.
 LONGEST_PERIOD, LONGEST_HOLD, NARROWEST = 5.0, 1.0, 0.02
-#: What a pendubot can tell: all but k2, the friction that the elbow's torque makes, for there is none.
+#: The identifiable parameters of a pendubot: all but k2, friction by the elbow's torque, which is zero.
 IDENTIFIABLE = NAMES.index('k2')
-#: Numbers are rounded to so many digits, as they stand in the exciter's file.
+#: Significant digits of the numbers in the exciter's file.
 DIGITS = 3
 
 
@@ -62,7 +62,7 @@ class Experiment:
         counts: encoder counts per turn.
 
     Raises:
-        ParameterError: nothing can be learned so.
+        ParameterError: such a motion has no information.
     """
 
     duration: float = 18.0
@@ -76,12 +76,12 @@ class Experiment:
                 'Hz are expected'
             )
         if self.counts < 4:
-            raise ParameterError(f'an encoder of {self.counts} counts per turn tells nothing; at least 4 are expected')
+            raise ParameterError(f'an encoder of {self.counts} counts per turn is too coarse; at least 4 are expected')
 
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """What a rig may do.
+    """The limits of a rig.
 
     Attributes:
         torque: greatest torque, either way [N m].
@@ -103,7 +103,7 @@ class Limits:
                 raise ParameterError(f'the limit of the {name} is {value:g} {unit}; a number above 0 is expected')
 
     def used(self, speed: Array, angle: Array) -> Array:
-        """Return what part of the limits motions use: speeds [rad/s] and angles [rad], shape (2, ...); shape (...)."""
+        """Return the used fraction of the limits, shape (...), of speeds [rad/s] and angles [rad], shape (2, ...)."""
         allowed = np.reshape(self.angle, (2,) + (1,) * (angle.ndim - 1))
         # A joint without a limit uses nothing of it, even where the motion is lost to infinity.
         turned = np.divide(angle, allowed, out=np.zeros(angle.shape), where=np.isfinite(allowed))
@@ -112,12 +112,12 @@ class Limits:
 
 @dataclass(frozen=True, slots=True)
 class Predicted:
-    """What an excitation would do with a rig, and tell of it.
+    """The predicted motion and information of an excitation.
 
     Attributes:
         train: the excitation.
-        std_error: of each parameter, from this motion alone, as far as the encoders' rounding sets it; shape (D,);
-            infinite where it tells nothing.
+        std_error: of each parameter, from this motion alone and encoder quantization, shape (D,); infinite if the
+            parameter is not identifiable.
         log_information: logarithm of the determinant of the information, parameters in units of their values.
         speed: greatest speed of shoulder and elbow [rad/s], shape (2,).
         angle: how far they turn away from hanging [rad], shape (2,).
@@ -133,9 +133,9 @@ class Predicted:
 def predict(
     parameters: Parameters, trains: Sequence[PulseTrain], experiment: Experiment, limits: Limits | None = None
 ) -> list[Predicted]:
-    """Return what each of several excitations would do with a rig, from hanging at rest, and tell of it.
+    """Predict each of several excitations of a rig, from hanging at rest.
 
-    Of what comes near to exceeding the ``limits``, it is not worked out what it would tell: nothing.
+    The information of a motion that uses more than a fraction of the ``limits`` is not computed, but zero.
 
     Raises:
         ParameterError: the parameters are not physical.
@@ -174,7 +174,7 @@ def design(
 
     Args:
         parameters: of the rig, as far as they are known.
-        limits: what it may do. They are held with margins, for rigs like this one: see :data:`USED`, :data:`DRAWS`.
+        limits: of the rig. They are kept with margins, for rigs like this one: see :data:`USED`, :data:`DRAWS`.
         experiment: how it is recorded.
         uncertainty: standard errors of the parameters, shape (D,); None: 3 % of each.
         generations: of MDE.
@@ -202,9 +202,9 @@ def design(
     mde(costs, box, MDESettings(POPULATION, generations, per_component=False), runs=1, seed=seed, progress=tell)
     if not found:
         raise ExcitationError(
-            f'no pulses up to {limits.torque:g} N m were found that tell all parameters, stay below {limits.speed:g} '
-            f'rad/s and turn the joints by no more than {limits.angle[0]:g} and {limits.angle[1]:g} rad; allow a '
-            'greater speed or angle, or a greater or smaller torque'
+            f'no pulses up to {limits.torque:g} N m were found that identify all parameters, stay below '
+            f'{limits.speed:g} rad/s and turn the joints by no more than {limits.angle[0]:g} and {limits.angle[1]:g} '
+            'rad; allow a greater speed or angle, or a greater or smaller torque'
         )
     # The first that keeps the limits on all, or on most, of the rigs drawn about the estimate.
     theta = parameters.vector()
@@ -218,7 +218,7 @@ def design(
 
 
 def _cost(candidate: Predicted, limits: Limits) -> float:
-    """Return what MDE minimises: within the limits the information's logarithm, beyond them by how much."""
+    """Return the cost that MDE minimises: within the limits minus the log information, beyond them the excess."""
     if np.isfinite(candidate.log_information):
         return -candidate.log_information
     used = float(limits.used(candidate.speed, candidate.angle))
@@ -289,7 +289,7 @@ def _information(theta: Array, states: Array, tau: Array, step: float, experimen
 
 
 def _log_determinant(information: Array) -> float:
-    """Return the logarithm of the determinant; minus infinity where floats do not tell that there is one."""
+    """Return the logarithm of the determinant; minus infinity if it is not positive in floating point."""
     size = np.diag(information)
     if not (np.isfinite(information).all() and (size > 0).all()):
         return -math.inf

@@ -36,7 +36,7 @@ def write_exciter(
 
 
 def read_exciter(path: Path) -> tuple[PulseTrain, float]:
-    """Return the pulse train of a parameter file and its duration [s]; what the file leaves out has its default.
+    """Return the pulse train of a parameter file and its duration [s]; missing values have their defaults.
 
     Raises:
         ResultError: there is no such file, or it is no parameter file of the exciter.

@@ -51,7 +51,7 @@ class CommandAge:
         self._since = 0
 
     def measure(self, sent_ns: int, taken_ns: int) -> float:
-        """Return the age [s] of a command; each time [ns] is that of its own program's clock."""
+        """Return the age [s] of a command; each time [ns] is by the clock of its own program."""
         delay = taken_ns - sent_ns
         if not 0 <= taken_ns - self._since < self.PERIOD:
             self._least_before, self._least, self._since = self._least, delay, taken_ns
@@ -61,7 +61,7 @@ class CommandAge:
 
 class Bridge(SettingsNode):
     """Three threads share one :class:`Host` under a lock: the port's reader, which publishes with nothing in between;
-    the housekeeper, for what time alone brings; and the executor, for commands and services.
+    the housekeeper, for timeouts; and the executor, for commands and services.
     """
 
     PROGRAM = 'bridge'

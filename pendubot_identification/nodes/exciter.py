@@ -29,7 +29,7 @@ SILENCE = 2.0
 DISCOVERY = 4.0
 #: Without an answer for this long [s] it asks to be armed once more.
 PATIENCE = 3.0
-#: A recorder reports once a second what it wrote; without a report for this long [s] it is taken for gone.
+#: A recorder reports once a second; without a report for this long [s] it is taken for gone.
 UNRECORDED = 5.0
 
 
@@ -154,7 +154,7 @@ class Exciter(SettingsNode):
             driver.arm.call_async(Trigger.Request()).add_done_callback(self._on_armed)
 
     def _missing(self, now: float) -> str:
-        """Return what is waited for before the bridge is asked to arm, or nothing."""
+        """Return a sentence on the missing condition for arming, else ''."""
         name, bridge = self._joint_states.topic_name, self._driver.bridge
         if now - self._heard > SILENCE:
             return f'waiting for {name}: start the bridge'

@@ -130,7 +130,7 @@ class Identification:
     def publish(
         self, level: Level, summary: str, values: Mapping[str, Any], theta: NDArray[np.float64] | None = None
     ) -> None:
-        """Publish the quality first, so that whoever receives the parameters, if any, can already know it."""
+        """Publish the quality first, so that a receiver of the parameters, if any, can already know it."""
         self._quality.publish(status_message(self._node, 'pendubot identification', level, summary, values))
         if theta is not None:
             self._params.publish(parameters_message(theta))

@@ -25,7 +25,7 @@ from .topics import check_names, message_class, weakest
 
 SECOND = 1_000_000_000
 DEPTH = 1000  #: Messages kept for subscribers that are slow, or that have to be sent again.
-DELIVERY = 2.0  #: For so long the last messages may be on their way at the end [s].
+DELIVERY = 2.0  #: Longest delivery of the last messages [s].
 COMMAND = 'std_msgs/msg/Float64'  #: The type of effort commands.
 SHARED = ('/clock', '/diagnostics', '/parameter_events', '/rosout')  #: Topics that are the same in every namespace.
 

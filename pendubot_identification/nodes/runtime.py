@@ -95,7 +95,7 @@ class SettingsNode(Node):
         self.add_on_set_parameters_callback(self._on_set)
 
     def settings(self, changed: Sequence[Parameter] = ()) -> dict[str, Any]:
-        """Return the value of every setting, or what it is changed to: arrays as lists, what is left open as None."""
+        """Return the value of every setting, changed ones included: arrays as lists, None if it is left open."""
         given = {p.name: p for p in changed}
         values = {}
         for setting in self.SETTINGS:
@@ -188,7 +188,7 @@ class SettingsNode(Node):
 
 
 def help_text(node_class: type[SettingsNode]) -> str:
-    """Return what ``--help`` prints: summary, usage, and every parameter with default, unit and range."""
+    """Return the text of ``--help``: summary, usage, and every parameter with default, unit and range."""
     name, parameters = node_class.PROGRAM, ''
     for s in node_class.SETTINGS:
         parameters += f'  {s.name}, default {s.default!r}{" (left open)" if s.optional else ""}, {s.expected()}\n'

@@ -147,7 +147,7 @@ class Tracker(SettingsNode):
             if self._published is None:
                 self.get_logger().info(f'following, level {state.level.name}: {self._condition()[1]}')
             self._published, self._at = state, state.t
-        # The message is about the published parameters, so that whoever took them is told.
+        # The message is about the published parameters, so that their receivers are told.
         self._say(*self._condition(), self._values(self._published or state), state.theta if moved else None)
 
     def _moved(self, state: State) -> bool:

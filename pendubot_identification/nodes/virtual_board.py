@@ -41,7 +41,7 @@ example:
   virtual_board --link /tmp/pendubot --preset balance --rate 500 --start upright --spread 0.1 --delay 0.004
   bridge --ros-args -p port:=/tmp/pendubot
 
-with --ros-args, where there is ROS, it is a node too, of one parameter, payload [kg]: what link 2 carries at its end
+with --ros-args, where there is ROS, it is a node too, of one parameter, payload [kg]: the mass at the end of link 2
 (3/2 P2 / P5 from the elbow), also put on and taken off while it moves:
   ros2 param set /virtual_board payload 0.03
 
@@ -104,14 +104,14 @@ def make_board(options: argparse.Namespace) -> VirtualBoard:
         raise ParameterError(f'--seed is {options.seed}; a number of at least 0 is expected')
     parameters = PRESETS[options.preset]
     if options.parameters is not None:
-        # Only here: the board has no other use for what this imports, and starts ten times faster without.
+        # Only here: without this import the board starts ten times faster.
         from pendubot_identification.results.result_file import read_parameters
 
         parameters = read_parameters(options.parameters)
     chance = random.Random(options.seed)
     q1, q2 = (q + chance.uniform(-options.spread, options.spread) for q in STARTS[options.start])
     plant = LatePlant(parameters, options.delay, (q1, q2))
-    # What holds both links level is no stall.
+    # The torque that holds both links level is no stall.
     held = 1.5 * ((parameters.P4 + parameters.P5) * GRAVITY + parameters.Fc1)
     limits = replace(LIMITS, stall_torque=max(LIMITS.stall_torque, round(1e6 * held)))
     limits = replace(limits, **_named('limit', options.limit, Limits, int))
@@ -122,7 +122,7 @@ def make_board(options: argparse.Namespace) -> VirtualBoard:
 
 
 def _named(kind: str, texts: Sequence[str], table: type, number: Callable[[str], Any]) -> dict[str, Any]:
-    """Return what options of the form NAME=VALUE say, by the names of a table's fields."""
+    """Return the values of options of the form NAME=VALUE by name, which is a field of the table."""
     names, found = [each.name for each in fields(table)], {}
     for text in texts:
         name, _, value = text.partition('=')
