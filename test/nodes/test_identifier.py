@@ -176,35 +176,26 @@ def test_a_file_with_columns_is_identified_and_remedies_are_applied(bag, tmp_pat
         assert float(told[name]) == pytest.approx(float(plain[name]), rel=1e-6)
 
 
-def test_what_is_read_is_never_written_over(bag, tmp_path, client):
-    swing, judge, start = (tmp_path / name for name in ('swing', 'judge', 'start.yaml'))
-    shutil.copytree(bag, swing)
-    shutil.copytree(bag, judge)
-    start.write_text(yaml.safe_dump({'schema': 1, 'parameters': {name: {'value': 0.5} for name in NAMES[:7]}}))
-    (file,) = swing.glob('*.mcap')
-    read = {path: path.read_bytes() for path in (file, judge / 'metadata.yaml', start)}
-    for path in read:
-        named = {'validate': [f'{judge}@9:18'], 'start': str(start), 'output': str(path), 'force': True}
-        status, *_ = client.identified(f'{swing}@0:9', **named)
-        assert status.message == f'{path} is read, so it cannot be written as well; give another name'
-    assert {path: path.read_bytes() for path in read} == read
-
-
-def test_what_fails_is_published_and_answered_before_anything_is_read(tmp_path, client):
-    output, beyond = tmp_path / 'result.yaml', tmp_path / 'no' / 'file'
+def test_what_fails_is_published_and_answered_and_nothing_is_written_over(bag, tmp_path, client):
+    output, beyond, swing, day = (tmp_path / name for name in ('result.yaml', 'no/file', 'swing', 'day'))
     output.write_text('mine')
     t = np.arange(6020) / 10
-    write_trajectory(tmp_path / 'day', Trajectory(t, np.sin(np.column_stack([t, 2 * t])), np.zeros((len(t), 2))))
-    for bag, given, sentence in (
-        ('/nowhere', '', 'there is no bag /nowhere'),
-        ('/nowhere', output, f'{output} exists already and was left as it is; choose another name or add force:=true'),
-        ('/nowhere', beyond, f'{beyond} cannot be written (No such file or directory); choose a folder that can be'),
-        (tmp_path / 'day', '', 'it lasts 602 s, and at most 600 s are taken at once; take windows of it, such as'),
+    write_trajectory(day, Trajectory(t, np.sin(np.column_stack([t, 2 * t])), np.zeros((len(t), 2))))
+    shutil.copytree(bag, swing)
+    (file,) = swing.glob('*.mcap')
+    before = file.read_bytes()
+    for named, given, sentence in (
+        ('/nowhere', {}, 'there is no bag /nowhere'),
+        ('/nowhere', {'output': str(output)}, f'{output} exists already and was left as it is; choose another name or'),
+        ('/nowhere', {'output': str(beyond)}, f'{beyond} cannot be written (No such file or directory); choose a'),
+        (swing, {'output': str(file), 'force': True}, f'{file} is read, so it cannot be written as well; give another'),
+        (day, {}, 'it lasts 602 s, and at most 600 s are taken at once; take windows of it, such as'),
     ):
-        status, _, params = client.identified(bag, output=str(given))
+        status, _, params = client.identified(named, **given)
         assert (status.level, params) == (ERROR, [])
         assert sentence in status.message
     assert output.read_text() == 'mine'
+    assert file.read_bytes() == before
 
 
 def test_an_unphysical_result_is_published_at_level_error(bag, tmp_path, client):
