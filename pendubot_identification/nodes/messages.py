@@ -148,7 +148,7 @@ def flat(name: str, entry: Any) -> dict[str, Any]:
     """
     if isinstance(entry, Mapping):
         inner = [(key, value) for key, value in entry.items() if not key.endswith('_runs')]
-    elif isinstance(entry, list) and any(isinstance(each, (Mapping, str)) for each in entry):
+    elif isinstance(entry, (list, tuple)) and any(isinstance(each, (Mapping, str)) for each in entry):
         inner = list(enumerate(entry))
     else:
         return {name: entry}
