@@ -24,7 +24,7 @@ pytestmark = pytest.mark.ros
 #: Options that cost little, and the others that the tests change.
 FAST = {'criterion': 'energy', 'model': 'viscous', 'optimizer': 'lsq', 'hold': 'zero', 'sliding': 0.0}
 FAST |= {'columns': '', 'apply_remedies': False, 'validate': [''], 'output': '', 'force': False, 'start': ''}
-ERROR = b'\x02'
+WARN, ERROR = b'\x01', b'\x02'
 PROGRESS = 'identifier: progress'
 
 
@@ -159,8 +159,10 @@ def test_identifies_again_with_the_parameters_of_the_moment(bag, client):
     _, told, (params,) = client.identified(f'{bag}@0:9', model='rotor')
     assert params.layout.dim[0].label == 'P1,P2,P3,P4,P5,b1,b2,Fc1,Fc2,J2'
     assert float(told['J2']) == params.data[9]
-    *_, (params,) = client.identified(f'{bag}@0:9', model='viscous')
+    status, told, (params,) = client.identified(f'{bag}@0:9', model='viscous', criterion='energy')
     assert len(params.data) == 7
+    assert status.level == WARN
+    assert told['warnings.0'] in status.message
 
 
 def test_a_file_with_columns_is_identified_and_remedies_are_applied(bag, tmp_path, client):
