@@ -122,8 +122,8 @@ def test_refuses_to_begin_beside_a_program_of_any_name(rig, stranger, arm, kind,
     with exciter(arm=arm, **PULSES) as program:
         assert spin_until(stranger, lambda: publisher.publish(kind()) or program.process.poll() is not None)
         said = program.wait_for('only one program may publish there')
-        # Where the stranger was discovered late, the bridge refuses to arm for both.
-        assert f'{topic} has {found};' in said or f'{topic} has 2 publishers: /elsewhere/stranger, /exciter;' in said
+        # Where the stranger was discovered late, the bridge refuses to arm for both, whose names it may not know yet.
+        assert f'{topic} has {found};' in said or f'the bridge did not arm: {topic} has 2 publishers: ' in said
         ends_with_1(program)
     # The bridge, too, refuses a second controller; a second rig may be discovered only after arming.
     assert kind is JointState or not rig.armed().any()
