@@ -3,6 +3,7 @@
 
 """The exciter with a real bridge and the virtual board: what the board applied is what was drawn."""
 
+import re
 import signal
 
 import pytest
@@ -110,20 +111,18 @@ def test_ends_disarmed_at_a_signal(rig):
 
 @pytest.mark.parametrize('arm', ['true', 'false'])
 @pytest.mark.parametrize(
-    ('kind', 'topic', 'found'),
-    [
-        (Float64, EFFORT, '1 publisher: /elsewhere/stranger'),
-        (JointState, '/joint_states', '2 publishers: /bridge, /elsewhere/stranger'),
-    ],
+    ('kind', 'topic'),
+    [(Float64, EFFORT), (JointState, '/joint_states')],
     ids=['controller', 'second rig'],
 )
-def test_refuses_to_begin_beside_a_program_of_any_name(rig, stranger, arm, kind, topic, found):
+def test_refuses_to_begin_beside_a_program_of_any_name(rig, stranger, arm, kind, topic):
     publisher = stranger.create_publisher(kind, topic, 1)
     with exciter(arm=arm, **PULSES) as program:
         assert spin_until(stranger, lambda: publisher.publish(kind()) or program.process.poll() is not None)
         said = program.wait_for('only one program may publish there')
-        # Where the stranger was discovered late, the bridge refuses to arm for both, whose names it may not know yet.
-        assert f'{topic} has {found};' in said or f'the bridge did not arm: {topic} has 2 publishers: ' in said
+        # The stranger may be discovered before the exciter publishes, after it, or first by the bridge, without a name.
+        named = re.search(rf'{topic} has [12] publishers?: [^;]*/elsewhere/stranger', said)
+        assert named or f'the bridge did not arm: {topic} has 2 publishers: ' in said
         ends_with_1(program)
     # The bridge, too, refuses a second controller; a second rig may be discovered only after arming.
     assert kind is JointState or not rig.armed().any()

@@ -42,7 +42,7 @@ DAYS = {
 
 #: Imperfections that show in the balances of one motion.
 SEEN = ('saturation', 'lag', 'offset', 'asymmetry', 'drag', 'spring, elbow', 'cogging, shoulder, 7 a turn')
-SEEN += ('backlash', 'shaft', 'eccentric', 'jitter', 'stop', 'push')
+SEEN += ('backlash', 'shaft', 'eccentricity', 'jitter', 'stop', 'push')
 
 
 @pytest.fixture(scope='module')
