@@ -99,7 +99,7 @@ class Estimate:
         absent: the parameters that are not in the model of this rig; theta has them as 0.
         level: how far to trust it.
         warnings: why, in sentences for the user.
-        consequences: what follows from a grave fault of the recordings that the warnings name.
+        consequences: what follows from a severe fault of the recordings, which the warnings name.
         advice: what motion would tell the parameters that this one tells poorly.
     """
 

@@ -16,7 +16,7 @@ from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.trajectory import Trajectory
 
 from .catalogue import FoundEffect, compensated
-from .diagnosis import Fault
+from .conventions import Fault
 from .estimate import Estimate
 from .fitting import Composite, TrainingData
 from .options import CRITERIA
@@ -62,7 +62,7 @@ class Identification:
 
     @property
     def corrected_conversion(self) -> Conversion | None:
-        """How the recordings are to be read so that their faults are put right; None where no options do that."""
+        """The conversion that corrects the faults of the recordings; None where no options do that."""
         return next(
             (fault.corrected_conversion for fault in reversed(self.faults) if fault.corrected_conversion is not None),
             None,

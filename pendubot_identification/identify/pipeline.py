@@ -17,14 +17,14 @@ from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.signals import evenly_stamped
 from pendubot_identification.trajectories.trajectory import Trajectory
 
+from .assessment import assess, require_excitation
 from .catalogue import compensated
-from .consistency import remarks
-from .diagnosis import Fault, diagnose, link_length, with_options
+from .conventions import Fault, diagnose, link_length, with_options
 from .estimate import Progress
 from .fitting import TrainingData, fit_composite
 from .identification import Identification, Run
-from .judgement import assess, require_excitation
 from .prediction import folds
+from .residuals import remarks
 from .settings import Settings
 from .validation import validated
 
@@ -88,10 +88,10 @@ def _check_conventions(run: Run, tell: Progress) -> Run:
 
 
 def _faults(run: Run, motions: Sequence[Motion]) -> tuple[Fault, ...]:
-    """Return what is wrong with the recordings' conventions, with the options that put it right."""
-    data, (low, high) = run.data, run.settings.delays
+    """Return the faults of the recordings' conventions, with the options that correct them."""
+    low, high = run.settings.delays
     model, delay = 'rotor' if run.settings.model == 'auto' else run.settings.model, low if low == high else 0.0
-    faults = diagnose(motions, data.smoothing, data.hold, model, delay, run.settings.link_length)
+    faults = diagnose(motions, model, delay, run.settings.link_length)
     return with_options(faults, run.settings.reading)
 
 

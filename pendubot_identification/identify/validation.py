@@ -17,12 +17,12 @@ from pendubot_identification.model.parameters import MODELS
 from pendubot_identification.trajectories.motion import Motion
 
 from .catalogue import compensated
-from .consistency import recorded_zeros
 from .estimate import Effort, Estimate, Progress
 from .fitting import Composite
 from .identification import Run
 from .linear import estimate_linear, linear
 from .prediction import Fold, Prediction, predict
+from .residuals import recorded_zeros
 from .uncertainty import correlations, influence_covariance, scaled_condition_number
 
 Array = NDArray[np.float64]

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pendubot_identification.excitation.design import Experiment, Predicted
-from pendubot_identification.identify.advice import TOGETHER
+from pendubot_identification.identify.assessment import SETTINGS as ASSESSMENT
 from pendubot_identification.level import NORMAL_95, Level
 from pendubot_identification.model.parameters import NAMES, UNITS, Parameters
 from pendubot_identification.results.result import CriterionAnswer, Parameter, PartialResult, Result
@@ -63,7 +63,7 @@ def parameter_rows(result: Result, beside: Beside | None = None) -> list[Paramet
         together = [
             f'with {other}: {value:.2f}'
             for other, value in zip(answer.parameters, correlation.get(name, ()), strict=False)
-            if other != name and value is not None and abs(value) > TOGETHER
+            if other != name and value is not None and abs(value) > ASSESSMENT.correlated
         ]
         reasons = dict.fromkeys([_doubt(entry), (result.not_covered or {}).get(name, '')])
         half_width = None if entry.std_error is None else entry.quantile * entry.std_error

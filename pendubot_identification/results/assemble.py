@@ -38,7 +38,7 @@ def assemble_result(found: Identification, sources: Sequence[Source]) -> tree.Re
         tree.Result,
         answers[best.criterion],
         not_covered=best.not_covered,
-        faults=[_entry(tree.FaultFound, fault) for fault in found.faults],
+        faults=[_entry(tree.FaultFound, fault, put_right=known(fault.corrected)) for fault in found.faults],
         effects=[_entry(tree.EffectFound, effect) for effect in found.effects],
         unmodelled=known(found.unmodelled),
         advice=list(best.advice),

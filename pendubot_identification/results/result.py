@@ -119,7 +119,7 @@ class Parameter:
 
 @dataclass(frozen=True, kw_only=True)
 class FaultFound:
-    """A convention that the recordings break, see :class:`.diagnosis.Fault`."""
+    """A convention that the recordings break, see :class:`.conventions.Fault`."""
 
     name: str
     found: str

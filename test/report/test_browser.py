@@ -50,7 +50,7 @@ def browser():
 @pytest.fixture(scope='module')
 def file(tmp_path_factory):
     result = plain()
-    result['advice'] = ['this motion tells little of b1 (a, b); what helps: speed']
+    result['advice'] = ['the motion is little informative of b1 (a, b); to improve: speed']
     path = tmp_path_factory.mktemp('page') / 'report.html'
     path.write_text(result_page(typed(result), every_picture(), (typed(plain()), 'reference')), encoding='utf-8')
     return path

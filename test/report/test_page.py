@@ -157,13 +157,13 @@ def test_doubts_stand_beside_their_parameter_and_advice_below_it():
     result = plain()
     result['parameters']['P4'] |= {'on_bound': True, 'std_error': None}
     result |= {'not_covered': {'P4': 'on its bound', 'b1': 'its 95 % interval reaches 0'}}
-    result |= {'advice': ['this motion tells little of b1 (a, b); what helps: speed', 'warm it up']}
+    result |= {'advice': ['the motion is little informative of b1 (a, b); to improve: speed', 'warm it up']}
     text = result_page(typed(result), [])
     rows = dict(re.findall(r'<th scope="row">(\w+)<small>.*?</th>(.*?)(?=<th scope|</tbody>)', text, re.DOTALL))
     assert rows['P4'].count('on its bound') == 1
     assert 'reaches 0' in rows['b1']
-    assert 'what helps: speed' in rows['b1']
-    assert text.count('what helps: speed') == 1
+    assert 'to improve: speed' in rows['b1']
+    assert text.count('to improve: speed') == 1
     assert 'warm it up' in text.partition('</tbody>')[2]
     matrix = result['criteria'][result['criterion']]['correlation']
     for k, name in enumerate(result['parameters']):

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from pendubot_identification.excitation.excitation import PulseTrain
-from pendubot_identification.identify.diagnosis import diagnose, link_length
+from pendubot_identification.identify.conventions import diagnose, link_length
 from pendubot_identification.identify.pipeline import identify
 from pendubot_identification.identify.settings import Settings
 from pendubot_identification.level import Level
@@ -26,8 +26,8 @@ LENGTHS = {'dfki_C1_sysid': 0.2, 'dfki_A0_sysid': 0.3}
 HANG = np.array(HANGING)
 
 
-def diagnosed(recordings, smoothing, hold, *known, **more):
-    return diagnose([Motion.prepare(t, smoothing, hold) for t in recordings], smoothing, hold, *known, **more)
+def diagnosed(*recordings, model='viscous', smoothing=0.02, hold='zero', **known):
+    return diagnose([Motion.prepare(recording, smoothing, hold) for recording in recordings], model, **known)
 
 
 def pulses(rate=100, seed=1):
@@ -80,22 +80,22 @@ def test_a_fault_of_the_papers_rig_is_named(fault):
     spoil, found = FAULTS[fault]
     if fault == 'elbow turned':
         found = "the elbow's position has the wrong sign"  # its effort is zero whatever the sign
-    (named,) = diagnosed([spoil(pulses())], 0.02, 'zero', 'viscous')
+    (named,) = diagnosed(spoil(pulses()))
     assert re.match(found, named.found)
-    assert re.match(r'.*: [\d.]+ % of the squared effort is left .* and [\d.]+ % with this put right; ', named.sentence)
-    assert named.unexplained > 5 * named.put_right
+    assert named.sentence.startswith(f'{named.found}: the model does not explain ')
+    assert named.unexplained > 5 * named.corrected
     assert named.level == Level.ERROR
 
 
 @pytest.mark.parametrize(('rate', 'seed'), [(100, 0), (500, 1)])
-def test_of_good_recordings_nothing_is_said(rate, seed):
+def test_good_recordings_have_no_fault_but_that_of_millinewtonmetres(rate, seed):
     motion = pulses(rate, seed)
-    assert diagnosed([motion], 0.02, 'zero', 'viscous', expected_link_length=PAPER.P3 / PAPER.P5) == ()
-    (unit,) = diagnosed([replace(motion, tau=1000 * motion.tau)], 0.02, 'zero', 'viscous')
+    assert diagnosed(motion, expected_link_length=PAPER.P3 / PAPER.P5) == ()
+    (unit,) = diagnosed(replace(motion, tau=1000 * motion.tau))
     assert (unit.name, unit.level) == ('unit', Level.ERROR)
     assert unit.found.endswith('the effort is as in mN m')
     for scale in (0.1, 10):
-        assert diagnosed([replace(motion, tau=scale * motion.tau)], 0.02, 'zero', 'viscous') == ()
+        assert diagnosed(replace(motion, tau=scale * motion.tau)) == ()
 
 
 def test_a_few_counts_are_no_wrong_unit():
@@ -104,44 +104,41 @@ def test_a_few_counts_are_no_wrong_unit():
     t = np.arange(330) / 33
     tau = np.repeat(np.random.default_rng(4).uniform(-0.12, 0.12, 15), 22)
     motion = quantised(simulate(rig, t, np.column_stack([tau, 0 * tau])), 300)
-    assert diagnosed([motion], 0.05, 'zero', 'coulomb') == ()
+    assert diagnosed(motion, model='coulomb', smoothing=0.05) == ()
 
 
 def test_two_faults_are_named_one_after_the_other():
-    first, second = diagnosed([late(FAULTS['effort'][0](pulses()))], 0.02, 'zero', 'viscous')
+    first, second = diagnosed(late(FAULTS['effort'][0](pulses())))
     assert 'the effort has the wrong sign' in first.found.split(', or ')
     assert second.found == 'the effort is stamped 20 ms later than it acts'
-    assert second.unexplained == first.put_right
+    assert second.unexplained == first.corrected
+    first, second = diagnosed(FAULTS['hanging'][0](FAULTS['elbow encoder'][0](pulses())))
+    assert [first.name, second.found] == ['zero', "the elbow's position has the wrong sign"]
 
 
 @pytest.mark.parametrize(('smoothing', 'hold'), [(0.02, 'zero'), (0.05, 'linear')])
 def test_a_constant_effort_is_no_zero(smoothing, hold):
-    """Also when it is read as the wrong data ask for, where a zero explains it better."""
-    (fault,) = diagnosed([replace(m := pulses(), tau=m.tau + np.array([0.05, 0]))], smoothing, hold, 'viscous')
+    motion = pulses()
+    (fault,) = diagnosed(replace(motion, tau=motion.tau + np.array([0.05, 0])), smoothing=smoothing, hold=hold)
     assert fault.found == "the shoulder's effort is off by a constant 0.05 N m"
 
 
-def test_a_result_with_a_wrong_sign_is_an_error():
-    found = identify([FAULTS['effort'][0](pulses())], (), Settings(('likelihood',), 'viscous', hold='zero'))
-    assert found.level == Level.ERROR
-    assert found.warnings[0].startswith('the effort has the wrong sign')
-
-
-def test_a_motion_that_no_remedy_mends_is_said_to_fit_none():
-    (found,) = diagnosed([replace(m := pulses(), tau=m.tau[::-1])], 0.02, 'zero', 'viscous')
+def test_a_motion_that_no_correction_explains_fits_no_pendubot():
+    motion = pulses()
+    (found,) = diagnosed(replace(motion, tau=motion.tau[::-1]))
     assert found.sentence.startswith('the motion does not fit any pendubot: ')
     assert found.level == Level.ERROR
 
 
-def test_a_delay_that_is_known_is_no_fault():
+def test_a_known_delay_is_no_fault():
     motion = late(pulses())
-    assert diagnosed([motion], 0.02, 'zero', 'viscous', delay=-0.02) == ()
-    (fault,) = diagnosed([motion], 0.02, 'zero', 'viscous')
+    assert diagnosed(motion, delay=-0.02) == ()
+    (fault,) = diagnosed(motion)
     assert 'identify with a delay of -0.020 s' in fault.remedy
     assert fault.delay == pytest.approx(-0.02, abs=1e-3)
 
 
-def test_a_late_effort_is_grave_where_no_delay_is_estimated():
+def test_a_late_effort_is_severe_if_no_delay_is_estimated():
     """Nothing is wrong with parameters that were estimated along with the delay; ``energy`` knows of none."""
     settings = Settings(('energy', 'weak'), 'viscous', optimizer='lsq', hold='zero')
     energy, weak = identify([late(pulses())], (), settings).estimates
@@ -160,58 +157,50 @@ def test_a_tiny_fast_rig_is_not_in_degrees(rate):
     tau = np.repeat(np.random.default_rng(0).uniform(-0.006, 0.006, 100), rate // 10)
     motion = quantised(simulate(rig, t, np.column_stack([tau, 0 * tau])), 2000)
     assert np.ptp(motion.q) > 2 * np.pi * 30
-    assert diagnosed([motion], 0.02, 'zero', 'coulomb') == ()
+    assert diagnosed(motion, model='coulomb') == ()
 
 
 def test_angles_in_degrees_are_named():
     t = np.arange(900) / 100
     tau = np.column_stack([[0.3 * PulseTrain(seed=1).torque(x) for x in t], np.zeros(len(t))])
     motion = quantised(simulate(BALANCE, t, tau), 4000)
-    (named,) = diagnosed([replace(motion, q=np.rad2deg(motion.q))], 0.02, 'zero', 'viscous')
+    (named,) = diagnosed(replace(motion, q=np.rad2deg(motion.q)))
     assert named.found == 'the positions are in degrees'
 
 
-def test_too_little_to_tell_is_no_fault():
+def test_too_little_information_is_no_fault():
     motion = pulses()
-    assert diagnosed([motion.window(0, 0.7)], 0.02, 'zero', 'viscous') == ()
-    assert diagnosed([replace(motion, tau=0 * motion.tau)], 0.02, 'zero', 'viscous') == ()
-    assert diagnosed([motion.window(0, 1.05)], 0.02, 'zero', 'viscous') == ()
     still = replace(motion, q=np.broadcast_to(HANG, motion.q.shape))
-    assert diagnosed([still], 0.02, 'zero', 'viscous') == ()
+    for short in (motion.window(0, 0.7), motion.window(0, 1.05), replace(motion, tau=0 * motion.tau), still):
+        assert diagnosed(short) == ()
 
 
 @pytest.mark.parametrize(('rate', 'smoothing'), [(100, 0.02), (500, 0.05)])
-def test_the_elbow_alone_tells_the_length_of_link_1(rate, smoothing):
+def test_the_elbow_alone_determines_the_length_of_link_1(rate, smoothing):
     length, error = link_length([Motion.prepare(pulses(rate), smoothing)], 'viscous')
     assert length == pytest.approx(PAPER.P3 / PAPER.P5, rel=0.01)
     assert error < 0.01 * length
-    longer = 1.2 * PAPER.P3 / PAPER.P5
-    (fault,) = diagnosed([pulses(rate)], 0.02, 'zero', 'viscous', expected_link_length=longer)
+    (fault,) = diagnosed(pulses(rate), expected_link_length=1.2 * PAPER.P3 / PAPER.P5)
     assert fault.found == 'the elbow moves as on a link 1 of 0.030 +- 0.000 m, 0.036 m is expected'
     assert fault.level == Level.WARN
 
 
 @pytest.mark.recordings
 @pytest.mark.parametrize('rig', LENGTHS)
-def test_real_rigs_have_links_of_their_length(rig):
-    length, error = link_length([Motion.prepare(t, 0.02, 'linear') for t in recorded(rig, 'train')], 'rotor')
+def test_real_recordings_have_no_fault_and_links_of_their_length(rig):
+    motions = recorded(rig, 'train')
+    length, error = link_length([Motion.prepare(motion, 0.02, 'linear') for motion in motions], 'rotor')
     assert abs(length - LENGTHS[rig]) < 3 * error
     assert error < 0.05 * LENGTHS[rig]
-
-
-@pytest.mark.recordings
-@pytest.mark.parametrize('rig', LENGTHS)
-def test_of_real_recordings_nothing_is_said(rig):
-    motions = recorded(rig, 'train')
     for some in (motions, [motions[0][::5]]):
-        assert diagnosed(some, 0.02, 'linear', 'geared', expected_link_length=LENGTHS[rig]) == ()
+        assert diagnosed(*some, model='geared', hold='linear', expected_link_length=LENGTHS[rig]) == ()
 
 
 @pytest.mark.recordings
 @pytest.mark.parametrize(('rig', 'fault'), list(zip(itertools.cycle(LENGTHS), FAULTS, strict=False)))
 def test_a_fault_of_a_real_rig_is_named(rig, fault):
     spoil, found = FAULTS[fault]
-    (named,) = diagnosed([spoil(motion[::5]) for motion in recorded(rig, 'train')], 0.02, 'linear', 'rotor')
+    (named,) = diagnosed(*(spoil(motion[::5]) for motion in recorded(rig, 'train')), model='rotor', hold='linear')
     assert re.match(found, named.found)
 
 
@@ -219,7 +208,8 @@ def test_a_fault_of_a_real_rig_is_named(rig, fault):
 @pytest.mark.parametrize(
     ('rig', 'angle', 'level'), [('dfki_C1_sysid', 3, Level.WARN), ('dfki_A0_sysid', 10, Level.ERROR)]
 )
-def test_a_zero_of_a_real_rig_is_as_grave_as_it_is_large(rig, angle, level):
+def test_a_large_error_of_a_zero_is_severe(rig, angle, level):
     """Of 3 degrees the weak criterion's parameters change by 11 % at most, of 10 degrees by 64 and 71 %."""
-    (named,) = diagnosed([moved(q1=angle)(m[::5]) for m in recorded(rig, 'train')], 0.02, 'linear', 'rotor')
+    turned = (moved(q1=angle)(motion[::5]) for motion in recorded(rig, 'train'))
+    (named,) = diagnosed(*turned, model='rotor', hold='linear')
     assert (named.name, named.level) == ('zero', level)

@@ -1,0 +1,271 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""How far to trust data and results: refusals, errors, warnings, and advice for the next recording."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pendubot_identification.criteria.energy import energy_regression
+from pendubot_identification.criteria.quadratic import Quadratic
+from pendubot_identification.errors import ExcitationError
+from pendubot_identification.level import NORMAL_95, Level
+from pendubot_identification.model.parameters import LARGEST_COUPLING, MODELS, NAMES, UNITS, Bounds, Parameters
+from pendubot_identification.trajectories.signals import SMOOTHING
+from pendubot_identification.trajectories.trajectory import Trajectory
+
+from .conventions import Fault
+from .estimate import Estimate
+from .options import DELAYS
+from .prediction import ASSESSED, HORIZONS
+from .settings import Settings
+
+Array = NDArray[np.float64]
+SEVEN = NAMES[: MODELS['viscous']]
+
+
+@dataclass(frozen=True, slots=True)
+class AssessmentSettings:
+    """Limits of data and results, as the user's pages list them."""
+
+    #: Motion of a joint [rad] below which it is noise.
+    still: float = 0.02
+    #: Sensitivity of the residuals to a parameter, relative to the largest, below which it is not identifiable.
+    insensitive: float = 1e-6
+    #: J over J at zero parameters above which work and energy are hardly related.
+    unbalanced: float = 0.5
+    #: Condition number (columns scaled to one) above which small errors of the data become large ones of theta.
+    ill_conditioned: float = 1e3
+    #: J on validation over J on training above which parameters do not generalise.
+    overfitted: float = 10.0
+    #: Error of a recording's zero [degrees] beyond its 95 % interval.
+    zero: float = 3.0
+    #: Difference of P3 / P5 to the elbow's own value, as a fraction of it and in standard errors.
+    length: float = 0.25
+    length_errors: float = 3.0
+    #: P3 squared over the largest value that P1 and P2 allow.
+    singular: float = 0.999
+    #: Difference of two input delays [s] that are the same: half of the least one that is a fault.
+    delay: float = 0.005
+    #: Standard error over value above which advice is given, and correlation that it names.
+    uninformative: float = 0.1
+    correlated: float = 0.95
+
+
+SETTINGS = AssessmentSettings()
+#: The motion that excites each parameter: where it stands in the equations of motion, under a torque at the shoulder.
+EXCITATION = {
+    'P1': 'accelerate the shoulder harder: torques that change their sign every tenth of a second',
+    'P2': 'accelerate the elbow harder: short, strong pulses at the shoulder',
+    'P3': 'bend the elbow by a quarter turn and more while the shoulder moves: there the links push each other',
+    'P4': 'lift link 1 to the horizontal and beyond, and let it fall: longer pulses',
+    'P5': "swing link 2 to the horizontal and beyond: pulses in time with the elbow's own swing",
+    'b1': 'turn the shoulder fast for longer',
+    'b2': 'let the elbow swing freely, far out, and come to rest: pauses of seconds between the pulses',
+    'Fc1': 'turn the shoulder to and fro, slowly and fast: slow motion separates dry from viscous friction',
+    'Fc2': 'let the elbow swing out between pulses: slow motion separates dry from viscous friction',
+    'J2': 'accelerate the elbow against the shoulder: the rotor matters where both do not turn together',
+    'Fs1': 'start and stop the shoulder slowly, below 0.5 rad/s',
+    'Fs2': 'let the elbow come to rest again and again, from below 0.5 rad/s',
+    'k1': 'turn the shoulder at one speed under small and under large torques',
+    'k2': 'turn the elbow at one speed under small and under large torques',
+}
+
+
+def require_excitation(training: Sequence[Trajectory], settings: Settings) -> None:
+    """Refuse motions from which some parameters are not identifiable.
+
+    Raises:
+        ExcitationError: it names the parameters.
+    """
+    moved = np.max([np.ptp(motion.q, axis=0) for motion in training], axis=0)
+    names = ', '.join(motion.name for motion in training)
+    if (moved < SETTINGS.still).all():
+        raise ExcitationError(
+            f'{names}: the joints moved by only {moved[0]:.3g} and {moved[1]:.3g} rad, so none of {", ".join(SEVEN)} '
+            'is identifiable; excite the rig and record again, or choose a window in which it moves'
+        )
+    smoothing = SMOOTHING if settings.smoothing is None else settings.smoothing
+    regressions = [energy_regression(motion, settings.sliding, smoothing) for motion in training]
+    criterion = Quadratic.pool([Quadratic.reduce(r.phi, r.y) for r in regressions])
+    insensitive = criterion.undetermined(SETTINGS.insensitive) & ~settings.box('viscous').held
+    if insensitive.any():
+        joints = zip(('shoulder', 'elbow'), moved, strict=True)
+        still = next((f' (the {joint} moved by only {m:.3g} rad)' for joint, m in joints if m < SETTINGS.still), '')
+        raise ExcitationError(
+            f'{names}: {", ".join(np.array(SEVEN)[insensitive])} are not identifiable from this motion{still}; excite '
+            'both joints at changing speeds, or choose another window'
+        )
+    if not criterion(np.zeros(len(SEVEN))):
+        raise ExcitationError(
+            f'{names}: the torque does no work, so that all parameters could be zero; record the effort while the rig '
+            'is excited'
+        )
+
+
+def assess(
+    estimate: Estimate,
+    settings: Settings,
+    link_length: tuple[float, float],
+    faults: Sequence[Fault] = (),
+    notes: Sequence[str] = (),
+) -> Estimate:
+    """Return the estimate with its level, the reasons in sentences for the user, and advice.
+
+    A severe fault of the recordings explains all other findings: they become consequences, and no advice is given.
+
+    Args:
+        estimate: of one criterion, its prediction included.
+        settings: what was asked for.
+        link_length: P3 / P5 [m] of the elbow's own equation, and its standard error.
+        faults: of the recordings.
+        notes: other warnings of the data.
+    """
+    severe = [fault.sentence for fault in faults if _severe(fault, estimate)]
+    mild = [fault.sentence for fault in faults if not _severe(fault, estimate)]
+    named = set() if severe else {fault.name for fault in faults}
+    errors, doubts = list(_errors(estimate, settings)), list(_doubts(estimate, settings))
+    if 'delay' not in named:
+        # The default search covers every sensible delay; a narrower one is the user's.
+        (errors if settings.delays == DELAYS else doubts).extend(_delay_at_end(estimate, settings))
+    if 'zero' not in named:
+        doubts += _wrong_zeros(estimate)
+    if not named:  # signs, order, zeros, units, counts and stamps all change the length
+        doubts += _wrong_length(estimate, *link_length)
+    warnings = [*severe, *mild, *notes] if severe else [*errors, *mild, *notes, *doubts]
+    return replace(
+        estimate,
+        level=Level.ERROR if severe or errors else Level.WARN if warnings else Level.OK,
+        warnings=tuple(warnings),
+        consequences=(*errors, *doubts) if severe else (),
+        advice=() if severe else tuple(_advice(estimate)),
+    )
+
+
+def _severe(fault: Fault, estimate: Estimate) -> bool:
+    """Tell whether a fault makes an estimate useless: not if the same delay was estimated along with it."""
+    compensated = fault.delay is not None and abs(estimate.effort.delay - fault.delay) < SETTINGS.delay
+    return fault.level is Level.ERROR and not compensated
+
+
+def _nearest_bound(theta: Array, bounds: Bounds) -> Array:
+    return np.where(theta - bounds.lower < bounds.upper - theta, bounds.lower, bounds.upper)
+
+
+def _errors(e: Estimate, settings: Settings) -> Iterator[str]:
+    """Yield the reasons why the result is of no use."""
+    theta, bounds = e.theta, settings.box(e.model)
+    # MDE comes ever closer to a bound and never quite reaches it.
+    assessed = np.where(bounds.at_bound(theta, tolerance=1e-6), _nearest_bound(theta, bounds), theta)
+    problems = Parameters.from_vector(assessed).unphysical()
+    yield from (f'not physical: {problem}' for problem in problems)
+    if not problems and theta[2] ** 2 > SETTINGS.singular * LARGEST_COUPLING**2 * theta[0] * theta[1]:
+        yield (
+            f'hardly physical: P3 = {theta[2]:.4g} is the most that P1 and P2 allow, M(q) being nearly singular; the '
+            'data ask for a value beyond'
+        )
+    if e.unexplained > SETTINGS.unbalanced:
+        yield (
+            f'energy and work do not balance: J is {100 * e.unexplained:.0f} % of what it is with all parameters zero; '
+            'look at the signs of angles and torque, at the zero of q1, and at their units'
+        )
+    worse = e.prediction.error[:ASSESSED] > e.prediction.persistence[:ASSESSED]
+    if worse.any():
+        ahead = ', '.join(f'{h:g} s' for h, w in zip(HORIZONS, worse, strict=False) if w)
+        yield (
+            f'predicts worse than assuming that nothing moves, {ahead} ahead: do not use these parameters in a '
+            'controller'
+        )
+
+
+def _doubts(e: Estimate, settings: Settings) -> Iterator[str]:
+    """Yield the reasons for reservations about the result."""
+    theta, bounds, names = e.theta, settings.box(e.model), np.array(NAMES[: len(e.theta)])
+    # Friction of one kind may well be zero where there is another.
+    matters = (np.arange(len(theta)) < 5) | (len(theta) == len(SEVEN))
+    unidentifiable = np.isinf(e.std_error)
+    if unidentifiable.any():
+        yield (
+            f'not identifiable: {", ".join(names[unidentifiable])}; the residuals do not depend on them (the '
+            'information matrix is singular): excite both joints more, or choose another window'
+        )
+    poor = e.free & ~e.determined & ~unidentifiable & matters
+    if poor.any():
+        yield f'poorly determined: the standard error of {", ".join(names[poor])} exceeds half the value'
+    elif e.condition_number > SETTINGS.ill_conditioned and not e.exact and not unidentifiable.any():
+        yield (
+            f'ill-conditioned: condition number {e.condition_number:.3g} (above {SETTINGS.ill_conditioned:g}); the '
+            'effects of some parameters on this motion are nearly alike: excite both joints more'
+        )
+    high_half = theta > bounds.lower + 0.5 * (bounds.upper - bounds.lower)
+    # P1 or P2 at 0 is an error, and named there.
+    failed = np.isin(names, ('P1', 'P2')) & (_nearest_bound(theta, bounds) <= 0)
+    for k in np.flatnonzero(~e.free & ~e.held & ~failed & (matters | high_half)):
+        nearest = _nearest_bound(theta, bounds)[k]
+        yield f'{NAMES[k]} lies on its bound {nearest:g} {UNITS[k]}: the data ask for a value beyond'
+    if e.runs_at_minimum < len(e.J_runs):
+        yield (
+            f'only {e.runs_at_minimum} of {len(e.J_runs)} runs reached the exact minimum of J; give more '
+            'generations or a larger population'
+        )
+    if not e.converged:
+        yield 'the optimiser did not converge: start elsewhere, or choose another part of the recording'
+    if e.J_validation > SETTINGS.overfitted * e.J:
+        yield (
+            f'J on validation is {e.J_validation / e.J:.0f} times J on training: these parameters do not predict data '
+            'to which they were not fitted'
+        )
+
+
+def _delay_at_end(e: Estimate, settings: Settings) -> Iterator[str]:
+    (low, high), delay = settings.delays, e.effort.delay
+    # The best rig has no delay at all, so 0 is no end of a search.
+    at_end = delay >= high - 1e-4 or (low != 0 and delay <= low + 1e-4)
+    if low < high and at_end and e.criterion != 'energy':
+        yield (
+            f'the delay of the effort lies at {delay:.4f} s, the end of where it was searched; are the '
+            'stamps of effort and angles of one clock?'
+        )
+
+
+def _wrong_zeros(e: Estimate) -> Iterator[str]:
+    if e.zeros is None:
+        return
+    degrees, errors = np.degrees(e.zeros.angles), np.degrees(e.zeros.std_error)
+    for joint, k in np.argwhere(np.abs(degrees) - NORMAL_95 * errors > SETTINGS.zero):
+        yield (
+            f"{e.zeros.recordings[k]}: q{joint + 1}'s zero is off by {degrees[joint, k]:.1f} +- "
+            f'{errors[joint, k]:.1g} degrees; subtract them, or let the links swing out before the zeros are set '
+            '(friction may have held one away from hanging) and record again'
+        )
+
+
+def _wrong_length(e: Estimate, length: float, error: float) -> Iterator[str]:
+    if e.criterion == 'energy' or not e.theta[4] > 0 or not np.isfinite([length, error]).all():
+        return
+    own = e.theta[2] / e.theta[4]
+    if abs(own - length) > max(SETTINGS.length * abs(length), SETTINGS.length_errors * error):
+        yield (
+            f'P3 / P5, the length of link 1, is {own:.3g} m here and {length:.3g} m (standard error {error:.2g} m) by '
+            "the elbow's own equation, in which the shoulder's torque has no part: look at signs and zeros of the "
+            'angles and at the stamps of the effort'
+        )
+
+
+def _advice(e: Estimate) -> Iterator[str]:
+    """Yield a sentence for each parameter of which the motion is little informative, the worst first."""
+    size = np.abs(e.theta)
+    with np.errstate(all='ignore'):
+        relative = np.where(e.free & (size > 0), e.std_error / size, 0.0)
+        correlation = np.nan_to_num(np.abs(e.correlation - np.eye(len(size))))
+    for k in (k for k in np.argsort(-relative) if relative[k] > SETTINGS.uninformative):
+        found = f'standard error {100 * relative[k]:.0f} % of the value' if relative[k] < 100 else 'not identifiable'
+        partner = int(np.argmax(correlation[k]))
+        if correlation[k, partner] > SETTINGS.correlated:
+            found += f', correlation {e.correlation[k, partner]:.2f} with {NAMES[partner]}'
+        yield f'the motion is little informative of {NAMES[k]} ({found}); to improve: {EXCITATION[NAMES[k]]}'

@@ -1,0 +1,453 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Signs, order, zeros, units and timestamps of recordings, checked by their motion.
+
+No physical parameters explain a recording that breaks a convention. Therefore a list of corrections is tried: turns of
+sense or order (:data:`_TURNS`), and the zeros, a constant effort, and an input delay that fit best. The weak criterion
+is minimised after each one, and they are ranked by the fraction of the squared effort that the model does not explain.
+The best one is accepted if it is significant (F test) and the rest fits a pendubot. The recordings so corrected are
+checked once more, for a second fault.
+
+Not detectable: another gear ratio or torque unit, which scales all parameters (except for mN m, with which no link
+could be so small and so heavy); both joints and both efforts reversed, which is the same rig seen from behind; and the
+error of a zero that friction holds while a link hangs.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
+from scipy.special import fdtri, ndtri
+
+from pendubot_identification.criteria.energy import Regression
+from pendubot_identification.criteria.quadratic import Quadratic
+from pendubot_identification.criteria.weak import DELAY_STRIDE, WIDTH, estimate_delay, weak_regression
+from pendubot_identification.errors import TrajectoryError
+from pendubot_identification.level import Level
+from pendubot_identification.model.dynamics import GRAVITY
+from pendubot_identification.model.parameters import MODELS, NAMES, Bounds, default_bounds
+from pendubot_identification.model.simulation import HANGING
+from pendubot_identification.trajectories.conversion import Affine, Conversion
+from pendubot_identification.trajectories.motion import Motion
+
+from .uncertainty import regression_covariance
+
+Array = NDArray[np.float64]
+Matrix = tuple[tuple[int, int], tuple[int, int]]
+#: With dry friction and a rotor; a richer model would explain faults away.
+MODEL = 'rotor'
+_BOX = default_bounds().of(MODELS[MODEL])
+#: The effort may be in any unit.
+BOUNDS = Bounds(_BOX.lower, 1e6 * _BOX.upper, _BOX.names)
+#: Delays of the effort that are tried [s].
+DELAYS = (-0.1, 0.1)
+
+
+@dataclass(frozen=True, slots=True)
+class ConventionSettings:
+    """When a fault is named; fractions are of the squared effort."""
+
+    #: Weight of the elbow's residuals beside the shoulder's: elbows are small.
+    elbow: float = 3.0
+    #: Of the F test, one for all corrections.
+    significance: float = 1e-4
+    #: Longer recordings [s] are no more certain, because errors of the model repeat: the fraction must fall by 1.3.
+    longest: float = 5.0
+    #: Unexplained fraction above which a motion fits no pendubot: real rigs leave .02, simulated ones at end stops .3.
+    unfit: float = 0.35
+    #: Motion [rad] below which recordings fit any rig.
+    moved: float = 0.5
+    #: Motion, in the unit of the recording, below which it is not in degrees.
+    degrees: float = 10.0
+    #: Fraction that an offset must explain (1 % of the effort's RMS), and least errors of a zero [rad] and a delay [s].
+    offset: float = 1e-4
+    zero: float = math.radians(2.0)
+    delay: float = 0.01
+    #: Static over sliding friction, which holds a link away from hanging while its zero is set.
+    static: float = 1.3
+    #: Ratio of the fractions before and after a correction above which some parameter was wrong by a sixth and more.
+    severe: float = 5.0
+    #: Density [kg/m^3] of no link, all mass in a cube as wide as its centre is far from its joint: rigs have 16 to 80.
+    dense: float = 2000.0
+    #: Error of a link's length, as a fraction of it.
+    length: float = 0.1
+
+
+SETTINGS = ConventionSettings()
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """A convention that recordings break.
+
+    Attributes:
+        name: ``sign``, ``order``, ``absolute``, ``degrees``, ``unit``, ``zero``, ``offset``, ``delay``, ``length``, or
+            ``motion`` if the motion fits no pendubot, whatever is corrected.
+        found: what is wrong, in words.
+        remedy: what was expected, and what to do.
+        level: ERROR where parameters from such recordings are useless, else WARN.
+        unexplained: fraction of the squared effort that the model does not explain; NaN where nothing was tried.
+        corrected: the same after the correction.
+        change: the correction of the motion; None if there is none.
+        delay: of the effort [s], if that is the correction.
+        options: of the conversion that correct the recordings, as far as there are any.
+        corrected_conversion: the conversion with these.
+    """
+
+    name: str
+    found: str
+    remedy: str
+    level: Level = Level.WARN
+    unexplained: float = math.nan
+    corrected: float = math.nan
+    change: Affine | None = None
+    delay: float | None = None
+    options: tuple[str, ...] = ()
+    corrected_conversion: Conversion | None = None
+
+    @property
+    def sentence(self) -> str:
+        """What was found, how well the correction fits, and what to do."""
+        fit = ''
+        if not math.isnan(self.corrected):
+            fit = (
+                f': the model does not explain {100 * self.unexplained:.3g} % of the squared effort as recorded, and '
+                f'{100 * self.corrected:.3g} % after the correction'
+            )
+        return f'{self.found}{fit}; {self.remedy}' + (f': {", ".join(self.options)}' if self.options else '')
+
+
+def _from_hanging(Q: Matrix, T: Matrix | None = None) -> Affine:
+    """Return the map of positions that are measured from hanging."""
+    return Affine.of(Q, np.array(HANGING) - np.array(Q) @ np.array(HANGING), T)
+
+
+_FIRST, _SECOND, _BOTH = ((-1, 0), (0, 1)), ((1, 0), (0, -1)), ((-1, 0), (0, -1))
+_EXCHANGED, _RELATIVE, _IN_RADIANS = ((0, 1), (1, 0)), ((1, 0), (-1, 1)), np.eye(2) * math.pi / 180
+_EXPECTED = {
+    'sign': 'positions and efforts of both joints must be positive in one sense of rotation',
+    'order': 'shoulder first, elbow second',
+    'absolute': 'it must be relative to link 1',
+    'degrees': 'positions must be in radians',
+}
+_NEGATED, _DISORDERED, _HORIZONTAL = 'has the wrong sign', 'are in the wrong order', 'as measured from the horizontal'
+_ELBOW = "negate the elbow's position and effort (or the shoulder's)"
+_SHOULDER = "negate the shoulder's position (or the elbow's and the effort)"
+_TO_HANGING = "negate the shoulder's position, so that hanging is -90 degrees"
+_ABSOLUTE = 'absolute', "the elbow's position is absolute", "subtract the shoulder's position"
+#: Corrections of sense or order: name, fault, remedy, and map. Of equal ones the first is named.
+_TURNS: tuple[tuple[str, str, str, Affine], ...] = (
+    ('sign', f"the elbow's position {_NEGATED}", "negate the elbow's position", Affine.of(_SECOND)),
+    ('sign', 'the elbow turns the other way than the shoulder', _ELBOW, Affine.of(_SECOND, T=_SECOND)),
+    ('sign', f'the effort {_NEGATED}', 'negate the effort (or both positions)', Affine.of(T=_BOTH)),
+    ('sign', f"the shoulder's position {_NEGATED}", _SHOULDER, _from_hanging(_FIRST)),
+    ('sign', f"the shoulder's position {_NEGATED}, {_HORIZONTAL}", _TO_HANGING, Affine.of(_FIRST)),
+    ('sign', f"the shoulder's effort {_NEGATED}", "negate the shoulder's effort", Affine.of(T=_FIRST)),
+    ('sign', f"the elbow's effort {_NEGATED}", "negate the elbow's effort", Affine.of(T=_SECOND)),
+    ('order', f'the joints {_DISORDERED}', 'exchange the joints', _from_hanging(_EXCHANGED, _EXCHANGED)),
+    ('order', f'the joints {_DISORDERED}', 'exchange the joints', Affine.of(_EXCHANGED, T=_EXCHANGED)),
+    ('order', f"the joints' positions {_DISORDERED}", 'exchange the positions', _from_hanging(_EXCHANGED)),
+    ('order', f"the joints' positions {_DISORDERED}", 'exchange the positions', Affine.of(_EXCHANGED)),
+    ('order', f"the joints' efforts {_DISORDERED}", 'exchange the efforts', Affine.of(T=_EXCHANGED)),
+    (*_ABSOLUTE, _from_hanging(_RELATIVE)),
+    (*_ABSOLUTE, Affine.of(_RELATIVE)),
+    ('degrees', 'the positions are in degrees', 'convert them', Affine.of(_IN_RADIANS)),
+    ('degrees', 'the positions are in degrees from hanging', 'convert them', Affine.of(_IN_RADIANS, HANGING)),
+)
+#: What each zero must be.
+_ZEROS = (
+    'q1 must be 0 where link 1 is horizontal, -90 degrees hanging',
+    'q2 must be 0 where link 2 continues link 1',
+)
+
+
+def diagnose(
+    motions: Sequence[Motion], model: str, delay: float = 0.0, expected_link_length: float | None = None
+) -> tuple[Fault, ...]:
+    """Name the faults of convention that recordings of one rig have in common; none if they are too short.
+
+    Little motion or much friction may hide a zero or a delay. Of two simultaneous faults the first may be taken for
+    another one that explains nearly as much.
+
+    Args:
+        motions: of one rig.
+        model: for the link's length alone.
+        delay: the known delay of the effort [s], not one that was estimated from these recordings.
+        expected_link_length: of link 1 [m], measured.
+    """
+    recordings = _Recordings(tuple(m for m in motions if m.end - m.start > WIDTH + DELAYS[1] - DELAYS[0]), delay)
+    if not any(m.recorded.tau.any() for m in recordings.motions):
+        return ()
+    faults, corrected = list[Fault](), recordings
+    while len(faults) < 2 and (fault := _best_correction(corrected)) is not None:
+        faults.append(fault)
+        corrected = corrected.after(fault.change, fault.delay)
+    if corrected.unexplained > SETTINGS.unfit:
+        faults, corrected = list(_unfit(recordings)), recordings
+    faults += _wrong_unit(corrected)
+    if expected_link_length is not None:
+        faults += _wrong_length(corrected, model, expected_link_length)
+    return tuple(faults)
+
+
+def with_options(faults: Iterable[Fault], conversion: Conversion) -> tuple[Fault, ...]:
+    """Return faults with the options that correct them, each after those before it, for recordings so converted."""
+    completed = []
+    for fault in faults:
+        corrected = None if fault.change is None else conversion.then(fault.change)
+        if corrected is not None:
+            before, after = conversion.options(), corrected.options()
+            added, removed = [o for o in after if o not in before], [o for o in before if o not in after]
+            words = [f'add {" ".join(added)}'] * bool(added) + [f'leave out {" ".join(removed)}'] * bool(removed)
+            fault, conversion = replace(fault, options=tuple(words), corrected_conversion=corrected), corrected
+        completed.append(fault)
+    return tuple(completed)
+
+
+def link_length(motions: Sequence[Motion], model: str, delay: float = 0.0) -> tuple[float, float]:
+    """Return P3 / P5 = l1, the length of link 1 [m], and its standard error, from the elbow's own equation.
+
+    On a pendubot that equation contains no torque. A length that differs from that of a ruler means that signs, zeros
+    or timestamps of the angles are wrong, not the motor's constant. Both are NaN if all motions are shorter than the
+    test function: ``energy`` needs less.
+    """
+    motions = [motion for motion in motions if motion.end - motion.start > WIDTH + abs(delay)]
+    if not motions:
+        return math.nan, math.nan
+    names = NAMES[: MODELS[model]]
+    others = [names.index(name) for name in ('P3', 'P2', 'b2', 'Fc2', 'J2', 'Fs2', 'k2') if name in names]
+    parts = []
+    for motion in motions:
+        residuals = weak_regression(motion, model, delay)
+        phi, y, t = (values[1::3] for values in (residuals.phi, residuals.y, residuals.t))
+        # All is divided by P5, whose column nothing spoils.
+        parts.append(Regression(np.column_stack([phi[:, others], -y]), -phi[:, names.index('P5')], t))
+    ratios = _pooled(parts).free_minimum()
+    _, std_error, *_ = regression_covariance(parts, ratios, np.ones(len(ratios), dtype=bool))
+    return float(ratios[0]), float(std_error[0])
+
+
+def joint_regression(motion: Motion, model: str, delay: float) -> Regression:
+    """Return the weak-form residuals of both joints, the elbow's weighted."""
+    rows = weak_regression(motion, model, delay, weights=(1, SETTINGS.elbow, 1), stride=DELAY_STRIDE, coarse=True)
+    joints = np.arange(len(rows.y)) % 3 < 2
+    return Regression(rows.phi[joints], rows.y[joints], rows.t[joints])
+
+
+@dataclass(frozen=True)
+class _Recordings:
+    """Recordings after corrections, and how well the weak criterion fits them."""
+
+    motions: tuple[Motion, ...]
+    delay: float
+
+    def after(self, change: Affine | None = None, delay: float | None = None) -> _Recordings:
+        """Return the recordings corrected."""
+        motions = self.motions if change is None else tuple(motion.changed(change) for motion in self.motions)
+        return _Recordings(motions, self.delay if delay is None else delay)
+
+    @cached_property
+    def regressions(self) -> list[Regression]:
+        key = 'conventions', self.delay
+        return [m.once(key, partial(joint_regression, m, MODEL, self.delay)) for m in self.motions]
+
+    @cached_property
+    def criterion(self) -> Quadratic:
+        return _pooled(self.regressions)
+
+    @cached_property
+    def unexplained(self) -> float:
+        return _unexplained(self.criterion)
+
+    @property
+    def freedom(self) -> float:
+        """Degrees of freedom: test functions half a support apart are independent, each with two equations."""
+        seconds = sum(motion.end - motion.start for motion in self.motions)
+        return 4 * min(seconds, SETTINGS.longest) / WIDTH - len(BOUNDS.names) - 1
+
+    @property
+    def limit(self) -> float:
+        """Ratio of unexplained fractions above which one more parameter is significant, by the F test."""
+        n = self.freedom
+        return 1 + float(fdtri(1, n, 1 - SETTINGS.significance)) / n if n > 0 else math.inf
+
+
+def _best_correction(recordings: _Recordings) -> Fault | None:
+    """Return the fault whose correction explains most, if that is significant, with others that explain as much."""
+    left, limit = recordings.unexplained, recordings.limit
+    if math.isinf(limit):
+        return None
+    candidates = [*_turns(recordings), *_zeros(recordings), *_offset(recordings), *_delay(recordings)]
+    # Small errors are no faults, and need no other correction for what they explain.
+    expected = min([left, *(each.corrected for each in candidates if each.level is Level.OK)])
+    ranked = sorted((each for each in candidates if each.level > Level.OK), key=lambda each: each.corrected)
+    best = ranked[0]
+    # Of the two zeros the one that explains more counts. Below 1e-12 all is rounding.
+    before = left if best.name == 'zero' else expected
+    if before < limit * best.corrected + 1e-12 or best.corrected > SETTINGS.unfit:
+        return None
+    # Of corrections with the same residual the first is named: a pendubot's elbow has no effort.
+    tied = {each.corrected: each.found for each in reversed(ranked) if each.corrected <= limit * best.corrected}
+    names = dict.fromkeys(tied[corrected] for corrected in sorted(tied))
+    level = best.level if left < SETTINGS.severe * best.corrected else Level.ERROR
+    return replace(best, found=', or '.join(names), level=level, unexplained=left)
+
+
+def _turns(recordings: _Recordings) -> Iterator[Fault]:
+    moved = max(float(np.ptp(m.recorded.q, axis=0).max()) for m in recordings.motions)
+    for name, found, remedy, change in _TURNS:
+        if name == 'degrees' and moved < SETTINGS.degrees:
+            continue
+        try:
+            corrected = recordings.after(change).unexplained
+        except TrajectoryError:  # the motion would be faster than a rig can be
+            continue
+        yield Fault(name, found, f'{_EXPECTED[name]}: {remedy}', Level.ERROR, corrected=corrected, change=change)
+
+
+def _zeros(recordings: _Recordings) -> Iterator[Fault]:
+    """Yield the errors of both zeros; those that friction holds while a link hangs are none."""
+    for joint, expected in enumerate(_ZEROS):
+        criterion = _turned_criterion(recordings, joint)
+        angle = _best_angle(criterion, recordings.limit)
+        theta = dict(zip(NAMES, criterion(angle).minimum_in_box(BOUNDS), strict=False))
+        weight = GRAVITY * (theta['P5'] + (theta['P4'] if joint == 0 else 0.0))
+        friction = SETTINGS.static * theta[('Fc1', 'Fc2')[joint]]
+        held = math.asin(friction / weight) if friction < weight else math.pi / 2
+        wrong = abs(angle) > max(SETTINGS.zero, held / math.sqrt(len(recordings.motions)))
+        corrected, degrees = _unexplained(criterion(angle)), math.degrees(angle)
+        # Of one parameter, F is the square of its value over its standard error.
+        F = (recordings.unexplained / max(corrected, 1e-12) - 1) * recordings.freedom
+        error = abs(degrees) / math.sqrt(F) if F > 0 else math.inf
+        found = f"q{joint + 1}'s zero is off by {degrees:.1f} +- {error:.1g} degrees"
+        remedy, change = f'{expected}: subtract {degrees:.1f} degrees', _subtracted(joint, angle)
+        yield Fault('zero', found, remedy, Level.WARN if wrong else Level.OK, corrected=corrected, change=change)
+
+
+def _turned_criterion(recordings: _Recordings, joint: int) -> Callable[[float], Quadratic]:
+    """Return the criterion as a function of an angle [rad] that is subtracted from a joint's position.
+
+    The columns of gravity and coupling are linear in its cosine and sine. A quarter turn gives those of the sine.
+    """
+    size, columns = len(BOUNDS.names), ([3, 4], [2, 4])[joint]
+    quarter = recordings.after(_subtracted(joint, math.pi / 2)).regressions
+    criterion = _pooled(recordings.regressions, [turned.phi[:, columns] for turned in quarter])
+
+    def at(angle: float) -> Quadratic:
+        directions = np.eye(size + 2, size)
+        directions[columns, columns], directions[[size, size + 1], columns] = math.cos(angle), math.sin(angle)
+        return criterion.along(directions)
+
+    return at
+
+
+def _best_angle(criterion: Callable[[float], Quadratic], limit: float) -> float:
+    """Return the angle that explains most, or a quarter turn, which somebody chose, if it explains as much."""
+
+    def unexplained(angle: float) -> float:
+        return _unexplained(criterion(angle))
+
+    step = math.pi / 12
+    nearest = min(np.arange(-math.pi, math.pi, step), key=unexplained)
+    found = minimize_scalar(unexplained, bounds=(nearest - step, nearest + step), options={'xatol': 1e-4}).x
+    best = min(float(found), float(nearest), key=unexplained)
+    quarter = round(best / (math.pi / 2)) * math.pi / 2
+    return quarter if quarter and unexplained(quarter) < limit * unexplained(best) else best
+
+
+def _offset(recordings: _Recordings) -> Iterator[Fault]:
+    """Yield a constant effort [N m] that was recorded at the shoulder and did not act."""
+    largest = max(float(np.abs(m.recorded.tau[:, 0]).max()) for m in recordings.motions)
+    if largest > 0:
+        shoulder = [np.arange(len(part.y)) % 2 == 0 for part in recordings.regressions]
+        criterion, bounds = _pooled(recordings.regressions, shoulder), BOUNDS.beside(('offset',), largest)
+        offset, corrected = float(criterion.minimum_in_box(bounds)[-1]), _unexplained(criterion, bounds)
+        found = f"the shoulder's effort is off by a constant {offset:.3g} N m"
+        remedy = f'it must be 0 where no torque acts: subtract {offset:.3g} N m'
+        level = Level.WARN if recordings.unexplained - corrected > SETTINGS.offset else Level.OK
+        yield Fault('offset', found, remedy, level, corrected=corrected, change=Affine.of(d=(-offset, 0.0)))
+
+
+def _delay(recordings: _Recordings) -> Iterator[Fault]:
+    """Yield the delay of the effort."""
+    delay = estimate_delay(recordings.motions, MODEL, BOUNDS, *DELAYS, weights=(1, SETTINGS.elbow, 0))
+    # Whether an effort was held or measured makes half an interval of difference, and is not known for certain.
+    least = SETTINGS.delay + max(motion.interval for motion in recordings.motions) / 2
+    late = round(1000 * (recordings.delay - delay))
+    what = f'is stamped {late} ms later than it acts' if late > 0 else f'acts {-late} ms later than it is stamped'
+    remedy = f'each effort must bear the time from which it acts: identify with a delay of {delay:.3f} s'
+    level = Level.WARN if abs(delay - recordings.delay) >= least else Level.OK
+    corrected = recordings.after(delay=delay).unexplained
+    yield Fault('delay', f'the effort {what}', remedy, level, corrected=corrected, delay=delay)
+
+
+def _unfit(recordings: _Recordings) -> Iterator[Fault]:
+    """Yield that the motion fits no pendubot, whatever the unit of its effort."""
+    moved = np.max([np.ptp(m.recorded.q, axis=0) for m in recordings.motions], axis=0)
+    if math.isfinite(recordings.limit) and moved.min() > SETTINGS.moved:
+        yield Fault(
+            'motion',
+            'the motion does not fit any pendubot: the model does not explain '
+            f'{100 * recordings.unexplained:.3g} % of the squared effort, and no known correction helps',
+            'check the signs and zeros of both angles, the order of the joints, whether q2 is relative to link 1, '
+            'units and counts per turn, the sign and the stamps of the effort, and whether the links moved freely',
+            Level.ERROR,
+            unexplained=recordings.unexplained,
+        )
+
+
+def _wrong_unit(recordings: _Recordings) -> Iterator[Fault]:
+    """Yield that the effort is in mN m, where otherwise no link could be as heavy for its length.
+
+    m2 is at least P5^2 / P2, and d2 at most P2 / P5.
+    """
+    theta, left = recordings.criterion.minimum_in_box(BOUNDS), recordings.unexplained
+    P2, P5 = theta[1], theta[4]
+    least = float((P5**5 / SETTINGS.dense) ** 0.25)
+    # A less dense link must fit significantly worse.
+    if 0 < P2 < least and left < SETTINGS.unfit:
+        less_dense = _unexplained(recordings.criterion, BOUNDS.replaced('P2', least, least))
+        if less_dense > recordings.limit * left:
+            found = (
+                f'link 2 would weigh {P5**2 / P2:.3g} kg or more, within {100 * P2 / P5:.2g} cm of its joint; the '
+                'effort is as in mN m'
+            )
+            change = Affine.of(T=np.eye(2) / 1000)
+            yield Fault('unit', found, 'it must be in N m: divide it by 1000', Level.ERROR, change=change)
+
+
+def _wrong_length(recordings: _Recordings, model: str, expected: float) -> Iterator[Fault]:
+    length, error = link_length(recordings.motions, model, recordings.delay)
+    if abs(length - expected) > max(-ndtri(SETTINGS.significance / 2) * error, SETTINGS.length * expected):
+        yield Fault(
+            'length',
+            f'the elbow moves as on a link 1 of {length:.3f} +- {error:.3f} m, {expected:.3f} m is expected',
+            'measure from axis to axis, and look at the signs, the zeros, the counts per turn and the stamps of both '
+            'angles',
+        )
+
+
+def _subtracted(joint: int, angle: float) -> Affine:
+    return Affine.of(c=-angle * np.eye(2)[joint])
+
+
+def _pooled(parts: Sequence[Regression], more: Sequence[Array] | None = None) -> Quadratic:
+    """Return the criterion of recordings, with more columns for each of them."""
+    columns = [part.phi for part in parts]
+    if more is not None:
+        columns = [np.column_stack(pair) for pair in zip(columns, more, strict=True)]
+    return Quadratic.pool([Quadratic.reduce(phi, part.y) for phi, part in zip(columns, parts, strict=True)])
+
+
+def _unexplained(criterion: Quadratic, bounds: Bounds = BOUNDS) -> float:
+    """Return the fraction of the squared effort that no parameters within their bounds explain."""
+    theta = criterion.minimum_in_box(bounds)
+    effort = float(criterion(np.zeros_like(theta)))
+    return float(criterion(theta)) / effort if effort > 0 else 1.0

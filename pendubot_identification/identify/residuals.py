@@ -1,0 +1,127 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Checks of the residuals: unmodelled effects, disturbances, and recordings that contradict each other."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import stdtr
+
+from pendubot_identification.criteria.quadratic import Quadratic
+from pendubot_identification.criteria.weak import WIDTH
+from pendubot_identification.model.parameters import Bounds
+from pendubot_identification.trajectories.motion import Motion
+
+from .catalogue import compensated
+from .conventions import joint_regression
+from .estimate import Zeros
+from .fitting import SETTINGS as FITTING
+from .fitting import Composite
+from .selection import Problem
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class ResidualSettings:
+    """When residuals are remarkable."""
+
+    #: Squared residual with common parameters over that with separate ones, above which recordings contradict each
+    #: other: real ones of one rig reach 1.7, of two rigs they begin at 4.2.
+    ratio: float = 3.0
+    #: And the difference, as a fraction of the squared effort: 1 % of its RMS.
+    least: float = 1e-4
+    #: Of a disturbance, all samples together.
+    significance: float = 1e-4
+    #: Disturbances nearer than this [s] are one; so many are listed.
+    joined: float = 0.5
+    listed: int = 3
+
+
+SETTINGS = ResidualSettings()
+
+
+def remarks(answer: Composite, sound: bool, named: Collection[str]) -> Iterator[str]:
+    """Yield findings for the user; ``sound``: signs, order and zeros are right; ``named``: the recordings' faults."""
+    yield from (found.sentence for found in answer.effects if found.name not in named)
+    if sound and not answer.exact:
+        yield from disturbances(answer.rough)
+    if sound:
+        motions = [compensated(motion, answer.effects, answer.delay) for motion in answer.data.motions]
+        yield from contradictions(motions, answer.model, answer.delay, answer.data.settings.box(answer.model))
+    if not answer.exact and (answer.unexplained > FITTING.least).any():
+        shoulder, elbow = (f'{100 * part:.3g} %' for part in answer.unexplained)
+        yield (
+            f'the rig has unmodelled effects: they make {shoulder} and {elbow} of the variance of the innovations at '
+            'shoulder and elbow; the intervals allow for them as far as recordings differ'
+        )
+
+
+def contradictions(motions: Sequence[Motion], model: str, delay: float, bounds: Bounds) -> Iterator[str]:
+    """Name the recording that has other parameters than the rest, or both of two (Chow, Econometrica 28, 1960)."""
+    motions = [motion for motion in motions if motion.end - motion.start > WIDTH + abs(delay)]
+    if len(motions) < 2:
+        return
+    residuals = [joint_regression(motion, model, delay) for motion in motions]
+    parts = [Quadratic.reduce(each.phi, each.y) for each in residuals]
+
+    def squared(some: Sequence[Quadratic]) -> float:
+        criterion = Quadratic.pool(some)
+        return criterion.count * float(criterion(criterion.minimum_in_box(bounds)))
+
+    separate = [squared([part]) + squared([*parts[:k], *parts[k + 1 :]]) for k, part in enumerate(parts)]
+    odd, common, effort = int(np.argmin(separate)), squared(parts), sum(float(each.y @ each.y) for each in residuals)
+    if common <= SETTINGS.ratio * separate[odd] or common - separate[odd] <= SETTINGS.least * effort:
+        return
+    found = f'{motions[odd].name} contradicts the other recordings'
+    if len(motions) == 2:
+        found = f'{motions[0].name} and {motions[1].name} contradict each other'
+    yield (
+        f'{found}: common parameters leave {common / max(separate[odd], 1e-300):.2g} times the squared residual of '
+        'separate ones; check that all recordings are of one rig, with the same signs and zeros'
+    )
+
+
+def recorded_zeros(rough: Problem) -> Zeros:
+    """Return the errors of each recording's zeros: one scoring step of the offsets alone."""
+    filter_data, blocks, offsets = rough.likelihood.filter_data, rough.fit.evaluation, [15, 16]
+    count = len(filter_data.motions)
+    angles, std_error = np.full((2, count), math.nan), np.full((2, count), math.nan)
+    for k in range(count):
+        own = filter_data.owner == k
+        information = blocks.informations[own].sum(axis=0)[np.ix_(offsets, offsets)]
+        if np.linalg.cond(information) > 1e12:
+            continue
+        inverse = np.linalg.inv(information)
+        moves = blocks.slopes[own][:, offsets] @ inverse
+        angles[:, k] = rough.fit.x[offsets] - moves.sum(axis=0)
+        std_error[:, k] = np.sqrt(np.diag(inverse) + len(moves) * moves.var(axis=0))
+    return Zeros(tuple(m.name for m in filter_data.motions), angles, std_error)
+
+
+def disturbances(rough: Problem) -> Iterator[str]:
+    """Name the times at which innovations are larger than their distribution allows."""
+    filter_data = rough.likelihood.filter_data
+    e, s = rough.likelihood.innovations(rough.fit.x)
+    z = np.abs(e) / np.sqrt(s)
+    probability = 2 * stdtr(filter_data.settings.freedom, -z) * z.size
+    large = (probability < SETTINGS.significance).any(axis=1) & (filter_data.weight > 0)
+    found = []
+    for g, rows in enumerate(filter_data.rows):
+        # The first speed is unknown, so the first innovations are large.
+        known = filter_data.t[rows] > filter_data.t[rows.start] + SETTINGS.joined
+        motion, t = filter_data.motions[filter_data.recording[g]], filter_data.t[rows][large[rows] & known]
+        starts = t[np.diff(t, prepend=-math.inf) > SETTINGS.joined]
+        found += [f'{motion.name} at {start - motion.start:.1f} s' for start in starts]
+    if found:
+        more = f' and {len(found) - SETTINGS.listed} more' if len(found) > SETTINGS.listed else ''
+        yield (
+            f'a disturbance: {", ".join(found[: SETTINGS.listed])}{more}; a hand, a cable, an end stop, lost samples '
+            'or encoder counts, or sharp friction make such jumps'
+        )

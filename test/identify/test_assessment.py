@@ -1,0 +1,102 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""One sentence for one cause: a named fault explains other findings, and no failure is reported in two ways."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pendubot_identification.identify.assessment import EXCITATION, assess
+from pendubot_identification.identify.conventions import Fault
+from pendubot_identification.identify.estimate import Effort, Estimate, Zeros
+from pendubot_identification.identify.prediction import HORIZONS, Prediction
+from pendubot_identification.identify.settings import Settings
+from pendubot_identification.level import Level
+from pendubot_identification.model.parameters import NAMES, PAPER
+
+SETTINGS = Settings(('weak',), 'viscous', optimizer='lsq')
+LENGTH = PAPER.P3 / PAPER.P5, 1e-4
+GOOD = Estimate(
+    criterion='weak',
+    model='viscous',
+    theta=PAPER.vector(),
+    free=np.ones(7, dtype=bool),
+    covariance=np.diag((1e-3 * PAPER.vector()) ** 2),
+    correlation=np.eye(7),
+    std_error=1e-3 * PAPER.vector(),
+    uncertainty='',
+    effort=Effort('zero'),
+    J=1e-6,
+    residuals=100,
+    condition_number=10.0,
+    converged=True,
+    held=np.zeros(7, dtype=bool),
+    unexplained=0.01,
+    J_exact=1e-6,
+    prediction=Prediction(np.ones((len(HORIZONS), 4)), 2 * np.ones((len(HORIZONS), 4)), np.full(len(HORIZONS), 9)),
+)
+OFF = Zeros(('swing',), np.radians([[8.0], [0.0]]), np.radians([[0.1], [0.1]]))
+AT_END = replace(GOOD, effort=Effort('zero', -0.1))
+
+
+@pytest.mark.parametrize(
+    ('name', 'estimate', 'length', 'finding'),
+    [
+        ('delay', AT_END, LENGTH, 'the delay of the effort lies at -0.1000 s'),
+        ('zero', replace(GOOD, zeros=OFF), LENGTH, "swing: q1's zero is off by 8.0"),
+        ('length', GOOD, (2 * LENGTH[0], 1e-4), 'P3 / P5, the length of link 1, is'),
+    ],
+)
+def test_a_named_fault_explains_a_finding(name, estimate, length, finding):
+    (alone,) = assess(estimate, SETTINGS, length).warnings
+    assert alone.startswith(finding)
+    fault = Fault(name, 'found', 'remedy')
+    assert assess(estimate, SETTINGS, length, [fault]).warnings == (fault.sentence,)
+    severe = assess(estimate, SETTINGS, length, [replace(fault, level=Level.ERROR)])
+    assert (severe.level, severe.warnings, severe.consequences) == (Level.ERROR, (fault.sentence,), (alone,))
+
+
+def test_a_zero_inertia_is_one_failure():
+    theta = PAPER.vector() * [1, 0, 0, 1, 1, 1, 1]
+    free = np.array([True, False, True, True, True, True, True])
+    warnings = assess(replace(GOOD, theta=theta, free=free), SETTINGS, (np.nan, np.nan)).warnings
+    assert [text for text in warnings if 'P2' in text or 'M(q)' in text] == ['not physical: P2 = 0 is not positive']
+
+
+def test_poorly_determined_parameters_are_named_once():
+    vague = replace(GOOD, condition_number=1e6)
+    (text,) = assess(vague, SETTINGS, LENGTH).warnings
+    assert text.startswith('ill-conditioned')
+    (text,) = assess(replace(vague, std_error=PAPER.vector()), SETTINGS, LENGTH).warnings
+    assert text.startswith('poorly determined')
+
+
+def test_a_delay_at_the_end_of_its_search_is_an_error_unless_the_search_was_narrowed():
+    fixed = replace(GOOD, effort=Effort('zero', 0.1))
+    assert assess(AT_END, SETTINGS, LENGTH).level is Level.ERROR
+    assert assess(GOOD, SETTINGS, LENGTH).level is Level.OK
+    assert assess(AT_END, replace(SETTINGS, delays=(-0.1, 0.01)), LENGTH).level is Level.WARN
+    assert assess(fixed, replace(SETTINGS, delays=(0.1, 0.1)), LENGTH).level is Level.OK
+
+
+@pytest.mark.parametrize(
+    ('errors', 'expected'),
+    [
+        ({}, []),
+        ({'b2': 0.8, 'P3': 0.3}, ['b2 (standard error 80 % of the value)', 'P3 (standard error 30 % of the value)']),
+        ({'b2': np.inf}, ['b2 (not identifiable)']),
+        ({'b1': 3.0}, []),
+        ({'P2': 0.5}, ['P2 (standard error 50 % of the value, correlation 0.99 with P5)']),
+    ],
+)
+def test_advice_names_the_worst_parameter_first_and_a_motion_that_helps(errors, expected):
+    """P2 is correlated with P5, and b1 lies on its bound."""
+    correlation, free = np.eye(7), np.array(NAMES[:7]) != 'b1'
+    correlation[1, 4] = correlation[4, 1] = 0.99
+    std_error = PAPER.vector() * [errors.get(name, 0.01) for name in NAMES[:7]]
+    poor = replace(GOOD, correlation=correlation, free=free, std_error=std_error)
+    assert list(assess(poor, SETTINGS, LENGTH).advice) == [
+        f'the motion is little informative of {text}; to improve: {EXCITATION[text[:2]]}' for text in expected
+    ]

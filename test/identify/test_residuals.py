@@ -1,0 +1,79 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Recordings of another rig, or disturbed ones, are named, and no others."""
+
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+import pytest
+
+from pendubot_identification.identify.fitting import TrainingData, fit_composite
+from pendubot_identification.identify.residuals import contradictions, disturbances, recorded_zeros
+from pendubot_identification.identify.settings import Settings
+from pendubot_identification.model.parameters import Parameters, default_bounds
+from pendubot_identification.trajectories.motion import Motion
+from test import real
+from test.virtual import recording
+
+ANOTHER = Parameters(P1=0.004, P2=0.0008, P3=0.0002, P4=0.04, P5=0.006, b1=0.0066, b2=0.0001)
+
+
+def contradicted(*recordings, model='viscous', hold='zero'):
+    """Return the sentences of recordings that contradict each other."""
+    bounds = default_bounds().of({'viscous': 7, 'rotor': 10}[model])
+    return list(contradictions([Motion.prepare(each, 0.02, hold) for each in recordings], model, 0.0, bounds))
+
+
+def rough(*recordings):
+    """Return the fit of the shortest interval."""
+    data = TrainingData.prepare(recordings, Settings(model='viscous', hold='zero').of_rig(recordings))
+    return fit_composite(data, lambda *_: None, effects=False).rough
+
+
+@pytest.fixture(scope='module')
+def one_rig():
+    return [recording(500, seed=seed, name=f'take {seed}') for seed in range(3)]
+
+
+def test_recordings_of_one_rig_agree(one_rig):
+    assert contradicted(*one_rig) == contradicted(*one_rig[:2]) == contradicted(one_rig[0]) == []
+    assert list(disturbances(rough(*one_rig))) == []
+
+
+@pytest.mark.parametrize('stranger', range(3))
+def test_the_recording_of_another_rig_is_named(one_rig, stranger):
+    recordings = list(one_rig)
+    recordings[stranger] = recording(500, seed=stranger, rig=ANOTHER, name=f'take {stranger}')
+    (said,) = contradicted(*recordings)
+    assert said.startswith(f'take {stranger} contradicts the other recordings')
+
+
+def test_of_two_that_contradict_each_other_none_is_blamed():
+    (said,) = contradicted(recording(900, name='one'), recording(900, seed=2, rig=ANOTHER, name='two'))
+    assert said.startswith('one and two contradict each other')
+
+
+@pytest.mark.recordings
+def test_a_recording_among_those_of_another_real_rig_is_named():
+    rigs = [real.recorded(rig, 'train') for rig in real.RIGS]
+    for one, other in product(rigs, rigs):
+        said = contradicted(*one[:3], *other[3:4], model='rotor', hold='linear')
+        assert [text.split(' contradicts')[0] for text in said] == ([] if one is other else [other[3].name])
+
+
+def test_encoder_counts_that_are_lost_are_a_disturbance(one_rig):
+    q = one_rig[1].q.copy()
+    q[250:, 1] += 0.2
+    (said,) = disturbances(rough(one_rig[0], replace(one_rig[1], q=q)))
+    assert said.startswith('a disturbance: take 1 at 2.5 s')
+    assert 'encoder counts' in said
+
+
+def test_a_wrong_zero_is_that_of_its_recording(one_rig):
+    q = one_rig[2].q + np.radians([2.0, 0.0])
+    zeros = recorded_zeros(rough(*one_rig[:2], replace(one_rig[2], q=q)))
+    assert zeros.recordings == ('take 0', 'take 1', 'take 2')
+    np.testing.assert_allclose(np.degrees(zeros.angles), [[0, 0, 2], [0, 0, 0]], atol=0.8)
+    assert np.isfinite(zeros.std_error).all()
