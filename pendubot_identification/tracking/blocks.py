@@ -1,10 +1,18 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Samples as they come, in; the weak criterion's weak-form residuals out, 0.4 s at a time, each reduced to a R factor.
+"""Samples as they arrive, and the blocks of weak-form residuals of both joints' momentum that they complete.
 
-A test function is complete once the samples under it are there. Those that begin within the same 0.4 s are a block: its
-rows are reduced to one R factor, so that nothing later depends on how fast the rig is sampled.
+A block holds the test functions that begin within 0.4 s. Its rows are reduced to an R factor, so that the cost of a
+block does not depend on the sampling rate.
+
+The linearised residual under a test function w changes by an angle error e, after integration by parts, by
+
+    integral of ((w M)'' + (w M A_v)' - w M A_q) e dt
+
+where A_q and A_v are the derivatives of the accelerations. Quantization errors are nearly white, so that this gives the
+covariance of all residuals, although test functions overlap. Whitened residuals all have the standard deviation 1, as
+in generalised least squares (WENDy: Bortz, Messenger and Dukic, Bulletin of Mathematical Biology 85, 2023).
 """
 
 from __future__ import annotations
@@ -12,250 +20,308 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import PPoly
 
-from pendubot_identification.criteria.energy import Regression
-from pendubot_identification.criteria.quadratic import Quadratic
-from pendubot_identification.criteria.weak import WIDTH, estimate_delay, residual_weights, weak_regression
+from pendubot_identification.criteria.energy import Regression, require_plausible_speed
+from pendubot_identification.criteria.weak import WIDTH, weak_regression
 from pendubot_identification.errors import TrajectoryError
-from pendubot_identification.model.parameters import MODELS, Bounds, Parameters
+from pendubot_identification.model.dynamics import GRAVITY, acceleration_derivatives, dry_friction_terms
 from pendubot_identification.trajectories.motion import Motion
-from pendubot_identification.trajectories.signals import (
-    LONGEST_GAP,
-    choose_smoothing,
-    differentiate,
-    encoder_step,
-    resample,
-)
+from pendubot_identification.trajectories.signals import LONGEST_GAP
 from pendubot_identification.trajectories.trajectory import Trajectory
 
-from .residuals import BLOCK, CELL, STILL, STRIDE, Accuracy, K, moves_under, rows_of
-
 Array = NDArray[np.float64]
+Rows = tuple[Array, Array, NDArray[np.bool_]]
 
-#: Blocks at most that are made at once, where many samples come together.
-TOGETHER = 16
-#: Angles are smoothed by no wider a window [s]: whitened rows need it less than they suffer from bent motion.
-WIDEST = 0.03
-#: Samples after which the end of a cubic spline is no longer felt: (2 - sqrt 3)^12 is 1e-7.
-SETTLED = 12
-#: Stamps that run back by more [s] are those of a clock that began anew; by less, of a sample that is late or repeated.
+#: Duration of a block, stride of its test functions, step of the nodes of integrals [s]; step of the nodes of errors
+#: in these steps.
+BLOCK, STRIDE, CELL, COARSE = 0.4, 0.025, 0.00125, 2
+#: Test functions of a block; nodes from one block to the next, and under all test functions of a block.
+K = round(BLOCK / STRIDE)
+_STEP, _REACH = round(BLOCK / CELL), round((BLOCK - STRIDE + WIDTH) / CELL)
+#: A joint that turns by less [rad] under a test function is at rest, where dry friction is not determined.
+STILL = 0.02
+#: Independent part of the variance of each residual, so that the covariance has a Cholesky factor.
+INDEPENDENT = 1e-5
+#: Change of the delay [s] by which the criterion weak is differentiated.
+DELAY_STEP = 1e-3
+#: Most blocks that are made at once. Samples after which the end of a cubic spline has no effect: (2 - sqrt 3)^12 is
+#: 1e-7.
+TOGETHER, SETTLED = 16, 12
+#: A stamp that runs back by more [s] is of a clock that was reset; by less, of a late or repeated sample.
 RESTART = 1.0
-#: More delay, and less, by which is seen what it does [s].
-LAG = 1e-3
-#: What may be wrong with a sample, in words.
-NOT_FINITE, REPEATED = 'a number that is not finite', 'a stamp that repeats or runs back'
-#: An effort is at its limit in a block where it stands there in more than this part of the samples that have any.
+#: The effort is at its limit in a block in which more than this fraction of all efforts but 0 is the largest one.
 SATURATED = 0.5
 
 
 @dataclass(frozen=True, slots=True)
 class SegmentSettings:
-    """How samples are made weak-form residuals of."""
+    """How samples become rows of the regression."""
 
     model: str  #: one of :data:`.parameters.MODELS`.
     delay: float  #: of the effort [s].
     hold: str  #: how the torque behaves between its samples, see :meth:`.Motion.prepare`.
-    accuracy: Accuracy
-    rounded: bool  #: whether angles are those of encoders, so that their error is known.
-    weights: Array  #: of the criterion weak's three weak-form residuals, shape (3,).
-    wide: float  #: the window [s] by which angles are smoothed for these.
+    interval: float  #: of the samples [s].
+    smoothing: float  #: window by which angles are smoothed [s].
+    theta: Array  #: parameters at which angle errors are linearised, shape (D,).
+    angle_variance: Array  #: of the errors of both angles [rad^2], shape (2,).
+    quantized: bool  #: whether both angles have the quantization step of an encoder.
+    weights: Array  #: of the three residuals of the criterion weak, shape (3,).
+    whitened: bool  #: whether quantization is the only error; otherwise rows are those of the criterion weak.
     dead_zone: float = 0.0  #: torque that the motor's driver subtracts from every torque [N m].
-    #: Whether errors of the angles are all that puts weak-form residuals off; else they are as the criterion weak has
-    #: them.
-    whitened: bool = True
-
-    @property
-    def smoothing(self) -> float:
-        """The window by which angles are smoothed [s]."""
-        return self.accuracy.smoothing if self.whitened else self.wide
-
-    @classmethod
-    def of(
-        cls,
-        motion: Trajectory,
-        model: str,
-        bounds: Bounds,
-        delays: tuple[float, float],
-        hold: str = 'zero',
-    ) -> SegmentSettings:
-        """Choose what suits a motion; a delay of equal ends is given.
-
-        Raises:
-            PendubotError: it is too short, has gaps, or is not that of a rig.
-        """
-        window = choose_smoothing([motion])
-        made, (low, high) = Motion.prepare(motion, window, hold), delays
-        delay = low if low == high else estimate_delay([made], model, bounds, low, high)
-        regression = weak_regression(made, model, delay)
-        weights = residual_weights([regression], bounds)
-        each = np.tile(weights, len(regression.y) // 3)
-        theta = Quadratic.reduce(each[:, None] * regression.phi, each * regression.y).minimum(bounds)
-        if problems := Parameters.from_vector(theta).unphysical():
-            raise TrajectoryError(f'not physical: {problems[0]}')
-        even = resample(motion).q
-        smoothed, _ = differentiate(even, made.interval, window)
-        counts = encoder_step(motion.q)
-        error = np.where(counts > 0, counts / np.sqrt(12), np.std(even - smoothed, axis=0))
-        angles = np.maximum(error, 1e-6) ** 2
-        accuracy = Accuracy.of(theta, min(window, WIDEST), angles, made.interval)
-        return cls(model, delay, hold, accuracy, bool((counts > 0).all()), weights, window)
-
-    def rows(self, motion: Motion, begin: float, count: int) -> tuple[Array, Array, NDArray[np.bool_]]:
-        """Return the rows of so many blocks, of noise 1 and in N m, (B, N, D+5), and which of them move."""
-        if self.whitened:
-            t, tau = motion.recorded.t, motion.recorded.tau[:-1, :1]
-            sign = PPoly(np.sign(tau)[None], t).antiderivative()
-            return rows_of(motion, begin, count, self.delay, sign, self.accuracy)
-        shorter, longer = (self._weak(motion, begin, count, self.delay + more) for more in (-LAG, LAG))
-        y, lag = (longer.y + shorter.y) / 2, (shorter.y - longer.y) / (2 * LAG)
-        none = np.zeros((len(y), 3))
-        rows = np.column_stack([shorter.phi, lag, none, y + lag * self.delay])
-        rows = rows[: 3 * K * count].reshape(count, 3 * K, -1)
-        moving = np.repeat(moves_under(motion, begin, count), 3, axis=1)
-        rows = rows * moving[:, :, None]
-        return rows, rows, moving
-
-    def _weak(self, motion: Motion, begin: float, count: int, delay: float) -> Regression:
-        """Return the criterion weak of so many blocks, and perhaps a test function more."""
-        part = motion.part(begin - max(delay, 0.0), begin + count * BLOCK + WIDTH - min(delay, 0.0))
-        return weak_regression(part, self.model, delay, weights=self.weights, stride=STRIDE)
 
 
 class Block(NamedTuple):
-    """What 0.4 s of motion say of theta.
+    """The information of 0.4 s of motion about theta, shape (D,), and the further unknowns."""
 
-    Attributes:
-        begin, end: the time from which on its first test function, and until which its last one reaches [s].
-        R factor: of the QR factorisation of its rows, all of one noise, shape (D+5, D+5); its diagonal is not negative.
-        torques: the R factor of the rows as they are [N m], shape (D+5, D+5).
-        rows: how many rows they stand for; 0 where nothing moved.
-        saturated: whether the effort stood at one value where there was any, beyond which it never went.
-    """
+    begin: float  #: of its first test function [s].
+    end: float  #: of its last test function [s].
+    r_factor: Array  #: of its rows with standard deviation 1, shape (D+5, D+5).
+    torques: Array  #: R factor of its rows in N m, shape (D+5, D+5).
+    rows: int  #: number of rows; 0 where nothing moves.
+    saturated: bool  #: whether the effort is at its limit.
 
-    begin: float
-    end: float
-    r_factor: Array
-    torques: Array
-    rows: int
-    saturated: bool
+    def residual(self, beside: Array | None = None) -> float:
+        """Return the mean square of its rows that no unknowns explain, given tilt and dead zone, shape (3,), or not."""
+        if beside is None:
+            return float(self.r_factor[-1, -1] ** 2) / self.rows
+        return float(np.square(self.r_factor[-4:, -4:] @ np.append(beside, -1.0)).sum()) / self.rows
 
-    def unexplained(self, theta: Array) -> float:
-        """Return the torque that all unknowns, shape (D+4,), leave unexplained, RMS under test functions [N m]."""
-        return float(np.linalg.norm(self.torques @ np.append(theta, -1.0))) / math.sqrt(self.rows)
+    def unexplained(self, x: Array) -> float:
+        """Return the torque that all unknowns, shape (D+4,), do not explain, RMS under test functions [N m]."""
+        return float(np.linalg.norm(self.torques @ np.append(x, -1.0))) / math.sqrt(self.rows)
 
 
 class Samples:
-    """The newest usable samples without a gap, of any portions; who follows forgets those that are no longer needed."""
+    """The newest samples without a gap that incomplete test functions still need."""
 
-    def __init__(self, held: Array | None = None) -> None:
-        self.held = np.empty((0, 5)) if held is None else held  #: t [s], q1, q2 [rad], tau1, tau2 [N m].
-        self.notes: dict[str, int] = {}  #: what was wrong with samples, and how often.
+    def __init__(self, newest: Array | None = None) -> None:
+        self.newest = np.empty((0, 5)) if newest is None else newest  #: t [s], q1, q2 [rad], tau1, tau2 [N m].
+        self.notes: dict[str, int] = {}  #: faults of samples and their number.
+        self._begin = math.nan  # of the next block [s]; unknown after a gap
+        self._largest_effort = 0.0
 
-    def append(self, samples: Array) -> Iterator[bool]:
-        """Take samples, and tell of each part without a gap whether there is a gap before it."""
-        samples, gap = samples[self._usable(samples)], False
-        while len(samples):
-            together = np.concatenate([self.held[-1:], samples])[:, 0]
-            steps = np.diff(together)
-            recent = np.diff(np.concatenate([self.held[-50:, 0], samples[:50, 0]]))
-            usual = float(np.median(recent)) if len(recent) else 0.0
-            apart = np.flatnonzero(np.abs(steps) > max(LONGEST_GAP, 5 * usual))
-            cut = int(apart[0]) + (not len(self.held)) if len(apart) else len(samples)
-            self.held = np.concatenate([self.held, samples[:cut]])
-            yield gap
-            if gap := cut < len(samples):
-                back = len(self.held) and samples[cut, 0] < self.held[-1, 0]
-                self.say('the stamps began anew' if back else 'a gap between samples')
-                self.held = np.empty((0, 5))
-            samples = samples[cut:]
+    def append(self, samples: Array) -> Iterator[None]:
+        """Take samples, and yield after each part without a gap; a gap clears the samples before it."""
+        samples = samples[self._usable(samples)]
+        if not len(samples):
+            return
+        t = np.concatenate([self.newest[-50:, 0], samples[:, 0]])
+        steps = np.diff(t)
+        longest = max(LONGEST_GAP, 5 * float(np.median(steps))) if len(steps) else LONGEST_GAP
+        gaps = np.flatnonzero(np.abs(steps) > longest) + 1 - (len(t) - len(samples))
+        for begin, end in pairwise([0, *gaps[gaps > 0].tolist(), len(samples)]):
+            if len(self.newest) and begin in gaps:
+                restarted = samples[begin, 0] < self.newest[-1, 0]
+                self._note('the stamps began anew' if restarted else 'a gap between samples')
+                self.clear()
+            self.newest = np.concatenate([self.newest, samples[begin:end]])
+            yield
+
+    def clear(self) -> None:
+        """Forget all samples."""
+        self.newest, self._begin = np.empty((0, 5)), math.nan
+
+    def _note(self, fault: str, count: int = 1) -> None:
+        # A new dictionary, because another thread may read the old one.
+        self.notes = {**self.notes, fault: self.notes.get(fault, 0) + count}
 
     def _usable(self, samples: Array) -> NDArray[np.bool_]:
-        finite = np.isfinite(samples).all(axis=1)
-        if not finite.all():
-            self.say(NOT_FINITE, int((~finite).sum()))
-        t, latest = samples[:, 0], self.held[-1, 0] if len(self.held) else -np.inf
-        if finite.all() and (np.diff(t, prepend=latest) > 0).all():
-            return np.asarray(finite)
-        kept = finite.copy()
-        for k in np.flatnonzero(finite):
+        """Tell which samples are finite and later than those before them; count the others."""
+        usable: NDArray[np.bool_] = np.asarray(np.isfinite(samples).all(axis=1))
+        if not usable.all():
+            self._note('a number that is not finite', int((~usable).sum()))
+        t, latest = samples[:, 0], self.newest[-1, 0] if len(self.newest) else -np.inf
+        if usable.all() and (np.diff(t, prepend=latest) > 0).all():
+            return usable
+        for k in np.flatnonzero(usable):
             if latest - RESTART < t[k] <= latest:
-                kept[k] = False
+                usable[k] = False
+                self._note('a stamp that repeats or runs back')
             else:
                 latest = t[k]
-        if repeated := int((finite & ~kept).sum()):
-            self.say(REPEATED, repeated)
-        return np.asarray(kept)
+        return usable
 
-    def say(self, what: str, times: int = 1) -> None:
-        """Count what is wrong."""
-        # As a whole, so that another thread never sees half of it.
-        self.notes = {**self.notes, what: self.notes.get(what, 0) + times}
+    def take_blocks(self, settings: SegmentSettings) -> list[Block]:
+        """Return the next complete blocks, at most :data:`TOGETHER`; forget samples that no later block needs."""
+        if len(self.newest) <= 2 * SETTLED:
+            return []
+        t = self.newest[:, 0]
+        interval = float(np.median(np.diff(t)))
+        margin = SETTLED * interval + settings.smoothing + CELL
+        if math.isnan(self._begin):
+            self._begin = float(t[0]) + margin + max(settings.delay, 0.0)
+        late = margin + interval + max(-settings.delay, 0.0)
+        count = min(math.floor((t[-1] - late - WIDTH - self._begin) / BLOCK + 1e-9), TOGETHER)
+        if count < 1:
+            return []
+        end = self._begin + count * BLOCK
+        blocks = self._blocks(self.newest[: int(np.searchsorted(t, end + WIDTH + late, side='right'))], count, settings)
+        self._begin = end
+        first = int(np.searchsorted(t, end - margin - max(settings.delay, 0.0) - interval)) - 1
+        self.newest = self.newest[max(first, 0) :]
+        return blocks
 
-
-class Blocks:
-    """Makes blocks of samples, and leaves no more of these than are under incomplete test functions."""
-
-    def __init__(self, segment_settings: SegmentSettings) -> None:
-        self.segment_settings = segment_settings  #: which may become another one.
-        self.begin = np.nan  #: where the next test function begins [s]; after a gap, it is not known.
-        self._greatest = 0.0
-
-    def complete(self, samples: Samples) -> Iterator[Block]:
-        """Return the blocks that are complete."""
-        how = self.segment_settings
-        while len(samples.held) > 2 * SETTLED:
-            t = samples.held[:, 0]
-            interval = float(np.median(np.diff(t)))
-            margin = SETTLED * interval + how.smoothing + CELL
-            if np.isnan(self.begin):
-                self.begin = float(t[0]) + margin + max(how.delay, 0.0)
-            late = margin + interval + max(-how.delay, 0.0)
-            count = min(math.floor((t[-1] - late - WIDTH - self.begin) / BLOCK + 1e-9), TOGETHER)
-            if count < 1:
-                return
-            used = int(np.searchsorted(t, self.begin + count * BLOCK + WIDTH + late, side='right'))
-            yield from self._blocks(samples.held[:used], count, samples)
-            self.begin += count * BLOCK
-            first = int(np.searchsorted(t, self.begin - margin - max(how.delay, 0.0) - interval)) - 1
-            samples.held = samples.held[max(first, 0) :]
-
-    def _blocks(self, samples: Array, count: int, notes: Samples) -> Iterator[Block]:
-        """Return so many blocks from :attr:`begin` on."""
-        how, begin = self.segment_settings, self.begin
-        begins = begin + BLOCK * np.arange(count)
-        size = MODELS[how.model] + 5
-        none = np.zeros((size, size))
-        nothing = [Block(t, t + BLOCK + WIDTH, none, none, 0, False) for t in begins.tolist()]
+    def _blocks(self, samples: Array, count: int, settings: SegmentSettings) -> list[Block]:
+        size = len(settings.theta)
+        none = np.zeros((size + 5, size + 5))
+        begins = (self._begin + BLOCK * np.arange(count)).tolist()
+        blocks = [Block(begin, begin + BLOCK + WIDTH, none, none, 0, False) for begin in begins]
         if np.ptp(samples[:, 1:3], axis=0).max() < STILL:
-            yield from nothing
-            return
+            return blocks
         try:
-            tau = np.where(np.abs(samples[:, 3:5]) > [how.dead_zone, 0.0], samples[:, 3:5], 0.0)
+            tau = np.where(np.abs(samples[:, 3:5]) > [settings.dead_zone, 0.0], samples[:, 3:5], 0.0)
             recorded = Trajectory(samples[:, 0], samples[:, 1:3], tau, name='the samples')
-            motion = Motion.prepare(recorded, how.smoothing, how.hold)
-            rows, torques, moving = how.rows(motion, begin, count)
+            motion = Motion.prepare(recorded, settings.smoothing, settings.hold)
+            rows, torques, moving = residual_rows(motion, self._begin, count, settings)
         except TrajectoryError:
-            notes.say('samples that no rig gives: too fast a motion, or too far apart')
-            yield from nothing
-            return
-        r_factors = np.asarray(np.linalg.qr(rows, mode='r'))
+            self._note('samples that no rig gives: too fast a motion, or too far apart')
+            return blocks
+        r_factors: Array = np.asarray(np.linalg.qr(rows, mode='r'))
         r_factors = r_factors * np.where(np.einsum('bkk->bk', r_factors) < 0, -1.0, 1.0)[:, :, None]
         torques = np.asarray(np.linalg.qr(torques, mode='r'))
-        for k, kept in enumerate(moving.sum(axis=1).tolist()):
-            if kept < 2 * (MODELS[how.model] + 2):
-                yield nothing[k]
-                continue
-            now = (recorded.t >= nothing[k].begin) & (recorded.t < nothing[k].end)
-            saturated = self._saturated(recorded.tau[now, 0])
-            yield Block(*nothing[k][:2], r_factors[k], torques[k], kept, saturated)
+        for k, moved in enumerate(moving.sum(axis=1).tolist()):
+            if moved >= 2 * (size + 2):
+                begin, end = blocks[k][:2]
+                saturated = self._saturated(np.abs(tau[(recorded.t >= begin) & (recorded.t < end), 0]))
+                blocks[k] = Block(begin, end, r_factors[k], torques[k], moved, saturated)
+        return blocks
 
     def _saturated(self, effort: Array) -> bool:
-        size = np.abs(effort)
-        self._greatest = max(self._greatest, float(size.max(initial=0.0)))
-        some = size[size > 1e-9]
-        return bool(len(some) and (some > self._greatest * (1 - 1e-6)).mean() > SATURATED)
+        self._largest_effort = max(self._largest_effort, float(effort.max(initial=0.0)))
+        acting = effort[effort > 1e-9]
+        return bool(len(acting) and (acting > self._largest_effort * (1 - 1e-6)).mean() > SATURATED)
+
+
+def residual_rows(motion: Motion, begin: float, count: int, settings: SegmentSettings) -> Rows:
+    """Return the rows [phi, y] of the blocks of a motion from ``begin`` [s] on.
+
+    ``phi`` has columns for theta, the delay, both components of the tilt, and the dead zone; it is linearised at the
+    delay and the dead zone of the settings. Rows of test functions under which nothing moves are 0.
+
+    Returns:
+        rows of standard deviation 1 and rows in N m, shape (count, N, D+5), and which of them move, shape (count, N).
+
+    Raises:
+        TrajectoryError: it moves faster than a rig can.
+    """
+    if not settings.whitened:
+        return _weighted_rows(motion, begin, count, settings)
+    nodes = begin + CELL * np.arange((count - 1.0) * _STEP + _REACH + 1)
+    states = np.ascontiguousarray(motion.states(nodes))
+    require_plausible_speed(motion.name, nodes - motion.start, states[2:].T, motion.interval)
+    t, tau = motion.recorded.t, motion.recorded.tau[:-1, :1]
+    impulse = np.ascontiguousarray(motion.impulse(nodes - settings.delay).T)
+    signs = PPoly(np.sign(tau)[None], t).antiderivative()(nodes - settings.delay)[:, 0]
+    torque = np.gradient(impulse, CELL, axis=1)
+    w, w1, w2 = CELL * _TEST_FUNCTIONS
+    rates, changes = _columns(states, torque, settings)
+    changes[0, -2], changes[:, -1] = signs, impulse
+    columns, lag = _under(rates) @ w.T - _under(changes) @ w1.T, _under(impulse[:, None]) @ w2.T
+    columns[:, -1:] += lag * settings.delay
+    rows = np.insert(columns, [len(settings.theta)], lag, axis=1).transpose(2, 3, 0, 1).reshape(count, 2 * K, -1)
+
+    response = _error_response(states[:, ::COARSE], torque[:, ::COARSE], settings)
+    moving = np.repeat(_moving(motion, begin, count), 2, axis=1)
+    rows = rows * moving[:, :, None]
+    covariance = response @ response.swapaxes(1, 2) * (moving[:, :, None] & moving[:, None])
+    diagonal = np.einsum('bkk->bk', covariance)
+    diagonal += np.where(moving, INDEPENDENT * diagonal, 1.0)
+    return np.asarray(np.linalg.solve(np.linalg.cholesky(covariance), rows)), rows, moving
+
+
+def _weighted_rows(motion: Motion, begin: float, count: int, settings: SegmentSettings) -> Rows:
+    """Return the rows of the criterion weak, which has no columns of tilt and dead zone."""
+
+    def at(delay: float) -> Regression:
+        part = motion.part(begin - max(delay, 0.0), begin + count * BLOCK + WIDTH - min(delay, 0.0))
+        return weak_regression(part, settings.model, delay, weights=settings.weights, stride=STRIDE)
+
+    earlier, later = at(settings.delay - DELAY_STEP), at(settings.delay + DELAY_STEP)
+    y, lag = (later.y + earlier.y) / 2, (earlier.y - later.y) / (2 * DELAY_STEP)
+    rows = np.column_stack([earlier.phi, lag, np.zeros((len(y), 3)), y + lag * settings.delay])
+    moving = np.repeat(_moving(motion, begin, count), 3, axis=1)
+    rows = rows[: 3 * K * count].reshape(count, 3 * K, -1) * moving[:, :, None]
+    return rows, rows / settings.weights[0], moving
+
+
+def _moving(motion: Motion, begin: float, count: int) -> NDArray[np.bool_]:
+    """Tell whether a joint turns under each test function of the blocks from ``begin`` [s] on, shape (count, K)."""
+    t = begin + STRIDE * np.arange(count * K)[:, None] + WIDTH * np.linspace(0, 1, 7)
+    turned = np.ptp(motion.states(t)[:2], axis=-1).max(axis=0)
+    return np.asarray(turned > STILL).reshape(count, K)
+
+
+def _columns(states: Array, torque: Array, settings: SegmentSettings) -> tuple[Array, Array]:
+    """Return the rates that a residual integrates, and the momenta whose change it contains, shape (2, D+4, nodes)."""
+    size, q, v, v12 = len(settings.theta), states[:2], states[2:], states[2:].sum(axis=0)
+    c2, s2, q12 = np.cos(q[1]), np.sin(q[1]), q.sum(axis=0)
+    # The square of a smoothed velocity is too large by its variance.
+    variance = settings.angle_variance[0] * _velocity_gain(settings.smoothing, settings.interval)
+    rates, changes = np.zeros((2, 2, size + 4, states.shape[1]))
+    changes[0, 0], changes[:, 1], changes[0, 2], changes[1, 2] = v[0], v12, c2 * (v[0] + v12), c2 * v[0]
+    rates[1, 2] = s2 * (v[0] * v12 - variance)
+    rates[0, 3], rates[:, 4] = GRAVITY * np.cos(q[0]), GRAVITY * np.cos(q12)
+    rates[0, size], rates[:, size + 1] = -GRAVITY * np.sin(q[0]), -GRAVITY * np.sin(q12)
+    friction = dry_friction_terms(v.T, torque.T)
+    for joint in (0, 1):
+        rates[joint, 5 + joint] = v[joint]
+        if size >= 9:
+            rates[joint, 7 + joint] = friction[:, joint, 0]
+        if size >= 14:
+            rates[joint, 10 + joint], rates[joint, 12 + joint] = friction[:, joint, 1:].T
+    if size >= 10:
+        changes[1, 9] = v[1]
+    return rates, changes
+
+
+@lru_cache(maxsize=8)
+def _velocity_gain(smoothing: float, interval: float) -> float:
+    """Return the variance of a smoothed velocity divided by that of independent angle errors [1/s^2]."""
+    fine, t = 40, np.arange(-50.0, 51.0) * interval
+    impulse = np.column_stack([t == 0, t == 0]).astype(float)
+    motion = Motion.prepare(Trajectory(t, impulse, impulse), smoothing)
+    return float(np.square(motion.states(np.linspace(t[0], t[-1], 100 * fine))[2]).sum() / fine)
+
+
+def _error_response(states: Array, torque: Array, settings: SegmentSettings) -> Array:
+    """Return the response of rows to independent errors of both angles at each node, shape (count, 2 K, 2 nodes)."""
+    step, theta = COARSE * CELL, settings.theta
+    _, derivatives = acceleration_derivatives(theta, states[:2], states[2:], torque)
+    P1, P2, P3 = theta[:3]
+    c2 = np.cos(states[1])
+    rotor = theta[9] if len(theta) >= 10 else 0.0
+    M = np.array([[P1 + P2 + 2 * P3 * c2, P2 + P3 * c2], [P2 + P3 * c2, np.full_like(c2, P2 + rotor)]])
+    MA_q, MA_v = (np.einsum('ijn,jkn->ikn', M, derivatives[:, k : k + 2]) for k in (0, 2))
+    rate = np.gradient(M, step, axis=2)
+    # Factors of the test functions and of their derivatives.
+    factors = np.gradient(rate + MA_v, step, axis=2) - MA_q, 2 * rate + MA_v, M
+    scale = np.sqrt(step * settings.interval * settings.angle_variance)[:, None]
+    response: Array = np.zeros(1)
+    for test_functions, factor in zip(_TEST_FUNCTIONS[:, :, ::COARSE], factors, strict=True):
+        under = np.moveaxis(_under(factor * scale, COARSE), 2, 0)
+        response = response + test_functions[None, :, None, None] * under[:, None]
+    return response.reshape(len(response), 2 * K, -1)
+
+
+def _under(values: Array, coarse: int = 1) -> Array:
+    """Return the part of arrays (..., N) under the test functions of each block, shape (..., count, nodes)."""
+    windows = np.lib.stride_tricks.sliding_window_view(values, _REACH // coarse + 1, axis=-1)
+    return windows[..., :: _STEP // coarse, :]
+
+
+def _test_functions() -> Array:
+    """Return the test functions of a block [1/s] and two derivatives at its nodes, shape (3, K, nodes)."""
+    half = WIDTH / 2
+    x = np.clip((CELL * np.arange(_REACH + 1) - STRIDE * np.arange(K)[:, None]) / half - 1, -1, 1)
+    r = 1 - x * x
+    return np.stack([r**3, -6 * x * r**2 / half, (24 * x * x * r - 6 * r**2) / half**2]) * 35 / 32 / half
+
+
+_TEST_FUNCTIONS = _test_functions()

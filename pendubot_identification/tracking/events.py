@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What a tracker begins with, and what it tells: states, changes, and motion that it does not learn from."""
+"""What tracking begins with and what it reports: states, changes, disturbances, restarts."""
 
 from __future__ import annotations
 
@@ -20,47 +20,42 @@ from pendubot_identification.trajectories.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
-#: The kind of a change that was there from the beginning.
+#: The kind of a change since the parameters of the start were identified.
 NOT_AS_BEFORE = 'not as it was identified before'
 
 
 @dataclass(frozen=True, slots=True)
 class Start:
-    """What is known beforehand; what is None is found out from the first motion.
-
-    ``judge`` tells how good a first motion is: a level, and why. One of level ERROR is none to begin with.
+    """What is known beforehand.
 
     Raises:
-        ParameterError: a model that is not known, or parameters that no rig has.
+        ParameterError: an unknown model, or parameters that are not physical.
     """
 
     model: str = 'coulomb'
-    theta: Array | None = None  #: shape (D,).
+    theta: Array | None = None  #: shape (D,); None: the first motion determines it.
     std_error: Array | None = None  #: shape (D,).
     delays: tuple[float, float] = (0.0, 0.05)  #: between which that of the effort is searched [s].
-    hold: str = 'zero'  #: see :class:`.blocks.Taking`.
+    hold: str = 'zero'  #: see :meth:`.Motion.prepare`.
+    #: Returns the level of a first motion and its warnings; tracking does not start with one of level ERROR.
     validate: Callable[[Trajectory], tuple[Level, Sequence[str]]] = lambda motion: (Level.OK, ())
 
     def __post_init__(self) -> None:
         if self.model not in MODELS:
             raise ParameterError(f'there is no model {self.model!r}; the models are {", ".join(MODELS)}')
-        if self.theta is None:
-            return
-        if problems := Parameters.from_vector(self.theta).unphysical():
+        if self.theta is not None and (problems := Parameters.from_vector(self.theta).unphysical()):
             raise ParameterError(f'no rig can be followed from these parameters: {"; ".join(problems)}')
 
 
 class State(NamedTuple):
-    """What is true at a time, as far as it is known.
+    """The parameters at a time.
 
     Attributes:
         t: the middle of the newest block [s].
-        theta: physical parameters, shape (D,).
-        std_error: of them, shape (D,); 1.96 of them hold the truth in 95 % of cases.
-        delay: of the effort [s], and ``delay_std_error`` [s].
-        level: how far to trust them, and ``warnings`` why.
-        unexplained: the torque that they leave unexplained, root mean square under test functions, when it last moved
-            [N m].
+        theta, std_error: physical parameters and their standard errors, shape (D,).
+        delay, delay_std_error: of the effort [s].
+        level, warnings: how far to trust them, and why.
+        unexplained: the torque that they do not explain when the rig last moved, RMS under test functions [N m].
         moving: whether a measurement was used.
     """
 
@@ -76,14 +71,14 @@ class State(NamedTuple):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the parameters."""
+        """The names of the parameters."""
         return NAMES[: len(self.theta)]
 
 
 class Change(NamedTuple):
-    """Parameters that jumped between ``begin`` and ``end`` [s]; of each that did, by how much, and its standard error.
+    """A change of parameters between ``begin`` and ``end`` [s]: its kind, and step and standard error by name.
 
-    ``begin`` is infinitely early where they are not those of the file that was begun with.
+    ``begin`` is -inf for a change since the parameters of the start were identified.
     """
 
     begin: float
@@ -100,7 +95,7 @@ class Change(NamedTuple):
 
 
 class Disturbance(NamedTuple):
-    """A disturbance, such as a push by hand, from ``begin`` to ``end`` [s]."""
+    """A torque that the model does not predict, such as a push by hand, from ``begin`` to ``end`` [s]."""
 
     begin: float
     end: float
@@ -110,7 +105,7 @@ class Disturbance(NamedTuple):
 
 
 class Lost(NamedTuple):
-    """Motion from ``begin`` to ``end`` [s] that nothing explains: all began anew."""
+    """Motion from ``begin`` to ``end`` [s] that nothing explains, so that tracking restarts."""
 
     begin: float
     end: float

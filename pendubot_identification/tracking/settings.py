@@ -10,46 +10,38 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class TrackerSettings:
-    """Thresholds and drift rates; a ratio is twice the gain of the log likelihood."""
+    """Thresholds of tests and standard deviations of priors and random walks."""
 
-    # The beginning.
-    first: float = 8.0  #: Motion that delay, smoothing and noise are chosen from [s].
-    longest_first: float = 30.0  #: At most so much of it is used, the newest [s].
-    pause: float = 2.0  #: Between two attempts to begin [s]; each doubles it, so that they never cost much for ever.
-    longest_pause: float = 120.0  #: Longest pause [s]; who follows for longer begins with the shortest again.
-    carried_over: float = 0.02  #: Further uncertainty of P1 to P5 from a file: of another day or criterion.
-    friction_carried_over: float = 0.3  #: The same of friction.
-    denied: float = 60.0  #: Ratio that rejects a file's parameters; among normal rows one of 1e8 exceeds it.
-    worse: float = 15.0  #: Factor of the squared residual that rejects them with unmodelled effects, by two real rigs.
+    # Start.
+    first: float = 8.0  #: Motion that delay, smoothing and noise are estimated from [s].
+    longest_first: float = 30.0  #: The newest seconds of a longer first motion are used [s].
+    pause: float = 2.0  #: Between two attempts to start [s]; each failure doubles it, so that they cost little.
+    longest_pause: float = 120.0  #: Longest pause [s]; tracking for longer resets the pause.
+    carried_over: float = 0.02  #: Relative deviation of P1 to P5 from a file: of another day or criterion.
+    friction_carried_over: float = 0.3  #: Relative deviation of friction from a file.
+    #: Factor of the mean square residual that rejects a file on a rig with unmodelled effects: single recordings of two
+    #: real rigs give 1.1 to 6.4 with their own parameters, and 26 to 2100 with those of the other.
+    rejected: float = 15.0
 
-    # The filter. Deviations are parts of each unknown's scale; random walks are per root of a second.
-    friction_walk: float = 2e-3  #: Grease warms in minutes.
-    inertia_walk: float = 5e-6  #: Of everything else, which hardly changes but by steps.
-    rate_walk: float = 1e-2  #: Of the rate of a gradual change: it changes as much as it can be within hours.
-    fixed: float = 1e-5  #: Of an unknown that is 0, or given, until the motion shows otherwise.
+    # Filter. Random walks are relative to each unknown's scale, per root of a second.
+    friction_walk: float = 2e-3  #: Friction changes within minutes, as grease warms.
+    inertia_walk: float = 5e-6  #: All else hardly changes, except by steps; also the deviation of a given unknown.
+    rate_walk: float = 1e-2  #: The rate of a gradual change changes within hours.
     noise_memory: int = 400  #: Blocks over which the noise is averaged: about three minutes of motion.
-    least_noise: float = 0.3  #: Least squared residual of a block, as a part of the usual one.
-    relinearise: float = 0.2  #: Change of delay or dead zone, in their scales, beyond which rows are linearised anew.
 
-    # The gate and the tests.
-    gate: float = 100.0  #: Ratio beyond which a block waits for the next ones: one in thousands has it by chance.
-    change: float = 300.0  #: Ratio beyond which parameters changed: so no change is false in 10 h.
-    drift: float = 40.0  #: Ratio beyond which the motor's gain drifts: by chance once in 1e8 tests.
-    simpler: float = 12.0  #: Price of an unknown in a ratio: twice the logarithm of the number of rows.
-    leaves: float = 40.0  #: A kind of change explains a window of which it leaves no greater ratio,
-    part: float = 0.05  #: or no greater part of it.
-    explained: float = 4.0  #: Greatest mean square of the rows that one step may leave.
-    window: int = 8  #: Blocks over which a change is looked for: 3.2 s.
-    agreeing: int = 4  #: Blocks that agree on a change without a name: a hand may look like one for a while.
-    clean: float = 8.0  #: Squared residual of a block, of the usual one, above which it has no vote in a change.
-    lost: int = 20  #: Blocks in a row that nothing explains, after which all begins anew: 8 s.
-    least: float = 0.3  #: Least part of P1 to P5 that a change leaves, but for a tenth of the scale.
+    # Tests.
+    false_alarm: float = 1e-9  #: Probability of each test under its null hypothesis: one false alarm in 1e5 h.
+    window: int = 8  #: Blocks in which a change is searched, 3.2 s; half of them for a change without a name.
+    change: float = 4.0  #: Factor of the gate that the ratio of a step exceeds; a drift explains smaller ones.
+    explained: float = 3.0  #: Largest mean square that a step leaves in a window: noise leaves up to 2.
+    lost: int = 20  #: Consecutive unexplained blocks after which tracking restarts: 8 s.
 
-    # What is reported.
-    lacking: float = 1.5  #: RMS residual over that of quantization, above which a rig has unmodelled effects.
-    #: Blocks with a common error where there are unmodelled effects, so that bands are wider by its root: those of one
-    #: motion. Two real rigs' recordings, of 6 to 10 s each, differ by about so much more than blocks do.
+    # Report.
+    unmodelled: float = 1.5  #: RMS residual divided by that of quantization; beyond it a rig has unmodelled effects.
+    #: Blocks with a common error on such rigs, by which variances grow: the motion of 8 s. Recordings of 6 to 10 s of
+    #: two real rigs differ by about so much more than blocks do.
     common: int = 20
-    more: float = 4.0  #: Factor of ratios that show a change then, by the same recordings.
+    heavy_tails: float = 2.0  #: Factor of the gate on such rigs, whose errors are not normal.
     idle: float = 10.0  #: Time without motion that is reported [s].
-    tilt: float = 5e-3  #: Angle of gravity that is reported [rad]: zeros are hardly set more exactly.
+    tilt: float = 5e-3  #: Tilt that is reported [rad]: zeros are hardly set more exactly.
+    dead_zone: float = 2e-3  #: Dead zone that is reported, as a part of the RMS effort: it is hardly known better.

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A rig that is followed: its first motion tells how to listen, every further block what is true now."""
+"""The tracker of a rig: its first motion starts the filter, and each further block is a step of it."""
 
 from __future__ import annotations
 
@@ -15,24 +15,24 @@ from pendubot_identification.errors import ExcitationError, PendubotError
 from pendubot_identification.model.parameters import MODELS, Bounds, default_bounds
 from pendubot_identification.trajectories.trajectory import Trajectory
 
-from .blocks import Samples, SegmentSettings
+from .blocks import STILL, Samples, SegmentSettings
 from .events import Event, Lost, Start, State
-from .following import Following
-from .residuals import STILL
+from .following import Following, step
 from .settings import TrackerSettings
+from .start import start_following
 
 Array = NDArray[np.float64]
 
-#: Samples that are taken at once: little is lost of them where all begins anew; before it begins, so many seconds.
-PORTION, FIRST_PORTION = 8192, 0.5
+#: Samples that are taken at once.
+PORTION = 8192
 
 
 class Tracker:
     """Follows a rig by its samples.
 
     Attributes:
-        state: what is true now; None as long as nothing is known.
-        reason: why nothing is known yet, in a sentence.
+        state: the newest parameters; None before tracking starts.
+        reason: why it has not started yet, in a sentence.
     """
 
     def __init__(
@@ -46,12 +46,12 @@ class Tracker:
         self.reset()
 
     def reset(self) -> None:
-        """Forget all but how it began."""
-        self._pause, self._attempted = self._settings.pause, math.nan
+        """Start anew."""
+        self._samples.clear()
+        self._pause, self._attempted = self._settings.pause, -math.inf
         self._restart()
 
     def _restart(self) -> None:
-        self._samples.held = np.empty((0, 5))
         self._following: Following | None = None
         self.state, self.reason = None, f'{self._settings.first:g} s of motion without a gap are needed'
 
@@ -62,66 +62,61 @@ class Tracker:
 
     @property
     def segment_settings(self) -> SegmentSettings | None:
-        """How samples are made weak-form residuals of, once that is known."""
-        return None if self._following is None else self._following.segment_settings
+        """How samples become rows of the regression; None before tracking starts."""
+        return None if self._following is None else self._following.segment
 
     @property
     def notes(self) -> dict[str, int]:
-        """What was wrong with samples, and how often."""
+        """Faults of samples and their number."""
         return self._samples.notes
 
     def feed(self, samples: Array) -> Iterator[State | Event]:
-        """Take samples, rows of t [s], q1, q2 [rad], tau1, tau2 [N m]; return what follows from them, in order.
+        """Take samples, rows of t [s], q1, q2 [rad], tau1, tau2 [N m]; return states and events in order.
 
         Raises:
-            PendubotError: ``judge`` of the start does.
+            PendubotError: the validation of the start does.
         """
-        while len(samples):
-            count = PORTION
-            if self._following is None:
-                # Up to a gap, if there is one: it may be enough.
-                with np.errstate(invalid='ignore'):
-                    later = np.abs(samples[:, 0] - samples[0, 0]) >= FIRST_PORTION
-                count = int(np.argmax(later)) if later.any() else PORTION
-            for gap in self._samples.append(samples[:count]):
-                if gap and self._following is not None:
-                    self._following.blocks.begin = math.nan
+        for begin in range(0, len(samples), PORTION):
+            for _ in self._samples.append(samples[begin : begin + PORTION]):
                 yield from self._follow()
-            samples = samples[count:]
 
     def _follow(self) -> Iterator[State | Event]:
-        """Learn from what is held."""
+        """Take the blocks that are complete."""
         if self._following is None:
             self._begin()
-        if self._following is None:
-            return
-        for block in self._following.blocks.complete(self._samples):
-            for event in self._following.take(block):
-                yield event
-                if isinstance(event, Lost):
-                    if abs(event.end - self._attempted) > self._settings.longest_pause:
-                        self._pause = self._settings.pause
+            yield from () if self._following is None else self._following.events
+        while self._following is not None and (blocks := self._samples.take_blocks(self._following.segment)):
+            for block in blocks:
+                self._following, state = step(self._following, block)
+                yield from self._following.events
+                if any(isinstance(event, Lost) for event in self._following.events):
+                    self._samples.clear()
                     self._restart()
                     return
-            self.state = self._following.state(block)
-            yield self.state
+                self.state = state
+                yield state
 
     def _begin(self) -> None:
-        """Begin to follow as soon as the first motion suffices."""
-        held = self._samples.held
-        held = self._samples.held = held[held[:, 0] >= held[-1, 0] - self._settings.longest_first]
-        span, now = float(held[-1, 0] - held[0, 0]), float(held[-1, 0])
-        if span < self._settings.first or 0 <= now - self._attempted < self._pause:
-            return
-        self._attempted, too_little = now, False
-        try:
-            if (np.ptp(held[:, 1:3], axis=0) < STILL).all():
-                raise ExcitationError('nothing moves')
-            motion = Trajectory(held[:, 0], held[:, 1:3], held[:, 3:5], name='the first motion')
-            self._following, self.reason = Following(motion, self._start, self._bounds, self._settings), ''
-        except PendubotError as error:
-            too_little = isinstance(error, ExcitationError)
-            self.reason = f'{span:.0f} s do not determine the parameters ({error})'
-        if not too_little:
-            # However often all begins anew, it costs little.
-            self._pause = min(2 * self._pause, self._settings.longest_pause)
+        """Start tracking at the first time at which the newest motion suffices."""
+        s, t = self._settings, self._samples.newest[:, 0]
+        if abs(t[0] - self._attempted) > s.longest_pause:
+            self._pause, self._attempted = s.pause, -math.inf
+        while self._following is None:
+            due = max(t[0] + s.first, self._attempted + self._pause)
+            newest = self._samples.newest = self._samples.newest[t > min(due, t[-1]) - s.longest_first]
+            t = newest[:, 0]
+            if t[-1] < due:
+                return
+            first, pause = newest[t <= due], self._pause
+            # Attempts cost little, however often tracking restarts.
+            self._attempted, self._pause = due, min(2 * pause, s.longest_pause)
+            try:
+                if (np.ptp(first[:, 1:3], axis=0) < STILL).all():
+                    raise ExcitationError('nothing moves')
+                motion = Trajectory(first[:, 0], first[:, 1:3], first[:, 3:5], name='the first motion')
+                self._following = start_following(motion, self._start, self._bounds, s)
+                self.reason = ''
+            except PendubotError as error:
+                self.reason = f'{np.ptp(first[:, 0]):.0f} s do not determine the parameters ({error})'
+                if isinstance(error, ExcitationError):
+                    self._pause = pause

@@ -1,10 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Which minutes of a long recording are worth identifying: of much motion, in which nothing changed and nobody pushed.
-
-They are of one time between two changes, so that they are of one rig.
-"""
+"""The informative windows of a long recording: much motion between two changes, without a gap or a disturbance."""
 
 from __future__ import annotations
 
@@ -19,14 +16,14 @@ from .events import Disturbance, Event
 
 Array = NDArray[np.float64]
 
-#: How long a window is, at what times it may begin [s], and how many are named.
+#: Duration of a window and step between the times at which one may begin [s]; largest number of windows.
 LENGTH, STEP, NAMED = 60, 10, 3
-#: A window in which less work is done than this part of the most tells little.
+#: Smallest work in a window, as a part of the largest.
 DRIVEN = 0.1
 
 
 class InformativeWindows:
-    """What happens in each second of one recording; that is all that is kept of it."""
+    """The work in each second of one recording, its faults and its changes."""
 
     def __init__(self) -> None:
         self._work = defaultdict[int, float](float)
@@ -39,7 +36,7 @@ class InformativeWindows:
         rows = np.concatenate([self._last, samples])
         self._last = rows[-1:]
         steps, seconds = np.diff(rows, axis=0), np.floor(rows[:, 0]).astype(int)
-        # Without any torque, what moves more.
+        # Without any torque, motion counts.
         work = (np.abs(steps[:, 1:3]) * (np.abs(rows[:-1, 3:5]) + 1e-9)).sum(axis=1)
         broken = ~(np.isfinite(work) & (steps[:, 0] > 0) & (steps[:, 0] <= LONGEST_GAP))
         self._bad.update(seconds[:-1][broken].tolist(), seconds[1:][broken].tolist())
@@ -48,26 +45,25 @@ class InformativeWindows:
             self._work[second] += float(done)
 
     def happened(self, event: Event, since: float) -> None:
-        """Take what a tracker tells, by a time that was ``since`` [s] at the recording's first sample."""
+        """Take an event of a tracker, whose time was ``since`` [s] at the recording's first sample."""
         begin, end = max(event.begin - since, 0.0), event.end - since
         self._bad.update(range(int(begin), int(end) + 1))
         if not isinstance(event, Disturbance):
             self._changes.append(end)
 
     def best(self) -> list[tuple[int, int]]:
-        """Return begin and end [s] of the windows to take, in the order of time; none where there are none."""
-        between = defaultdict[int, list[tuple[float, int]]](list)
+        """Return begin and end [s] of the windows with the most work between two changes, in the order of time."""
+        between: dict[int, list[tuple[float, int]]] = {}
         for begin in range(0, max(self._work, default=0) - LENGTH + 1, STEP):
-            inside = range(begin, begin + LENGTH)
-            if all(second in self._work and second not in self._bad for second in inside):
-                work = sum(self._work[second] for second in inside)
-                between[sum(change <= begin for change in self._changes)].append((work, begin))
-        if not between:
-            return []
-        longest = max(between.values(), key=len)
+            seconds = range(begin, begin + LENGTH)
+            if all(second in self._work and second not in self._bad for second in seconds):
+                work = sum(self._work[second] for second in seconds)
+                between.setdefault(sum(change <= begin for change in self._changes), []).append((work, begin))
+        # Most windows are between the changes of the greatest distance.
+        longest = max(between.values(), key=len, default=[])
         longest.sort(reverse=True)
         chosen = list[int]()
         for work, begin in longest:
-            if work >= DRIVEN * longest[0][0] and all(abs(begin - other) >= LENGTH for other in chosen[:NAMED]):
+            if work >= DRIVEN * longest[0][0] and all(abs(begin - other) >= LENGTH for other in chosen):
                 chosen.append(begin)
         return [(begin, begin + LENGTH) for begin in sorted(chosen[:NAMED])]
