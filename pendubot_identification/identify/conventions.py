@@ -74,8 +74,9 @@ class ConventionSettings:
     static: float = 1.3
     #: Ratio of the fractions before and after a correction above which some parameter was wrong by a sixth and more.
     severe: float = 5.0
-    #: Density [kg/m^3] of no link, all mass in a cube as wide as its centre is far from its joint: rigs have 16 to 80.
-    dense: float = 2000.0
+    #: Density [kg/m^3] of no link, all mass in a cube as wide as its centre is far from its joint: 16 to 80 on large
+    #: rigs, 2500 on one of 3 cm.
+    dense: float = 5000.0
     #: Error of a link's length, as a fraction of it.
     length: float = 0.1
 
