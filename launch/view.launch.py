@@ -43,6 +43,7 @@ def start(given):
     urdf = drawn(given['l1'], given['l2'])
     if given['parameters']:
         urdf, _ = export(read_result(Path(given['parameters'])), 'urdf')
+    urdf = urdf.replace('</robot>', f'{given.get("hardware", "")}</robot>')
     rviz = '-d', str(resource('config/pendubot.rviz'))
     plotjuggler = '--layout', str(resource('config/plotjuggler.xml'))
     return [

@@ -82,6 +82,14 @@ def launch_file(name: str) -> dict[str, Any]:
     return runpy.run_path(str(resource(f'launch/{name}')))
 
 
+def is_installed(package: str, file: str = '') -> bool:
+    """Return whether a package is installed, with a file below its prefix."""
+    try:
+        return Path(get_package_prefix(package), file).exists()
+    except PackageNotFoundError:
+        return False
+
+
 def described(arguments: Mapping[str, tuple[Any, str]], start: Callable[[dict[str, Any]], Sequence[Program]]) -> Any:
     """Return the launch description of a launch file.
 
@@ -171,11 +179,7 @@ def _node(program: Program, texts: Mapping[str, str], environment: dict[str, str
     Raises:
         ParameterError: it is not installed.
     """
-    try:
-        there = Path(get_package_prefix(program.package), 'lib', program.package, program.name).exists()
-    except PackageNotFoundError:
-        there = False
-    if not there:
+    if not is_installed(program.package, f'lib/{program.package}/{program.name}'):
         raise ParameterError(f'{program.name} is not installed; {program.remedy}')
     node = {
         'package': program.package,

@@ -81,7 +81,7 @@ def test_package_xml_and_setup_py_name_what_is_imported():
     tests = imported('test') - code - NO_ROSDEP
     for names, kind, argument in ((code, 'exec', 'install_requires'), (tests, 'test', 'extras_require')):
         keys, on_pypi = {each.text for each in package.iter(f'{kind}_depend')}, required(argument)
-        for name in names:
+        for name in names - {'markupsafe'}:  # python3-jinja2 brings it; it has no rosdep key
             key = {name, f'python3-{name}', ROSDEP.get(name)} & keys
             assert key, f'package.xml does not name {name}'
             # What is keyed by its own name is ROS's.

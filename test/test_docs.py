@@ -42,6 +42,7 @@ SERVED |= {
     '/identifier/identify',
     '/balancer/start',
     '/balancer/stop',
+    '/effort_controller/commands',
 }
 every_page = pytest.mark.parametrize('page', PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 

@@ -16,6 +16,7 @@ from collections import defaultdict
 from dataclasses import asdict
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
+from xml.etree import ElementTree
 
 import pytest
 import yaml
@@ -37,7 +38,15 @@ OTHERS = 'robot_state_publisher', 'rviz2', 'plotjuggler'
 RANGE, PROFILES = launching.RANGE, launching.PROFILES
 BAG = str(ROOT / 'bags' / 'paper_experiment')
 #: Of each launch file, the arguments that it needs.
-NEEDED = {'rig': {}, 'virtual': {}, 'view': {}, 'identification': {}, 'replay': {'bag': BAG}}
+NEEDED = {'rig': {}, 'virtual': {}, 'view': {}, 'identification': {}, 'replay': {'bag': BAG}, 'control': {}}
+#: Programs and packages of ros2_control.
+CONTROL = 'ros2_control_node', 'spawner'
+HARDWARE = 'joint_state_topic_hardware_interface'
+
+
+INSTALLED = [(PACKAGE, program) for program in PROGRAMS] + [(other, other) for other in OTHERS]
+INSTALLED += [('controller_manager', program) for program in CONTROL]
+INSTALLED += [(package, 'library') for package in ('joint_state_broadcaster', HARDWARE)]
 
 
 @pytest.fixture(autouse=True)
@@ -45,7 +54,7 @@ def packages(tmp_path, monkeypatch):
     """The packages that are installed; their programs may be taken away."""
     folder, index = tmp_path / 'prefix' / 'lib', tmp_path / 'prefix/share/ament_index/resource_index/packages'
     index.mkdir(parents=True)
-    for package, program in [*((PACKAGE, program) for program in PROGRAMS), *((other, other) for other in OTHERS)]:
+    for package, program in INSTALLED:
         (folder / package).mkdir(parents=True, exist_ok=True)
         (folder / package / program).touch(0o755)
         (index / package).touch()
@@ -79,6 +88,7 @@ def files_and_values(program):
         ('virtual', ['virtual_board', 'bridge', 'recorder', 'exciter', 'robot_state_publisher']),
         ('identification', ['identifier']),
         ('replay', ['player', 'robot_state_publisher']),
+        ('control', ['bridge', 'recorder', 'robot_state_publisher', *CONTROL]),
     ],
 )
 def test_starts_the_programs_with_parameters_that_they_have_on_this_machine_in_one_namespace(
@@ -139,6 +149,8 @@ def test_programs_of_other_machines_are_kept_out_unless_they_are_wanted_or_a_pro
         ('identification', {'validate': '/no'}, None, 'there is no bag /no; give'),
         ('identification', {'bags': "['a"}, None, 'bags is [\'a; a text, or a list of texts such as "[\'a\''),
         ('identification', {'validate': '[1]'}, None, 'validate is [1]; a text, or a list of texts'),
+        ('control', {'controllers': '/no.yaml'}, None, 'controllers is /no.yaml, and there is no such file; name a'),
+        ('control', {'view': 'false'}, None, 'controller_manager needs the description of the rig; leave view out'),
         ('rig', {}, 'exciter', 'exciter is not installed; build'),
         ('virtual', {}, OTHERS[0], 'robot-state-publisher, or give view:=false'),
         ('replay', {'rviz': 'true', 'bag': BAG}, OTHERS[1], 'ros-$ROS_DISTRO-rviz2, or give rviz:=false'),
@@ -340,3 +352,28 @@ def test_the_view_describes_the_rig_and_shows_it_where_wanted(tmp_path):
     started = launch('view', rviz='true', plotjuggler='1')
     assert tuple(started) == OTHERS
     assert all(Path(started[name].arguments[1]).is_file() for name in OTHERS[1:])
+
+
+def test_controllers_get_the_rig_as_hardware_and_the_recorder_their_commands(packages, tmp_path):
+    started = launch('control', virtual='true', namespace='lab1', controller="['mine', 'other']")
+    assert list(started) == ['virtual_board', 'bridge', 'recorder', 'robot_state_publisher', *CONTROL]
+    robot = ElementTree.fromstring(files_and_values(started['robot_state_publisher'])[1]['robot_description'])
+    joints = {joint.get('name') for joint in robot.findall('joint')}
+    hardware = robot.find('ros2_control')
+    assert {joint.get('name') for joint in hardware.findall('joint')} <= joints, 'ros2_control asks for this'
+    assert [each.get('name') for each in hardware.findall('joint/command_interface')] == ['effort']
+    topics = {each.get('name'): each.text for each in hardware.findall('hardware/param')}
+    assert topics['joint_states_topic'] == 'joint_states'
+    assert files_and_values(started['recorder'])[1]['topics'] == ['joint_states', topics['joint_commands_topic']]
+    file = str(ROOT / 'config' / 'controllers.yaml')
+    assert started['spawner'].arguments == ('joint_state_broadcaster', 'mine', 'other', '--param-file', file)
+    assert started['ros2_control_node'].parameters == (file,)
+    manager = yaml.safe_load(Path(file).read_text())['/**/controller_manager']['ros__parameters']
+    assert {name for name, value in manager.items() if isinstance(value, dict)} == {
+        'joint_state_broadcaster',
+        'effort_controller',
+    }
+    index = packages.parent / 'share/ament_index/resource_index/packages'
+    (index / HARDWARE).unlink()
+    with pytest.raises(PendubotError, match=f'{HARDWARE} is not installed; sudo apt install'):
+        launch('control')

@@ -17,7 +17,7 @@ import yaml
 
 from test.conftest import ROOT
 from test.processes import Program
-from test.test_launch import NEEDED, OTHERS, PACKAGE, PROGRAMS, RANGE, files_and_values, launch
+from test.test_launch import INSTALLED, NEEDED, PACKAGE, RANGE, files_and_values, launch
 
 pytestmark = [
     pytest.mark.ros,
@@ -62,7 +62,7 @@ def launched(tmp_path):
     programs = []
 
     def start(name, source, *arguments, before=()):
-        for package, program in [(PACKAGE, each) for each in PROGRAMS] + [(each, each) for each in OTHERS]:
+        for package, program in INSTALLED:
             file = tmp_path / 'prefix/lib' / package / program
             file.parent.mkdir(parents=True, exist_ok=True)
             file.write_text(f'#!{sys.executable}\n{source.format(name=program, folder=tmp_path)}')

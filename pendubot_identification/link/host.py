@@ -317,6 +317,16 @@ class Host:
         self._motor.effort(torque, now)
         return self._output.take_events()
 
+    @property
+    def torque_limit(self) -> float:
+        """The largest torque ever sent [N m]."""
+        return self._motor.torque_limit
+
+    def set_torque_limit(self, limit: float, now: int) -> list[HostEvent]:
+        """Change the largest torque ever sent [N m]; a torque beyond it is lowered at once."""
+        self._motor.set_torque_limit(limit, now)
+        return self._output.take_events()
+
     # What the board says
 
     def _on_state(self, state: State, now: int) -> None:

@@ -62,6 +62,7 @@ class Motor:
         self.disobeyed = False
         self._config = config
         self._timeout = round(config.command_timeout * SECOND)
+        self.torque_limit = config.torque_limit
         self._output = output
         self._counters = output.counters
         self._new_session = new_session or count(1).__next__
@@ -149,7 +150,7 @@ class Motor:
         if not self.armed or self.board is None:
             self._counters.discarded += 1
             return
-        limit = min(self._config.torque_limit, self.board.torque_limit / 1e6)
+        limit = min(self.torque_limit, self.board.torque_limit / 1e6)
         clamped = max(-limit, min(limit, torque))
         if clamped != torque:
             self._counters.clamped += 1
@@ -162,6 +163,14 @@ class Motor:
             self.effort_stopped = False
             self._output.report(Level.OK, 'effort commands come again')
         self._send(Mode.TORQUE, now)
+
+    def set_torque_limit(self, limit: float, now: int) -> None:
+        """Change the largest torque ever sent [N m], which is not raised while armed; lower a torque beyond it."""
+        self.torque_limit = min(limit, self.torque_limit) if self.armed else limit
+        largest = round(self.torque_limit * 1e6)
+        if abs(self._torque) > largest:
+            self._torque = max(-largest, min(largest, self._torque))
+            self._send(Mode.TORQUE, now)
 
     def next_poll(self, now: int) -> int:
         """Return how soon [ns] :meth:`poll` has to be called again: at the moment when the torque has to be 0."""

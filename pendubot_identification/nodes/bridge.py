@@ -15,6 +15,8 @@ from dataclasses import fields
 from functools import partial
 from typing import Any
 
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
 from rclpy.task import Future
 from sensor_msgs.msg import JointState
@@ -28,8 +30,8 @@ from pendubot_identification.link.host import Host
 from pendubot_identification.link.serial_port import SerialPort
 from pendubot_identification.setting import Setting
 
-from .messages import JointStateBytes, Status
-from .ownership import EFFORT_COMMAND, name_rivals
+from .messages import JointStateBytes, Status, shoulder_effort
+from .ownership import EFFORT_COMMAND, JOINT_COMMANDS, name_rivals
 from .runtime import JOINTS, SettingsNode, explained, run
 
 #: The computer's clock was set if it is off by more than this [s].
@@ -67,7 +69,8 @@ class Bridge(SettingsNode):
     PROGRAM = 'bridge'
     SUMMARY = (
         "Publishes the board's samples as joint_states, stamped with the board's sampling time, and sends torques "
-        'from pendubot/effort_command to it once armed by ~/arm. Waits for the port, and opens it again when lost.'
+        'from pendubot/effort_command or pendubot/joint_commands to it once armed by ~/arm. Waits for the port, and '
+        'opens it again when lost.'
     )
     SETTINGS = (
         Setting('port', '/dev/pendubot', "the board's serial port: a path or a pyserial URL"),
@@ -76,7 +79,15 @@ class Bridge(SettingsNode):
         Setting('sign', [1, 1], '1 or -1 for each joint: which way its encoder counts', '', -1, 1, length=2),
         Setting('zero', [-math.pi / 2, 0.0], 'position of each joint at count 0', 'rad', -7.0, 7.0, length=2),
         Setting('counts_per_turn', [0, 0], 'of each encoder; 0 asks the board', 'counts', 0, 1 << 31, length=2),
-        Setting('torque_limit', 2.0, 'largest torque ever sent; the board has its own limit', 'N m', 0.0, 1000.0),
+        Setting(
+            'torque_limit',
+            2.0,
+            'largest torque ever sent; not raised while armed; the board has its own limit',
+            'N m',
+            0.0,
+            1000.0,
+            dynamic=True,
+        ),
         Setting('watchdog_ms', 100, 'without a command for so long the board stops its motor', 'ms', 10, 65535),
         Setting('command_timeout', 0.1, 'without an effort command for so long the torque is 0', 's', 0.001, 3600.0),
         Setting('link_timeout', 0.1, 'without anything valid for so long the link is lost: disarmed', 's', 0.01, 60.0),
@@ -98,10 +109,16 @@ class Bridge(SettingsNode):
         self._message = JointStateBytes(s['joint_names'])
         self._joint_states = self.create_publisher(JointState, 'joint_states', QoSProfile(depth=1000))
         Status(self, self._diagnosis, rig=s['port'])
-        self._efforts = self.create_subscription(Float64, EFFORT_COMMAND, self._on_effort, 1)
+        self._shoulder = s['joint_names'][0]
+        self._commands = (
+            self.create_subscription(Float64, EFFORT_COMMAND, self._on_effort, 1),
+            self.create_subscription(JointState, JOINT_COMMANDS, self._on_joint_command, 1),
+        )
         self._command_timeout, self._command_age = s['command_timeout'], CommandAge()
         self._stale, self._was_stale = 0, False
         self._logged_rivals = ''  # the sentence about rivals that was logged last
+        self.add_on_set_parameters_callback(self._allow)
+        self.add_post_set_parameters_callback(self._change)
         # Arming takes a while: effort commands are discarded meanwhile, not kept for later.
         self.serve('~/arm', self._on_arm)
         self.serve('~/disarm', self._on_disarm)
@@ -124,6 +141,20 @@ class Bridge(SettingsNode):
             raise ParameterError('sign holds a 0; 1 or -1 is expected for each joint')
         if not s['port']:
             raise ParameterError('port is empty; set it to a path or a pyserial URL')
+
+    def _allow(self, changed: list[Parameter]) -> SetParametersResult:
+        """Refuse a larger torque limit while the motor is armed."""
+        limits = [parameter.value for parameter in changed if parameter.name == 'torque_limit']
+        before = self._host.torque_limit
+        if self._host.armed and any(limit > before for limit in limits):
+            reason = f'torque_limit is {before:g} N m, and is not raised while the motor is armed; call ~/disarm first'
+            return SetParametersResult(successful=False, reason=reason)
+        return SetParametersResult(successful=True)
+
+    def _change(self, changed: list[Parameter]) -> None:
+        for parameter in changed:
+            if parameter.name == 'torque_limit':
+                self._step(partial(self._host.set_torque_limit, parameter.value))
 
     def _close(self) -> None:
         """Disarm the board, whatever the reason of the end, and close the port."""
@@ -172,7 +203,7 @@ class Bridge(SettingsNode):
                 text = f"the computer's clock was set by {set_by:+.2f} s: stamps keep the old time; restart the bridge"
                 self._health.note(Report(Level.WARN, text))
                 self.get_logger().warning(text, once=True)
-            if rivals := name_rivals(self, self._efforts):
+            if rivals := name_rivals(self, *self._commands):
                 self._health.note(Report(Level.ERROR, rivals))
                 if rivals != self._logged_rivals:
                     # Their names may be known only now.
@@ -183,7 +214,7 @@ class Bridge(SettingsNode):
 
     def _disarm_if_contested(self, now: int) -> list[HostEvent]:
         """Disarm an armed motor, or stop arming it, if there are several publishers of effort commands."""
-        if not (self._host.armed or self._arming) or not (rivals := name_rivals(self, self._efforts)):
+        if not (self._host.armed or self._arming) or not (rivals := name_rivals(self, *self._commands)):
             return []
         self._logged_rivals = rivals
         report = Report(Level.ERROR, f'disarmed: {rivals}; then arm again')
@@ -191,6 +222,16 @@ class Bridge(SettingsNode):
 
     def _on_effort(self, message: Float64, info: dict[str, Any]) -> None:
         self._step(lambda now: self._effort(message.data, info['source_timestamp'], now))
+
+    def _on_joint_command(self, message: JointState, info: dict[str, Any]) -> None:
+        """Take the shoulder's effort; a NaN is no command: ros2_control sends it before a controller is active."""
+        try:
+            torque = shoulder_effort(message, self._shoulder)
+        except ParameterError as error:
+            self.get_logger().error(f'{JOINT_COMMANDS} was not taken: {error}', throttle_duration_sec=1.0)
+            return
+        if not math.isnan(torque):
+            self._step(lambda now: self._effort(torque, info['source_timestamp'], now))
 
     def _effort(self, torque: float, sent_ns: int, now: int) -> list[HostEvent]:
         """Hand a torque [N m] to the host unless it is too old, as after this program was stopped for a while."""
@@ -214,7 +255,7 @@ class Bridge(SettingsNode):
 
     def _arm(self, future: Future, now: int) -> list[HostEvent]:
         self._arming.append(future)
-        if rivals := name_rivals(self, self._efforts):
+        if rivals := name_rivals(self, *self._commands):
             return [ArmingFailed(rivals)]
         # Not while it ends: the last message to the board has to be the disarm.
         return [ArmingFailed('the bridge is ending')] if self.ended.is_set() else self._host.arm(now)

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import math
 import struct
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -19,7 +20,7 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 
-from pendubot_identification.errors import ControlError
+from pendubot_identification.errors import ControlError, ParameterError
 from pendubot_identification.level import Level
 from pendubot_identification.model.dynamics import Pair
 from pendubot_identification.model.parameters import NAMES
@@ -58,6 +59,30 @@ class JointStateBytes:
         _PAIR.pack_into(data, self._qd, *qd)
         _EFFORTS.pack_into(data, self._effort, effort, 0.0, current)
         return bytes(data)
+
+
+def shoulder_effort(m: JointState, shoulder: str) -> float:
+    """Return the shoulder's effort [N m] of a command for joints.
+
+    ros2_control names all joints, but lists efforts of those alone that have an effort command interface. So a single
+    effort is the shoulder's; otherwise there must be one for each name.
+
+    Raises:
+        ParameterError: the shoulder has no effort, or another joint has one, which no motor can apply.
+    """
+    names, efforts = list(m.name), list(m.effort)
+    if shoulder not in names or not efforts or len(efforts) not in (1, len(names)):
+        raise ParameterError(
+            f'it has {len(efforts)} efforts for the joints {", ".join(names) or "none"}; the effort of {shoulder} is '
+            'expected: give that joint alone an effort command interface'
+        )
+    by_name = dict(zip([shoulder] if len(efforts) == 1 else names, efforts, strict=True))
+    if others := [name for name, effort in by_name.items() if name != shoulder and effort and not math.isnan(effort)]:
+        raise ParameterError(
+            f'it has an effort for {", ".join(others)}, and only {shoulder} has a motor; remove the effort command '
+            'interface of the other joint'
+        )
+    return by_name[shoulder]
 
 
 def joint_sample(m: JointState, names: Sequence[str]) -> tuple[float, Pair, float]:

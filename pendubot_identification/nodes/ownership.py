@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
@@ -17,37 +18,43 @@ from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
 EFFORT_COMMAND = 'pendubot/effort_command'
+#: The same as sensor_msgs/JointState, as ros2_control's joint_state_topic_hardware_interface publishes it.
+JOINT_COMMANDS = 'pendubot/joint_commands'
 #: The name that rmw gives an endpoint's node before it is known, and how long that may take [s].
 UNKNOWN, PATIENCE = '_NODE_NAME_UNKNOWN_', 2.0
 
 
-def _name_publishers(node: Node, topic: str, count: int, wait: bool) -> str:
-    """Return a sentence that names the ``count`` publishers of a topic.
+def _name_publishers(node: Node, topics: Sequence[str], count: int, wait: bool) -> str:
+    """Return a sentence that names the ``count`` publishers of topics of which there must be one in all.
 
     DDS knows a publisher before the name of its node. With ``wait`` it waits for the names, for ``PATIENCE`` at most.
     """
     deadline = time.monotonic() + PATIENCE * wait
     while True:
-        known = [each for each in node.get_publishers_info_by_topic(topic) if each.node_name != UNKNOWN]
+        infos = [info for topic in topics for info in node.get_publishers_info_by_topic(topic)]
+        known = [each for each in infos if each.node_name != UNKNOWN]
         names = sorted(f'{each.node_namespace.rstrip("/")}/{each.node_name}' for each in known)
         if len(names) >= count or time.monotonic() >= deadline:
             break
         time.sleep(0.02)
     count = max(count, len(names))
     unknown = [f'{count - len(names)} of unknown name'] * (len(names) < count)
+    published = [topic for topic in topics if node.count_publishers(topic)] or topics[:1]
+    have = 'have' if len(published) > 1 else 'has'
     return (
-        f'{topic} has {count} publisher{"s" * (count > 1)}: {", ".join(names + unknown)}; only one program may '
-        'publish there: end the others (a killed program counts until its DDS lease ends, after up to 20 s)'
+        f'{" and ".join(published)} {have} {count} publisher{"s" * (count > 1)}: {", ".join(names + unknown)}'
+        '; only one program may publish there: end the others (a killed program counts until its DDS lease ends, after '
+        'up to 20 s)'
     )
 
 
-def name_rivals(node: Node, subscription: Subscription, wait: bool = False) -> str:
-    """Return a sentence that names the publishers of a subscription if there are several, else ''.
+def name_rivals(node: Node, *subscriptions: Subscription, wait: bool = False) -> str:
+    """Return a sentence that names the publishers of subscriptions if there are several in all, else ''.
 
     With ``wait`` it waits until their names are known.
     """
-    count = subscription.get_publisher_count()
-    return _name_publishers(node, subscription.topic_name, count, wait) if count > 1 else ''
+    count = sum(subscription.get_publisher_count() for subscription in subscriptions)
+    return _name_publishers(node, [each.topic_name for each in subscriptions], count, wait) if count > 1 else ''
 
 
 class Driver:
@@ -106,8 +113,8 @@ class Driver:
             time.sleep(0.02)
 
     def rivals(self) -> str:
-        """Return a sentence that names the publishers of effort commands if another program is one, else ''."""
-        topic = self._node.resolve_topic_name(EFFORT_COMMAND)
-        count = self._node.count_publishers(topic)
+        """Return a sentence that names the publishers of commands if another program is one, else ''."""
+        topics = [self._node.resolve_topic_name(topic) for topic in (EFFORT_COMMAND, JOINT_COMMANDS)]
+        count = sum(self._node.count_publishers(topic) for topic in topics)
         own = self.publisher is not None
-        return _name_publishers(self._node, topic, count, wait=True) if count > own else ''
+        return _name_publishers(self._node, topics, count, wait=True) if count > own else ''

@@ -599,6 +599,17 @@ def test_torque_is_clamped_to_the_smaller_limit_and_that_is_reported_once_while_
     assert len([text for text in rig.reports() if 'at most' in text]) == 2
 
 
+def test_the_torque_limit_is_lowered_at_once_and_not_raised_while_armed():
+    rig = Rig(ASSUMED).armed()
+    rig.effort(0.5)
+    rig.host.set_torque_limit(0.2, rig.now)
+    rig.step(1)
+    assert rig.commands[-1][1].torque == 200_000
+    rig.host.set_torque_limit(1.0, rig.now)
+    rig.effort(0.5)
+    assert rig.commands[-1][1].torque == 200_000
+
+
 def test_a_torque_is_sent_at_once_and_when_commands_stop_it_is_0_still_armed_and_reported():
     rig = Rig().armed()
     rig.effort(0.1234567)

@@ -8,12 +8,14 @@ import signal
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.parameter import Parameter
+from rclpy.parameter_client import AsyncParameterClient
 
 from pendubot_identification.nodes.bridge import Bridge
 from pendubot_identification.nodes.runtime import running
 from pendubot_identification.nodes.shutdown import Shutdown
 from test.processes import Program, spin_until
-from test.rig import ARMED, WATCHDOG
+from test.rig import ARMED, PATIENT, WATCHDOG
 
 pytestmark = pytest.mark.ros
 on_each_board = pytest.mark.usefixtures('each_board')
@@ -54,6 +56,31 @@ def test_it_is_armed_only_after_arm_obeys_until_disarm_and_disarms_at_a_signal_f
     assert not (r.trace()[:, 4] & WATCHDOG).any(), 'by command, not by the watchdog'
     assert r.trace()[-1, 3] == 0
     assert 'Traceback' not in bridge.output
+
+
+def test_the_torque_limit_may_be_lowered_while_it_runs_and_raised_only_while_disarmed(rig):
+    r = rig()
+    r.start_board()
+    r.start_bridge(*PATIENT, 'torque_limit:=0.5')
+    r.until_samples()
+    client = AsyncParameterClient(r.node, '/bridge')
+    assert client.wait_for_services(20.0)
+
+    def limited(value):
+        future = client.set_parameters([Parameter('torque_limit', value=value)])
+        r.drive_until(1.0, future.done)
+        return future.result().results[0]
+
+    assert r.call('arm').success
+    r.drive_until(1.0, lambda: r.samples[-1][6] == 0.5)
+    assert limited(0.2).successful
+    r.drive_until(1.0, lambda: r.samples[-1][6] == 0.2)
+    assert 'is not raised while the motor is armed; call ~/disarm first' in limited(0.3).reason
+    assert r.call('disarm').success
+    assert limited(0.3).successful
+    assert r.call('arm').success
+    r.drive_until(1.0, lambda: r.samples[-1][6] == 0.3)
+    assert set(r.trace()[:, 3]) == {0, 200_000, 300_000, 500_000}
 
 
 #: A bridge in which something fails as soon as the motor is armed.

@@ -3,13 +3,16 @@
 
 """The motor has one owner: the bridge disarms at a second publisher of effort commands, and applies no old one."""
 
+import math
+
 import pytest
+from sensor_msgs.msg import JointState
 
 from test.processes import Program, parameters
 from test.rig import ARMED, WATCHDOG
 
 pytestmark = pytest.mark.ros
-TOPIC = '/pendubot/effort_command'
+TOPIC, JOINT_TOPIC = '/pendubot/effort_command', '/pendubot/joint_commands'
 #: [micro-N m], as in the board's trace.
 OWN, OTHER = 100_000, 400_000
 RIVALS = f'{TOPIC} has 2 publishers: /elsewhere/stranger, /listener; only one program may publish there: end the others'
@@ -85,3 +88,64 @@ def test_a_publisher_that_was_killed_counts_until_its_lease_ends(rig, tmp_path):
     assert not answer.success
     assert 'a killed program counts until its DDS lease ends' in answer.message
     r.until(lambda: r.call('arm').success, 30.0)
+
+
+class Ros2Control:
+    """What joint_state_topic_hardware_interface 1.0.0 publishes: both joints' names, and efforts of those that have an
+    effort command interface; NaN before a controller is active.
+    """
+
+    def __init__(self, node):
+        self.node, self.publisher = node, node.create_publisher(JointState, JOINT_TOPIC, 1)
+
+    def command(self, *efforts, names=('shoulder', 'elbow'), **other):
+        message = JointState(name=names, effort=efforts, **other)
+        message.header.stamp = self.node.get_clock().now().to_msg()
+        self.publisher.publish(message)
+
+    def drive_until(self, r, condition, *efforts, **more):
+        r.until(lambda: self.command(*efforts, **more) or condition())
+
+
+@pytest.mark.usefixtures('each_board')
+def test_ros2_control_drives_the_motor_by_joint_commands_and_a_nan_is_none(rig, stranger):
+    r, bridge = running(rig)
+    controller = Ros2Control(stranger)
+    controller.drive_until(r, controller.publisher.get_subscription_count, math.nan)
+    assert r.call('arm').success
+    controller.drive_until(r, lambda: r.samples[-1][6] == OWN / 1e6, OWN / 1e6)
+    # One for each name, of which the elbow's is 0, is the same.
+    controller.drive_until(r, lambda: r.samples[-1][6] == OTHER / 1e6, 0.0, OTHER / 1e6, names=('elbow', 'shoulder'))
+    # After the controller was deactivated the torque ends with the timeout, and the motor stays armed.
+    controller.drive_until(r, lambda: r.samples[-1][6] == 0, math.nan)
+    assert r.trace()[-1, 4] & ARMED
+    assert not (r.trace()[:, 4] & WATCHDOG).any()
+    assert set(r.trace()[:, 3]) == {0, OWN, OTHER}
+    for efforts, names, said in [
+        (
+            (),
+            ('shoulder', 'elbow'),
+            'it has 0 efforts for the joints shoulder, elbow; the effort of shoulder is expected',
+        ),
+        ((0.1,), ('elbow',), 'it has 1 efforts for the joints elbow; the effort of shoulder is expected'),
+        ((0.1, 0.1), ('shoulder', 'elbow'), 'it has an effort for elbow, and only shoulder has a motor'),
+    ]:
+        controller.drive_until(r, lambda said=said: said in bridge.output, *efforts, names=names)
+    assert set(r.trace()[:, 3]) == {0, OWN, OTHER}
+
+
+def test_joint_commands_and_effort_commands_have_one_publisher_in_all(rig, stranger):
+    r, _ = running(rig)
+    arm_and_drive(r)
+    controller = Ros2Control(stranger)
+    controller.drive_until(r, lambda: not r.trace()[-1, 4] & ARMED, OTHER / 1e6)
+    assert not (r.trace()[:, 4] & WATCHDOG).any()
+    assert set(r.trace()[:, 3]) == {0, OWN}
+    both = f'{TOPIC} and {JOINT_TOPIC} have 2 publishers: /elsewhere/stranger, /listener; only one program may publish'
+    r.until(lambda: r.call('arm').message.startswith(both))
+    with Program('exciter', *parameters(arm='true')) as exciter:
+        exciter.wait_for(f'{JOINT_TOPIC} have ')
+        assert exciter.process.wait(20) == 1
+    r.node.destroy_publisher(r.effort_publisher)
+    r.until(lambda: r.call('arm').success)
+    controller.drive_until(r, lambda: r.samples[-1][6] == OTHER / 1e6, OTHER / 1e6)

@@ -1,0 +1,65 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Controllers of ros2_control on a rig, or with virtual:=true on a virtual board; a recorder beside them.
+
+ros2 launch pendubot_identification control.launch.py virtual:=true
+ros2 launch pendubot_identification control.launch.py bridge:=bridge.yaml controllers:=mine.yaml controller:=balancer
+
+The controllers move nothing before you call /bridge/arm.
+"""
+
+import os
+
+from pendubot_identification.errors import ParameterError
+from pendubot_identification.launching import Program, described, is_installed, launch_file
+from pendubot_identification.resources import resource
+
+RIG = launch_file('rig.launch.py')
+ARGUMENTS = {
+    **{name: RIG['ARGUMENTS'][name] for name in ('virtual', 'bridge', 'port', 'baud', 'output')},
+    'controllers': ('', 'parameter file of the controllers; empty: config/controllers.yaml of the package'),
+    'controller': (['effort_controller'], 'names of the controllers to start: one, or a list'),
+    **RIG['VIEW']['OPTIONAL'],
+}
+#: The packages of ros2_control.
+PACKAGES = 'controller_manager', 'joint_state_broadcaster', 'joint_state_topic_hardware_interface'
+REMEDY = 'sudo apt install ros-$ROS_DISTRO-ros2-control ros-$ROS_DISTRO-ros2-controllers '
+REMEDY += 'ros-$ROS_DISTRO-joint-state-topic-hardware-interface'
+
+
+def start(given):
+    """Return the rig's programs without the exciter, and ros2_control's."""
+    file = os.path.expanduser(given['controllers']) or str(resource('config/controllers.yaml'))
+    if not os.path.isfile(file):
+        raise ParameterError(
+            f'controllers is {given["controllers"]}, and there is no such file; name a parameter file of controllers'
+        )
+    for package in PACKAGES:
+        if not is_installed(package):
+            raise ParameterError(f'{package} is not installed; {REMEDY}')
+    if not given['view']:
+        raise ParameterError('view is false, and controller_manager needs the description of the rig; leave view out')
+    element = resource('config/ros2_control.urdf.xacro').read_text()
+    element = element[element.index('<ros2_control') : element.index('</robot>')]
+    rig = RIG['start'](
+        {name: default for name, (default, _) in RIG['ARGUMENTS'].items()} | given | {'hardware': element}
+    )
+    topics = {'topics': ['joint_states', 'pendubot/joint_commands']}
+    manager = {'package': 'controller_manager', 'remedy': REMEDY}
+    return [
+        *(
+            Program(each.name, (*each.parameters, topics)) if each.name == 'recorder' else each
+            for each in rig
+            if each.name != 'exciter'
+        ),
+        Program('ros2_control_node', (file,), **manager),
+        Program(
+            'spawner', arguments=('joint_state_broadcaster', *given['controller'], '--param-file', file), **manager
+        ),
+    ]
+
+
+def generate_launch_description():
+    """Start everything, and end it when a program of this package ends."""
+    return described(ARGUMENTS, start)
