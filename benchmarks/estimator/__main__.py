@@ -20,7 +20,7 @@ squared. An effect that is compensated has a star.
 import os
 import sys
 
-if sys.argv[1:2] != ['time']:  # each process works alone
+if sys.argv[:1] != ['-c'] and sys.argv[1:2] != ['time']:  # each process works alone
     os.environ['OMP_NUM_THREADS'] = os.environ['OPENBLAS_NUM_THREADS'] = os.environ['PENDUBOT_THREADS'] = '1'
 
 import argparse
