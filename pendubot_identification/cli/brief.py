@@ -48,6 +48,7 @@ def _sources(result: Result) -> list[str]:
         name = bags[0].bag if len(bags) == 1 else f'{len(bags)} recordings'
         samples, duration = sum(bag.samples for bag in bags), sum(bag.duration for bag in bags)
         lines.append(f'{role}: {name}, {samples} samples, {duration:.2f} s')
+        lines += dict.fromkeys(f'taken as: {bag.taken_as}' for bag in bags if bag.taken_as and role == 'training')
     return lines
 
 

@@ -115,6 +115,7 @@ class RecordedTrajectory:
     sha256: str  #: of the .mcap files, one after the other, or of the file with columns.
     closed: bool  #: as of the reader.
     note: str  #: warnings; else empty.
+    taken_as: str = ''  #: the options that a file's own names and units stand for.
 
 
 class BagReader:
@@ -264,7 +265,8 @@ def read_trajectory(
         velocities = values[:, 2] if np.isfinite(values[:, 2]).all() else None
         motion = conversion.motion(t, values[:, 0], values[:, 1], velocities, str(window))
     note = '; '.join(filter(None, [reader.note, window.cut(float(t[-1]))]))
-    return RecordedTrajectory(motion.require_samples(), window, reader.content_hash, reader.closed, note)
+    taken_as = reader.taken_as if isinstance(reader, TableReader) else ''
+    return RecordedTrajectory(motion.require_samples(), window, reader.content_hash, reader.closed, note, taken_as)
 
 
 def stream_samples(

@@ -85,7 +85,8 @@ def load_datasets(
     sources = []
     for role, r in pairs:
         samples, duration = len(r.trajectory), r.trajectory.duration
-        sources.append(Source(str(r.window), role, samples, duration, r.sha256, r.closed, topic, list(joint_names)))
+        read_as = topic, list(joint_names), r.taken_as
+        sources.append(Source(str(r.window), role, samples, duration, r.sha256, r.closed, *read_as))
     trained, validated = (tuple(r.trajectory for r in part) for part in (training, validation))
     return Datasets(trained, validated, tuple(sources), tuple(dict.fromkeys(notes)))
 

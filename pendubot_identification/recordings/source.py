@@ -20,3 +20,4 @@ class Source:
     closed: bool
     topic: str = '/joint_states'
     joint_names: list[str] = field(default_factory=lambda: ['shoulder', 'elbow'])
+    taken_as: str = ''  #: the options that a file's own names and units stand for.

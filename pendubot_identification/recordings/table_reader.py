@@ -8,6 +8,9 @@ from __future__ import annotations
 import hashlib
 import math
 import re
+import shlex
+from dataclasses import replace
+from datetime import datetime, timezone
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -17,32 +20,33 @@ from numpy.typing import NDArray
 
 from pendubot_identification.errors import TableError
 from pendubot_identification.trajectories.conventions import OPTIONAL, REQUIRED, TIME_UNITS
-from pendubot_identification.trajectories.conversion import Conversion
+from pendubot_identification.trajectories.conversion import Conversion, options
 from pendubot_identification.trajectories.trajectory import Trajectory
 
+from .columns import UNITS, is_current, quantity_of, split
 from .tables import Table, read_table
 
 #: Longest interval of samples [s], above which the unit of time is wrong, and the usual interval [s].
 LONGEST_INTERVAL, USUAL_INTERVAL = 0.1, 0.005
 DECIMAL_COMMA = re.compile(r'\s*[-+]?\d*,\d+([eE][-+]?\d+)?\s*')
-#: Usual names of columns, in lower case.
-ALIASES = {
-    't': ('t', 'time', 'times', 'timestamp', 'stamp', 'sec', 'seconds', 'time_s', 't_s', 'zeit', 'tout'),
-    'q1': ('q1', 'q_1', 'theta1', 'theta_1', 'th1', 'phi1', 'alpha', 'shoulder', 'shoulder_angle', 'angle1', 'pos1'),
-    'q2': ('q2', 'q_2', 'theta2', 'theta_2', 'th2', 'phi2', 'beta', 'elbow', 'elbow_angle', 'angle2', 'pos2'),
-    'tau1': ('tau1', 'tau_1', 'tau', 'torque', 'torque1', 'u', 'u1', 'effort', 'effort1', 'shoulder_torque'),
-}
-#: Usual names and endings of a column that holds a motor current, which is no torque.
-CURRENT = re.compile(r'i|i_?[1mq]|amps?|amperes?|.*(current|strom|courant|corriente)\d?|.*[\[(]m?a[\])]', re.IGNORECASE)
+#: A first time [s] above which times count from 1970.
+SINCE_1970 = 1e8
+#: A larger fraction of rows with repeated times means that the times have too few digits.
+MOST_REPEATED = 0.05
 
 
 class TableReader:
-    """A file with columns, with the attributes of :class:`.bag_reader.BagReader` that a result needs."""
+    """A file with columns, with the attributes of :class:`.bag_reader.BagReader` that a result needs.
 
-    closed, note = True, ''
+    Attributes:
+        given: the conversion that was asked for.
+        conversion: the same with the columns that have usual names, and the units of their headers.
+    """
+
+    closed = True
 
     def __init__(self, path: Path, conversion: Conversion) -> None:
-        self.path, self.conversion = path, conversion
+        self.path, self.given, self.note = path, conversion, ''
 
     @cached_property
     def content_hash(self) -> str:
@@ -52,7 +56,37 @@ class TableReader:
     @cached_property
     def table(self) -> Table:
         """The columns of the file."""
-        return read_table(self.path)
+        return read_table(self.path, self.given)
+
+    @cached_property
+    def conversion(self) -> Conversion:
+        """The conversion with the columns that have usual names, and the units of their headers.
+
+        Raises:
+            TableError: as ``taken``.
+        """
+        given, names = self.given, self.table.names
+        wanted = [name for name in REQUIRED if given.names[name] not in names and name not in given.columns]
+        named = {quantity: [c for c in names if quantity_of(c) == quantity] for quantity in wanted}
+        usual = {quantity: _only(columns) for quantity, columns in named.items()}
+        columns = {**given.columns, **{quantity: column for quantity, column in usual.items() if column}}
+        words = given.words()
+        words.pop('columns', None)
+        for quantity, column in replace(given, columns=columns).names.items():
+            if column in names and quantity in (*REQUIRED, 'tau2'):
+                words = UNITS.get(self._unit(column).lower(), {}) | words
+        return replace(Conversion.of(words), columns=columns)
+
+    @property
+    def taken_as(self) -> str:
+        """The options that the file's own names and units stand for; empty if there are none."""
+        before, now = self.given.words(), self.conversion.words()
+        return ' '.join(options({name: now[name] for name in now if now[name] != before.get(name)}))
+
+    def _unit(self, column: str) -> str:
+        """Return the unit of a column, from its name or from a row of units."""
+        _, unit = split(column)
+        return unit or (self.table.units[self.table.names.index(column)] if self.table.units else '')
 
     @cached_property
     def taken(self) -> dict[str, str]:
@@ -68,7 +102,7 @@ class TableReader:
             raise TableError(f'{self.path} has {names.count(column)} columns {column!r}; rename all but one of them')
         if missing := [name for name in (*REQUIRED, *conversion.columns) if name not in taken]:
             raise self._missing(missing)
-        if CURRENT.fullmatch(taken['tau1'].strip()) and not conversion.torque_constant:
+        if is_current(taken['tau1'], self._unit(taken['tau1'])) and not conversion.torque_constant:
             raise TableError(
                 f'{self.path}: the column {taken["tau1"]!r} seems to hold a motor current, and a torque is expected: '
                 "give the motor's constant with --torque-constant K [N m per unit of that column], or "
@@ -77,21 +111,25 @@ class TableReader:
         return taken
 
     def _missing(self, quantities: list[str]) -> TableError:
-        """Return the error of missing columns, with the only column that has a usual name of each quantity."""
-        used = self.conversion.names.values()
-        free = [column for column in self.table.names if column not in used]
-        likely = {name: _only([c for c in free if c.lower() in ALIASES.get(name, ())]) for name in quantities}
-        current = _only([column for column in self.table.names if CURRENT.fullmatch(column.strip())])
-        constant = current and not likely.get('tau1')
-        if constant and 'tau1' in likely:
+        """Return the error of missing columns; a column of currents, or numbered columns, may stand for them."""
+        names = self.table.names
+        likely = {name: _only([c for c in names if quantity_of(c) == name]) for name in quantities}
+        current = _only([c for c in names if is_current(c, self._unit(c))])
+        numbered = names == ['1', '2', '3', '4'] and len(quantities) == 4
+        if numbered and (np.diff(self._numbers('1')) > 0).all():
+            likely = dict(zip(REQUIRED, names, strict=True))
+        current = current if likely.get('tau1') == '' else ''
+        if current:
             likely['tau1'] = current
         named = {**self.conversion.columns, **{name: column or 'NAME' for name, column in likely.items()}}
         columns = ','.join(f'{name}={column}' for name, column in named.items())
+        known = all(likely.values()) and not current
+        what = 'are numbered, without a line of names' if names[0] == '1' else f'are {", ".join(names)}'
         return TableError(
-            f'{self.path} has no column {self.conversion.names[quantities[0]]!r} for {quantities[0]}; its columns are '
-            f'{", ".join(self.table.names)}: name the right one with --columns {columns}'
-            + (' --torque-constant K' if constant else ''),
-            **({'columns': columns} if all(likely.values()) and not constant else {}),
+            f'{self.path} has no column {self.conversion.names[quantities[0]]!r} for {quantities[0]}; its columns '
+            f'{what}: name the right one with --columns {shlex.quote(columns)}'
+            + (' --torque-constant K' if current else ''),
+            **({'columns': columns} if known else {}),
         )
 
     @cached_property
@@ -108,11 +146,20 @@ class TableReader:
             raise TableError(f'{self.path} holds no row of numbers; export the recording again')
         values = {name: numbers[complete] for name, numbers in values.items()}
         t = values['t'] * conversion.seconds
+        if t[0] > SINCE_1970:
+            t = np.round(t - t[0], 6)  # a float has no more digits of such a time
+        repeated = np.append(False, np.diff(t) == 0)
+        if 0 < repeated.sum() <= MOST_REPEATED * len(t):
+            self.note = f'{self.path}: {repeated.sum()} of {len(t)} rows repeat the time before; they were left out'
+            rows = np.flatnonzero(complete)[~repeated]
+            values, t = {name: numbers[~repeated] for name, numbers in values.items()}, t[~repeated]
+        else:
+            rows = np.flatnonzero(complete)
         wrong = np.flatnonzero(np.diff(t) <= 0)
         if wrong.size:
             before, time = values['t'][wrong[0] : wrong[0] + 2]
             raise TableError(
-                f'{self._where(np.flatnonzero(complete)[wrong[0] + 1])}: the time {time:.12g} '
+                f'{self._where(rows[wrong[0] + 1])}: the time {time:.12g} '
                 f'{"repeats" if time == before else "runs back"}, after {before:.12g}; every row needs a later one: '
                 'export more digits, or correct or remove that row'
             )
@@ -132,9 +179,9 @@ class TableReader:
     def _numbers(self, column: str) -> NDArray[np.float64]:
         """Return a column as numbers, shape (N,); with ``skip_missing``, NaN for other cells, else TableError."""
         cells = self.table.cells[self.table.names.index(column)]
-        numbers = _numbers(cells, comma=self.conversion.decimal == 'comma')
+        numbers = _numbers(cells, comma=self.given.decimal == 'comma')
         bad = np.flatnonzero(~np.isfinite(numbers))
-        if self.conversion.skip_missing or not bad.size:
+        if self.given.skip_missing or not bad.size:
             return numbers
         cell = str(np.asarray(cells, dtype=object)[bad[0]]).strip()
         empty = not cell or (self.table.row == 'row' and cell in ('nan', 'NaT'))  # of Excel's sheets
@@ -173,7 +220,13 @@ def _numbers(cells: Any, *, comma: bool) -> NDArray[np.float64]:
 
 
 def _number(cell: str) -> float:
+    """Return a number, or the seconds since 1970 of a date in ISO 8601; NaN for others."""
     try:
         return float(cell)
     except ValueError:
+        pass
+    try:
+        date = datetime.fromisoformat(cell.strip().replace('Z', '+00:00'))
+    except ValueError:
         return math.nan
+    return (date if date.tzinfo else date.replace(tzinfo=timezone.utc)).timestamp()

@@ -7,8 +7,11 @@ from __future__ import annotations
 
 import codecs
 import csv
+import gzip
 import re
+import zlib
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 from zipfile import BadZipFile
@@ -17,6 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pendubot_identification.errors import TableError
+from pendubot_identification.trajectories.conversion import Conversion
+
+from .columns import unit_of
 
 #: Every version of MATLAB can do this.
 WRITETABLE = "in MATLAB, writetable(table(t, q1, q2, tau1), 'run.csv') makes a text file of it"
@@ -29,9 +35,10 @@ class Table(NamedTuple):
     cells: list[Any]  #: of each column: a tuple of texts, an array of numbers, or a pandas Series.
     row: str = 'sample'  #: the file's word for a row ...
     rows: Sequence[int] = ()  #: ... and the number of each; by default from 1 on.
+    units: Sequence[str] = ()  #: of each column, from a row below their names; empty without one.
 
 
-def read_table(path: Path) -> Table:
+def read_table(path: Path, conversion: Conversion) -> Table:
     """Read a file with columns; the ending of its name gives its format.
 
     Raises:
@@ -40,7 +47,7 @@ def read_table(path: Path) -> Table:
     read, packages = FORMATS[path.suffix.lower()]
     try:
         with path.open('rb'):
-            table = read(path)
+            table = read(path, conversion)
     except OSError as error:
         why = error.strerror or str(error)
         raise TableError(f'{path} cannot be read: {why}; check its name and permissions') from error
@@ -56,24 +63,50 @@ def is_table(path: Path) -> bool:
     return path.suffix.lower() in FORMATS and not path.is_dir()
 
 
-def _text(path: Path) -> Table:
-    """Read a line of column names and rows, separated by commas, semicolons, tabs or spaces."""
+def _decoded(path: Path, encoding: str) -> str:
+    """Return the text of a file; without an encoding, of UTF-8, UTF-16, or else of Windows-1252 (Latin-1)."""
     data = path.read_bytes()
-    utf16 = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+    if path.suffix.lower() == '.gz':
+        try:
+            data = gzip.decompress(data)
+        except (OSError, EOFError, zlib.error) as error:
+            raise TableError(f'{path} is no complete gzip file ({error}); copy it again') from error
+    if not encoding:
+        utf16 = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+        encoding = 'utf-16' if utf16 else 'utf-16-le' if b'\0' in data[1:200:2] else 'utf-8-sig'
+        with suppress(UnicodeDecodeError):
+            return data.decode(encoding)
+        if b'\0' in data or 0x80 <= data[0] < 0xA0:
+            raise TableError(f'{path} is no text in UTF-8 or UTF-16; export it as CSV in UTF-8')
+        encoding = 'cp1252'
     try:
-        lines = [line.strip(' ') for line in data.decode('utf-16' if utf16 else 'utf-8-sig').splitlines()]
-    except UnicodeDecodeError as error:
-        raise TableError(f'{path} is no text in UTF-8 or UTF-16; export it as CSV in UTF-8') from error
+        return data.decode(encoding)
+    except (UnicodeDecodeError, LookupError) as error:
+        raise TableError(
+            f'{path} is no text in {encoding}; export it as CSV in UTF-8, or name its encoding with --encoding NAME'
+        ) from error
+
+
+def _text(path: Path, conversion: Conversion) -> Table:
+    """Read a line of column names and rows, separated by commas, semicolons, tabs or spaces."""
+    lines = [line.strip(' ') for line in _decoded(path, conversion.encoding).splitlines()]
     if not any(map(str.strip, lines)):
         raise TableError(f'{path} is empty; a line of column names and rows of numbers are expected: export it again')
+    if any(line.startswith('# name: ') for line in lines[:10]):
+        return _octave(lines)
     # Excel may write the separator in a line of its own, and numpy a # before the names.
-    separator = re.fullmatch(r'"?sep=(.)"?', lines[0], re.IGNORECASE)
-    first = 1 if separator else 0
+    first = conversion.skip_rows
+    separator = re.fullmatch(r'"?sep=(.)"?', lines[first], re.IGNORECASE) if len(lines) > first else None
+    first += bool(separator)
     title = lines[first].lstrip('# ') if len(lines) > first else ''
     likely = [each for each in ',;\t' if each in title] or [' ' if ' ' in title else ',']
     delimiter = separator[1] if separator else max(likely, key=title.count)
     reader = csv.reader([title, *lines[first + 1 :]], delimiter=delimiter, skipinitialspace=True)
     names = [name.strip() for name in next(reader)]
+    if all(map(_is_number, names)) and len(names) > 1:
+        first -= 1
+        reader = csv.reader(lines[first + 1 :], delimiter=delimiter, skipinitialspace=True)
+        names = [str(k + 1) for k in range(len(names))]
     numbers, rows = list[int](), list[list[str]]()
     for row in reader:
         # Some programs end a row with a separator.
@@ -84,30 +117,86 @@ def _text(path: Path) -> Table:
         numbers.append(first + reader.line_num)
         rows.append(row)
         if len(row) != len(names):
+            if len(rows) == 1 and not conversion.skip_rows and (above := _lines_above(lines)):
+                raise TableError(
+                    f'{path} has its column names in line {above + 1}, line 1 is expected: add --skip-rows {above}',
+                    skip_rows=str(above),
+                )
             comma = delimiter == ',' and len(row) > len(names)
             why = 'decimals may be written with commas: write them with points, or ' if comma else ''
             raise TableError(
                 f'{path}, line {numbers[-1]} has {len(row)} cells; {len(names)} are expected, one for each column '
                 f'name; {why}correct or remove that row'
             )
-    return Table(names, list(zip(*rows, strict=True)) or [()] * len(names), 'line', numbers)
+    units = _units(rows[0]) if rows else ()
+    rows, numbers = (rows[1:], numbers[1:]) if units else (rows, numbers)
+    return Table(names, list(zip(*rows, strict=True)) or [()] * len(names), 'line', numbers, units)
 
 
-def _excel(path: Path) -> Table:
-    """Read the first sheet: a row of column names, and rows."""
+def _is_number(text: str) -> bool:
+    return re.fullmatch(r'[-+]?(\d+([.,]\d*)?|[.,]\d+)([eE][-+]?\d+)?', text) is not None
+
+
+def _lines_above(lines: Sequence[str]) -> int:
+    """Return how many lines stand above the column names, which have as many cells as most lines; 0 if unclear."""
+    counts = [len(re.findall(r'[;,\t]', line)) for line in lines[:50]]
+    usual = max(set(counts), key=counts.count)
+    return counts.index(usual) if usual and counts.count(usual) > len(counts) / 2 else 0
+
+
+def _units(cells: Sequence[object]) -> Sequence[str]:
+    """Return a row of units, if it is one: texts without numbers, of which one at least is a unit."""
+    words = [str(cell).strip().strip('[]()') for cell in cells]
+    texts = all(isinstance(cell, str) and not _is_number(word) for cell, word in zip(cells, words, strict=True))
+    return words if texts and any(unit_of(word) for word in words) else ()
+
+
+def _octave(lines: Sequence[str]) -> Table:
+    """Read the variables of Octave's text format (save -text): vectors, and matrices whose columns are numbered."""
+    variables, name, rows = dict[str, Any](), '', list[list[float]]()
+    for line in [*lines, '# name: ']:
+        if line.startswith('# name: '):
+            if rows:
+                variables[name] = np.squeeze(np.array(rows))
+            name, rows = line.removeprefix('# name: ').strip(), []
+        elif line and line[0] != '#' and all(map(_is_number, line.split())):
+            rows.append([float(word) for word in line.split()])
+    return _of_variables(variables)
+
+
+def _excel(path: Path, conversion: Conversion) -> Table:
+    """Read a sheet: a row of column names, and rows."""
     import pandas
 
     try:
-        frame = pandas.read_excel(path, header=None, engine='openpyxl').dropna(how='all')
+        with pandas.ExcelFile(path, engine='openpyxl') as book:
+            sheets = book.sheet_names
+            sheet = conversion.sheet or sheets[0]
+            if sheet not in sheets:
+                raise TableError(f'{path} has no sheet {sheet}; its sheets are {", ".join(sheets)}: add --sheet NAME')
+            frame = pandas.read_excel(book, sheet, header=None, skiprows=conversion.skip_rows).dropna(how='all')
+            if frame.shape[1] < 2 and len(sheets) == 2 and not conversion.sheet:
+                other = sheets[1]
+                raise TableError(f'the sheet {sheet} of {path} holds no recording: add --sheet {other}', sheet=other)
     except (BadZipFile, ValueError, KeyError, TypeError) as error:
         raise TableError(f'{path} is no Excel file ({error}); save it as .xlsx or .csv') from error
     if frame.empty:
         return Table([], [])
     names, rows = ['' if name != name else str(name).strip() for name in frame.iloc[0]], frame.iloc[1:]
-    return Table(names, [rows[k] for k in rows], 'row', list(rows.index + 1))
+    units = _units(list(rows.iloc[0])) if len(rows) else ()
+    rows = rows.iloc[1:] if units else rows
+    return Table(names, [rows[k] for k in rows], 'row', list(rows.index + 1 + conversion.skip_rows), units)
 
 
-def _parquet(path: Path) -> Table:
+def _numpy(path: Path, _: Conversion) -> Table:
+    try:
+        with np.load(path) as found:
+            return _of_variables(dict(found))
+    except (ValueError, BadZipFile, EOFError) as error:
+        raise TableError(f'{path} is no .npz file of numbers ({error}); save it again with numpy.savez') from error
+
+
+def _parquet(path: Path, _: Conversion) -> Table:
     import pandas
     import pyarrow
 
@@ -118,7 +207,7 @@ def _parquet(path: Path) -> Table:
     return Table(list(frame.columns), [frame.iloc[:, k] for k in range(frame.shape[1])])
 
 
-def _matlab(path: Path) -> Table:
+def _matlab(path: Path, _: Conversion) -> Table:
     """Read variables, or the fields of structs, of version 5 to 7.3."""
     from scipy.io import loadmat
     from scipy.io.matlab import MatlabOpaque, MatReadError
@@ -132,6 +221,10 @@ def _matlab(path: Path) -> Table:
         variables = _matlab_73(path)
     except (MatReadError, ValueError, TypeError, KeyError, EOFError, IndexError) as error:
         raise TableError(f'{path} is no MATLAB file that can be read ({error}); save it again') from error
+    return _of_variables(variables)
+
+
+def _of_variables(variables: Mapping[str, Any]) -> Table:
     leaves = list(_leaves(variables))
     # Shorter variables are settings.
     size = max((len(cells) for _, cells in leaves), default=0)
@@ -180,7 +273,8 @@ def _opaque(path: Path) -> TableError:
 
 #: The reader of each format, and the packages that it may need.
 FORMATS = {
-    **dict.fromkeys(('.csv', '.txt', '.tsv'), (_text, '')),
+    **dict.fromkeys(('.csv', '.txt', '.tsv', '.gz'), (_text, '')),
+    '.npz': (_numpy, ''),
     '.mat': (_matlab, 'h5py'),
     **dict.fromkeys(('.xlsx', '.xlsm'), (_excel, 'pandas openpyxl')),
     '.parquet': (_parquet, 'pandas pyarrow'),

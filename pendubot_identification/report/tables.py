@@ -324,6 +324,7 @@ def consequences(result: Result) -> list[str]:
 def summary(result: Result) -> str:
     """Return all that a terminal shows of a result."""
     sources = [f'{b.role}: {b.bag}, {b.samples} samples, {b.duration:.2f} s' for b in result.bags]
+    sources += dict.fromkeys(f'taken as: {b.taken_as}' for b in result.bags if b.taken_as)
     selected = f'selected: the criterion {result.criterion}, {result.model} model'
     shown: list[str | Table | None] = [
         '\n'.join(sources),

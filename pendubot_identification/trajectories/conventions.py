@@ -24,7 +24,7 @@ def current_name(shoulder: str) -> str:
 TIME_UNITS = {'s': 1.0, 'ms': 1e-3, 'us': 1e-6, 'ns': 1e-9}
 TORQUE_UNITS = {'Nm': 1.0, 'mNm': 1e-3, 'Ncm': 1e-2, 'kgfcm': 0.0980665, 'ozfin': 0.00706155}
 
-#: In the order of application; the first three are for files with columns only.
+#: In the order of application; the first ones are for files with columns only.
 CONVERSION = (
     Setting(
         'columns',
@@ -33,9 +33,13 @@ CONVERSION = (
         f'{", ".join(OPTIONAL)}',
         optional=True,
     ),
+    Setting('skip_rows', 0, 'lines above the column names of a text file or a sheet', '', 0, 100_000),
+    Setting('sheet', '', 'name of the sheet of an Excel file; by default the first', optional=True),
+    Setting('encoding', '', 'encoding of a text file; by default UTF-8, UTF-16, or else Windows-1252', optional=True),
     Setting('decimal', 'point', 'decimal separator of a text file', choices=('point', 'comma')),
     Setting('time_unit', 's', "the unit of a file's times", choices=tuple(TIME_UNITS)),
     Setting('skip_missing', False, 'leave out samples with a missing or non-numeric value'),
+    Setting('unwrap', False, 'angles were wrapped into one turn; make them continuous'),
     Setting('degrees', False, 'angles are in degrees, velocities in degrees per second'),
     Setting('torque_unit', 'Nm', 'the unit of torques', choices=tuple(TORQUE_UNITS)),
     Setting(
@@ -81,4 +85,4 @@ CONVERSION = (
         optional=True,
     ),
 )
-OF_FILES = ('columns', 'decimal', 'time_unit')
+OF_FILES = ('columns', 'skip_rows', 'sheet', 'encoding', 'decimal', 'time_unit')

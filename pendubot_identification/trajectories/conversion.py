@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import math
+import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from itertools import combinations, product
@@ -14,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pendubot_identification.errors import ParameterError
+from pendubot_identification.errors import ParameterError, TrajectoryError
 
 from .conventions import CONVERSION, OPTIONAL, REQUIRED, TIME_UNITS, TORQUE_UNITS, current_name
 from .trajectory import Trajectory
@@ -23,6 +24,8 @@ Array = NDArray[np.float64]
 
 #: Quantities that can be negated or have an offset.
 QUANTITIES = ('q1', 'q2', 'tau1', 'tau2')
+#: A wrapped angle jumps by a turn but for this fraction of it.
+WRAPPED = 0.15
 _EXCHANGED = np.array([[0.0, 1.0], [1.0, 0.0]])
 
 
@@ -54,9 +57,13 @@ class Conversion:
     """
 
     columns: Mapping[str, str] = field(default_factory=dict)
+    skip_rows: int = 0
+    sheet: str = ''
+    encoding: str = ''
     decimal: str = 'point'
     time_unit: str = 's'
     skip_missing: bool = False
+    unwrap: bool = False
     degrees: bool = False
     torque_unit: str = 'Nm'
     swap: str = 'nothing'
@@ -108,9 +115,9 @@ class Conversion:
                 if str(value).lower() not in ('true', 'false'):
                     raise known[name].refusal(value)
                 value = str(value).lower() == 'true'
-            elif isinstance(known[name].default, float):
+            elif isinstance(known[name].default, (int, float)):
                 try:
-                    value = float(value)
+                    value = type(known[name].default)(value)
                 except (TypeError, ValueError):
                     raise known[name].refusal(value) from None
             chosen[name] = value
@@ -129,7 +136,7 @@ class Conversion:
                 value = ','.join(value)
             elif isinstance(value, bool):
                 value = 'true' if value else ''
-            elif isinstance(value, float):
+            elif isinstance(value, (int, float)):
                 value = str(value) if value else ''
             if value and value != each.default:
                 found[each.name] = value
@@ -190,11 +197,30 @@ class Conversion:
             values = np.column_stack([t, q, tau] if qd is None else [t, q, tau, qd])
             complete = np.isfinite(values).all(axis=1)
             t, q, tau, qd = t[complete], q[complete], tau[complete], None if qd is None else qd[complete]
+        turn = 360.0 if self.degrees else 2 * math.pi
+        if self.unwrap:
+            q = np.unwrap(q, period=turn, axis=0)
+        else:
+            self._refuse_wrapped(t, q, turn)
         Q, c, T, d = self.affine
         if self.words():
             # Without options, nothing is copied: it may be an hour.
             q, tau, qd = q @ Q.T + c, tau @ T.T + d, None if qd is None else qd @ Q.T
         return Trajectory(t, q, tau, qd, name)
+
+    def _refuse_wrapped(self, t: Array, q: Array, turn: float) -> None:
+        """Raise TrajectoryError if an angle stays within one turn, in its unit or in degrees, and jumps by that."""
+        for period in dict.fromkeys((turn, 360.0)):
+            within = np.ptp(q, axis=0) <= period * (1 + 1e-6)
+            jumps = np.argwhere((np.abs(np.diff(q, axis=0)) > (1 - WRAPPED) * period) & within)
+            if jumps.size:
+                k, joint = jumps[0]
+                remedy = {'unwrap': 'true'} | ({'degrees': 'true'} if period != turn else {})
+                raise TrajectoryError(
+                    f'q{joint + 1} jumps by {q[k + 1, joint] - q[k, joint]:.4g} at {t[k + 1]:.3f} s, as an angle that '
+                    f'was wrapped into one turn: add {" ".join(options(remedy))}',
+                    **remedy,
+                )
 
     def then(self, change: Affine) -> Conversion | None:
         """Return the conversion that changes the motion in this way; None if no options do.
@@ -220,8 +246,8 @@ class Conversion:
 
 
 def options(words: Mapping[str, str]) -> list[str]:
-    """Return the result of :meth:`Conversion.words` as options of the command line."""
-    return [f'--{n.replace("_", "-")}' + ('' if value == 'true' else f' {value}') for n, value in words.items()]
+    """Return the result of :meth:`Conversion.words` as options of the command line, quoted for a shell."""
+    return [f'--{n.replace("_", "-")}' + ('' if v == 'true' else f' {shlex.quote(v)}') for n, v in words.items()]
 
 
 def _words(value: Any) -> list[str]:

@@ -69,6 +69,61 @@ def with_missing_rows(file, columns):
     file.write_text('\n'.join(lines))
 
 
+def stacked(columns):
+    return np.column_stack([columns['q1'], columns['q2']])
+
+
+def named(*names, **how):
+    """Write text with other names of its columns."""
+    return lambda file, columns: as_text(file, columns, header=list(names), **how)
+
+
+def lines_above(*lines, names=True):
+    """Write text below other lines, in place of its names or above them."""
+
+    def write(file, columns):
+        as_text(file, columns, header=names)
+        file.write_text('\n'.join([*lines, file.read_text()]))
+
+    return write
+
+
+def excel_with_units(file, columns):
+    pytest.importorskip('openpyxl')
+    rows = pandas.DataFrame(columns).astype(object)
+    pandas.concat([pandas.DataFrame([dict(zip(columns, UNITS, strict=True))]), rows]).to_excel(file, index=False)
+
+
+def second_sheet(file, columns):
+    pytest.importorskip('openpyxl')
+    with pandas.ExcelWriter(file) as book:
+        pandas.DataFrame({'remark': ['Monday']}).to_excel(book, sheet_name='Notes', index=False)
+        pandas.DataFrame(columns).to_excel(book, sheet_name='Data', index=False)
+
+
+def octave(file, columns):
+    """As Octave's save -text writes column vectors."""
+    text = '# Created by Octave 8.4.0, Mon Nov 23 10:00:00 2026 UTC <lab@rig>\n'
+    for name, values in columns.items():
+        rows = '\n'.join(f' {value!r}' for value in values.tolist())
+        text += f'# name: {name}\n# type: matrix\n# rows: {len(values)}\n# columns: 1\n{rows}\n\n\n'
+    file.write_text(text)
+
+
+def repeated(file, columns):
+    """Write some rows twice, as a logger does that is faster than the rig."""
+    rows = np.sort([*range(900), 17, 300, 301])
+    as_text(file, {name: values[rows] for name, values in columns.items()})
+
+
+def dates(columns):
+    first = pandas.Timestamp('2026-05-12 10:00:00')
+    return (first + pandas.to_timedelta((1e6 * columns['t']).round(), unit='us')).strftime('%Y-%m-%dT%H:%M:%S.%f')
+
+
+UNITS = 'ms', 'deg', 'deg', 'mNm'
+DEGREES = {'q1': lambda c: np.degrees(c['q1']), 'q2': lambda c: np.degrees(c['q2'])}
+ALL_UNITS = DEGREES | {'t': lambda c: 1000 * c['t'], 'tau1': lambda c: 1000 * c['tau1']}
 HANGING = {'q1': lambda c: np.degrees(c['q1'] + np.pi / 2), 'q2': lambda c: np.degrees(c['q2'])}
 #: How the file is made, what is done to its columns before, and the options that the program names.
 DISGUISES = {
@@ -88,11 +143,33 @@ DISGUISES = {
     'flipped torque.csv': (as_text, {'tau1': lambda c: -c['tau1']}, ['--negate tau1,tau2']),
     'exchanged.csv': (as_text, {'q1': lambda c: c['q2'], 'q2': lambda c: c['q1']}, ['--swap positions']),
     'hanging.csv': (as_text, {'q1': lambda c: c['q1'] + np.pi / 2}, ['--zero hanging']),
-    'other names.tsv': (
-        lambda file, c: as_text(file, c, sep='\t', header=['Time', 'theta1', 'theta2', 'u']),
-        {},
-        ['--columns t=Time,q1=theta1,q2=theta2,tau1=u'],
+    'other names.tsv': (named('Time', 'theta1', 'theta2', 'u', sep='\t'), {}, []),
+    'German names.csv': (named('Zeit [s]', 'Schulterwinkel', 'Ellbogenwinkel', 'Drehmoment (Nm)'), {}, []),
+    'French names.csv': (named('temps', 'angle épaule', 'angle coude', 'couple'), {}, []),
+    'Spanish names.csv': (named('tiempo', 'ángulo hombro', 'ángulo codo', 'par'), {}, []),
+    'Chinese names.csv': (named('时间', '肩关节角度', '肘关节角度', '力矩'), {}, []),
+    'Latin-1.csv': (named('t', 'Winkel Schulter', 'Winkel Ellenbogen [°]', 'tau', encoding='latin-1'), DEGREES, []),
+    'UTF-16.csv': (named('t', 'q1', 'q2', 'tau', encoding='utf-16'), {}, []),
+    'UTF-16 without a mark.csv': (named('t', 'q1', 'q2', 'tau', encoding='utf-16-le'), {}, []),
+    'units in names.csv': (named('t_ms', 'q1 [deg]', 'q2 [deg]', 'tau (mNm)'), ALL_UNITS, []),
+    'a row of units.csv': (lines_above('t,q1,q2,tau1', 'ms,deg,deg,mNm', names=False), ALL_UNITS, []),
+    'a row of units.xlsx': (excel_with_units, ALL_UNITS, []),
+    'a title.csv': (lines_above('Run 7, Monday', 'second try'), {}, ['--skip-rows 2']),
+    'no names.csv': (lambda file, c: as_text(file, c, header=False), {}, ['--columns t=1,q1=2,q2=3,tau1=4']),
+    'a second sheet.xlsx': (second_sheet, {}, ['--sheet Data']),
+    'dates.csv': (as_text, {'t': dates}, []),
+    'seconds since 1970.csv': (as_text, {'t': lambda c: 1.7e9 + c['t']}, []),
+    'packed.csv.gz': (as_text, {}, []),
+    'arrays.npz': (lambda file, c: np.savez(file, **c), {}, []),
+    'matrix.npz': (lambda file, c: np.savez(file, t=c['t'], q=stacked(c), tau=c['tau1']), {}, []),
+    'Octave.txt': (octave, {}, []),
+    'wrapped.csv': (as_text, {'q1': lambda c: (c['q1'] + 2) % (2 * np.pi) - 2}, ['--unwrap']),
+    'wrapped degrees.csv': (
+        as_text,
+        {'q1': lambda c: (np.degrees(c['q1']) + 115) % 360 - 115, 'q2': lambda c: np.degrees(c['q2'])},
+        ['--unwrap', '--degrees'],
     ),
+    'repeated times.csv': (repeated, {}, []),
     'all at once.csv': (
         with_decimal_commas,
         {**HANGING, 't': lambda c: 1e6 * c['t'], 'tau1': lambda c: 1000 * c['tau1']},
@@ -104,7 +181,7 @@ DISGUISES = {
 @pytest.fixture(scope='module')
 def columns():
     motion = read_trajectory(BAG).trajectory[:900]
-    return {'t': motion.t, 'q1': motion.q[:, 0], 'q2': motion.q[:, 1], 'tau1': motion.tau[:, 0]}
+    return {'t': motion.t.round(6), 'q1': motion.q[:, 0], 'q2': motion.q[:, 1], 'tau1': motion.tau[:, 0]}
 
 
 @pytest.fixture

@@ -23,7 +23,7 @@ FILES = {
 
 #: Command lines, and a part of what is said. Of these, what is read or written makes no sense.
 FAILURES = {
-    'identify run.csv': "has no column 't' for t; its columns are time, a, b, u: name",
+    'identify run.csv': "has no column 'q1' for q1; its columns are time, a, b, u: name",
     f'identify {"b" * 300}': 'there is no bag bbb',
     'identify swing --joints a,b': "has no joint 'a'; its joints are shoulder, elbow",
     'identify swing --output file': 'exists already',
@@ -42,7 +42,7 @@ FAILURES = {
     'compare result.yaml none.yaml': 'none.yaml cannot be read (No such file or directory)',
     'export result.yaml --output file --format c': 'exists already',
     'export result.yaml --output link.yaml --force': 'link.yaml is read, so it cannot be written as well',
-    'import run.csv --output new': "no column 't' for t; its columns are time, a, b, u",
+    'import run.csv --output new': "no column 'q1' for q1; its columns are time, a, b, u",
     'import run.csv --output swing --columns t=time,q1=a,q2=b,tau1=u': 'exists already',
     'simulate --output swing': 'exists already',
     'simulate --output never --parameters negative.yaml': 'friction Fc2 = -0.1 is negative',

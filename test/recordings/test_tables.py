@@ -3,7 +3,6 @@
 
 import datetime
 import math
-import re
 import struct
 import sys
 
@@ -104,7 +103,7 @@ def test_the_same_pose_in_every_convention(given, zero, elbow):
 @pytest.mark.parametrize(
     ('text', 'sentence'),
     [
-        (TEXT.replace('tau1', 'torque'), r"no column 'tau1' for tau1; its columns are t, q1, .*--columns tau1=torque"),
+        (TEXT.replace('tau1', 'y'), r"no column 'tau1' for tau1; its columns are t, q1, .*--columns tau1=NAME"),
         *(
             (TEXT.replace('0.5', cell), f"line 3, column 'q2': {said} is no finite number")
             for cell, said in (('open', "'open'"), ('nan', "'nan'"), ('', 'nothing'))
@@ -229,7 +228,7 @@ def test_times_of_day_are_seconds(tmp_path, start):
 def test_a_current_is_never_taken_for_a_torque(given, name):
     rows = [f'{0.01 * k:.2f},{-1.57 + 0.01 * k},{0.02 * k},{2 * math.sin(k)}' for k in range(50)]
     path = given('\n'.join([f't,q1,q2,{name}', *rows]))
-    with pytest.raises(TableError, match=re.escape(f'--columns tau1={name} --torque-constant K')):
+    with pytest.raises(TableError, match='--torque-constant K'):
         read(path)
     columns = {'tau1': name}
     with pytest.raises(TableError, match='seems to hold a motor current, and a torque is expected'):
