@@ -80,6 +80,7 @@ setup(
             'nbclient',
             'openpyxl',
             'pandas',
+            'pandas-stubs',
             'playwright',
             'pyarrow',
             'pytest',

@@ -6,11 +6,16 @@
 Scripts and notebooks import from here what :mod:`.api` describes; __init__.pyi lists it for editors and type checkers.
 """
 
+from __future__ import annotations
+
 from os import environ
 from types import ModuleType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from . import identify, kernel
+
+if TYPE_CHECKING:
+    from inspect import Signature
 
 __version__ = '1.0.0'
 #: Names of api.py: importing it takes time, which only who uses it waits for.
@@ -24,6 +29,7 @@ __all__ = [
     'PendubotError',
     'Trajectory',
     'accelerations',
+    'compare',
     'identify',
     'read',
     'simulate',
@@ -46,11 +52,22 @@ def __dir__() -> list[str]:
 
 
 class _Called(ModuleType):
-    """A room of this package that is also a function of :mod:`.api`."""
+    """A room of this package that is also a function of :mod:`.api`, with the signature and the help of that."""
 
     def __call__(self, *recordings: Any, **options: Any) -> Any:
-        """Estimate the parameters of a rig: see ``help(pendubot_identification.api.identify)``."""
         return __getattr__('identify')(*recordings, **options)
+
+    @property
+    def __signature__(self) -> Signature:
+        from inspect import signature
+
+        return signature(__getattr__('identify'))
+
+    @property
+    def __doc__(self) -> str:  # type: ignore[override]
+        from inspect import getdoc
+
+        return f'identify{self.__signature__}\n\n{getdoc(__getattr__("identify"))}'
 
 
 identify.__class__ = _Called

@@ -2,6 +2,7 @@ from .api import UPRIGHT as UPRIGHT
 from .api import Identified as Identified
 from .api import Pendubot as Pendubot
 from .api import accelerations as accelerations
+from .api import compare as compare
 from .api import identify as identify
 from .api import read as read
 from .api import simulate as simulate

@@ -4,7 +4,7 @@
 """The Python interface, imported from ``pendubot_identification`` itself.
 
 >>> from pendubot_identification import identify, read, simulate
->>> found = identify('bags/paper_experiment', criterion='weak')
+>>> found = identify('bags/paper_experiment', criterion='weak')  # or a DataFrame, or t=, q= and tau=
 >>> found.pendubot, found.std_error, found.warnings
 """
 
@@ -14,133 +14,276 @@ import hashlib
 import html
 import math
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .errors import ParameterError, PendubotError
-from .files import OutputFolder
-from .formats.export import MEANINGS, export
+from .files import OutputFolder, write_atomically
+from .formats.export import MEANINGS, Format, export, format_of
+from .identify.options import OPTIONS
 from .level import Level
 from .model import dynamics, simulation
 from .model.parameters import SPECIFICATIONS, Parameters
 from .model.simulation import HANGING
+from .recordings.bag_reader import BagWindow, read_trajectory
+from .recordings.datasets import Datasets, load_datasets, require_files
 from .recordings.source import Source
+from .recordings.table_reader import TableReader
+from .recordings.tables import Table
+from .results import comparison
+from .results.options import as_arguments
+from .results.provenance import IN_MEMORY
+from .results.provenance import recordings as read_recordings
 from .results.result import Parameter, PartialResult, Result
 from .results.result_file import read_complete_result, read_parameters, write_result
+from .setting import Setting
+from .trajectories.conventions import CONVERSION
 from .trajectories.conversion import Conversion
 from .trajectories.trajectory import Trajectory
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from pandas import DataFrame
 
 Array = NDArray[np.float64]
 File = str | Path
+Criterion = Literal['energy', 'weak', 'likelihood']
+Model = Literal['auto', 'viscous', 'coulomb', 'rotor', 'geared']
+TimeUnit = Literal['s', 'ms', 'us', 'ns']
+TorqueUnit = Literal['Nm', 'mNm', 'Ncm', 'kgfcm', 'ozfin']
+Swap = Literal['nothing', 'joints', 'positions', 'efforts']
+Quantity = Literal['q1', 'q2', 'tau1', 'tau2']
+#: What :meth:`Identified.plot` draws, and its name in a report.
+PLOTS = {'simulation': 'the simulation', 'recordings': 'the data', 'torque': 'the unexplained torque'}
+Plot = Literal['simulation', 'recordings', 'torque']
 
 #: Positions [rad] when both links stand upright.
 UPRIGHT = (math.pi / 2, 0.0)
 accelerations = dynamics.accelerations
 
 
+@contextmanager
+def _arguments_in_messages() -> Iterator[None]:
+    """Name the arguments of Python in messages, in the place of the command line's options."""
+    try:
+        yield
+    except PendubotError as error:
+        error.args = (as_arguments(str(error)),)
+        raise
+
+
+@_arguments_in_messages()
 def read(
-    path: File,
+    source: File | DataFrame,
     *,
     topic: str = '/joint_states',
     joint_names: Sequence[str] = ('shoulder', 'elbow'),
-    **reading: Any,
+    columns: Mapping[str, str] | None = None,
+    decimal: Literal['point', 'comma'] = 'point',
+    time_unit: TimeUnit = 's',
+    skip_missing: bool = False,
+    degrees: bool = False,
+    torque_unit: TorqueUnit = 'Nm',
+    swap: Swap = 'nothing',
+    torque_constant: float | None = None,
+    negate: Quantity | Sequence[Quantity] = (),
+    elbow: Literal['relative', 'absolute'] = 'relative',
+    zero: Literal['horizontal', 'hanging'] = 'horizontal',
+    offset: Mapping[Quantity, float] | None = None,
 ) -> Trajectory:
-    """Read a motion from a bag or a file with columns (.csv, .mat, .xlsx, .parquet), also of ``FILE@START:END``.
+    """Read a motion from a bag, a file with columns (.csv, .mat, .xlsx, .parquet), or a DataFrame.
 
     Args:
-        path: the recording.
+        source: a path, also ``FILE@START:END`` in seconds, or a DataFrame with the columns t, q1, q2, tau1 and, if
+            present, tau2, dq1, dq2. An index with a name is a column, too.
         topic: of the JointStates in a bag.
         joint_names: shoulder and elbow in a bag.
-        reading: options of the command line for units, signs and zeros, such as degrees=True, zero='hanging',
-            time_unit='ms' or columns={'q1': 'theta1'}.
+        columns: other names of columns, such as ``{'q1': 'theta1'}``.
+        decimal: separator of a text file.
+        time_unit: of the column t.
+        skip_missing: leave out samples with a missing or non-numeric value.
+        degrees: whether angles are in degrees, and velocities in degrees per second.
+        torque_unit: of torques.
+        swap: joints, or positions or efforts alone, that are exchanged.
+        torque_constant: [N m/A], by which a motor current is multiplied.
+        negate: quantities with the opposite sign; velocities follow their angles.
+        elbow: whether q2 is the angle to link 1, or has the same zero as q1.
+        zero: where q1 is zero.
+        offset: subtracted last, in rad and N m, such as ``{'q1': 0.1}``.
 
     Raises:
+        FileNotFoundError: there is no such recording (also a PendubotError).
         PendubotError: the recording cannot be read, or is too long to be read at once.
     """
-    from .recordings.bag_reader import BagWindow, read_trajectory
-    from .recordings.datasets import require_files
+    conversion = Conversion.of(_options(locals(), CONVERSION))
+    if isinstance(source, (str, Path)):
+        window = BagWindow.parse(str(source))
+        require_files(conversion, [window.path])
+        recorded = read_trajectory(window, topic=topic, joint_names=joint_names, conversion=conversion)
+        if recorded.note:
+            warnings.warn(recorded.note, stacklevel=3)
+        return recorded.trajectory
+    return _in_memory(source, conversion)
 
-    window, how = BagWindow.parse(str(path)), Conversion.of(reading)
-    require_files(how, [window.path])
-    recorded = read_trajectory(window, topic=topic, joint_names=joint_names, conversion=how)
-    if recorded.note:
-        warnings.warn(recorded.note, stacklevel=2)
-    return recorded.trajectory
 
-
-def identify(
-    *recordings: Trajectory | File,
-    validate: Sequence[Trajectory | File] = (),
+@_arguments_in_messages()
+def identify(  # noqa: D417
+    *recordings: Trajectory | File | DataFrame,
+    t: ArrayLike | None = None,
+    q: ArrayLike | None = None,
+    tau: ArrayLike | None = None,
+    qd: ArrayLike | None = None,
+    validate: Sequence[Trajectory | File | DataFrame] = (),
     bounds: Mapping[str, float | tuple[float, float]] | None = None,
+    criterion: Criterion | Sequence[Criterion] = 'likelihood',
+    model: Model = 'auto',
+    hold: Literal['auto', 'zero', 'linear'] = 'auto',
+    delay: float | tuple[float, float] = (-0.1, 0.1),
+    sliding: float | None = None,
+    link_length: float | None = None,
+    optimizer: Literal['auto', 'mde', 'lsq'] = 'auto',
+    start: File | Parameters | None = None,
+    seed: int = 1,
+    spread: float | None = None,
+    smoothing: float | None = None,
+    runs: int | None = None,
+    population: int | None = None,
+    generations: int | None = None,
+    per_vector: bool = False,
+    apply_remedies: bool = False,
     topic: str = '/joint_states',
     joint_names: Sequence[str] = ('shoulder', 'elbow'),
-    **options: Any,
+    columns: Mapping[str, str] | None = None,
+    decimal: Literal['point', 'comma'] = 'point',
+    time_unit: TimeUnit = 's',
+    skip_missing: bool = False,
+    degrees: bool = False,
+    torque_unit: TorqueUnit = 'Nm',
+    swap: Swap = 'nothing',
+    torque_constant: float | None = None,
+    negate: Quantity | Sequence[Quantity] = (),
+    elbow: Literal['relative', 'absolute'] = 'relative',
+    zero: Literal['horizontal', 'hanging'] = 'horizontal',
+    offset: Mapping[Quantity, float] | None = None,
 ) -> Identified:
-    """Estimate the parameters of a rig, like ``pendubot identify``, whose help describes each option.
+    """Estimate the parameters of a rig, like ``pendubot identify``.
+
+    Arguments that are not listed here are those of :func:`read`, for everything but motions, which are converted
+    already.
 
     Args:
-        recordings: bags or files with columns, each ``BAG[@START:END]``, or motions. Of a single one without a window
-            the first half estimates and the second validates.
+        recordings: bags or files with columns, each ``BAG[@START:END]``, or DataFrames or motions. Of a single one
+            without a window the first half estimates and the second validates.
+        t: instead of recordings, times [s], shape (N,);
+        q: with these the positions [rad] of shoulder and elbow, shape (N, 2);
+        tau: and the torque [N m] from each time until the next, a shape (N,) of the shoulder or (N, 2);
+        qd: and velocities [rad/s], shape (N, 2), if measured.
         validate: recordings that only validate.
         bounds: search intervals by name, such as ``{'P1': (0, 0.5)}``; a single number fixes a parameter.
-        topic: of the JointStates in bags.
-        joint_names: shoulder and elbow in bags.
-        options: those of the command line, such as criterion (``'weak'``, or several), model, delay (``0.004`` or
-            ``(0, 0.02)`` s) and seed; for bags and files also those of :func:`read`.
+        criterion: what is minimised, one or several.
+        model: which parameters there are; auto: the smallest model that is exact, or else the largest.
+        hold: the torque between its samples: held (zero), or measured (linear).
+        delay: how much later than stamped the torque acts [s], or the interval in which it is estimated.
+        sliding: window of the criterion energy [s]; None: cumulative.
+        link_length: of link 1 by a ruler [m], with which the data are compared.
+        optimizer: of energy and weak; lsq: the exact least-squares answer; auto: mde, compared with lsq.
+        start: parameters, or a result file, from which likelihood starts; None: the answer of weak.
+        seed: of all random numbers.
+        spread: relative spread of J at which a run of MDE stops; 0: never.
+        smoothing: window of the differentiator [s]; None: 0.02 for energy, else chosen from the data.
+        runs: of MDE; None: 10.
+        population: vectors of a run; None: 30.
+        generations: of a run; None: 4000.
+        per_vector: draw MDE's operator once per vector.
+        apply_remedies: correct how the recordings are read as the faults found in them require.
 
     Raises:
+        FileNotFoundError: there is no such recording (also a PendubotError).
         PendubotError: an argument is invalid, or the recordings determine no parameters.
     """
-    from .identify.pipeline import identify as estimate
     from .results.assemble import assemble_result
+    from .results.corrections import identify_recordings
     from .results.options import bounds_of, settings_of
 
-    settings = settings_of(options, bounds_of(bounds or {}))
-    training, validation, sources, notes = _divided(recordings, validate, topic, joint_names, settings.reading)
-    found = estimate(training, validation, settings, notes=notes)
-    return Identified(assemble_result(found, sources), (training, validation))
+    settings = settings_of(_options(locals(), (*OPTIONS, *CONVERSION)), bounds_of(bounds or {}))
+    arrays = {'t': t, 'q': q, 'tau': tau, 'qd': qd}
+    if recordings and any(values is not None for values in arrays.values()):
+        raise ParameterError('both recordings and arrays were given; give either recordings or t, q and tau')
+    missing = [name for name in ('t', 'q', 'tau') if arrays[name] is None]
+    if 0 < len(missing) < 3 and not recordings:
+        raise ParameterError(f'{" and ".join(missing)} is missing; t, q and tau are expected together')
+    given = recordings or (() if missing else (arrays,))
+
+    def load(conversion: Conversion) -> Datasets:
+        return _divided(given, validate, topic, joint_names, conversion)
+
+    found, data = identify_recordings(load, settings, apply_remedies=apply_remedies)
+    return Identified(assemble_result(found, data.sources), (data.training, data.validation))
+
+
+def _options(arguments: Mapping[str, object], options: Sequence[Setting]) -> dict[str, object]:
+    """Return those of a function's arguments that are options and not None."""
+    names = {option.name for option in options}
+    return {name: value for name, value in arguments.items() if name in names and value is not None}
 
 
 def _divided(
-    recordings: Sequence[Trajectory | File],
-    validate: Sequence[Trajectory | File],
+    recordings: Sequence[object],
+    validate: Sequence[object],
     topic: str,
     joints: Sequence[str],
-    reading: Conversion,
-) -> tuple[Sequence[Any], Sequence[Any], Sequence[Source], Sequence[str]]:
-    """Return the motions for training and for validation, their sources, and notes for the user."""
+    conversion: Conversion,
+) -> Datasets:
+    """Return the motions for training and for validation; motions as :func:`read` returns them stay as they are."""
     given = [*recordings, *validate]
     if all(isinstance(each, (str, Path)) for each in given) and recordings:
-        from .recordings.datasets import load_datasets
-
         names = [str(each) for each in recordings], [str(each) for each in validate]
-        data = load_datasets(*names, topic=topic, joint_names=joints, conversion=reading)
-        return data.training, data.validation, data.sources, data.notes
-    if not recordings or not all(isinstance(each, Trajectory) for each in given):
+        return load_datasets(*names, topic=topic, joint_names=joints, conversion=conversion)
+    known = [isinstance(each, (Trajectory, Mapping)) or hasattr(each, 'columns') for each in given]
+    if not recordings or not all(known):
         kinds = ', '.join(dict.fromkeys(type(each).__name__ for each in given)) or 'nothing'
-        raise ParameterError(f'{kinds} was given; names of bags, or motions as read() returns them, are expected')
-    if words := reading.words():
+        raise ParameterError(
+            f'{kinds} was given; names of bags or files, or else DataFrames, motions as read() returns them, or t, q '
+            'and tau are expected'
+        )
+    if (words := conversion.words()) and any(isinstance(each, Trajectory) for each in given):
         raise ParameterError(f'{", ".join(words)} say how files are read, and motions are read already; leave them out')
-    training, validation = ([each for each in side if isinstance(each, Trajectory)] for side in (recordings, validate))
+    training, validation = ([_in_memory(each, conversion) for each in side] for side in (recordings, validate))
     if len(training) == 1 and not validation:
         (motion,) = training
         training, validation = [motion[: len(motion) // 2]], [motion[len(motion) // 2 :]]
     roles = [('training', each) for each in training] + [('validation', each) for each in validation]
-    return training, validation, [_source(role, each) for role, each in roles], ()
+    sources = tuple(_source(role, each) for role, each in roles)
+    return Datasets(tuple(training), tuple(validation), sources, ())
+
+
+def _in_memory(recording: Any, conversion: Conversion) -> Trajectory:
+    """Return the motion of a DataFrame or of arrays by name, converted, or a motion itself."""
+    if isinstance(recording, Trajectory):
+        return recording
+    if not isinstance(recording, Mapping):
+        named = recording.reset_index() if recording.index.name else recording
+        cells = [named.iloc[:, k] for k in range(named.shape[1])]
+        return TableReader(Path('DataFrame'), conversion, Table([str(name) for name in named.columns], cells)).motion
+    t, q = (np.asarray(recording[name], dtype=float) for name in ('t', 'q'))
+    qd = None if recording['qd'] is None else np.asarray(recording['qd'], dtype=float)
+    if q.shape != (*t.shape, 2):
+        raise ParameterError(f't has shape {t.shape} and q {q.shape}; (N,) and (N, 2) are expected')
+    return conversion.motion((t - t[:1]) * conversion.seconds, q, _torques(t, recording['tau']), qd, 'arrays')
 
 
 def _source(role: str, motion: Trajectory) -> Source:
     content = b''.join(np.ascontiguousarray(each).tobytes() for each in (motion.t, motion.q, motion.tau))
     digest = hashlib.sha256(content).hexdigest()
-    return Source(f'{motion.name} (from memory)', role, len(motion), motion.duration, digest, True)
+    # With an @ it would name a window of a file.
+    name = motion.name.replace('@', ' at ') + IN_MEMORY
+    return Source(name, role, len(motion), motion.duration, digest, True)
 
 
 def simulate(
@@ -158,27 +301,124 @@ def simulate(
     Raises:
         PendubotError: the parameters are not physical, or the motion is too fast for the simulation.
     """
-    times, torques = np.asarray(t, dtype=float), np.asarray(tau, dtype=float)
+    times = np.asarray(t, dtype=float)
+    return simulation.simulate(pendubot, times, _torques(times, tau), q, qd)
+
+
+def _torques(t: Array, tau: ArrayLike) -> Array:
+    """Return the torques of both joints [N m], shape (N, 2), at times t, shape (N,)."""
+    torques = np.asarray(tau, dtype=float)
     if torques.ndim == 0:
-        torques = np.full(times.shape, torques)
+        torques = np.full(t.shape, torques)
     if torques.ndim == 1:
         torques = np.column_stack([torques, np.zeros_like(torques)])
-    if times.ndim != 1 or torques.shape != (len(times), 2):
+    if t.ndim != 1 or torques.shape != (len(t), 2):
         raise ParameterError(
-            f't has shape {times.shape} and tau {torques.shape}; (N,), and a number, (N,) or (N, 2) are expected'
+            f't has shape {t.shape} and tau {torques.shape}; (N,), and a number, (N,) or (N, 2) are expected'
         )
-    return simulation.simulate(pendubot, times, torques, q, qd)
+    return torques
 
 
-class Pendubot(Parameters):
+def compare(results: Mapping[str, Identified]) -> DataFrame:
+    """Return the parameters of results side by side, a row a parameter.
+
+    Of each result, by its name, there are the columns value, std_error, t (the difference from the first result in
+    standard errors of both) and p (its two-sided probability by Welch's test). ``attrs['notes']`` has remarks.
+
+    Raises:
+        PendubotError: pandas is not installed.
+    """
+    found = comparison.compare({name: each.result for name, each in results.items()})
+    rows, columns = found['parameters'], {'value': 'value', 'std_error': 'std_error', 't': 'apart', 'p': 'p'}
+    cells = {
+        (name, column): np.array([row[key][k] for row in rows.values()], dtype=float)
+        for k, name in enumerate(results)
+        for column, key in columns.items()
+    }
+    frame = _frame(cells, list(rows))
+    frame.attrs['notes'] = found['notes']
+    return frame
+
+
+def _frame(columns: Mapping[Any, Any], index: Sequence[str]) -> DataFrame:
+    try:
+        from pandas import DataFrame
+    except ImportError as error:
+        raise PendubotError('a frame needs pandas, which is not installed: pip install pandas') from error
+    return DataFrame(columns, index=list(index))
+
+
+class _Exportable:
+    """Parameters that ``pendubot export`` writes for other programs."""
+
+    __slots__ = ()
+
+    @property
+    def _exported(self) -> PartialResult:
+        raise NotImplementedError
+
+    def export(
+        self,
+        path: File,
+        *,
+        link_length: float | None = None,
+        torque_limit: float | None = None,
+        revolute: bool = False,
+        overwrite: bool = False,
+    ) -> Path:
+        """Write a file for another program; its suffix selects the format, as of ``pendubot export``.
+
+        Args:
+            path: with the suffix .xml (MJCF), .urdf, .yaml, .m, .h or .py.
+            link_length: for simulators, measured length of link 1 [m]; None: P3 / P5.
+            torque_limit: for simulators, of the motor [N m].
+            revolute: for URDF, joints of the type revolute instead of continuous.
+            overwrite: replace an existing file.
+
+        Raises:
+            PendubotError: the suffix names no format, no real masses give these parameters, or the file exists.
+        """
+        text = self.export_text(
+            format_of(Path(path)), link_length=link_length, torque_limit=torque_limit, revolute=revolute
+        )
+        with _arguments_in_messages():
+            write_atomically(Path(path), text, overwrite=overwrite)
+        return Path(path)
+
+    @_arguments_in_messages()
+    def export_text(
+        self,
+        format: Format,
+        *,
+        link_length: float | None = None,
+        torque_limit: float | None = None,
+        revolute: bool = False,
+    ) -> str:
+        """Return the text of such a file.
+
+        Raises:
+            PendubotError: there is no such format, or no real masses give these parameters.
+        """
+        return export(self._exported, format, link_length, torque_limit, revolute=revolute)[0]
+
+
+class Pendubot(Parameters, _Exportable):
     """The parameters of a rig and its equations of motion.
 
     q, qd and tau are of shoulder and elbow: q1 [rad] from the horizontal, q2 relative to link 1, qd [rad/s], tau [N m].
+
+    Raises:
+        PendubotError: no rig can have these parameters.
     """
 
     __slots__ = ()
 
+    def __post_init__(self) -> None:
+        if problems := self.unphysical():
+            raise ParameterError(f'no rig can have these parameters: {"; ".join(problems)}; correct them')
+
     @classmethod
+    @_arguments_in_messages()
     def load(cls, path: File) -> Pendubot:
         """Return the rig of a result file, or of a file with parameters by hand.
 
@@ -193,13 +433,13 @@ class Pendubot(Parameters):
         return self.vector()
 
     def mass_matrix(self, q: ArrayLike) -> Array:
-        """Return M(q) [kg m^2], shape (2, 2)."""
+        """Return M(q) [kg m^2], shape (..., 2, 2), of q, shape (..., 2)."""
         return dynamics.mass_matrix(self.theta, q)
 
     def bias(self, q: ArrayLike, qd: ArrayLike) -> Array:
-        """Return the torque of Coriolis forces and gravity, V(q, qd) qd + G(q) [N m], shape (2,)."""
+        """Return the torque of Coriolis forces and gravity, V(q, qd) qd + G(q) [N m], shape (..., 2)."""
         free = replace(self, b1=0.0, b2=0.0, Fc1=0.0, Fc2=0.0, Fs1=0.0, Fs2=0.0, k1=0.0, k2=0.0)
-        result: Array = -self.mass_matrix(q) @ free.acceleration(q, qd)
+        result: Array = -np.einsum('...ij,...j->...i', self.mass_matrix(q), free.acceleration(q, qd))
         return result
 
     def acceleration(self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike = (0.0, 0.0)) -> Array:
@@ -230,18 +470,14 @@ class Pendubot(Parameters):
         """Return its motion, see :func:`simulate`."""
         return simulate(self, t, tau, q, qd)
 
-    def export(self, format: str, *, link_length: float | None = None, torque_limit: float | None = None) -> str:
-        """Return the text that ``pendubot export`` writes in a format: mjcf, urdf, yaml, m, h or py.
-
-        Raises:
-            PendubotError: there is no such format, or no real masses give these parameters.
-        """
+    @property
+    def _exported(self) -> PartialResult:
         given = {s.name: Parameter(value=v, unit=s.unit) for s, v in zip(SPECIFICATIONS, self.theta, strict=False)}
-        return export(PartialResult(parameters=given), format, link_length, torque_limit)[0]
+        return PartialResult(parameters=given)
 
 
 @dataclass(frozen=True, repr=False)
-class Identified:
+class Identified(_Exportable):
     """The result of an identification.
 
     Attributes:
@@ -253,6 +489,7 @@ class Identified:
     motions: tuple[Sequence[Trajectory], Sequence[Trajectory]] | None = None
 
     @classmethod
+    @_arguments_in_messages()
     def load(cls, path: File) -> Identified:
         """Return the result of a file.
 
@@ -299,7 +536,7 @@ class Identified:
     @property
     def warnings(self) -> list[str]:
         """The warnings, a sentence each."""
-        return self.result.warnings
+        return [as_arguments(warning) for warning in self.result.warnings]
 
     def frame(self) -> DataFrame:
         """Return a row a parameter: value, std_error, low, high, unit, meaning.
@@ -307,15 +544,12 @@ class Identified:
         Raises:
             PendubotError: pandas is not installed.
         """
-        try:
-            from pandas import DataFrame
-        except ImportError as error:
-            raise PendubotError('a frame needs pandas, which is not installed: pip install pandas') from error
         low, high = self.intervals.T
         units, meaning = zip(*(MEANINGS[name] for name in self.names), strict=True)
         columns = {'value': self.theta, 'std_error': self.std_error, 'low': low, 'high': high}
-        return DataFrame({**columns, 'unit': units, 'meaning': meaning}, index=list(self.names))
+        return _frame({**columns, 'unit': units, 'meaning': meaning}, self.names)
 
+    @_arguments_in_messages()
     def save(self, path: File, *, overwrite: bool = False) -> None:
         """Write the result file.
 
@@ -324,20 +558,58 @@ class Identified:
         """
         write_result(Path(path), self.result, overwrite=overwrite)
 
+    @_arguments_in_messages()
     def report(self, folder: File, *, overwrite: bool = False, figures: bool = False) -> Path:
         """Write a page with figures, these also as SVG and PNG if asked for, and the result; return where the page is.
+
+        For a loaded result the recordings are read again; the page says which of them are missing.
 
         Raises:
             PendubotError: the folder holds something already, or cannot be written.
         """
         from .report.folder import write_report
 
+        notes: list[str] = []
+        try:
+            motions = self._recordings()
+        except PendubotError as error:
+            motions, notes = None, [f'figures of the recordings; {error}']
         with OutputFolder(Path(folder), overwrite=overwrite) as made:
-            return write_report(made, self.result, self.motions, None, (), lambda *_: None, static=figures)
+            return write_report(made, self.result, motions, None, notes, lambda *_: None, static=figures)
 
-    def export(self, format: str, *, link_length: float | None = None, torque_limit: float | None = None) -> str:
-        """Return the text of a file, see :meth:`Pendubot.export`, with the origin of the numbers."""
-        return export(self.result, format, link_length, torque_limit)[0]
+    @_arguments_in_messages()
+    def plot(self, what: Plot = 'simulation', axes: Axes | Sequence[Axes] | None = None) -> list[Axes]:
+        """Draw a figure of the report with matplotlib, and return its axes.
+
+        Args:
+            what: measured and simulated motion (the panels q1, q2, q1', q2' and two of errors), the recordings (tau1,
+                q1, q2; with a torque at the elbow one more), or the unexplained torque (shoulder, elbow).
+            axes: to draw the first panels into, as many as there are axes; None: all, in a new figure.
+
+        Raises:
+            PendubotError: the recordings of a loaded result cannot be read again.
+        """
+        from matplotlib import pyplot
+
+        from .report.folder import pictures_of_motions
+
+        if what not in PLOTS:
+            raise ParameterError(f'there is no plot {what!r}; {", ".join(PLOTS)} are expected')
+        plot: Any = dict(pictures_of_motions(self.result, *self._recordings()))[PLOTS[what]]()[0].content
+        if axes is None:
+            size = len(plot.panels)
+            axes = pyplot.subplots(size, sharex=True, figsize=(8, 1.3 * size), layout='constrained')[1].tolist()
+        drawn = list(axes) if isinstance(axes, (Sequence, np.ndarray)) else [axes]
+        plot.draw(drawn)
+        return drawn
+
+    def _recordings(self) -> tuple[Sequence[Trajectory], Sequence[Trajectory]]:
+        """Return the motions for training and for validation; those of a loaded result are read again."""
+        return self.motions or read_recordings(self.result)
+
+    @property
+    def _exported(self) -> PartialResult:
+        return self.result
 
     def __repr__(self) -> str:
         values = ', '.join(f'{name}={value:.6g}' for name, value in zip(self.names, self.theta, strict=True))
@@ -346,12 +618,12 @@ class Identified:
     def __str__(self) -> str:
         from .report.tables import summary
 
-        return summary(self.result)
+        return as_arguments(summary(self.result))
 
     def _repr_html_(self) -> str:
         """Return level, parameters with their intervals, and prediction errors for a notebook."""
         from .report.tables import parameter_table, prediction_table, verdict
 
-        said = [f'{self.level.name}: {sentence}' for sentence in self.warnings or [verdict(self.result)]]
+        said = [f'{self.level.name}: {as_arguments(sentence)}' for sentence in self.warnings or [verdict(self.result)]]
         paragraphs = ''.join(f'<p>{html.escape(sentence)}</p>' for sentence in said)
         return f'{paragraphs}{parameter_table(self.result).html()}{prediction_table(self.result).html()}'

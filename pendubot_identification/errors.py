@@ -60,6 +60,10 @@ class ResultError(PendubotError):
     """A result file that cannot be read or written."""
 
 
+class MissingFileError(BagError, TableError, ResultError, ParameterError, FileNotFoundError):
+    """A file or bag that is not there; it is also the error of whatever was expected there."""
+
+
 class LinkError(PendubotError):
     """A serial port that is missing, busy or forbidden."""
 

@@ -12,7 +12,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from pendubot_identification.errors import PendubotError, ResultError
+from pendubot_identification.errors import MissingFileError, PendubotError, ResultError
 
 
 def read_yaml(
@@ -21,6 +21,7 @@ def read_yaml(
     """Return the content of a YAML file, the first text of ``replaced`` read as the second.
 
     Raises:
+        MissingFileError: there is no such file.
         PendubotError: it cannot be read, or is no YAML; as ``refusal``, whose sentence ends with ``expected``.
     """
     import yaml
@@ -30,6 +31,8 @@ def read_yaml(
         # Libyaml's, where it was built, takes a seventh of the time.
         loader = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
         return yaml.load(text.replace(*replaced) if replaced[0] else text, Loader=loader)
+    except FileNotFoundError as error:
+        raise MissingFileError(f'there is no file {path}; {expected}') from error
     except OSError as error:
         raise refusal(f'{path} cannot be read ({error.strerror}); {expected}') from error
     except (yaml.YAMLError, UnicodeDecodeError) as error:

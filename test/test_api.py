@@ -4,12 +4,18 @@
 """What is imported from the package itself, as a script or a notebook does."""
 
 import ast
+import inspect
 import json
+import os
+import pydoc
+import re
 import subprocess
 import sys
 from dataclasses import replace
+from typing import Literal, get_args, get_origin, get_type_hints
 from xml.etree import ElementTree
 
+import matplotlib.figure
 import numpy as np
 import pytest
 
@@ -23,11 +29,15 @@ from pendubot_identification import (
     PendubotError,
     Trajectory,
     api,
+    compare,
     identify,
     read,
     simulate,
 )
+from pendubot_identification.identify.options import OPTIONS
 from pendubot_identification.model.parameters import BALANCE
+from pendubot_identification.results.options import as_arguments
+from pendubot_identification.trajectories.conventions import CONVERSION
 from test.conftest import ROOT
 
 SAMPLE = ROOT / 'bags' / 'paper_experiment'
@@ -68,7 +78,7 @@ except pendubot_identification.PendubotError as error:
     done = subprocess.run([sys.executable, '-c', script], capture_output=True, text=True, timeout=60, check=True)
     heavy, said = json.loads(done.stdout)
     assert heavy == []
-    assert 'names of bags, or motions as read() returns them, are expected' in said
+    assert 'names of bags or files, or else DataFrames, motions as read() returns them' in said
 
 
 def test_bags_and_motions_in_memory_give_the_same_parameters(found):
@@ -135,6 +145,10 @@ def test_a_rig_moves_as_its_terms_say():
     friction = np.array([RIG.b1, RIG.b2]) * qd
     left = RIG.mass_matrix(q) @ RIG.acceleration(q, qd, tau)
     np.testing.assert_allclose(left, tau - RIG.bias(q, qd) - friction, rtol=1e-12)
+    many = np.array([[[0.3, -1.2], [0.1, 0.2], [1.0, 2.0]]])
+    expected = [[RIG.mass_matrix(one) for one in many[0]]]
+    np.testing.assert_array_equal(RIG.mass_matrix(many), expected)
+    np.testing.assert_allclose(RIG.bias(many, qd)[0, 1], RIG.bias(many[0, 1], qd), rtol=1e-12)
     free = replace(RIG, b1=0.0, b2=0.0)
     assert isinstance(free, Pendubot)
     motion = free.simulate(np.arange(200) * 0.01, q=(0.1, 0.2))
@@ -157,23 +171,167 @@ def test_a_torque_may_be_a_number_or_the_shoulders_or_both():
         simulate(RIG, t, [1.0, 2.0])
 
 
-def test_exports_are_those_of_the_command_line(found):
-    assert 'swing' not in RIG.export('mjcf')
-    assert '<robot' in found.export('urdf', link_length=0.03, torque_limit=1.0)
+def test_a_suffix_selects_the_format_of_an_export(found, tmp_path):
+    path = found.export(tmp_path / 'rig.urdf', link_length=0.03, torque_limit=1.0)
+    assert path.read_text() == found.export_text('urdf', link_length=0.03, torque_limit=1.0)
+    assert 'mujoco' in RIG.export(str(tmp_path / 'rig.xml')).read_text()
+    with pytest.raises(PendubotError, match=r'rig.urdf exists already .* add overwrite=True'):
+        found.export(path)
+    with pytest.raises(PendubotError, match=r'rig.usd has no suffix that names a format; .urdf, '):
+        RIG.export('rig.usd')
     with pytest.raises(PendubotError, match="no format 'usd'"):
-        RIG.export('usd')
+        RIG.export_text('usd')
+
+
+def test_arrays_and_frames_give_the_parameters_of_the_bag(found):
+    pandas = pytest.importorskip('pandas')
+    motion = read(SAMPLE)
+    degrees, milli = np.degrees(motion.q - HANGING), motion.tau[:, 0] * 1000
+    units = {'degrees': True, 'zero': 'hanging', 'torque_unit': 'mNm'}
+    frame = pandas.DataFrame({'t': motion.t, 'theta1': degrees[:, 0], 'q2': degrees[:, 1], 'tau1': milli})
+    columns = {'q1': 'theta1'}
+    np.testing.assert_allclose(read(frame, columns=columns, **units).q, motion.q, atol=1e-12)
+    for again in (
+        identify(t=motion.t.tolist(), q=degrees.tolist(), tau=milli.tolist(), **units, **FAST),
+        identify(frame, columns=columns, **units, **FAST),
+        identify(frame.set_index('t'), columns=columns, **units, **FAST),
+    ):
+        np.testing.assert_allclose(again.theta, found.theta, rtol=1e-9)
+
+
+def test_a_result_of_arrays_is_reported_and_drawn_from_memory(tmp_path):
+    motion = read(f'{SAMPLE}@0:9')
+    found = identify(t=motion.t, q=motion.q, tau=motion.tau, **FAST)
+    assert 'Measured against simulated motion' in found.report(tmp_path / 'look').read_text()
+    q1, q2 = matplotlib.figure.Figure().subplots(2)
+    assert found.plot(axes=[q1, q2]) == [q1, q2]
+    (measured, *_), t = (line.get_data() for line in q1.get_lines()), found.motions[1][0].t
+    np.testing.assert_allclose(measured[0], t, atol=1e-5)
+    (axis,) = found.plot('torque', axes=q1)
+    assert axis is q1
+    with pytest.raises(PendubotError, match="no plot 'torques'"):
+        found.plot('torques')
+    found.save(tmp_path / 'rig.yaml')
+    with pytest.raises(FileNotFoundError, match='were in memory'):
+        Identified.load(tmp_path / 'rig.yaml').plot()
+
+
+def test_results_are_compared_in_a_frame(found):
+    pytest.importorskip('pandas')
+    frame = compare({'both': found, 'second': identify(f'{SAMPLE}@9:18', **FAST)})
+    np.testing.assert_array_equal(frame['both', 'value'], found.theta)
+    apart = frame['second', 'value'] - frame['both', 'value']
+    error = np.hypot(frame['both', 'std_error'], frame['second', 'std_error'])
+    np.testing.assert_allclose(frame['second', 't'], apart / error, rtol=1e-9)
+
+
+def choices_of(hint):
+    """Return the texts that a type allows."""
+    parts = get_args(hint)
+    return {*parts} if get_origin(hint) is Literal else set().union(*map(choices_of, parts))
+
+
+@pytest.mark.parametrize(('function', 'options'), [(identify, (*OPTIONS, *CONVERSION)), (read, CONVERSION)])
+def test_a_signature_has_every_option_with_its_default_and_choices(function, options):
+    shown = inspect.signature(function).parameters
+    hints = get_type_hints(getattr(api, function.__name__.rpartition('.')[2]), localns={'DataFrame': object})
+    for option in options:
+        default = shown[option.name].default
+        assert default in (None, (), 'likelihood') if option.optional else default == option.default
+        assert choices_of(hints[option.name]) >= {*option.choices}
+
+
+def test_help_shows_the_signature_of_identify():
+    text = pydoc.plain(pydoc.render_doc(identify))
+    assert "time_unit: 'TimeUnit' = 's'" in text
+    assert 'a single number fixes a parameter' in text
+
+
+@pytest.mark.parametrize(
+    ('said', 'expected'),
+    [
+        ('add --torque-unit mNm', "add torque_unit='mNm'"),
+        ('leave them out: add --skip-missing', 'leave them out: add skip_missing=True'),
+        ('with --columns q1=a,q2=b; or', "with columns={'q1': 'a', 'q2': 'b'}; or"),
+        ('--zero hanging --negate q1,tau1: so', "zero='hanging' negate=['q1', 'tau1']: so"),
+        ('--offset does not know', 'offset does not know'),
+        ('--offset q1=5deg?', "offset={'q1': '5deg'}?"),
+        ('with --torque-constant K [N m]', 'with torque_constant=K [N m]'),
+        ('--delay 0:0.02, or', 'delay=(0, 0.02), or'),
+        ('give it by --link-length', 'give it by link_length'),
+        ('(--joints): add --force', '(joint_names): add overwrite=True'),
+        ('pendubot excite --design', 'pendubot excite --design'),
+    ],
+)
+def test_messages_name_arguments(said, expected):
+    assert as_arguments(said) == expected
+
+
+SCRIPT = """
+from pathlib import Path
+import numpy as np
+import pandas
+from matplotlib.figure import Figure
+from pendubot_identification import *
+t, q = np.arange(3.0), np.zeros((3, 2))
+found = identify(t=t, q=q, tau=[0.0, 1.0, 0.0], criterion=['weak', 'energy'], delay=0.0, negate='q1')
+found = identify(pandas.DataFrame({'t': t}), Path('a.csv'), read('b'), validate=['c'], bounds={'P1': (0, 1), 'b2': 0})
+for each in (identify, read, simulate, compare, Pendubot, Identified.load, Trajectory, Level, HANGING, UPRIGHT): pass
+reveal_type(identify)
+reveal_type(read)
+reveal_type(simulate)
+reveal_type(compare)
+reveal_type(Pendubot.load)
+reveal_type(Pendubot.mass_matrix)
+reveal_type(Pendubot.linearised)
+reveal_type(Pendubot.export)
+reveal_type(Pendubot.export_text)
+reveal_type(Identified.plot)
+reveal_type(Identified.report)
+reveal_type(Identified.save)
+reveal_type((found.pendubot, found.theta, found.level, found.warnings, found.frame(), found.result, found.motions))
+found.plot('torque', Figure().subplots(2))
+identify('a', criterion='weka')
+identify('a', critrion='weak')
+read('a', time_unit='min')
+"""
+
+
+def test_mypy_sees_every_public_signature(tmp_path):
+    """Without Any, but for that in numpy's own types of an array; and it finds wrong arguments."""
+    pytest.importorskip('mypy')
+    (tmp_path / 'script.py').write_text(SCRIPT)
+    command = [sys.executable, '-m', 'mypy', '--strict', '--follow-imports=silent', '--cache-dir', tmp_path / 'cache']
+    env = {**os.environ, 'MYPYPATH': str(ROOT)}
+    done = subprocess.run([*command, 'script.py'], cwd=tmp_path, env=env, capture_output=True, text=True, timeout=240)
+    shown = [line for line in done.stdout.splitlines() if 'Revealed type' in line]
+    assert len(shown) == SCRIPT.count('reveal_type'), done.stdout
+    of_numpy = re.compile(r'tuple\[Any, \.\.\.\]|dtype\[Any\]')
+    assert not [line for line in shown if 'Any' in of_numpy.sub('', line)]
+    errors = re.findall(r'script.py:(\d+): error: (.*)', done.stdout)
+    assert len(errors) == 3, done.stdout
+
+
+@pytest.mark.parametrize('call', [read, identify, Pendubot.load, Identified.load])
+@pytest.mark.parametrize('name', ['nosuch.csv', 'nosuch'])
+def test_a_missing_file_is_also_a_file_not_found_error(call, name):
+    with pytest.raises(FileNotFoundError, match=f'there is no (file|bag) {name}') as caught:
+        call(name)
+    assert isinstance(caught.value, PendubotError)
 
 
 @pytest.mark.parametrize(
     ('call', 'said'),
     [
         (lambda: identify(SAMPLE, read(SAMPLE)), 'PosixPath, Trajectory was given'),
-        (lambda: identify(SAMPLE, critrion='weak'), "no option 'critrion'; the options are criterion"),
+        (lambda: identify(SAMPLE, criterion='weka'), 'criterion is weka; one of energy, weak, likelihood'),
+        (lambda: identify(t=[0.0], q=[[0.0, 0.0]]), 'tau is missing; t, q and tau are expected together'),
+        (lambda: identify(t=[0.0, 1.0], q=[0.0, 0.0], tau=0.0), r't has shape \(2,\) and q \(2,\)'),
+        (lambda: identify(SAMPLE, t=[0.0]), 'both recordings and arrays were given'),
+        (lambda: Pendubot(1.0, 1.0, 5.0, 1.0, 1.0, 0.0, 0.0), 'no rig can have .* does not exceed P3'),
         (lambda: identify(SAMPLE, bounds={'P9': (0, 1)}), "no parameter 'P9'"),
-        (lambda: read('nosuch.csv'), 'cannot be read'),
         (lambda: read(SAMPLE, columns={'q1': 'a'}), 'is for files with columns; the stamps of a bag'),
         (lambda: identify(read(SAMPLE), degrees=True), 'degrees say how files are read, and motions are read already'),
-        (lambda: Pendubot.load('nosuch.yaml'), 'cannot be read'),
     ],
 )
 def test_mistakes_are_said_in_a_sentence(call, said):

@@ -46,7 +46,7 @@ CHUNK, STEP = 0.5, 0.002
 
 def fit(recordings, guess, hold):
     """Fit a rig by mujoco.sysid, from a guess: all that its user writes. Return model, ten parameters, covariance."""
-    spec = mujoco.MjSpec.from_string(guess.export('mjcf'))
+    spec = mujoco.MjSpec.from_string(guess.export_text('mjcf'))
     elbow = spec.add_actuator(name='elbow', target='elbow', trntype=mujoco.mjtTrn.mjTRN_JOINT)
     elbow.set_to_motor()
     spec.option.timestep = STEP

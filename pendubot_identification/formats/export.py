@@ -5,6 +5,9 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+from typing import Literal
+
 import yaml
 
 from pendubot_identification.errors import ParameterError
@@ -15,15 +18,29 @@ from .code import Entry, c, matlab, python
 from .masses import rig_of
 from .robots import limits, mjcf, urdf
 
-ROBOTS = {'mjcf': mjcf, 'urdf': urdf}
+ROBOTS = ('mjcf', 'urdf')
 LANGUAGES = {'m': matlab, 'h': c, 'py': python}
 FORMATS = (*ROBOTS, 'yaml', *LANGUAGES)
-SUFFIXES = {f'.{name}': name for name in FORMATS if name != 'mjcf'} | {'.xml': 'mjcf', '.yml': 'yaml'}
+Format = Literal['mjcf', 'urdf', 'yaml', 'm', 'h', 'py']
+SUFFIXES: dict[str, Format] = {
+    '.urdf': 'urdf',
+    '.yaml': 'yaml',
+    '.m': 'm',
+    '.h': 'h',
+    '.py': 'py',
+    '.xml': 'mjcf',
+    '.yml': 'yaml',
+}
 MEANINGS = {s.name: (s.unit, s.meaning) for s in SPECIFICATIONS}
 
 
 def export(
-    result: PartialResult, format: str, link_length: float | None = None, torque_limit: float | None = None
+    result: PartialResult,
+    format: str,
+    link_length: float | None = None,
+    torque_limit: float | None = None,
+    *,
+    revolute: bool = False,
 ) -> tuple[str, list[str]]:
     """Return the text of a file, and in sentences what its user must know of it, which also stand in it.
 
@@ -32,6 +49,7 @@ def export(
         format: one of :data:`FORMATS`.
         link_length: for simulators, of link 1 [m], see :func:`.masses.rig_of`.
         torque_limit: for simulators, of the motor [N m].
+        revolute: for URDF, see :func:`.robots.urdf`.
 
     Raises:
         ParameterError: there is no such format, or no real masses give these parameters, or a limit that is none.
@@ -44,11 +62,25 @@ def export(
         rig = rig_of(result.theta, link_length)
         said = [*rig.choices, *limits(rig.parameters, armature=format == 'mjcf'), *_beside(result)]
         named = [f'{name} = {entry.value!r} {_described(name, entry)}' for name, entry in parameters.items()]
-        return ROBOTS[format](rig, [*provenance(result), *named, *said], torque_limit), said
+        comments = [*provenance(result), *named, *said]
+        if format == 'mjcf':
+            return mjcf(rig, comments, torque_limit), said
+        return urdf(rig, comments, torque_limit, revolute=revolute), said
     if format == 'yaml':
         return _yaml(parameters, provenance(result)), []
     entries = [Entry(name, e.value, e.std_error, _described(name, e)) for name, e in parameters.items()]
     return LANGUAGES[format](entries, [*provenance(result), *_beside(result)]), _beside(result)
+
+
+def format_of(path: Path) -> Format:
+    """Return the format that the suffix of a file names.
+
+    Raises:
+        ParameterError: it names none.
+    """
+    if path.suffix not in SUFFIXES:
+        raise ParameterError(f'{path} has no suffix that names a format; {", ".join(SUFFIXES)} are expected')
+    return SUFFIXES[path.suffix]
 
 
 def require_limit(torque: float | None) -> None:

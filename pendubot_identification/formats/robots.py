@@ -91,14 +91,18 @@ def mjcf(rig: Rig, comments: Iterable[str] = (), torque_limit: float | None = No
 """
 
 
-def urdf(rig: Rig, comments: Iterable[str] = (), torque_limit: float | None = None) -> str:
-    """Return the URDF of a rig, which RViz shows and simulators move."""
+def urdf(rig: Rig, comments: Iterable[str] = (), torque_limit: float | None = None, *, revolute: bool = False) -> str:
+    """Return the URDF of a rig, which RViz shows and simulators move.
+
+    Joints are ``continuous`` or, with limits that are never reached, ``revolute``.
+    """
     p = rig.parameters
     dynamics = [f'\n    <dynamics damping="{b!r}" friction="{F!r}"/>' for b, F in ((p.b1, p.Fc1), (p.b2, p.Fc2))]
-    if torque_limit is not None:
-        # A speed has to be there; this is none that limits. The elbow has no motor.
-        for k, effort in enumerate((torque_limit, 0.0)):
-            dynamics[k] += f'\n    <limit effort="{effort!r}" velocity="1000"/>'
+    if torque_limit is not None or revolute:
+        # A limit has to have a speed and an effort; 1000 limits nothing. The elbow has no motor.
+        travel = ' lower="-1000" upper="1000"' if revolute else ''
+        for k, effort in enumerate((1000.0, 1000.0) if torque_limit is None else (torque_limit, 0.0)):
+            dynamics[k] += f'\n    <limit{travel} effort="{effort!r}" velocity="1000"/>'
     inertial = [
         f"""
     <inertial>
@@ -108,7 +112,8 @@ def urdf(rig: Rig, comments: Iterable[str] = (), torque_limit: float | None = No
     </inertial>"""
         for link in (rig.first, rig.second)
     ]
-    return _urdf(rig.first.length, rig.second.length, comments, inertial, dynamics)
+    kind = 'revolute' if revolute else 'continuous'
+    return _urdf(rig.first.length, rig.second.length, comments, inertial, dynamics, kind)
 
 
 def drawn(l1: float, l2: float) -> str:
@@ -123,7 +128,14 @@ def drawn(l1: float, l2: float) -> str:
     return _urdf(l1, l2, ['a pendubot for the eye: it has no masses'], ['', ''], ['', ''])
 
 
-def _urdf(l1: float, l2: float, comments: Iterable[str], inertial: list[str], dynamics: list[str]) -> str:
+def _urdf(
+    l1: float,
+    l2: float,
+    comments: Iterable[str],
+    inertial: list[str],
+    dynamics: list[str],
+    kind: str = 'continuous',
+) -> str:
     radius = SLENDER * min(l1, l2)
 
     def cylinder(xyz: str, rpy: str, radius: float, length: float, material: str, colour: str) -> str:
@@ -136,7 +148,7 @@ def _urdf(l1: float, l2: float, comments: Iterable[str], inertial: list[str], dy
 
     def joint(name: str, parent: str, child: str, x: str, dynamics: str) -> str:
         return f"""\
-<joint name="{name}" type="continuous">
+<joint name="{name}" type="{kind}">
     <parent link="{parent}"/>
     <child link="{child}"/>
     <origin xyz="{x} 0 0" rpy="0 0 0"/>

@@ -129,12 +129,15 @@ def forward_dynamics(theta: ArrayLike, q: ArrayLike, qd: ArrayLike, tau: ArrayLi
 
 
 def mass_matrix(theta: ArrayLike, q: ArrayLike) -> Array:
-    """Return M(q) [kg m^2], shape (2, 2), of theta, shape (D,), and positions [rad], shape (2,)."""
-    values = np.asarray(theta, dtype=float)
+    """Return M(q) [kg m^2], shape (..., 2, 2).
+
+    Positions q [rad] have shape (..., 2), theta (D,) or (..., D); they broadcast.
+    """
+    values = _split(theta)
     P1, P2, P3 = values[:3]
-    c2 = np.cos(np.asarray(q, dtype=float)[1])
-    m12 = P2 + P3 * c2
-    return np.array([[P1 + P2 + 2 * P3 * c2, m12], [m12, P2 + _rotor(values)]])
+    c2 = np.cos(np.asarray(q, dtype=float)[..., 1])
+    entries = np.broadcast_arrays(P1 + P2 + 2 * P3 * c2, P2 + P3 * c2, P2 + P3 * c2, P2 + _rotor(values))
+    return np.stack(entries, axis=-1).reshape(*entries[0].shape, 2, 2)
 
 
 def energy(theta: ArrayLike, q: ArrayLike, qd: ArrayLike) -> Array:

@@ -81,6 +81,9 @@ class Parameters:
     k1: float = 0.0
     k2: float = 0.0
 
+    def __post_init__(self) -> None:
+        """Accept all values, also those of a search; :class:`.api.Pendubot` refuses unphysical ones."""
+
     @classmethod
     def from_vector(cls, theta: ArrayLike) -> Parameters:
         """Make parameters from a model's vector, shape (7,), (9,), (10,) or (14,); missing ones are 0.

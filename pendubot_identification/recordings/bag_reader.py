@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pendubot_identification.errors import BagError, LongRecordingError, TrajectoryError
+from pendubot_identification.errors import BagError, LongRecordingError, MissingFileError, TrajectoryError
 from pendubot_identification.trajectories.conversion import Conversion
 from pendubot_identification.trajectories.trajectory import Trajectory
 
@@ -346,7 +346,7 @@ def _opened(path: Path) -> tuple[list[McapFile], dict[Path, str]]:
             f'{path} cannot be read: {error.strerror}; check the permissions of this folder and of those above'
         ) from error
     except OSError:
-        raise BagError(f'there is no bag {path}; give a bag folder or a .mcap file') from None
+        raise MissingFileError(f'there is no bag {path}; give a bag folder or a .mcap file') from None
     # Compression of a file may have been interrupted: prefer the original.
     found = {name.removesuffix('.zstd') for name in names if name.endswith(('.mcap', '.mcap.zstd'))}
     if not found:

@@ -38,6 +38,8 @@ MOST_REPEATED = 0.05
 class TableReader:
     """A file with columns, with the attributes of :class:`.bag_reader.BagReader` that a result needs.
 
+    With ``table`` its columns are in memory, and the path is a name for messages.
+
     Attributes:
         given: the conversion that was asked for.
         conversion: the same with the columns that have usual names, and the units of their headers.
@@ -45,8 +47,8 @@ class TableReader:
 
     closed = True
 
-    def __init__(self, path: Path, conversion: Conversion) -> None:
-        self.path, self.given, self.note = path, conversion, ''
+    def __init__(self, path: Path, conversion: Conversion, table: Table | None = None) -> None:
+        self.path, self.given, self.note, self._table = path, conversion, '', table
 
     @cached_property
     def content_hash(self) -> str:
@@ -55,8 +57,8 @@ class TableReader:
 
     @cached_property
     def table(self) -> Table:
-        """The columns of the file."""
-        return read_table(self.path, self.given)
+        """The columns of the file, or those that were given."""
+        return self._table or read_table(self.path, self.given)
 
     @cached_property
     def conversion(self) -> Conversion:

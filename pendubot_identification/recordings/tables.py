@@ -19,7 +19,7 @@ from zipfile import BadZipFile
 import numpy as np
 from numpy.typing import NDArray
 
-from pendubot_identification.errors import TableError
+from pendubot_identification.errors import MissingFileError, TableError
 from pendubot_identification.trajectories.conversion import Conversion
 
 from .columns import unit_of
@@ -48,6 +48,8 @@ def read_table(path: Path, conversion: Conversion) -> Table:
     try:
         with path.open('rb'):
             table = read(path, conversion)
+    except FileNotFoundError as error:
+        raise MissingFileError(f'there is no file {path}; check its name and folder') from error
     except OSError as error:
         why = error.strerror or str(error)
         raise TableError(f'{path} cannot be read: {why}; check its name and permissions') from error

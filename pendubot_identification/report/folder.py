@@ -65,7 +65,7 @@ def write_report(
     Raises:
         ResultError: the system refuses to write.
     """
-    wanted = [*_of_result(result, beside), *(_of_motions(result, *motions) if motions else [])]
+    wanted = [*_of_result(result, beside), *(pictures_of_motions(result, *motions) if motions else [])]
     pictures: list[Picture] = []
     missing = []
     for k, (subject, draw) in enumerate(wanted):
@@ -74,7 +74,9 @@ def write_report(
             pictures += draw()
         except PendubotError as error:
             missing.append(f'{subject}; {error}')
-    named = [_bag(BagWindow.parse(source.bag), bags) for source in result.bags] if motions is not None else []
+    windows = [BagWindow.parse(source.bag) for source in result.bags] if motions is not None else []
+    # A motion may also come from memory.
+    named = [_bag(window, bags) for window in windows if _place(window, bags).exists()]
     page = result_page(result, pictures, beside, [*notes, *missing], named)
     return _write(folder, {'result.yaml': result_text(result)}, pictures if static else (), page)
 
@@ -122,7 +124,10 @@ def _of_result(result: Result, beside: Beside | None) -> Iterator[Wanted]:
             yield f'the convergence of {criterion}', draw
 
 
-def _of_motions(result: Result, training: Sequence[Trajectory], validation: Sequence[Trajectory]) -> Iterator[Wanted]:
+def pictures_of_motions(
+    result: Result, training: Sequence[Trajectory], validation: Sequence[Trajectory]
+) -> Iterator[Wanted]:
+    """Yield the subject of each picture of the recordings, and the function that draws it."""
     estimates = answers(result)
     best = estimates[result.criterion]
     timeline = plots.Timeline.of([*training, *validation])
@@ -160,9 +165,13 @@ def _of_motions(result: Result, training: Sequence[Trajectory], validation: Sequ
         yield f'the residuals of {name}', partial(residuals, name)
 
 
+def _place(window: BagWindow, folder: Path | None) -> Path:
+    return (folder / window.path.name if folder else window.path).absolute()
+
+
 def _bag(window: BagWindow, folder: Path | None) -> Bag:
     """Return where a bag lies, and the day of its recording by its own stamps; a file with columns has none."""
-    path = (folder / window.path.name if folder else window.path).absolute()
+    path = _place(window, folder)
     first_ns = 0 if is_table(path) else BagReader(path).first_ns
     day = datetime.fromtimestamp(first_ns / 1e9, timezone.utc).date().isoformat() if first_ns > A_YEAR_NS else ''
     return Bag(str(window), path.as_uri(), day)

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
@@ -105,11 +106,20 @@ class TimePlot:
 
     def figure(self) -> Figure:
         """Return the plot as a static figure."""
-        data = self.data()
         figure = Figure(figsize=(WIDTH, 0.4 + 1.1 * len(self.panels)), layout='constrained')
         axes = figure.subplots(len(self.panels), 1, squeeze=False, sharex=True).ravel()
+        self.draw(axes)
+        kinds = {span.label: span.colour for span in self.spans if span.label}
+        patches = [Patch(color=colour, alpha=0.4, label=label) for label, colour in kinds.items()]
+        if patches:
+            figure.legend(handles=patches, loc='outside upper left', ncols=4)
+        return figure
+
+    def draw(self, axes: Sequence[Axes] | NDArray[np.object_]) -> None:
+        """Draw the first panels, as many as there are axes."""
+        data = self.data()
         labels: list[str] = []
-        for panel, axis in zip(data['panels'], axes, strict=True):
+        for panel, axis in zip(data['panels'], axes, strict=False):
             for line in panel['lines']:
                 _draw(axis, line)
             for begin, end, colour, _ in data['spans']:
@@ -126,12 +136,7 @@ class TimePlot:
                 axes[0].text(begin, 1.0, f' {number}', transform=place, va='top', fontsize=7, color=GREY)
                 for axis in axes if number > 1 else ():
                     axis.axvline(begin, color=GREY, linestyle='--', linewidth=0.8)
-        kinds = {span.label: span.colour for span in self.spans if span.label}
-        patches = [Patch(color=colour, alpha=0.4, label=label) for label, colour in kinds.items()]
-        if patches:
-            figure.legend(handles=patches, loc='outside upper left', ncols=4)
         axes[-1].set_xlabel('time [s]')
-        return figure
 
 
 def _draw(axis: Any, line: dict[str, Any]) -> None:

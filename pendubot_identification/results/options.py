@@ -5,20 +5,23 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from pendubot_identification.errors import ParameterError
-from pendubot_identification.identify.options import CRITERION, DELAY, OPTIONS, START
+from pendubot_identification.identify.options import APPLY_REMEDIES, CRITERION, DELAY, OPTIONS, START
 from pendubot_identification.identify.settings import Settings
 from pendubot_identification.model.parameters import Bounds, Parameters, default_bounds
 from pendubot_identification.setting import Setting
 from pendubot_identification.trajectories.conventions import CONVERSION
-from pendubot_identification.trajectories.conversion import Conversion
+from pendubot_identification.trajectories.conversion import QUANTITIES, Conversion
 
 from .result_file import read_parameters
 
+#: Options with another name in Python.
+RENAMED = {'joints': 'joint_names', 'force': 'overwrite=True'}
 #: From a text to a value, by the type of an option's default.
 CONVERTERS: Mapping[type, Any] = {
     bool: lambda text: {'true': True, 'false': False}[text.lower()],
@@ -71,6 +74,47 @@ def interval_of(name: str, value: Any, example: str) -> tuple[float, float]:
             f'{name} {value!r} is not understood; LOW:HIGH or one number is expected, such as {example}'
         ) from None
     return low, high
+
+
+def as_arguments(text: str) -> str:
+    """Return a message with the options in it as arguments of Python: ``--zero hanging`` is ``zero='hanging'``.
+
+    Options that Python does not have, such as those of other subcommands, stay as they are.
+    """
+    return re.sub(r'--([a-z]+(?:-[a-z]+)*)((?:\s|=)\S*)?', _argument, text)
+
+
+def _argument(found: re.Match[str]) -> str:
+    """Return an option, and the word after it if that is its value, as an argument."""
+    name, after = found[1].replace('-', '_'), found[2] or ''
+    if name in RENAMED:
+        return RENAMED[name] + after
+    option = next((option for option in (*OPTIONS, APPLY_REMEDIES, *CONVERSION) if option.name == name), None)
+    if option is None:
+        return found[0]
+    if isinstance(option.default, bool):
+        return f'{name}=True{after}'
+    value = after[1:].rstrip('.,;:?)]')
+    written = _as_literal(option, value)
+    return f'{name}={written}{after[1 + len(value) :]}' if written else name + after
+
+
+def _as_literal(option: Setting, value: str) -> str:
+    """Return the value of an option as Python writes it; empty if the word is no value of it."""
+    parts = value.split(',')
+    if option.name in ('columns', 'offset') and all('=' in part for part in parts):
+        return repr(dict(part.split('=', 1) for part in parts))
+    if option.name == 'negate' and set(parts) <= set(QUANTITIES):
+        return repr(parts)
+    if value in option.choices:
+        return repr(value)
+    if isinstance(option.default, float) and value.isupper():
+        return value  # a placeholder
+    try:
+        numbers = [f'{float(number):g}' for number in value.split(':')]
+    except ValueError:
+        return ''
+    return numbers[0] if len(numbers) == 1 else f'({", ".join(numbers)})'
 
 
 def _value(option: Setting, value: Any) -> Any:

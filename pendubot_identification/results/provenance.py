@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pendubot_identification.errors import BagError
+from pendubot_identification.errors import BagError, MissingFileError
 from pendubot_identification.identify.settings import Settings
 from pendubot_identification.model.parameters import NAMES, Bounds
 from pendubot_identification.recordings.bag_reader import BagWindow, read_trajectory
@@ -20,6 +20,9 @@ from pendubot_identification.trajectories.signals import evenly_stamped
 from pendubot_identification.trajectories.trajectory import Trajectory
 
 from .result import Result, theta_of
+
+#: The end of the name of a recording that is no file.
+IN_MEMORY = ' (from memory)'
 
 
 class Answer(NamedTuple):
@@ -51,8 +54,12 @@ def recordings(result: Result, folder: Path | None = None) -> tuple[list[Traject
         window = BagWindow.parse(source.bag)
         if folder is not None:
             window = BagWindow(folder / window.path.name, window.start, window.end)
+        if source.bag.endswith(IN_MEMORY):
+            raise MissingFileError(
+                'the recordings were in memory, and a result file does not hold them; identify again'
+            )
         if not window.path.exists():
-            raise BagError(
+            raise MissingFileError(
                 f'there is no bag {window.path}, from which this result was made; was it moved, or is this another '
                 'folder? --bags FOLDER names its present folder'
             )

@@ -172,7 +172,7 @@ def in_excel(path, *rows):
 
 #: Files by name: how they are made, and the error.
 UNUSABLE = {
-    'nowhere.csv': (lambda path: None, 'No such file'),
+    'nowhere.csv': (lambda path: None, 'there is no file'),
     'binary.csv': (lambda path: path.write_bytes(b'\x89MCAP0\r\n\xff'), 'no text in UTF-8'),
     'text.mat': (lambda path: path.write_text('hello' * 99), 'is no MATLAB file that can be read'),
     'text.xlsx': (lambda path: path.write_text('hello'), 'is no Excel file'),
