@@ -95,7 +95,7 @@ def read(
     negate: Quantity | Sequence[Quantity] = (),
     elbow: Literal['relative', 'absolute'] = 'relative',
     zero: Literal['horizontal', 'hanging'] = 'horizontal',
-    offset: Mapping[Quantity, float] | None = None,
+    offset: Mapping[Quantity, float | str] | None = None,
 ) -> Trajectory:
     """Read a motion from a bag, a file with columns (.csv, .mat, .xlsx, .parquet), or a DataFrame.
 
@@ -115,7 +115,7 @@ def read(
         negate: quantities with the opposite sign; velocities follow their angles.
         elbow: whether q2 is the angle to link 1, or has the same zero as q1.
         zero: where q1 is zero.
-        offset: subtracted last, in rad and N m, such as ``{'q1': 0.1}``.
+        offset: subtracted last, in rad and N m, such as ``{'q1': 0.1}`` or ``{'q1': '5deg'}``.
 
     Raises:
         FileNotFoundError: there is no such recording (also a PendubotError).
@@ -170,7 +170,7 @@ def identify(  # noqa: D417
     negate: Quantity | Sequence[Quantity] = (),
     elbow: Literal['relative', 'absolute'] = 'relative',
     zero: Literal['horizontal', 'hanging'] = 'horizontal',
-    offset: Mapping[Quantity, float] | None = None,
+    offset: Mapping[Quantity, float | str] | None = None,
 ) -> Identified:
     """Estimate the parameters of a rig, like ``pendubot identify``.
 

@@ -300,6 +300,7 @@ read('a', time_unit='min')
 def test_mypy_sees_every_public_signature(tmp_path):
     """Without Any, but for that in numpy's own types of an array; and it finds wrong arguments."""
     pytest.importorskip('mypy')
+    pytest.importorskip('pandas-stubs')
     (tmp_path / 'script.py').write_text(SCRIPT)
     command = [sys.executable, '-m', 'mypy', '--strict', '--follow-imports=silent', '--cache-dir', tmp_path / 'cache']
     env = {**os.environ, 'MYPYPATH': str(ROOT)}

@@ -142,7 +142,7 @@ def test_programs_of_other_machines_are_kept_out_unless_they_are_wanted_or_a_pro
         ('replay', {'xyz': '1'}, None, 'this launch has no argument xyz; which is meant?'),
         ('virtual', {'l2': '-1'}, None, 'the length l2 is -1 m; a number above 0 is expected'),
         ('view', {'plotjuggler': '2'}, None, 'plotjuggler is 2; true or false is expected'),
-        ('view', {'parameters': '/no.yaml'}, None, '/no.yaml cannot be read'),
+        ('view', {'parameters': '/no.yaml'}, None, 'there is no file /no.yaml'),
         ('replay', {'bag': '/no'}, None, 'there is no bag /no; give a bag folder or a .mcap file'),
         ('replay', {'bag': ''}, None, 'bag is empty; give the folder of a bag'),
         ('identification', {'bags': f"['{BAG}', '/no@0:9']"}, None, 'there is no bag /no; give'),

@@ -334,6 +334,7 @@ def _export(parser: Any) -> None:
     Examples:
       pendubot export result.yaml --output pendubot.xml              the suffix selects the format; .xml is mjcf
       pendubot export result.yaml --output pendubot.urdf --torque-limit 0.5
+      pendubot export result.yaml --output pendubot.urdf --revolute   one coordinate a joint in Pinocchio
       pendubot export result.yaml --format h > pendubot.h
     """
     _path(parser, 'result', RESULT, 'a result of pendubot identify, or parameters by hand')
@@ -344,6 +345,7 @@ def _export(parser: Any) -> None:
     words = 'of link 1, from joint to joint, measured (default: P3 / P5)'
     simulators.add_argument('--link-length', type=float, metavar='M', help=words)
     simulators.add_argument('--torque-limit', type=float, metavar='NM', help="the motor's (default: none)")
+    _switch(simulators, '--revolute', 'urdf: joints revolute, with limits of 1000 rad, instead of continuous')
     _force(parser)
 
 

@@ -9,6 +9,7 @@ import argparse
 import re
 
 from pendubot_identification.errors import PendubotError
+from pendubot_identification.identify.options import CRITERION
 
 from .arguments import parser
 
@@ -21,8 +22,10 @@ def run(args: argparse.Namespace) -> int:
         raise PendubotError('completion is made by shtab, which is not installed: pip install shtab') from error
     top = parser()
     subparsers = next(a for a in top._actions if isinstance(a, argparse._SubParsersAction))
+    choices = {'criterion': CRITERION.choices, 'command': [*subparsers.choices]}
     for action in (action for each in subparsers.choices.values() for action in each._actions):
         if re.search('BAG|FILE|DIR|FOLDER|yaml', str(action.metavar)):
             action.complete = shtab.FILE
+        action.choices = choices.get(action.dest, action.choices)
     print(shtab.complete(top, args.shell))
     return 0

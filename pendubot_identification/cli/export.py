@@ -20,6 +20,7 @@ from .arguments import flag
 
 def run(args: argparse.Namespace) -> int:
     """Read, convert, write."""
+    result = read_result(args.result)
     name = args.format or (SUFFIXES.get(args.output.suffix) if args.output is not None else None)
     if name is None:
         given = 'no format was given' if args.output is None else f'{args.output} has no suffix that names a format'
@@ -27,15 +28,16 @@ def run(args: argparse.Namespace) -> int:
     for option in ('link_length', 'torque_limit'):
         if getattr(args, option) is not None and name not in ROBOTS:
             raise UsageError(f'{flag(option)} is of {", ".join(ROBOTS)}, and {name} does without; leave it out')
+    if args.revolute and name != 'urdf':
+        raise UsageError(f'--revolute is of urdf, and {name} does without; leave it out')
     with wrong_usage():
         require_limit(args.torque_limit)
     if args.output is not None:
         refuse_input(args.output, [args.result])
-    result = read_result(args.result)
     if problems := result.unphysical():
         # Parameters by hand get the warnings that an identification would give.
         result = replace(result, level=Level.ERROR, warnings=list(dict.fromkeys([*result.warnings, *problems])))
-    text, remarks = export(result, name, args.link_length, args.torque_limit)
+    text, remarks = export(result, name, args.link_length, args.torque_limit, revolute=args.revolute)
     if result.level:
         print(f'level {result.level.name}: {"; ".join(result.warnings)}', file=sys.stderr)
     for remark in remarks:

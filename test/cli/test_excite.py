@@ -88,7 +88,7 @@ def test_the_exciter_takes_a_written_file(tmp_path):
         (['--design', *QUICK, '--seed', '-1'], 2, 'the seed is -1'),
         (['--design', *QUICK, '--generations', '0'], 2, '0 generations were asked for'),
         (['--design', *QUICK, '--output', 'taken.yaml'], 1, 'exists already'),
-        (['--design', *QUICK, '--from', 'missing.yaml'], 1, 'missing.yaml cannot be read'),
+        (['--design', *QUICK, '--from', 'missing.yaml'], 1, 'there is no file missing.yaml'),
         (['--check', 'taken.yaml'], 1, 'no parameters of the node exciter'),
         (['--check', 'wrong.yaml'], 1, 'numbers are expected'),
         (['--check', 'noise.yaml', '--output', 'noise.yaml', '--force'], 1, 'so it cannot be written as well'),

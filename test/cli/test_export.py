@@ -79,6 +79,18 @@ def test_what_makes_no_simulated_rig_is_refused(by_hand, refused, tmp_path, othe
         assert not output.exists()
 
 
+def test_joints_of_a_urdf_are_revolute_on_request(by_hand, run, refused):
+    _, out, _ = run('export', by_hand(), '--format', 'urdf', '--revolute')
+    assert (out.count('type="revolute"'), out.count('lower="-1000" upper="1000" effort="1000.0"')) == (2, 2)
+    _, out, _ = run('export', by_hand(), '--format', 'urdf', '--revolute', '--torque-limit', '0.5')
+    assert 'upper="1000" effort="0.5"' in out
+    assert '--revolute is of urdf' in refused('export', by_hand(), '--format', 'mjcf', '--revolute', status=2)
+
+
+def test_a_missing_result_is_named_before_a_missing_format(refused):
+    assert 'there is no file nothere.yaml' in refused('export', 'nothere.yaml')
+
+
 @pytest.mark.parametrize(('name', 'armature'), [('mjcf', True), ('urdf', False)])
 def test_what_was_chosen_and_left_out_is_said_beside_the_file_and_in_it(by_hand, run, name, armature):
     given = by_hand(Fc1=0.01, J2=0.001, k1=0.1)

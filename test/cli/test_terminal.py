@@ -167,6 +167,7 @@ def test_a_shell_completes(shell, run, tmp_path, monkeypatch):
         ('pendubot ident\t', 'ident.*ify'),
         ('--skip-m\t', 'missing'),
         ('--zero ha\t', 'hanging|nging'),
+        ('--criterion lik\t', 'elihood'),
         ('motion\t', r'motion\.mat|\.mat'),
     ]
     shown = in_a_terminal(*start, typed=typed, HOME=str(tmp_path), PS1='> ')

@@ -100,7 +100,13 @@ def compared(engine, write, model):
     return apart
 
 
-@pytest.mark.parametrize(('write', 'model'), [*((mjcf, model) for model in MODELS), (urdf, 'geared')])
+def revolute(rig):
+    return urdf(rig, revolute=True)
+
+
+@pytest.mark.parametrize(
+    ('write', 'model'), [*((mjcf, model) for model in MODELS), (urdf, 'geared'), (revolute, 'geared')]
+)
 def test_a_hundred_rigs_move_in_mujoco_as_our_equations_say(write, model):
     assert max(compared(Mujoco, write, model)) < CLOSE
 

@@ -105,5 +105,5 @@ def test_samples_of_two_publishers_are_refused_and_it_begins_anew_with_the_one_t
 def test_a_start_that_cannot_be_read_is_refused(tmp_path):
     done = run_program('tracker', *parameters(start=tmp_path / 'none.yaml'))
     assert done.returncode == 1
-    assert 'cannot be read' in done.stderr
+    assert 'there is no file' in done.stderr
     assert 'Traceback' not in done.stderr

@@ -54,7 +54,7 @@ def test_a_result_takes_the_papers_place(tmp_path):
 def test_parameters_that_no_pendubot_has_are_refused(tmp_path):
     with pytest.raises(ParameterError, match='rotor inertia J2 = -1 is negative'):
         pushed('--parameters', written(tmp_path / 'result.yaml', replace(PAPER, J2=-1.0)))
-    with pytest.raises(ResultError, match='cannot be read'):
+    with pytest.raises(ResultError, match='there is no file'):
         pushed('--parameters', tmp_path / 'nowhere.yaml')
 
 
