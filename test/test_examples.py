@@ -45,6 +45,13 @@ def test_a_file_of_ones_own_becomes_parameters(example):
     assert float(P1) == pytest.approx(BALANCE.P1, rel=0.01)
 
 
+def test_arrays_become_parameters_a_figure_a_model_and_a_report(example, tmp_path):
+    said = example('own_arrays.py', tmp_path)
+    P1, *_ = re.findall(r'P1 \[kg m\^2\] +(\S+)', said)
+    assert float(P1) == pytest.approx(BALANCE.P1, rel=0.01)
+    assert all((tmp_path / name).stat().st_size for name in ('simulation.png', 'rig.urdf', 'report/report.html'))
+
+
 def test_casadi_swings_up_what_this_package_simulates(example):
     pytest.importorskip('casadi')
     (off,) = re.findall(r'ends (\S+) rad from upright', example('casadi_dynamics.py'))
