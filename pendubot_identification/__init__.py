@@ -6,16 +6,11 @@
 Scripts and notebooks import from here what :mod:`.api` describes; __init__.pyi lists it for editors and type checkers.
 """
 
-from __future__ import annotations
-
 from os import environ
 from types import ModuleType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from . import identify, kernel
-
-if TYPE_CHECKING:
-    from inspect import Signature
 
 __version__ = '1.0.0'
 #: Names of api.py: importing it takes time, which only who uses it waits for.
@@ -58,7 +53,7 @@ class _Called(ModuleType):
         return __getattr__('identify')(*recordings, **options)
 
     @property
-    def __signature__(self) -> Signature:
+    def __signature__(self) -> Any:
         from inspect import signature
 
         return signature(__getattr__('identify'))

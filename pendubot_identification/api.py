@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .errors import ParameterError, PendubotError
 from .files import OutputFolder, write_atomically
-from .formats.export import MEANINGS, Format, export, format_of
+from .formats.export import MEANINGS, export, format_of
 from .identify.options import OPTIONS
 from .level import Level
 from .model import dynamics, simulation
@@ -357,6 +357,7 @@ class _Exportable:
     def _exported(self) -> PartialResult:
         raise NotImplementedError
 
+    @_arguments_in_messages()
     def export(
         self,
         path: File,
@@ -378,28 +379,10 @@ class _Exportable:
         Raises:
             PendubotError: the suffix names no format, no real masses give these parameters, or the file exists.
         """
-        text = self.export_text(
-            format_of(Path(path)), link_length=link_length, torque_limit=torque_limit, revolute=revolute
-        )
-        with _arguments_in_messages():
-            write_atomically(Path(path), text, overwrite=overwrite)
+        name = format_of(Path(path))
+        text, _ = export(self._exported, name, link_length, torque_limit, revolute=revolute)
+        write_atomically(Path(path), text, overwrite=overwrite)
         return Path(path)
-
-    @_arguments_in_messages()
-    def export_text(
-        self,
-        format: Format,
-        *,
-        link_length: float | None = None,
-        torque_limit: float | None = None,
-        revolute: bool = False,
-    ) -> str:
-        """Return the text of such a file.
-
-        Raises:
-            PendubotError: there is no such format, or no real masses give these parameters.
-        """
-        return export(self._exported, format, link_length, torque_limit, revolute=revolute)[0]
 
 
 class Pendubot(Parameters, _Exportable):

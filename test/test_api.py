@@ -34,6 +34,7 @@ from pendubot_identification import (
     read,
     simulate,
 )
+from pendubot_identification.formats.export import export
 from pendubot_identification.identify.options import OPTIONS
 from pendubot_identification.model.parameters import BALANCE
 from pendubot_identification.results.options import as_arguments
@@ -172,15 +173,13 @@ def test_a_torque_may_be_a_number_or_the_shoulders_or_both():
 
 
 def test_a_suffix_selects_the_format_of_an_export(found, tmp_path):
-    path = found.export(tmp_path / 'rig.urdf', link_length=0.03, torque_limit=1.0)
-    assert path.read_text() == found.export_text('urdf', link_length=0.03, torque_limit=1.0)
+    path = found.export(tmp_path / 'rig.urdf', link_length=0.03, torque_limit=1.0, revolute=True)
+    assert path.read_text() == export(found.result, 'urdf', 0.03, 1.0, revolute=True)[0]
     assert 'mujoco' in RIG.export(str(tmp_path / 'rig.xml')).read_text()
     with pytest.raises(PendubotError, match=r'rig.urdf exists already .* add overwrite=True'):
         found.export(path)
     with pytest.raises(PendubotError, match=r'rig.usd has no suffix that names a format; .urdf, '):
         RIG.export('rig.usd')
-    with pytest.raises(PendubotError, match="no format 'usd'"):
-        RIG.export_text('usd')
 
 
 def test_arrays_and_frames_give_the_parameters_of_the_bag(found):
@@ -285,7 +284,6 @@ reveal_type(Pendubot.load)
 reveal_type(Pendubot.mass_matrix)
 reveal_type(Pendubot.linearised)
 reveal_type(Pendubot.export)
-reveal_type(Pendubot.export_text)
 reveal_type(Identified.plot)
 reveal_type(Identified.report)
 reveal_type(Identified.save)

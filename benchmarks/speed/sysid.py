@@ -27,6 +27,8 @@ import pendubot_identification as pendubot
 from benchmarks.speed import measure
 from pendubot_identification.criteria.prediction_error import STEP as OURS
 from pendubot_identification.criteria.prediction_error import Simulations
+from pendubot_identification.formats.masses import rig_of
+from pendubot_identification.formats.robots import mjcf
 from pendubot_identification.identify.prediction import ASSESSED, HORIZONS, STRIDE, predict, state_scale
 from pendubot_identification.model.parameters import NAMES, PAPER
 from pendubot_identification.trajectories.motion import Motion
@@ -46,7 +48,7 @@ CHUNK, STEP = 0.5, 0.002
 
 def fit(recordings, guess, hold):
     """Fit a rig by mujoco.sysid, from a guess: all that its user writes. Return model, ten parameters, covariance."""
-    spec = mujoco.MjSpec.from_string(guess.export_text('mjcf'))
+    spec = mujoco.MjSpec.from_string(mjcf(rig_of(guess)))
     elbow = spec.add_actuator(name='elbow', target='elbow', trntype=mujoco.mjtTrn.mjTRN_JOINT)
     elbow.set_to_motor()
     spec.option.timestep = STEP

@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal
 
 import yaml
 
@@ -21,16 +20,7 @@ from .robots import limits, mjcf, urdf
 ROBOTS = ('mjcf', 'urdf')
 LANGUAGES = {'m': matlab, 'h': c, 'py': python}
 FORMATS = (*ROBOTS, 'yaml', *LANGUAGES)
-Format = Literal['mjcf', 'urdf', 'yaml', 'm', 'h', 'py']
-SUFFIXES: dict[str, Format] = {
-    '.urdf': 'urdf',
-    '.yaml': 'yaml',
-    '.m': 'm',
-    '.h': 'h',
-    '.py': 'py',
-    '.xml': 'mjcf',
-    '.yml': 'yaml',
-}
+SUFFIXES = {f'.{name}': name for name in FORMATS if name != 'mjcf'} | {'.xml': 'mjcf', '.yml': 'yaml'}
 MEANINGS = {s.name: (s.unit, s.meaning) for s in SPECIFICATIONS}
 
 
@@ -72,7 +62,7 @@ def export(
     return LANGUAGES[format](entries, [*provenance(result), *_beside(result)]), _beside(result)
 
 
-def format_of(path: Path) -> Format:
+def format_of(path: Path) -> str:
     """Return the format that the suffix of a file names.
 
     Raises:
