@@ -345,7 +345,8 @@ def _frame(columns: Mapping[Any, Any], index: Sequence[str]) -> DataFrame:
         from pandas import DataFrame
     except ImportError as error:
         raise PendubotError('a frame needs pandas, which is not installed: pip install pandas') from error
-    return DataFrame(columns, index=list(index))
+    frame: DataFrame = DataFrame(columns, index=list(index))
+    return frame
 
 
 class _Exportable:
