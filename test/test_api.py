@@ -54,6 +54,7 @@ def found():
 def test_names_are_the_same_at_run_time_and_for_type_checkers():
     stub = ast.parse((ROOT / 'pendubot_identification' / '__init__.pyi').read_text())
     listed = {alias.asname for node in stub.body if isinstance(node, ast.ImportFrom) for alias in node.names}
+    listed |= {node.name for node in stub.body if isinstance(node, ast.FunctionDef)}
     assert listed == {*pendubot_identification.__all__} <= {*dir(pendubot_identification)}
     for name in listed - {'identify'}:
         assert getattr(pendubot_identification, name) is getattr(api, name)
@@ -278,6 +279,7 @@ found = identify(pandas.DataFrame({'t': t}), Path('a.csv'), read('b'), validate=
 for each in (identify, read, simulate, compare, Pendubot, Identified.load, Trajectory, Level, HANGING, UPRIGHT): pass
 reveal_type(identify)
 reveal_type(read)
+reveal_type(accelerations)
 reveal_type(simulate)
 reveal_type(compare)
 reveal_type(Pendubot.load)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import os
 from inspect import cleandoc
 from pathlib import Path
 from typing import Any, NoReturn
@@ -480,7 +481,8 @@ def _completion(parser: Any) -> None:
 
     or for this shell alone, bash: source <(pendubot completion bash)
     """
-    parser.add_argument('shell', choices=('bash', 'zsh', 'fish'), help='which one')
+    default, words = Path(os.environ.get('SHELL') or 'bash').name, 'which one (default: that of $SHELL)'
+    parser.add_argument('shell', nargs='?', choices=('bash', 'zsh', 'fish'), default=default, help=words)
 
 
 def _help(parser: Any) -> None:
