@@ -15,10 +15,13 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import lsq_linear, minimize_scalar
 
 from pendubot_identification.errors import ParameterError
-from pendubot_identification.model.parameters import LARGEST_COUPLING, Bounds, coupling_excess
+from pendubot_identification.model.parameters import LARGEST_COUPLING, MODELS, Bounds, coupling_excess
 
 Array = NDArray[np.float64]
 
+#: The model by which the search box is sized, up to how many default ones it may be large, and in which part of it the
+#: least-squares answer lies.
+SIZING, LARGEST_RIG, INNER = 'rotor', 1e6, 0.5
 #: Rows that are factorised at once: they stay in a cache, and none of them is worth a thread.
 BLOCK = 256
 
@@ -234,3 +237,15 @@ def _r_factor(rows: Array) -> Array:
     if len(rows) < width:
         rows = np.concatenate([rows, np.zeros((width - len(rows), width))])
     return np.asarray(np.linalg.qr(rows, mode='r'))
+
+
+def box_factor(bounds: Bounds, criterion: Quadratic) -> float:
+    """Return the power of ten by which default bounds must grow for a rig, 1 if they hold it.
+
+    With these, the minimum of a least-squares criterion of the model :data:`SIZING` lies in the inner half of them.
+    """
+    wide, default = (bounds.scaled(factor).of(MODELS[SIZING]) for factor in (LARGEST_RIG, 1.0))
+    theta = criterion.minimum_in_box(wide)
+    open_ = wide.upper > default.upper
+    share = max(theta[open_] / default.upper[open_], default=0.0)
+    return float(10.0 ** max(0, math.ceil(math.log10(max(share / INNER, 1.0)))))

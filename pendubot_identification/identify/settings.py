@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -13,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from pendubot_identification.criteria.energy import energy_regression
-from pendubot_identification.criteria.quadratic import Quadratic
+from pendubot_identification.criteria.quadratic import SIZING, Quadratic, box_factor
 from pendubot_identification.criteria.weak import WIDTH, weak_regression
 from pendubot_identification.errors import ParameterError, TrajectoryError
 from pendubot_identification.model.parameters import MODELS, UNDER_LOAD, Bounds, Parameters, default_bounds
@@ -32,9 +31,6 @@ RUNS = 10
 THE_PAPERS = MDESettings(spread=SPREAD)
 #: Beyond them the operator is drawn once per vector: per component MDE does not arrive in thousands of generations.
 PER_VECTOR = MDESettings(per_component=False, spread=SPREAD)
-#: The model by which the search box is sized, up to how many default ones it may be large, and in which part of it the
-#: least-squares answer lies.
-SIZING, LARGEST_RIG, INNER = 'rotor', 1e6, 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,11 +112,7 @@ class Settings:
         driven = np.any([motion.tau.any(axis=0) for motion in motions], axis=0)
         absent = [name for name, motor in zip(UNDER_LOAD, driven, strict=True) if not motor]
         bounds = self.bounds.without(absent)
-        wide, default = (bounds.scaled(factor).of(MODELS[SIZING]) for factor in (LARGEST_RIG, 1.0))
-        theta = Quadratic.pool([self._reduced(motion) for motion in motions]).minimum_in_box(wide)
-        open_ = wide.upper > default.upper
-        share = max(theta[open_] / default.upper[open_], default=0.0)
-        factor = 10.0 ** max(0, math.ceil(math.log10(max(share / INNER, 1.0))))
+        factor = box_factor(bounds, Quadratic.pool([self._reduced(motion) for motion in motions]))
         return replace(self, bounds=bounds.scaled(factor))
 
     def _reduced(self, motion: Trajectory) -> Quadratic:

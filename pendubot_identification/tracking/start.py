@@ -13,13 +13,19 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from pendubot_identification.criteria.quadratic import Quadratic
-from pendubot_identification.criteria.weak import estimate_delay, residual_weights, weak_regression
+from pendubot_identification.criteria.quadratic import SIZING, Quadratic, box_factor
+from pendubot_identification.criteria.weak import WIDTH, estimate_delay, residual_weights, weak_regression
 from pendubot_identification.errors import ExcitationError, PendubotError
 from pendubot_identification.level import POOR, Level
 from pendubot_identification.model.parameters import FRICTION, NAMES, Bounds, Parameters
 from pendubot_identification.trajectories.motion import Motion
-from pendubot_identification.trajectories.signals import choose_smoothing, differentiate, encoder_step, resample
+from pendubot_identification.trajectories.signals import (
+    SMOOTHING,
+    choose_smoothing,
+    differentiate,
+    encoder_step,
+    resample,
+)
 from pendubot_identification.trajectories.trajectory import Trajectory
 
 from .blocks import BLOCK, Block, Samples, SegmentSettings
@@ -31,7 +37,8 @@ from .settings import TrackerSettings
 
 Array = NDArray[np.float64]
 
-#: Scales of delay [s] and rate [1/s]; longest delay [s]; largest tilt [kg m] and dead zone [N m].
+#: Scales of delay [s] and rate [1/s]; longest delay [s]; largest tilt [kg m] and dead zone [N m] of a rig
+#: within the default bounds.
 DELAY_SCALE, RATE_SCALE, LONGEST_DELAY, LARGEST = 0.01, 1e-3, 0.1, 5.0
 #: Relative deviation of theta before any motion.
 UNKNOWN = 10.0
@@ -45,7 +52,9 @@ def start_following(motion: Trajectory, start: Start, bounds: Bounds, settings: 
     Raises:
         PendubotError: the motion is too short, has gaps, or does not determine the parameters.
     """
-    unbound = bounds.beside((DELAY,), LONGEST_DELAY).beside((*TILT, DEAD_ZONE), LARGEST)
+    factor = _box_factor(motion, start, bounds)
+    bounds = bounds.scaled(factor)
+    unbound = bounds.beside((DELAY,), LONGEST_DELAY).beside((*TILT, DEAD_ZONE), LARGEST * factor)
     within = unbound.replaced(DELAY, *start.delays)
     segment, weighted = _segment_settings(motion, start, bounds)
     segment, blocks, x, present = _explained(motion, segment, within, settings)
@@ -92,6 +101,13 @@ def start_following(motion: Trajectory, start: Start, bounds: Bounds, settings: 
     step = StepChange.of(ChangeType(NOT_AS_BEFORE, np.diag(scale)), innovations)
     changed = step.significant(following.names) if step.possible(known.mean, scale) else {}
     return replace(following, events=(Change(-math.inf, blocks[0].begin, NOT_AS_BEFORE, changed),))
+
+
+def _box_factor(motion: Trajectory, start: Start, bounds: Bounds) -> float:
+    """Return the factor by which default bounds must grow for the rig of a first motion."""
+    states = Motion.prepare(motion, SMOOTHING, start.hold)
+    made = weak_regression(states, SIZING, max(start.delays[0], 0.0), stride=WIDTH / 3, coarse=True)
+    return box_factor(bounds.completed(), Quadratic.reduce(made.phi, made.y))
 
 
 def _segment_settings(motion: Trajectory, start: Start, bounds: Bounds) -> tuple[SegmentSettings, SegmentSettings]:

@@ -16,6 +16,7 @@ from pendubot_identification.identify.pipeline import identify
 from pendubot_identification.identify.settings import Settings
 from pendubot_identification.level import Level
 from pendubot_identification.model.parameters import BALANCE, Parameters
+from pendubot_identification.model.simulation import quantised, simulate
 from pendubot_identification.tracking.events import Change, Disturbance, Start, State
 from pendubot_identification.tracking.tracker import Tracker
 from test.changing_rig import C2, Day, record, truth
@@ -72,6 +73,17 @@ def test_bands_hold_the_truth(rigs, name):
     assert (np.abs(states[-1].theta[:5] / truth(DAYS[name], [0])[0, :5] - 1) < 0.003).all()
     assert {s.level for s in late} == {Level.OK}
     assert not [e for e in events if not isinstance(e, Disturbance)]
+
+
+def test_a_rig_beyond_the_default_bounds_is_followed():
+    """Links of 60 cm, of 5 and 4 kg."""
+    rig = Parameters(2.26, 0.85, 0.95, 4.08, 1.58, b1=0.3, b2=0.075, Fc1=0.3, Fc2=0.075)
+    t = np.arange(2000) * 0.01
+    tau = np.repeat(np.random.default_rng(1).uniform(-44, 44, 67), 30)[: len(t), None] * [1.0, 0.0]
+    motion = quantised(simulate(rig, t, tau), 4000)
+    tracker, states, _ = follow(np.column_stack([t, motion.q, tau]))
+    assert (np.abs(tracker.state.theta[:5] / rig.vector()[:5] - 1) < 0.003).all()
+    assert states[-1].level is Level.OK
 
 
 def test_a_payload_is_found_within_two_seconds_and_named(rigs):
