@@ -31,9 +31,8 @@ from .level import Level
 from .model import dynamics, simulation
 from .model.parameters import SPECIFICATIONS, Parameters
 from .model.simulation import HANGING
-from .recordings.bag_reader import BagWindow, read_trajectory
-from .recordings.datasets import Datasets, load_datasets, require_files
-from .recordings.source import Source
+from .recordings.bag_reader import BagWindow, RecordedTrajectory, read_trajectory
+from .recordings.datasets import Datasets, divided, load_datasets, require_files
 from .recordings.table_reader import TableReader
 from .recordings.tables import Table
 from .results import comparison
@@ -85,9 +84,13 @@ def read(
     topic: str = '/joint_states',
     joint_names: Sequence[str] = ('shoulder', 'elbow'),
     columns: Mapping[str, str] | None = None,
+    skip_rows: int = 0,
+    sheet: str | None = None,
+    encoding: str | None = None,
     decimal: Literal['point', 'comma'] = 'point',
     time_unit: TimeUnit = 's',
     skip_missing: bool = False,
+    unwrap: bool = False,
     degrees: bool = False,
     torque_unit: TorqueUnit = 'Nm',
     swap: Swap = 'nothing',
@@ -104,10 +107,14 @@ def read(
             present, tau2, dq1, dq2. An index with a name is a column, too.
         topic: of the JointStates in a bag.
         joint_names: shoulder and elbow in a bag.
-        columns: other names of columns, such as ``{'q1': 'theta1'}``.
+        columns: names of columns that have no usual one, such as ``{'q1': 'theta1'}``.
+        skip_rows: lines above the column names of a text file or a sheet.
+        sheet: of an Excel file; None: the first.
+        encoding: of a text file; None: UTF-8, UTF-16, or else Windows-1252.
         decimal: separator of a text file.
         time_unit: of the column t.
         skip_missing: leave out samples with a missing or non-numeric value.
+        unwrap: make angles continuous that were wrapped into one turn.
         degrees: whether angles are in degrees, and velocities in degrees per second.
         torque_unit: of torques.
         swap: joints, or positions or efforts alone, that are exchanged.
@@ -126,10 +133,11 @@ def read(
         window = BagWindow.parse(str(source))
         require_files(conversion, [window.path])
         recorded = read_trajectory(window, topic=topic, joint_names=joint_names, conversion=conversion)
-        if recorded.note:
-            warnings.warn(recorded.note, stacklevel=3)
-        return recorded.trajectory
-    return _in_memory(source, conversion)
+    else:
+        recorded = _in_memory(source, conversion)
+    if recorded.note:
+        warnings.warn(as_arguments(recorded.note), stacklevel=3)
+    return recorded.trajectory
 
 
 @_arguments_in_messages()
@@ -160,9 +168,13 @@ def identify(  # noqa: D417
     topic: str = '/joint_states',
     joint_names: Sequence[str] = ('shoulder', 'elbow'),
     columns: Mapping[str, str] | None = None,
+    skip_rows: int = 0,
+    sheet: str | None = None,
+    encoding: str | None = None,
     decimal: Literal['point', 'comma'] = 'point',
     time_unit: TimeUnit = 's',
     skip_missing: bool = False,
+    unwrap: bool = False,
     degrees: bool = False,
     torque_unit: TorqueUnit = 'Nm',
     swap: Swap = 'nothing',
@@ -221,7 +233,7 @@ def identify(  # noqa: D417
     given = recordings or (() if missing else (arrays,))
 
     def load(conversion: Conversion) -> Datasets:
-        return _divided(given, validate, topic, joint_names, conversion)
+        return _load(given, validate, topic, joint_names, conversion)
 
     found, data = identify_recordings(load, settings, apply_remedies=apply_remedies)
     return Identified(assemble_result(found, data.sources), (data.training, data.validation))
@@ -233,7 +245,7 @@ def _options(arguments: Mapping[str, object], options: Sequence[Setting]) -> dic
     return {name: value for name, value in arguments.items() if name in names and value is not None}
 
 
-def _divided(
+def _load(
     recordings: Sequence[object],
     validate: Sequence[object],
     topic: str,
@@ -256,34 +268,38 @@ def _divided(
         raise ParameterError(f'{", ".join(words)} say how files are read, and motions are read already; leave them out')
     training, validation = ([_in_memory(each, conversion) for each in side] for side in (recordings, validate))
     if len(training) == 1 and not validation:
-        (motion,) = training
-        training, validation = [motion[: len(motion) // 2]], [motion[len(motion) // 2 :]]
-    roles = [('training', each) for each in training] + [('validation', each) for each in validation]
-    sources = tuple(_source(role, each) for role, each in roles)
-    return Datasets(tuple(training), tuple(validation), sources, ())
+        whole, half = training[0], len(training[0].trajectory) // 2
+        training = [replace(whole, trajectory=whole.trajectory[:half])]
+        validation = [replace(whole, trajectory=whole.trajectory[half:])]
+    return divided(training, validation)
 
 
-def _in_memory(recording: Any, conversion: Conversion) -> Trajectory:
+def _in_memory(recording: Any, conversion: Conversion) -> RecordedTrajectory:
     """Return the motion of a DataFrame or of arrays by name, converted, or a motion itself."""
+    note = taken_as = ''
     if isinstance(recording, Trajectory):
-        return recording
-    if not isinstance(recording, Mapping):
+        motion = recording
+    elif isinstance(recording, Mapping):
+        motion = _of_arrays(**recording, conversion=conversion)
+    else:
         named = recording.reset_index() if recording.index.name else recording
         cells = [named.iloc[:, k] for k in range(named.shape[1])]
-        return TableReader(Path('DataFrame'), conversion, Table([str(name) for name in named.columns], cells)).motion
-    t, q = (np.asarray(recording[name], dtype=float) for name in ('t', 'q'))
-    qd = None if recording['qd'] is None else np.asarray(recording['qd'], dtype=float)
-    if q.shape != (*t.shape, 2):
-        raise ParameterError(f't has shape {t.shape} and q {q.shape}; (N,) and (N, 2) are expected')
-    return conversion.motion((t - t[:1]) * conversion.seconds, q, _torques(t, recording['tau']), qd, 'arrays')
-
-
-def _source(role: str, motion: Trajectory) -> Source:
+        table = Table([str(name) for name in named.columns], cells)
+        reader = TableReader(Path('DataFrame'), conversion, table)
+        motion, note, taken_as = reader.motion, reader.note, reader.taken_as
     content = b''.join(np.ascontiguousarray(each).tobytes() for each in (motion.t, motion.q, motion.tau))
-    digest = hashlib.sha256(content).hexdigest()
     # With an @ it would name a window of a file.
-    name = motion.name.replace('@', ' at ') + IN_MEMORY
-    return Source(name, role, len(motion), motion.duration, digest, True)
+    window = BagWindow(Path(motion.name.replace('@', ' at ') + IN_MEMORY))
+    return RecordedTrajectory(motion, window, hashlib.sha256(content).hexdigest(), True, note, taken_as)
+
+
+def _of_arrays(t: ArrayLike, q: ArrayLike, tau: ArrayLike, qd: ArrayLike | None, conversion: Conversion) -> Trajectory:
+    times, positions = np.asarray(t, dtype=float), np.asarray(q, dtype=float)
+    velocities = None if qd is None else np.asarray(qd, dtype=float)
+    if positions.shape != (*times.shape, 2):
+        raise ParameterError(f't has shape {times.shape} and q {positions.shape}; (N,) and (N, 2) are expected')
+    seconds = (times - times[:1]) * conversion.seconds
+    return conversion.motion(seconds, positions, _torques(times, tau), velocities, 'arrays')
 
 
 def simulate(

@@ -254,6 +254,8 @@ def test_help_shows_the_signature_of_identify():
         ('leave them out: add --skip-missing', 'leave them out: add skip_missing=True'),
         ('with --columns q1=a,q2=b; or', "with columns={'q1': 'a', 'q2': 'b'}; or"),
         ('--zero hanging --negate q1,tau1: so', "zero='hanging' negate=['q1', 'tau1']: so"),
+        ("--columns 'q1=Angle 1,q2=b'; or", "columns={'q1': 'Angle 1', 'q2': 'b'}; or"),
+        ("--sheet 'Run 2' --skip-rows 3", "sheet='Run 2' skip_rows=3"),
         ('--offset does not know', 'offset does not know'),
         ('--offset q1=5deg?', "offset={'q1': '5deg'}?"),
         ('with --torque-constant K [N m]', 'with torque_constant=K [N m]'),

@@ -73,6 +73,16 @@ def load_datasets(
         validation = [replace(whole, trajectory=whole.trajectory[half:])]
     elif not validation and not all(unlimited):
         validation = [rest for window in _rest(windows) if (rest := _validation_part(window, read)) is not None]
+    return divided(training, validation, topic, joint_names)
+
+
+def divided(
+    training: Sequence[RecordedTrajectory],
+    validation: Sequence[RecordedTrajectory],
+    topic: str = JOINT_STATES_TOPIC,
+    joint_names: Sequence[str] = JOINT_NAMES,
+) -> Datasets:
+    """Return motions for training and for validation, with their sources and notes."""
     pairs = [('training', r) for r in training] + [('validation', r) for r in validation]
     notes = [r.note for _, r in pairs if r.note]
     for (role, first), (_, second) in combinations(pairs, 2):

@@ -81,7 +81,7 @@ def as_arguments(text: str) -> str:
 
     Options that Python does not have, such as those of other subcommands, stay as they are.
     """
-    return re.sub(r'--([a-z]+(?:-[a-z]+)*)((?:\s|=)\S*)?', _argument, text)
+    return re.sub(r'--([a-z]+(?:-[a-z]+)*)((?:\s|=)(?:\'[^\']*\'|\S*))?', _argument, text)
 
 
 def _argument(found: re.Match[str]) -> str:
@@ -95,7 +95,7 @@ def _argument(found: re.Match[str]) -> str:
     if isinstance(option.default, bool):
         return f'{name}=True{after}'
     value = after[1:].rstrip('.,;:?)]')
-    written = _as_literal(option, value)
+    written = _as_literal(option, value.strip("'"))
     return f'{name}={written}{after[1 + len(value) :]}' if written else name + after
 
 
@@ -106,7 +106,7 @@ def _as_literal(option: Setting, value: str) -> str:
         return repr(dict(part.split('=', 1) for part in parts))
     if option.name == 'negate' and set(parts) <= set(QUANTITIES):
         return repr(parts)
-    if value in option.choices:
+    if value in option.choices or (option.name in ('sheet', 'encoding') and value):
         return repr(value)
     if isinstance(option.default, float) and value.isupper():
         return value  # a placeholder
