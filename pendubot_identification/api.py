@@ -500,7 +500,7 @@ class Identified(_Exportable):
 
     @property
     def pendubot(self) -> Pendubot:
-        """The rig."""
+        """The rig; refused with a PendubotError if the estimate is not physical, as at level ERROR."""
         return Pendubot(**asdict(self.result.theta))
 
     @property
@@ -589,14 +589,14 @@ class Identified(_Exportable):
         Raises:
             PendubotError: the recordings of a loaded result cannot be read again.
         """
-        from matplotlib import pyplot
-
         from .report.folder import pictures_of_motions
 
         if what not in PLOTS:
             raise ParameterError(f'there is no plot {what!r}; {", ".join(PLOTS)} are expected')
         plot: Any = dict(pictures_of_motions(self.result, *self._recordings()))[PLOTS[what]]()[0].content
         if axes is None:
+            from matplotlib import pyplot
+
             size = len(plot.panels)
             axes = pyplot.subplots(size, sharex=True, figsize=(8, 1.3 * size), layout='constrained')[1].tolist()
         drawn = list(axes) if isinstance(axes, (Sequence, np.ndarray)) else [axes]
