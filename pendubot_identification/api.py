@@ -231,6 +231,9 @@ def identify(  # noqa: D417
     if 0 < len(missing) < 3 and not recordings:
         raise ParameterError(f'{" and ".join(missing)} is missing; t, q and tau are expected together')
     given = recordings or (() if missing else (arrays,))
+    words = settings.reading.words()
+    if words and any(isinstance(each, Trajectory) for each in (*given, *validate)):
+        raise ParameterError(f'{", ".join(words)} say how files are read, and motions are read already; leave them out')
 
     def load(conversion: Conversion) -> Datasets:
         return _load(given, validate, topic, joint_names, conversion)
@@ -252,7 +255,7 @@ def _load(
     joints: Sequence[str],
     conversion: Conversion,
 ) -> Datasets:
-    """Return the motions for training and for validation; motions as :func:`read` returns them stay as they are."""
+    """Return the motions for training and for validation."""
     given = [*recordings, *validate]
     if all(isinstance(each, (str, Path)) for each in given) and recordings:
         names = [str(each) for each in recordings], [str(each) for each in validate]
@@ -264,8 +267,6 @@ def _load(
             f'{kinds} was given; names of bags or files, or else DataFrames, motions as read() returns them, or t, q '
             'and tau are expected'
         )
-    if (words := conversion.words()) and any(isinstance(each, Trajectory) for each in given):
-        raise ParameterError(f'{", ".join(words)} say how files are read, and motions are read already; leave them out')
     training, validation = ([_in_memory(each, conversion) for each in side] for side in (recordings, validate))
     if len(training) == 1 and not validation:
         whole, half = training[0], len(training[0].trajectory) // 2
@@ -278,7 +279,7 @@ def _in_memory(recording: Any, conversion: Conversion) -> RecordedTrajectory:
     """Return the motion of a DataFrame or of arrays by name, converted, or a motion itself."""
     note = taken_as = ''
     if isinstance(recording, Trajectory):
-        motion = recording
+        motion = conversion.motion(recording.t, recording.q, recording.tau, recording.qd, recording.name)
     elif isinstance(recording, Mapping):
         motion = _of_arrays(**recording, conversion=conversion)
     else:

@@ -199,6 +199,18 @@ def test_arrays_and_frames_give_the_parameters_of_the_bag(found):
         np.testing.assert_allclose(again.theta, found.theta, rtol=1e-9)
 
 
+def test_remedies_are_applied_to_recordings_in_memory(found):
+    motion = read(SAMPLE)
+    arrays = {'t': motion.t, 'q': motion.q * [1, -1], 'tau': motion.tau}
+    assert identify(**arrays, **FAST).level is Level.ERROR
+    for again in (
+        identify(**arrays, apply_remedies=True, **FAST),
+        identify(Trajectory(**arrays), apply_remedies=True, **FAST),
+    ):
+        np.testing.assert_allclose(again.theta, found.theta, rtol=1e-9)
+        assert any("applied, as the recordings need it: negate=['q2']" in warning for warning in again.warnings)
+
+
 def test_a_result_of_arrays_is_reported_and_drawn_from_memory(tmp_path):
     motion = read(f'{SAMPLE}@0:9')
     found = identify(t=motion.t, q=motion.q, tau=motion.tau, **FAST)
