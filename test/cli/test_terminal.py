@@ -164,7 +164,8 @@ def test_a_shell_completes(shell, run, tmp_path, monkeypatch):
     start, load = SHELLS[shell]
     typed = [
         (f'{load}; echo is "there"\n', 'is there'),
-        ('pendubot ident\t', 'ident.*ify'),
+        ('pendubot help reprod\t', 'uce'),
+        ('\x15pendubot ident\t', 'ident.*ify'),
         ('--skip-m\t', 'missing'),
         ('--zero ha\t', 'hanging|nging'),
         ('--criterion lik\t', 'elihood'),
