@@ -10,13 +10,11 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --constr
 demo: $(VENV)/.ros
 	$(BIN)/pendubot demo
 
-# Two processes, each of one thread, so that live programs run beside what computes. What fails there, where a live
-# program may be kept waiting for seconds, is run once more by itself, as the fault trials are.
+# Three processes, each of one thread: tests of live programs wait while others compute. A test that fails there, because
+# a live program was kept waiting for seconds, is run once more by itself.
 test: $(VENV)/.test
-	PENDUBOT_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses 2 --dist loadfile \
-		--no-loadscope-reorder --ignore test/test_fault_trials.py \
-		|| $(BIN)/python -m pytest --last-failed --last-failed-no-failures none --ignore test/test_fault_trials.py
-	$(BIN)/python -m pytest test/test_fault_trials.py
+	PENDUBOT_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses 3 --dist worksteal \
+		|| $(BIN)/python -m pytest --last-failed --last-failed-no-failures none
 
 lint: $(VENV)/.test
 	$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/mypy && $(BIN)/lint-imports
