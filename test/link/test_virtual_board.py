@@ -17,7 +17,6 @@ from pendubot_identification.link.protocol import (
     Command,
     Decoder,
     Hello,
-    HelloRequest,
     Limits,
     State,
     Status,
@@ -63,32 +62,6 @@ class Bench:
         self.arm()
         assert self.step().status == Status.ARMED
         return self
-
-
-def test_it_says_hello_at_boot_and_when_asked():
-    bench = Bench(BoardSettings(counts=1000, torque_limit=1.5, sample_period_us=2000, watchdog_max_ms=250))
-    hello, state = bench.events()
-    assert isinstance(hello, Hello)
-    assert (hello.seq, hello.cpr1, hello.cpr2, hello.torque_limit) == (0, 1000, 1000, 1_500_000)
-    assert (hello.sample_period_us, hello.watchdog_max_ms) == (2000, 250)
-    assert (state.seq, state.t_us, state.enc1, state.enc2, state.torque, state.status) == (1, 0, 0, 0, 0, 0)
-    for _ in range(2):
-        bench.board.receive(encode(HelloRequest(1, 0)))
-    first, second, state = bench.events()
-    assert (first.seq, first.boot_id, second.seq, state.seq) == (2, hello.boot_id, 3, 4)
-
-
-def test_confirmed_zeros_are_remembered_until_a_restart():
-    bench = Bench(faults=Faults(reset_at=0.1))
-    bench.step()
-    bench.send(2, session=bench.hello.boot_id ^ 1)
-    assert bench.step().status == 0
-    bench.send(2, session=bench.hello.boot_id)
-    assert (bench.step().status, bench.last.cmd_seq) == (Status.ZEROED, 0)
-    bench.arm()
-    assert bench.step().status == Status.ARMED | Status.ZEROED
-    bench.send(0)
-    assert bench.step(7).status == 0
 
 
 #: Limits, what happens, after how many samples of 10 ms the motor is off, and by what fault.
@@ -145,14 +118,6 @@ def test_a_fault_switches_off_and_keeps_the_board_from_being_armed_while_it_last
         assert bench.step().torque == 0
     bench.arm()
     assert bench.step().status == Status.ARMED
-
-
-def test_a_frame_that_a_restart_cut_short_takes_none_along():
-    bench = Bench(faults=Faults(reset_at=0.1))
-    *_, last = [bench.board.advance() for _ in range(10)]
-    bench.decoder.feed(last[:-5])
-    _, hello, state = bench.events()
-    assert (type(hello), type(state)) == (Hello, State)
 
 
 def test_a_restart_begins_everything_anew_but_the_motion_and_ends_an_emergency_stop():
