@@ -7,6 +7,7 @@
     python -m benchmarks.estimator clean [--seeds 20]       rigs without effects, of three sizes
     python -m benchmarks.estimator effects [--seeds 20]     rigs with the effects of the catalogue
     python -m benchmarks.estimator unknown [--seeds 20]     rigs with other imperfections
+    python -m benchmarks.estimator pushes [--seeds 20]      unmodelled friction and pushes by hand
 
 Errors are open-loop simulation errors over the standard deviations of the scored recordings' states (geometric mean
 over the fits; "with effects": with the torques that the result compensates). dP: |P_a - P_b| / mean of P1 to P5
@@ -53,6 +54,8 @@ def jobs(args):
         return measurements.real(args.only or measurements.RIGS, args.test)
     if args.what == 'clean':
         return measurements.clean(args.seeds, args.only or SIZES, args.rates, args.counts, args.recordings)
+    if args.what == 'pushes':
+        return measurements.pushed(args.seeds)
     return measurements.imperfect(args.only or catalogue[args.what], args.seeds, args.strengths)
 
 

@@ -10,12 +10,18 @@ from itertools import combinations
 import numpy as np
 
 from test.real import RIGS, recorded
-from test.simulated_rig import CATALOGUE, SIZES, UNKNOWN, record, true
+from test.simulated_rig import CATALOGUE, SIZES, UNKNOWN, Rig, record, true
 
 from .outcome import outcome, trajectories
 
 RATES, COUNTS, RECORDINGS = (33, 100, 500, 1000, 5000), (500, 4096, 10000), 3
 STRENGTHS = ('weak', 'medium', 'strong')
+#: Unmodelled friction under pushes by hand.
+RUBBING = {
+    'stribeck': Rig(stribeck=1.0, pushes=2),
+    'rub': Rig(rub=0.5, pushes=2),
+    'stribeck and rub': Rig(stribeck=1.0, rub=0.5, pushes=4),
+}
 
 
 def each(jobs, processes):
@@ -94,3 +100,13 @@ def imperfect(effects, seeds, strengths=STRENGTHS):
         cell, seed, _ = lanes[n]
         key = {'effect': cell[0], 'strength': cell[1], 'seed': seed}
         yield partial(outcome, trajectories(made[n : n + RECORDINGS]), truth=true(rigs[cell]), bare=True, **key)
+
+
+def pushed(seeds):
+    """Yield the jobs of rigs with unmodelled friction and pushes: the halves of six recordings."""
+    lanes = [(name, seed, k) for name in RUBBING for seed in range(seeds) for k in range(2 * RECORDINGS)]
+    made = record([100 * seed + k for _, seed, k in lanes], [RUBBING[name] for name, *_ in lanes])
+    for n in range(0, len(lanes), 2 * RECORDINGS):
+        name, seed, _ = lanes[n]
+        key = {'group': name, 'kind': 'halves', 'pair': seed, 'truth': true(RUBBING[name])}
+        yield from both(trajectories(made[n : n + 2 * RECORDINGS]), range(RECORDINGS), **key)

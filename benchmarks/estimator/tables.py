@@ -107,6 +107,15 @@ def real(found):
     yield 'all', 'all', *repeatability(found)
 
 
+def pushes(found):
+    """Yield a row for each rig."""
+    header, *rows = real(found)
+    yield (*header, 'worst of P1-P5 [%]', 'largest', 'P held [%]')
+    groups = list(grouped(found, 'group').values())
+    for row, some in zip(rows, [*groups, found], strict=False):
+        yield (*row, *numbers(worst(some)), share(some, PHYSICAL))
+
+
 def clean(found):
     """Yield a row for each value of each factor, for all, and for each cell."""
     yield 'rig', 'n', 'P held [%]', 'friction', 'worst of P1-P5 [%]', 'largest', '/'.join(LEVELS), 'named', 's'
@@ -152,6 +161,7 @@ TABLES = {
     'clean': clean,
     'effects': effects,
     'unknown': effects,
+    'pushes': pushes,
 }
 
 
