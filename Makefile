@@ -10,13 +10,15 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --constr
 demo: $(VENV)/.ros
 	$(BIN)/pendubot demo
 
-# Two processes, each of one thread, so that live programs run beside what computes. What fails there, where a live
-# program may be kept waiting for seconds, is run once more by itself, as the fault trials are.
+# Three processes, each of one thread: tests of live programs wait while others compute. A test that fails there, because
+# a live program was kept waiting for seconds, is run once more by itself. The fault trials have the machine to themselves.
+PYTEST := PENDUBOT_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest
+TRIALS := test/test_fault_trials.py
 test: $(VENV)/.test
-	PENDUBOT_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses 2 --dist loadfile \
-		--no-loadscope-reorder --ignore test/test_fault_trials.py \
-		|| $(BIN)/python -m pytest --last-failed --last-failed-no-failures none --ignore test/test_fault_trials.py
-	$(BIN)/python -m pytest test/test_fault_trials.py
+	$(PYTEST) --numprocesses 3 --dist worksteal --ignore $(TRIALS) \
+		|| $(PYTEST) --last-failed --last-failed-no-failures none --ignore $(TRIALS)
+	$(PYTEST) --numprocesses 2 --dist worksteal $(TRIALS) \
+		|| $(PYTEST) --last-failed --last-failed-no-failures none $(TRIALS)
 
 lint: $(VENV)/.test
 	$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/mypy && $(BIN)/lint-imports

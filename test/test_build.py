@@ -52,8 +52,10 @@ def test_colcon_builds_and_every_program_runs_from_there(tmp_path, options):
 
     found = {path.name for path in programs.iterdir() if os.access(path, os.X_OK)}
     assert found == set(PROGRAMS), 'what ros2 run finds'
-    helps = sourced(' && echo ==== && '.join(f'"{programs / program}" --help' for program in PROGRAMS)).split('====\n')
-    for program, said in zip(PROGRAMS, helps, strict=True):
+    # Symbolic links may change only where files are found, which all nodes do alike.
+    asked = ('pendubot', 'bridge') if options else PROGRAMS
+    helps = sourced(' && echo ==== && '.join(f'"{programs / program}" --help' for program in asked)).split('====\n')
+    for program, said in zip(asked, helps, strict=True):
         assert said.startswith('usage: '), said
         if program != 'virtual_board':
             named = Path(re.search(r'(?:commented parameter file|sample bag): (\S+)', said)[1])
@@ -97,5 +99,5 @@ def test_bags_and_optimisers_work_with_the_numpy_of_jazzy(tmp_path):
     assert run([sys.executable, '-c', 'import numpy; print(numpy.__version__)'], ROOT, env) == '1.26.4\n'
     run([sys.executable, '-m', 'pytest', '-q', 'test/recordings/test_joint_states.py'], ROOT, env)
     (tmp_path / 'quick.yaml').write_text('{runs: 2, generations: 300, model: viscous}')
-    identify = ['identify', 'bags/paper_experiment@0:4', '--settings', str(tmp_path / 'quick.yaml')]
+    identify = ['identify', 'bags/paper_experiment@0:2', '--settings', str(tmp_path / 'quick.yaml')]
     run([sys.executable, '-m', 'pendubot_identification.cli.main', *identify], ROOT, {**env, 'PENDUBOT_KERNEL': 'off'})

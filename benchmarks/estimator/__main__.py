@@ -8,8 +8,6 @@
     python -m benchmarks.estimator effects [--seeds 20]     rigs with the effects of the catalogue
     python -m benchmarks.estimator unknown [--seeds 20]     rigs with other imperfections
     python -m benchmarks.estimator pushes [--seeds 20]      unmodelled friction and pushes by hand
-    python -m benchmarks.estimator time                     wall time
-    python -m benchmarks.estimator beside FILE FILE ...     tables of several --json files, row beside row
 
 Errors are open-loop simulation errors over the standard deviations of the scored recordings' states (geometric mean
 over the fits; "with effects": with the torques that the result compensates). dP: |P_a - P_b| / mean of P1 to P5
@@ -25,21 +23,18 @@ if sys.argv[:1] != ['-c'] and sys.argv[1:2] != ['time']:  # each process works a
 
 import argparse
 import json
-import subprocess
 from pathlib import Path
 
 from test.simulated_rig import CATALOGUE, SIZES, UNKNOWN
 
 from . import measurements
-from .outcome import outcome
 from .tables import TABLES, markdown
 
 
 def arguments():
     """Return what the user asks for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument('what', choices=[*TABLES, 'beside'])
-    parser.add_argument('files', nargs='*', type=Path, help='of beside')
+    parser.add_argument('what', choices=TABLES)
     parser.add_argument('--json', type=Path, help='where to write all outcomes')
     parser.add_argument('--seeds', type=int, default=20)
     parser.add_argument('--only', nargs='+', help='rigs, sizes, effects or cases')
@@ -50,24 +45,6 @@ def arguments():
     parser.add_argument('--test', action='store_true', help='of real: fit all train recordings, score the test ones')
     parser.add_argument('--processes', type=int, default=1)
     return parser.parse_args()
-
-
-def timed(only):
-    """Yield the wall time of each case, in a process of its own."""
-    for case in only:
-        kernel, _ = measurements.TIMED[case]
-        environment = os.environ | {'PENDUBOT_KERNEL': 'on' if kernel else 'off'}
-        program = f'from benchmarks.estimator.__main__ import timed_alone; timed_alone({case!r})'
-        done = subprocess.run([sys.executable, '-c', program], env=environment, capture_output=True, text=True)
-        if done.returncode:
-            raise SystemExit(done.stderr)
-        yield json.loads(done.stdout)
-
-
-def timed_alone(case):
-    """Print the outcome of one case."""
-    _, recordings = measurements.TIMED[case]
-    print(json.dumps(outcome(recordings(), case=case)))
 
 
 def jobs(args):
@@ -85,21 +62,14 @@ def jobs(args):
 def main():
     """Measure, keep every outcome as soon as it is known, and print the table."""
     args = arguments()
-    if args.what == 'beside':
-        known = [(path.stem, json.loads(path.read_text())) for path in args.files]
-        print(markdown(known[0][1]['what'], *((label, one['outcomes']) for label, one in known)))
-        return
     found = []
-    made = (
-        timed(args.only or measurements.TIMED) if args.what == 'time' else measurements.each(jobs(args), args.processes)
-    )
-    for result in made:
+    for result in measurements.each(jobs(args), args.processes):
         found.append(result)
         key = [value for value in result.values() if isinstance(value, str | int)][:6]
         print(len(found), *key, f'{result["seconds"]:.1f} s', file=sys.stderr, flush=True)
         if args.json:
             args.json.write_text(json.dumps({'what': args.what, 'outcomes': found}))
-    print(markdown(args.what, ('', found)))
+    print(markdown(args.what, found))
 
 
 if __name__ == '__main__':

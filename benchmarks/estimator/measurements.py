@@ -4,7 +4,6 @@
 """What is identified for each table: generators of outcomes, one after the other."""
 
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import replace
 from functools import partial
 from itertools import combinations
 
@@ -111,17 +110,3 @@ def pushed(seeds):
         name, seed, _ = lanes[n]
         key = {'group': name, 'kind': 'halves', 'pair': seed, 'truth': true(RUBBING[name])}
         yield from both(trajectories(made[n : n + 2 * RECORDINGS]), range(RECORDINGS), **key)
-
-
-def long(rig):
-    """Return five recordings of 160 s at 200 Hz."""
-    return trajectories(record(range(5), [rig] * 5, seconds=160.0, step=0.001))
-
-
-#: What is timed: whether the kernel is used, and the recordings that are identified together, one set after the other.
-TIMED = {
-    **{rig: (True, lambda rig=rig: recorded(rig, 'train')) for rig in RIGS},
-    **{f'{rig}, no kernel': (False, lambda rig=rig: recorded(rig, 'train')) for rig in RIGS},
-    '5 x 160 s, clean': (True, lambda: long(Rig())),
-    '5 x 160 s, imperfect': (True, lambda: long(replace(RUBBING['stribeck and rub'], pushes=0))),
-}

@@ -8,6 +8,7 @@ import time
 import numpy as np
 
 from pendubot_identification.errors import PendubotError
+from pendubot_identification.identify.catalogue import compensated
 from pendubot_identification.identify.pipeline import identify
 from pendubot_identification.identify.prediction import predict, state_scale
 from pendubot_identification.identify.settings import Settings
@@ -22,19 +23,8 @@ HORIZONS = 3  # of the predictions: .1, .25 and .5 s
 
 def named(found):
     """Return (name, where, whether it is compensated) of every effect or fault that a result names."""
-    result = [(fault.name, '', False) for fault in getattr(found, 'faults', ())]
-    return result + [(e.name, str(e.where), bool(e.accepted)) for e in getattr(found, 'effects', ())]
-
-
-def without_compensation():
-    """Return settings that compensate no effect, or None if there is no such option."""
-    return Settings(compensate=False) if 'compensate' in Settings.__dataclass_fields__ else None
-
-
-def compensated(found, motion):
-    """Return a motion with the compensated effects' torques subtracted, if the result can do that."""
-    subtract = getattr(found, 'compensated', None)
-    return subtract(motion) if subtract else motion
+    result = [(fault.name, '', False) for fault in found.faults]
+    return result + [(e.name, str(e.where), bool(e.accepted)) for e in found.effects]
 
 
 def trajectories(recordings):
@@ -48,30 +38,26 @@ def outcome(training, *, truth=None, scored=(), bare=False, **key):
     ``truth``: the true parameters by name. ``scored``: recordings to predict. ``bare``: identify once more without
     compensation, for its error. ``key``: what tells this one from others.
     """
-    begin, processor = time.perf_counter(), time.process_time()
+    begin = time.perf_counter()
     try:
         found = identify(training)
     except PendubotError as error:
         return key | {'level': 'refused', 'warnings': [str(error)], 'named': [], 'seconds': time.perf_counter() - begin}
-    seconds, processor = time.perf_counter() - begin, time.process_time() - processor
+    seconds = time.perf_counter() - begin
     best = found.best
     result = key | {
         'level': found.level.name,
-        'criterion': getattr(best, 'criterion', ''),
         'named': named(found),
         'warnings': list(found.warnings),
         'seconds': seconds,
-        'processor': processor,
         'theta': best.theta.tolist(),
-        'std_error': best.std_error.tolist(),
         'half_width': (best.intervals[:, 1] - best.theta).tolist(),
-        'own_prediction': best.prediction.error.tolist(),
     }
     if truth:
         result |= {'error': errors(best.theta, truth), 'held': held(best.intervals, truth)}
-        settings = without_compensation() if bare else None
-        if settings:
-            result['error_without_compensation'] = errors(identify(training, (), settings).best.theta, truth)
+        if bare:
+            plain = identify(training, (), Settings(compensate=False))
+            result['error_without_compensation'] = errors(plain.best.theta, truth)
     if scored:
         result |= scores(found, scored)
     return result
@@ -94,9 +80,9 @@ def scores(found, recordings):
     ``prediction`` is of the parameters alone, ``prediction_with_effects`` also of what the result compensates.
     """
     best, smoothing = found.best, choose_smoothing(recordings)
-    motions = [Motion.prepare(recording, smoothing, getattr(best.effort, 'hold', 'zero')) for recording in recordings]
+    motions = [Motion.prepare(recording, smoothing, best.effort.hold) for recording in recordings]
     scale, delay = state_scale(motions), best.effort.delay
-    rest = [compensated(found, motion) for motion in motions]
+    rest = [compensated(motion, found.effects, delay) for motion in motions]
     made = {'prediction': motions, 'prediction_with_effects': rest}
     return {name: mean_error([predict([m], best.theta, delay, scale) for m in each]) for name, each in made.items()}
 

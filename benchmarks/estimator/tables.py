@@ -156,31 +156,16 @@ def right_name(effect, name):
     return name.lower().replace('_', ' ') in (kind, *ALIASES.get(kind, ()))
 
 
-def times(found):
-    """Yield a row for each case."""
-    yield 'case', 'wall time [s]', 'processor time [s]', 'level'
-    for r in found:
-        yield r['case'], f'{r["seconds"]:.1f}', f'{r["processor"]:.1f}' if 'processor' in r else '', r['level']
-
-
 TABLES = {
     'real': real,
     'clean': clean,
     'effects': effects,
     'unknown': effects,
     'pushes': pushes,
-    'time': times,
 }
 
 
-def markdown(command, *labelled):
-    """Return the table of a command for one or more lists of outcomes by label, row beside row."""
-    tables = [(label, list(TABLES[command](found))) for label, found in labelled]
-    header = tables[0][1][0]
-    merged, keys = {}, 2 if header[1] in ('fits', 'strength') else 1
-    for label, (_, *rows) in tables:
-        for row in rows:
-            merged.setdefault(row[:keys], []).append((*row[:keys], *([label] if len(tables) > 1 else []), *row[keys:]))
-    header = (*header[:keys], *(['state'] if len(tables) > 1 else []), *header[keys:])
-    lines = [header, ['---'] * len(header), *(row for rows in merged.values() for row in rows)]
-    return '\n'.join('| ' + ' | '.join(line) + ' |' for line in lines)
+def markdown(command, found):
+    """Return the table of a command for a list of outcomes."""
+    header, *rows = TABLES[command](found)
+    return '\n'.join('| ' + ' | '.join(line) + ' |' for line in (header, ['---'] * len(header), *rows))

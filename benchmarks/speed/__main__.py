@@ -15,20 +15,15 @@ from pathlib import Path
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')  # before numpy, as the command does
 os.environ.pop('PYTHONDONTWRITEBYTECODE', None)  # what is installed has been compiled
 
-from benchmarks.speed import bags, growth, measure, motions, optimisers, session, start
+from benchmarks.speed import bags, growth, measure, motions, optimisers
 from pendubot_identification import kernel
 from test.conftest import ROOT
 
 PAGE, FIGURE = ROOT / 'docs' / 'benchmarks.md', ROOT / 'docs' / 'growth.svg'
 PARTS = {
     'optimisers': optimisers.full_budget,
-    'minimum': optimisers.to_the_minimum,
     'simulation': motions.evaluation,
-    'sensitivities': motions.with_sensitivities,
-    'start': start.whole,
-    'session': session.whole,
     'growth': lambda: growth.figure(FIGURE),
-    'work': growth.identifications,
     'hour': bags.hour,
 }
 

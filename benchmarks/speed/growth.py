@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""How the cost grows with the work: samples, population, runs, dimension as a figure; whole identifications."""
+"""How the cost grows with the work: samples, population, runs, dimension as a figure."""
 
 import matplotlib as mpl
 import numpy as np
@@ -10,10 +10,8 @@ from benchmarks.speed.measure import interleaved, on
 from benchmarks.speed.optimisers import energy_criterion, mde
 from pendubot_identification.criteria.energy import energy_regression
 from pendubot_identification.criteria.quadratic import Penalised, Quadratic
-from pendubot_identification.identify.pipeline import identify
 from pendubot_identification.model.parameters import Bounds, default_bounds
 from pendubot_identification.trajectories.trajectory import Trajectory
-from test.virtual import recording
 
 GENERATIONS = 400
 
@@ -76,22 +74,3 @@ def figure(path):
         ['| | work: s |', '|---|---|']
         + [f'| {name} | {", ".join(f"{n}: {s:.3g}" for n, s in zip(a, b, strict=True))} |' for name, a, b in rows]
     )
-
-
-def identifications():
-    """The default identification of the paper's rig, once each; exponents are slopes of the logarithms."""
-    identify([recording(500)])  # whatever is made once in a process
-    works = {
-        'seconds of one recording at 100 Hz': {s: [recording(100 * s)] for s in (10, 30, 100, 300, 600)},
-        'recordings of 10 s at 100 Hz': {n: [recording(1000, seed=k) for k in range(n)] for n in (1, 3, 10, 30, 50)},
-        'rate [Hz] of one recording of 10 s': {
-            rate: [recording(10 * rate, 1 / rate)] for rate in (100, 250, 500, 1000, 2000, 5000)
-        },
-    }
-    rows = ['| | work: s | exponent |', '|---|---|---|']
-    for name, sizes in works.items():
-        spent = [interleaved({'': lambda data=data: identify(data)}, 1)[''] for data in sizes.values()]
-        slope = np.polyfit(np.log(list(sizes)), np.log(spent), 1)[0]
-        told = ', '.join(f'{n}: {s:.3g}' for n, s in zip(sizes, spent, strict=True))
-        rows.append(f'| {name} | {told} | {slope:.2f} |')
-    return '\n'.join(rows)

@@ -10,7 +10,7 @@ import numpy as np
 from benchmarks.speed.measure import interleaved, on, table
 from pendubot_identification.model.dynamics import GRAVITY
 from pendubot_identification.model.parameters import PAPER
-from pendubot_identification.model.rollout import roll, sensitivities
+from pendubot_identification.model.rollout import roll
 
 SAMPLES, VECTORS, INTERVAL = 900, 30, 0.01
 
@@ -73,15 +73,3 @@ def evaluation():
         repetitions=15,
     )
     return table(spent, ('kernel',))
-
-
-def with_sensitivities(segments=90, steps=125):
-    """Half-second segments of 4 ms steps, and what they depend on, as Levenberg-Marquardt asks for them."""
-    rng = np.random.default_rng(1)
-    x, tau = rng.normal(size=(4, segments)), 0.1 * rng.normal(size=(2, steps, segments))
-    theta = PAPER.vector('geared') + 1e-4
-
-    def ours():
-        return sensitivities(theta, roll(theta, x, tau, 0.004), tau, 0.004)
-
-    return table(interleaved({'kernel': on(True, ours), 'numpy': on(False, ours)}, repetitions=9), ('kernel',))

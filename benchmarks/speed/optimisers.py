@@ -44,7 +44,7 @@ def mde(objective, bounds, population=POPULATION, runs=RUNS, **settings):
     return lambda: optimizer.mde(objective, bounds, chosen, runs=runs)
 
 
-def scipys(value, bounds, target=None):
+def scipys(value, bounds):
     limits = list(zip(bounds.lower, bounds.upper, strict=True))
 
     def run():
@@ -62,14 +62,13 @@ def scipys(value, bounds, target=None):
                 updating='deferred',
                 mutation=WEIGHT,
                 recombination=CROSSOVER,
-                callback=None if target is None else lambda intermediate_result: intermediate_result.fun <= target,
                 rng=seed,
             )
 
     return run
 
 
-def pygmos(criterion, bounds, target=None):
+def pygmos(criterion, bounds):
     """It asks for one vector at a time: the quickest way that numpy knows."""
     import pygmo
 
@@ -86,17 +85,13 @@ def pygmos(criterion, bounds, target=None):
     def run():
         for seed in range(RUNS):
             start = pygmo.population(pygmo.problem(Problem()), size=POPULATION, seed=seed)
-            step = GENERATIONS if target is None else 100
-            for _ in range(GENERATIONS // step):
-                how = pygmo.de(gen=step, F=WEIGHT, CR=CROSSOVER, ftol=0, xtol=0, seed=seed)
-                start = pygmo.algorithm(how).evolve(start)
-                if target is not None and start.champion_f[0] <= target:
-                    break
+            how = pygmo.de(gen=GENERATIONS, F=WEIGHT, CR=CROSSOVER, ftol=0, xtol=0, seed=seed)
+            pygmo.algorithm(how).evolve(start)
 
     return run
 
 
-def minions(value, bounds, target=None):
+def minions(value, bounds):
     import minionpy
 
     def run():
@@ -106,7 +101,6 @@ def minions(value, bounds, target=None):
                 list(zip(bounds.lower, bounds.upper, strict=True)),
                 algo='DE',
                 maxevals=POPULATION * (GENERATIONS + 1),
-                callback=None if target is None else lambda state: state.fun <= target,
                 seed=seed,
                 options={
                     'population_size': POPULATION,
@@ -139,17 +133,17 @@ def pymoos(value, bounds):
     return run
 
 
-def peers(criterion, bounds, **until):
-    """MDE on both paths, and what others call differential evolution, until the budget or a target is reached."""
+def peers(criterion, bounds):
+    """Return MDE on both paths, and the differential evolution of other packages."""
     objective, value = Penalised.of(criterion), by_blas(criterion)
     return {
-        'kernel': on(True, mde(objective, bounds, **until)),
-        'kernel, per vector': on(True, mde(objective, bounds, per_component=False, **until)),
-        'numpy': on(False, mde(objective, bounds, **until)),
-        'numpy, per vector': on(False, mde(objective, bounds, per_component=False, **until)),
-        'scipy DE, vectorised': scipys(value, bounds, **until),
-        'pygmo DE': pygmos(criterion, bounds, **until),
-        'minionpy DE': minions(value, bounds, **until),
+        'kernel': on(True, mde(objective, bounds)),
+        'kernel, per vector': on(True, mde(objective, bounds, per_component=False)),
+        'numpy': on(False, mde(objective, bounds)),
+        'numpy, per vector': on(False, mde(objective, bounds, per_component=False)),
+        'scipy DE, vectorised': scipys(value, bounds),
+        'pygmo DE': pygmos(criterion, bounds),
+        'minionpy DE': minions(value, bounds),
     }
 
 
@@ -161,9 +155,3 @@ def full_budget():
     spent = interleaved(works)
     spent['pymoo DE (from a 100th of the work)'] *= 10 * RUNS
     return table(spent, ('kernel', 'numpy'))
-
-
-def to_the_minimum():
-    criterion, bounds = energy_criterion(), default_bounds().of(7)
-    target = float(criterion(criterion.minimum(bounds))) * (1 + 1e-6)
-    return table(interleaved(peers(criterion, bounds, target=target)), ('kernel', 'kernel, per vector'))

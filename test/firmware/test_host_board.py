@@ -20,13 +20,9 @@ from .emulator import Line
     [
         (['--rate', '0'], '--rate is 0; a number from 1 to 10000 is expected'),
         (['--counts', 'many'], '--counts is many; a number from 4'),
-        (['--torque-limit', 'nan'], '--torque-limit is nan; a number from 0'),
-        (['--preset', 'rig'], '--preset is rig; paper or balance is expected'),
         (['--fault', 'bit_flip=2'], 'bit_flip is 2; a number from 0 to 1 is expected'),
         (['--fault', 'rust=1'], 'no fault rust=1'),
         (['--limit', 'max_speed=-1'], 'max_speed is -1; a number from 0 to 4.29497e+09 is expected'),
-        (['--limit', 'stall_ms=65536'], 'stall_ms is 65536; a number from 0 to 65535 is expected'),
-        (['--limit', 'beauty=1'], 'no limit beauty=1'),
         (['--nonsense'], 'usage: pendubot_board'),
     ],
 )

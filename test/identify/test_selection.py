@@ -73,6 +73,12 @@ def problem(recorded):
     return solved
 
 
+@pytest.fixture(scope='module')
+def effects(problem):
+    """Return what finds the effects of a rig by the name of its own, once."""
+    return cache(lambda name: find_effects(problem(name)))
+
+
 def candidate(base, name, where):
     """Return the first candidate of this name."""
     found = catalogue(base.likelihood.filter_data.motions, 0.0)
@@ -80,9 +86,9 @@ def candidate(base, name, where):
 
 
 @pytest.mark.parametrize('name', EFFECTS)
-def test_the_effect_of_a_rig_is_accepted_and_no_other(problem, name):
+def test_the_effect_of_a_rig_is_accepted_and_no_other(problem, effects, name):
     base, (_, sizes) = problem(name), EFFECTS[name]
-    found = find_effects(base)
+    found = effects(name)
     assert {(f.name, f.where) for f in found} == {(name, where) for where in sizes}
     assert all(f.accepted for f in found)
     P = base.fit.x[:5]
@@ -146,11 +152,11 @@ def test_cogging_is_a_candidate_where_the_joint_turns(problem):
     assert alone == [where for where in both if where.startswith('elbow')]
 
 
-def test_compensated_torques_are_those_that_act(problem):
+def test_compensated_torques_are_those_that_act(problem, effects):
     """A dead zone changes the recorded torque; a drag adds one that follows the smoothed speed."""
     for name in ('dead zone', 'drag'):
         motion = problem(name).likelihood.filter_data.motions[0]
-        found = find_effects(problem(name))
+        found = effects(name)
         t = np.arange(0.5, 7.0, 0.005)
         acting = np.diff(compensated(motion, found, 0.0).impulse(t), axis=0) / 0.005
         given = np.diff(motion.impulse(t), axis=0) / 0.005

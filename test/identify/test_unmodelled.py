@@ -11,19 +11,43 @@ from pendubot_identification.level import Level
 from pendubot_identification.trajectories.trajectory import Trajectory
 from test.simulated_rig import CATALOGUE, UNKNOWN, Rig, record, true
 
-COGGING = 'cogging, shoulder, 7 a turn'
+COGGING, RECORDINGS = 'cogging, shoulder, 7 a turn', 3
 
 
-def found(rig):
-    """Return what three recordings of 10 s say, and the errors of P1 to P5 [%]."""
-    made = record(range(3), [rig] * 3, begin=np.array([0.0, 10.0, 20.0]))
-    motions = [Trajectory(r.t, r.q, np.column_stack([r.tau, 0 * r.tau]), name=f'take {k}') for k, r in enumerate(made)]
-    result = identify(motions)
-    return result, 100 * np.abs(result.best.theta[:5] / list(true(rig).values())[:5] - 1).max()
+SATURATED, COGGED, OFFSET, LAGGING = ('saturation', 2), (COGGING, 0), ('offset', 0), ('lag', 2)
+#: The rigs by name and strength; all of them are simulated at once.
+RIGS = {None: Rig()} | {
+    (name, strength): (CATALOGUE | UNKNOWN)[name][strength]
+    for name, strength in (SATURATED, COGGED, OFFSET, LAGGING, ('backlash', 2), ('push', 2))
+}
 
 
-def test_a_clean_rig_is_exact():
-    result, error = found(Rig())
+@pytest.fixture(scope='module')
+def recordings():
+    """Return three recordings of 10 s of each rig."""
+    batch = [rig for rig in RIGS.values() for _ in range(RECORDINGS)]
+    seeds = [*range(RECORDINGS)] * len(RIGS)
+    made = iter(record(seeds, batch, begin=10.0 * np.array(seeds)))
+    return {name: [next(made) for _ in range(RECORDINGS)] for name in RIGS}
+
+
+@pytest.fixture
+def found(recordings):
+    """Return what identifies a rig's recordings; it returns the result and the largest error of P1 to P5 [%]."""
+
+    def identified(name=None):
+        motions = [
+            Trajectory(r.t, r.q, np.column_stack([r.tau, 0 * r.tau]), name=f'take {k}')
+            for k, r in enumerate(recordings[name])
+        ]
+        result = identify(motions)
+        return result, 100 * np.abs(result.best.theta[:5] / list(true(RIGS[name]).values())[:5] - 1).max()
+
+    return identified
+
+
+def test_a_clean_rig_is_exact(found):
+    result, error = found()
     assert (result.level, result.warnings, result.effects) == (Level.OK, (), ())
     assert result.best.exact
     assert error < 0.01
@@ -31,10 +55,10 @@ def test_a_clean_rig_is_exact():
 
 @pytest.mark.parametrize(
     ('cell', 'name', 'where'),
-    [(('saturation', 2), 'saturation', 'motor'), ((COGGING, 0), 'cogging', 'shoulder, 7 a turn')],
+    [(SATURATED, 'saturation', 'motor'), (COGGED, 'cogging', 'shoulder, 7 a turn')],
 )
-def test_an_effect_is_named_and_compensated(cell, name, where):
-    result, error = found(CATALOGUE[cell[0]][cell[1]])
+def test_an_effect_is_named_and_compensated(found, cell, name, where):
+    result, error = found(cell)
     assert [(effect.name, effect.where, effect.accepted) for effect in result.effects] == [(name, where, True)]
     assert result.level is Level.WARN
     assert ['compensated, P1 to P5 change by up to' in warning for warning in result.warnings] == [True]
@@ -42,18 +66,18 @@ def test_an_effect_is_named_and_compensated(cell, name, where):
 
 
 @pytest.mark.parametrize(
-    ('cell', 'beginning'), [(('offset', 0), "the shoulder's effort is off by"), (('lag', 2), 'the torque follows')]
+    ('cell', 'beginning'), [(OFFSET, "the shoulder's effort is off by"), (LAGGING, 'the torque follows')]
 )
-def test_what_is_a_fault_and_an_effect_is_said_once(cell, beginning):
-    result, error = found(CATALOGUE[cell[0]][cell[1]])
+def test_what_is_a_fault_and_an_effect_is_said_once(found, cell, beginning):
+    result, error = found(cell)
     (said,) = result.warnings
     assert said.startswith(beginning)
     assert result.level is Level.WARN
     assert error < 0.05
 
 
-def test_what_no_catalogue_has_is_said_as_a_fraction_of_the_innovations():
-    result, error = found(UNKNOWN['backlash'][2])
+def test_what_no_catalogue_has_is_said_as_a_fraction_of_the_innovations(found):
+    result, error = found(('backlash', 2))
     assert result.level is Level.WARN
     (said,) = result.warnings
     assert said.startswith('the rig has unmodelled effects: they make 9')
@@ -61,8 +85,8 @@ def test_what_no_catalogue_has_is_said_as_a_fraction_of_the_innovations():
     assert error < 2
 
 
-def test_pushes_by_hand_are_disturbances():
-    result, error = found(UNKNOWN['push'][2])
+def test_pushes_by_hand_are_disturbances(found):
+    result, error = found(('push', 2))
     assert result.level is Level.WARN
     assert result.warnings[0].startswith('a disturbance: take 0 at 3.4 s, ')
     assert error < 1

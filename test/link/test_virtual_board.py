@@ -1,7 +1,11 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The board's rules, heard and said in frames; its faults come from the seed."""
+"""The virtual board's faults, limits on its own plant and settings.
+
+The rules of arming, sessions, watchdog and torque are tested in test/firmware/: on the board in C one by one, on both
+boards against a model (test_ownership.py), and both boards give the same frames (test_link.py).
+"""
 
 import math
 
@@ -13,7 +17,6 @@ from pendubot_identification.link.protocol import (
     Command,
     Decoder,
     Hello,
-    HelloRequest,
     Limits,
     State,
     Status,
@@ -61,82 +64,6 @@ class Bench:
         return self
 
 
-def test_it_says_hello_at_boot_and_when_asked():
-    bench = Bench(BoardSettings(counts=1000, torque_limit=1.5, sample_period_us=2000, watchdog_max_ms=250))
-    hello, state = bench.events()
-    assert isinstance(hello, Hello)
-    assert (hello.seq, hello.cpr1, hello.cpr2, hello.torque_limit) == (0, 1000, 1000, 1_500_000)
-    assert (hello.sample_period_us, hello.watchdog_max_ms) == (2000, 250)
-    assert (state.seq, state.t_us, state.enc1, state.enc2, state.torque, state.status) == (1, 0, 0, 0, 0, 0)
-    for _ in range(2):
-        bench.board.receive(encode(HelloRequest(1, 0)))
-    first, second, state = bench.events()
-    assert (first.seq, first.boot_id, second.seq, state.seq) == (2, hello.boot_id, 3, 4)
-
-
-@pytest.mark.parametrize('wrong', [{'lock': 2}, {'boot_id': 1}, {'session': 0}, {}])
-def test_only_an_arm_that_fits_this_boot_arms(wrong):
-    bench = Bench()
-    bench.step()
-    bench.send(1, 100_000)
-    bench.send(0)
-    assert (bench.step().status, bench.last.lock, bench.last.refused) == (Status.REFUSED, 2, 1)
-    bench.arm(**{'lock': 1 if wrong.get('lock') else None} | {k: v for k, v in wrong.items() if k != 'lock'})
-    bench.send(1, 100_000)
-    state = bench.step()
-    if wrong:
-        assert (state.status, state.torque, state.refused) == (Status.REFUSED, 0, 3)
-    else:
-        assert (state.status, state.torque, state.cmd_seq) == (Status.ARMED, 100_000, bench.seq)
-
-
-def test_only_the_session_that_armed_it_is_obeyed_and_mode_0_of_anybody_disarms():
-    bench = Bench().armed()
-    bench.send(1, 100_000)
-    bench.send(1, 900_000, session=6)
-    bench.arm(session=6)
-    state = bench.step()
-    assert (state.torque, state.refused, state.status) == (100_000, 2, Status.ARMED | Status.REFUSED)
-    bench.arm()  # the same once more: its torque stays
-    assert (bench.step().torque, bench.last.refused) == (100_000, 2)
-    lock = bench.last.lock
-    bench.send(0, session=6)
-    assert (bench.step().torque, bench.last.lock) == (0, lock + 1)
-    bench.send(1, 100_000)
-    assert (bench.step().torque, bench.last.refused) == (0, 2), 'late, but its own'
-    bench.arm(lock=lock)
-    assert (bench.step().status, bench.last.refused) == (Status.REFUSED, 3)
-
-
-def test_after_a_watchdog_trip_it_obeys_only_after_another_arming():
-    bench = Bench(BoardSettings(torque_limit=0.25)).armed()
-    bench.send(1, -300_000, watchdog_ms=50)
-    states = [bench.step() for _ in range(7)]
-    assert [s.torque for s in states] == [-250_000] * 5 + [0] * 2
-    assert [s.status for s in states] == [Status.ARMED | Status.SATURATED] * 5 + [Status.WATCHDOG] * 2
-    bench.send(1, 100_000)
-    assert bench.step().status == Status.WATCHDOG
-    bench.arm()
-    assert bench.step().status == Status.ARMED
-    bench.step(20)
-    assert bench.last.status == Status.WATCHDOG
-    bench.send(0)
-    assert bench.step().status == 0
-
-
-def test_confirmed_zeros_are_remembered_until_a_restart():
-    bench = Bench(faults=Faults(reset_at=0.1))
-    bench.step()
-    bench.send(2, session=bench.hello.boot_id ^ 1)
-    assert bench.step().status == 0
-    bench.send(2, session=bench.hello.boot_id)
-    assert (bench.step().status, bench.last.cmd_seq) == (Status.ZEROED, 0)
-    bench.arm()
-    assert bench.step().status == Status.ARMED | Status.ZEROED
-    bench.send(0)
-    assert bench.step(7).status == 0
-
-
 #: Limits, what happens, after how many samples of 10 ms the motor is off, and by what fault.
 LIMITED = [
     (Limits(max_speed=2000), {}, 0.9, Status.SPEED, 3),
@@ -167,18 +94,6 @@ def test_a_limit_disarms_and_is_named_until_a_mode_0(limits, faults, torque, fau
         assert bench.step().status == 0
 
 
-def test_a_torque_changes_by_no_more_than_the_slew_and_is_0_at_once():
-    bench = Bench(BoardSettings(sample_period_us=1000, limits=Limits(torque_slew=300_000))).armed()
-    bench.send(1, 1_000_000)
-    states = [bench.step() for _ in range(5)]
-    assert [s.torque for s in states] == [300_000, 600_000, 900_000, 1_000_000, 1_000_000]
-    assert [bool(s.status & Status.SLEW) for s in states] == [True] * 3 + [False] * 2
-    bench.send(1, -1_000_000)
-    assert bench.step(7).torque == -1_000_000
-    bench.send(0)
-    assert bench.step().torque == 0
-
-
 def test_the_torque_is_held_from_its_sample_until_the_next_and_moves_the_plant():
     bench = Bench().armed()
     bench.send(1, 300_000)
@@ -187,17 +102,6 @@ def test_the_torque_is_held_from_its_sample_until_the_next_and_moves_the_plant()
     reference = Plant(PAPER)
     reference.advance((0.3, 0.0), 0.01)
     assert bench.step().enc1 == round((reference.q[0] + math.pi / 2) * 4000 / (2 * math.pi)) != 0
-
-
-def test_a_watchdog_of_0_trips_at_once_and_a_long_one_is_clamped():
-    bench = Bench().armed()
-    bench.send(1, 100_000, watchdog_ms=0)
-    state = bench.step()
-    assert (state.status, state.torque) == (Status.WATCHDOG, 0)
-    bench.armed()
-    bench.send(1, 100_000, watchdog_ms=60_000)
-    assert bench.step(50).status == Status.ARMED
-    assert bench.step().status == Status.WATCHDOG
 
 
 def test_a_fault_switches_off_and_keeps_the_board_from_being_armed_while_it_lasts():
@@ -216,14 +120,6 @@ def test_a_fault_switches_off_and_keeps_the_board_from_being_armed_while_it_last
     assert bench.step().status == Status.ARMED
 
 
-def test_a_frame_that_a_restart_cut_short_takes_none_along():
-    bench = Bench(faults=Faults(reset_at=0.1))
-    *_, last = [bench.board.advance() for _ in range(10)]
-    bench.decoder.feed(last[:-5])
-    _, hello, state = bench.events()
-    assert (type(hello), type(state)) == (Hello, State)
-
-
 def test_a_restart_begins_everything_anew_but_the_motion_and_ends_an_emergency_stop():
     faults = Faults(emergency_stop_at=0.05, reset_at=0.5)
     bench = Bench(faults=faults, plant=Plant(PAPER, q=(-1.0, 0.3))).armed()
@@ -236,14 +132,6 @@ def test_a_restart_begins_everything_anew_but_the_motion_and_ends_an_emergency_s
     bench.send(1)
     assert bench.step().status == Status.REFUSED
     bench.armed()
-
-
-def test_a_damaged_frame_and_an_overrun_are_said_once():
-    bench = Bench()
-    bench.board.receive(b'nonsense\0' + encode(State(0, 0, 0, 0, 0, 0, 0, 0, 0)))
-    bench.board.note_overrun()
-    assert bench.step().status == Status.DAMAGED_FRAME | Status.OVERRUN
-    assert bench.step().status == 0
 
 
 def test_a_payload_is_put_on_and_taken_off_where_the_rig_is():

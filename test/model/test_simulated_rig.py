@@ -33,7 +33,7 @@ def test_a_base_that_leans_turns_gravity_and_a_heavy_one_stands_still():
 
 def test_every_imperfection_changes_the_recording():
     rigs = {name: strengths[2] for name, strengths in (CATALOGUE | UNKNOWN).items()}
-    made = record([3] * (len(rigs) + 1), [Rig(), *rigs.values()], seconds=3.0)
+    made = record([3] * (len(rigs) + 1), [Rig(), *rigs.values()], seconds=3.0, step=0.002)
     perfect = np.column_stack([made[0].t, made[0].q])
     for name, recording in zip(rigs, made[1:], strict=True):
         assert np.isfinite(recording.q).all(), name
@@ -43,6 +43,6 @@ def test_every_imperfection_changes_the_recording():
 
 def test_a_rig_moves_alike_in_every_batch():
     rig = replace(CATALOGUE['lag'][0], pushes=1)
-    alone = record([5], [rig], seconds=2.0)[0]
-    among = record([4, 5, 6], [UNKNOWN['sway'][2], rig, UNKNOWN['shaft'][2]], seconds=2.0)[1]
+    alone = record([5], [rig], seconds=2.0, step=0.002)[0]
+    among = record([4, 5, 6], [UNKNOWN['sway'][2], rig, UNKNOWN['shaft'][2]], seconds=2.0, step=0.002)[1]
     np.testing.assert_array_equal(alone.q, among.q)
