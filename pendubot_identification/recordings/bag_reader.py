@@ -24,6 +24,7 @@ from pendubot_identification.trajectories.trajectory import Trajectory
 
 from .joint_states import JOINT_NAMES, JOINT_STATE, JOINT_STATES_TOPIC, JointDecoder, decode_joint_state, stamp_of
 from .mcap_file import FOREVER_NS, McapFile, Messages
+from .other_bags import as_mcap, is_other
 from .table_reader import TableReader
 from .tables import is_table
 
@@ -337,6 +338,8 @@ def _require(reader: BagReader, topic: str) -> None:
 
 def _opened(path: Path) -> tuple[list[McapFile], dict[Path, str]]:
     """Return the readable files of a bag in order, and errors by file for others; BagError if none is readable."""
+    if is_other(path):
+        path = as_mcap(path)
     if os.path.isfile(path):
         return [McapFile(path)], {}
     try:

@@ -1,0 +1,33 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Bags of ROS 1, and of ROS 2 with storage sqlite3, as rosbags writes them, are read as the bag that they were."""
+
+import numpy as np
+import pytest
+from rosbags.convert import convert
+from rosbags.typesys import Stores, get_typestore
+
+from pendubot_identification.errors import BagError
+from pendubot_identification.recordings.bag_reader import read_trajectory
+from test.conftest import ROOT
+
+BAG = ROOT / 'bags' / 'paper_experiment'
+
+
+@pytest.mark.parametrize(
+    ('name', 'version', 'store'), [('run.bag', 3, Stores.ROS1_NOETIC), ('run', 8, Stores.ROS2_JAZZY)]
+)
+def test_the_motion_is_that_of_the_bag_that_was_converted(tmp_path, name, version, store):
+    jazzy, storage = get_typestore(Stores.ROS2_JAZZY), 'sqlite3'
+    convert([BAG], tmp_path / name, storage, version, None, 'none', jazzy, get_typestore(store), [], [], [], [])
+    found, expected = read_trajectory(tmp_path / name).trajectory, read_trajectory(BAG).trajectory
+    for field in ('t', 'q', 'tau'):
+        np.testing.assert_array_equal(getattr(found, field), getattr(expected, field))
+
+
+@pytest.mark.parametrize('name', ['empty.bag', 'empty.db3'])
+def test_another_file_is_refused_in_one_sentence(tmp_path, name):
+    (tmp_path / name).write_bytes(b'hello')
+    with pytest.raises(BagError, match='is no bag with messages of type sensor_msgs/msg/JointState that can be read'):
+        read_trajectory(tmp_path / name)
