@@ -5,6 +5,7 @@
 
 import json
 import re
+import shlex
 
 import numpy as np
 import pytest
@@ -271,3 +272,46 @@ def test_a_disguise_is_seen_through(columns, identified, expected, tmp_path, nam
     np.testing.assert_allclose(theta(found), expected, rtol=1e-6)
     assert sorted(found['made_by']['applied']) == sorted(options)
     assert any('applied, as the recordings need it' in said for said in found['warnings']) == bool(options)
+
+
+#: Of a motor of 0.05 N m/A behind a gear of 7, which the program cannot know and asks for.
+CURRENTS = {
+    'current.csv': (named('t', 'q1', 'q2', 'Motor_Current'), {'tau1': lambda c: c['tau1'] / 0.35}, []),
+    'milliamperes.csv': (named('t', 'q1', 'q2', 'Strom [mA]'), {'tau1': lambda c: c['tau1'] / 0.35e-3}, []),
+    'Chinese current.csv': (
+        named('时间', '肩', '肘', '电流', encoding='utf-16'),
+        {'tau1': lambda c: c['tau1'] / 0.35},
+        [],
+    ),
+}
+KNOWN = {'--torque-constant K': '--torque-constant 0.05', '--gear N': '--gear 7'}
+
+
+def options_named(sentence):
+    """The options that a message tells to add, each with its value, and those that it asks for."""
+    said = ' '.join(sentence.split())
+    asked = [answer for question, answer in KNOWN.items() if question in said]
+    value = r"(?: (?:'[^']*'|(?!--)[^\s;,:]+(?:,[^\s;,]+)*))?"
+    told = re.search(rf'(?:add|with) ((?:--[a-z-]+{value} ?)+)', re.sub(r'--torque-constant [K\d].*', '', said))
+    return [words.split(' ', 1) for words in re.split(r' (?=--)', told[1].strip() if told else '') if words] + [
+        words.split(' ') for words in asked
+    ]
+
+
+@pytest.mark.parametrize('name', [*(name for name, made in DISGUISES.items() if made[2]), *CURRENTS])
+def test_messages_alone_lead_to_the_same_parameters(columns, identified, expected, tmp_path, name):
+    write, change, _ = (DISGUISES | CURRENTS)[name]
+    write(tmp_path / name, columns | {each: made(columns) for each, made in change.items()})
+    options = {}
+    for _ in range(8):
+        found = identified(
+            tmp_path / name, *shlex.split(' '.join(word for words in options.values() for word in words))
+        )
+        if not isinstance(found, str) and found['level'] != 'ERROR':
+            break
+        said = found if isinstance(found, str) else found['warnings'][0]
+        added = {words[0]: words for words in options_named(said)}
+        assert added, said
+        assert options != options | added, said
+        options |= added
+    np.testing.assert_allclose(theta(found), expected, rtol=1e-6)
