@@ -102,6 +102,16 @@ def second_sheet(file, columns):
         pandas.DataFrame(columns).to_excel(book, sheet_name='Data', index=False)
 
 
+def sheet_with_a_title(file, columns):
+    """The second sheet, with a title above the names and units below them."""
+    book = pytest.importorskip('openpyxl').Workbook()
+    book.active.append(['Protokoll'])
+    sheet = book.create_sheet('Messung 1')
+    for row in (['Pendel A'], list(columns), UNITS, *np.column_stack(list(columns.values())).tolist()):
+        sheet.append(row)
+    book.save(file)
+
+
 def octave(file, columns):
     """As Octave's save -text writes column vectors."""
     text = '# Created by Octave 8.4.0, Mon Nov 23 10:00:00 2026 UTC <lab@rig>\n'
@@ -158,7 +168,9 @@ DISGUISES = {
     'a title.csv': (lines_above('Run 7, Monday', 'second try'), {}, ['--skip-rows 2']),
     'no names.csv': (lambda file, c: as_text(file, c, header=False), {}, ['--columns t=1,q1=2,q2=3,tau1=4']),
     'a second sheet.xlsx': (second_sheet, {}, ['--sheet Data']),
+    'a title on a second sheet.xlsx': (sheet_with_a_title, ALL_UNITS, ["--sheet 'Messung 1'", '--skip-rows 1']),
     'dates.csv': (as_text, {'t': dates}, []),
+    'dates in UTC.parquet': (parquet, {'t': lambda c: pandas.to_datetime(dates(c) + 'Z')}, []),
     'seconds since 1970.csv': (as_text, {'t': lambda c: 1.7e9 + c['t']}, []),
     'packed.csv.gz': (as_text, {}, []),
     'arrays.npz': (lambda file, c: np.savez(file, **c), {}, []),
