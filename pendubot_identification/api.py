@@ -95,6 +95,7 @@ def read(
     torque_unit: TorqueUnit = 'Nm',
     swap: Swap = 'nothing',
     torque_constant: float | None = None,
+    gear: float = 1.0,
     negate: Quantity | Sequence[Quantity] = (),
     elbow: Literal['relative', 'absolute'] = 'relative',
     zero: Literal['horizontal', 'hanging'] = 'horizontal',
@@ -119,6 +120,7 @@ def read(
         torque_unit: of torques.
         swap: joints, or positions or efforts alone, that are exchanged.
         torque_constant: [N m/A], by which a motor current is multiplied.
+        gear: turns of the motor per turn of the shoulder, which multiply that constant.
         negate: quantities with the opposite sign; velocities follow their angles.
         elbow: whether q2 is the angle to link 1, or has the same zero as q1.
         zero: where q1 is zero.
@@ -179,6 +181,7 @@ def identify(  # noqa: D417
     torque_unit: TorqueUnit = 'Nm',
     swap: Swap = 'nothing',
     torque_constant: float | None = None,
+    gear: float = 1.0,
     negate: Quantity | Sequence[Quantity] = (),
     elbow: Literal['relative', 'absolute'] = 'relative',
     zero: Literal['horizontal', 'hanging'] = 'horizontal',

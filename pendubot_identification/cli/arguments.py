@@ -134,7 +134,7 @@ def _settings(group: Any, *settings: Setting, **metavars: str) -> None:
 def _reading(parser: Any, *, joints: bool = False, save: bool = False) -> None:
     """Add the options by which recordings are read."""
     group = parser.add_argument_group('how recordings are read', 'applied in this order, to all of them alike')
-    names = {'columns': 't=NAME,...', 'torque_constant': 'K', 'negate': 'q1,...', 'offset': 'q1=ANGLE,...'}
+    names = {'columns': 't=NAME,...', 'torque_constant': 'K', 'gear': 'N', 'negate': 'q1,...', 'offset': 'q1=ANGLE,...'}
     _settings(group, *CONVERSION, **names)
     words = (
         'take options from a YAML file, one of --save-settings, or a result; options given here override it. It alone '

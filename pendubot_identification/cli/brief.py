@@ -41,7 +41,7 @@ def brief(result: Result, files: int) -> str:
 
 
 def _sources(result: Result) -> list[str]:
-    """Return a line for training and one for validation."""
+    """Return a line for training, one for validation, and the options for which names and units of files stand."""
     lines = []
     for role in dict.fromkeys(bag.role for bag in result.bags):
         bags = [bag for bag in result.bags if bag.role == role]

@@ -19,6 +19,8 @@ from .robots import limits, mjcf, urdf
 
 ROBOTS = ('mjcf', 'urdf')
 LANGUAGES = {'m': matlab, 'h': c, 'py': python}
+#: An input delay [s] of no importance, as an estimate from exact data leaves it.
+NEGLIGIBLE = 1e-5
 FORMATS = (*ROBOTS, 'yaml', *LANGUAGES)
 SUFFIXES = {f'.{name}': name for name in FORMATS if name != 'mjcf'} | {'.xml': 'mjcf', '.yml': 'yaml'}
 MEANINGS = {s.name: (s.unit, s.meaning) for s in SPECIFICATIONS}
@@ -100,7 +102,9 @@ def provenance(result: PartialResult) -> list[str]:
 def _beside(result: PartialResult) -> list[str]:
     """Return what acts on the rig beside the model: a delay, and effects that were estimated together with it."""
     delay = result.effort.delay
-    said = [f'torques act {delay:.4g} s later than they are stamped, which is not in this model'] if delay else []
+    said = []
+    if delay and abs(delay) >= NEGLIGIBLE:
+        said.append(f'torques act {delay:.4g} s later than they are stamped, which is not in this model')
     effects = [f'{e.name} ({e.where})' for e in result.effects if e.accepted]
     if effects:
         said.append(f'estimated together with {", ".join(effects)}, not in this model; its friction holds beside that')

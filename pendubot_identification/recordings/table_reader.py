@@ -90,6 +90,10 @@ class TableReader:
         _, unit = split(column)
         return unit or (self.table.units[self.table.names.index(column)] if self.table.units else '')
 
+    def _amperes(self, column: str) -> float:
+        """Return the unit of a current [A]."""
+        return 1e-3 if self._unit(column) == 'mA' else 1.0
+
     @cached_property
     def taken(self) -> dict[str, str]:
         """The columns to use, by quantity.
@@ -107,8 +111,8 @@ class TableReader:
         if is_current(taken['tau1'], self._unit(taken['tau1'])) and not conversion.torque_constant:
             raise TableError(
                 f'{self.path}: the column {taken["tau1"]!r} seems to hold a motor current, and a torque is expected: '
-                "give the motor's constant with --torque-constant K [N m per unit of that column], or "
-                '--torque-constant 1 if it is a torque'
+                "give the motor's constant with --torque-constant K [N m/A], and --gear N where a gear follows, or "
+                f'--torque-constant {1 / self._amperes(taken["tau1"]):g} if it is a torque'
             )
         return taken
 
@@ -130,7 +134,7 @@ class TableReader:
         return TableError(
             f'{self.path} has no column {self.conversion.names[quantities[0]]!r} for {quantities[0]}; its columns '
             f'{what}: name the right one with --columns {shlex.quote(columns)}'
-            + (' --torque-constant K' if current else ''),
+            + (' --torque-constant K [N m/A], and --gear N where a gear follows' if current else ''),
             **({'columns': columns} if known else {}),
         )
 
@@ -147,6 +151,8 @@ class TableReader:
         if not complete.any():
             raise TableError(f'{self.path} holds no row of numbers; export the recording again')
         values = {name: numbers[complete] for name, numbers in values.items()}
+        if conversion.torque_constant:
+            values['tau1'] = values['tau1'] * self._amperes(self.taken['tau1'])
         t = values['t'] * conversion.seconds
         if t[0] > SINCE_1970:
             t = np.round(t - t[0], 6)  # a float has no more digits of such a time

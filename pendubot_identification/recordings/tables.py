@@ -9,6 +9,7 @@ import codecs
 import csv
 import gzip
 import re
+import shlex
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -20,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pendubot_identification.errors import MissingFileError, TableError
+from pendubot_identification.trajectories.conventions import REQUIRED
 from pendubot_identification.trajectories.conversion import Conversion
 
 from .columns import unit_of
@@ -176,14 +178,28 @@ def _excel(path: Path, conversion: Conversion) -> Table:
             sheet = conversion.sheet or sheets[0]
             if sheet not in sheets:
                 raise TableError(f'{path} has no sheet {sheet}; its sheets are {", ".join(sheets)}: add --sheet NAME')
-            frame = pandas.read_excel(book, sheet, header=None, skiprows=conversion.skip_rows).dropna(how='all')
-            if frame.shape[1] < 2 and len(sheets) == 2 and not conversion.sheet:
-                other = sheets[1]
-                raise TableError(f'the sheet {sheet} of {path} holds no recording: add --sheet {other}', sheet=other)
+
+            def read(name: str) -> Any:
+                return pandas.read_excel(book, name, header=None, skiprows=conversion.skip_rows).dropna(how='all')
+
+            frame = read(sheet)
+            if frame.shape[1] < len(REQUIRED) and not conversion.sheet:
+                other = next((name for name in sheets[1:] if read(name).shape[1] >= len(REQUIRED)), None)
+                if other is not None:
+                    raise TableError(
+                        f'the sheet {sheet} of {path} holds no recording: add --sheet {shlex.quote(other)}', sheet=other
+                    )
     except (BadZipFile, ValueError, KeyError, TypeError) as error:
         raise TableError(f'{path} is no Excel file ({error}); save it as .xlsx or .csv') from error
     if frame.empty:
         return Table([], [])
+    filled = frame.head(100).notna().sum(axis=1)
+    if filled.iloc[0] < len(REQUIRED) <= filled.max() and not conversion.skip_rows:
+        above = int(filled.index[filled >= len(REQUIRED)][0])
+        raise TableError(
+            f'{path} has its column names in row {above + 1}, row 1 is expected: add --skip-rows {above}',
+            skip_rows=str(above),
+        )
     names, rows = ['' if name != name else str(name).strip() for name in frame.iloc[0]], frame.iloc[1:]
     units = _units(list(rows.iloc[0])) if len(rows) else ()
     rows = rows.iloc[1:] if units else rows

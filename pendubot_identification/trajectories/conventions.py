@@ -61,6 +61,13 @@ CONVERSION = (
         optional=True,
     ),
     Setting(
+        'gear',
+        1.0,
+        'turns of the motor per turn of the shoulder: the torque constant, of the motor, is multiplied by it',
+        minimum=1e-3,
+        maximum=1e4,
+    ),
+    Setting(
         'negate',
         '',
         'quantities with the opposite sign, of q1,q2,tau1,tau2; velocities follow their angles',

@@ -68,6 +68,7 @@ class Conversion:
     torque_unit: str = 'Nm'
     swap: str = 'nothing'
     torque_constant: float = 0.0  #: [torque_unit/A]; 0: efforts are torques, not currents.
+    gear: float = 1.0
     negate: tuple[str, ...] = ()
     elbow: str = 'relative'
     zero: str = 'horizontal'
@@ -85,6 +86,10 @@ class Conversion:
                 raise ParameterError(
                     f'--{option} does not know the quantity {unknown[0]!r}; {", ".join(known)} are expected'
                 )
+        if self.gear != 1 and not self.torque_constant:
+            raise ParameterError(
+                f'--gear {self.gear:g} multiplies a torque constant, and none is given; add --torque-constant K'
+            )
         names = self.names
         for name, column in self.columns.items():
             if other := next((other for other in names if other != name and names[other] == column), None):
@@ -128,6 +133,8 @@ class Conversion:
         found = {}
         for each in fields(self):
             value = getattr(self, each.name)
+            if value == each.default:
+                continue
             if each.name == 'offset':
                 value = {name: _amount_text(name, amount) for name, amount in value.items()}
             if isinstance(value, Mapping):
@@ -138,7 +145,7 @@ class Conversion:
                 value = 'true' if value else ''
             elif isinstance(value, (int, float)):
                 value = str(value) if value else ''
-            if value and value != each.default:
+            if value:
                 found[each.name] = value
         return found
 
@@ -177,7 +184,7 @@ class Conversion:
         if self._exchanges_efforts:
             T = T @ _EXCHANGED
         if self.torque_constant:
-            T = np.diag([self.torque_constant, 1.0]) @ T
+            T = np.diag([self.torque_constant * self.gear, 1.0]) @ T
         if self.elbow == 'absolute':
             # Both angles have the same zero, so it must not be shifted first.
             Q = np.array([[1.0, 0.0], [-1.0, 1.0]]) @ Q

@@ -3,6 +3,7 @@
 
 import datetime
 import math
+import re
 import struct
 import sys
 
@@ -224,15 +225,38 @@ def test_times_of_day_are_seconds(tmp_path, start):
     np.testing.assert_allclose(read(tmp_path / 'x.xlsx').t, np.arange(9) / 100, atol=1e-12)
 
 
-@pytest.mark.parametrize('name', ['current', 'i', 'Motor_Current', 'tau [A]', 'i_q'])
+#: A column's name, and the amperes of its unit.
+CURRENTS = {
+    **dict.fromkeys(('current', 'i', 'I', 'Motor_Current', 'tau [A]', 'u (A)', 'i_q', 'tau1_A'), 1.0),
+    **dict.fromkeys(('Strom', 'Motorstrom', 'courant', 'corriente', '电流', '电机电流'), 1.0),
+    **dict.fromkeys(('Strom [mA]', 'tau (mA)', 'current_mA'), 1e-3),
+}
+
+
+@pytest.mark.parametrize('name', CURRENTS)
 def test_a_current_is_never_taken_for_a_torque(given, name):
     rows = [f'{0.01 * k:.2f},{-1.57 + 0.01 * k},{0.02 * k},{2 * math.sin(k)}' for k in range(50)]
     path = given('\n'.join([f't,q1,q2,{name}', *rows]))
-    with pytest.raises(TableError, match='--torque-constant K'):
+    with pytest.raises(TableError, match=re.escape('--torque-constant K [N m/A], and --gear N')):
         read(path)
-    columns = {'tau1': name}
-    with pytest.raises(TableError, match='seems to hold a motor current, and a torque is expected'):
+    columns, amperes = {'tau1': name}, CURRENTS[name]
+    with pytest.raises(TableError, match='seems to hold a motor current, and a torque is expected') as refused:
         read(path, columns=columns)
-    as_torque, motion = (read(path, columns=columns, torque_constant=k) for k in (1.0, 0.05))
-    np.testing.assert_allclose(motion.tau, 0.05 * as_torque.tau)
-    np.testing.assert_allclose(as_torque.tau[:, 0], [2 * math.sin(k) for k in range(50)])
+    as_torque = float(re.search(r'--torque-constant ([0-9.]+) if it is a torque', str(refused.value))[1])
+    numbers = [2 * math.sin(k) for k in range(50)]
+    for words, expected in (
+        ({'torque_constant': as_torque}, 1.0),
+        ({'torque_constant': 0.05}, 0.05 * amperes),
+        ({'torque_constant': 0.05, 'gear': 7.0}, 0.35 * amperes),
+    ):
+        motion = read(path, columns=columns, **words)
+        np.testing.assert_allclose(motion.tau[:, 0], np.multiply(expected, numbers), atol=1e-12)
+
+
+def test_a_current_by_a_row_of_units_is_no_torque(given):
+    path = given('t,q1,q2,tau1\ns,rad,rad,mA\n0,0,0,1\n0.01,0.1,0,2\n')
+    with pytest.raises(TableError, match='seems to hold a motor current'):
+        read(path)
+    np.testing.assert_allclose(read(path, torque_constant=2).tau[:, 0], [0.002, 0.004])
+    with pytest.raises(PendubotError, match='--gear 5 multiplies a torque constant, and none is given; add'):
+        read(path, gear=5)
