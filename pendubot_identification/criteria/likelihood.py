@@ -44,7 +44,8 @@ class LikelihoodSettings:
 
     Attributes:
         intervals: at which recordings are read [s]; beyond 0.2 s the likelihood has wrong optima.
-        step: longest Runge-Kutta step [s].
+        step: longest Runge-Kutta step [s] ...
+        turn: ... and angle that the faster joint turns in one [rad].
         freedom: nu, degrees of freedom of the innovations; infinite: Gaussian.
         offset: standard deviation of the zeros of both positions [rad].
         rest: a sample with both joints within so many quanta over ``still`` [s] to both sides has no weight: at rest
@@ -61,6 +62,7 @@ class LikelihoodSettings:
     rest: float = 2.5
     still: float = 0.1
     block: float = 1.0
+    turn: float = 0.2
     fine: float = math.inf
     slow: float = 0.0
 
@@ -108,10 +110,11 @@ class FilterData:
             for number, motion in enumerate(motions):
                 chosen = _thinned(motion.recorded.t, interval)
                 t = motion.recorded.t[chosen]
-                longest = np.full(len(t) - 1, settings.step)
+                speeds = np.abs(motion.states(t)[2:])
+                slowest, fastest = speeds.min(axis=0), speeds.max(axis=0)
+                longest = np.minimum(settings.step, settings.turn / np.maximum(fastest[:-1], fastest[1:]))
                 if settings.fine < settings.step:
-                    speed = np.abs(motion.states(t)[2:]).min(axis=0)
-                    longest[np.minimum(speed[:-1], speed[1:]) < settings.slow] = settings.fine
+                    longest[np.minimum(slowest[:-1], slowest[1:]) < settings.slow] = settings.fine
                 count = np.ceil(np.diff(t) / longest - 1e-9).astype(int)
                 part = np.arange(1, count.sum() + 1) - np.repeat(np.cumsum(count) - count, count)
                 edges = np.append(t[0], np.repeat(t[:-1], count) + part * np.repeat(np.diff(t) / count, count))

@@ -19,9 +19,12 @@ _folders: list[TemporaryDirectory[str]] = []
 
 def is_other(path: Path) -> bool:
     """Tell whether a path is a bag of ROS 1, or a bag or file of ROS 2 with storage sqlite3."""
-    if path.is_dir():
-        return any(path.glob('*.db3')) and not any(path.glob('*.mcap*'))
-    return path.is_file() and path.suffix in ('.bag', '.db3')
+    try:
+        if path.is_dir():
+            return any(path.glob('*.db3')) and not any(path.glob('*.mcap*'))
+        return path.is_file() and path.suffix in ('.bag', '.db3')
+    except OSError:  # it cannot be read, which the reader says
+        return False
 
 
 @cache

@@ -3,7 +3,7 @@
 
 """The composite likelihood's answer: exact rigs whole or not at all, the hold, what diverges, short recordings."""
 
-from dataclasses import replace
+from dataclasses import astuple, replace
 
 import numpy as np
 import pytest
@@ -11,8 +11,11 @@ import pytest
 from pendubot_identification.errors import TrajectoryError
 from pendubot_identification.identify import fitting
 from pendubot_identification.identify.fitting import TrainingData, fit_composite
+from pendubot_identification.identify.pipeline import identify
 from pendubot_identification.identify.settings import Settings
+from pendubot_identification.level import Level
 from pendubot_identification.model.parameters import LARGEST_COUPLING, PAPER
+from pendubot_identification.model.simulation import simulate
 from test.virtual import recording
 
 
@@ -36,6 +39,16 @@ def test_an_exact_rig_ends_with_one_step_on_all_samples():
     assert 'nothing but quantization is left' in steps
     np.testing.assert_allclose(answer.theta[:7], PAPER.vector(), rtol=0.005)
     assert answer.filter_data.measurements == 399
+
+
+def test_a_rig_that_turns_by_half_a_radian_between_samples_is_exact():
+    t = np.arange(2000) / 200
+    tau = np.repeat(np.random.default_rng(2).uniform(-0.8, 0.8, 100), 20)
+    motion = simulate(PAPER, t, np.column_stack([tau, 0 * tau]))
+    assert np.abs(np.diff(motion.q, axis=0)).max() > 0.45
+    found = identify([motion[:1000]], [motion[1000:]])
+    assert (found.level, found.warnings) == (Level.OK, ())
+    np.testing.assert_allclose(found.best.theta[:5], astuple(PAPER)[:5], rtol=1e-5)
 
 
 def test_one_recording_with_noise_leaves_none_exact():
