@@ -285,8 +285,13 @@ def stream_samples(
             yield np.column_stack([motion.t, motion.q, motion.tau])
         return
     Q, c, T, d = conversion.affine
+    before = np.empty((0, 2))
     for elapsed_ns, values in joint_samples(reader, window, topic, joint_names, conversion.effort_names(joint_names)):
-        yield np.column_stack([elapsed_ns / 1e9, values[:, 0] @ Q.T + c, values[:, 1] @ T.T + d])
+        q = values[:, 0]
+        if conversion.unwrap:
+            q = np.unwrap(np.concatenate([before, q]), period=conversion.turn, axis=0)[len(before) :]
+            before = q[-1:]
+        yield np.column_stack([elapsed_ns / 1e9, q @ Q.T + c, values[:, 1] @ T.T + d])
 
 
 def _collect(

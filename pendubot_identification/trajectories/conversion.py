@@ -204,28 +204,32 @@ class Conversion:
             values = np.column_stack([t, q, tau] if qd is None else [t, q, tau, qd])
             complete = np.isfinite(values).all(axis=1)
             t, q, tau, qd = t[complete], q[complete], tau[complete], None if qd is None else qd[complete]
-        turn = 360.0 if self.degrees else 2 * math.pi
         if self.unwrap:
-            q = np.unwrap(q, period=turn, axis=0)
-        else:
-            self._refuse_wrapped(t, q, turn)
+            q = np.unwrap(q, period=self.turn, axis=0)
+        elif len(t):
+            self._refuse_wrapped(t, q, name)
         Q, c, T, d = self.affine
         if self.words():
             # Without options, nothing is copied: it may be an hour.
             q, tau, qd = q @ Q.T + c, tau @ T.T + d, None if qd is None else qd @ Q.T
         return Trajectory(t, q, tau, qd, name)
 
-    def _refuse_wrapped(self, t: Array, q: Array, turn: float) -> None:
+    @property
+    def turn(self) -> float:
+        """A turn in the unit of the recorded angles."""
+        return 360.0 if self.degrees else 2 * math.pi
+
+    def _refuse_wrapped(self, t: Array, q: Array, name: str) -> None:
         """Raise TrajectoryError if an angle stays within one turn, in its unit or in degrees, and jumps by that."""
-        for period in dict.fromkeys((turn, 360.0)):
+        for period in dict.fromkeys((self.turn, 360.0)):
             within = np.ptp(q, axis=0) <= period * (1 + 1e-6)
             jumps = np.argwhere((np.abs(np.diff(q, axis=0)) > (1 - WRAPPED) * period) & within)
             if jumps.size:
                 k, joint = jumps[0]
-                remedy = {'unwrap': 'true'} | ({'degrees': 'true'} if period != turn else {})
+                remedy = {'unwrap': 'true'} | ({'degrees': 'true'} if period != self.turn else {})
                 raise TrajectoryError(
-                    f'q{joint + 1} jumps by {q[k + 1, joint] - q[k, joint]:.4g} at {t[k + 1]:.3f} s, as an angle that '
-                    f'was wrapped into one turn: add {" ".join(options(remedy))}',
+                    f'{name}: q{joint + 1} jumps by {q[k + 1, joint] - q[k, joint]:.4g} at {t[k + 1]:.3f} s, as an '
+                    f'angle that was wrapped into one turn: add {" ".join(options(remedy))}',
                     **remedy,
                 )
 

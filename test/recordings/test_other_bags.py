@@ -3,13 +3,17 @@
 
 """Bags of ROS 1, and of ROS 2 with storage sqlite3, as rosbags writes them, are read as the bag that they were."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from rosbags.convert import convert
 from rosbags.typesys import Stores, get_typestore
 
-from pendubot_identification.errors import BagError
-from pendubot_identification.recordings.bag_reader import read_trajectory
+from pendubot_identification.errors import BagError, TrajectoryError
+from pendubot_identification.recordings.bag_reader import BagWindow, open_recording, read_trajectory, stream_samples
+from pendubot_identification.recordings.joint_states import write_trajectory
+from pendubot_identification.trajectories.conversion import Conversion
 from test.conftest import ROOT
 
 BAG = ROOT / 'bags' / 'paper_experiment'
@@ -31,3 +35,18 @@ def test_another_file_is_refused_in_one_sentence(tmp_path, name):
     (tmp_path / name).write_bytes(b'hello')
     with pytest.raises(BagError, match='is no bag with messages of type sensor_msgs/msg/JointState that can be read'):
         read_trajectory(tmp_path / name)
+
+
+@pytest.mark.parametrize('conversion', [Conversion(unwrap=True), Conversion(unwrap=True, degrees=True)])
+def test_wrapped_angles_are_continuous_however_they_are_read(tmp_path, conversion):
+    expected = read_trajectory(BAG).trajectory
+    wrapped = (expected.q + 2) % (2 * np.pi) - 2
+    assert np.abs(np.diff(wrapped, axis=0)).max() > 6
+    write_trajectory(tmp_path / 'run', replace(expected, q=np.degrees(wrapped) if conversion.degrees else wrapped))
+    with pytest.raises(TrajectoryError, match=r'run: q1 jumps by .* at 4\.\d* s, .*: add --unwrap'):
+        read_trajectory(tmp_path / 'run')
+    window = BagWindow(tmp_path / 'run')
+    reader = open_recording(window.path, conversion)
+    rows = stream_samples(reader, window, '/joint_states', ('shoulder', 'elbow'), conversion)
+    for q in (read_trajectory(window, conversion=conversion).trajectory.q, np.concatenate(list(rows))[:, 1:3]):
+        np.testing.assert_allclose(q, expected.q, atol=1e-9)
