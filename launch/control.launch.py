@@ -49,7 +49,9 @@ def start(given):
     manager = {'package': 'controller_manager', 'remedy': REMEDY}
     return [
         *(
-            Program(each.name, (*each.parameters, topics)) if each.name == 'recorder' else each
+            Program('recorder', (each.parameters[0], {**each.parameters[1], **topics}))
+            if each.name == 'recorder'
+            else each
             for each in rig
             if each.name != 'exciter'
         ),
