@@ -8,6 +8,8 @@ from __future__ import annotations
 import re
 import unicodedata
 
+from pendubot_identification.trajectories.conventions import TIME_UNITS, TORQUE_UNITS
+
 #: Usual names of each quantity, without units, accents, spaces, hyphens and underscores.
 NAMES = {
     't': 't time times timestamp stamp sec seconds tout elapsed zeit zeitstempel sekunden temps tiempo 时间 時間',
@@ -20,15 +22,16 @@ NAMES = {
     'motormoment couple couple1 couplemoteur par parmotor 力矩 扭矩 转矩 电机力矩',
 }
 _QUANTITY = {name: quantity for quantity, names in NAMES.items() for name in names.split()}
-#: The option that reads a unit; an empty one needs none.
-UNITS: dict[str, dict[str, str]] = {
-    **{unit: {} for unit in ('s', 'sec', 'rad', 'nm', 'n m', 'n*m', 'n·m')},
-    **{unit: {'time_unit': unit} for unit in ('ms', 'us', 'ns')},
-    'µs': {'time_unit': 'us'},
-    **{unit: {'degrees': 'true'} for unit in ('deg', 'degree', 'degrees', 'grad', '°')},
-    **{unit: {'torque_unit': 'mNm'} for unit in ('mnm', 'mn m', 'mn·m')},
-    **{unit: {'torque_unit': 'Ncm'} for unit in ('ncm', 'n cm')},
+#: The option that reads a unit, and its value, by the unit without spaces and in lower case.
+UNITS = {
+    **{unit.lower(): ('time_unit', unit) for unit in TIME_UNITS},
+    **{unit.lower(): ('torque_unit', unit) for unit in TORQUE_UNITS},
+    **dict.fromkeys(('deg', 'degree', 'degrees', 'grad', '°'), ('degrees', 'true')),
+    'rad': ('degrees', 'false'),
+    'sec': ('time_unit', 's'),
+    'µs': ('time_unit', 'us'),
 }
+CURRENT_UNITS = 'A', 'mA'
 #: Names and units of a motor current, which is no torque.
 _CURRENT = re.compile(r'i|i[1mq]|amps?|amperes?|.*(current|strom|courant|corriente|电流)\d?')
 
@@ -38,14 +41,19 @@ def split(column: str) -> tuple[str, str]:
     match = re.fullmatch(r'(.*?)\s*[\[(]\s*([^\])]*)[\])]\s*|(.*\S)\s*[_/]\s*([^\W_]+|°)', column.strip())
     if match and match[1]:
         return match[1], match[2].strip()
-    if match and match[3] and (match[4].lower() in UNITS or match[4] in ('A', 'mA')):
+    if match and match[3] and is_unit(match[4]):
         return match[3], match[4]
     return column.strip(), ''
 
 
-def unit_of(word: str) -> str:
-    """Return a unit as it is written, if it is one that is known; else an empty text."""
-    return word if word.lower() in UNITS or word in ('A', 'mA') else ''
+def option_of(unit: str) -> tuple[str, str] | None:
+    """Return the option that reads a unit, such as mN m or deg, and its value; None if there is none."""
+    return UNITS.get(re.sub(r'[\s*·]', '', unit.lower()))
+
+
+def is_unit(word: str) -> bool:
+    """Tell whether a word is a unit that is known."""
+    return option_of(word) is not None or word in CURRENT_UNITS
 
 
 def quantity_of(column: str) -> str:
@@ -58,4 +66,4 @@ def is_current(column: str, unit: str = '') -> bool:
     """Tell whether a column holds a motor current, by its name or unit."""
     name, own = split(column)
     plain = re.sub(r'[\s_\-.]', '', name.lower())
-    return (unit or own) in ('A', 'mA') or _CURRENT.fullmatch(plain) is not None
+    return (unit or own) in CURRENT_UNITS or _CURRENT.fullmatch(plain) is not None

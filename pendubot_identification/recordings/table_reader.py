@@ -23,7 +23,7 @@ from pendubot_identification.trajectories.conventions import OPTIONAL, REQUIRED,
 from pendubot_identification.trajectories.conversion import Conversion, options
 from pendubot_identification.trajectories.trajectory import Trajectory
 
-from .columns import UNITS, is_current, quantity_of, split
+from .columns import is_current, option_of, quantity_of, split
 from .tables import Table, read_table
 
 #: Longest interval of samples [s], above which the unit of time is wrong, and the usual interval [s].
@@ -72,11 +72,20 @@ class TableReader:
         named = {quantity: [c for c in names if quantity_of(c) == quantity] for quantity in wanted}
         usual = {quantity: _only(columns) for quantity, columns in named.items()}
         columns = {**given.columns, **{quantity: column for quantity, column in usual.items() if column}}
-        words = given.words()
+        words, found = given.words(), dict[str, tuple[str, str]]()
         words.pop('columns', None)
         for quantity, column in replace(given, columns=columns).names.items():
-            if column in names and quantity in (*REQUIRED, 'tau2'):
-                words = UNITS.get(self._unit(column).lower(), {}) | words
+            if (
+                column not in names
+                or quantity not in (*REQUIRED, 'tau2')
+                or not (read := option_of(self._unit(column)))
+            ):
+                continue
+            option, value = read
+            other, before = found.setdefault(option, (column, value))
+            if before != value:
+                raise TableError(f'{self.path}: {other!r} and {column!r} have different units; convert one of them')
+            words.setdefault(option, value)
         return replace(Conversion.of(words), columns=columns)
 
     @property
@@ -120,13 +129,12 @@ class TableReader:
         """Return the error of missing columns; a column of currents, or numbered columns, may stand for them."""
         names = self.table.names
         likely = {name: _only([c for c in names if quantity_of(c) == name]) for name in quantities}
-        current = _only([c for c in names if is_current(c, self._unit(c))])
         numbered = names == ['1', '2', '3', '4'] and len(quantities) == 4
         if numbered and (np.diff(self._numbers('1')) > 0).all():
             likely = dict(zip(REQUIRED, names, strict=True))
-        current = current if likely.get('tau1') == '' else ''
-        if current:
-            likely['tau1'] = current
+        current = ''
+        if likely.get('tau1') == '':
+            current = likely['tau1'] = _only([c for c in names if is_current(c, self._unit(c))])
         named = {**self.conversion.columns, **{name: column or 'NAME' for name, column in likely.items()}}
         columns = ','.join(f'{name}={column}' for name, column in named.items())
         known = all(likely.values()) and not current
@@ -156,13 +164,11 @@ class TableReader:
         t = values['t'] * conversion.seconds
         if t[0] > SINCE_1970:
             t = np.round(t - t[0], 6)  # a float has no more digits of such a time
-        repeated = np.append(False, np.diff(t) == 0)
+        rows, repeated = np.flatnonzero(complete), np.append(False, np.diff(t) == 0)
         if 0 < repeated.sum() <= MOST_REPEATED * len(t):
             self.note = f'{self.path}: {repeated.sum()} of {len(t)} rows repeat the time before; they were left out'
-            rows = np.flatnonzero(complete)[~repeated]
-            values, t = {name: numbers[~repeated] for name, numbers in values.items()}, t[~repeated]
-        else:
-            rows = np.flatnonzero(complete)
+            rows, t = rows[~repeated], t[~repeated]
+            values = {name: numbers[~repeated] for name, numbers in values.items()}
         wrong = np.flatnonzero(np.diff(t) <= 0)
         if wrong.size:
             before, time = values['t'][wrong[0] : wrong[0] + 2]

@@ -24,7 +24,7 @@ from pendubot_identification.errors import MissingFileError, TableError
 from pendubot_identification.trajectories.conventions import REQUIRED
 from pendubot_identification.trajectories.conversion import Conversion
 
-from .columns import unit_of
+from .columns import is_unit
 
 #: Every version of MATLAB can do this.
 WRITETABLE = "in MATLAB, writetable(table(t, q1, q2, tau1), 'run.csv') makes a text file of it"
@@ -152,7 +152,7 @@ def _units(cells: Sequence[object]) -> Sequence[str]:
     """Return a row of units, if it is one: texts without numbers, of which one at least is a unit."""
     words = [str(cell).strip().strip('[]()') for cell in cells]
     texts = all(isinstance(cell, str) and not _is_number(word) for cell, word in zip(cells, words, strict=True))
-    return words if texts and any(unit_of(word) for word in words) else ()
+    return words if texts and any(map(is_unit, words)) else ()
 
 
 def _octave(lines: Sequence[str]) -> Table:

@@ -119,6 +119,10 @@ def test_the_same_pose_in_every_convention(given, zero, elbow):
         (MINIMAL + '0,1,2,3\n10,1,2,3\n20,1,2,3\n', r'rows are 10 s apart.*: add --time-unit ms'),
         (MINIMAL + '0,1,2,3\n.12,1,2,3\n', r'rows are 0.12 s apart.*; record at a higher rate'),
         (TEXT.splitlines()[0], 'holds no row of numbers'),
+        (
+            TEXT.replace('q1', 'q1 [deg]').replace('q2', 'q2 [rad]'),
+            "'q1 .deg.' and 'q2 .rad.' have different units; convert",
+        ),
         (' \n\n', 'run.csv is empty; a line of column names and rows of numbers are expected'),
         ('sep=;', 'holds no columns of numbers'),
         ('sep=;\nt;q1;q2;tau1\n0;1;2;nan\n', "line 3, column 'tau1': 'nan'"),
