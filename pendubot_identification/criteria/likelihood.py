@@ -44,8 +44,8 @@ class LikelihoodSettings:
 
     Attributes:
         intervals: at which recordings are read [s]; beyond 0.2 s the likelihood has wrong optima.
-        step: longest Runge-Kutta step [s] ...
-        turn: ... and angle that the faster joint turns in one [rad].
+        step: longest Runge-Kutta step [s].
+        turn: largest angle by which a joint turns in a step [rad].
         freedom: nu, degrees of freedom of the innovations; infinite: Gaussian.
         offset: standard deviation of the zeros of both positions [rad].
         rest: a sample with both joints within so many quanta over ``still`` [s] to both sides has no weight: at rest
@@ -111,11 +111,12 @@ class FilterData:
                 chosen = _thinned(motion.recorded.t, interval)
                 t = motion.recorded.t[chosen]
                 speeds = np.abs(motion.states(t)[2:])
-                slowest, fastest = speeds.min(axis=0), speeds.max(axis=0)
-                longest = np.minimum(settings.step, settings.turn / np.maximum(fastest[:-1], fastest[1:]))
+                slower, faster = speeds.min(axis=0), speeds.max(axis=0)
+                longest = np.full(len(t) - 1, settings.step)
                 if settings.fine < settings.step:
-                    longest[np.minimum(slowest[:-1], slowest[1:]) < settings.slow] = settings.fine
-                count = np.ceil(np.diff(t) / longest - 1e-9).astype(int)
+                    longest[np.minimum(slower[:-1], slower[1:]) < settings.slow] = settings.fine
+                turns = np.maximum(faster[:-1], faster[1:]) / settings.turn
+                count = np.ceil(np.diff(t) * np.maximum(1 / longest, turns) - 1e-9).astype(int)
                 part = np.arange(1, count.sum() + 1) - np.repeat(np.cumsum(count) - count, count)
                 edges = np.append(t[0], np.repeat(t[:-1], count) + part * np.repeat(np.diff(t) / count, count))
                 rows = np.full(count.sum(), -1)
