@@ -42,19 +42,11 @@ def start(given):
         raise ParameterError('view is false, and controller_manager needs the description of the rig; leave view out')
     element = resource('config/ros2_control.urdf.xacro').read_text()
     element = element[element.index('<ros2_control') : element.index('</robot>')]
-    rig = RIG['start'](
-        {name: default for name, (default, _) in RIG['ARGUMENTS'].items()} | given | {'hardware': element}
-    )
-    topics = {'topics': ['joint_states', 'pendubot/joint_commands']}
+    defaults = {name: default for name, (default, _) in RIG['ARGUMENTS'].items()}
+    more = {'hardware': element, 'recorder': {'topics': ['joint_states', 'pendubot/joint_commands']}}
     manager = {'package': 'controller_manager', 'remedy': REMEDY}
     return [
-        *(
-            Program('recorder', (each.parameters[0], {**each.parameters[1], **topics}))
-            if each.name == 'recorder'
-            else each
-            for each in rig
-            if each.name != 'exciter'
-        ),
+        *(program for program in RIG['start'](defaults | given | more) if program.name != 'exciter'),
         Program('ros2_control_node', (file,), **manager),
         Program(
             'spawner', arguments=('joint_state_broadcaster', *given['controller'], '--param-file', file), **manager

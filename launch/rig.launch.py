@@ -59,7 +59,10 @@ def start(given):
     return [
         *([Program('virtual_board', arguments=('--link', port))] if given['virtual'] else []),
         Program('bridge', (file('bridge', 'bridge'), link)),
-        Program('recorder', (str(resource('config/recorder.yaml')), {'output': given['output']})),
+        Program(
+            'recorder',
+            (str(resource('config/recorder.yaml')), {'output': given['output'], **given.get('recorder', {})}),
+        ),
         Program('exciter', (file('exciter', 'excitation'), moving)),
         *VIEW['start'](given),
     ]
