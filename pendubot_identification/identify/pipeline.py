@@ -55,12 +55,12 @@ def identify(
         TrajectoryError: a motion that is too short or has gaps.
         ExcitationError: a motion from which some parameters are not identifiable.
     """
-    tell = progress or (lambda what, done, of, best: None)
-    prepared = _prepare(training, validation, settings or Settings(), notes, tell)
-    checked = _check_conventions(prepared, tell)
-    fitted = _fit(checked, tell)
-    questioned = _check_residuals(fitted, tell)
-    return _assess(_validate(questioned, tell))
+    report = progress or (lambda what, done, of, best: None)
+    prepared = _prepare(training, validation, settings or Settings(), notes, report)
+    checked = _check_conventions(prepared, report)
+    fitted = _fit(checked, report)
+    questioned = _check_residuals(fitted, report)
+    return _assess(_validate(questioned, report))
 
 
 def _prepare(
@@ -68,10 +68,10 @@ def _prepare(
     validation: Sequence[Trajectory],
     settings: Settings,
     notes: Sequence[str],
-    tell: Progress,
+    report: Progress,
 ) -> Run:
     """Smooth the recordings, where the motion tells the parameters at all."""
-    tell('preparing', 0, 0, math.nan)
+    report('preparing', 0, 0, math.nan)
     motions, validation_motions = ([evenly_stamped(motion) for motion in part] for part in (training, validation))
     for motion in (*motions, *validation_motions):
         motion.require_samples()
@@ -81,9 +81,9 @@ def _prepare(
     return Run(of_rig, TrainingData.prepare(motions, of_rig), tuple(validation_motions), tuple(notes), noticed)
 
 
-def _check_conventions(run: Run, tell: Progress) -> Run:
+def _check_conventions(run: Run, report: Progress) -> Run:
     """Look for wrong signs, order, zeros and stamps."""
-    tell('checking signs, zeros and stamps', 0, 0, math.nan)
+    report('checking signs, zeros and stamps', 0, 0, math.nan)
     return replace(run, faults=_faults(run, run.data.motions))
 
 
@@ -95,12 +95,12 @@ def _faults(run: Run, motions: Sequence[Motion]) -> tuple[Fault, ...]:
     return with_options(faults, run.settings.reading)
 
 
-def _fit(run: Run, tell: Progress) -> Run:
+def _fit(run: Run, report: Progress) -> Run:
     """Minimise the likelihood; what accepted effects explain is no fault, but a constant effort: it has an option."""
     if 'likelihood' not in run.settings.criteria:
         return run
-    tell('weak: rough parameters', 0, 0, math.nan)
-    composite = fit_composite(run.data, tell, effects=run.settings.compensate and run.sound)
+    report('weak: rough parameters', 0, 0, math.nan)
+    composite = fit_composite(run.data, report, effects=run.settings.compensate and run.sound)
     fitted = replace(run, data=composite.data, composite=composite)
     if not run.faults or not any(found.accepted for found in composite.effects):
         return fitted
@@ -110,22 +110,22 @@ def _fit(run: Run, tell: Progress) -> Run:
     return replace(fitted, faults=tuple(fault for fault in mild if fault.name in {*named, 'offset'}))
 
 
-def _check_residuals(run: Run, tell: Progress) -> Run:
+def _check_residuals(run: Run, report: Progress) -> Run:
     """Add what the innovations say: effects, disturbances, recordings that contradict each other."""
     if run.composite is None:
         return run
-    tell('checking whether recordings agree', 0, 0, math.nan)
+    report('checking whether recordings agree', 0, 0, math.nan)
     said = remarks(run.composite, run.sound, {fault.name for fault in run.faults})
     return replace(run, remarks=(*run.remarks, *said))
 
 
-def _validate(run: Run, tell: Progress) -> Run:
+def _validate(run: Run, report: Progress) -> Run:
     """Let each criterion predict what it was not fitted to."""
     validation_motions = [
         Motion.prepare(motion, run.data.smoothing, run.data.hold) for motion in run.validation_motions
     ]
     split = replace(run, folds=() if validation_motions else tuple(folds(run.data.motions)))
-    answers = (validated(c, split, validation_motions, tell) for c in run.criteria)
+    answers = (validated(c, split, validation_motions, report) for c in run.criteria)
     # Zeros of single recordings would make up for what is wrong with all of them.
     estimates = tuple(answer if run.sound else replace(answer, zeros=None) for answer in answers)
     return replace(split, estimates=estimates)

@@ -28,12 +28,12 @@ from .uncertainty import correlations, influence_covariance, scaled_condition_nu
 Array = NDArray[np.float64]
 
 
-def validated(criterion: str, run: Run, validation_motions: Sequence[Motion], tell: Progress) -> Estimate:
+def validated(criterion: str, run: Run, validation_motions: Sequence[Motion], report: Progress) -> Estimate:
     """Return one criterion's answer with its prediction errors."""
     if criterion == 'likelihood' and run.composite is not None:
         found, parts = _likelihood(run.composite, validation_motions, run.folds)
     else:
-        found, parts = _quadratic(criterion, run, validation_motions, tell)
+        found, parts = _quadratic(criterion, run, validation_motions, report)
     return replace(found, prediction=Prediction.pool(parts) if parts else Prediction.none())
 
 
@@ -54,14 +54,14 @@ def _likelihood(
 
 
 def _quadratic(
-    criterion: str, run: Run, validation_motions: Sequence[Motion], tell: Progress
+    criterion: str, run: Run, validation_motions: Sequence[Motion], report: Progress
 ) -> tuple[Estimate, list[Prediction]]:
     settings, data, answer = run.settings, run.data, run.composite
     automatic = 'viscous' if criterion == 'energy' else 'geared' if answer is None else answer.model
     model = automatic if settings.model == 'auto' else settings.model
     made = data.linear(criterion, model)
     assess = linear(criterion, validation_motions, model, settings, like=made) if validation_motions else None
-    found = estimate_linear(criterion, made, model, settings, data.hold, tell, assess)
+    found = estimate_linear(criterion, made, model, settings, data.hold, report, assess)
     parts = [predict([m], found.theta, made.delay, data.scale) for m in validation_motions]
     for fold in run.folds:
         try:
