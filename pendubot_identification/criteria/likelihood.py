@@ -495,11 +495,10 @@ def fit(
                 converged = True
                 break
             trial = repaired(x + step)
-            value = float(likelihood.costs(trial).sum()) + likelihood.prior(trial)
-            if value < cost - 0.01 * gain:
-                after = likelihood.evaluate(trial, sought)
-                if np.isfinite(after.informations).all():
-                    break
+            after = likelihood.evaluate(trial, sought)
+            value = float(after.costs.sum()) + likelihood.prior(trial)
+            if value < cost - 0.01 * gain and np.isfinite(after.informations).all():
+                break
             damping *= 8.0
         else:
             converged = gain < 1.0

@@ -65,6 +65,7 @@ class FittingSettings:
         between: longest such step [s] where the delay lets the torque change between samples, by more than a tenth of
             it: steps take its mean.
         several: with fewer recordings, blocks of time take their place.
+        search: faults, hold and effects are searched in so many seconds of the recordings; all confirm an effect.
     """
 
     shortest: float = 1.0
@@ -81,6 +82,7 @@ class FittingSettings:
     slow: float = 0.3
     between: float = 0.001
     several: int = 3
+    search: float = 150.0
 
 
 SETTINGS = FittingSettings()
@@ -122,9 +124,18 @@ class TrainingData:
         motions = tuple(Motion.prepare(t, smoothing, hold) for t in trajectories)
         return cls(motions, smoothing, hold, state_scale(motions), settings)
 
-    def otherwise(self) -> TrainingData:
-        """Return the same with torques measured at their samples and linear between them, or held where they were."""
-        hold = 'linear' if self.hold == 'zero' else 'zero'
+    @property
+    def searched(self) -> float:
+        """The fraction of the recordings in which the hold and effects are searched."""
+        return min(1.0, SETTINGS.search / sum(m.end - m.start for m in self.motions))
+
+    def excerpt(self) -> TrainingData:
+        """Return that fraction of every recording, from its middle."""
+        share = self.searched
+        return self if share == 1 else replace(self, motions=tuple(m.middle(share) for m in self.motions))
+
+    def held(self, hold: str) -> TrainingData:
+        """Return the same with torques that are held (``zero``), or linear between their samples (``linear``)."""
         motions = tuple(Motion.prepare(m.recorded, self.smoothing, hold) for m in self.motions)
         return replace(self, motions=motions, hold=hold)
 
@@ -246,13 +257,17 @@ class Fits:
 
 def fit_composite(data: TrainingData, progress: Progress, *, effects: bool = True) -> Composite:
     """Estimate parameters by the composite likelihood and what follows it."""
-    rough = _first_fit(data, progress)
-    steps = [f'innovations at 0.05 s: {rough.fit.iterations} scoring steps, J = {rough.fit.cost:.6g}']
-    data, rough = _best_hold(data, rough, progress)
+    part = data.excerpt()
+    begin = _first_fit(part, progress)
+    part, begin = _best_hold(part, begin, progress)
+    if part.hold != data.hold:
+        data = part if data.searched == 1 else data.held(part.hold)
+    rough = _refit(data, begin, progress)
+    steps = [f'innovations at 0.05 s: {begin.fit.iterations} scoring steps, J = {rough.fit.cost:.6g}']
     best, found = Fits.of(data, rough, progress), list[FoundEffect]()
     if effects:
         progress('looking for unmodelled effects', 0, 0, math.nan)
-        best, found = _with_effects(best, progress)
+        best, found = _with_effects(best, part, begin, progress)
     steps += [f'together with {each.name} ({each.where})' for each in found if each.accepted]
     if best.data.hold == 'linear' and best.data.settings.hold == 'auto':
         steps.append(f'torque measured at its samples, not held: J = {best.rough.fit.cost:.6g}')
@@ -270,24 +285,30 @@ def fit_composite(data: TrainingData, progress: Progress, *, effects: bool = Tru
     return replace(answer, steps=tuple(steps))
 
 
-def _with_effects(best: Fits, progress: Progress) -> tuple[Fits, list[FoundEffect]]:
-    """Return the fits with the effects that are sure, and these, the last perhaps a possible one."""
-    found = []
-    for each in find_effects(best.rough):
+def _with_effects(best: Fits, part: TrainingData, begin: Problem, progress: Progress) -> tuple[Fits, list[FoundEffect]]:
+    """Return the fits with the effects that are sure, and these, the last perhaps a possible one.
+
+    They are found in a part of the recordings, where the fit is ``begin``.
+    """
+    found, last = list[FoundEffect](), begin
+    for each, problem in find_effects(begin, EffectSettings(share=best.data.searched)):
         try:
-            beside = Fits.of(best.data, best.rough.with_effects([each.effect], iterations=30), progress)
+            rough = _refit(best.data, problem, progress)
+            sure = each.accepted or _nearly_exact(best.data, rough)
+            beside = Fits.of(best.data, rough, progress) if sure else best
         except FloatingPointError:
             break
-        sure = beside.surely_better(best, each)
+        sure = sure and beside.surely_better(best, each)
         if sure or each.z > EffectSettings().possible:
             found.append(replace(each, accepted=sure))
         if not sure:
             break
-        best = beside
-    if found and found[0].accepted:
-        data, rough = _best_hold(best.data, best.rough, progress)
-        if data is not best.data:
-            best = Fits.of(data, rough, progress)
+        best, last = beside, problem
+    if last is not begin:
+        part, last = _best_hold(part, last, progress)
+        if part.hold != best.data.hold:
+            data = part if best.data.searched == 1 else best.data.held(part.hold)
+            best = Fits.of(data, _refit(data, last, progress), progress)
     return best, found
 
 
@@ -295,12 +316,23 @@ def _best_hold(data: TrainingData, rough: Problem, progress: Progress) -> tuple[
     """Return the data and their fit with the hold of the torque that is likelier."""
     if data.settings.hold != 'auto' or max(m.interval for m in data.motions) <= SETTINGS.held_step:
         return data, rough
-    other = data.otherwise()
+    other = data.held('linear' if data.hold == 'zero' else 'zero')
+    x, at = rough.fit.x.copy(), rough.likelihood.shared
+    x[14] += (0.5 if other.hold == 'zero' else -0.5) * np.median([m.interval for m in other.motions])
+    x[at:] = np.maximum(x[at:], _first_noise(other, rough.likelihood.filter_data))
     try:
-        tried = _first_fit(other, progress, near=rough)
+        tried = _refit(other, replace(rough, fit=replace(rough.fit, x=x)), progress)
     except FloatingPointError:  # under the other torques the filter diverges
         return data, rough
     return (other, tried) if tried.fit.cost < rough.fit.cost else (data, rough)
+
+
+def _refit(data: TrainingData, near: Problem, progress: Progress) -> Problem:
+    """Return a problem of the shortest interval fitted to other data."""
+    if data.motions is near.likelihood.filter_data.motions:
+        return near
+    like = near.likelihood.of(FilterData.of(data.motions, near.likelihood.filter_data.settings))
+    return replace(near, likelihood=like, fit=_fit(like, near.fit.x, near.lower, near.upper, progress))
 
 
 def standardised_innovations(
@@ -315,8 +347,7 @@ def standardised_innovations(
     lower, upper = _limits(data, filter_data)
     known = np.array([*theta, *np.zeros(GEARED - len(theta)), delay, 0.0, 0.0])
     lower[:SHARED], upper[:SHARED] = known, known
-    noise = math.sqrt(0.1) * _effort(data) * SETTINGS.noise
-    x = np.append(known, np.log([*(1.5 * np.sqrt(filter_data.quantization)), *noise]))
+    x = np.append(known, _first_noise(data, filter_data))
     like = Likelihood(filter_data)
     try:
         x = fit(like, x, lower, upper, 20, 0.1).x
@@ -359,17 +390,12 @@ def _limits(data: TrainingData, filter_data: FilterData) -> tuple[Array, Array]:
     )
 
 
-def _first_fit(data: TrainingData, progress: Progress, near: Problem | None = None) -> Problem:
-    """Fit the shortest interval alone, from the weak criterion, from given parameters, or from another fit."""
+def _first_fit(data: TrainingData, progress: Progress) -> Problem:
+    """Fit the shortest interval alone, from the weak criterion or from given parameters."""
     shortest = LikelihoodSettings().intervals[:1]
     filter_data = FilterData.of(data.motions, LikelihoodSettings(intervals=shortest))
     lower, upper = _limits(data, filter_data)
     asked = data.settings.start
-    if near is not None:
-        x = near.fit.x.copy()
-        x[14] += (0.5 if data.hold == 'zero' else -0.5) * np.median([m.interval for m in data.motions])
-        like = near.likelihood.of(filter_data)
-        return replace(near, likelihood=like, fit=_fit(like, x, near.lower, near.upper, progress))
     if asked is not None:
         theta, delay = asked.vector('geared'), data.settings.least_delay
     else:
@@ -379,11 +405,11 @@ def _first_fit(data: TrainingData, progress: Progress, near: Problem | None = No
         theta[: MODELS[model]] = made.criterion.minimum(data.settings.box(model))
     theta[:2] = np.maximum(theta[:2], SETTINGS.least_share * max(theta[:2].sum(), 1e-6))
     like = Likelihood(filter_data, scale=_scale(data, theta))
-    quantum, noise = np.sqrt(filter_data.quantization), SETTINGS.noise * math.sqrt(0.1) * _effort(data)
+    noise = _first_noise(data, filter_data)
     louder, smaller, none = SETTINGS.louder, SETTINGS.smaller, data.settings.least_delay
     for noisy, small, late in ((1.0, 1.0, delay), (louder, 1.0, delay), (louder, 1.0, none), (louder, smaller, none)):
         begin = np.append(small * theta[:5], theta[5:])
-        x = np.concatenate([begin, [late, 0.0, 0.0], np.log([*(1.5 * quantum), *(noisy * noise)])])
+        x = np.concatenate([begin, [late, 0.0, 0.0], noise + np.log([1.0, 1.0, noisy, noisy])])
         try:
             return Problem(like, _fit(like, x, lower, upper, progress), lower, upper)
         except FloatingPointError:
@@ -392,6 +418,12 @@ def _first_fit(data: TrainingData, progress: Progress, near: Problem | None = No
         f'{data.motions[0].name}: no filter follows this motion from the rough parameters; look at signs, units and '
         'stamps, or choose another part of the recording'
     )
+
+
+def _first_noise(data: TrainingData, filter_data: FilterData) -> Array:
+    """Return the logarithms of the positions' and the torques' noise at the start, shape (4,)."""
+    torque = SETTINGS.noise * math.sqrt(0.1) * _effort(data)
+    return np.log(np.append(1.5 * np.sqrt(filter_data.quantization), torque))
 
 
 def _fit(like: Likelihood, x: Array, lower: Array, upper: Array, progress: Progress) -> LikelihoodFit:
@@ -417,13 +449,19 @@ def _all_levels(data: TrainingData, rough: Problem, progress: Progress) -> Probl
             intervals = intervals[:-1]
 
 
+def _nearly_exact(data: TrainingData, problem: Problem) -> bool:
+    """Tell whether so little torque noise is left that all samples should be fitted."""
+    noise = np.exp(problem.fit.x[problem.likelihood.shared :].reshape(-1, 4)[:, 2:].min(axis=0))
+    return bool((noise / math.sqrt(0.1) < 10 * np.array(SETTINGS.quiet) * _effort(data)).all())
+
+
 def _exact_fit(data: TrainingData, rough: Problem, all_intervals: Problem, progress: Progress) -> Problem | None:
     """Fit all samples by one Gaussian filter if nothing but quantization is left then; None otherwise."""
+    if not _nearly_exact(data, all_intervals):
+        return None
     quiet = np.array(SETTINGS.quiet) * _effort(data)
     at = all_intervals.likelihood.shared
     noise = np.exp(all_intervals.fit.x[at:].reshape(-1, 4))
-    if (noise[:, 2:].min(axis=0) / math.sqrt(0.1) > 10 * quiet).any():
-        return None
     interval = min(m.interval for m in data.motions)
     off = abs(math.remainder(all_intervals.fit.x[14], interval)) > SETTINGS.between / 10
     native = LikelihoodSettings(

@@ -84,7 +84,7 @@ def _prepare(
 def _check_conventions(run: Run, report: Progress) -> Run:
     """Look for wrong signs, order, zeros and stamps."""
     report('checking signs, zeros and stamps', 0, 0, math.nan)
-    return replace(run, faults=_faults(run, run.data.motions))
+    return replace(run, faults=_faults(run, run.data.excerpt().motions))
 
 
 def _faults(run: Run, motions: Sequence[Motion]) -> tuple[Fault, ...]:
@@ -104,7 +104,8 @@ def _fit(run: Run, report: Progress) -> Run:
     fitted = replace(run, data=composite.data, composite=composite)
     if not run.faults or not any(found.accepted for found in composite.effects):
         return fitted
-    left = _faults(fitted, [compensated(m, composite.effects, composite.delay) for m in composite.data.motions])
+    motions = composite.data.excerpt().motions
+    left = _faults(fitted, [compensated(m, composite.effects, composite.delay) for m in motions])
     named = {fault.name for fault in left}
     mild = [fault if fault.name in named else replace(fault, level=Level.WARN) for fault in run.faults]
     return replace(fitted, faults=tuple(fault for fault in mild if fault.name in {*named, 'offset'}))

@@ -29,6 +29,7 @@ class EffectSettings:
     """When an effect is looked at, and when it is sure.
 
     Attributes:
+        share: fraction of the recordings that are searched; z of all is larger by its root.
         fitted: so many candidates are fitted in full, those whose predicted gain is largest.
         iterations: of such a fit; the chosen one is then fitted to the end.
         sure: Vuong's z; for a handful of candidates 3 would be significant, but blocks are few and gains uneven.
@@ -38,6 +39,7 @@ class EffectSettings:
         rounds: effects that may be accepted, one after the other.
     """
 
+    share: float = 1.0
     fitted: int = 5
     iterations: int = 8
     sure: float = 6.0
@@ -76,24 +78,27 @@ class Problem:
         return Problem(like, fit(like, x, lower, upper, iterations=iterations, tolerance=0.3), lower, upper)
 
 
-def find_effects(base: Problem, settings: EffectSettings | None = None) -> list[FoundEffect]:
-    """Return the effects that one filter's likelihood speaks for; the accepted ones in the order of acceptance."""
+def find_effects(base: Problem, settings: EffectSettings | None = None) -> list[tuple[FoundEffect, Problem]]:
+    """Return the effects that one filter's likelihood selects, in their order; the last may be possible only.
+
+    Beside each stands the problem with it and all before it, solved.
+    """
     settings = settings or EffectSettings()
     filter_data = base.likelihood.filter_data
     candidates = list(catalogue(filter_data.motions, float(base.fit.x[14])))
-    accepted: list[FoundEffect] = []
+    found: list[tuple[FoundEffect, Problem]] = []
     for _ in range(settings.rounds):
-        known = {(f.name, f.where) for f in accepted}
+        known = {(f.name, f.where) for f, _ in found}
         left = [c for c in candidates if (c.name, c.where) not in known]
-        found = _compete(base, left, settings)
-        if found is None:
+        selected = _compete(base, left, settings)
+        if selected is None:
             break
-        best, problem = found
-        if not best.accepted:
-            return [*accepted, best]
-        accepted.append(best)
+        best, problem = selected
         base = problem.solved()
-    return accepted
+        found.append((best, base))
+        if not best.accepted:
+            break
+    return found
 
 
 def _compete(
@@ -118,7 +123,7 @@ def _compete(
     cost = np.array([least * len(c.extension.unknowns) for c, *_ in results])
     best = int(np.argmax(by_recording.sum(axis=1) - cost))
     candidate, problem, gains = results[best]
-    z = vuong(gains, cost[best])
+    z = vuong(gains, cost[best]) / settings.share**0.5
     everywhere = bool((by_recording[best] > 0).all())
     at, count = base.likelihood.shared, len(candidate.extension.unknowns)
     inside = bool(problem.fit.free[at : at + count].all())

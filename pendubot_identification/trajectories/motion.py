@@ -73,6 +73,11 @@ class Motion:
         recorded = self.recorded
         return replace(self, start=start, end=end, recorded=recorded[(recorded.t >= start) & (recorded.t <= end)])
 
+    def middle(self, share: float) -> Motion:
+        """Return this fraction of the motion, from its middle."""
+        margin = (1 - share) / 2 * (self.end - self.start)
+        return self.part(self.start + margin, self.end - margin)
+
     def changed(self, change: Affine) -> Motion:
         """Return the motion after a change of its angles and torques, without preparing it again."""
         Q, c, T, d = change

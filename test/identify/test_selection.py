@@ -76,7 +76,7 @@ def problem(recorded):
 @pytest.fixture(scope='module')
 def effects(problem):
     """Return what finds the effects of a rig by the name of its own, once."""
-    return cache(lambda name: find_effects(problem(name)))
+    return cache(lambda name: [found for found, _ in find_effects(problem(name))])
 
 
 def candidate(base, name, where):
@@ -118,7 +118,7 @@ def test_a_constant_torque_and_lopsided_friction_are_told_apart(problem, right, 
 
 def test_an_effect_that_is_not_sure_is_possible_and_changes_nothing(problem):
     base = problem('dead zone')
-    (found,) = find_effects(base, EffectSettings(sure=np.inf))
+    ((found, _),) = find_effects(base, EffectSettings(sure=np.inf))
     assert (found.name, found.accepted) == ('dead zone', False)
     assert found.sentence.startswith('possible, not compensated: the motor gives no torque below a threshold (motor)')
     motion = base.likelihood.filter_data.motions[0]
