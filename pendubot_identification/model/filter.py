@@ -190,7 +190,8 @@ class _Filter:
     """The same in numpy, on arrays of shape (G, L)."""
 
     def __init__(self, samples: Samples, vectors: Vectors, terms: tuple[Term, ...]) -> None:
-        self._samples, self._vectors, self._terms = samples, vectors, terms
+        self._samples, self._vectors = samples, vectors
+        self._terms = _Terms.grouped(terms, vectors.coefficient)
         self._theta = [row[None] for row in vectors.theta]
         self._viscous, self._coulomb, self._stribeck, self._load = vectors.theta[
             [[5, 6], [7, 8], [10, 11], [12, 13]], None
@@ -207,11 +208,11 @@ class _Filter:
         p = np.zeros((4, 4, groups, lanes))
         p[range(4), range(4)] = samples.spread.T[:, :, None]
         for k in range(samples.h.shape[1]):
-            tau = samples.tau[vectors.table, :, k].transpose(2, 1, 0)
+            tau = samples.tau[:, :, k][vectors.table].T
             x, p = self._predicted(x, p, tau, samples.h[:, k, None], samples.elapsed[:, k, None])
             measured = np.flatnonzero(samples.row[:, k] >= 0)
             if measured.size:
-                row, y = samples.row[measured, k], samples.y[vectors.table][:, measured, k]
+                row, y = samples.row[measured, k], samples.y[:, measured, k][vectors.table]
                 x[:, measured], p[:, :, measured] = self._corrected(
                     x[:, measured], p[:, :, measured], measured, row, y, e, s
                 )
@@ -294,12 +295,32 @@ class _Filter:
     def _extra(self, q: Array, v: Array, sign: Array, width: Array, elapsed: Array) -> tuple[Array, Array, Array]:
         """Return the terms' torques and their derivatives by angle and speed, shapes (2, G, L)."""
         extra, by_q, by_v = (np.zeros_like(v) for _ in range(3))
-        for term, coefficient in zip(self._terms, self._vectors.coefficient, strict=True):
-            j, own = term.joint, np.flatnonzero(coefficient)
-            at = q[j][:, own], v[j][:, own], sign[j][:, own], width[j][:, own]
-            for total, each in zip((extra, by_q, by_v), _term(term.kind, term.number, *at, elapsed), strict=True):
-                total[j][:, own] += coefficient[own] * each
+        for kind, j, lanes, number, coefficient in self._terms:
+            at = q[j][:, lanes], v[j][:, lanes], sign[j][:, lanes], width[j][:, lanes]
+            for total, each in zip((extra, by_q, by_v), _term(kind, number, *at, elapsed), strict=True):
+                total[j][:, lanes] += coefficient * each
         return extra, by_q, by_v
+
+
+class _Terms(NamedTuple):
+    """Terms of one kind and joint, at most one in a lane: the lanes that have one, its number and coefficient there."""
+
+    kind: TermKind
+    joint: int
+    lanes: Indices
+    number: Array
+    coefficient: Array
+
+    @classmethod
+    def grouped(cls, terms: tuple[Term, ...], coefficient: Array) -> list[_Terms]:
+        """Return all terms with a coefficient (E, L) that is not 0, in as few groups as possible."""
+        groups: dict[tuple[TermKind, int, int], list[tuple[int, float, float]]] = {}
+        for k, lane in np.argwhere(coefficient):
+            kind, joint, number = terms[k].kind, terms[k].joint, 0
+            while any(lane == other for other, *_ in groups.get((kind, joint, number), ())):
+                number += 1
+            groups.setdefault((kind, joint, number), []).append((lane, terms[k].number, coefficient[k, lane]))
+        return [cls(kind, joint, *map(np.array, zip(*own, strict=True))) for (kind, joint, _), own in groups.items()]
 
 
 def _product(a: Array, b: Array) -> Array:
@@ -308,7 +329,7 @@ def _product(a: Array, b: Array) -> Array:
 
 
 def _term(
-    kind: TermKind, number: float, q: Array, v: Array, sign: Array, width: Array, elapsed: Array
+    kind: TermKind, number: Array | float, q: Array, v: Array, sign: Array, width: Array, elapsed: Array
 ) -> tuple[Array, Array, Array]:
     """Return a term's torque per unit of its coefficient, and its derivatives by angle and speed."""
     none, slope = np.zeros_like(q), (1 - sign**2) / width
