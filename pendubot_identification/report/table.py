@@ -5,6 +5,8 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import re
 import textwrap
 from collections.abc import Sequence
@@ -44,6 +46,26 @@ class Table:
             rows += f'<tr><th scope="row">{_cell(first)}</th>{cells}</tr>\n'
         notes = ''.join(f'<p class="note">{escape(note)}</p>' for note in self.notes)
         return Markup(f'<table><thead><tr>{head}</tr></thead>\n<tbody>{rows}</tbody></table>{notes}')
+
+    def csv(self) -> str:
+        """Return the table as comma-separated values, without the notes."""
+        file = io.StringIO()
+        csv.writer(file, lineterminator='\n').writerows([self.head, *self.rows])
+        return file.getvalue()
+
+    def latex(self) -> str:
+        """Return the table as a LaTeX tabular, its first column to the left, without the notes."""
+        head, *rows = (' & '.join(map(_latex, line)) + r' \\' for line in [self.head, *self.rows])
+        columns = 'l' + 'r' * (len(self.head) - 1)
+        return '\n'.join([rf'\begin{{tabular}}{{{columns}}}', head, r'\hline', *rows, r'\end{tabular}', ''])
+
+
+def _latex(text: str) -> str:
+    """Return a cell in LaTeX: names with their index, powers and signs as mathematics."""
+    text = re.sub(r'[%&#_]', lambda found: f'\\{found[0]}', text)
+    text = re.sub(r'^([PJbk]|F[cs])(\d)(?!\d)', lambda found: f'${found[1][0]}_{{{found[1][1:]}{found[2]}}}$', text)
+    text = re.sub(r'\^(-?\d)', r'$^{\1}$', text)
+    return re.sub(r'(?<![\w$^{])-(?=\d)', '$-$', text.replace('±', r'$\pm$'))
 
 
 def _cell(text: str) -> Markup:

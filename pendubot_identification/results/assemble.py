@@ -38,7 +38,8 @@ def assemble_result(found: Identification, sources: Sequence[Source]) -> tree.Re
         tree.Result,
         answers[best.criterion],
         not_covered=best.not_covered,
-        faults=[_entry(tree.FaultFound, fault, put_right=known(fault.corrected)) for fault in found.faults],
+        faults=_faults(found),
+        uncorrected=None if found.uncorrected is None else _uncorrected(found.uncorrected),
         effects=[_entry(tree.EffectFound, effect) for effect in found.effects],
         unmodelled=known(found.unmodelled),
         advice=list(best.advice),
@@ -69,6 +70,20 @@ def _entry(kind: type[T], source: object, **others: Any) -> T:
     """Return an entry of the result, with the attributes of the same names but for ``others``."""
     names = {f.name for f in fields(kind)} - others.keys()  # type: ignore[arg-type]
     return kind(**{name: known(getattr(source, name)) for name in names}, **others)
+
+
+def _faults(found: Identification) -> list[tree.FaultFound]:
+    return [_entry(tree.FaultFound, fault, put_right=known(fault.corrected)) for fault in found.faults]
+
+
+def _uncorrected(found: Identification) -> tree.Uncorrected:
+    best = found.best
+    return tree.Uncorrected(
+        level=best.level,
+        faults=_faults(found),
+        parameters={NAMES[k]: _parameter(best, k) for k in np.flatnonzero(best.present).tolist()},
+        prediction=_prediction(tree.SelectedPrediction, best, method=found.validation),
+    )
 
 
 def _answer(e: Estimate, found: Identification) -> tree.CriterionAnswer:
