@@ -57,7 +57,8 @@
     const [a, b] = [line.y[k], line.y[n]];
     if (a !== null && (line.style === 'steps' || k === n)) return a;
     if (a !== null && b !== null) return a + (b - a) * (t - line.t[k]) / (line.t[n] - line.t[k]);
-    return line.twin ? value(line.twin, t) : null;
+    const nearest = t - line.t[k] < line.t[n] - t ? a : b;
+    return nearest === null && line.twin ? value(line.twin, t) : nearest;
   }
 
   // Writes the values at a time above each panel, and poses the rig.
@@ -115,7 +116,7 @@
     panel.outputs = data.lines.filter((line) => line.style !== 'dots' && !line.isTwin).map((line) => [
       line, element('output', legend(head, line.colour, line.label)),
     ]);
-    panel.fit = element('output', head, '', { className: 'fit' });
+    panel.fit = element('b', head, '', { className: 'fit' });
     const lines = [{}], bands = [];
     // Lines on the same times need not be joined.
     panel.table = () => (data.lines.every((line) => line.t === data.lines[0].t)
@@ -371,13 +372,14 @@
   }
 
   function addPlayer(stage, plot, live, chart, refresh) {
-    const bar = element('div', null ?? stage, '', { className: 'player' });
+    const bar = element('div', stage, '', { className: 'player' });
     stage.querySelector('svg').after(bar);
     const play = button(bar, '▶ play', 'play or stop', () => (before === null ? run() : stop()));
     const scrub = element('input', bar), clock = element('output', bar), speed = element('select', bar);
     for (const part of [1, 0.5, 0.2]) element('option', speed, `× ${part}`, { value: part });
     const from = button(bar, 'start here', 'simulate from the time that is shown on', () => {
       live.start = Math.min(Math.round((now - live.t[0]) / live.step), live.t.length - 2);
+      now = live.t[live.start];
       refresh();
     });
     from.className = 'from';
