@@ -19,17 +19,18 @@ from pendubot_identification import __version__
 from pendubot_identification.errors import PendubotError
 from pendubot_identification.files import OutputFolder
 from pendubot_identification.identify.catalogue import compensated
-from pendubot_identification.identify.prediction import HORIZONS, predict, state_scale
+from pendubot_identification.identify.prediction import predict, state_scale
 from pendubot_identification.recordings.bag_reader import BagReader, BagWindow
 from pendubot_identification.recordings.tables import is_table
+from pendubot_identification.results.assemble import predicted
 from pendubot_identification.results.provenance import answers, hold, settings
-from pendubot_identification.results.result import Predicted, Result, known
+from pendubot_identification.results.result import Predicted, Result
 from pendubot_identification.results.result_file import result_text
 from pendubot_identification.tracking.events import Event, State
 from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.trajectory import Trajectory
 
-from . import figure_data, figures, plots, rig, tables
+from . import figure_data, figures, plots, rig
 from .page import failure_page, render, result_page
 from .plots import Picture
 from .table import Table
@@ -159,14 +160,11 @@ class Prepared:
     def compared(self, beside: Beside) -> dict[str, Predicted]:
         """Return how well another result, and this one, predict the validation data or, without any, all data."""
         best, (other, name) = answers(self.result)[self.result.criterion], beside
-        found = {}
-        for title, theta in ((name, other.theta.vector()), (f'identified: {best.criterion}', best.theta)):
-            p = predict(self.validating or self.estimating, theta, best.delay, self.scale)
-            fit = dict(zip(tables.STATES, known(p.fit.T), strict=True))
-            horizons, starts = list(HORIZONS), known(p.starts)
-            errors = {'error': known(p.error), 'persistence': known(p.persistence)}
-            found[title] = Predicted(horizons=horizons, starts=starts, fit=fit, **errors)
-        return found
+        motions, vectors = self.validating or self.estimating, {name: other.theta.vector(), 'identified': best.theta}
+        return {
+            title: predicted(predict(motions, theta, best.delay, self.scale), Predicted)
+            for title, theta in vectors.items()
+        }
 
     def pictures(self) -> Iterator[Wanted]:
         """Yield the subject of each picture of the recordings, and the function that draws it."""

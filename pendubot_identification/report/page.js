@@ -1,7 +1,7 @@
 // Copyright 2026 The pendubot_identification authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Makes the plots over time of a report explorable, simulates the rig, and moves it. The JSON block "content" is made by
+// Makes the plots over time of a report explorable, simulates the rig, and moves it. The JSON block "content" is of
 // page.py; "acceleration", the rig's equations of motion, by formats/code.py. All plots share one time axis: what one
 // shows, all others show, unless they have nothing there.
 'use strict';
@@ -20,6 +20,13 @@
     const made = element('button', parent, text, { type: 'button', title });
     if (text.length < 2) made.ariaLabel = title;
     made.addEventListener('click', act);
+    return made;
+  };
+  const svg = (parent, tag, attributes, text = '') => {
+    const made = document.createElementNS('http://www.w3.org/2000/svg', tag);
+    for (const [key, each] of Object.entries(attributes)) made.setAttribute(key, each);
+    made.textContent = text;
+    parent?.append(made);
     return made;
   };
   const signed = (number) => String(number).replace('-', '−');
@@ -185,7 +192,8 @@
     const quarter = () => (shown(own[0])[1] - shown(own[0])[0]) / 4;
     const acts = [
       ['−', 'zoom out', '-', () => widen(own[0], 1.6)], ['+', 'zoom in', '+', () => widen(own[0], 1 / 1.6)],
-      ['‹', 'earlier', 'ArrowLeft', () => shift(own[0], -quarter())], ['›', 'later', 'ArrowRight', () => shift(own[0], quarter())],
+      ['‹', 'earlier', 'ArrowLeft', () => shift(own[0], -quarter())],
+      ['›', 'later', 'ArrowRight', () => shift(own[0], quarter())],
       ['all', 'show all', 'Home', () => zoom(null)],
     ];
     for (const [sign, title, , act] of acts) button(tools, sign, title, act);
@@ -205,63 +213,64 @@
   }
 
   // A plot as SVG, as it is zoomed, in the colours of paper.
-  let drawn = 0;
   function drawing(plot, own, height = 84) {
-    const parts = [], id = `clip${drawn += 1}_`, width = 720, right = width - 10;
-    const mask = (text) => text.replace(/[&<]/g, (sign) => ({ '&': '&amp;', '<': '&lt;' })[sign]);
-    const text = (x, y, words, how = '') => parts.push(`<text x="${x}" y="${y.toFixed(1)}" ${how}>${mask(words)}</text>`);
-    const path = (d, how) => parts.push(`<path d="${d}" fill="none" ${how}/>`);
-    let top = 18;
+    const width = 720, right = width - 10, size = { width, height: (height + 22) * own.length + 26 };
+    const how = { 'font-family': 'system-ui, sans-serif', 'font-size': 11, fill: INK };
+    const root = svg(null, 'svg', { ...size, viewBox: `0 0 ${width} ${size.height}`, ...how });
+    const text = (x, y, words, others = {}) => svg(root, 'text', { x, y: y + 4, ...others }, words);
+    const middle = { 'text-anchor': 'middle' };
+    svg(root, 'rect', { ...size, fill: '#fff' });
     own.forEach(({ chart, data }, number) => {
-      const place = (key, from, to) => (v) => {
-        const { min, max } = chart.scales[key];
-        return Math.min(Math.max(from + (v - min) / (max - min) * (to - from), -1e4), 1e4);
-      };
-      const X = place('x', GUTTER, right), Y = place('y', top + height, top);
-      parts.push(`<clipPath id="${id}${number}"><path d="M${GUTTER} ${top}H${right}v${height}H${GUTTER}z"/></clipPath><g clip-path="url(#${id}${number})">`);
-      for (const [begin, end, colour] of plot.spans) path(`M${X(begin)} ${top}V${top + height}H${X(end)}V${top}z`, `style="fill:${colour};fill-opacity:.18"`);
-      chart.axes[0]._splits.forEach((v) => path(`M${X(v)} ${top}v${height}`, `stroke="${PALE}"`));
-      chart.axes[1]._splits.forEach((v) => path(`M${GUTTER} ${Y(v)}H${right}`, `stroke="${PALE}"`));
-      for (const line of data.lines) {
-        const points = line.t.map((t, k) => [X(t), line.y[k] === null ? null : Y(line.y[k])]);
-        let d = '', pen = false;
-        points.forEach(([x, y]) => {
-          const at = y === null ? '' : `${x.toFixed(1)} ${y.toFixed(1)}`;
-          if (y !== null && line.style === 'dots') d += `M${at}h.01`;
-          else if (y !== null) d += pen ? (line.style === 'steps' ? `H${x.toFixed(1)}V${y.toFixed(1)}` : `L${at}`) : `M${at}`;
-          pen = y !== null;
-        });
-        if (line.upper) d += line.t.map((t, k) => `L${X(t).toFixed(1)} ${Y(line.upper[k]).toFixed(1)}`).reverse().join('') + 'z';
-        const round = line.style === 'dots' ? 'stroke-linecap="round"' : '';
-        path(d, line.upper ? `style="fill:${line.colour};fill-opacity:.25"` : `stroke="${line.colour}" stroke-width="${line.style === 'dots' ? 4 : line.width}" ${round}`);
+      const top = 18 + number * (height + 22), low = top + height, [across, up] = chart.axes;
+      const place = ({ min, max }, from, to) => (v) => +(from + (v - min) / (max - min) * (to - from)).toFixed(1);
+      const X = place(chart.scales.x, GUTTER, right), Y = place(chart.scales.y, low, top);
+      const box = { x: GUTTER, y: top, width: right - GUTTER, height };
+      const inside = svg(root, 'svg', { ...box, viewBox: Object.values(box).join(' ') });
+      const stroke = (d, colour, others) => svg(inside, 'path', { d, fill: 'none', stroke: colour, ...others });
+      for (const [begin, end, fill] of plot.spans) {
+        svg(inside, 'rect', { x: X(begin), y: top, width: X(end) - X(begin), height, fill, 'fill-opacity': 0.18 });
       }
-      parts.push('</g>');
-      chart.axes[1]._splits.forEach((v, k) => { if (Y(v) > top && Y(v) < top + height) text(GUTTER - 5, Y(v) + 4, String(chart.axes[1]._values[k]), 'text-anchor="end"'); });
-      text(GUTTER, top - 5, data.label, 'font-weight="bold"');
+      for (const v of across._splits) stroke(`M${X(v)} ${top}V${low}`, PALE);
+      for (const v of up._splits) stroke(`M${GUTTER} ${Y(v)}H${right}`, PALE);
+      for (const { t, y, upper, style, colour, width: thick } of data.lines) {
+        const point = (k) => {
+          if (y[k] === null) return '';
+          const at = `${X(t[k])} ${Y(y[k])}`;
+          if (style === 'dots') return `M${at}h.01`;
+          if (!k || y[k - 1] === null) return `M${at}`;
+          return style === 'steps' ? `H${X(t[k])}V${Y(y[k])}` : `L${at}`;
+        };
+        const d = t.map((_, k) => point(k)).join('');
+        const back = upper ? t.map((at, k) => `L${X(at)} ${Y(upper[k])}`).reverse().join('') : '';
+        if (upper) svg(inside, 'path', { d: `${d}${back}z`, fill: colour, 'fill-opacity': 0.25 });
+        else stroke(d, colour, { 'stroke-width': style === 'dots' ? 4 : thick, 'stroke-linecap': 'round' });
+      }
+      up._splits.forEach((v, k) => {
+        if (Y(v) > top && Y(v) < low) text(GUTTER - 5, Y(v), up._values[k], { 'text-anchor': 'end' });
+      });
+      text(GUTTER, top - 9, data.label, { 'font-weight': 'bold' });
       let x = GUTTER + 8 * data.label.length + 12;
       for (const { label, colour } of data.lines.filter((line) => line.label)) {
-        path(`M${x} ${top - 9}h14`, `stroke="${colour}" stroke-width="2"`);
-        text(x + 18, top - 5, label);
+        svg(root, 'rect', { x, y: top - 11, width: 14, height: 3, fill: colour });
+        text(x + 18, top - 9, label);
         x += 7 * label.length + 34;
       }
-      top += height + 22;
       if (number < own.length - 1) return;
-      chart.axes[0]._splits.forEach((v, k) => text(X(v), top - 8, String(chart.axes[0]._values[k]), 'text-anchor="middle"'));
-      text((GUTTER + right) / 2, top + 7, 'time [s]', 'text-anchor="middle"');
+      across._splits.forEach((v, k) => text(X(v), low + 9, across._values[k], middle));
+      text((GUTTER + right) / 2, low + 23, 'time [s]', middle);
     });
-    return `<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 ${width} ${top + 12}" width="${width}" height="${top + 12}" font-family="system-ui, sans-serif" font-size="11" fill="${INK}"><path fill="#fff" d="M0 0h${width}v${top + 12}H0z"/>${parts.join('')}</svg>`;
+    return new XMLSerializer().serializeToString(root);
   }
 
-  function download(name, href) { Object.assign(document.createElement('a'), { download: name, href }).click(); }
-  const address = (svg) => `data:image/svg+xml,${encodeURIComponent(svg)}`;
+  const download = (name, href) => Object.assign(document.createElement('a'), { download: name, href }).click();
 
   // Saves a figure, by the address of its SVG, as SVG or as PNG of twice its size.
   async function save(name, source, kind) {
     if (kind === 'SVG') { download(`${name}.svg`, source); return; }
     const image = Object.assign(new Image(), { src: source });
     await image.decode();
-    const canvas = Object.assign(document.createElement('canvas'), { width: 2 * image.width, height: 2 * image.height });
-    const ctx = canvas.getContext('2d');
+    const canvas = document.createElement('canvas'), ctx = canvas.getContext('2d');
+    Object.assign(canvas, { width: 2 * image.width, height: 2 * image.height });
     ctx.fillStyle = '#fff';
     ctx.fillRect(0, 0, canvas.width, canvas.height);
     ctx.drawImage(image, 0, 0, canvas.width, canvas.height);
@@ -310,7 +319,7 @@
     });
     const live = { t, step, tau, p: [...rig.vectors.identified], start: 0, every: plot.live.every, fit: [] };
     live.update = () => {
-      for (const { lines } of plot.panels) lines.forEach((each) => { if (each !== lines[0] || each.twin) each.y.fill(null); });
+      for (const { lines } of plot.panels) for (const each of lines) if (each.label !== 'measured') each.y.fill(null);
       const squares = [0, 0, 0, 0];
       let begin = live.start;
       for (let piece = 0; begin < last; piece += 1) {
@@ -344,12 +353,16 @@
     const lines = ['ghost', 'simulated'].map((name, n) => ({
       name, of: [0, 1].map((k) => plot.panels[k].lines[n]), scale: [0, 1].map((k) => 10 ** plot.panels[k].power),
     }));
-    const torque = Math.max(...live.tau[0].map(Math.abs), 1e-9), [arc] = find('path.torque'), [label] = find('text.torque');
+    const torque = Math.max(...live.tau[0].map(Math.abs), 1e-9);
+    const [arc] = find('path.torque'), [label] = find('text.torque');
     const joints = ([q1, q2]) => {
       const x = l1 * Math.cos(q1), y = -l1 * Math.sin(q1);
       return [x, y, x + l2 * Math.cos(q1 + q2), y - l2 * Math.sin(q1 + q2)].map((each) => each.toFixed(2));
     };
-    const pose = ({ of, scale }, t) => of.map((line, k) => { const y = value(line, t); return y === null ? null : y * scale[k]; });
+    const pose = ({ of, scale }, t) => of.map((line, k) => {
+      const y = value(line, t);
+      return y === null ? null : y * scale[k];
+    });
     return (t) => {
       const poses = lines.map((line) => {
         const q = pose(line, t), [group] = find(`g.${line.name}`), [way] = find(`.trace.${line.name}`);
@@ -358,14 +371,16 @@
         group.firstElementChild.setAttribute('points', `0,0 ${x},${y} ${tip}`);
         group.lastElementChild.setAttribute('cx', x);
         group.lastElementChild.setAttribute('cy', y);
-        const before = Array.from({ length: 26 }, (_, k) => pose(line, t - 0.02 * k)).filter((each) => !each.includes(null));
-        way.setAttribute('points', before.map((each) => joints(each).slice(2)).join(' '));
+        const before = Array.from({ length: 26 }, (_, k) => pose(line, t - 0.02 * k));
+        const known = before.filter((each) => !each.includes(null));
+        way.setAttribute('points', known.map((each) => joints(each).slice(2)).join(' '));
         return q;
       });
-      const k = Math.min(Math.max(Math.floor((t - live.t[0]) / live.step), 0), live.tau[0].length - 1), tau = live.tau[0][k];
-      const turn = -2.6 * tau / torque, [x, y] = [17 * Math.sin(turn), -17 * Math.cos(turn)];
+      const tau = live.tau[0][Math.min(Math.floor((t - live.t[0]) / live.step + 1e-6), live.tau[0].length - 1)];
+      const turn = -2.6 * tau / torque;
+      const tip = [17 * Math.sin(turn), -17 * Math.cos(turn)].map((each) => each.toFixed(2));
       arc.style.display = Math.abs(turn) < 0.05 ? 'none' : '';
-      arc.setAttribute('d', `M0 -17A17 17 0 0 ${turn > 0 ? 1 : 0} ${x.toFixed(2)} ${y.toFixed(2)}`);
+      arc.setAttribute('d', `M0 -17A17 17 0 0 ${turn > 0 ? 1 : 0} ${tip.join(' ')}`);
       label.textContent = tau ? `${signed(tau.toPrecision(2))} N m` : '';
       scene.dataset.poses = JSON.stringify(poses);
     };
@@ -384,12 +399,15 @@
     });
     from.className = 'from';
     const again = element('select', bar);
-    for (const [words, seconds] of [['for 0.5 s', 0.5], ['for 1 s', 1], ['for 2 s', 2], ['to the end', 1e9]]) {
-      element('option', again, words, { value: seconds, selected: Math.abs(seconds - live.every * live.step) < 1e-6 });
+    for (const [words, value] of [['for 0.5 s', 0.5], ['for 1 s', 1], ['for 2 s', 2], ['to the end', 1e9]]) {
+      element('option', again, words, { value, selected: Math.abs(value - live.every * live.step) < 1e-6 });
     }
     speed.ariaLabel = 'speed';
     again.ariaLabel = 'how long each simulation is';
-    again.addEventListener('change', () => { live.every = Math.max(1, Math.round(again.value / live.step)); refresh(); });
+    again.addEventListener('change', () => {
+      live.every = Math.max(1, Math.round(again.value / live.step));
+      refresh();
+    });
     const first = live.t[0], last = live.t.at(-1), draw = poser(plot, live);
     Object.assign(scrub, { type: 'range', min: first, max: last, step: 0.01, ariaLabel: 'time' });
     let before = null, now = first;
@@ -426,23 +444,24 @@
   // A slider for each parameter, within its interval or beyond; what is simulated is simulated again at once.
   function addSliders(box, live, refresh) {
     const { names, vectors, intervals } = rig, identified = vectors.identified;
-    const view = document.createElementNS('http://www.w3.org/2000/svg', 'svg');
-    view.setAttribute('viewBox', '-124 -108 248 216');
-    view.setAttribute('class', 'rig');
-    view.setAttribute('aria-hidden', 'true');
-    view.innerHTML = '<use href="#scene"/>';
-    box.append(view);
-    live.said = element('output', box, '', { className: 'said' });
+    const view = svg(box, 'svg', { viewBox: '-124 -108 248 216', class: 'rig', 'aria-hidden': true });
+    svg(view, 'use', { href: '#scene' });
     const rows = Object.entries(intervals).map(([name, [low, high]]) => {
       const k = names.indexOf(name), label = element('label', box, '', { className: 'slider' });
       element('b', label, name);
       const slider = element('input', label, '', { type: 'range', step: 'any' }), output = element('output', label);
       const bound = (wide) => {
         const reach = wide ? Math.max(5 * (high - low), Math.abs(identified[k])) : 0;
-        Object.assign(slider, { min: wide ? identified[k] - reach : low, max: wide ? identified[k] + reach : high, value: live.p[k] });
+        const [min, max] = wide ? [identified[k] - reach, identified[k] + reach] : [low, high];
+        Object.assign(slider, { min, max, value: live.p[k] });
       };
       slider.addEventListener('input', () => { live.p[k] = Number(slider.value); later(); });
-      return { bound, show: () => { slider.value = live.p[k]; output.textContent = signed(live.p[k].toPrecision(4)); } };
+      const show = () => {
+        slider.value = live.p[k];
+        output.textContent = signed(live.p[k].toPrecision(4));
+      };
+      const limit = () => { live.p[k] = Math.min(Math.max(live.p[k], low), high); };
+      return { bound, show, limit };
     });
     const tools = element('div', box, '', { className: 'tools' });
     for (const [name, vector] of Object.entries(vectors)) {
@@ -455,12 +474,10 @@
     const choice = element('label', tools), wide = element('input', choice, '', { type: 'checkbox' });
     choice.append(' beyond the intervals');
     wide.addEventListener('change', () => {
-      // Back within the intervals, no parameter stays outside of its own.
-      if (!wide.checked) Object.entries(intervals).forEach(([name, [low, high]]) => {
-        const k = names.indexOf(name);
-        live.p[k] = Math.min(Math.max(live.p[k], low), high);
+      rows.forEach(({ bound, limit }) => {
+        if (!wide.checked) limit();
+        bound(wide.checked);
       });
-      rows.forEach(({ bound }) => bound(wide.checked));
       now();
     });
     const said = element('p', box, '', { className: 'note', role: 'status' });
@@ -468,9 +485,9 @@
     let waiting = false;
     const now = () => {
       waiting = false;
-      const [P1, P2, P3] = live.p;
+      const [P1, P2, P3] = live.p, physical = P1 > 0 && P2 > 0 && P1 * P2 > P3 * P3;
       rows.forEach(({ show }) => show());
-      const text = P1 > 0 && P2 > 0 && P1 * P2 > P3 * P3 ? words : 'No rig can have these parameters: M(q) is not positive definite.';
+      const text = physical ? words : 'No rig can have these parameters: M(q) is not positive definite.';
       if (said.textContent !== text) said.textContent = text;
       refresh();
     };
@@ -487,13 +504,11 @@
     let pose = () => {};
     const refresh = (change = true) => {
       if (change) live.update();
-      const fits = live.fit.map((fit) => (fit > -1000 ? signed(fit.toFixed(1)) : '—'));
-      live.said.textContent = `fit ${fits.map((fit, k) => `${box.panels[k].data.label.split(' ')[0]} ${fit} %`).join(' · ')}`;
       box.panels.forEach((panel, k) => {
         const [min, max] = shown(panel);
         panel.chart.setData(panel.table(), !Number.isFinite(min));
         if (Number.isFinite(min)) panel.chart.setScale('x', { min, max });
-        if (k < 4) panel.fit.textContent = `fit ${fits[k]} %`;
+        if (k < 4) panel.fit.textContent = `fit ${live.fit[k] > -1000 ? signed(live.fit[k].toFixed(1)) : '—'} %`;
       });
       pose();
     };
@@ -502,11 +517,11 @@
     window.pendubot = { live, refresh, simulate };
   }
   for (const figure of document.querySelectorAll('figure[data-name]')) {
-    const tools = element('div', figure, '', { className: 'tools save' }), box = boxes.find((each) => figure.contains(each));
-    for (const kind of ['SVG', 'PNG']) {
-      const { name } = figure.dataset;
-      button(tools, kind, `save as ${kind}: ${name}`, () => save(name, box ? address(box.draw()) : figure.querySelector('img').src, kind));
-    }
+    const tools = element('div', figure, '', { className: 'tools save' }), { name } = figure.dataset;
+    const box = boxes.find((each) => figure.contains(each));
+    const image = figure.querySelector('img');
+    const source = () => (box ? `data:image/svg+xml,${encodeURIComponent(box.draw())}` : image.src);
+    for (const kind of ['SVG', 'PNG']) button(tools, kind, `save ${name} as ${kind}`, () => save(name, source(), kind));
   }
   for (const each of document.querySelectorAll('[data-copy]')) {
     each.addEventListener('click', async () => {

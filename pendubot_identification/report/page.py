@@ -19,6 +19,7 @@ from urllib.parse import quote
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
+from pendubot_identification.formats.code import javascript
 from pendubot_identification.model.parameters import SPECIFICATIONS
 from pendubot_identification.results.result import Predicted, Result
 
@@ -50,8 +51,9 @@ def result_page(
     """
     if result.uncorrected and not compared:
         compared = {'as recorded': result.uncorrected.prediction, 'corrected': result.prediction}
+    model = rig.rig(result, beside)
     files = {
-        'parameters.csv': tables.numbers_table(result).csv(),
+        'parameters.csv': tables.numbers(result),
         'parameters.tex': tables.parameter_table(result).latex(),
         **({'result.yaml': text} if text else {}),
     }
@@ -63,9 +65,9 @@ def result_page(
         'compared': compared or {},
         'meanings': {s.name: s.meaning for s in SPECIFICATIONS},
         'downloads': {name: Markup('data:text/plain,' + quote(content)) for name, content in files.items()},
-        'rig': rig.rig(result, beside),
+        'rig': model,
         'lengths': rig.proportions(result),
-        'acceleration': Markup(rig.acceleration(result, beside)),
+        'acceleration': Markup(javascript(len(model['names']))),
         'command': rig.command(result),
         'days': days or {},
     }

@@ -11,7 +11,6 @@ import shlex
 from dataclasses import astuple
 from typing import Any
 
-from pendubot_identification.formats.code import javascript
 from pendubot_identification.identify.options import DELAYS, SPREAD
 from pendubot_identification.identify.settings import Settings
 from pendubot_identification.model.parameters import NAMES, SPECIFICATIONS, UNDER_LOAD
@@ -52,11 +51,6 @@ def rig(result: Result, beside: Beside | None = None) -> dict[str, Any]:
         'intervals': {n: (low, high) for n, (low, high) in ends.items() if None not in (low, high) and low != high},
         'lengths': proportions(result)[:2],
     }
-
-
-def acceleration(result: Result, beside: Beside | None = None) -> str:
-    """Return the rig's equations of motion in JavaScript, as ``pendubot export`` writes them for other languages."""
-    return javascript(len(rig(result, beside)['names']))
 
 
 def command(result: Result) -> str:

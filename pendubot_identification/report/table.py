@@ -5,8 +5,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import re
 import textwrap
 from collections.abc import Sequence
@@ -46,12 +44,6 @@ class Table:
             rows += f'<tr><th scope="row">{_cell(first)}</th>{cells}</tr>\n'
         notes = ''.join(f'<p class="note">{escape(note)}</p>' for note in self.notes)
         return Markup(f'<table><thead><tr>{head}</tr></thead>\n<tbody>{rows}</tbody></table>{notes}')
-
-    def csv(self) -> str:
-        """Return the table as comma-separated values, without the notes."""
-        file = io.StringIO()
-        csv.writer(file, lineterminator='\n').writerows([self.head, *self.rows])
-        return file.getvalue()
 
     def latex(self) -> str:
         """Return the table as a LaTeX tabular, its first column to the left, without the notes."""

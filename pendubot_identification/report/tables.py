@@ -208,13 +208,13 @@ def before_table(compared: Mapping[str, Predicted]) -> Table:
     return Table(['', *compared], rows, [f'fits after {horizon:g} s; errors in standard deviations of the states'])
 
 
-def numbers_table(result: Result) -> Table:
-    """Return a row for each parameter with all its digits, for other programs."""
-    rows = [
-        [name, *('' if x is None else repr(x) for x in (entry.value, entry.std_error, *entry.interval)), entry.unit]
-        for name, entry in result.parameters.items()
-    ]
-    return Table(['parameter', 'value', 'std_error', 'low', 'high', 'unit'], rows)
+def numbers(result: Result) -> str:
+    """Return the parameters with all their digits as comma-separated values."""
+    lines = ['parameter,value,std_error,low,high,unit']
+    for name, entry in result.parameters.items():
+        known = ('' if x is None else repr(x) for x in (entry.value, entry.std_error, *entry.interval))
+        lines.append(','.join([name, *known, entry.unit]))
+    return '\n'.join([*lines, ''])
 
 
 def criterion_table(result: Result) -> Table:
@@ -373,19 +373,6 @@ def summary(result: Result) -> str:
         ]
     shown.append(judgement(result))
     return '\n\n'.join(part.text() if isinstance(part, Table) else part for part in shown if part)
-
-
-def entries(part: object, *left_out: str) -> list[tuple[str, str]]:
-    """Return the entries of a part of a result, with their values in words, but for some."""
-
-    def said(value: object) -> str:
-        if isinstance(value, bool):
-            return 'yes' if value else 'no'
-        if isinstance(value, list):
-            return ', '.join(map(said, value))
-        return '-' if value is None else str(value)
-
-    return [(key.replace('_', ' '), said(value)) for key, value in vars(part).items() if key not in left_out]
 
 
 def comparison(compared: Mapping[str, Any]) -> str:

@@ -207,7 +207,7 @@ def test_on_paper_nothing_is_to_be_pressed_it_is_light_and_at_most_four_pages(op
     page.evaluate('dispatchEvent(new Event("beforeprint"))')
     assert page.evaluate(BRIGHTNESS, ['body', 'backgroundColor']) > 240
     assert not any(each.is_visible() for each in page.locator('button, summary, .controls').all())
-    drawings = page.locator('.printed svg').all()
+    drawings = page.locator('.printed > svg').all()
     assert len(drawings) == page.locator('.plot').count()
     selected = page.locator('[data-name=simulation] .printed, [data-name=recordings] .printed').all()
     assert all(each.is_visible() for each in selected)
@@ -378,12 +378,12 @@ def test_every_figure_is_saved_as_SVG_and_PNG(opened, real):
                 assert content.startswith(b'\x89PNG')
                 continue
             root = ElementTree.fromstring(content)
-            assert root.tag.endswith('svg')
+            assert root.tag == '{http://www.w3.org/2000/svg}svg'
             assert b'NaN' not in content
             if page.locator(f'[data-plot={name}]').count():
                 text = ''.join(root.itertext())
                 assert 'time [s]' in text
-                assert len(root.findall('.//{*}g')) == page.evaluate(
+                assert len(root.findall('{*}svg')) == page.evaluate(
                     f'document.querySelector("[data-plot={name}]").charts.length'
                 )
 
