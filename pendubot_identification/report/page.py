@@ -49,8 +49,8 @@ def result_page(
         text: of the result file, which the page offers for download.
         days: on which recordings were made, by their names.
     """
-    if result.uncorrected and not compared:
-        compared = {'as recorded': result.uncorrected.prediction, 'corrected': result.prediction}
+    if result.uncorrected:
+        compared = {'as recorded': result.uncorrected.prediction, **(compared or {'corrected': result.prediction})}
     model = rig.rig(result, beside)
     files = {
         'parameters.csv': tables.numbers(result),

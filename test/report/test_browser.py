@@ -257,6 +257,14 @@ def test_the_first_screen_says_it_all(opened, real):
         assert share == pytest.approx(min(50 * (high - low) / abs(entry.value), 100), abs=0.01)
 
 
+def test_without_recordings_the_rig_hangs_and_nothing_is_to_be_played(opened, tmp_path):
+    (tmp_path / 'report.html').write_text(result_page(made(), []), encoding='utf-8')
+    page = opened(tmp_path / 'report.html')
+    assert page.locator('.stage .rig').is_visible()
+    assert page.locator('#scene .ghost .arm').get_attribute('points').endswith(' 0,100')
+    assert page.locator('.player, .slider').count() == 0
+
+
 def test_the_rig_has_the_proportions_of_its_parameters(opened, real):
     page, p = opened(real), made().theta
     page.locator('.player input').fill('5.5')
