@@ -70,6 +70,7 @@ setup(
         # What else benchmarks.exports compares exported rigs with, and an example needs; 1 GB.
         'engines': ['casadi', 'drake', 'pin'],
         'test': [
+            'axe-playwright-python',
             'colcon-common-extensions',
             'h5py',
             'hypothesis',

@@ -563,10 +563,16 @@ class Identified(_Exportable):
         write_result(Path(path), self.result, overwrite=overwrite)
 
     @_arguments_in_messages()
-    def report(self, folder: File, *, overwrite: bool = False, figures: bool = False) -> Path:
-        """Write a page with figures, these also as SVG and PNG if asked for, and the result; return where the page is.
+    def report(self, folder: File, *, overwrite: bool = False, figures: bool = False, paths: bool = False) -> Path:
+        """Write a page with figures, and the result; return where the page is.
 
         For a loaded result the recordings are read again; the page says which of them are missing.
+
+        Args:
+            folder: to be written to.
+            overwrite: replace files in it.
+            figures: write the figures also as SVG and PNG.
+            paths: name the absolute folders of the recordings on the page.
 
         Raises:
             PendubotError: the folder holds something already, or cannot be written.
@@ -579,7 +585,7 @@ class Identified(_Exportable):
         except PendubotError as error:
             motions, notes = None, [f'figures of the recordings; {error}']
         with OutputFolder(Path(folder), overwrite=overwrite) as made:
-            return write_report(made, self.result, motions, None, notes, lambda *_: None, static=figures)
+            return write_report(made, self.result, motions, None, notes, lambda *_: None, static=figures, paths=paths)
 
     @_arguments_in_messages()
     def plot(self, what: Plot = 'simulation', axes: Axes | Sequence[Axes] | None = None) -> list[Axes]:
@@ -593,11 +599,11 @@ class Identified(_Exportable):
         Raises:
             PendubotError: the recordings of a loaded result cannot be read again.
         """
-        from .report.folder import pictures_of_motions
+        from .report.folder import Prepared
 
         if what not in PLOTS:
             raise ParameterError(f'there is no plot {what!r}; {", ".join(PLOTS)} are expected')
-        plot: Any = dict(pictures_of_motions(self.result, *self._recordings()))[PLOTS[what]]()[0].content
+        plot: Any = dict(Prepared.of(self.result, *self._recordings()).pictures())[PLOTS[what]]()[0].content
         if axes is None:
             from matplotlib import pyplot
 

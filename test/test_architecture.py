@@ -30,6 +30,7 @@ NO_ROSDEP = {
     'pandas',
     'pandas-stubs',
     'pinocchio',
+    'axe_playwright_python',
     'playwright',
     'pyarrow',
     'shtab',

@@ -42,6 +42,7 @@ class Identification:
         effects: unmodelled effects, the accepted ones first.
         unmodelled: fraction of the innovations' variance of both joints that quantization does not explain; None where
             the likelihood was not minimised, or nothing but quantization is left.
+        uncorrected: the identification before the first correction of the recordings; None without one.
     """
 
     settings: Settings
@@ -54,6 +55,7 @@ class Identification:
     link_length: tuple[float, float]
     effects: tuple[FoundEffect, ...] = ()
     unmodelled: Array | None = None
+    uncorrected: Identification | None = None
 
     @property
     def best(self) -> Estimate:

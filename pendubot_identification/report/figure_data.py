@@ -37,25 +37,36 @@ ROWS: tuple[str, ...] = ('shoulder', 'elbow', 'energy')
 
 @dataclass(frozen=True, slots=True)
 class Simulation:
-    """A measured motion, and K simulations of it from measured states on.
+    """A measured motion every :data:`STEP`, and K simulations of it from measured states on.
 
     Attributes:
         name: of the recording.
-        t: times [s] of the samples, shape (N,).
-        measured: q1, q2 as recorded and q1', q2' from smoothed positions [rad, rad/s], shape (4, N).
-        ahead: length of each simulation [s].
-        simulated_t: times [s] of the simulations, shape (L, K).
-        simulated: their states, shape (L, 4, K); NaN after a simulation diverges.
+        t: times [s], shape (N,).
+        measured: q1, q2, q1', q2' [rad, rad/s], smoothed, shape (4, N).
+        tau: mean torques [N m] from each time until the next, shape (2, N - 1).
+        scale: standard deviations of the states, the unit of the errors, shape (4,).
+        simulated: the states of L steps and their start, shape (L + 1, 4, K); NaN after a simulation diverges.
         complete: whether the complete motion is shown, or only its worst part.
     """
 
     name: str
     t: Array
     measured: Array
-    ahead: float
-    simulated_t: Array
+    tau: Array
+    scale: Array
     simulated: Array
     complete: bool
+
+    @property
+    def ahead(self) -> float:
+        """Duration of each simulation [s]."""
+        return STEP * (len(self.simulated) - 1)
+
+    @property
+    def simulated_t(self) -> Array:
+        """Times [s] of the simulations, shape (L + 1, K)."""
+        size, _, count = self.simulated.shape
+        return np.asarray(self.t[np.arange(size)[:, None] + (size - 1) * np.arange(count)])
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,19 +181,17 @@ def simulate_beside(motions: Sequence[Motion], answer: Answer, scale: Array) -> 
         first = int(np.argmax(sums))
         found.append((float(sums[first]), motion, simulations.t, states, slice(first, first + count)))
     _, motion, starts, states, shown = max(found, key=lambda each: each[0])
-    t = starts[shown] + STEP * np.arange(len(states))[:, None]
-    recorded = motion.recorded
-    complete = len(motions) == 1 and len(starts) <= shown.stop - shown.start
-    within = slice(None) if complete else (recorded.t >= t[0, 0]) & (recorded.t <= t[-1, -1])
-    times = recorded.t[within]
+    states = np.where(np.isfinite(states), states, np.nan)[:, :, shown]
+    steps = (len(states) - 1) * states.shape[2]
+    t = starts[shown.start] + STEP * np.arange(steps + 1)
     return Simulation(
         name=motion.name,
-        t=times,
-        measured=np.concatenate([recorded.q[within].T, motion.states(times)[2:]]),
-        ahead=ahead,
-        simulated_t=t,
-        simulated=np.where(np.isfinite(states), states, np.nan)[:, :, shown],
-        complete=complete,
+        t=t,
+        measured=motion.states(t),
+        tau=motion.torques(t[:1] - answer.delay, STEP, steps)[:, :, 0],
+        scale=scale,
+        simulated=states,
+        complete=len(motions) == 1 and len(starts) <= shown.stop - shown.start,
     )
 
 

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from pendubot_identification.results.result import Convergence, Result
@@ -18,7 +17,6 @@ from pendubot_identification.results.result import Convergence, Result
 from .figure_data import Excitation, Residuals, UnexplainedTorque
 from .plots import COLOURS, MEASURED, SIMULATED, Picture
 from .style import SMALL, WIDTH, style
-from .tables import Beside
 from .time_plot import envelope, in_powers, scaled
 
 #: Number of bins for means of unexplained torque; torques above OUTLYING times their median are left out.
@@ -79,34 +77,6 @@ def draw_convergence(criterion: str, least: float, convergence: Convergence) -> 
     axis.axhline(1e-6, color=SIMULATED, linestyle='--', label='counts as found')
     axis.legend(loc='lower left', bbox_to_anchor=(0, 1.0), borderaxespad=0.2)
     return [Picture(f'convergence_{criterion}', figure)]
-
-
-@drawn
-def draw_parameters(result: Result, beside: Beside | None = None) -> Picture:
-    """Draw each parameter with its 95 % interval by every criterion, and another result beside."""
-    rows = [(f'{result.criterion}, selected', result.parameters, COLOURS[1])]
-    rows += [(n, answer.parameters, COLOURS[0]) for n, answer in result.criteria.items() if n != result.criterion]
-    rows += [(beside[1], beside[0].parameters, MEASURED)] if beside else []
-    names = list(result.parameters)
-    lines = -(-len(names) // 2)
-    figure, axes = _panels(0.55 + lines * (0.62 + 0.17 * len(rows)), lines, 2, sharey=True)
-    for axis, name in zip(axes, names, strict=False):
-        shown = [(k, parameters[name], colour) for k, (_, parameters, colour) in enumerate(rows) if name in parameters]
-        power = scaled(max(abs(b) for _, entry, _ in shown for b in (entry.value, *entry.interval) if b is not None))
-        for k, entry, colour in shown:
-            low, high = entry.interval
-            if low is not None and high is not None:
-                interval = np.array([low, high]) / 10.0**power
-                axis.plot(interval, [k, k], color=colour, linewidth=2.5, alpha=0.5, solid_capstyle='butt')
-            axis.plot(entry.value / 10.0**power, k, 'o', color=colour)
-        axis.set_title(f'{name} [{in_powers(result.parameters[name].unit, power)}]')
-        axis.set_yticks(range(len(rows)), [label for label, _, _ in rows])
-        axis.set_ylim(len(rows) - 0.5, -0.5)
-        axis.xaxis.set_major_locator(MaxNLocator(3))
-        axis.ticklabel_format(axis='x', style='plain', useOffset=False)
-    for axis in axes[len(names) :]:
-        axis.set_visible(False)
-    return Picture('parameters', figure)
 
 
 @drawn

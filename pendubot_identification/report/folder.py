@@ -7,26 +7,31 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from datetime import datetime, timezone
 from functools import partial
 from pathlib import Path
+from urllib.parse import quote
+
+from markupsafe import escape
 
 from pendubot_identification import __version__
 from pendubot_identification.errors import PendubotError
 from pendubot_identification.files import OutputFolder
 from pendubot_identification.identify.catalogue import compensated
-from pendubot_identification.identify.prediction import state_scale
+from pendubot_identification.identify.prediction import predict, state_scale
 from pendubot_identification.recordings.bag_reader import BagReader, BagWindow
 from pendubot_identification.recordings.tables import is_table
+from pendubot_identification.results.assemble import predicted
 from pendubot_identification.results.provenance import answers, hold, settings
-from pendubot_identification.results.result import Result
+from pendubot_identification.results.result import Predicted, Result
 from pendubot_identification.results.result_file import result_text
 from pendubot_identification.tracking.events import Event, State
 from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.trajectory import Trajectory
 
-from . import figure_data, figures, plots
-from .page import Bag, failure_page, render, result_page
+from . import figure_data, figures, plots, rig
+from .page import failure_page, render, result_page
 from .plots import Picture
 from .table import Table
 from .tables import Beside
@@ -49,6 +54,7 @@ def write_report(
     bags: Path | None = None,
     *,
     static: bool = False,
+    paths: bool = False,
 ) -> Path:
     """Draw all pictures of a result, write the report, all or nothing, and return where the page is.
 
@@ -61,11 +67,13 @@ def write_report(
         progress: told the activity, how much of it is done, and of how much.
         bags: the folder in which the bags lie now; None: where the result says.
         static: whether all pictures are written as SVG and PNG, too.
+        paths: whether the page names the absolute folders of the recordings.
 
     Raises:
         ResultError: the system refuses to write.
     """
-    wanted = [*_of_result(result, beside), *(pictures_of_motions(result, *motions) if motions else [])]
+    prepared = Prepared.of(result, *motions) if motions else None
+    wanted = [*_of_result(result), *(prepared.pictures() if prepared else [])]
     pictures: list[Picture] = []
     missing = []
     for k, (subject, draw) in enumerate(wanted):
@@ -74,11 +82,12 @@ def write_report(
             pictures += draw()
         except PendubotError as error:
             missing.append(f'{subject}; {error}')
-    windows = [BagWindow.parse(source.bag) for source in result.bags] if motions is not None else []
-    # A motion may also come from memory.
-    named = [_bag(window, bags) for window in windows if _place(window, bags).exists()]
-    page = result_page(result, pictures, beside, [*notes, *missing], named)
-    return _write(folder, {'result.yaml': result_text(result)}, pictures if static else (), page)
+    compared = prepared.compared(beside) if prepared and beside else {}
+    text = result_text(result)
+    days = _days(result, bags) if motions else {}
+    page = result_page(result, pictures, beside, [*notes, *missing], compared, text, days)
+    named = [source.bag for source in result.bags] + ([f'{bags.absolute()}/-'] if bags else [])
+    return _write(folder, {'result.yaml': text}, pictures if static else (), page, () if paths else named)
 
 
 def write_failure(folder: OutputFolder, reason: str, asked: Sequence[str], motions: Recordings | None) -> Path:
@@ -88,7 +97,7 @@ def write_failure(folder: OutputFolder, reason: str, asked: Sequence[str], motio
         ResultError: the system refuses to write.
     """
     pictures = [plots.plot_recordings(*motions)] if motions else []
-    return _write(folder, {}, (), failure_page(reason, asked, pictures))
+    return _write(folder, {}, (), failure_page(reason, asked, pictures), [reason, *asked])
 
 
 def write_track(
@@ -111,11 +120,10 @@ def write_track(
     picture = plots.plot_track(*track)
     about = {'version': __version__, 'state': track[0][-1], 'table': table, 'happened': happened, 'bags': bags}
     page = render('track.html.jinja', [picture], result=bool(result), **about)
-    return _write(folder, {'result.yaml': result} if result else {}, [picture] if static else (), page)
+    return _write(folder, {'result.yaml': result} if result else {}, [picture] if static else (), page, bags)
 
 
-def _of_result(result: Result, beside: Beside | None) -> Iterator[Wanted]:
-    yield 'the parameters', lambda: [figures.draw_parameters(result, beside)]
+def _of_result(result: Result) -> Iterator[Wanted]:
     yield 'the correlations', lambda: figures.draw_correlation(result)
     for criterion, answer in result.criteria.items():
         # Without MDE there is none, and results of earlier versions do not hold it, or not its minimum.
@@ -124,61 +132,89 @@ def _of_result(result: Result, beside: Beside | None) -> Iterator[Wanted]:
             yield f'the convergence of {criterion}', draw
 
 
-def pictures_of_motions(
-    result: Result, training: Sequence[Trajectory], validation: Sequence[Trajectory]
-) -> Iterator[Wanted]:
-    """Yield the subject of each picture of the recordings, and the function that draws it."""
-    estimates = answers(result)
-    best = estimates[result.criterion]
-    timeline = plots.Timeline.of([*training, *validation])
-    estimating, validating = (
-        [Motion.prepare(motion, result.smoothing, hold(result)) for motion in recorded]
-        for recorded in (training, validation)
-    )
-    scale, asked = state_scale(estimating), settings(result)
-    effects = figure_data.known_effects(estimating, best.delay, result.effects)
-    estimating, validating = (
-        [compensated(motion, effects, best.delay) for motion in motions] for motions in (estimating, validating)
-    )
+@dataclass(frozen=True, slots=True)
+class Prepared:
+    """A result and its recordings, with smoothed states and without the compensated effects."""
 
-    def unexplained_torque() -> list[Picture]:
-        found = figure_data.unexplained_torque(estimating, best)
-        return [plots.plot_unexplained_torque(found, timeline), figures.draw_torque_means(found)]
+    result: Result
+    recorded: Recordings
+    estimating: Sequence[Motion]
+    validating: Sequence[Motion]
+    scale: figure_data.Array
 
-    def simulation() -> list[Picture]:
-        found = figure_data.simulate_beside(validating or estimating, best, scale)
-        return [plots.plot_simulation(found, timeline, validation=bool(validating))]
+    @classmethod
+    def of(cls, result: Result, training: Sequence[Trajectory], validation: Sequence[Trajectory]) -> Prepared:
+        """Prepare the recordings as the identification did."""
+        delay = answers(result)[result.criterion].delay
+        estimating, validating = (
+            [Motion.prepare(motion, result.smoothing, hold(result)) for motion in recorded]
+            for recorded in (training, validation)
+        )
+        scale = state_scale(estimating)
+        effects = figure_data.known_effects(estimating, delay, result.effects)
+        estimating, validating = (
+            [compensated(motion, effects, delay) for motion in motions] for motions in (estimating, validating)
+        )
+        return cls(result, (training, validation), estimating, validating, scale)
 
-    def excitation() -> list[Picture]:
-        found = figure_data.excitation(estimating, best, result.parameters)
-        return [figures.draw_excitation(list(result.parameters), found)]
+    def compared(self, beside: Beside) -> dict[str, Predicted]:
+        """Return how well another result, and this one, predict the validation data or, without any, all data."""
+        best, (other, name) = answers(self.result)[self.result.criterion], beside
+        motions, vectors = self.validating or self.estimating, {name: other.theta.vector(), 'identified': best.theta}
+        return {
+            title: predicted(predict(motions, theta, best.delay, self.scale), Predicted)
+            for title, theta in vectors.items()
+        }
 
-    def residuals(criterion: str) -> list[Picture]:
-        found = figure_data.residuals(estimating, estimates[criterion], asked)
-        return [plots.plot_residuals(found, timeline), figures.draw_whiteness(found)]
+    def pictures(self) -> Iterator[Wanted]:
+        """Yield the subject of each picture of the recordings, and the function that draws it."""
+        estimates, estimating, validating = answers(self.result), self.estimating, self.validating
+        best, asked = estimates[self.result.criterion], settings(self.result)
+        timeline = plots.Timeline.of([*self.recorded[0], *self.recorded[1]])
 
-    yield 'the data', lambda: [plots.plot_recordings(training, validation)]
-    yield 'the unexplained torque', unexplained_torque
-    yield 'the simulation', simulation
-    yield 'the excitation', excitation
-    for name in estimates:
-        yield f'the residuals of {name}', partial(residuals, name)
+        def unexplained_torque() -> list[Picture]:
+            found = figure_data.unexplained_torque(estimating, best)
+            return [plots.plot_unexplained_torque(found, timeline), figures.draw_torque_means(found)]
+
+        def simulation() -> list[Picture]:
+            found = figure_data.simulate_beside(validating or estimating, best, self.scale)
+            return [plots.plot_simulation(found, timeline, validation=bool(validating))]
+
+        def excitation() -> list[Picture]:
+            found = figure_data.excitation(estimating, best, self.result.parameters)
+            return [figures.draw_excitation(list(self.result.parameters), found)]
+
+        def residuals(criterion: str) -> list[Picture]:
+            found = figure_data.residuals(estimating, estimates[criterion], asked)
+            return [plots.plot_residuals(found, timeline), figures.draw_whiteness(found)]
+
+        yield 'the data', lambda: [plots.plot_recordings(*self.recorded)]
+        yield 'the unexplained torque', unexplained_torque
+        yield 'the simulation', simulation
+        yield 'the excitation', excitation
+        for name in estimates:
+            yield f'the residuals of {name}', partial(residuals, name)
 
 
-def _place(window: BagWindow, folder: Path | None) -> Path:
-    return (folder / window.path.name if folder else window.path).absolute()
+def _days(result: Result, folder: Path | None) -> dict[str, str]:
+    """Return the day of each bag by its own stamps; files with columns, and motions from memory, have none."""
+    days = {}
+    for source in result.bags:
+        path = BagWindow.parse(source.bag).path
+        path = folder / path.name if folder else path
+        first_ns = BagReader(path).first_ns if path.exists() and not is_table(path) else 0
+        if first_ns > A_YEAR_NS:
+            days[source.bag] = datetime.fromtimestamp(first_ns / 1e9, timezone.utc).date().isoformat()
+    return days
 
 
-def _bag(window: BagWindow, folder: Path | None) -> Bag:
-    """Return where a bag lies, and the day of its recording by its own stamps; a file with columns has none."""
-    path = _place(window, folder)
-    first_ns = 0 if is_table(path) else BagReader(path).first_ns
-    day = datetime.fromtimestamp(first_ns / 1e9, timezone.utc).date().isoformat() if first_ns > A_YEAR_NS else ''
-    return Bag(str(window), path.as_uri(), day)
-
-
-def _write(folder: OutputFolder, files: Mapping[str, str], static: Sequence[Picture], page: str) -> Path:
-    """Write the page last: where it is, all of it is."""
+def _write(
+    folder: OutputFolder, files: Mapping[str, str], static: Sequence[Picture], page: str, named: Sequence[str]
+) -> Path:
+    """Write the page last, without the absolute folders of these names: where it is, all of it is."""
+    for part in rig.folders(*named):
+        for written in (part, str(escape(part)), quote(part)):
+            page = page.replace(written, '')
     drawn = {f'{p.name}.{ending}': content for p in static for ending, content in p.files('svg', 'png').items()}
     folder.write_together({**files, **drawn, 'report.html': page})
     return (folder.path / 'report.html').absolute()

@@ -11,28 +11,22 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
+from urllib.parse import quote
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
+from pendubot_identification.formats.code import javascript
 from pendubot_identification.model.parameters import SPECIFICATIONS
-from pendubot_identification.results.result import Result
+from pendubot_identification.results.result import Predicted, Result
 
-from . import tables
+from . import rig, tables
 from .plots import Picture
 from .table import typeset
 from .time_plot import TimePlot
-
-
-class Bag(NamedTuple):
-    """The name of a bag, its address, and the day of its recording or nothing."""
-
-    name: str
-    address: str
-    day: str
 
 
 def result_page(
@@ -40,11 +34,43 @@ def result_page(
     pictures: Iterable[Picture],
     beside: tables.Beside | None = None,
     notes: Sequence[str] = (),
-    bags: Sequence[Bag] = (),
+    compared: Mapping[str, Predicted] | None = None,
+    text: str = '',
+    days: Mapping[str, str] | None = None,
 ) -> str:
-    """Return the page of a result, with another result ``beside`` it; ``notes`` say why a picture is missing."""
-    meanings = {s.name: s.meaning for s in SPECIFICATIONS}
-    shown = {'result': result, 'tables': tables, 'meanings': meanings, 'bags': bags, 'beside': beside, 'notes': notes}
+    """Return the page of a result.
+
+    Args:
+        result: of an identification.
+        pictures: of the result and its recordings.
+        beside: another result to be shown beside it.
+        notes: why a picture is missing.
+        compared: by name, the predictions of the other result and of this one.
+        text: of the result file, which the page offers for download.
+        days: on which recordings were made, by their names.
+    """
+    if result.uncorrected:
+        compared = {'as recorded': result.uncorrected.prediction, **(compared or {'corrected': result.prediction})}
+    model = rig.rig(result, beside)
+    files = {
+        'parameters.csv': tables.numbers(result),
+        'parameters.tex': tables.parameter_table(result).latex(),
+        **({'result.yaml': text} if text else {}),
+    }
+    shown = {
+        'result': result,
+        'tables': tables,
+        'beside': beside,
+        'notes': notes,
+        'compared': compared or {},
+        'meanings': {s.name: s.meaning for s in SPECIFICATIONS},
+        'downloads': {name: Markup('data:text/plain,' + quote(content)) for name, content in files.items()},
+        'rig': model,
+        'lengths': rig.proportions(result),
+        'acceleration': Markup(javascript(len(model['names']))),
+        'command': rig.command(result),
+        'days': days or {},
+    }
     return render('page.html.jinja', pictures, **shown)
 
 
@@ -66,11 +92,23 @@ def render(template: str, pictures: Iterable[Picture], **context: Any) -> str:
     environment.filters['typeset'] = typeset
     environment.globals['file'] = lambda name: Markup((folder / name).read_text(encoding='utf-8'))
     shown = {picture.name: picture for picture in pictures}
-    plots = {name: each.content.data() for name, each in shown.items() if isinstance(each.content, TimePlot)}
-    # Within a script element nothing is markup but what would end it.
-    data = Markup(json.dumps(plots, ensure_ascii=False, separators=(',', ':')).replace('<', '\\u003c'))
+    plots = {name: _plain(each.content) for name, each in shown.items() if isinstance(each.content, TimePlot)}
     figures = {name: _address(each.files('svg')['svg'].decode()) for name, each in shown.items() if name not in plots}
-    return environment.get_template(template).render(context, pictures=shown, plots=plots, data=data, figures=figures)
+    data = {'plots': plots, 'rig': context.setdefault('rig', None)}
+    context.setdefault('acceleration', 'null')
+    # Within a script element nothing is markup but what would end it.
+    script = Markup(json.dumps(data, ensure_ascii=False, separators=(',', ':')).replace('<', '\\u003c'))
+    return environment.get_template(template).render(
+        context, pictures=shown, plots=plots, script=script, figures=figures
+    )
+
+
+def _plain(plot: TimePlot) -> dict[str, Any]:
+    """Return a plot as plain data, without the lines that the page simulates itself."""
+    data = plot.data()
+    for line in (line for panel in data['panels'] for line in panel['lines'] if plot.live):
+        line |= {'t': [], 'y': []}
+    return data
 
 
 def _address(svg: str) -> Markup:

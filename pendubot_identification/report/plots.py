@@ -15,6 +15,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from pendubot_identification.criteria.prediction_error import STEP
 from pendubot_identification.level import NORMAL_95
 from pendubot_identification.model.parameters import NAMES, UNITS
 from pendubot_identification.tracking.events import Change, Event, State
@@ -102,29 +103,38 @@ def plot_recordings(training: Sequence[Trajectory], validation: Sequence[Traject
 
 def plot_simulation(simulation: Simulation, timeline: Timeline, *, validation: bool) -> Picture:
     """Plot measured states, states simulated from measured ones on, and their difference."""
-    shift = timeline.shift(simulation.name)
-    times, pieces = (simulation.simulated_t + shift).T, simulation.simulated
+    t, pieces = simulation.t + timeline.shift(simulation.name), simulation.simulated
+    size, _, count = pieces.shape
+    within = [slice(first, first + size) for first in (size - 1) * np.arange(count)]
     panels, errors = [], []
     for k, (name, unit) in enumerate(STATES):
         measured = simulation.measured[k]
         middle, reach = (measured.max() + measured.min()) / 2, 0.75 * np.ptp(measured) + 1e-3
         # A state far outside the plot would only make its lines long.
-        near = np.where(np.abs(pieces[:, k] - middle) < 20 * reach, pieces[:, k], np.nan)
-        truth = np.interp(simulation.simulated_t.T, simulation.t, measured)
+        near = np.where(np.abs(pieces[:, k] - middle) < 20 * reach, pieces[:, k], np.nan).T
         lines = [
-            Line('measured', [(simulation.t + shift, measured)], MEASURED, 1.6),
-            Line('simulated', list(zip(times, near.T, strict=True)), SIMULATED),
-            Line('', [(times[:, 0], pieces[0, k])], SIMULATED, style='dots'),
+            Line('measured', [(t, measured)], MEASURED, 1.6),
+            Line('simulated', [(t[w], y) for w, y in zip(within, near, strict=True)], SIMULATED),
+            Line('', [(t[[w.start for w in within]], pieces[0, k])], SIMULATED, style='dots'),
         ]
         panels.append(Panel(name, unit, lines, (middle - reach, middle + reach)))
-        errors.append(Line(name, list(zip(times, near.T - truth, strict=True)), COLOURS[k % 2]))
+        off = [(t[w], y - measured[w]) for w, y in zip(within, near, strict=True)]
+        errors.append(Line(name, off, COLOURS[k % 2]))
     panels += [Panel('error', 'rad', errors[:2]), Panel('error', 'rad/s', errors[2:])]
     about = {
         'validation': validation,
         'ahead': simulation.ahead,
         'part': '' if simulation.complete else simulation.name,
     }
-    return Picture('simulation', TimePlot(panels, boundaries=timeline.begins), about)
+    live = {
+        'first': round(float(t[0]), 9),
+        'step': STEP,
+        'every': size - 1,
+        'states': [[float(f'{x:.7g}') for x in state] for state in simulation.measured.tolist()],
+        'tau': [[float(f'{x:.5g}') for x in torque] for torque in simulation.tau.tolist()],
+        'scale': simulation.scale.tolist(),
+    }
+    return Picture('simulation', TimePlot(panels, boundaries=timeline.begins, live=live), about)
 
 
 def plot_residuals(residuals: Residuals, timeline: Timeline) -> Picture:

@@ -14,11 +14,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pendubot_identification.excitation.design import Experiment, Predicted
+from pendubot_identification.excitation.design import Experiment
+from pendubot_identification.excitation.design import Predicted as Excited
 from pendubot_identification.identify.assessment import SETTINGS as ASSESSMENT
 from pendubot_identification.level import NORMAL_95, Level
 from pendubot_identification.model.parameters import NAMES, UNITS, Parameters
-from pendubot_identification.results.result import CriterionAnswer, Parameter, PartialResult, Result
+from pendubot_identification.results.result import CriterionAnswer, Parameter, PartialResult, Predicted, Result
 
 from .table import Table, number, wrapped
 
@@ -74,7 +75,7 @@ def parameter_rows(result: Result, beside: Beside | None = None) -> list[Paramet
                 value=number(entry.value, format),
                 interval=' to '.join(number(bound, format) for bound in entry.interval),
                 half_width=_with_error(entry.value, entry.std_error, format, entry.quantile),
-                part=min(half_width / abs(entry.value), 1.0) if half_width is not None and entry.value else None,
+                part=None if half_width is None else min(half_width / abs(entry.value), 1.0) if entry.value else 1.0,
                 paper=number(papers[name].value, format) if name in papers else '',
                 beside=number(others[name].value, format) if name in others else '',
                 doubt=_doubt(entry),
@@ -188,6 +189,32 @@ def fit_table(result: Result) -> Table:
         ['', *STATES.values()],
         [[f'after {horizon:g} s', *(number(fit, '.1f') for fit in fits)] for horizon, *fits in columns],
     )
+
+
+def fits(predicted: Predicted, at: float = 0.5) -> tuple[float, dict[str, float | None]]:
+    """Return the longest horizon up to ``at`` [s] that was predicted, and the fit of each state there in per cent."""
+    known = [k for k, h in enumerate(predicted.horizons) if h <= at and predicted.error[k] is not None]
+    k = known[-1] if known else 0
+    return predicted.horizons[k], {words: predicted.fit[state][k] for state, words in STATES.items()}
+
+
+def before_table(compared: Mapping[str, Predicted]) -> Table:
+    """Return a column for each of several predictions: fits, and errors of all states together."""
+    horizon = fits(next(iter(compared.values())))[0]
+    found = [fits(predicted, horizon)[1] for predicted in compared.values()]
+    rows = [[f'{words}, fit in %', *(number(each[words], '.1f') for each in found)] for words in STATES.values()]
+    errors = zip(next(iter(compared.values())).horizons, *(each.error for each in compared.values()), strict=True)
+    rows += [[f'error after {at:g} s', *(number(error, '.3f') for error in each)] for at, *each in errors]
+    return Table(['', *compared], rows, [f'fits after {horizon:g} s; errors in standard deviations of the states'])
+
+
+def numbers(result: Result) -> str:
+    """Return the parameters with all their digits as comma-separated values."""
+    lines = ['parameter,value,std_error,low,high,unit']
+    for name, entry in result.parameters.items():
+        known = ('' if x is None else repr(x) for x in (entry.value, entry.std_error, *entry.interval))
+        lines.append(','.join([name, *known, entry.unit]))
+    return '\n'.join([*lines, ''])
 
 
 def criterion_table(result: Result) -> Table:
@@ -348,19 +375,6 @@ def summary(result: Result) -> str:
     return '\n\n'.join(part.text() if isinstance(part, Table) else part for part in shown if part)
 
 
-def entries(part: object, *left_out: str) -> list[tuple[str, str]]:
-    """Return the entries of a part of a result, with their values in words, but for some."""
-
-    def said(value: object) -> str:
-        if isinstance(value, bool):
-            return 'yes' if value else 'no'
-        if isinstance(value, list):
-            return ', '.join(map(said, value))
-        return '-' if value is None else str(value)
-
-    return [(key.replace('_', ' '), said(value)) for key, value in vars(part).items() if key not in left_out]
-
-
 def comparison(compared: Mapping[str, Any]) -> str:
     """Return results beside each other, as ``pendubot compare --json`` prints them."""
     letters = [chr(ord('A') + k) if k < 26 else f'A{k}' for k in range(len(compared['results']))]
@@ -387,7 +401,7 @@ def comparison(compared: Mapping[str, Any]) -> str:
     return '\n\n'.join(['\n'.join(legend), *(table.text() for table in tables), *map(wrapped, compared['notes'])])
 
 
-def motion_lines(found: Predicted, experiment: Experiment) -> list[str]:
+def motion_lines(found: Excited, experiment: Experiment) -> list[str]:
     """Return, in words, the pulses and the motion that they are predicted to make."""
     train = found.train
     speed, turns = found.speed, found.angle / (2 * np.pi)
@@ -400,7 +414,7 @@ def motion_lines(found: Predicted, experiment: Experiment) -> list[str]:
 
 
 def excitation_table(
-    parameters: Parameters, std_error: NDArray[np.float64] | None, paper: Predicted, found: Predicted
+    parameters: Parameters, std_error: NDArray[np.float64] | None, paper: Excited, found: Excited
 ) -> Table:
     """Return a row a parameter: its standard error now, after the paper's pulses, and after those found.
 

@@ -3,15 +3,15 @@
 
 """Plots over time: described once, as data that the page explores (``page.js``) and that a static figure draws.
 
-A plot is a list of panels above one time axis; a panel is a list of lines. Plots of one page whose ``axis`` has the
-same name are zoomed and read together.
+A plot is a list of panels above one time axis; a panel is a list of lines. All plots of a page are zoomed and read
+together.
 """
 
 from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -73,7 +73,8 @@ class Panel:
                 found['upper'] = _numbers(np.interp(t, *joined(line.upper)) / 10.0**power)
             lines.append(found)
         label = f'{self.quantity} [{in_powers(self.unit, power)}]'.strip()
-        return {'label': label, 'reach': self.reach and [b / 10.0**power for b in self.reach], 'lines': lines}
+        reach = self.reach and [b / 10.0**power for b in self.reach]
+        return {'label': label, 'power': power, 'reach': reach, 'lines': lines}
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,17 +89,22 @@ class Span:
 
 @dataclass(frozen=True, slots=True)
 class TimePlot:
-    """Panels over one time axis [s]; ``boundaries``: where each recording begins, in order, also outside of it."""
+    """Panels over one time axis [s].
+
+    Attributes:
+        boundaries: where each recording begins, in order, also outside of the plot.
+        live: measured motion from which the page simulates the lines itself; None where it does not.
+    """
 
     panels: Sequence[Panel]
     spans: Sequence[Span] = ()
     boundaries: Sequence[float] = ()
-    axis: str = 'time'
+    live: Mapping[str, Any] | None = None
 
     def data(self) -> dict[str, Any]:
         """Return the plot as plain data, thinned to what a screen shows."""
         return {
-            'axis': self.axis,
+            'live': self.live,
             'spans': [[round(s.begin, 5), round(s.end, 5), s.colour, s.label] for s in self.spans],
             'boundaries': [round(begin, 5) for begin in self.boundaries],
             'panels': [panel.data() for panel in self.panels],

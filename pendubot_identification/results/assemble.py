@@ -15,7 +15,7 @@ import numpy as np
 from pendubot_identification import __version__
 from pendubot_identification.identify.estimate import Estimate
 from pendubot_identification.identify.identification import Identification
-from pendubot_identification.identify.prediction import HORIZONS
+from pendubot_identification.identify.prediction import HORIZONS, Prediction
 from pendubot_identification.model.parameters import NAMES, UNDER_LOAD, UNITS
 from pendubot_identification.recordings.source import Source
 
@@ -38,7 +38,8 @@ def assemble_result(found: Identification, sources: Sequence[Source]) -> tree.Re
         tree.Result,
         answers[best.criterion],
         not_covered=best.not_covered,
-        faults=[_entry(tree.FaultFound, fault, put_right=known(fault.corrected)) for fault in found.faults],
+        faults=_faults(found),
+        uncorrected=None if found.uncorrected is None else _uncorrected(found.uncorrected),
         effects=[_entry(tree.EffectFound, effect) for effect in found.effects],
         unmodelled=known(found.unmodelled),
         advice=list(best.advice),
@@ -46,7 +47,7 @@ def assemble_result(found: Identification, sources: Sequence[Source]) -> tree.Re
         model=best.model,
         not_in_model=[f'{name}, for the effort of the {joints[name]} is zero throughout' for name in best.absent],
         smoothing=known(found.smoothing),
-        prediction=_prediction(tree.SelectedPrediction, best, method=found.validation),
+        prediction=predicted(best.prediction, tree.SelectedPrediction, method=found.validation),
         link_length=tree.LinkLength(value=length, std_error=length_error, expected=settings.link_length),
         criteria=answers,
         covariance=known(best.covariance[np.ix_(best.present, best.present)]),
@@ -69,6 +70,20 @@ def _entry(kind: type[T], source: object, **others: Any) -> T:
     """Return an entry of the result, with the attributes of the same names but for ``others``."""
     names = {f.name for f in fields(kind)} - others.keys()  # type: ignore[arg-type]
     return kind(**{name: known(getattr(source, name)) for name in names}, **others)
+
+
+def _faults(found: Identification) -> list[tree.FaultFound]:
+    return [_entry(tree.FaultFound, fault, put_right=known(fault.corrected)) for fault in found.faults]
+
+
+def _uncorrected(found: Identification) -> tree.Uncorrected:
+    best = found.best
+    return tree.Uncorrected(
+        level=best.level,
+        faults=_faults(found),
+        parameters={NAMES[k]: _parameter(best, k) for k in np.flatnonzero(best.present).tolist()},
+        prediction=predicted(best.prediction, tree.SelectedPrediction, method=found.validation),
+    )
 
 
 def _answer(e: Estimate, found: Identification) -> tree.CriterionAnswer:
@@ -101,7 +116,7 @@ def _answer(e: Estimate, found: Identification) -> tree.CriterionAnswer:
             validation=known(e.J_validation),
             validation_runs=known(e.J_validation_runs),
         ),
-        prediction=_prediction(tree.Predicted, e),
+        prediction=predicted(e.prediction, tree.Predicted),
         zeros=_zeros(e),
         mde=search,
         convergence=convergence,
@@ -109,9 +124,10 @@ def _answer(e: Estimate, found: Identification) -> tree.CriterionAnswer:
     )
 
 
-def _prediction(kind: type[T], e: Estimate, **others: Any) -> T:
-    fit = dict(zip(('q1', 'q2', 'dq1', 'dq2'), known(e.prediction.fit.T), strict=True))
-    return _entry(kind, e.prediction, horizons=list(HORIZONS), fit=fit, **others)
+def predicted(prediction: Prediction, kind: type[T], **others: Any) -> T:
+    """Return the entry of a prediction."""
+    fit = dict(zip(('q1', 'q2', 'dq1', 'dq2'), known(prediction.fit.T), strict=True))
+    return _entry(kind, prediction, horizons=list(HORIZONS), fit=fit, **others)
 
 
 def _parameter(e: Estimate, k: int) -> tree.Parameter:

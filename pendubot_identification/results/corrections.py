@@ -33,7 +33,7 @@ def identify_recordings(
         PendubotError: the recordings cannot be read or are too little informative, and no correction applies.
     """
     given = settings.reading.options()
-    remaining = TIMES if apply_remedies else 0
+    remaining, uncorrected = TIMES if apply_remedies else 0, None
     while True:
         applied = settings.applied
         notes = [f'applied, as the recordings need it: {" ".join(applied)}'] if applied else []
@@ -42,7 +42,8 @@ def identify_recordings(
             found = identify(data.training, data.validation, settings, progress, [*data.notes, *notes])
             corrected = found.corrected_conversion
             if corrected is None or not remaining:
-                return found, data
+                return replace(found, uncorrected=uncorrected), data
+            uncorrected = uncorrected or found
         except PendubotError as error:
             if not (remaining and error.remedy):
                 raise

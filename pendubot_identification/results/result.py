@@ -198,6 +198,16 @@ class SelectedPrediction(Predicted):
 
 
 @dataclass(frozen=True, kw_only=True)
+class Uncorrected:
+    """The result of the same recordings before the first correction was applied."""
+
+    level: LevelByName
+    faults: list[FaultFound]
+    parameters: dict[str, Parameter]
+    prediction: SelectedPrediction
+
+
+@dataclass(frozen=True, kw_only=True)
 class LinkLength:
     """P3 / P5 by the elbow's equation of motion, and the measured length."""
 
@@ -322,6 +332,7 @@ class Result(PartialResult):
 
     Attributes:
         consequences: further findings that follow from a severe fault.
+        uncorrected: the result before the corrections in ``made_by.applied``; None where none was applied.
         unmodelled: fraction of the innovations' variance at shoulder and elbow that no known effect explains.
         not_in_model: the parameters that this rig cannot have, and why.
         reading: how the recordings were read, see :class:`.conversion.Conversion`.
@@ -337,6 +348,7 @@ class Result(PartialResult):
     bags: list[Source] = field()
     consequences: list[str] = field(default_factory=list)
     faults: list[FaultFound] = field(default_factory=list)
+    uncorrected: Uncorrected | None = None
     unmodelled: list[Number] | None = None
     advice: list[str] = field(default_factory=list)
     not_in_model: list[str] = field(default_factory=list)

@@ -18,7 +18,7 @@ from test.processes import run_program
 from test.report.test_page import Page
 
 PLOTS = {'recordings', 'simulation', 'torque_left', 'residuals_energy'}
-FIGURES = {'torque_means', 'whiteness_energy', 'convergence_energy', 'parameters', 'correlation', 'excitation'}
+FIGURES = {'torque_means', 'whiteness_energy', 'convergence_energy', 'correlation', 'excitation'}
 
 
 def names(folder):
@@ -39,8 +39,8 @@ def test_a_folder_with_a_page_and_the_result(made):
     assert (made / 'look' / 'result.yaml').read_bytes() == (made / 'result.yaml').read_bytes()
     page = Page((made / 'look' / 'report.html').read_text())
     assert len([link for link in page.links if link.startswith('data:image/svg+xml,')]) == len(FIGURES)
-    others = {link for link in page.links if not link.startswith(('data:', '#'))}
-    assert others == {'result.yaml', (made / 'swing').as_uri()}
+    assert [link for link in page.links if not link.startswith(('data:', '#'))] == []
+    assert str(made) not in (made / 'look' / 'report.html').read_text()
     assert (made / 'look' / 'report.html').stat().st_size < 2_000_000
     assert 'data that no parameter was estimated from' in text(made / 'look')
     assert 'Not shown' not in text(made / 'look')
@@ -76,10 +76,9 @@ def test_a_reference_by_hand_stands_beside_the_result(there, tmp_path, run):
     status, _, err = run(*arguments)
     assert status == 0
     assert f'{tmp_path / "hand.yaml"}: not physical: P1 = -0.0022 is not positive' in err
-    page = Page((tmp_path / 'out' / 'report.html').read_text())
-    assert float(page.row('P1')[-1]) == -0.0022
-    for name in ('P2', 'P3', 'P4', 'P5', 'b1', 'b2'):
-        assert any(re.fullmatch('0.00040*', word) for word in page.row(name)), name
+    rows = [row.split() for row in Page((tmp_path / 'out' / 'report.html').read_text()).rows]
+    beside = {row[0]: float(row[-1].replace('−', '-')) for row in rows if 'to' in row[:-1] and row[0][0] in 'Pb'}
+    assert beside == {'P1': -0.0022, **dict.fromkeys(('P2', 'P3', 'P4', 'P5', 'b1', 'b2'), 4e-4)}
 
 
 def test_a_failed_identification_has_a_page_that_says_why_and_shows_what_could_be_read(tmp_path, run):
@@ -93,8 +92,8 @@ def test_a_failed_identification_has_a_page_that_says_why_and_shows_what_could_b
         status, out, err = run('identify', f'{tmp_path / "rest"}{window}', '--report', look, *FAST)
         assert (status, out) == (1, f'the reason is also on the page {look / "report.html"}\n')
         assert sentence in err
-        assert ' '.join(err.removeprefix('pendubot: ').split()) in text(look)
-        assert f'estimate from {tmp_path / "rest"}{window}' in text(look)
+        assert ' '.join(err.removeprefix('pendubot: ').replace(f'{tmp_path}/', '').split()) in text(look)
+        assert f'estimate from rest{window}' in text(look)
         assert names(look) == {'report.html'}
         assert plots(look) == drawn
 
@@ -116,7 +115,7 @@ def test_a_report_that_fails_leaves_no_folder_and_an_earlier_one_as_it_was(made,
     def fail(*_):
         raise RuntimeError('a figure that cannot be drawn')
 
-    monkeypatch.setattr('pendubot_identification.report.figures.draw_parameters', fail)
+    monkeypatch.setattr('pendubot_identification.report.figures.draw_correlation', fail)
     new, output = tmp_path / 'new' / 'look', tmp_path / 'result.yaml'
     shutil.copytree(made / 'look', tmp_path / 'look')
     before = contents(tmp_path / 'look')
@@ -162,7 +161,7 @@ def test_bags_that_were_moved_or_changed_are_named_and_found_again(made, tmp_pat
         look = tmp_path / 'moved_report'
         assert status == 0
         assert sentence in err
-        assert sentence in text(look)
+        assert sentence.replace('/gone/', '') in text(look)
         assert plots(look) == set()
         assert 'What the motion excites' not in text(look)
         assert 'Correlations of the parameters' in text(look)

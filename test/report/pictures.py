@@ -9,7 +9,6 @@ import numpy as np
 
 from pendubot_identification.report import figures, plots
 from pendubot_identification.report.figure_data import Excitation, Residuals, Simulation, UnexplainedTorque
-from pendubot_identification.results.result import Parameter, PartialResult
 from pendubot_identification.trajectories.trajectory import Trajectory
 from test.identified import made
 
@@ -21,10 +20,11 @@ def motion(samples=300, interval=0.01, name='swing', start=0.0):
 
 
 def simulation(**changes):
-    m = motion()
-    t = np.arange(3) + np.linspace(0, 1, 50)[:, None]
-    values = {'name': 'swing', 't': m.t, 'measured': np.vstack([m.q.T, m.q.T]), 'ahead': 1.0, 'simulated_t': t}
-    return Simulation(**values | {'simulated': np.zeros((50, 4, 3)), 'complete': True} | changes)
+    """Three seconds of a motion, and simulations that stand still; of 1 s each, as the page makes them."""
+    t = np.arange(601) * 0.005
+    values = {'name': 'swing', 't': t, 'measured': np.vstack([np.sin(t), np.cos(3 * t)] * 2), 'scale': np.ones(4)}
+    values |= {'tau': np.zeros((2, 600)), 'simulated': np.zeros((201, 4, 3)), 'complete': True}
+    return Simulation(**values | changes)
 
 
 def residuals(samples=300, interval=0.01, channels=3):
@@ -46,7 +46,6 @@ def unexplained_torque():
 def every_picture():
     result = made(optimizer='mde', criteria=('energy',))
     energy = result.criteria['energy']
-    by_hand = PartialResult(parameters={'P1': Parameter(value=0.0022), 'Fc1': Parameter(value=0.1)})
     timeline = plots.Timeline()
     return [
         plots.plot_recordings([motion()], [motion(start=3.0)]),
@@ -56,7 +55,6 @@ def every_picture():
         plots.plot_unexplained_torque(unexplained_torque(), timeline),
         figures.draw_torque_means(unexplained_torque()),
         *figures.draw_convergence('energy', energy.J.least_squares, energy.convergence),
-        figures.draw_parameters(result, (by_hand, 'by hand')),
         *figures.draw_correlation(result),
         figures.draw_excitation(list(result.parameters), Excitation(np.ones((7, 3)), np.ones((7, 3)), np.ones(3))),
     ]

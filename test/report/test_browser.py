@@ -4,36 +4,48 @@
 """The page in a real browser: explored, in the dark, on paper, without JavaScript, on a telephone; no complaints."""
 
 import json
+import re
 import shutil
+from itertools import pairwise
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 
+from pendubot_identification.criteria.prediction_error import STEP
 from pendubot_identification.files import OutputFolder
+from pendubot_identification.formats.code import javascript
 from pendubot_identification.level import NORMAL_95, Level
-from pendubot_identification.report.folder import write_track
+from pendubot_identification.model.dynamics import forward_dynamics
+from pendubot_identification.model.parameters import MODELS
+from pendubot_identification.model.rollout import roll
+from pendubot_identification.recordings.bag_reader import read_trajectory
+from pendubot_identification.report.folder import write_failure, write_report, write_track
 from pendubot_identification.report.page import result_page
 from pendubot_identification.report.plots import plot_track
 from pendubot_identification.report.table import Table
+from pendubot_identification.results.result import Parameter, PartialResult
 from pendubot_identification.tracking.events import Change, Disturbance, State
-from test.identified import plain
+from test.identified import SAMPLE, made, plain
 from test.identified import result as typed
 from test.report.pictures import every_picture
 
 CHROMIUM = shutil.which('chromium') or shutil.which('chromium-browser') or shutil.which('google-chrome')
 try:
+    from axe_playwright_python.sync_playwright import Axe
     from playwright.sync_api import sync_playwright
 except ImportError:
     sync_playwright = None
 
 pytestmark = [
     pytest.mark.skipif(CHROMIUM is None, reason='no Chromium: apt-get install chromium'),
-    pytest.mark.skipif(sync_playwright is None, reason='no playwright: pip install playwright'),
+    pytest.mark.skipif(sync_playwright is None, reason='no playwright or axe: pip install axe-playwright-python'),
 ]
 
 #: What a chart shows of time, and where its box is.
 RANGES = """() => Object.fromEntries([...document.querySelectorAll('.plot')].map(
   (box) => [box.dataset.plot, box.charts.map((chart) => [chart.scales.x.min, chart.scales.x.max])]))"""
+POSES = 'JSON.parse(document.querySelector("#scene").dataset.poses)'
 BRIGHTNESS = """([selector, what]) => {
   const colour = getComputedStyle(document.querySelector(selector))[what];
   return colour.match(/\\d+/g).slice(0, 3).reduce((sum, part) => sum + Number(part), 0) / 3 }"""
@@ -56,13 +68,24 @@ def file(tmp_path_factory):
     return path
 
 
+@pytest.fixture(scope='module')
+def real(tmp_path_factory):
+    """The page of a real result with its recordings, and one of which P1 was too large before."""
+    bag, result = read_trajectory(SAMPLE).trajectory, made()
+    guess = {n: Parameter(value=entry.value * (1.1 if n == 'P1' else 1)) for n, entry in result.parameters.items()}
+    before = PartialResult(parameters=guess), 'reference'
+    with OutputFolder(tmp_path_factory.mktemp('real') / 'look') as folder:
+        return write_report(folder, result, ([bag[:400]], [bag[400:1000]]), before, (), lambda *_: None)
+
+
 @pytest.fixture
 def opened(browser, file):
     """Opens a page as it is asked for; at the end nothing may have been said on its console, or asked of anyone."""
     contexts, said = [], []
 
     def opened(file=file, **how):
-        contexts.append(browser.new_context(**{'viewport': {'width': 1280, 'height': 900}} | how))
+        usual = {'viewport': {'width': 1280, 'height': 900}, 'reduced_motion': 'reduce'}
+        contexts.append(browser.new_context(**usual | how))
         page = contexts[-1].new_page()
         page.on('console', lambda message: said.append(message.text))
         page.on('pageerror', lambda error: said.append(str(error)))
@@ -137,27 +160,32 @@ def test_values_are_read_where_the_mouse_is_and_the_rig_stands_so(opened):
     page.wait_for_function('() => document.querySelector("[data-plot=recordings] output").textContent')
     # The recording ends at 5.99 s, and its q1 is the sine of the time.
     assert float(read.inner_text().replace('−', '-')) == pytest.approx(0.997, abs=0.01)
-    other = page.locator('[data-plot=simulation] .head').first.locator('output')
+    other = page.locator('[data-plot=simulation] .head').first.locator('span output')
     assert float(other.first.inner_text()) == pytest.approx(0.997, abs=0.01)
-    assert other.nth(1).inner_text() == '0.000'
-    measured, simulated = page.evaluate('JSON.parse(document.querySelector(".rig canvas").dataset.poses)')
+    measured, simulated = page.evaluate(POSES)
     assert measured[0] == pytest.approx(0.997, abs=0.01)
-    assert simulated == [0, 0]
+    assert simulated[0] == pytest.approx(float(other.nth(1).inner_text().replace('−', '-')), abs=1e-3)
 
 
-def test_the_rig_is_played_and_scrubbed(opened):
+def test_the_rig_is_played_and_scrubbed_by_mouse_and_keys(opened):
     page = opened()
-    scrub = page.locator('.rig input')
+    scrub, play = page.locator('.player input'), page.locator('.player button').first
     scrub.fill('1.5')
-    assert page.locator('.rig output').inner_text() == '1.50 s'
-    measured, _ = page.evaluate('JSON.parse(document.querySelector(".rig canvas").dataset.poses)')
+    assert page.locator('.player output').inner_text() == '1.50 s'
+    measured, _ = page.evaluate(POSES)
     assert measured[0] == pytest.approx(0.9975, abs=0.001)
-    painted = 'document.querySelector(".rig canvas").getContext("2d").getImageData(0, 0, 544, 544).data.some((v) => v)'
-    assert page.evaluate(painted)
-    page.locator('.rig button').click()
-    page.wait_for_function('Number(document.querySelector(".rig input").value) > 1.6')
-    page.locator('.rig button').click()
-    assert page.locator('.rig button').inner_text() == '▶ play'
+    scrub.press('ArrowRight')
+    assert page.locator('.player output').inner_text() == '1.51 s'
+    play.press('Space')
+    page.wait_for_function('Number(document.querySelector(".player input").value) > 1.6')
+    play.press('Enter')
+    assert play.inner_text() == '▶ play'
+
+
+def test_only_who_wants_motion_sees_it_unasked(opened, real):
+    for motion, moves in (('no-preference', True), ('reduce', False)):
+        page = opened(real, reduced_motion=motion)
+        assert page.locator('.player button').first.inner_text() == ('❚❚ stop' if moves else '▶ play')
 
 
 def test_light_and_dark(opened):
@@ -166,23 +194,25 @@ def test_light_and_dark(opened):
         page = opened(color_scheme=scheme)
         paper, ink = (page.evaluate(BRIGHTNESS, ['body', what]) for what in ('backgroundColor', 'color'))
         assert (paper < 40 and ink > 200) if turned else (paper > 240 and ink < 40)
-        for selector in ('figure img', '.plot canvas', '.rig canvas'):
+        for selector in ('figure img', '.plot canvas', '.swatch'):
             style = page.evaluate('(s) => getComputedStyle(document.querySelector(s)).filter', selector)
             assert ('invert' in style) == turned, selector
 
 
-def test_on_paper_nothing_is_folded_nothing_is_to_be_pressed_and_it_is_light(opened):
-    page = opened(color_scheme='dark')
+def test_on_paper_nothing_is_to_be_pressed_it_is_light_and_at_most_four_pages(opened, real):
+    page = opened(real, color_scheme='dark')
+    pdf = page.pdf(prefer_css_page_size=True)
+    assert 1 <= len(re.findall(rb'/Type\s*/Page\b', pdf)) <= 4
     page.emulate_media(media='print')
-    assert page.evaluate(BRIGHTNESS, ['body', 'backgroundColor']) > 240
-    assert not any(each.is_visible() for each in page.locator('button, .rig, nav').all())
-    assert all(each.is_visible() for each in page.locator('figure img, .plot canvas').all())
     page.evaluate('dispatchEvent(new Event("beforeprint"))')
-    assert page.locator('.advice li').is_visible()
-    assert page.evaluate('document.querySelector(".plot canvas").clientWidth') <= 680, 'the width of the paper'
+    assert page.evaluate(BRIGHTNESS, ['body', 'backgroundColor']) > 240
+    assert not any(each.is_visible() for each in page.locator('button, summary, .controls').all())
+    drawings = page.locator('.printed > svg').all()
+    assert len(drawings) == page.locator('.plot').count()
+    selected = page.locator('[data-name=simulation] .printed, [data-name=recordings] .printed').all()
+    assert all(each.is_visible() for each in selected)
     page.evaluate('dispatchEvent(new Event("afterprint"))')
-    page.emulate_media(media='screen')
-    assert not page.locator('.advice li').is_visible()
+    assert page.locator('.printed').count() == 0
 
 
 def test_without_javascript_the_figures_stand_there_and_plots_say_what_they_need(opened):
@@ -190,14 +220,244 @@ def test_without_javascript_the_figures_stand_there_and_plots_say_what_they_need
     assert all(each.is_visible() for each in page.locator('figure img').all())
     assert not any(each.is_visible() for each in page.locator('.live').all())
     missing = page.locator('figure noscript p').all()
-    assert page.locator('figure img').count() + len(missing) == 10
+    assert page.locator('figure img').count() + len(missing) == 9
     assert all(each.is_visible() and 'report --figures' in each.inner_text() for each in missing)
 
 
 @pytest.mark.parametrize('script', [True, False])
-def test_on_a_telephone_nothing_is_wider_than_the_screen(opened, script):
-    page = opened(viewport={'width': 400, 'height': 800}, java_script_enabled=script)
-    assert page.evaluate('document.documentElement.scrollWidth') == 400
+def test_on_a_telephone_nothing_is_wider_than_the_screen_and_values_keep_their_units(opened, real, script):
+    page = opened(real, viewport={'width': 360, 'height': 800}, java_script_enabled=script)
+    assert page.evaluate('document.documentElement.scrollWidth') == 360
+    lines = """() => [...document.querySelectorAll('.value, .fits b')].map((cell) => {
+      const range = document.createRange();
+      range.selectNodeContents(cell);
+      const bottoms = [...range.getClientRects()].map(({ bottom }) => bottom);
+      return Math.max(...bottoms) - Math.min(...bottoms) })"""
+    assert max(page.evaluate(lines)) < 6, 'a line is higher'
+    assert page.locator('.value').count() == 7
+
+
+def test_the_first_screen_says_it_all(opened, real):
+    """The rig, level, fits and parameters with bars; within one screen, and within two on a telephone."""
+    result = made()
+    for width, height, screens in ((1440, 900, 1), (360, 800, 2)):
+        page = opened(real, viewport={'width': width, 'height': height})
+        assert page.evaluate('document.querySelector(".first").getBoundingClientRect().bottom') <= screens * height
+    first = page.locator('.first')
+    for part in ('.base', '.gravity', '.ghost .arm', '.simulated .arm', 'path.torque'):
+        assert first.locator(f'#scene {part}').count() == 1, part
+    assert first.locator('.level strong').inner_text() == result.level.name
+    fits = [float(text.split()[0]) for text in first.locator('.fits b').all_inner_texts()]
+    assert fits == pytest.approx([result.prediction.fit[state][2] for state in ('q1', 'q2', 'dq1', 'dq2')], abs=0.051)
+    rows = first.locator('.parameters tbody tr').all()
+    assert [row.locator('th').inner_text() for row in rows] == list(result.parameters)
+    for row, entry in zip(rows, result.parameters.values(), strict=True):
+        low, high = entry.interval
+        share = row.evaluate("(r) => parseFloat(r.querySelector('.bar i').style.width)")
+        assert share == pytest.approx(min(50 * (high - low) / abs(entry.value), 100), abs=0.01)
+
+
+def test_without_recordings_the_rig_hangs_and_nothing_is_to_be_played(opened, tmp_path):
+    (tmp_path / 'report.html').write_text(result_page(made(), []), encoding='utf-8')
+    page = opened(tmp_path / 'report.html')
+    assert page.locator('.stage .rig').is_visible()
+    assert page.locator('#scene .ghost .arm').get_attribute('points').endswith(' 0,100')
+    assert page.locator('.player, .slider').count() == 0
+
+
+def test_the_rig_has_the_proportions_of_its_parameters(opened, real):
+    page, p = opened(real), made().theta
+    page.locator('.player input').fill('5.5')
+    points = page.locator('#scene .ghost .arm').get_attribute('points')
+    x = np.array([[float(number) for number in point.split(',')] for point in points.split()])
+    first, second = np.hypot(*np.diff(x, axis=0).T)
+    assert first / second == pytest.approx((p.P3 / p.P5) / (1.5 * p.P2 / p.P5), rel=0.01)
+    assert 'P3 / P5' in page.locator('.stage').inner_text()
+    (q1, _), _ = page.evaluate(POSES)
+    assert np.arctan2(-x[1, 1], x[1, 0]) == pytest.approx(np.remainder(q1 + np.pi, 2 * np.pi) - np.pi, abs=0.01)
+
+
+@pytest.mark.parametrize('model', MODELS)
+def test_the_equations_of_the_page_are_those_of_python(opened, model):
+    rng, size = np.random.default_rng(5), MODELS[model]
+    theta = (np.array([22, 4, 1, 224, 33, 66, 1, 50, 20, 3, 30, 10, 3000, 2000]) * 1e-4)[:size]
+    rows = rng.normal(size=(100, 6)) * [3, 3, 0.3, 0.3, 1, 1]
+    found = opened().evaluate(
+        '([f, p, rows]) => rows.map((x) => eval(f)(p, ...x))', [javascript(size), theta.tolist(), rows.tolist()]
+    )
+    exact = forward_dynamics(theta, rows[:, :2], rows[:, 2:4], rows[:, 4:])
+    np.testing.assert_allclose(found, exact, rtol=1e-9)
+
+
+def test_the_simulation_of_the_page_is_that_of_python(opened, real):
+    """For as long as the page shows, of a swing from a random state under random torques."""
+    rng = np.random.default_rng(6)
+    theta, x, tau = made().theta.vector(), rng.normal(size=4), 0.05 * rng.normal(size=(2, 400))
+    call = '([p, x, tau, h]) => pendubot.simulate(p, x, tau, h)'
+    found = opened(real).evaluate(call, [theta.tolist(), x.tolist(), tau.tolist(), STEP])
+    np.testing.assert_allclose(found, roll(theta, x[:, None], tau[:, :, None], STEP)[:, :, 0], rtol=1e-9, atol=1e-9)
+
+
+def expected_fit(page, theta):
+    """What Python says of the fit of the part that is shown, with its restarts."""
+    live = json.loads(page.locator('#content').text_content())['plots']['simulation']['live']
+    states, tau, every = np.array(live['states']), np.array(live['tau']), live['every']
+    begins = np.arange(0, states.shape[1] - 1, every)
+    torques = np.stack([tau[:, b : b + every] for b in begins], axis=2)
+    found = roll(np.array(theta), states[:, begins], torques, STEP)
+    off = np.array([found[1:, :, k] - states[:, b + 1 : b + every + 1].T for k, b in enumerate(begins)])
+    return 100 * (1 - np.sqrt((off**2).mean(axis=(0, 1))) / live['scale'])
+
+
+def shown_fit(page):
+    return [
+        float(text.split()[1].replace('−', '-'))
+        for text in page.locator('[data-plot=simulation] .fit').all_inner_texts()
+        if text
+    ]
+
+
+def test_a_slider_simulates_again_and_shows_the_fit_at_once(opened, real):
+    page, result = opened(real), made()
+    theta = result.theta.vector()
+    slider = page.locator('.slider', has_text='P1').locator('input')
+    identified = shown_fit(page)
+    assert identified == pytest.approx(expected_fit(page, theta), abs=0.051)
+    drawn = '() => pendubot.live.fit.join() + document.querySelector("[data-plot=simulation]").charts[0].data[2].join()'
+    before = page.evaluate(drawn)
+    low, high = result.parameters['P1'].interval
+    assert [float(slider.get_attribute(bound)) for bound in ('min', 'max')] == [low, high]
+    slider.press('End')
+    page.wait_for_function(f'Math.abs(pendubot.live.p[0] / {high!r} - 1) < 1e-9')
+    page.wait_for_function(f'({drawn})() !== {json.dumps(before)}')
+    assert shown_fit(page) == pytest.approx(expected_fit(page, [high, *theta[1:]]), abs=0.051)
+    page.get_by_role('button', name='reset').click()
+    assert page.evaluate(drawn) == before
+    assert shown_fit(page) == identified
+
+
+def test_beyond_the_intervals_only_on_request_and_never_without_a_word(opened, real):
+    page, result = opened(real), made()
+    slider, wide = page.locator('.slider', has_text='P1').locator('input'), page.get_by_label('beyond the intervals')
+    page.get_by_role('button', name='reference').click()
+    assert wide.is_checked()
+    assert page.evaluate('pendubot.live.p[0]') == pytest.approx(1.1 * result.parameters['P1'].value)
+    other = [1.1 * result.parameters['P1'].value, *result.theta.vector()[1:]]
+    assert shown_fit(page) == pytest.approx(expected_fit(page, other), abs=0.051)
+    slider.press('Home')
+    page.wait_for_function('pendubot.live.p[0] <= 0')
+    said = page.locator('.controls [role=status]')
+    page.wait_for_function('document.querySelector(".controls [role=status]").textContent.startsWith("No rig")')
+    assert 'not positive definite' in said.inner_text()
+    wide.uncheck()
+    assert page.evaluate('pendubot.live.p[0]') == result.parameters['P1'].interval[0]
+    assert 'No rig' not in said.inner_text()
+
+
+def test_both_play_from_a_chosen_start(opened, real):
+    page = opened(real)
+    first = page.evaluate('pendubot.live.t[0]')
+    page.locator('.player input').fill(str(first + 1.5))
+    page.get_by_role('button', name='start here').click()
+    starts = """() => document.querySelector('[data-plot=simulation]').charts[0].data
+      .at(-1).flatMap((y, k) => (y === null ? [] : [pendubot.live.t[k]]))"""
+    assert page.evaluate(starts)[0] == pytest.approx(first + 1.5, abs=0.006)
+    measured, simulated = page.evaluate(POSES)
+    assert simulated == pytest.approx(measured, abs=0.02), 'it begins where the rig was measured'
+    assert len(page.evaluate(starts)) > 2
+    page.get_by_label('how long each simulation is').select_option('to the end')
+    assert len(page.evaluate(starts)) == 1
+    page.locator('.player input').fill(str(first))
+    assert page.evaluate(POSES)[1] == [None, None], 'nothing is simulated before the start'
+
+
+def test_every_figure_is_saved_as_SVG_and_PNG(opened, real):
+    page = opened(real, accept_downloads=True)
+    names = page.evaluate('[...document.querySelectorAll("figure")].map((figure) => figure.dataset.name)')
+    assert {'simulation', 'recordings', 'correlation', 'excitation', 'torque_left'} <= set(names)
+    for name in names:
+        page = opened(real, accept_downloads=True)  # of one page, a browser saves but so many files a second
+        for kind in ('SVG', 'PNG'):
+            with page.expect_download() as download:
+                page.locator(f'figure[data-name={name}] .save').get_by_text(kind).click()
+            assert download.value.suggested_filename == f'{name}.{kind.lower()}'
+            content = download.value.path().read_bytes()
+            if kind == 'PNG':
+                assert content.startswith(b'\x89PNG')
+                continue
+            root = ElementTree.fromstring(content)
+            assert root.tag == '{http://www.w3.org/2000/svg}svg'
+            assert b'NaN' not in content
+            if page.locator(f'[data-plot={name}]').count():
+                text = ''.join(root.itertext())
+                assert 'time [s]' in text
+                assert len(root.findall('{*}svg')) == page.evaluate(
+                    f'document.querySelector("[data-plot={name}]").charts.length'
+                )
+
+
+def test_the_table_is_saved_and_the_command_copied(opened, real):
+    page = opened(real, accept_downloads=True, permissions=['clipboard-read', 'clipboard-write'])
+    with page.expect_download() as download:
+        page.get_by_role('link', name='parameters.csv').click()
+    assert download.value.path().read_text().startswith('parameter,value,std_error,low,high,unit\nP1,')
+    page.get_by_role('button', name='copy the command').click()
+    page.get_by_role('button', name='copied').wait_for()
+    assert page.evaluate('navigator.clipboard.readText()').startswith('pendubot identify swing@0:4')
+
+
+def pages(real, folder):
+    """The page of a result, of a failure and of a track."""
+    bag = read_trajectory(SAMPLE).trajectory
+    with OutputFolder(folder / 'failed') as failed, OutputFolder(folder / 'track') as tracked:
+        state = State(1.0, np.ones(7), np.full(7, 0.1), 0.0, 0.001, Level.WARN, ('it is cold',), 0.1, True)
+        table = Table(['', 'value'], [['P1', '1']])
+        states = [state, state._replace(t=2.0)]
+        return [
+            real,
+            write_failure(failed, 'the bag is empty', ['estimate from day'], ([bag[:400]], [])),
+            write_track(tracked, (states, [Disturbance(1.0, 1.5)]), table, ['a push'], ['day'], ''),
+        ]
+
+
+@pytest.mark.parametrize('scheme', ['light', 'dark'])
+def test_axe_finds_nothing_serious(opened, real, tmp_path, scheme):
+    for file in pages(real, tmp_path):
+        page = opened(file, color_scheme=scheme)
+        page.evaluate('document.querySelectorAll("details").forEach((each) => { each.open = true; })')
+        found = Axe().run(page).response
+        assert len(found['passes']) > 10
+        serious = [
+            (each['id'], node['target'], node['failureSummary'])
+            for each in found['violations']
+            if each['impact'] in ('serious', 'critical')
+            for node in each['nodes']
+        ]
+        assert serious == []
+
+
+def test_headings_are_in_order_in_main(opened, real, tmp_path):
+    for file in pages(real, tmp_path):
+        page = opened(file)
+        levels = page.evaluate(
+            '[...document.querySelectorAll("main :is(h1, h2, h3, h4)")].map((h) => Number(h.tagName[1]))'
+        )
+        assert len(levels) == page.locator('h1, h2, h3, h4').count()
+        assert levels[0] == 1
+        assert levels.count(1) == 1
+        assert all(after <= before + 1 for before, after in pairwise(levels))
+
+
+def test_captions_are_true_in_light_and_dark(opened, real):
+    """None names a brightness, or a colour that the dark page changes."""
+    captions = opened(real).locator('figcaption, .note').all_inner_texts()
+    assert len(captions) > 8
+    words = r'\b(?:black|pale|dark|deep|light|bright|gr[ae]y|coloured)\b'
+    assert [text for text in captions if re.search(words, text)] == []
+
+
+def test_the_page_is_one_small_file(real):
+    assert real.stat().st_size <= 2_000_000
 
 
 def test_what_became_of_parameters_is_explored_beside_what_happened(opened, tmp_path):
@@ -219,7 +479,7 @@ def test_what_became_of_parameters_is_explored_beside_what_happened(opened, tmp_
     after = page.evaluate(RANGES)['track']
     assert all(panel == after[0] for panel in after)
     assert after[0][1] - after[0][0] == pytest.approx((before[0][1] - before[0][0]) / 4, rel=0.02)
-    plot = json.loads(page.locator('#plots').text_content())['track']
+    plot = json.loads(page.locator('#content').text_content())['plots']['track']
     assert [(label, round(begin)) for begin, _, _, label in plot['spans']] == [('change', 40), ('disturbance', 60)]
     band = plot['panels'][0]['lines'][0]
     assert band['upper'][-1] - band['y'][-1] == pytest.approx(2 * NORMAL_95 * states[-1].std_error[0], rel=1e-3)

@@ -9,9 +9,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from pendubot_identification.criteria.prediction_error import STEP
 from pendubot_identification.identify.prediction import state_scale
 from pendubot_identification.identify.settings import Settings
 from pendubot_identification.model.parameters import PAPER
+from pendubot_identification.model.rollout import roll
 from pendubot_identification.report.figure_data import SHOWN, excitation, residuals, simulate_beside
 from pendubot_identification.results.provenance import Answer
 from pendubot_identification.trajectories.motion import Motion
@@ -67,6 +69,10 @@ def test_the_simulation_of_an_exact_motion_is_exact():
     assert shown.ahead == 1.0
     expected = motion.states(shown.simulated_t)
     np.testing.assert_allclose(np.moveaxis(shown.simulated, 1, 0), expected, atol=1e-6)
+    np.testing.assert_allclose(shown.measured, motion.states(shown.t))
+    # The torques of the grid move the rig from each start as the simulations do.
+    states = roll(theta, shown.simulated[0, :, :1], shown.tau[:, :200, None], STEP)
+    np.testing.assert_allclose(states[:, :, 0], shown.simulated[:, :, 0], rtol=1e-9)
 
 
 def test_the_worst_part_of_long_recordings_is_shown():

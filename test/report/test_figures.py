@@ -69,9 +69,9 @@ def test_recordings_of_one_bag_share_its_time_and_others_stand_behind_it():
 
 
 def test_simulations_that_are_lost_are_drawn_as_far_as_they_go():
-    states = np.zeros((50, 4, 3))
-    states[25:] = np.nan
-    states[20:25] = 1e300
+    states = np.zeros((201, 4, 3))
+    states[100:] = np.nan
+    states[80:100] = 1e300
     picture = plots.plot_simulation(simulation(simulated=states), plots.Timeline(), validation=True)
     svg = picture.files('svg')['svg']
     assert b'inf' not in svg

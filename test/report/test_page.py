@@ -3,16 +3,37 @@
 
 """The page: its numbers are the result file's, nothing comes from elsewhere, nothing a user typed is markup."""
 
+import csv
 import html
+import io
 import re
+import shlex
+from dataclasses import replace
 from html.parser import HTMLParser
+from urllib.parse import unquote
 
+import numpy as np
 import pytest
+import yaml
 
+from pendubot_identification.cli.main import main
+from pendubot_identification.files import OutputFolder
+from pendubot_identification.identify.settings import Settings
+from pendubot_identification.recordings.bag_reader import read_trajectory
+from pendubot_identification.recordings.datasets import Datasets
+from pendubot_identification.report import rig
 from pendubot_identification.report.figures import draw_correlation
-from pendubot_identification.report.page import Bag, failure_page, result_page
+from pendubot_identification.report.folder import write_failure, write_report
+from pendubot_identification.report.page import failure_page, result_page
 from pendubot_identification.report.plots import Timeline, plot_recordings, plot_simulation
-from test.identified import plain
+from pendubot_identification.report.tables import STATES
+from pendubot_identification.results.assemble import assemble_result
+from pendubot_identification.results.corrections import identify_recordings
+from pendubot_identification.results.provenance import IN_MEMORY
+from pendubot_identification.results.result import PartialResult, Result
+from pendubot_identification.results.result import plain as plain_of
+from pendubot_identification.results.result_file import read_complete_result, result_text, structured
+from test.identified import SAMPLE, SOURCE, identified, made, plain
 from test.identified import result as typed
 from test.report.pictures import every_picture, motion, simulation
 
@@ -84,27 +105,15 @@ def test_every_number_in_a_table_is_one_of_the_result_file(options):
         assert float(page.row(name)[page.row(name).index('±') - 1]) == pytest.approx(entry['value'], abs=5.1e-5)
 
 
-def test_all_that_the_file_says_of_its_making_is_at_the_foot():
-    result = plain()
-    text = ' '.join(Page(result_page(typed(result), [])).text)
-    for name, value in result['made_by'].items():
-        assert name.replace('_', ' ') in text
-        if isinstance(value, (int, float)) and not isinstance(value, bool):
-            assert str(value) in text
-    assert ', '.join(map(str, result['made_by']['upper_bounds'])) in text
-    for bag in result['bags']:
-        assert all(str(bag[name]) in text for name in ('bag', 'sha256', 'samples'))
-
-
 def test_every_picture_is_shown_with_what_a_good_one_looks_like():
     text = result_page(typed(plain()), every_picture(), (typed(plain()), 'reference'))
     shown = text.split('<figure')[1:]
-    assert len(shown) == 10
+    assert len(shown) == 9
     for figure in shown:
         (good,) = re.findall(r'<p class="good">(.+?)</p>', figure, re.DOTALL)
         assert re.search(r'\b[Gg]ood\b', good)
         assert '. ' not in good, 'one sentence'
-    assert 'black: reference.' in text
+    assert 'Diamond: reference.' in text
     assert 'one after the other' not in text, 'there is but one recording'
 
 
@@ -118,16 +127,140 @@ def test_captions_follow_from_what_was_drawn():
 
 
 def test_nothing_comes_from_elsewhere():
-    bags = [Bag('swing', 'file:///data/swing', '2026-11-20')]
-    page = Page(result_page(typed(plain()), draw_correlation(typed(plain())), bags=bags))
-    assert len([link for link in page.links if link.startswith('data:')]) == 2, 'the figure, and an icon that is none'
-    assert {link for link in page.links if not link.startswith(('data:', '#'))} == {'result.yaml', 'file:///data/swing'}
-    assert 'recorded' in ' '.join(page.text)
-    assert not page.tags & {'script', 'iframe', 'object', 'form'}, 'without plots over time nothing runs'
+    text = result_page(
+        typed(plain()), draw_correlation(typed(plain())), text='schema: 1', days={'swing@0:4': '2026-11-20'}
+    )
+    page = Page(text)
+    assert {link.partition(',')[0] for link in page.links if link[0] != '#'} == {
+        'data:',
+        'data:image/svg+xml',
+        'data:text/plain',
+    }
+    assert 'recorded 2026-11-20' in ' '.join(' '.join(page.text).split())
+    assert not page.tags & {'iframe', 'object', 'form'}
+    assert text.count('<script') == 2
     source = result_page(typed(plain()), [plot_simulation(simulation(), Timeline(), validation=True)])
     assert source.count('<script') == 2
     assert 'Permission is hereby granted' in source, "the library's licence"
-    assert not any(word in source for word in (' src="http', '@import', 'url('))
+    assert not any(word in source for word in (' src="http', '@import', 'url(http'))
+
+
+def files(page):
+    """What a page offers for download, by name."""
+    offered = re.findall(r'<a download="([^"]+)" href="data:text/plain,([^"]*)"', page)
+    return {name: unquote(html.unescape(content)) for name, content in offered}
+
+
+def test_the_result_and_its_table_are_in_the_page():
+    """With every digit in the result file and in CSV; rounded, with units, in LaTeX."""
+    result = typed(plain())
+    found = files(result_page(result, [], text=result_text(result)))
+    assert structured(Result, yaml.safe_load(found['result.yaml']), 'test') == result
+    rows = list(csv.DictReader(io.StringIO(found['parameters.csv'])))
+    assert [row['parameter'] for row in rows] == list(result.parameters)
+    for row, entry in zip(rows, result.parameters.values(), strict=True):
+        numbers = [float(row[key] or 'nan') for key in ('value', 'std_error', 'low', 'high')]
+        expected = np.array([entry.value, entry.std_error, *entry.interval], dtype=float)
+        np.testing.assert_array_equal(numbers, expected)
+        assert row['unit'] == entry.unit
+    latex = found['parameters.tex']
+    assert latex.startswith(r'\begin{tabular}{lr')
+    assert '$P_{1}$ [kg m$^{2}$] & ' in latex
+    assert not re.search(r'(?<!\\)[%#_](?!{)', latex)
+    assert latex.count(r' \\') == len(result.parameters) + 1
+
+
+@pytest.mark.parametrize(
+    'options',
+    [
+        '',
+        '--criterion weak --model viscous --hold zero',
+        '--criterion energy,weak --model coulomb --optimizer lsq --seed 3 --delay 0:0 --bounds b2=0 --sliding 2',
+        '--validate swing@4:6 --criterion weak --link-length 0.03 --bounds P1=0:0.5',
+        '--criterion weak --negate tau1,tau2 --apply-remedies',
+    ],
+)
+def test_the_command_on_the_page_makes_the_same_result_again(options, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(['simulate', '--output', 'swing', '--samples', '800']) == 0
+    main(['identify', 'swing@0:4', *options.split(), '--output', 'first.yaml'])
+    first = read_complete_result(tmp_path / 'first.yaml')
+    words = rig.command(first)
+    page = result_page(first, [])
+    assert f'data-copy="{html.escape(words)}"' in page
+    main([*shlex.split(words)[1:], '--output', 'again.yaml'])
+    again = read_complete_result(tmp_path / 'again.yaml')
+    assert again.parameters == first.parameters
+    assert again.criteria == first.criteria
+
+
+def test_of_a_motion_from_memory_there_is_no_command():
+    result = plain()
+    result['bags'][0]['bag'] = 'swing' + IN_MEMORY
+    assert rig.command(typed(result)) == ''
+    assert 'data-copy=' not in result_page(typed(result), [])
+
+
+def report(tmp_path, result, motions=None, beside=None, **how):
+    with OutputFolder(tmp_path / 'look') as folder:
+        return write_report(folder, result, motions, beside, (), lambda *_: None, **how).read_text()
+
+
+def test_absolute_folders_are_on_the_page_only_if_asked(tmp_path):
+    """Neither in sentences nor in plots, links, downloads or the command."""
+    result = plain()
+    result['bags'][0]['bag'] = '/home/ann & co/swing@0:4'
+    result['warnings'] = ['in /home/ann & co/swing@0:4 a link stands still']
+    named = motion(name='/home/ann & co/swing@0:4'), motion(name='b')
+    text = report(tmp_path, typed(result), ([named[0]], [named[1]]))
+    assert 'ann' not in text.replace('mann', '')
+    assert text.count('swing@0:4') >= 4
+    asked = report(tmp_path / 'asked', typed(result), ([named[0]], [named[1]]), paths=True)
+    assert asked.count('/home/ann') >= 4
+    with OutputFolder(tmp_path / 'failed') as folder:
+        page = write_failure(folder, '/home/ann/day is empty', ['estimate from /home/ann/day'], None)
+    assert '/home' not in page.read_text()
+    assert 'day is empty' in page.read_text()
+
+
+def test_a_reference_stands_beside_the_result_with_its_errors(tmp_path):
+    """They are those that the identification finds for these parameters on the same data."""
+    found, result = identified(), made()
+    bag = read_trajectory(SAMPLE).trajectory
+    other = result.criteria['energy']
+    page = Page(
+        report(tmp_path, result, ([bag[:400]], [bag[400:800]]), (PartialResult(parameters=other.parameters), 'by hand'))
+    )
+    rows = {row.split(',')[0].strip(): row.replace('−', '-').split() for row in page.rows if 'fit in %' in row}
+    assert list(rows) == list(STATES.values())
+    for state, words in STATES.items():
+        before, after = map(float, rows[words][-2:])
+        assert after == pytest.approx(found.best.prediction.fit[2][list(STATES).index(state)], abs=0.051)
+        assert before == pytest.approx(other.prediction.fit[state][2], abs=0.3), 'but for the delay, 10 us'
+    assert any(row.split() == ['by', 'hand', 'identified'] for row in page.rows)
+
+
+def test_a_corrected_recording_stands_beside_itself_as_recorded():
+    good, bag = made(), read_trajectory(SAMPLE).trajectory
+    turned = replace(bag, tau=-bag.tau)
+
+    def load(conversion):
+        read = conversion.motion(turned.t, turned.q, turned.tau, None, 'swing')
+        return Datasets((read[:400],), (read[400:800],), (SOURCE,), ())
+
+    found, _ = identify_recordings(load, Settings(('weak',), 'viscous', 'lsq'), apply_remedies=True)
+    result = assemble_result(found, [SOURCE])
+    assert result.parameters['P1'].value == pytest.approx(good.parameters['P1'].value, rel=0.01)
+    assert structured(Result, plain_of(result), 'test') == result
+    page = Page(result_page(result, []))
+    before, after = (float(text) for text in page.row('error', 'after', '0.5')[-2:])
+    assert after == pytest.approx(result.prediction.error[2], abs=6e-4)
+    assert before == pytest.approx(result.uncorrected.prediction.error[2], abs=6e-4)
+    assert before > 10 * after
+    text = ' '.join(' '.join(page.text).split())
+    assert re.search(r'has the wrong sign: the model does not explain \d\S* % of the squared effort before', text), text
+    assert 'gave level ERROR' in text
+    assert '--negate tau1,tau2' in text
 
 
 def test_warnings_stand_at_the_top_in_words():
@@ -136,7 +269,7 @@ def test_warnings_stand_at_the_top_in_words():
     result['criteria']['weak']['consequences'] = ['b1 < 0']
     text = result_page(typed(result), [])
     for said in ('not physical: P1 &lt; 0', 'cut &amp; dried', 'weak: b1 &lt; 0'):
-        assert text.index(said) < text.index('<h2 ')
+        assert text.index(said) < text.index('<h2 id="parameters"')
     assert 'do not use these parameters in a controller' in text
     others = [w for e in result['criteria'].values() for w in e['warnings'] if w not in result['warnings']]
     assert all(html.escape(warning) in text for warning in others)
@@ -146,7 +279,8 @@ def test_what_a_user_named_is_no_markup():
     result = plain()
     result['bags'][0]['bag'] = '<script>alert(1)</script>'
     result['zeros'] = [{'recording': '<script>', 'q1': 0, 'q1_std_error': 0, 'q2': 0, 'q2_std_error': 0}]
-    assert 'script' not in Page(result_page(typed(result), [], notes=['<script>'])).tags
+    text = result_page(typed(result), [], notes=['<script>'])
+    assert text.count('<script') == 2, "the page's own"
     named = plot_recordings([motion(name='</script><iframe>'), motion(name='b')], [])
     assert 'iframe' not in Page(result_page(typed(result), [named])).tags
     assert 'script' not in Page(failure_page('<script>', ['<script>'])).tags
@@ -159,12 +293,13 @@ def test_doubts_stand_beside_their_parameter_and_advice_below_it():
     result |= {'not_covered': {'P4': 'on its bound', 'b1': 'its 95 % interval reaches 0'}}
     result |= {'advice': ['the motion is little informative of b1 (a, b); to improve: speed', 'warm it up']}
     text = result_page(typed(result), [])
-    rows = dict(re.findall(r'<th scope="row">(\w+)<small>.*?</th>(.*?)(?=<th scope|</tbody>)', text, re.DOTALL))
+    detail = text[text.index('<table class="detail"') :]
+    rows = dict(re.findall(r'<th scope="row">(\w+) <span.*?<small>(.*?)(?=<th scope|</tbody>)', detail, re.DOTALL))
     assert rows['P4'].count('on its bound') == 1
     assert 'reaches 0' in rows['b1']
     assert 'to improve: speed' in rows['b1']
     assert text.count('to improve: speed') == 1
-    assert 'warm it up' in text.partition('</tbody>')[2]
+    assert 'warm it up' in detail.partition('</tbody>')[2]
     matrix = result['criteria'][result['criterion']]['correlation']
     for k, name in enumerate(result['parameters']):
         together = {other for j, other in enumerate(result['parameters']) if j != k and abs(matrix[k][j] or 0) > 0.95}

@@ -1,0 +1,102 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The rig of a result, as the page draws and simulates it, and the command that made the result."""
+
+from __future__ import annotations
+
+import math
+import re
+import shlex
+from dataclasses import astuple
+from typing import Any
+
+from pendubot_identification.identify.options import DELAYS, SPREAD
+from pendubot_identification.identify.settings import Settings
+from pendubot_identification.model.parameters import NAMES, SPECIFICATIONS, UNDER_LOAD
+from pendubot_identification.recordings.source import Source
+from pendubot_identification.results.provenance import IN_MEMORY
+from pendubot_identification.results.result import Result
+from pendubot_identification.trajectories.conversion import Conversion
+
+from .tables import Beside
+
+#: The longer link is at most this many times as long as the other one, so that both can be seen.
+LONGEST = 10.0
+
+
+def proportions(result: Result) -> tuple[float, float, str]:
+    """Return the lengths with which both links are drawn, and a sentence that says where these come from."""
+    p, measured = result.theta, result.link_length.expected
+    l1, l2 = (measured or p.P3 / p.P5, 1.5 * p.P2 / p.P5) if p.P5 > 0 else (0.0, 0.0)
+    if not (l1 > 0 and l2 > 0 and max(l1, l2) <= LONGEST * min(l1, l2)):
+        return 1.0, 1.0, 'Both links are drawn equally long, because the parameters give no length that can be drawn.'
+    origin = 'as measured' if measured else 'P3 / P5'
+    return (
+        l1,
+        l2,
+        f'Drawn to scale: link 1 is {100 * l1:.3g} cm long ({origin}), link 2 {100 * l2:.3g} cm if it is a uniform rod '
+        '(3/2 P2 / P5).',
+    )
+
+
+def rig(result: Result, beside: Beside | None = None) -> dict[str, Any]:
+    """Return what ``page.js`` needs of a result: parameters, intervals, lengths, and another result beside it."""
+    vectors = {'identified': result.theta, **({beside[1]: beside[0].theta} if beside else {})}
+    size = max(len(p.vector(result.model)) for p in vectors.values())
+    ends = {name: entry.interval for name, entry in result.parameters.items()}
+    return {
+        'names': NAMES[:size],
+        'vectors': {name: astuple(p)[:size] for name, p in vectors.items()},
+        'intervals': {n: (low, high) for n, (low, high) in ends.items() if None not in (low, high) and low != high},
+        'lengths': proportions(result)[:2],
+    }
+
+
+def command(result: Result) -> str:
+    """Return the command that makes this result again; empty where the recordings were in memory."""
+    if any(source.bag.endswith(IN_MEMORY) for source in result.bags):
+        return ''
+    made, source = result.made_by, result.bags[0]
+    training = dict.fromkeys(each.bag for each in result.bags if each.role == 'training')
+    validation = [each.bag for each in result.bags if each.bag not in training]
+    words = ['pendubot identify', *map(shlex.quote, training)]
+    words += ['--validate', *map(shlex.quote, validation)] if validation else []
+    usual, searches = Settings(), [answer.mde for answer in result.criteria.values() if answer.mde]
+    low, high = made.delays
+    options = {
+        'criterion': ','.join(made.criteria) if tuple(made.criteria) != usual.criteria else None,
+        'model': made.model if made.model != usual.model else None,
+        'optimizer': made.optimizer if made.optimizer != usual.optimizer else None,
+        'hold': made.hold if made.hold != usual.hold else None,
+        'delay': f'{low:g}:{high:g}' if (low, high) != DELAYS else None,
+        'sliding': made.sliding_window,
+        'link-length': made.link_length,
+        'seed': made.seed if made.seed != usual.seed else None,
+        'spread': next((f'{each.spread:g}' for each in searches if each.spread not in (None, SPREAD)), None),
+        'start': 'START.yaml' if made.start else None,
+        'topic': source.topic if source.topic != Source.topic else None,
+        'joints': ','.join(source.joint_names) if source.joint_names != ['shoulder', 'elbow'] else None,
+    }
+    words += [f'--{name} {shlex.quote(str(value))}' for name, value in options.items() if value is not None]
+    words += [f'--bounds {bound}' for bound in _given_bounds(result)]
+    words += Conversion.of(result.reading).options()
+    expert = [] if made.smoothing is None else [f'smoothing: {made.smoothing}']
+    return ' '.join([*words, *(f' # with --settings, a file that says {each}' for each in expert)])
+
+
+def _given_bounds(result: Result) -> list[str]:
+    """Return the bounds that differ from the default search box, which grows by powers of ten with the rig."""
+    given = []
+    for each, low, high in zip(SPECIFICATIONS, result.made_by.lower_bounds, result.made_by.upper_bounds, strict=False):
+        grown = high > 0 and abs(math.log10(high / each.upper) - round(math.log10(high / each.upper))) < 1e-9
+        absent = each.name in UNDER_LOAD and high == 0
+        if low != each.lower or not (grown or absent):
+            given.append(f'{each.name}={low:g}' if low == high else f'{each.name}={low:g}:{high:g}')
+    return given
+
+
+def folders(*texts: str) -> list[str]:
+    """Return the absolute folders that are named in texts, each of which ends with the name of a recording."""
+    found = {folder for text in texts for folder in re.findall(r'(?:^|(?<=\s))/\S(?:.*/)?', text)}
+    return sorted((folder for folder in found if folder.endswith('/')), key=len, reverse=True)
