@@ -278,29 +278,6 @@ def counted(damaged, lost, published, receiver, sent):
     return 'counted exactly', f'damaged {damaged}, lost {lost}; {expected}', exact
 
 
-def damaged_live(folder, long):
-    wanted = 10_000 if long else 300
-    rng = np.random.default_rng(3)
-    with numbered_line(folder) as (rig, line, _, sent):
-        sent += meanwhile(
-            rig, lambda: line.play(500, 3 * wanted, mangle=lambda n, frame: frame if n % 3 else damage(frame, rng))
-        )
-        sent += line.play(500 + 3 * wanted, 2)
-        last = 500 + 3 * wanted + 1
-        rig.until(lambda: number_of(rig.samples[-1][2:4]) == last)
-        values = rig.fresh_values()
-        samples = [(sample[2:4], sample[6]) for sample in rig.samples]
-    receiver = Receiver()
-    receiver.feed(sent)
-    good = [struct.unpack_from('<i', body, 8)[0] for body in receiver.bodies]
-    numbers = [number_of(q) for q, _ in samples]
-    wrong = sum(not is_numbered(*sample) for sample in samples)
-    yield '0 wrong samples of 1e4 damaged frames live', f'{wrong} of {wanted} damaged', wrong == 0
-    whole = numbers == [n for n in good if n >= numbers[0]]
-    yield 'exactly the whole frames are published', f'{len(numbers)} samples', whole
-    yield counted(*(int(values[name]) for name in ('damaged', 'lost', 'published')), receiver, last + 1)
-
-
 def joining(_, long):
     tries = 10_000 if long else 300
     rng = np.random.default_rng(4)
@@ -647,7 +624,6 @@ TRIALS = [
     Trial('quiet', 'none: 1 kHz to a second process and the recorder', quiet, True),
     Trial('busy', 'all cores saturated by other work, 1 kHz', busy, True),
     Trial('offline', 'bit flips, dropped and doubled bytes, offline', damaged_offline),
-    Trial('live', 'the same, live', damaged_live),
     Trial('joining', 'garbage at start, joining mid-frame', joining),
     Trial('cable', 'cable out mid-frame, back on another path behind the same link', cable, True),
     Trial('restarts', 'board reset; clock wrap; sequence gap; duplicate frame', restarts),

@@ -87,16 +87,14 @@ class Receiver:
 
 
 class Line:
-    """A pty behind a link; what the host writes is kept with the time of its coming [ns, monotonic]."""
+    """A pty behind a link, and whether a host has asked there for HELLO."""
 
     def __init__(self, link):
         self.master, slave = pty.openpty()
         tty.setraw(slave)
         link.symlink_to(os.ttyname(slave))
         os.close(slave)
-        self.heard = []
-        self._ended = threading.Event()
-        self._changed = threading.Condition()
+        self._asked, self._ended = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._listen, daemon=True)
         self._thread.start()
 
@@ -110,19 +108,13 @@ class Line:
             except OSError:
                 time.sleep(0.005)  # nobody there yet
                 continue
-            with self._changed:
-                self.heard += [(time.monotonic_ns(), event) for event in decoder.feed(data)]
-                self._changed.notify_all()
+            if any(isinstance(event, HelloRequest) for event in decoder.feed(data)):
+                self._asked.set()
 
     def wait_for_request(self, timeout=20.0):
         """Wait until the host has opened the port, and asks."""
-        with self._changed:
-            asked = self._changed.wait_for(lambda: any(isinstance(e, HelloRequest) for _, e in self.heard), timeout)
-        assert asked, 'no host asked for HELLO'
-
-    def commands(self):
-        with self._changed:
-            return [(at, event) for at, event in self.heard if isinstance(event, Command)]
+        assert self._asked.wait(timeout), 'no host asked for HELLO'
+        self._asked.clear()
 
     def write(self, data):
         while data:

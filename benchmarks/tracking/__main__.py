@@ -24,7 +24,7 @@ from pendubot_identification.trajectories.signals import choose_smoothing
 from pendubot_identification.trajectories.trajectory import Trajectory
 from test.changing_rig import Day, record, truth
 
-from .peers import forgetting, kalman
+from .peers import kalman
 
 SECONDS, AT = 600.0, 300.0
 WALK = np.array([TrackerSettings().inertia_walk] * 5 + [TrackerSettings().friction_walk] * 4)
@@ -114,8 +114,6 @@ def beside(name, t, q, tau, tracks, day):
     minute = np.array([batch(t, q[k], tau[k], 60.0) for k in range(len(q))])
     times = np.arange(1.0, SECONDS)
     add('fixed, from the first 60 s', times, np.repeat(minute[None], len(times), axis=0))
-    for memory in (5.0, 20.0, 60.0):
-        add(f'RLS on inverse dynamics, {memory:.0f} s', *forgetting(t, q, tau, first, memory=memory))
     add('EKF with theta as states', *kalman(t, q, tau, first, walk=WALK))
     print(f'\n| {name} | P, rms [%] | friction, rms [%] | lag [%] | bands hold P [%] | friction |')
     print('|---|---|---|---|---|---|')
