@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 from pendubot_identification.errors import ControlError
 from pendubot_identification.level import Level
@@ -15,9 +16,17 @@ from pendubot_identification.model.parameters import NAMES, Parameters
 
 from .linear_control import Loop
 
-#: The period is this quantile of so many steps between samples, a low one because a busy machine skips samples. It is
-#: kept until it changes by more than this share.
-SAMPLES, QUANTILE, TOLERANCE = 100, 0.1, 0.05
+
+@dataclass(frozen=True, slots=True)
+class PeriodSettings:
+    """The sampling period as a quantile: a low one, because a busy machine skips samples."""
+
+    samples: int = 100  #: Number of steps between samples.
+    quantile: float = 0.1  #: Of these steps.
+    tolerance: float = 0.05  #: The period is kept until it changes by more than this fraction.
+
+
+SETTINGS = PeriodSettings()
 
 
 class Readiness:
@@ -42,10 +51,10 @@ class Readiness:
         if math.isfinite(self._last):
             self._steps.append(t - self._last)
         self._last = t
-        if len(self._steps) == SAMPLES:
-            period = sorted(self._steps)[round(QUANTILE * SAMPLES)]
+        if len(self._steps) == SETTINGS.samples:
+            period = sorted(self._steps)[round(SETTINGS.quantile * SETTINGS.samples)]
             self._steps.clear()
-            if period > 0 and (self._period is None or abs(period / self._period - 1) > TOLERANCE):
+            if period > 0 and (self._period is None or abs(period / self._period - 1) > SETTINGS.tolerance):
                 self._period = round(period, 6)
 
     def board_limit(self, limit: float) -> None:

@@ -15,6 +15,7 @@ from collections import deque
 from collections.abc import Callable
 
 import numpy as np
+from scipy.signal import detrend
 
 from pendubot_identification.errors import ControlError
 from pendubot_identification.model.dynamics import Pair
@@ -34,10 +35,6 @@ _FAULTS: tuple[tuple[str, Callable[[Pair], Pair], float], ...] = (
     ('the motor turns the wrong way, or both encoders do', lambda q: q, -1.0),
     ('shoulder and elbow are exchanged', lambda q: (q[1] + HANGING[0], q[0] - HANGING[0]), 1.0),
 )
-
-#: Subtracts the straight line fitted to the values along a window.
-_LINE = np.column_stack([np.ones(STEPS + 1), np.arange(STEPS + 1)])
-_WITHOUT_LINE = np.eye(STEPS + 1) - _LINE @ np.linalg.pinv(_LINE)
 
 
 class SignCheck:
@@ -91,5 +88,4 @@ class SignCheck:
         for torque, (q1, q2) in zip(torques, seen[1:], strict=True):
             state = advance(self._theta, state, (torque, 0.0), self._step, math)
             errors.append((q1 - state[0], q2 - state[1]))
-        rest = np.array(errors)
-        return float((_WITHOUT_LINE @ rest).ravel() @ rest.ravel() / len(rest))
+        return float((detrend(np.array(errors), axis=0) ** 2).sum() / len(errors))
