@@ -94,7 +94,7 @@ def sentence(error: Exception) -> str:
     if isinstance(error, PendubotError):
         return str(error)
     if isinstance(error, OSError):
-        return f'the system refused: {error}; mend that and try again'
+        return f'the system refused: {error}; correct that and try again'
     if isinstance(error, MemoryError):
         return f'not enough memory ({error}); ask for less'
     return f'{type(error).__name__}: {error}; run again with --debug to see where'

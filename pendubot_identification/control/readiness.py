@@ -41,7 +41,7 @@ class Readiness:
         self._board_limit = math.inf
         self._motor_delay = motor_delay
         self._theta: tuple[float, ...] = ()
-        self._judgements: deque[tuple[Level, str, Mapping[str, str]]] = deque(maxlen=8)
+        self._assessments: deque[tuple[Level, str, Mapping[str, str]]] = deque(maxlen=8)
         self._last = math.nan
         self._steps: list[float] = []
         self._period: float | None = None
@@ -70,8 +70,8 @@ class Readiness:
         return parameters
 
     def assess(self, level: Level, message: str, values: Mapping[str, str]) -> None:
-        """Take an identification's judgement of its parameters; ``values`` has them by name, and ``effort.delay``."""
-        self._judgements.append((level, message, values))
+        """Take an identification's assessment of its parameters; ``values`` has them by name, and ``effort.delay``."""
+        self._assessments.append((level, message, values))
 
     def ready(self, accept_warn: bool) -> tuple[Parameters, Loop]:
         """Return the parameters and the loop, or raise ControlError: something is missing or not good enough."""
@@ -86,9 +86,9 @@ class Readiness:
         return parameters, Loop(self._period, lag, min(self._limit, self._board_limit))
 
     def _assessed(self, accept_warn: bool) -> float:
-        """Return the delay [s], 0 if unknown, from the judgement of exactly these parameters if it is good enough."""
+        """Return the delay [s], 0 if unknown, from the assessment of exactly these parameters if it is good enough."""
         how = 'set the parameter accept_warn to true to use them all the same'
-        for level, message, values in reversed(self._judgements):
+        for level, message, values in reversed(self._assessments):
             if tuple(_number(values.get(name)) for name in NAMES[: len(self._theta)]) != self._theta:
                 continue
             if level is Level.ERROR:

@@ -74,7 +74,7 @@ class SignCheck:
         if self._errors[second] < RATIO * self._errors[best] + FLOOR**2:
             return False
         if name := _FAULTS[best][0]:
-            raise ControlError(f'{name}: the rig moves as it would then; mend that, see docs/rig.md')
+            raise ControlError(f'{name}: the rig moves as it would then; correct that, see docs/rig.md')
         return True
 
     def _error(self, seen: list[Pair], torques: list[float]) -> float:

@@ -44,7 +44,7 @@ class ClockSettings:
     #: Standard deviation of the change of the skew in t us, over sqrt(t): 0.1 ppm in a second.
     wander: float = 1e-4 / 1e3
     #: Standard deviation of the slope of an edge, over (mean height of the points above it / their time).
-    doubt: float = 2.0
+    uncertainty: float = 2.0
     finest: float = 5_000.0  #: Least mean height of the points above the line [ns].
     believed_after: int = 3  #: After so many impossible times in a row, the clock has jumped.
     tolerance_us: int = 1000  #: A time may differ from its neighbours by this [us], and by half a sample period.
@@ -61,7 +61,7 @@ class _Point(NamedTuple):
 class BoardClock:
     """Maps a board's microsecond counter (u32, wrapping) to host time.
 
-    For each sample :meth:`observe` learns and returns its board time, :meth:`host_time` maps that to the host's clock,
+    For each sample :meth:`observe` returns its board time, :meth:`host_time` maps that to the host's clock,
     and :meth:`stamp` makes stamps strictly increase, whatever happens to the mapping.
 
     Attributes:
@@ -104,7 +104,7 @@ class BoardClock:
         return slope * 1e-3 if abs(slope) - SETTINGS.significant * error > SETTINGS.crystals else 0.0
 
     def observe(self, t_us: int, arrival_ns: int, frames: int = 1) -> int:
-        """Learn from the arrival [ns, host] of a sample taken at ``t_us``; return its board time [us], not wrapped.
+        """Take the arrival [ns, host] of a sample taken at ``t_us``; return its board time [us], not wrapped.
 
         ``frames`` is how many frames later than the sample before it was sent.
         """
@@ -144,7 +144,7 @@ class BoardClock:
         return board_us
 
     def _cannot_be(self, board_us: int, predicted: int, arrival_ns: int) -> bool:
-        """Tell whether a time is off its neighbours', and before the one before or after the sample's own arrival."""
+        """Return whether a time is off its neighbours', and before the one before or after the sample's own arrival."""
         tolerance = max(SETTINGS.tolerance_us, self._step_us // 2)
         if abs(board_us - predicted) <= tolerance:
             return False
@@ -189,7 +189,7 @@ class BoardClock:
         slope = (right.delay_ns - left.delay_ns) / (right.board_us - left.board_us)
         above = sum(p.delay_ns - left.delay_ns - slope * (p.board_us - left.board_us) for p in minima)
         # The line goes through two of them.
-        error = SETTINGS.doubt * max(above / (count - 2), SETTINGS.finest) / seen_us
+        error = SETTINGS.uncertainty * max(above / (count - 2), SETTINGS.finest) / seen_us
         self._rate_error = slope, error
         # Most of the window was used in earlier updates: a bucket brings only its share of the information.
         noise = error**2 * seen_us / self._span_us

@@ -113,7 +113,7 @@ class Output:
         self._events: list[HostEvent] = []
         self._last: dict[str, int] = {}
 
-    def tell(self, event: HostEvent) -> None:
+    def emit(self, event: HostEvent) -> None:
         """Add an event."""
         self._events.append(event)
 
@@ -122,7 +122,7 @@ class Output:
         self._events.append(Report(level, text))
 
     def is_new(self, what: str, now: int) -> bool:
-        """Note that something recurring happened at ``now`` [ns]; tell whether it did not in the second before."""
+        """Note that something recurring happened at ``now`` [ns]; return whether it did not in the second before."""
         last, self._last[what] = self._last.get(what), now
         return last is None or now - last > SECOND
 

@@ -106,7 +106,7 @@ class Host:
         self._other_version = 0
         self._limits: LimitMonitor | None = None
         self._zeros_confirmed = False
-        self._zeros_told = 0
+        self._zeros_sent = 0
         self._rest: tuple[int, int, int] | None = None  # counts near which the rig is, and since when [us, board time]
 
     # What can be asked at any time
@@ -247,9 +247,9 @@ class Host:
     def arm(self, now: int) -> list[HostEvent]:
         """Begin to arm; :class:`Armed` or :class:`ArmingFailed` follows, here or within 0.5 s."""
         if not self._up or self.state is None:
-            self._output.tell(ArmingFailed(f'no board: {self.condition(now).text}'))
+            self._output.emit(ArmingFailed(f'no board: {self.condition(now).text}'))
         elif not self.armed and (obstacle := self._obstacle(now)):
-            self._output.tell(ArmingFailed(obstacle))
+            self._output.emit(ArmingFailed(obstacle))
         else:
             self._motor.arm(self.state, now)
         return self._output.take_events()
@@ -263,12 +263,12 @@ class Host:
         if self._board_us is None or self._rest is None or self._board_us - self._rest[2] < SETTINGS.rest_us:
             return False, f'the rig moves ({angles}); let both links hang at rest for a second, then call again'
         self._zeros_confirmed = True
-        self._tell_zeros(now)
+        self._send_zeros(now)
         return True, f'confirmed: {angles}; if that is wrong, restart the board while both links hang at rest'
 
-    def _tell_zeros(self, now: int) -> None:
+    def _send_zeros(self, now: int) -> None:
         """Have the board remember until it restarts that its zeros were confirmed, for other hosts too."""
-        self._zeros_told = now
+        self._zeros_sent = now
         if self.hello is not None:
             self._output.command(Mode.CONFIRM_ZEROS, 0, 0, self.hello.boot_id, now)
 
@@ -304,7 +304,7 @@ class Host:
         if not self._other_version:
             return ''
         return (
-            f'the board speaks version {self._other_version} of the protocol, and this bridge version {VERSION}: flash '
+            f'the board uses version {self._other_version} of the protocol, and this bridge version {VERSION}: flash '
             'the firmware that belongs to this bridge (docs/rig.md)'
         )
 
@@ -339,8 +339,8 @@ class Host:
         frames = 1 if self.state is None else max(1, (state.seq - self.state.seq) & 0xFFFF)
         applied = self.state.torque if self.state else 0
         self.state, self._state_arrival = state, now
-        if self._zeros_confirmed and not status & _ZEROED and now - self._zeros_told >= REPEAT_INTERVAL:
-            self._tell_zeros(now)
+        if self._zeros_confirmed and not status & _ZEROED and now - self._zeros_sent >= REPEAT_INTERVAL:
+            self._send_zeros(now)
         counters = self.counters
         if status:
             counters.board_damaged += bool(status & _DAMAGED_FRAME)
@@ -361,7 +361,7 @@ class Host:
             counters.published += 1
             q, qd = sample
             stamp_ns = self.clock.stamp(self._state_taken)
-            self._output.tell(Sample(stamp_ns, q, qd, state.torque / 1e6, state.current / 1e3))
+            self._output.emit(Sample(stamp_ns, q, qd, state.torque / 1e6, state.current / 1e3))
 
     def _board_time(self, t_us: int, now: int, frames: int) -> int:
         """Return a sample's board time [us]; report a clock that is wrong."""
@@ -403,7 +403,7 @@ class Host:
         assert self._limits is not None
         exceeded = self._limits.check(state, elapsed_us, applied)
         if exceeded and self.armed:
-            text = f'a limit is exceeded ({names(exceeded)}), and the board does not switch off; mend its firmware'
+            text = f'a limit is exceeded ({names(exceeded)}), and the board does not switch off; correct its firmware'
             self._output.report(Level.ERROR, text)
             self._motor.stop(text, now)
 
@@ -440,9 +440,9 @@ class Host:
     def _why_unusable(self, hello: Hello) -> str:
         """Return what in a HELLO makes no sense, and what to do; empty where all does."""
         if 0 in self._counts_per_turn(hello):
-            return 'the board says 0 counts per turn; set counts_per_turn, or mend its firmware'
+            return 'the board says 0 counts per turn; set counts_per_turn, or correct its firmware'
         if hello.torque_limit < 0:
-            return f'the board says a torque limit of {hello.torque_limit / 1e6:g} N m; mend its firmware'
+            return f'the board says a torque limit of {hello.torque_limit / 1e6:g} N m; correct its firmware'
         return ''
 
     @property
@@ -460,15 +460,15 @@ class Host:
             return ''
         return (
             f'the board says a sample every {period / 1000:g} ms, and its samples are {measured / 1000:g} ms apart; '
-            'mend its firmware'
+            'correct its firmware'
         )
 
     def _is_later(self, frame: State | Hello) -> bool:
-        """Tell whether the board's clock went on since the last STATE; it may have wrapped."""
+        """Return whether the board's clock went on since the last STATE; it may have wrapped."""
         return self.state is not None and 0 < (frame.t_us - self.state.t_us) % WRAP < WRAP // 2
 
     def _has_restarted(self, frame: State | Hello, now: int) -> bool:
-        """Tell whether the clock went back, and did not wrap, in a frame that does not follow the one before."""
+        """Return whether the clock went back, and did not wrap, in a frame that does not follow the one before."""
         if self.state is None or self._sequence.follows(frame.seq):
             return False
         if self.state.t_us - frame.t_us <= SETTINGS.clock_back_us:
@@ -477,9 +477,9 @@ class Host:
         elapsed_us = (now - self._state_taken) * 1e-3 * (1 + SETTINGS.clock_tolerance)
         return (frame.t_us - self.state.t_us) % WRAP > elapsed_us + SETTINGS.clock_back_us
 
-    def _restarted(self, evidence: str, now: int) -> None:
+    def _restarted(self, reason: str, now: int) -> None:
         self.counters.restarts += 1
-        self._output.report(Level.WARN, f'the board restarted: {evidence}')
+        self._output.report(Level.WARN, f'the board restarted: {reason}')
         self._motor.stop('the board restarted', now)
         self._motor.restarted()
         self._zeros_confirmed = False

@@ -41,7 +41,7 @@ class ReadSettings:
     late_end: float = 0.1  #: A window may end so long after the last sample without a warning [s]: users round.
 
     def exclude(self, samples: int, duration: float) -> bool:
-        """Tell whether so many samples over so many seconds [s] are too long."""
+        """Return whether so many samples over so many seconds [s] are too long."""
         return duration > (self.longest if samples <= self.many else self.longest_of_many)
 
 

@@ -38,7 +38,7 @@ def assemble_result(found: Identification, sources: Sequence[Source]) -> tree.Re
         tree.Result,
         answers[best.criterion],
         not_covered=best.not_covered,
-        faults=[_entry(tree.FaultFound, fault, put_right=known(fault.corrected)) for fault in found.faults],
+        faults=[_entry(tree.FaultFound, fault, corrected=known(fault.corrected)) for fault in found.faults],
         effects=[_entry(tree.EffectFound, effect) for effect in found.effects],
         unmodelled=known(found.unmodelled),
         advice=list(best.advice),
@@ -115,7 +115,7 @@ def _prediction(kind: type[T], e: Estimate, **others: Any) -> T:
 
 
 def _parameter(e: Estimate, k: int) -> tree.Parameter:
-    held = bool(e.held[k])
+    fixed = bool(e.fixed[k])
     low, high = known(e.intervals[k])
     return tree.Parameter(
         value=float(e.theta[k]),
@@ -123,9 +123,9 @@ def _parameter(e: Estimate, k: int) -> tree.Parameter:
         degrees_of_freedom=known(np.broadcast_to(e.freedom, e.theta.shape)[k]),
         interval=(low, high),
         unit=UNITS[k],
-        on_bound=not (e.free[k] or held),
-        determined=None if held else bool(e.determined[k]),
-        held=held,
+        on_bound=not (e.free[k] or fixed),
+        determined=None if fixed else bool(e.determined[k]),
+        fixed=fixed,
     )
 
 

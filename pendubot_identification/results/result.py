@@ -98,7 +98,7 @@ class Parameter:
         std_error: standard error, with ``degrees_of_freedom``, which are None for a normal distribution.
         interval: the 95 % interval.
         on_bound: whether the estimate lies on a bound of its search interval.
-        determined: whether the motion determines it; None for a parameter that was ``held`` at its value.
+        determined: whether the motion determines it; None for a parameter that was ``fixed`` at its value.
     """
 
     value: Finite
@@ -108,7 +108,7 @@ class Parameter:
     unit: str = ''
     on_bound: bool | None = None
     determined: bool | None = None
-    held: bool = False
+    fixed: bool = False
 
     @property
     def quantile(self) -> float:
@@ -125,7 +125,7 @@ class FaultFound:
     found: str
     remedy: str
     unexplained: Number = None
-    put_right: Number = None
+    corrected: Number = None
     options: list[str] = field(default_factory=list)
 
 

@@ -89,7 +89,7 @@ def evenly_stamped(trajectory: Trajectory) -> Trajectory:
 
 
 def has_timestamp_jitter(trajectory: Trajectory) -> bool:
-    """Tell whether the motion is significantly smoother by even stamps than by its own."""
+    """Return whether the motion is significantly smoother by even stamps than by its own."""
     if len(trajectory) < SETTINGS.fewest * SETTINGS.stretch:
         return False
     with np.errstate(over='ignore'):
