@@ -49,18 +49,6 @@ def live_rig(folder, *board_options):
             rig.close()
 
 
-@contextlib.contextmanager
-def numbered_line(folder):
-    """A rig's node, a line that has begun to play numbered samples, and a bridge that publishes them."""
-    with live_rig(folder) as rig, contextlib.closing(Line(rig.port)) as line:
-        bridge = rig.start_bridge()
-        line.wait_for_request()
-        line.write(encode(hello(0xFFFF, 0)))
-        sent = line.play(0, 500)
-        rig.until(lambda: len(rig.samples) > 100)
-        yield rig, line, bridge, sent
-
-
 def meanwhile(rig, work, timeout=600):
     """Do something in a thread while what the bridge publishes is taken; return its result."""
     thread = threading.Thread(target=lambda: setattr(thread, 'result', work()))
@@ -267,15 +255,10 @@ def damaged_offline(_, long):
     yield 'at most 2 frames lost per damage', f'{longest}', longest <= 2
     counts = host.counters
     assert counts.published == published
-    yield counted(sum(counts.damaged.values()), counts.lost, published, receiver, last + 1)
-
-
-def counted(damaged, lost, published, receiver, sent):
-    """Whether damaged, lost and published frames are those of an independent receiver."""
-    good = len(receiver.bodies)
-    exact = (damaged, lost, published) == (receiver.damaged, sent - good, good)
-    expected = f'an independent receiver: {receiver.damaged}, {sent - good}'
-    return 'counted exactly', f'damaged {damaged}, lost {lost}; {expected}', exact
+    damaged, good = sum(counts.damaged.values()), len(receiver.bodies)
+    exact = (damaged, counts.lost, published) == (receiver.damaged, last + 1 - good, good)
+    expected = f'an independent receiver: {receiver.damaged}, {last + 1 - good}'
+    yield 'counted exactly', f'damaged {damaged}, lost {counts.lost}; {expected}', exact
 
 
 def joining(_, long):
@@ -426,7 +409,12 @@ def flood(folder, long):
         host.receive(noise, 0)
     kept = tracemalloc.get_traced_memory()[1] / 1024
     tracemalloc.stop()
-    with numbered_line(folder) as (rig, line, bridge, _):
+    with live_rig(folder) as rig, contextlib.closing(Line(rig.port)) as line:
+        bridge = rig.start_bridge()
+        line.wait_for_request()
+        line.write(encode(hello(0xFFFF, 0)))
+        line.play(0, 500)
+        rig.until(lambda: len(rig.samples) > 100)
         before = resident_kib(bridge.process.pid)
         meanwhile(rig, lambda: line.play(500, 10_000 * seconds, hz=10_000.0))
         first = 500 + 10_000 * seconds

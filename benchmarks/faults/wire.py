@@ -24,9 +24,9 @@ def hello(seq, t_us, boot_id=77):
     return Hello(seq, t_us, boot_id, 1, 500, CPR, CPR, LIMIT, 1000, 'trial', limits=limits)
 
 
-def numbered_state(k, status=0, cmd_seq=0):
+def numbered_state(k):
     """Sample ``k`` of a motion whose every sample tells which one it is."""
-    return State(k & 0xFFFF, 1000 * k % 2**32, k, -2 * k, scrambled(k), 0, 2400, cmd_seq, status)
+    return State(k & 0xFFFF, 1000 * k % 2**32, k, -2 * k, scrambled(k), 0, 2400, 0, 0)
 
 
 def scrambled(k):
@@ -120,15 +120,12 @@ class Line:
         while data:
             data = data[os.write(self.master, data) :]
 
-    def play(self, first, count, hz=1000.0, mangle=lambda _, frame: frame):
-        """Write numbered samples at a rate; return all bytes that went out."""
-        out, begun = bytearray(), time.monotonic()
+    def play(self, first, count, hz=1000.0):
+        """Write numbered samples at a rate."""
+        begun = time.monotonic()
         for n in range(count):
-            data = mangle(n, encode(numbered_state(first + n)))
-            out += data
-            self.write(data)
+            self.write(encode(numbered_state(first + n)))
             time.sleep(max(0.0, begun + (n + 1) / hz - time.monotonic()))
-        return bytes(out)
 
     def close(self):
         self._ended.set()
