@@ -13,7 +13,7 @@ class PendubotError(Exception):
     """Base of every error that a user can cause; its text is one sentence for that user.
 
     Attributes:
-        remedy: options of reading data that mend it, by name, where the program knows them.
+        remedy: options of reading data that correct it, by name, where the program knows them.
     """
 
     def __init__(self, text: str = '', **remedy: str) -> None:
@@ -90,7 +90,7 @@ def wrong_usage() -> Iterator[None]:
 
 
 def sentence(error: Exception) -> str:
-    """Return what a user is told of an error."""
+    """Return the sentence about an error for a user."""
     if isinstance(error, PendubotError):
         return str(error)
     if isinstance(error, OSError):

@@ -100,7 +100,7 @@ def number_of(q):
 
 
 def is_numbered(q, effort):
-    """Tell whether positions and effort are those of one numbered sample."""
+    """Return whether positions and effort are those of one numbered sample."""
     n = number_of(q)
     return abs(q[1] + 2 * n * RADIAN) < 1e-6 and round(effort * 1e6) == scrambled(n)
 
@@ -146,7 +146,7 @@ def stream(folder, seconds, wanted):
         listener.wait_for('listening')
         bridge.wait_for('counts per turn')
         with commander(np.random.default_rng(1)):
-            # Discovery is no matter of losses; what is judged begins here.
+            # Discovery is no matter of losses; the measurement begins here.
             listener.wait_for('hearing')
             recorder.wait_for('recording /joint_states')
             time.sleep(0.5)
@@ -159,10 +159,10 @@ def stream(folder, seconds, wanted):
         recorder.stop()
         listener.stop(signal.SIGTERM, 60)
     arrival, stamp, q, effort = listened(heard)
-    judged = (stamp >= begun_ns) & (stamp < ended_ns)
+    measured = (stamp >= begun_ns) & (stamp < ended_ns)
     counts = np.round((q - [-np.pi / 2, 0]) / RADIAN)
-    rows = np.column_stack([counts, np.round(effort * 1e6)]).astype(np.int64)[judged]
-    arrival, stamp = arrival[judged], stamp[judged]
+    rows = np.column_stack([counts, np.round(effort * 1e6)]).astype(np.int64)[measured]
+    arrival, stamp = arrival[measured], stamp[measured]
     truth = np.loadtxt(trace, delimiter=',', skiprows=1, dtype=np.int64, ndmin=2)
     start = place(truth[:, 1:4], rows)
     moving = len(np.unique(rows, axis=0)) > len(rows) // 20
@@ -373,7 +373,7 @@ def life(seed):
     doubled = sum(len(boot) - len(set(boot)) for boot in boots)
     return {
         'disarmed within a frame of the reset': disarmed,
-        'disarmed until told again': not host.armed and not board.armed,
+        'disarmed until armed again': not host.armed and not board.armed,
         'stamps increase': all(a.stamp_ns < b.stamp_ns for a, b in pairwise(samples)),
         'gaps and duplicates counted exactly': (host.counters.lost, host.counters.duplicates) == (lost, doubled),
         'duplicates not published': len(samples) == sum(scaled for boot in boots for _, scaled in set(boot)),
@@ -540,7 +540,7 @@ def watchdog(folder, long):
     yield 'commander stops: torque 0, armed', f'{still_armed} of {times * stops}', still_armed == times * stops
     yield 'that is reported', f'{reported} of {times}', reported == times
     yield 'SIGSTOP, SIGKILL: the watchdog trips', f'{tripped} of {2 * times}', tripped == 2 * times
-    yield 'after SIGCONT disarmed until told', f'{stayed} of {times}', stayed == times
+    yield 'after SIGCONT disarmed until armed again', f'{stayed} of {times}', stayed == times
     for cause, n in late.items():
         yield f'{cause}: within the watchdog plus two samples', f'watchdog plus {max(n)}', max(n) <= 2, True
     yield '(tried again, as the machine stood still)', f'{excused} times', True, True
@@ -556,7 +556,7 @@ def newest(trace):
 def board_start(trace):
     """When a virtual board took its first sample [ns, time.monotonic_ns].
 
-    One that loses the processor takes its samples late, but none of them before it is due: the quickest of many tells.
+    One that loses the processor takes its samples late, but none of them before it is due: the quickest of many counts.
     """
     until = time.monotonic_ns() + 500 * MS
     return min(time.monotonic_ns() - 1000 * newest(trace)[0] for _ in iter(lambda: time.monotonic_ns() < until, False))

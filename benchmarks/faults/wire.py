@@ -25,7 +25,7 @@ def hello(seq, t_us, boot_id=77):
 
 
 def numbered_state(k):
-    """Sample ``k`` of a motion whose every sample tells which one it is."""
+    """Sample ``k`` of a motion whose every sample has its number."""
     return State(k & 0xFFFF, 1000 * k % 2**32, k, -2 * k, scrambled(k), 0, 2400, 0, 0)
 
 

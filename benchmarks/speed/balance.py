@@ -61,7 +61,7 @@ class Trial(NamedTuple):
     peak: float
 
 
-def judged(t, q, tau, begin):
+def assessed(t, q, tau, begin):
     """Return the trial that samples from arming on make."""
     wrong = (deviation(q) > HELD) & (t <= begin + TIME)
     first = int(np.flatnonzero(wrong)[-1]) + 1 if wrong.any() else 0
@@ -79,7 +79,7 @@ def simulated(known, rate, start, seed):
     loop = Loop(1 / rate, known.lag, LIMIT)
     controller = Controller(Design.make(known.parameters, loop))
     run = simulate_closed_loop(controller, LatePlant(BALANCE, LAG, (q1, q2)), begin + TIME + 2, enough=TIME + 2)
-    return judged(run.motion.t, run.motion.q, run.motion.tau[:, 0], begin)
+    return assessed(run.motion.t, run.motion.q, run.motion.tau[:, 0], begin)
 
 
 def live_trials(known, rate, start, seeds):
@@ -109,7 +109,7 @@ def live_trials(known, rate, start, seeds):
                 rig.call('/balancer/stop')
                 t, q, tau, status = rig.motion()
                 armed = (status & ARMED).astype(bool)
-                trial = judged(t[armed] - t[armed][0], q[armed], tau[armed], begin)
+                trial = assessed(t[armed] - t[armed][0], q[armed], tau[armed], begin)
                 if not math.isfinite(trial.held):
                     last = rig.said()[-1].message if rig.said() else 'nothing'
                     print(f'<!-- {start}, {rate} Hz, seed {seed}: the balancer says: {last} -->', flush=True)
@@ -172,7 +172,7 @@ def compare(options):
 
 
 def falls(plan, lag, gain):
-    """Tell whether a rig that is almost upright is lost, in 10 s."""
+    """Return whether a rig that is almost upright is lost, in 10 s."""
     bounds = SafetyLimits(swing_up=0.0)
     rig = LatePlant(plan.parameters, lag, (UPRIGHT + 0.01, 0.0))
     run = simulate_closed_loop(Controller(plan, bounds), rig, TIME, motor=gain)

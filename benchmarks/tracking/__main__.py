@@ -49,15 +49,15 @@ def batch(t, q, tau, until):
 
 
 def track(t, q, tau):
-    """Return all states and all events of one rig, each event with the time at which it was told."""
+    """Return all states and all events of one rig, each event with the time at which it was reported."""
     tracker, samples = Tracker(), np.column_stack([t, q, tau, 0 * t])
     states, events = [], []
     for k in range(0, len(t), 20):
-        for told in tracker.feed(samples[k : k + 20]):
-            if isinstance(told, State):
-                states.append(told)
+        for update in tracker.feed(samples[k : k + 20]):
+            if isinstance(update, State):
+                states.append(update)
             else:
-                events.append((float(samples[min(k + 19, len(t) - 1), 0]), told))
+                events.append((float(samples[min(k + 19, len(t) - 1), 0]), update))
     return states, events
 
 
@@ -141,16 +141,16 @@ def afterwards(name, tracks, day):
 
 
 def changes(name, tracks, days):
-    """Print how changes are found and called, and what else was told."""
+    """Print how changes are found and called, and what else was reported."""
     after, kinds, false, disturbances, right = [], {}, 0, 0, 0
     for (_, events), day in zip(tracks, days, strict=True):
         at = begins(day)
-        found = [(told, e) for told, e in events if isinstance(e, Change) and e.end >= at]
-        false += sum(not isinstance(e, Disturbance) for told, e in events) - (1 if found else 0)
+        found = [(t, e) for t, e in events if isinstance(e, Change) and e.end >= at]
+        false += sum(not isinstance(e, Disturbance) for _, e in events) - (1 if found else 0)
         disturbances += sum(isinstance(e, Disturbance) for _, e in events)
         if found:
-            told, change = found[0]
-            after.append(told - at)
+            t, change = found[0]
+            after.append(t - at)
             right += change.begin <= at <= change.end
             kinds[change.kind] = kinds.get(change.kind, 0) + 1
     called = ', '.join(f'{kind} {count}' for kind, count in kinds.items())

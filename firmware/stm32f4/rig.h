@@ -56,7 +56,7 @@
 #define MICROAMPERE_PER_STEP 8057
 #define OVER_CURRENT_MA 10000
 
-/* Limits at which the board switches the motor off. HELLO tells them to the host. */
+/* Limits at which the board switches the motor off. HELLO reports them to the host. */
 
 /* Measure: 1.2 times the fastest motion that an experiment needs, of either joint. */
 #define MAX_SPEED_MRAD_S 60000

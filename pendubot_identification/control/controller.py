@@ -163,7 +163,7 @@ class Controller:
         return swing_up(self.design.parameters, self.design.theta, state, self._upright)
 
     def _catches(self, error: RigState) -> bool:
-        """Tell by simulation whether the regulator would catch the rig from here, with some torque to spare."""
+        """Return by simulation whether the regulator would catch the rig from here, with some torque to spare."""
         limit = SETTINGS.catch_torque * self._loop.limit
         for _ in range(round(SETTINGS.catch_time / SETTINGS.catch_step)):
             if max(abs(error[0]), abs(error[0] + error[1])) > SETTINGS.reach:

@@ -5,7 +5,7 @@
 
 Short windows are simulated under each hypothesis: wiring right, an encoder's sign wrong, the motor's sign wrong, or the
 encoders exchanged. The hypothesis that predicts the motion much better than all others is accepted; inaccurate
-parameters worsen all predictions alike.
+parameters worsen all predictions equally.
 """
 
 from __future__ import annotations

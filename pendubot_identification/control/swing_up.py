@@ -27,7 +27,7 @@ from .estimator import RigState
 
 @dataclass(frozen=True, slots=True)
 class SwingUpSettings:
-    """Found by random search: they swing up rigs of several proportions within 3 s, also 30 % off."""
+    """Results of a random search: they swing up rigs of several proportions within 3 s, also 30 % off."""
 
     pump: float = 0.8  #: Largest acceleration of link 1 that adds energy, over w^2; w = sqrt(P5 g / P2) is of link 2.
     stiffness: float = 0.28  #: Acceleration per rad that draws link 1 upright, over w^2 ...

@@ -197,13 +197,18 @@ def design(
         found[:] = sorted(found + informative, key=lambda each: -each.log_information)[: SETTINGS.finalists]
         return np.array([[_cost(candidate, limits) for candidate in candidates]])
 
-    def tell(generation: int, _: float) -> None:
+    def report(generation: int, _: float) -> None:
         if progress is not None:
             progress(generation, found[0].log_information if found else math.nan)
 
     box = Bounds(np.zeros(len(COORDINATES)), np.ones(len(COORDINATES)), COORDINATES)
     mde(
-        costs, box, MDESettings(SETTINGS.population, generations, per_component=False), runs=1, seed=seed, progress=tell
+        costs,
+        box,
+        MDESettings(SETTINGS.population, generations, per_component=False),
+        runs=1,
+        seed=seed,
+        progress=report,
     )
     if not found:
         raise ExcitationError(

@@ -46,7 +46,7 @@ class ClockSettings:
     #: Standard deviation of the slope of an edge, over (mean height of the points above it / their time).
     uncertainty: float = 2.0
     finest: float = 5_000.0  #: Least mean height of the points above the line [ns].
-    believed_after: int = 3  #: After so many impossible times in a row, the clock has jumped.
+    accepted_after: int = 3  #: After so many impossible times in a row, the clock has jumped.
     tolerance_us: int = 1000  #: A time may differ from its neighbours by this [us], and by half a sample period.
 
 
@@ -117,7 +117,7 @@ class BoardClock:
             predicted = self._board_us + self._step_us * frames
             if self._step_us and self._cannot_be(board_us, predicted, arrival_ns):
                 self._in_a_row += 1
-                if self._in_a_row <= SETTINGS.believed_after:
+                if self._in_a_row <= SETTINGS.accepted_after:
                     self.irregular += 1
                     self._board_us, self._arrival_ns = predicted, arrival_ns
                     return predicted

@@ -82,7 +82,7 @@ class Counters:
     damaged: dict[str, int] = field(default_factory=dict)  #: Frames, by reason.
     unscaled: int = 0  #: Samples that came before HELLO.
     flagged: int = 0  #: Samples that would have needed too high a speed.
-    jumps: int = 0  #: New positions that were believed after several such samples.
+    jumps: int = 0  #: New positions that were accepted after several such samples.
     irregular_stamps: int = 0  #: Samples whose ``t_us`` could not be true and was replaced.
     clock_jumps: int = 0  #: How often the board's clock jumped and went on from there.
     late_samples: int = 0  #: Samples that the board took more than half a period late.

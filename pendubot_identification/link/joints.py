@@ -76,5 +76,5 @@ class Joints:
             self._output.report(
                 Level.WARN,
                 f'{ACCEPTED_AFTER} samples in a row would have needed more than {self._config.max_speed:g} rad/s: the '
-                'new place is believed; check the encoders',
+                'new place is accepted; check the encoders',
             )

@@ -143,7 +143,7 @@ def open_port(port: str, baud: int) -> serial.SerialBase:
 
 def _leads_elsewhere(port: str, device: serial.SerialBase) -> bool:
     """Return whether a port's path, such as a link of udev, leads to another device than the one that is open."""
-    # Unplugged, it leads nowhere: reading the device soon fails, too.
+    # Unplugged, it is a dangling link: reading the device soon fails, too.
     with contextlib.suppress(FileNotFoundError):
         return isinstance(device, serial.Serial) and os.stat(port).st_rdev != os.fstat(device.fd).st_rdev
     return False

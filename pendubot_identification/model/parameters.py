@@ -233,7 +233,7 @@ class Bounds:
         return Bounds(self.lower, np.where(default, factor * upper, self.upper), self.names)
 
     def at_bound(self, theta: Sequence[float] | Vector, tolerance: float = 1e-9) -> NDArray[np.bool_]:
-        """Tell, per component, whether theta lies on a bound (within ``tolerance`` of the interval's width)."""
+        """Return, per component, whether theta lies on a bound (within ``tolerance`` of the interval's width)."""
         margin = tolerance * (self.upper - self.lower)
         values = np.asarray(theta, dtype=float)
         return np.asarray((values <= self.lower + margin) | (values >= self.upper - margin))

@@ -105,7 +105,7 @@ class Reproduction:
             'median of the best error so far, 10th to 90th percentile shaded, of all runs; a mark where the last run '
             'ends'
         )
-        over = f'Figure 1 over function values, which cost alike whoever asks for them: {what}'
+        over = f'Figure 1 over function values, whose cost is the same for all: {what}'
         self._add_figure('figure1', f'Figure 1: {what}', paper_figures.convergence, outcomes)
         self._add_figure('figure1_evaluations', over, paper_figures.convergence, outcomes, 'function values')
 

@@ -213,7 +213,7 @@ def joint_samples(
             yield elapsed_ns[wanted], values[wanted]
     covered = earliest <= low and (latest >= high or until_ns > reader.last_ns)
     if margin_ns < FOREVER_NS and not covered:
-        raise OtherClockError(f'{window}: its stamps are of another clock than its log times; follow the whole bag')
+        raise OtherClockError(f'{window}: its stamps are of another clock than its log times; track the complete bag')
 
 
 Reader = BagReader | TableReader

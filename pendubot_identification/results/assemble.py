@@ -38,8 +38,8 @@ def assemble_result(found: Identification, sources: Sequence[Source]) -> tree.Re
         tree.Result,
         answers[best.criterion],
         not_covered=best.not_covered,
-        faults=[_entry(tree.FaultFound, fault, corrected=known(fault.corrected)) for fault in found.faults],
-        effects=[_entry(tree.EffectFound, effect) for effect in found.effects],
+        faults=[_entry(tree.DataFault, fault, corrected=known(fault.corrected)) for fault in found.faults],
+        effects=[_entry(tree.ReportedEffect, effect) for effect in found.effects],
         unmodelled=known(found.unmodelled),
         advice=list(best.advice),
         criterion=best.criterion,
@@ -52,7 +52,7 @@ def assemble_result(found: Identification, sources: Sequence[Source]) -> tree.Re
         covariance=known(best.covariance[np.ix_(best.present, best.present)]),
         covariance_rank=best.covariance_rank,
         made_by=_entry(
-            tree.MadeBy,
+            tree.Provenance,
             settings,
             version=__version__,
             sliding_window=settings.sliding,
@@ -85,7 +85,7 @@ def _answer(e: Estimate, found: Identification) -> tree.CriterionAnswer:
         tree.CriterionAnswer,
         e,
         parameters={NAMES[k]: _parameter(e, k) for k in np.flatnonzero(e.present).tolist()},
-        effort=tree.EffortTaken(
+        effort=tree.EffortTiming(
             hold=effort.hold,
             delay=known(effort.delay),
             delay_std_error=known(effort.std_error),
@@ -129,12 +129,12 @@ def _parameter(e: Estimate, k: int) -> tree.Parameter:
     )
 
 
-def _zeros(e: Estimate) -> list[tree.ZeroFound]:
+def _zeros(e: Estimate) -> list[tree.ZeroError]:
     if e.zeros is None:
         return []
     angles, errors = (known(np.degrees(values)) for values in (e.zeros.angles, e.zeros.std_error))
     columns = zip(e.zeros.recordings, *angles, *errors, strict=True)
     return [
-        tree.ZeroFound(recording=name, q1=q1, q1_std_error=q1_error, q2=q2, q2_std_error=q2_error)
+        tree.ZeroError(recording=name, q1=q1, q1_std_error=q1_error, q2=q2, q2_std_error=q2_error)
         for name, q1, q2, q1_error, q2_error in columns
     ]

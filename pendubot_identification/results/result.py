@@ -118,7 +118,7 @@ class Parameter:
 
 
 @dataclass(frozen=True, kw_only=True)
-class FaultFound:
+class DataFault:
     """A convention that the recordings break, see :class:`.conventions.Fault`."""
 
     name: str
@@ -130,8 +130,8 @@ class FaultFound:
 
 
 @dataclass(frozen=True, kw_only=True)
-class EffectFound:
-    """An unmodelled effect, see :class:`.effects.FoundEffect`."""
+class ReportedEffect:
+    """An unmodelled effect, see :class:`.catalogue.FoundEffect`."""
 
     name: str
     where: str
@@ -143,7 +143,7 @@ class EffectFound:
 
 
 @dataclass(frozen=True, kw_only=True)
-class EffortTaken:
+class EffortTiming:
     """Hold and delay [s] of the effort; ``linear_lag`` is the delay for linear interpolation between samples."""
 
     hold: str = 'zero'
@@ -154,7 +154,7 @@ class EffortTaken:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ZeroFound:
+class ZeroError:
     """The errors of a recording's zeros: recorded minus true angles."""
 
     recording: str
@@ -234,12 +234,12 @@ class CriterionAnswer:
     level: LevelByName
     warnings: list[str]
     consequences: list[str] = field(default_factory=list)
-    effort: EffortTaken
+    effort: EffortTiming
     J: CriterionValue
     prediction: Predicted
     condition_number: Number
     unexplained: Number
-    zeros: list[ZeroFound]
+    zeros: list[ZeroError]
     exact: bool
     converged: bool
     steps: list[str]
@@ -257,7 +257,7 @@ class Software:
 
 
 @dataclass(frozen=True, kw_only=True)
-class MadeBy(Software):
+class Provenance(Software):
     """The settings of an identification, see :class:`.settings.Settings`.
 
     ``applied``: options for reading the recordings that the program chose itself.
@@ -299,8 +299,8 @@ class PartialResult:
     warnings: list[str] = field(default_factory=list)
     criterion: str | None = None
     model: str | None = None
-    effort: EffortTaken = field(default_factory=EffortTaken)
-    effects: list[EffectFound] = field(default_factory=list)
+    effort: EffortTiming = field(default_factory=EffortTiming)
+    effects: list[ReportedEffect] = field(default_factory=list)
     made_by: Software = field(default_factory=Software)
     bags: list[Source] = field(default_factory=list)
 
@@ -332,15 +332,15 @@ class Result(PartialResult):
     warnings: list[str] = field()
     criterion: str = field()
     model: str = field()
-    effort: EffortTaken = field()
-    made_by: MadeBy = field()
+    effort: EffortTiming = field()
+    made_by: Provenance = field()
     bags: list[Source] = field()
     consequences: list[str] = field(default_factory=list)
-    faults: list[FaultFound] = field(default_factory=list)
+    faults: list[DataFault] = field(default_factory=list)
     unmodelled: list[Number] | None = None
     advice: list[str] = field(default_factory=list)
     not_in_model: list[str] = field(default_factory=list)
-    zeros: list[ZeroFound]
+    zeros: list[ZeroError]
     smoothing: Finite
     J: CriterionValue
     prediction: SelectedPrediction
