@@ -215,8 +215,10 @@ def test_a_result_of_an_earlier_version_is_read(tmp_path):
     """It held less, and what a later one adds is left out."""
     data = earlier() | {'of_a_later_version': 1}
     text = yaml.safe_dump(data, sort_keys=False).replace('persistence:', 'standing_still:')
+    text = text.replace('fixed: false', 'held: true')
     (tmp_path / 'r.yaml').write_text(text)
     result = read_complete_result(tmp_path / 'r.yaml')
+    assert all(entry.fixed for entry in result.parameters.values())
     assert (result.theta, result.J, result.prediction) == ((now := made()).theta, now.J, now.prediction)
     assert (result.criterion, *result.criteria) == ('trajectory', 'energy', 'weak', 'trajectory')
     assert settings(result).criteria == ('energy', 'weak', 'likelihood')
