@@ -66,7 +66,7 @@ setup(
         # The HTML of docs/.
         'docs': ['myst-parser', 'sphinx'],
         # What benchmarks/speed measures itself against.
-        'benchmark': ['minionpy', 'mujoco[sysid]', 'numba', 'pygmo', 'pymoo'],
+        'benchmark': ['mujoco[sysid]', 'pygmo'],
         # What else benchmarks.exports compares exported rigs with, and an example needs; 1 GB.
         'engines': ['casadi', 'drake', 'pin'],
         'test': [

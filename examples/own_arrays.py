@@ -17,7 +17,7 @@ t = np.arange(1500) * 0.01
 torque = np.where(t % 1 < 0.05, np.random.default_rng(1).uniform(-2000, 2000, len(t)), 0.0)
 angles = np.degrees(rig.simulate(t, torque / 1000).q - HANGING).round(2)
 
-# The first half estimates, the second judges. Of a DataFrame with columns t, q1, q2, tau1: identify(frame, ...).
+# The first half estimates, the second validates. Of a DataFrame with columns t, q1, q2, tau1: identify(frame, ...).
 found = identify(t=t, q=angles, tau=torque, degrees=True, zero='hanging', torque_unit='mNm')
 print(found)
 

@@ -32,6 +32,6 @@ columns = {'t': 'time', 'q1': 'shoulder', 'q2': 'elbow', 'tau1': 'torque'}
 motion = read(path, columns=columns, degrees=True, zero='hanging')
 print(f'{len(motion)} samples, {motion.duration:.2f} s; it starts at {motion.q[0]} rad')
 
-# The first ten seconds estimate, the rest judges.
+# The first ten seconds estimate, the rest validates.
 found = identify(motion.window(0, 10), validate=[motion.window(10, 15)])
 print(found)

@@ -2,7 +2,7 @@
  * SPDX-License-Identifier: Apache-2.0 */
 /* The board's side of the serial protocol, version 2, as docs/protocol.md describes it.
  *
- * The caller passes in bytes, readings and the time; it gets back bytes and a torque. The functions read no clock, no
+ * The caller passes in bytes, samples and the time; it gets back bytes and a torque. The functions read no clock, no
  * port and no pin. They allocate nothing and have no variables of their own: all state is in the caller's struct. None
  * of them may interrupt another one on the same struct. Torques are in micro-N m, times in microseconds.
  *
@@ -106,7 +106,7 @@ struct pendubot_limits {
     uint16_t max_vbus;                   /* highest supply, 10 mV */
 };
 
-/* The constants of a board that HELLO tells. */
+/* The constants of a board that HELLO contains. */
 struct pendubot_settings {
     uint32_t cpr1, cpr2;  /* encoder counts per turn */
     int32_t torque_limit; /* 0 or more */

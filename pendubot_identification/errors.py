@@ -13,7 +13,7 @@ class PendubotError(Exception):
     """Base of every error that a user can cause; its text is one sentence for that user.
 
     Attributes:
-        remedy: options of reading data that mend it, by name, where the program knows them.
+        remedy: options of reading data that correct it, by name, where the program knows them.
     """
 
     def __init__(self, text: str = '', **remedy: str) -> None:
@@ -90,11 +90,11 @@ def wrong_usage() -> Iterator[None]:
 
 
 def sentence(error: Exception) -> str:
-    """Return what a user is told of an error."""
+    """Return the sentence about an error for a user."""
     if isinstance(error, PendubotError):
         return str(error)
     if isinstance(error, OSError):
-        return f'the system refused: {error}; mend that and try again'
+        return f'the system refused: {error}; correct that and try again'
     if isinstance(error, MemoryError):
         return f'not enough memory ({error}); ask for less'
     return f'{type(error).__name__}: {error}; run again with --debug to see where'

@@ -16,9 +16,9 @@ from pendubot_identification.errors import MissingFileError, PendubotError, Resu
 
 
 def read_yaml(
-    path: Path, expected: str, refusal: type[PendubotError] = ResultError, replaced: tuple[str, str] = ('', '')
+    path: Path, expected: str, refusal: type[PendubotError] = ResultError, replaced: Mapping[str, str] | None = None
 ) -> Any:
-    """Return the content of a YAML file, the first text of ``replaced`` read as the second.
+    """Return the content of a YAML file, each text of ``replaced`` read as its value.
 
     Raises:
         MissingFileError: there is no such file.
@@ -30,7 +30,9 @@ def read_yaml(
         text = path.read_text(encoding='utf-8')
         # Libyaml's, where it was built, takes a seventh of the time.
         loader = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
-        return yaml.load(text.replace(*replaced) if replaced[0] else text, Loader=loader)
+        for old, new in (replaced or {}).items():
+            text = text.replace(old, new)
+        return yaml.load(text, Loader=loader)
     except FileNotFoundError as error:
         raise MissingFileError(f'there is no file {path}; {expected}') from error
     except OSError as error:

@@ -43,7 +43,7 @@ def _library() -> CDLL | None:
     from importlib.machinery import PathFinder
     from sys import modules
 
-    # Beside this package and nowhere else: another installation's is made from other C.
+    # Only beside this package: another installation's is made from other C.
     spec = PathFinder.find_spec(f'{__package__}._kernel', modules[__package__].__path__)
     if spec is None or spec.origin is None:
         return None

@@ -189,8 +189,8 @@ def _node(program: Program, texts: Mapping[str, str], environment: dict[str, str
         'output': 'screen',
         'parameters': program.parameters,
         'arguments': program.arguments,
-        # At a SIGINT launch tells its programs nothing at first: at Ctrl-C the terminal has told them. A supervisor has
-        # not. And a recorder needs time to close its bag on a slow disk. [s]
+        # At a SIGINT launch signals nobody at first: at Ctrl-C the terminal has signalled all programs. A supervisor
+        # has not. And a recorder needs time to close its bag on a slow disk. [s]
         'sigterm_timeout': texts.get('sigterm_timeout', '0.2'),
         'sigkill_timeout': texts.get('sigkill_timeout', '10'),
         'additional_env': environment,
@@ -209,9 +209,9 @@ def _ended(event: Any, context: Any) -> Any:
     from launch.actions import EmitEvent
     from launch.events import Shutdown
 
-    # Some are told to end before they can do so by themselves.
-    told = context.is_shutdown and event.returncode in (-signal.SIGINT, -signal.SIGTERM)
-    if event.returncode and not told:
+    # Some are asked to end before they can do so by themselves.
+    signalled = context.is_shutdown and event.returncode in (-signal.SIGINT, -signal.SIGTERM)
+    if event.returncode and not signalled:
         raise PendubotError(f'{event.process_name} failed, with status {event.returncode}: everything ends')
     return EmitEvent(event=Shutdown(reason=f'{event.process_name} has ended'))
 

@@ -62,6 +62,18 @@ class Setting:
             if not allowed:
                 raise self.refusal(entry)
 
+    def parse(self, value: object) -> Any:
+        """Return a text, or a number or truth value of YAML, as the type of the default.
+
+        Raises:
+            ParameterError: it is none.
+        """
+        kind = type(self.default)
+        try:
+            return {'true': True, 'false': False}[str(value).lower()] if kind is bool else kind(str(value))
+        except (KeyError, ValueError):
+            raise self.refusal(value) from None
+
     def refusal(self, value: object) -> ParameterError:
         """Return the error with the given value and the expected one."""
         return ParameterError(f'{self.name} is {"empty" if value == "" else value}; {self.expected()} is expected')

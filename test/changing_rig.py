@@ -5,14 +5,14 @@
 
 No code of the package is used.
 
-The equations are those of test/simulated_rig.py, from the positions of the bodies, with the payload as one body more.
+The equations are those of test/simulated_rig.py; the payload and link 2 are one rigid body.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from test.simulated_rig import C1, C2, FC, GRAVITY, I1, I2, L1, M1, M2, TRUE, B, pulses
+from test.simulated_rig import C2, FC, GRAVITY, I2, L1, M2, TRUE, B, accelerations, bodies, pulses
 
 STEP = 0.0025
 WIDTH = 0.05
@@ -88,38 +88,31 @@ def record(seeds, days, *, seconds, rate=200.0, counts=4096):
     for n in range(samples):
         read[n] = x[:2]
         now = t[n]
-        bodies = load * (now >= put_on), where
+        links = loaded(load * (now >= put_on), where)
         worn = 1 + drift * now / 600
         down = tilt * (now >= tilt_at)
-        torque = acting[:, n] + hands[0, n], hands[1, n]
+        torque = np.array([acting[:, n] + hands[0, n], hands[1, n]])
         for _ in range(every):
-            a = _slope(x, torque, bodies, worn, down)
-            b = _slope(x + h / 2 * a, torque, bodies, worn, down)
-            c = _slope(x + h / 2 * b, torque, bodies, worn, down)
-            d = _slope(x + h * c, torque, bodies, worn, down)
+            a = _slope(x, torque, links, worn, down)
+            b = _slope(x + h / 2 * a, torque, links, worn, down)
+            c = _slope(x + h / 2 * b, torque, links, worn, down)
+            d = _slope(x + h * c, torque, links, worn, down)
             x = x + h / 6 * (a + 2 * b + 2 * c + d)
     unit = 2 * np.pi / counts
     return t, np.moveaxis(np.round(read / unit) * unit, 2, 0), tau
 
 
-def _slope(x, torque, bodies, worn, tilt):
+def loaded(mass, distance):
+    """Return the bodies of rigs with a payload [kg] on link 2 at a distance from the elbow [m]: one rigid body."""
+    links = bodies()
+    together, moment = M2 + mass, M2 * C2 + mass * distance
+    links.m2, links.c2 = together, moment / together
+    links.i2 = I2 + M2 * C2**2 + mass * distance**2 - moment**2 / together
+    return links
+
+
+def _slope(x, torque, links, worn, tilt):
     q1, q2, v1, v2 = x
-    mass, where = bodies
-    s1, c1, s12, c12 = np.sin(q1), np.cos(q1), np.sin(q1 + q2), np.cos(q1 + q2)
     friction = worn * (np.array(B)[:, None] * x[2:] + np.array(FC)[:, None] * np.tanh(x[2:] / WIDTH))
-    m11, m12, m22 = M1 * C1**2 + I1 + I2, I2, I2
-    gx, gy = GRAVITY * np.sin(tilt), GRAVITY * np.cos(tilt)
-    r1, r2 = torque[0] - friction[0] - M1 * C1 * (gy * c1 - gx * s1), torque[1] - friction[1]
-    v12 = (v1 + v2) ** 2
-    for m, d in ((M2, C2), (mass, where)):
-        # Jacobian of a body on link 2, and what it accelerates by though neither joint does.
-        x2, y2 = -d * s12, d * c12
-        x1, y1 = x2 - L1 * s1, y2 + L1 * c1
-        ax, ay = -L1 * c1 * v1**2 - d * c12 * v12, -L1 * s1 * v1**2 - d * s12 * v12
-        m11 = m11 + m * (x1**2 + y1**2)
-        m12 = m12 + m * (x1 * x2 + y1 * y2)
-        m22 = m22 + m * (x2**2 + y2**2)
-        r1 = r1 - m * (x1 * (ax + gx) + y1 * (ay + gy))
-        r2 = r2 - m * (x2 * (ax + gx) + y2 * (ay + gy))
-    determinant = m11 * m22 - m12**2
-    return np.array([v1, v2, (m22 * r1 - m12 * r2) / determinant, (m11 * r2 - m12 * r1) / determinant])
+    gravity = GRAVITY * np.sin(tilt), GRAVITY * np.cos(tilt)
+    return np.array([v1, v2, *accelerations(q1, q2, v1, v2, *(torque - friction), links, gravity)])

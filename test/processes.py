@@ -1,7 +1,10 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Real programs in real processes, and waiting for what they say or publish instead of sleeping."""
+"""Real programs in real processes, and waiting for what they say or publish instead of sleeping.
+
+Timeouts end a test that hangs; on a machine with other work a program may take half a minute to start.
+"""
 
 import os
 import queue
@@ -79,7 +82,7 @@ class Program:
             self._queue.put(line)
         self._queue.put(None)
 
-    def wait_for(self, text, timeout=20.0):
+    def wait_for(self, text, timeout=60.0):
         """Return the first not yet waited-for line that holds ``text``; fails with all output after ``timeout``."""
         deadline = time.monotonic() + timeout
         while True:
@@ -94,7 +97,7 @@ class Program:
             if text in line:
                 return line.rstrip('\n')
 
-    def stop(self, number=signal.SIGINT, timeout=10.0):
+    def stop(self, number=signal.SIGINT, timeout=30.0):
         """Send a signal and return the exit status."""
         if self.process.poll() is None:
             self.process.send_signal(number)
@@ -123,7 +126,7 @@ class Program:
             self.kill()
 
 
-def spin_until(node, condition, timeout=10.0):
+def spin_until(node, condition, timeout=30.0):
     """Spin a node until ``condition()`` is true; returns whether it became so."""
     import rclpy
 

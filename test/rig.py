@@ -74,7 +74,7 @@ class Rig:
         )
         return bridge
 
-    def until(self, condition, timeout=10.0):
+    def until(self, condition, timeout=30.0):
         assert spin_until(self.node, condition, timeout), '\n'.join(p.output for p in self.programs)
 
     def until_samples(self, more=1):

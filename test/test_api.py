@@ -7,7 +7,6 @@ import ast
 import inspect
 import json
 import os
-import pydoc
 import re
 import subprocess
 import sys
@@ -252,12 +251,6 @@ def test_a_signature_has_every_option_with_its_default_and_choices(function, opt
         default = shown[option.name].default
         assert default in (None, (), 'likelihood') if option.optional else default == option.default
         assert choices_of(hints[option.name]) >= {*option.choices}
-
-
-def test_help_shows_the_signature_of_identify():
-    text = pydoc.plain(pydoc.render_doc(identify))
-    assert "time_unit: 'TimeUnit' = 's'" in text
-    assert 'a single number fixes a parameter' in text
 
 
 @pytest.mark.parametrize(

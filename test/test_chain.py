@@ -16,6 +16,7 @@ import yaml
 from pendubot_identification.model.parameters import NAMES, PAPER
 from pendubot_identification.recordings.bag_reader import read_trajectory
 from test.processes import Program, run_program
+from test.witness import Witness
 
 pytestmark = pytest.mark.ros
 
@@ -57,12 +58,14 @@ def _group(process):
 def test_the_demo_ends_in_a_table_of_all_criteria_beside_the_truth(tmp_path):
     """Whichever of its programs pauses meanwhile, for as long as a busy computer may keep it waiting."""
     folder = tmp_path / 'demo'
-    with Demo(folder) as demo:
+    with Witness() as witness, Demo(folder) as demo:
+        begun = time.monotonic_ns()
         demo.wait_for_log('exciter', 'exciting')
         for program in ('nodes.virtual_board', 'nodes.bridge', 'nodes.exciter', 'nodes.recorder', ''):
             demo.pause(0.5, program)
-        assert demo.process.wait(120) == 0, demo.output
-    assert 'once more' not in demo.output
+        assert demo.process.wait(240) == 0, demo.output
+        # Only a machine that itself keeps programs waiting makes the pauses longer than what the demo bears.
+        assert 'once more' not in demo.output or witness.longest_pause(begun) > 100
     domain = re.search(r'virtual rig in ROS domain (\d+),', demo.output)[1]
     assert domain not in ('0', os.environ['ROS_DOMAIN_ID'])
     row = r'^(P[1-5]|b[12]) \[.*\] +' + 2 * r'([0-9.]+) +[+-][0-9.]+ % +' + r'([0-9.]+)$'
@@ -95,7 +98,7 @@ def test_the_balance_demo_ends_with_a_rig_that_is_held_and_its_picture(tmp_path)
         demo.pause(3.0, 'nodes.virtual_board')
         demo.wait_for('the balancer stopped: ')
         demo.wait_for('once more')
-        assert demo.process.wait(120) == 0, demo.output
+        assert demo.process.wait(240) == 0, demo.output
     row = r'upright after ([0-9.]+) s, held for ([0-9.]+) s: .* at most ([0-9.]+) of 2 N m'
     _, held, peak = map(float, re.search(row, demo.output).groups())
     assert held >= 10.0

@@ -7,9 +7,6 @@ import importlib
 import re
 import shlex
 import shutil
-import struct
-import subprocess
-import zlib
 
 import numpy as np
 import pytest
@@ -170,29 +167,6 @@ def test_every_message_that_troubleshooting_explains_is_one_that_is_given():
         assert re.search('.*'.join(map(re.escape, parts)), code), f'nothing says: {symptom}'
 
 
-def test_the_frames_on_the_protocols_page_are_what_it_says():
-    """Taken apart by the page's words alone: COBS, CRC-32, little-endian fields."""
-    layouts = {1: '<iiihHHIHH', 2: '<BBHiI', 3: '<IBBHIIi9I4H16s', 4: '<', 5: '<IIHH'}
-    page = (ROOT / 'docs' / 'protocol.md').read_text()
-    rows = re.findall(r'^\| ([A-Z_]+) seq (\d+), t_us (\d+)(.*?) \| `([0-9a-f ]+)` \|$', page, re.MULTILINE)
-    assert [row[0] for row in rows] == ['HELLO_REQUEST', 'COMMAND', 'ARM', 'STATE', 'HELLO']
-    for name, seq, t_us, fields, text in rows:
-        *data, end = bytes.fromhex(text)
-        assert end == 0
-        content = bytearray()
-        while data:
-            content += bytes(data[1 : data[0]]) + (b'\0' if data[0] < len(data) else b'')
-            data = data[data[0] :]
-        body, crc = bytes(content[:-4]), int.from_bytes(content[-4:], 'little')
-        assert crc == zlib.crc32(body), name
-        kind, version, *numbers = struct.unpack_from('<BBHI', body)
-        assert (version, *numbers) == (2, int(seq), int(t_us))
-        values = struct.unpack(layouts[kind], body[8:])
-        told = [int(n) for n in re.findall(r' (-?\d+)(?=,|$)', fields.split(', firmware')[0])]
-        kept = [v for k, v in enumerate(values) if not isinstance(v, bytes) and (kind, k) != (2, 1)]
-        assert kept == told, name
-
-
 def test_the_tests_of_the_safety_statements_are_there():
     named = re.findall(r'`([\w/]+\.py)::(\w+)`', (ROOT / 'test' / 'SAFETY.md').read_text())
     assert len(named) > 30
@@ -239,60 +213,6 @@ def test_the_controller_receives_what_was_latched_before_it_started(ros):
             assert controller.stop() in (0, -2, 130), controller.output
     finally:
         node.destroy_node()
-
-
-#: As much of ROS's headers as the C++ example uses, for there is no rclcpp to compile it with.
-STAND_IN = """
-#pragma once
-#include <cstdio>
-#include <functional>
-#include <memory>
-#include <string>
-#include <vector>
-#define RCLCPP_INFO(logger, ...) std::snprintf(nullptr, 0, __VA_ARGS__)
-namespace rclcpp {
-struct QoS { explicit QoS(size_t) {} QoS & reliable() { return *this; } QoS & transient_local() { return *this; } };
-template <typename T> struct Subscription { using SharedPtr = std::shared_ptr<Subscription>; };
-struct Node {
-  explicit Node(const std::string &) {}
-  int get_logger() const { return 0; }
-  template <typename T, typename F>
-  typename Subscription<T>::SharedPtr create_subscription(const std::string &, const QoS &, F && f) {
-    std::function<void(typename T::ConstSharedPtr)> callback(f); return nullptr; }
-};
-inline void init(int, char **) {} inline void spin(std::shared_ptr<Node>) {} inline void shutdown() {}
-}
-namespace std_msgs::msg {
-struct Dimension { std::string label; };
-struct Layout { std::vector<Dimension> dim; };
-struct Float64MultiArray { using ConstSharedPtr = std::shared_ptr<const Float64MultiArray>;
-  Layout layout; std::vector<double> data; };
-}
-namespace diagnostic_msgs::msg {
-struct DiagnosticStatus { static constexpr unsigned char OK = 0; unsigned char level; std::string message; };
-struct DiagnosticArray { using ConstSharedPtr = std::shared_ptr<const DiagnosticArray>;
-  std::vector<DiagnosticStatus> status; };
-}
-"""
-
-
-@pytest.mark.skipif(shutil.which('g++') is None, reason='needs a C++ compiler')
-def test_the_cpp_controller_is_cpp(tmp_path):
-    (tmp_path / 'all.hpp').write_text(STAND_IN)
-    for name in re.findall(r'#include "(.*)"', (ROOT / 'examples' / 'controller.cpp').read_text()):
-        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
-        (tmp_path / name).write_text('#include "all.hpp"\n')
-    command = [
-        'g++',
-        '-std=c++17',
-        '-Wall',
-        '-Wextra',
-        '-fsyntax-only',
-        f'-I{tmp_path}',
-        ROOT / 'examples' / 'controller.cpp',
-    ]
-    run = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
-    assert run.returncode == 0, run.stderr
 
 
 @pytest.mark.recordings

@@ -36,7 +36,7 @@ def outcome(training, *, truth=None, scored=(), bare=False, **key):
     """Identify and return what tables need: of a refusal its message alone.
 
     ``truth``: the true parameters by name. ``scored``: recordings to predict. ``bare``: identify once more without
-    compensation, for its error. ``key``: what tells this one from others.
+    compensation, for its error. ``key``: what distinguishes it from others.
     """
     begin = time.perf_counter()
     try:

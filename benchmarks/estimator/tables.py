@@ -151,7 +151,7 @@ def effects(found):
 
 
 def right_name(effect, name):
-    """Tell whether an effect is named as what it is."""
+    """Return whether an effect is named as what it is."""
     kind = effect.split(',')[0].lower()
     return name.lower().replace('_', ' ') in (kind, *ALIASES.get(kind, ()))
 

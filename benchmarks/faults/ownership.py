@@ -16,7 +16,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pendubot_identification.link.protocol import Arm, Command, Hello, State, Status, encode
+from pendubot_identification.link.protocol import Arm, Command, Hello, Status, encode
 from test.processes import Program, parameters, spin_until
 from test.rig import ARMED
 
@@ -297,36 +297,6 @@ def second_publisher(folder, _):
     yield 'not armed while both are there', refused.message, not refused.success
 
 
-def second_rig(folder, _):
-    """A second publisher of joint states comes while the exciter drives."""
-    from sensor_msgs.msg import JointState
-
-    with live_rig(folder) as rig:
-        rig.start_board()
-        rig.start_bridge()
-        rig.until_samples(20)
-        values = {'duration': 0.0, 'width': 1.0, 'amplitude_min': 0.1, 'amplitude_max': 0.2, 'arm': 'true'}
-        with Program('exciter', *parameters(**values)) as exciter:
-            exciter.wait_for('exciting')
-            rig.until(lambda: newest(rig.trace_file)[3])
-            begun = len(rig.trace())
-            rig.node.create_publisher(JointState, '/joint_states', 10)
-            ended = spin_until(rig.node, lambda: exciter.process.poll() is not None, 20)
-            said = exciter.output.splitlines()[-1]
-        rig.until(lambda: not newest(rig.trace_file)[3])
-        length = int(np.flatnonzero(rig.trace()[begun:, 3])[-1]) + 1
-        stop = len(rig.trace())
-        rig.until(lambda: len(rig.trace()) > stop + 300)
-        after = torques_since(rig, stop)
-    yield (
-        'the exciter ends with 1, and names both',
-        said,
-        ended and exciter.process.returncode == 1 and 'publish' in said,
-    )
-    yield 'off, and it stays so', f'{sorted(after)} micro-N m', after == {0}
-    yield 'within 0.3 s, discovery included', f'{length} ms', length <= 300, True
-
-
 def stopped(folder, long):
     """SIGSTOP of the bridge and of the exciter at each watchdog setting; what comes after SIGCONT is too old."""
     for watchdog_ms, pause in ((500, 0.35), (50, 0.35), (100, 0.35), (500, 0.8))[: 4 if long else 2]:
@@ -375,27 +345,6 @@ def stopped(folder, long):
     yield 'exciter: off within 100 ms and 20', f'{late} ms', late <= 120, True
 
 
-def timer(folder, _):
-    """One sample's time is 65.5 ms off, as of a timer of 16 bits that is read while it overflows."""
-    with tapped_rig(folder) as (rig, tap):
-        samples(rig, 1000)
-        wrong = itertools.count()
-
-        def rewrite(message):
-            if isinstance(message, State) and next(wrong) in (500, 1500):
-                return message._replace(t_us=message.t_us + 65_536)
-            return message
-
-        rig.samples.clear()
-        tap.rewrite = rewrite
-        samples(rig, 2000)
-        stamps = np.array([sample[1] for sample in rig.samples])
-        values = rig.fresh_values()
-    off = np.abs(stamps - stamps[0] - np.arange(len(stamps)) * 1_000_000).max() / 1e6
-    yield 'no stamp moves', f'at most {off:.2f} ms off', off < 5
-    yield 'counted', f'{values["irregular_stamps"]} irregular stamps', values['irregular_stamps'] == '2'
-
-
 TRIALS = [
     Trial('foreign', 'another program on the port streams commands', foreign, True),
     Trial('usurper', 'another program on the port arms the board itself', usurper, True),
@@ -405,7 +354,5 @@ TRIALS = [
     Trial('runaway', 'constant torque', runaway, True),
     Trial('restart', 'board restarts while the rig moves', restart),
     Trial('publisher', 'second publisher of effort commands', second_publisher),
-    Trial('rig', 'second publisher of joint states', second_rig),
     Trial('stopped', 'bridge or exciter SIGSTOPped, then SIGCONT', stopped),
-    Trial('timer', 'one wrong time of the board', timer),
 ]

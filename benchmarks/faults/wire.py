@@ -24,9 +24,9 @@ def hello(seq, t_us, boot_id=77):
     return Hello(seq, t_us, boot_id, 1, 500, CPR, CPR, LIMIT, 1000, 'trial', limits=limits)
 
 
-def numbered_state(k, status=0, cmd_seq=0):
-    """Sample ``k`` of a motion whose every sample tells which one it is."""
-    return State(k & 0xFFFF, 1000 * k % 2**32, k, -2 * k, scrambled(k), 0, 2400, cmd_seq, status)
+def numbered_state(k):
+    """Sample ``k`` of a motion whose every sample has its number."""
+    return State(k & 0xFFFF, 1000 * k % 2**32, k, -2 * k, scrambled(k), 0, 2400, 0, 0)
 
 
 def scrambled(k):
@@ -87,16 +87,14 @@ class Receiver:
 
 
 class Line:
-    """A pty behind a link; what the host writes is kept with the time of its coming [ns, monotonic]."""
+    """A pty behind a link, and whether a host has asked there for HELLO."""
 
     def __init__(self, link):
         self.master, slave = pty.openpty()
         tty.setraw(slave)
         link.symlink_to(os.ttyname(slave))
         os.close(slave)
-        self.heard = []
-        self._ended = threading.Event()
-        self._changed = threading.Condition()
+        self._asked, self._ended = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._listen, daemon=True)
         self._thread.start()
 
@@ -110,33 +108,24 @@ class Line:
             except OSError:
                 time.sleep(0.005)  # nobody there yet
                 continue
-            with self._changed:
-                self.heard += [(time.monotonic_ns(), event) for event in decoder.feed(data)]
-                self._changed.notify_all()
+            if any(isinstance(event, HelloRequest) for event in decoder.feed(data)):
+                self._asked.set()
 
     def wait_for_request(self, timeout=20.0):
         """Wait until the host has opened the port, and asks."""
-        with self._changed:
-            asked = self._changed.wait_for(lambda: any(isinstance(e, HelloRequest) for _, e in self.heard), timeout)
-        assert asked, 'no host asked for HELLO'
-
-    def commands(self):
-        with self._changed:
-            return [(at, event) for at, event in self.heard if isinstance(event, Command)]
+        assert self._asked.wait(timeout), 'no host asked for HELLO'
+        self._asked.clear()
 
     def write(self, data):
         while data:
             data = data[os.write(self.master, data) :]
 
-    def play(self, first, count, hz=1000.0, mangle=lambda _, frame: frame):
-        """Write numbered samples at a rate; return all bytes that went out."""
-        out, begun = bytearray(), time.monotonic()
+    def play(self, first, count, hz=1000.0):
+        """Write numbered samples at a rate."""
+        begun = time.monotonic()
         for n in range(count):
-            data = mangle(n, encode(numbered_state(first + n)))
-            out += data
-            self.write(data)
+            self.write(encode(numbered_state(first + n)))
             time.sleep(max(0.0, begun + (n + 1) / hz - time.monotonic()))
-        return bytes(out)
 
     def close(self):
         self._ended.set()

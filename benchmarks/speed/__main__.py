@@ -15,17 +15,12 @@ from pathlib import Path
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')  # before numpy, as the command does
 os.environ.pop('PYTHONDONTWRITEBYTECODE', None)  # what is installed has been compiled
 
-from benchmarks.speed import bags, growth, measure, motions, optimisers
+from benchmarks.speed import bags, measure, optimisers
 from pendubot_identification import kernel
 from test.conftest import ROOT
 
-PAGE, FIGURE = ROOT / 'docs' / 'benchmarks.md', ROOT / 'docs' / 'growth.svg'
-PARTS = {
-    'optimisers': optimisers.full_budget,
-    'simulation': motions.evaluation,
-    'growth': lambda: growth.figure(FIGURE),
-    'hour': bags.hour,
-}
+PAGE = ROOT / 'docs' / 'benchmarks.md'
+PARTS = {'optimisers': optimisers.full_budget, 'hour': bags.hour}
 
 
 def main():

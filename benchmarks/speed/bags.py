@@ -12,10 +12,12 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
+from mcap.records import Channel, Schema
 from mcap.writer import CompressionType, Writer
 
 from benchmarks.speed import measure
 from benchmarks.speed.measure import REPETITIONS, seconds
+from pendubot_identification.recordings.bag_metadata import information, write_metadata
 from pendubot_identification.recordings.joint_states import EPOCH_NS, JOINT_NAMES, JOINT_STATE, encode_joint_state
 from pendubot_identification.recordings.message_types import message_definition
 from test.conftest import ROOT
@@ -68,7 +70,7 @@ def sines(count):
 
 
 def write(path, columns, chunk_size):
-    """Write a bag's only file, quickly; metadata.yaml is not needed to read it."""
+    """Write a bag of one file, quickly."""
     count = len(columns[0])
     message = bytearray(encode_joint_state(EPOCH_NS, JOINT_NAMES, [1, 1], [2, 2], [3, 3]))
     places = [message.index(struct.pack('<d', number)) for number in (1, 2, 3)]
@@ -84,21 +86,10 @@ def write(path, columns, chunk_size):
                 message[first : first + 16] = column[k].tobytes()
             writer.add_message(channel, stamp, bytes(message), stamp, k)
         writer.finish()
-    topic = {'name': '/joint_states', 'type': JOINT_STATE, 'serialization_format': 'cdr', 'offered_qos_profiles': []}
-    topic['type_description_hash'] = message_definition(JOINT_STATE).type_hash
-    metadata = {
-        'version': 9,
-        'storage_identifier': 'mcap',
-        'duration': {'nanoseconds': count * 1_000_000},
-        'starting_time': {'nanoseconds_since_epoch': EPOCH_NS},
-        'message_count': count,
-        'compression_format': '',
-        'compression_mode': '',
-        'relative_file_paths': [path.name],
-        'files': [],
-        'topics_with_message_count': [{'message_count': count, 'topic_metadata': topic}],
-    }
-    (path.parent / 'metadata.yaml').write_text(json.dumps({'rosbag2_bagfile_information': metadata}))
+    definition = message_definition(JOINT_STATE)
+    described = {'offered_qos_profiles': '', 'topic_type_hash': definition.type_hash}
+    topics = {1: (Schema(1, b'', 'ros2msg', JOINT_STATE), Channel(1, '/joint_states', 'cdr', described, 1))}
+    write_metadata(path.parent, information(path.name, topics, {1: count}, EPOCH_NS, stamp))
 
 
 def run(program, *arguments):

@@ -9,7 +9,7 @@ Prints Markdown tables of the rig `balance` with encoders of 4000 counts, 4 ms o
 near upright (each angle within 0.1 rad) and 20 from hanging (within 0.2 rad), at rest. Held is what stays within
 0.2 rad of upright, in both angles, for 10 s, from 1 s, or from 10 s after the start on. Without --live, in simulation;
 with it, over the board's protocol, a pty, the bridge, DDS and the balancer, in real time, 12 s and more a trial: on a
-machine that does nothing else. Then margins, computed and met, and what the paper's own values allow.
+machine that does nothing else. Then margins, computed and met.
 """
 
 import os
@@ -34,7 +34,7 @@ from pendubot_identification.errors import ControlError
 from pendubot_identification.excitation.excitation import PulseTrain
 from pendubot_identification.identify.pipeline import identify
 from pendubot_identification.identify.settings import Settings
-from pendubot_identification.model.parameters import BALANCE, PAPER, Parameters
+from pendubot_identification.model.parameters import BALANCE, Parameters
 from pendubot_identification.model.simulation import HANGING, LatePlant, quantised
 from pendubot_identification.trajectories.trajectory import Trajectory
 
@@ -61,7 +61,7 @@ class Trial(NamedTuple):
     peak: float
 
 
-def judged(t, q, tau, begin):
+def assessed(t, q, tau, begin):
     """Return the trial that samples from arming on make."""
     wrong = (deviation(q) > HELD) & (t <= begin + TIME)
     first = int(np.flatnonzero(wrong)[-1]) + 1 if wrong.any() else 0
@@ -79,7 +79,7 @@ def simulated(known, rate, start, seed):
     loop = Loop(1 / rate, known.lag, LIMIT)
     controller = Controller(Design.make(known.parameters, loop))
     run = simulate_closed_loop(controller, LatePlant(BALANCE, LAG, (q1, q2)), begin + TIME + 2, enough=TIME + 2)
-    return judged(run.motion.t, run.motion.q, run.motion.tau[:, 0], begin)
+    return assessed(run.motion.t, run.motion.q, run.motion.tau[:, 0], begin)
 
 
 def live_trials(known, rate, start, seeds):
@@ -109,7 +109,7 @@ def live_trials(known, rate, start, seeds):
                 rig.call('/balancer/stop')
                 t, q, tau, status = rig.motion()
                 armed = (status & ARMED).astype(bool)
-                trial = judged(t[armed] - t[armed][0], q[armed], tau[armed], begin)
+                trial = assessed(t[armed] - t[armed][0], q[armed], tau[armed], begin)
                 if not math.isfinite(trial.held):
                     last = rig.said()[-1].message if rig.said() else 'nothing'
                     print(f'<!-- {start}, {rate} Hz, seed {seed}: the balancer says: {last} -->', flush=True)
@@ -172,7 +172,7 @@ def compare(options):
 
 
 def falls(plan, lag, gain):
-    """Tell whether a rig that is almost upright is lost, in 10 s."""
+    """Return whether a rig that is almost upright is lost, in 10 s."""
     bounds = SafetyLimits(swing_up=0.0)
     rig = LatePlant(plan.parameters, lag, (UPRIGHT + 0.01, 0.0))
     run = simulate_closed_loop(Controller(plan, bounds), rig, TIME, motor=gain)
@@ -200,30 +200,6 @@ def meet_margins(rates):
         print(f'| {rate} Hz | phase | {math.degrees(m.phase):.0f} degrees | |', flush=True)
 
 
-def paper(rates, seeds):
-    print("\n| the paper's rig | motor delay | gains | delay margin | gain may be | held, from within 0.02 rad |")
-    print('|---|---|---|---|---|---|')
-    for rate in rates:
-        for lag in (0.0, LAG):
-            plan = Design.make(PAPER, Loop(1 / rate, lag, LIMIT))
-            try:
-                m, held = margins(plan), 0
-            except ControlError as error:
-                print(f'| {rate} Hz | {1e3 * lag:g} ms | {plan.K.round(1)} | {error} | | |')
-                continue
-            for seed in range(seeds):
-                q1, q2 = np.random.default_rng(seed).uniform(-0.02, 0.02, 2)
-                rig = LatePlant(PAPER, lag, (UPRIGHT + q1, q2))
-                controller = Controller(plan, SafetyLimits(swing_up=0.0))
-                run = simulate_closed_loop(controller, rig, 1 + TIME + 0.1)
-                held += math.isfinite(judged(run.motion.t, run.motion.q, run.motion.tau[:, 0], 1.0).held)
-            print(
-                f'| {rate} Hz | {1e3 * lag:g} ms | {plan.K.round(1)} | {1e3 * m.delay:.2f} ms '
-                f'| {m.gain_down:.2f} to {m.gain_up:.2f} | {held} of {seeds} |',
-                flush=True,
-            )
-
-
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('--live', action='store_true', help='over pty, bridge and DDS, and the comparison alone')
@@ -238,7 +214,6 @@ def main():
     compare(options)
     if not options.live:
         meet_margins(options.rates)
-        paper(options.rates, options.seeds)
 
 
 if __name__ == '__main__':

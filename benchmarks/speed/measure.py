@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Times taken side by side: what one machine, loaded or not, tells another is the ratio."""
+"""Times taken side by side: only the ratio carries over to another machine."""
 
 import os
 import platform

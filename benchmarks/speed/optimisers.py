@@ -91,48 +91,6 @@ def pygmos(criterion, bounds):
     return run
 
 
-def minions(value, bounds):
-    import minionpy
-
-    def run():
-        for seed in range(RUNS):
-            minionpy.Minimizer(
-                lambda x: value(np.asarray(x)).tolist(),
-                list(zip(bounds.lower, bounds.upper, strict=True)),
-                algo='DE',
-                maxevals=POPULATION * (GENERATIONS + 1),
-                seed=seed,
-                options={
-                    'population_size': POPULATION,
-                    'mutation_strategy': 'rand1bin',
-                    'mutation_rate': WEIGHT,
-                    'crossover_rate': CROSSOVER,
-                    'x_tol': -1.0,
-                },
-            ).optimize()
-
-    return run
-
-
-def pymoos(value, bounds):
-    from pymoo.algorithms.soo.nonconvex.de import DE
-    from pymoo.core.problem import Problem
-    from pymoo.optimize import minimize as pymoo_minimize
-
-    class Vectorised(Problem):
-        def __init__(self):
-            super().__init__(n_var=len(bounds.lower), n_obj=1, xl=bounds.lower, xu=bounds.upper)
-
-        def _evaluate(self, x, out, *_, **__):
-            out['F'] = value(x)[:, None]
-
-    # One run and the tenth part of its generations: it is far behind, and its time is proportional to them.
-    def run():
-        pymoo_minimize(Vectorised(), DE(pop_size=POPULATION), ('n_gen', GENERATIONS // 10), seed=1)
-
-    return run
-
-
 def peers(criterion, bounds):
     """Return MDE on both paths, and the differential evolution of other packages."""
     objective, value = Penalised.of(criterion), by_blas(criterion)
@@ -143,15 +101,11 @@ def peers(criterion, bounds):
         'numpy, per vector': on(False, mde(objective, bounds, per_component=False)),
         'scipy DE, vectorised': scipys(value, bounds),
         'pygmo DE': pygmos(criterion, bounds),
-        'minionpy DE': minions(value, bounds),
     }
 
 
 def full_budget():
     criterion, bounds = energy_criterion(), default_bounds().of(7)
     works = peers(criterion, bounds)
-    works['pymoo DE (from a 100th of the work)'] = pymoos(by_blas(criterion), bounds)
     works['exact bounded least squares (no MDE at all)'] = lambda: criterion.minimum(bounds)
-    spent = interleaved(works)
-    spent['pymoo DE (from a 100th of the work)'] *= 10 * RUNS
-    return table(spent, ('kernel', 'numpy'))
+    return table(interleaved(works), ('kernel', 'numpy'))

@@ -3,18 +3,17 @@
 
 """Beside mujoco.sysid, of which robots are identified elsewhere: `pip install mujoco[sysid]`.
 
-    python -m benchmarks.speed.sysid [--test] [RIG ...]
+    python -m benchmarks.speed.sysid [--test]
 
 Prints a Markdown table. Both fit the same recordings and predict the same others, from the same smoothed states on,
-each by its own simulation. This package is asked by its defaults; mujoco.sysid is told what its user has to find out:
-masses, segments of 0.5 s with states smoothed beforehand, angles and velocities as signals of the state (its jointpos
-comes a step late), RK4, and a start of which all lengths are a fifth off. Recordings set apart as test are looked at
-with --test alone; without it the last of train stands for them. The sample bag's second half is held to be its test.
+each by its own simulation. This package has its defaults. mujoco.sysid gets what its user has to find out: masses,
+segments of 0.5 s with states smoothed beforehand, angles and velocities as signals of the state (its jointpos comes a
+step late), RK4, and a start with all lengths a fifth off. --test evaluates the test recordings; without it the last of
+train takes their place.
 """
 
 import argparse
 import contextlib
-import inspect
 import io
 import logging
 
@@ -30,10 +29,10 @@ from pendubot_identification.criteria.prediction_error import Simulations
 from pendubot_identification.formats.masses import rig_of
 from pendubot_identification.formats.robots import mjcf
 from pendubot_identification.identify.prediction import ASSESSED, HORIZONS, STRIDE, predict, state_scale
-from pendubot_identification.model.parameters import NAMES, PAPER
+from pendubot_identification.model.parameters import NAMES
 from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.signals import choose_smoothing, evenly_stamped
-from test.conftest import RECORDINGS, ROOT
+from test.conftest import RECORDINGS
 
 #: P1 P2 P3 P4 P5 b1 b2 Fc1 Fc2 J2, from the README beside the recordings.
 PUBLISHED = {
@@ -41,12 +40,12 @@ PUBLISHED = {
     'dfki_A0_sysid': np.array([0.1112, 0.0235, 0.0333, 0.3491, 0.1111, 0.001, 0.001, 0.146, 0.123, 0.0032]),
 }
 
-#: What mujoco.sysid is told to estimate: P1 to P5, b1, b2, Fc1, Fc2 and J2 follow from these.
+#: What mujoco.sysid estimates: P1 to P5, b1, b2, Fc1, Fc2 and J2 follow from these.
 TEN = NAMES[:10]
 CHUNK, STEP = 0.5, 0.002
 
 
-def fit(recordings, guess, hold):
+def fit(recordings, guess):
     """Fit a rig by mujoco.sysid, from a guess: all that its user writes. Return model, ten parameters, covariance."""
     spec = mujoco.MjSpec.from_string(mjcf(rig_of(guess)))
     elbow = spec.add_actuator(name='elbow', target='elbow', trntype=mujoco.mjtTrn.mjTRN_JOINT)
@@ -97,7 +96,7 @@ def fit(recordings, guess, hold):
         window = max(5, 2 * round(0.02 / interval) + 1)
         q, qd = (savgol_filter(raw, window, 3, deriv, interval, axis=0) for deriv in (0, 1))
         fine = np.arange(t[0], t[-1], STEP)
-        tau = sysid.TimeSeries(motion.t, motion.tau).interpolate(fine, 'zoh' if hold == 'zero' else 'linear')
+        tau = sysid.TimeSeries(motion.t, motion.tau).interpolate(fine, 'linear')
         per, sub = round(CHUNK / interval), round(interval / STEP)
         for k in range(0, len(t) - per - 2, per):
             times, steps = interval * np.arange(per + 1), slice(k * sub, (k + per) * sub + 1)
@@ -148,10 +147,9 @@ def simulated(model, motions, scale):
     return errors
 
 
-def ours(recordings, test, motions, scale):
+def ours(recordings, motions, scale):
     """Return this package's parameters, standard errors, prediction errors, and the model that it chose."""
-    # Of a recording alone it would take the first half.
-    found = pendubot.identify(*recordings, validate=test if len(recordings) == 1 else ())
+    found = pendubot.identify(*recordings)
     value, error = (np.zeros(len(NAMES)) for _ in range(2))
     own = [NAMES.index(name) for name in found.names]
     value[own], error[own] = found.theta, np.nan_to_num(found.std_error)
@@ -177,25 +175,23 @@ def rows(rig, train, test, guess):
     """Yield the two rows of a rig: who, errors, times, what is known of the intervals."""
     parts = [evenly_stamped(part) for part in test]
     smoothing = choose_smoothing(parts)
-    hold = 'zero' if rig == 'sample bag' else 'linear'
 
     def motions(hold):
         return [Motion.prepare(part, smoothing, hold) for part in parts]
 
-    scale = state_scale(motions(hold))
-    half = max(1, len(train) // 2)
-    halves = (train[:half], train[half:]) if len(train) > 1 else [[part] for part in cut(train[0])]
+    scale = state_scale(motions('linear'))
+    half = len(train) // 2
 
     def theirs(recordings):
-        model, value, error = fit(recordings, guess, hold)
-        return value, error, simulated(model, motions(hold), scale), 'rotor'
+        model, value, error = fit(recordings, guess)
+        return value, error, simulated(model, motions('linear'), scale), 'rotor'
 
     for name, way in (
         ('mujoco.sysid', theirs),
-        ('this package', lambda recordings: ours(recordings, test, motions, scale)),
+        ('this package', lambda recordings: ours(recordings, motions, scale)),
     ):
         (value, error, predicted, model), cpu, wall = timed(lambda way=way: way(train))
-        first, second = (way(part) for part in halves)
+        first, second = way(train[:half]), way(train[half:])
         width = np.median(1.96 * error[:5] / np.abs(value[:5]))
         errors = ' / '.join(f'{e:.3f}' for e in predicted)
         yield (
@@ -205,48 +201,31 @@ def rows(rig, train, test, guess):
         print('    ', name, dict(zip(TEN, np.round(value, 5).tolist(), strict=True)), flush=True)
 
 
-def cut(motion):
-    """Return both halves of a motion."""
-    half = len(motion) // 2
-    return motion[:half], motion[half:]
-
-
 def rigs(use_test):
     """Return by name what fits, what is predicted, and the rig that is guessed."""
-    bag = pendubot.read(str(ROOT / 'bags' / 'paper_experiment'))
-    train, test = cut(bag)
-    found = {'sample bag': ([train], [test], pendubot.Pendubot(*PAPER.vector()))}
-    if RECORDINGS.exists():
-        roles = [line.split(',') for line in (RECORDINGS / 'manifest.csv').read_text().splitlines()[1:]]
-        for group, theta in PUBLISHED.items():
-            train = [pendubot.read(RECORDINGS / row[0]) for row in roles if row[1:3] == [group, 'train']]
-            if use_test:
-                test = [pendubot.read(RECORDINGS / row[0]) for row in roles if row[1:3] == [group, 'test']]
-            else:
-                *train, last = train
-                test = [last]
-            found[group] = train, test, pendubot.Pendubot(**dict(zip(TEN, theta, strict=True)))
+    found, roles = {}, [line.split(',') for line in (RECORDINGS / 'manifest.csv').read_text().splitlines()[1:]]
+    for group, theta in PUBLISHED.items():
+        train, test = (
+            [pendubot.read(RECORDINGS / row[0]) for row in roles if row[1:3] == [group, role]]
+            for role in ('train', 'test' if use_test else '')
+        )
+        guess = pendubot.Pendubot(**dict(zip(TEN, theta, strict=True)))
+        found[group] = (train, test, guess) if use_test else (train[:-1], train[-1:], guess)
     return found
 
 
 def main():
     """Print the table."""
     parser = argparse.ArgumentParser(prog='python -m benchmarks.speed.sysid', description=__doc__.split('\n\n')[0])
-    parser.add_argument('rigs', nargs='*', metavar='RIG', help='of those that are there (default: all)')
-    parser.add_argument('--test', action='store_true', help='score what is set apart as test; seldom')
+    parser.add_argument('--test', action='store_true', help='evaluate the test recordings; seldom')
     args = parser.parse_args()
-    there = rigs(args.test)
-    if unknown := set(args.rigs) - set(there):
-        parser.error(f'there is no {", ".join(unknown)}; choose of {", ".join(there)}')
     logging.getLogger('absl').setLevel(logging.ERROR)
     print(f'{measure.machine()}, mujoco {mujoco.__version__}')
-    lines = len(inspect.getsource(fit).splitlines())
-    print(f'lines that a user writes: {lines} for mujoco.sysid, 1 for this package\n')
     head = ('recordings', 'by', 'model', f'error after {" / ".join(f"{h:g}" for h in HORIZONS[:ASSESSED])} s')
     head += ('processor', 'wall', 'half of 95 %, P1 to P5', 'two halves agree in')
     table = [f'| {" | ".join(head)} |', '|' + '---|' * len(head)]
-    for name in args.rigs or there:
-        table += rows(name, *there[name])
+    for name, rig in rigs(args.test).items():
+        table += rows(name, *rig)
         print('\n'.join(table[2:]), flush=True)
     print('\n' + '\n'.join(table))
 

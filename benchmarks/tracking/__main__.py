@@ -24,7 +24,7 @@ from pendubot_identification.trajectories.signals import choose_smoothing
 from pendubot_identification.trajectories.trajectory import Trajectory
 from test.changing_rig import Day, record, truth
 
-from .peers import forgetting, kalman
+from .peers import kalman
 
 SECONDS, AT = 600.0, 300.0
 WALK = np.array([TrackerSettings().inertia_walk] * 5 + [TrackerSettings().friction_walk] * 4)
@@ -49,15 +49,15 @@ def batch(t, q, tau, until):
 
 
 def track(t, q, tau):
-    """Return all states and all events of one rig, each event with the time at which it was told."""
+    """Return all states and all events of one rig, each event with the time at which it was reported."""
     tracker, samples = Tracker(), np.column_stack([t, q, tau, 0 * t])
     states, events = [], []
     for k in range(0, len(t), 20):
-        for told in tracker.feed(samples[k : k + 20]):
-            if isinstance(told, State):
-                states.append(told)
+        for update in tracker.feed(samples[k : k + 20]):
+            if isinstance(update, State):
+                states.append(update)
             else:
-                events.append((float(samples[min(k + 19, len(t) - 1), 0]), told))
+                events.append((float(samples[min(k + 19, len(t) - 1), 0]), update))
     return states, events
 
 
@@ -114,8 +114,6 @@ def beside(name, t, q, tau, tracks, day):
     minute = np.array([batch(t, q[k], tau[k], 60.0) for k in range(len(q))])
     times = np.arange(1.0, SECONDS)
     add('fixed, from the first 60 s', times, np.repeat(minute[None], len(times), axis=0))
-    for memory in (5.0, 20.0, 60.0):
-        add(f'RLS on inverse dynamics, {memory:.0f} s', *forgetting(t, q, tau, first, memory=memory))
     add('EKF with theta as states', *kalman(t, q, tau, first, walk=WALK))
     print(f'\n| {name} | P, rms [%] | friction, rms [%] | lag [%] | bands hold P [%] | friction |')
     print('|---|---|---|---|---|---|')
@@ -143,16 +141,16 @@ def afterwards(name, tracks, day):
 
 
 def changes(name, tracks, days):
-    """Print how changes are found and called, and what else was told."""
+    """Print how changes are found and called, and what else was reported."""
     after, kinds, false, disturbances, right = [], {}, 0, 0, 0
     for (_, events), day in zip(tracks, days, strict=True):
         at = begins(day)
-        found = [(told, e) for told, e in events if isinstance(e, Change) and e.end >= at]
-        false += sum(not isinstance(e, Disturbance) for told, e in events) - (1 if found else 0)
+        found = [(t, e) for t, e in events if isinstance(e, Change) and e.end >= at]
+        false += sum(not isinstance(e, Disturbance) for _, e in events) - (1 if found else 0)
         disturbances += sum(isinstance(e, Disturbance) for _, e in events)
         if found:
-            told, change = found[0]
-            after.append(told - at)
+            t, change = found[0]
+            after.append(t - at)
             right += change.begin <= at <= change.end
             kinds[change.kind] = kinds.get(change.kind, 0) + 1
     called = ', '.join(f'{kind} {count}' for kind, count in kinds.items())

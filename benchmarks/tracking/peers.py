@@ -1,58 +1,14 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What else could follow a rig: recursive least squares on inverse dynamics, and a Kalman filter with theta as states.
+"""The peer of the tracker: an extended Kalman filter with theta as states, for all rigs side by side.
 
-Both take all rigs side by side, begin with the same first fit as the tracker, and know its random walks.
+It begins with the same first fit as the tracker, and knows its random walks.
 """
 
 import numpy as np
 
-from pendubot_identification.model.dynamics import GRAVITY, accelerations
-from pendubot_identification.trajectories.signals import differentiate
-
-WIDTH = 0.05
-
-
-def inverse_dynamics(t, q, window=0.05):
-    """Return the columns of both joints' equations, shape (N, 2, 9), with accelerations of smoothed velocities."""
-    q, v = differentiate(q, t[1] - t[0], window)
-    a = differentiate(v, t[1] - t[0], window)[1]
-    (q1, q2), (v1, v2), (a1, a2) = q.T, v.T, a.T
-    c2, s2, g1, g12 = np.cos(q2), np.sin(q2), GRAVITY * np.cos(q1), GRAVITY * np.cos(q1 + q2)
-    phi = np.zeros((len(t), 2, 9))
-    phi[:, 0, 0] = a1
-    phi[:, :, 1] = (a1 + a2)[:, None]
-    phi[:, 0, 2] = c2 * (2 * a1 + a2) - s2 * (2 * v1 * v2 + v2**2)
-    phi[:, 1, 2] = c2 * a1 + s2 * v1**2
-    phi[:, 0, 3] = g1
-    phi[:, :, 4] = g12[:, None]
-    for joint in range(2):
-        phi[:, joint, 5 + joint] = v[:, joint]
-        phi[:, joint, 7 + joint] = np.tanh(v[:, joint] / WIDTH)
-    return phi
-
-
-def forgetting(t, q, tau, theta, *, memory=20.0, every=1.0):
-    """Follow by recursive least squares that forgets over ``memory`` seconds; return times and theta, (M, K, 9).
-
-    ``theta``: with which it begins, shape (K, 9). It is summed over ``every`` seconds at once, which is the same.
-    """
-    block = round(every / (t[1] - t[0]))
-    count = len(t) // block
-    found = np.empty((count, len(q), 9))
-    for k in range(len(q)):
-        phi = inverse_dynamics(t, q[k])
-        y = np.column_stack([tau[k], 0 * tau[k]])
-        scale = np.abs(theta[k])
-        A, b = np.eye(9), theta[k] / scale
-        for n in range(count):
-            part = slice(n * block, (n + 1) * block)
-            rows, right = phi[part].reshape(-1, 9) * scale, y[part].ravel()
-            fade = np.exp(-every / memory)
-            A, b = fade * A + rows.T @ rows, fade * b + rows.T @ right
-            found[n, k] = np.linalg.solve(A, b) * scale
-    return t[block - 1 : count * block : block], found
+from pendubot_identification.model.dynamics import accelerations
 
 
 def kalman(t, q, tau, theta, *, walk, known=0.02, counts=4096, every=1.0, rate=200.0):

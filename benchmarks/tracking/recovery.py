@@ -33,11 +33,11 @@ COUNT = 2 * math.pi / 4000
 
 
 def trial(payload, seed, *, tracked):
-    """Return when the change was told [s after it], positions and torques, and what theta it was designed for last."""
+    """Return the detection [s after the change], positions and torques, and the theta of the last design."""
     rng, loop = np.random.default_rng(seed), Loop(1 / RATE, LAG, LIMIT)
     train = PulseTrain(amplitude_min=-LIMIT, amplitude_max=LIMIT, seed=seed)
     rig, tracker = LatePlant(BALANCE, LAG), Tracker(Start('viscous'))
-    controller, known, torque, waiting, rows, told = None, None, 0.0, [], [], math.nan
+    controller, known, torque, waiting, rows, detected = None, None, 0.0, [], [], math.nan
     for k in range(round(END * RATE)):
         t = k / RATE
         if k == round(ON * RATE):
@@ -49,8 +49,8 @@ def trial(payload, seed, *, tracked):
         waiting.append((t, *q, effort, 0.0))
         if len(waiting) == RATE // 10:
             for event in tracker.feed(np.array(waiting)):
-                if isinstance(event, (Change, Lost)) and t > ON and math.isnan(told):
-                    told = t - ON
+                if isinstance(event, (Change, Lost)) and t > ON and math.isnan(detected):
+                    detected = t - ON
             waiting, state = [], tracker.state
             if state is not None and state.level is Level.OK and (tracked or t < ON):
                 moved = known is None or (abs(state.theta - known) > NORMAL_95 * state.std_error).any()
@@ -67,7 +67,7 @@ def trial(payload, seed, *, tracked):
         except ControlError:
             break
         rig.advance((effort, 0.0), 1 / RATE)
-    return told, np.array(rows), known
+    return detected, np.array(rows), known
 
 
 def stability(known, payload):
@@ -93,18 +93,18 @@ def main():
     parser.add_argument('--seeds', type=int, default=10)
     seeds = range(parser.parse_args().seeds)
     print(
-        '| payload, of link 2 | parameters | told | held meanwhile | held again | after [s] | RMS angle [mrad] '
+        '| payload, of link 2 | parameters | detected | held meanwhile | held again | after [s] | RMS angle [mrad] '
         '| gain | phase [deg] | delay [ms] |'
     )
     print('|---|---|---|---|---|---|---|---|---|---|')
     for payload in (0.024, 0.06, 0.12):
         share = BALANCE.carrying(payload).P5 / BALANCE.P5 - 1
         for tracked in (False, True):
-            told, held, again, angles, stable = 0, 0, [], [], []
+            detected, held, again, angles, stable = 0, 0, [], [], []
             for seed in seeds:
                 when, rows, known = trial(payload, seed, tracked=tracked)
                 t, off = rows[:, 0], deviation(rows[:, 1:3])
-                told += math.isfinite(when)
+                detected += math.isfinite(when)
                 stable.append(stability(known, payload))
                 held += bool((off[(t > ON - 2) & (t < FALL)] < HELD).all())
                 last = t[np.flatnonzero(off > HELD)[-1]]
@@ -113,7 +113,7 @@ def main():
                     angles.append(math.sqrt((off[t > END - 5] ** 2).mean()))
             print(
                 f'| {payload:g} kg, {100 * share:.0f} % | {"tracked" if tracked else "as before"} '
-                f'| {told} of {len(seeds)} | {held} of {len(seeds)} | {len(again)} of {len(seeds)} '
+                f'| {detected} of {len(seeds)} | {held} of {len(seeds)} | {len(again)} of {len(seeds)} '
                 f'| {np.median(again or [math.nan]):.1f} | {1e3 * np.median(angles or [math.nan]):.1f} '
                 f'| {least(stable)} |',
                 flush=True,

@@ -118,7 +118,7 @@ static void plug(void)
     tcgetattr(slave, &raw);
     cfmakeraw(&raw);
     tcsetattr(slave, TCSANOW, &raw);
-    /* Closed here, so that the kernel tells whether a host is there, and keeps nothing while none is. */
+    /* Closed here, so that the kernel shows whether a host is there, and keeps nothing while none is. */
     close(slave);
     fcntl(master, F_SETFL, O_NONBLOCK);
     cut = false;

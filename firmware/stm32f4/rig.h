@@ -56,7 +56,7 @@
 #define MICROAMPERE_PER_STEP 8057
 #define OVER_CURRENT_MA 10000
 
-/* Limits at which the board switches the motor off. HELLO tells them to the host. */
+/* Limits at which the board switches the motor off. HELLO reports them to the host. */
 
 /* Measure: 1.2 times the fastest motion that an experiment needs, of either joint. */
 #define MAX_SPEED_MRAD_S 60000
@@ -95,7 +95,7 @@ _Static_assert(1ll * CURRENT_ZERO_STEPS * MICROAMPERE_PER_STEP / 1000 <= 32767
         && (4095ll - CURRENT_ZERO_STEPS) * MICROAMPERE_PER_STEP / 1000 <= 32767,
     "a STATE has 16 bits for the current");
 _Static_assert((4095ll - CURRENT_ZERO_STEPS) * MICROAMPERE_PER_STEP / 1000 > OVER_CURRENT_MA,
-    "the input cannot show an over-current: lower OVER_CURRENT_MA, or mend the sensor");
+    "the input cannot show an over-current: lower OVER_CURRENT_MA, or correct the sensor");
 _Static_assert(1000 / SAMPLE_HZ * 3 <= HUNG_MS, "a firmware that samples in time must not count as hung");
 _Static_assert(TORQUE_LIMIT_MICRO_NM >= 0
         && 1ll * TORQUE_LIMIT_MICRO_NM * MOTOR_MILLIOHM / MICRO_NM_PER_A * 1000

@@ -2,7 +2,7 @@
  * SPDX-License-Identifier: Apache-2.0 */
 /* SysTick: takes a sample every period, and knows the time of it.
  *
- * The cycle counter tells how many periods have passed since the sample before, so that a sample that takes longer than
+ * The cycle counter shows how many periods have passed since the sample before, so that a sample that takes longer than
  * its period does not stretch the clock. The sample that was due meanwhile is left out: the next one comes at a whole
  * number of periods, two or more, and the link sets its bit 12. Where the counter stands still, as in QEMU, each sample
  * counts as one period.

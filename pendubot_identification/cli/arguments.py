@@ -133,7 +133,7 @@ def _settings(group: Any, *settings: Setting, **metavars: str) -> None:
 
 def _reading(parser: Any, *, joints: bool = False, save: bool = False) -> None:
     """Add the options by which recordings are read."""
-    group = parser.add_argument_group('how recordings are read', 'applied in this order, to all of them alike')
+    group = parser.add_argument_group('how recordings are read', 'applied in this order, to each recording')
     names = {'columns': 't=NAME,...', 'torque_constant': 'K', 'gear': 'N', 'negate': 'q1,...', 'offset': 'q1=ANGLE,...'}
     _settings(group, *CONVERSION, **names)
     words = (
@@ -329,8 +329,8 @@ def _export(parser: Any) -> None:
       py      a Python module that needs no other: P1, ..., THETA, and the model: acceleration(q, v, tau) ...
     Units, meanings, level, warnings and the origin of the numbers stand in comments.
 
-    Simulators need masses, and the motion determines P1 to P5 alone. One of all rigs that move alike is written, and
-    the choice is stated. Parameters that no real masses give are refused.
+    Simulators need masses, and the motion determines P1 to P5 alone. One rig with the same motion is written; the file
+    states the choice. Parameters that no real masses give are refused.
 
     Examples:
       pendubot export result.yaml --output pendubot.xml              the suffix selects the format; .xml is mjcf

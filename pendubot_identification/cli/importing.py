@@ -31,9 +31,9 @@ def run(args: argparse.Namespace) -> int:
         progress(f'reading {args.file.name}', 0, 0, math.nan)
         motion = reader.motion
 
-        def tell(done: int) -> None:
+        def report(done: int) -> None:
             progress(f'writing {args.output.name}', done, len(motion), math.nan)
 
-        write_trajectory(args.output, motion, overwrite=args.force, progress=tell)
+        write_trajectory(args.output, motion, overwrite=args.force, progress=report)
     print(f'{args.output}: {as_text(survey_table(reader))}')
     return 0

@@ -41,7 +41,7 @@ class Balancing:
         readiness: the parameters, their quality, and the loop; it defines ``limit`` [N m] and ``motor_delay`` [s].
         plan: by which it begins or moves, None before there is one. While idle, it was simulated.
         obstacle: why it cannot begin; empty if it can.
-        stopped: why it stopped last; empty if it did not, or was told to.
+        stopped: why it stopped last; empty before the first stop, and after a requested one.
     """
 
     def __init__(self, limit: float, motor_delay: float | None = None, bounds: SafetyLimits | None = None) -> None:

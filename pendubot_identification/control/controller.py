@@ -22,13 +22,21 @@ from .sign_check import SignCheck
 from .swing_up import swing_up
 
 UPRIGHT = math.pi / 2
-#: With a link farther than this from upright [rad], balancing does not begin, and ends.
-REACH = 0.8
-#: Balancing begins where, in a simulation with this share of the torque limit, it brings both angles within this [rad]
-#: in this time [s]; the simulation's step [s].
-CATCH_TORQUE, CATCH_ANGLE, CATCH_TIME, CATCH_STEP = 0.9, 0.15, 0.5, 0.005
-#: When parameters change, the jump of the torque is taken out and fades with this time constant [s].
-BUMPLESS = 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class ControllerSettings:
+    """When balancing begins and ends, and how parameters are exchanged."""
+
+    reach: float = 0.8  #: With a link farther than this from upright [rad], balancing does not begin, and ends.
+    catch_torque: float = 0.9  #: Balancing begins if a simulation with this fraction of the torque limit ...
+    catch_angle: float = 0.15  #: ... brings both angles within this [rad] ...
+    catch_time: float = 0.5  #: ... in this time [s] ...
+    catch_step: float = 0.005  #: ... by steps of this length [s].
+    bumpless: float = 0.1  #: The jump of the torque at new parameters fades with this time constant [s].
+
+
+SETTINGS = ControllerSettings()
 
 
 class ControlMode(Enum):
@@ -93,7 +101,7 @@ class Controller:
         self._watch(q, effort)
         ahead = self._ahead()
         self._decide(t, ahead)
-        self._offset *= math.exp(-self._loop.period / BUMPLESS)
+        self._offset *= math.exp(-self._loop.period / SETTINGS.bumpless)
         torque = self._law(ahead) + self._offset
         if not math.isfinite(torque):
             raise ControlError(f'the torque came out as {torque}; look at the parameters')
@@ -136,7 +144,7 @@ class Controller:
 
     def _decide(self, t: float, state: RigState) -> None:
         error = _from_upright(state)
-        near = abs(error[0]) < REACH and abs(error[0] + error[1]) < REACH
+        near = abs(error[0]) < SETTINGS.reach and abs(error[0] + error[1]) < SETTINGS.reach
         if self.mode is ControlMode.BALANCE and not near:
             self.mode, self._swinging_since = ControlMode.SWING_UP, t
         elif self.mode is ControlMode.SWING_UP and near and self._catches(error):
@@ -155,16 +163,16 @@ class Controller:
         return swing_up(self.design.parameters, self.design.theta, state, self._upright)
 
     def _catches(self, error: RigState) -> bool:
-        """Tell by simulation whether the regulator would catch the rig from here, with some torque to spare."""
-        limit = CATCH_TORQUE * self._loop.limit
-        for _ in range(round(CATCH_TIME / CATCH_STEP)):
-            if max(abs(error[0]), abs(error[0] + error[1])) > REACH:
+        """Return by simulation whether the regulator would catch the rig from here, with some torque to spare."""
+        limit = SETTINGS.catch_torque * self._loop.limit
+        for _ in range(round(SETTINGS.catch_time / SETTINGS.catch_step)):
+            if max(abs(error[0]), abs(error[0] + error[1])) > SETTINGS.reach:
                 return False
             torque = max(-limit, min(limit, self.design.torque(error)))
             state = error[0] + UPRIGHT, *error[1:]
-            q1, *rest = advance(self.design.theta, state, (torque, 0.0), CATCH_STEP, math)
+            q1, *rest = advance(self.design.theta, state, (torque, 0.0), SETTINGS.catch_step, math)
             error = (q1 - UPRIGHT, *rest)
-        return max(abs(error[0]), abs(error[1])) < CATCH_ANGLE
+        return max(abs(error[0]), abs(error[1])) < SETTINGS.catch_angle
 
 
 def _from_upright(state: RigState) -> RigState:

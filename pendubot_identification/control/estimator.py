@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Iterable
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,14 +25,19 @@ Array = NDArray[np.float64]
 #: q1, q2 [rad], q1', q2' [rad/s].
 RigState = tuple[float, float, float, float]
 
-#: Torques [N m] that differ by less are the same: the board counts in micro-N m.
-SAME_TORQUE = 2e-6
-#: The longest transport that is looked for [samples].
-LONGEST_TRANSPORT = 10
-#: The transport is accepted if this share of the last unambiguous samples, so many, shows it.
-TRANSPORT_SAMPLES, TRANSPORT_SHARE = 40, 0.8
-#: The motor does not obey when none of the commanded torques has been applied for so long [s].
-DISOBEDIENCE = 0.1
+
+@dataclass(frozen=True, slots=True)
+class MonitorSettings:
+    """How commanded and applied torques are compared."""
+
+    same_torque: float = 2e-6  #: Torques [N m] that differ by less are equal: the board counts in micro-N m.
+    longest_transport: int = 10  #: Largest delay of a command [samples].
+    transport_samples: int = 40  #: A delay is accepted if of so many unambiguous samples ...
+    transport_share: float = 0.8  #: ... this fraction shows it.
+    disobedience: float = 0.1  #: The motor does not obey if no commanded torque was applied for this time [s].
+
+
+SETTINGS = MonitorSettings()
 
 
 class Estimator:
@@ -105,9 +111,9 @@ class CommandMonitor:
 
     def __init__(self, period: float) -> None:
         self.transport = 1
-        self._patience = max(LONGEST_TRANSPORT + 1, round(DISOBEDIENCE / period))
+        self._patience = max(SETTINGS.longest_transport + 1, round(SETTINGS.disobedience / period))
         self._commands: deque[float] = deque(maxlen=self._patience)
-        self._seen: deque[int] = deque(maxlen=TRANSPORT_SAMPLES)
+        self._seen: deque[int] = deque(maxlen=SETTINGS.transport_samples)
         self._unmatched = 0
 
     def command(self, torque: float) -> None:
@@ -120,11 +126,16 @@ class CommandMonitor:
 
     def obeyed(self, effort: float) -> bool:
         """Take the effort of a sample [N m]; return whether commanded torques are applied at all."""
-        matches = [j for j, torque in enumerate(reversed(self._commands), 1) if abs(torque - effort) <= SAME_TORQUE]
+        matches = [
+            j for j, torque in enumerate(reversed(self._commands), 1) if abs(torque - effort) <= SETTINGS.same_torque
+        ]
         self._unmatched = 0 if matches or not self._commands else self._unmatched + 1
-        if len(matches) == 1 and matches[0] <= LONGEST_TRANSPORT:
+        if len(matches) == 1 and matches[0] <= SETTINGS.longest_transport:
             self._seen.append(matches[0])
             most = max(set(self._seen), key=self._seen.count)
-            if len(self._seen) == TRANSPORT_SAMPLES and self._seen.count(most) >= TRANSPORT_SHARE * TRANSPORT_SAMPLES:
+            if (
+                len(self._seen) == SETTINGS.transport_samples
+                and self._seen.count(most) >= SETTINGS.transport_share * SETTINGS.transport_samples
+            ):
                 self.transport = most
         return self._unmatched < self._patience

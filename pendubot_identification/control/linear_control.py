@@ -16,7 +16,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import expm, solve_discrete_are
+from scipy.linalg import solve_discrete_are
+from scipy.optimize import bisect
+from scipy.signal import cont2discrete
 
 from pendubot_identification.errors import ControlError
 from pendubot_identification.model.dynamics import GRAVITY, acceleration_derivatives, mass_matrix
@@ -24,16 +26,24 @@ from pendubot_identification.model.parameters import Parameters
 
 Array = NDArray[np.float64]
 
-#: An angle off by ANGLE [rad] costs as much as the torque TORQUE, a fraction of the rig's weight (P4 + P5) g: the
-#: smaller, the less torque is used.
-ANGLE, TORQUE = 0.1, 0.06
-#: Standard deviation of the torque on each joint that the model leaves unexplained, white at 100 Hz, likewise as a
-#: fraction: the larger, the more the estimator trusts the encoders, whose rounding is the measurement noise.
-DISTURBANCE, COUNTS_PER_TURN = 0.15, 4000
+
+@dataclass(frozen=True, slots=True)
+class ControlSettings:
+    """Weights of the regulator, noise of the estimator, and the search for margins."""
+
+    angle: float = 0.1  #: An angle off by this [rad] costs as much as ...
+    #: ... this torque, a fraction of the rig's weight (P4 + P5) g: a smaller one uses less torque.
+    torque: float = 0.06
+    disturbance: float = 0.15  #: Standard deviation of the unmodelled torque, white at 100 Hz, likewise as a fraction.
+    counts_per_turn: int = 4000  #: The quantization of the encoders is the measurement noise.
+    largest_gain: float = 100.0  #: Largest gain ...
+    longest_delay: float = 0.2  #: ... and longest added delay [s] up to which margins are looked for ...
+    grid: int = 81  #: ... first on so many points.
+
+
+SETTINGS = ControlSettings()
 #: The output matrix: encoders measure positions.
 _MEASURED = np.eye(2, 4)
-#: The largest gain, and the longest added delay [s], up to which margins are looked for, first on so coarse a grid.
-_LARGEST_GAIN, _LONGEST_DELAY, _GRID = 100.0, 0.2, 81
 
 
 def linearise(parameters: Parameters) -> tuple[Array, Array]:
@@ -50,11 +60,8 @@ def linearise(parameters: Parameters) -> tuple[Array, Array]:
 
 def sampled(A: Array, B: Array, duration: float) -> tuple[Array, Array]:
     """Return the zero-order-hold model over ``duration`` [s]: Phi, shape (4, 4), and Gamma, of B's shape (4, M)."""
-    n, m = B.shape
-    block = np.zeros((n + m, n + m))
-    block[:n, :n], block[:n, n:] = A, B
-    block = expm(block * duration)
-    return block[:n, :n], block[:n, n:]
+    Phi, Gamma, *_ = cont2discrete((A, B, np.eye(len(A)), np.zeros_like(B)), duration)
+    return Phi, Gamma
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,10 +115,10 @@ class Design:
         A, both = linearise(parameters)
         Phi, Gamma = sampled(A, both[:, :1], loop.period)
         weight = (parameters.P4 + parameters.P5) * GRAVITY
-        Q, R = np.diag([1, 1, 0, 0]) / ANGLE**2, np.eye(1) / (TORQUE * weight) ** 2
+        Q, R = np.diag([1, 1, 0, 0]) / SETTINGS.angle**2, np.eye(1) / (SETTINGS.torque * weight) ** 2
         _, pushes = sampled(A, both, loop.period)
-        disturbance = pushes @ pushes.T * (DISTURBANCE * weight) ** 2 * (0.01 / loop.period)
-        noise = np.eye(2) * (2 * math.pi / COUNTS_PER_TURN) ** 2 / 12
+        disturbance = pushes @ pushes.T * (SETTINGS.disturbance * weight) ** 2 * (0.01 / loop.period)
+        noise = np.eye(2) * (2 * math.pi / SETTINGS.counts_per_turn) ** 2 / 12
         try:
             S = solve_discrete_are(Phi, Gamma, Q, R)
             covariance = solve_discrete_are(Phi.T, _MEASURED.T, disturbance, noise)
@@ -199,30 +206,27 @@ def margins(design: Design, rig: Parameters | None = None) -> Margins:
         ControlError: the loop is unstable.
     """
     loop, (fixed, moved) = design.loop, closed_loop(design, rig=rig)
-    if not _stable(fixed + moved):
+    if _radius(fixed + moved) >= 1:
         raise ControlError(
             f'a sample every {1e3 * loop.period:g} ms and a dead time of {1e3 * loop.delay:.3g} ms are too slow to '
             'hold this rig upright; sample faster, or shorten the delay'
         )
-    up = _edge(lambda power: fixed + math.exp(power) * moved, math.log(_LARGEST_GAIN))
-    down = _edge(lambda power: fixed + math.exp(-power) * moved, math.log(_LARGEST_GAIN))
+    up = _edge(lambda power: fixed + math.exp(power) * moved, math.log(SETTINGS.largest_gain))
+    down = _edge(lambda power: fixed + math.exp(-power) * moved, math.log(SETTINGS.largest_gain))
     phase = _edge(lambda angle: fixed + complex(math.cos(angle), -math.sin(angle)) * moved, math.pi)
-    delay = _edge(lambda more: np.add(*closed_loop(design, loop.delay + more, rig)), _LONGEST_DELAY)
+    delay = _edge(lambda more: np.add(*closed_loop(design, loop.delay + more, rig)), SETTINGS.longest_delay)
     return Margins(math.exp(-down), math.exp(up), phase, delay)
 
 
-def _stable(matrix: Array) -> bool:
-    return bool(abs(np.linalg.eigvals(matrix)).max() < 1)
+def _radius(matrix: Array) -> float:
+    """Return the largest size of an eigenvalue; a loop is stable below 1."""
+    return float(abs(np.linalg.eigvals(matrix)).max())
 
 
 def _edge(loop: Callable[[float], Array], furthest: float) -> float:
     """Return the largest value, at most ``furthest``, up to which a loop that is stable at 0 stays stable."""
-    grid = np.linspace(0, furthest, _GRID)
-    outside = next((k for k in range(1, len(grid)) if not _stable(loop(grid[k]))), None)
+    grid = np.linspace(0, furthest, SETTINGS.grid)
+    outside = next((k for k in range(1, len(grid)) if _radius(loop(grid[k])) >= 1), None)
     if outside is None:
         return furthest
-    low, high = grid[outside - 1], grid[outside]
-    for _ in range(20):
-        middle = (low + high) / 2
-        low, high = (middle, high) if _stable(loop(middle)) else (low, middle)
-    return float(low)
+    return float(bisect(lambda at: _radius(loop(at)) - 1, grid[outside - 1], grid[outside], rtol=1e-6))

@@ -26,12 +26,21 @@ Array = NDArray[np.float64]
 
 #: The rig is held while both angles are within this of upright [rad].
 HELD = 0.2
-#: The least margins for a real rig: factor of the gain; delay [s], because a busy computer is late now and then.
-GAIN, DELAY = 1.15, 0.001
-#: A swing-up is simulated for at most so long, and has succeeded when the rig is then balanced for so long [s].
-LONGEST, ENOUGH = 10.0, 1.0
-#: Larger torque limits are tried in steps of this factor, up to so many times the limit.
-MORE, MOST = 1.3, 20.0
+
+
+@dataclass(frozen=True, slots=True)
+class PlanSettings:
+    """The least margins for a real rig, and the simulation of the swing-up."""
+
+    gain: float = 1.15  #: Least margin of the gain, a factor.
+    delay: float = 0.001  #: Least margin of the delay [s]: a busy computer is late now and then.
+    longest: float = 10.0  #: A swing-up is simulated for at most this [s] ...
+    enough: float = 1.0  #: ... and has succeeded if the rig is then balanced for this [s].
+    more: float = 1.3  #: Larger torque limits are tried in steps of this factor ...
+    most: float = 20.0  #: ... up to this multiple of the limit.
+
+
+SETTINGS = PlanSettings()
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,13 +67,13 @@ class Plan:
             ControlError: there is no such controller, or its margins are too small.
         """
         design = Design.make(parameters, loop)
-        m = margins(design)
-        if m.gain_up < GAIN or m.gain_down > 1 / GAIN or m.delay < DELAY:
+        m, least = margins(design), SETTINGS
+        if m.gain_up < least.gain or m.gain_down > 1 / least.gain or m.delay < least.delay:
             raise ControlError(
                 f'this rig can hardly be balanced: the gain may be {m.gain_down:.2f} to {m.gain_up:.2f} times what is '
-                f'thought and the delay {1e3 * m.delay:.2g} ms longer, and {1 / GAIN:.2f} to {GAIN:.2f} and '
-                f'{1e3 * DELAY:g} ms are needed; sample faster, shorten the delay of {1e3 * loop.delay:.3g} ms, or '
-                'build a longer link 1'
+                f'thought and the delay {1e3 * m.delay:.2g} ms longer, and {1 / least.gain:.2f} to {least.gain:.2f} '
+                f'and {1e3 * least.delay:g} ms are needed; sample faster, shorten the delay of '
+                f'{1e3 * loop.delay:.3g} ms, or build a longer link 1'
             )
         if not simulate_closed_loop:
             return cls(design, m)
@@ -97,17 +106,17 @@ class Plan:
 def _swing_up_time(design: Design) -> float:
     """Return when [s] the rig with the design's own parameters is held upright, from hanging; infinite if never."""
     rig = LatePlant(design.parameters, design.loop.lag)
-    run = simulate_closed_loop(Controller(design), rig, LONGEST, enough=ENOUGH)
+    run = simulate_closed_loop(Controller(design), rig, SETTINGS.longest, enough=SETTINGS.enough)
     return math.inf if run.stopped else held_since(run.motion)
 
 
 def _sufficient_limit(design: Design) -> float:
     """Return a torque limit [N m] that swings the rig up, at most 30 % above the least; infinite if none does."""
-    limit = design.loop.limit * MORE
-    while limit <= MOST * design.loop.limit:
+    limit = design.loop.limit * SETTINGS.more
+    while limit <= SETTINGS.most * design.loop.limit:
         if math.isfinite(_swing_up_time(replace(design, loop=replace(design.loop, limit=limit)))):
             return limit
-        limit *= MORE
+        limit *= SETTINGS.more
     return math.inf
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 from pendubot_identification.errors import ControlError
 from pendubot_identification.level import Level
@@ -15,9 +16,17 @@ from pendubot_identification.model.parameters import NAMES, Parameters
 
 from .linear_control import Loop
 
-#: The period is this quantile of so many steps between samples, a low one because a busy machine skips samples. It is
-#: kept until it changes by more than this share.
-SAMPLES, QUANTILE, TOLERANCE = 100, 0.1, 0.05
+
+@dataclass(frozen=True, slots=True)
+class PeriodSettings:
+    """The sampling period as a quantile: a low one, because a busy machine skips samples."""
+
+    samples: int = 100  #: Number of steps between samples.
+    quantile: float = 0.1  #: Of these steps.
+    tolerance: float = 0.05  #: The period is kept until it changes by more than this fraction.
+
+
+SETTINGS = PeriodSettings()
 
 
 class Readiness:
@@ -32,7 +41,7 @@ class Readiness:
         self._board_limit = math.inf
         self._motor_delay = motor_delay
         self._theta: tuple[float, ...] = ()
-        self._judgements: deque[tuple[Level, str, Mapping[str, str]]] = deque(maxlen=8)
+        self._assessments: deque[tuple[Level, str, Mapping[str, str]]] = deque(maxlen=8)
         self._last = math.nan
         self._steps: list[float] = []
         self._period: float | None = None
@@ -42,10 +51,10 @@ class Readiness:
         if math.isfinite(self._last):
             self._steps.append(t - self._last)
         self._last = t
-        if len(self._steps) == SAMPLES:
-            period = sorted(self._steps)[round(QUANTILE * SAMPLES)]
+        if len(self._steps) == SETTINGS.samples:
+            period = sorted(self._steps)[round(SETTINGS.quantile * SETTINGS.samples)]
             self._steps.clear()
-            if period > 0 and (self._period is None or abs(period / self._period - 1) > TOLERANCE):
+            if period > 0 and (self._period is None or abs(period / self._period - 1) > SETTINGS.tolerance):
                 self._period = round(period, 6)
 
     def board_limit(self, limit: float) -> None:
@@ -61,8 +70,8 @@ class Readiness:
         return parameters
 
     def assess(self, level: Level, message: str, values: Mapping[str, str]) -> None:
-        """Take an identification's judgement of its parameters; ``values`` has them by name, and ``effort.delay``."""
-        self._judgements.append((level, message, values))
+        """Take an identification's assessment of its parameters; ``values`` has them by name, and ``effort.delay``."""
+        self._assessments.append((level, message, values))
 
     def ready(self, accept_warn: bool) -> tuple[Parameters, Loop]:
         """Return the parameters and the loop, or raise ControlError: something is missing or not good enough."""
@@ -77,9 +86,9 @@ class Readiness:
         return parameters, Loop(self._period, lag, min(self._limit, self._board_limit))
 
     def _assessed(self, accept_warn: bool) -> float:
-        """Return the delay [s], 0 if unknown, from the judgement of exactly these parameters if it is good enough."""
+        """Return the delay [s], 0 if unknown, from the assessment of exactly these parameters if it is good enough."""
         how = 'set the parameter accept_warn to true to use them all the same'
-        for level, message, values in reversed(self._judgements):
+        for level, message, values in reversed(self._assessments):
             if tuple(_number(values.get(name)) for name in NAMES[: len(self._theta)]) != self._theta:
                 continue
             if level is Level.ERROR:

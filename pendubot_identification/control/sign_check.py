@@ -5,7 +5,7 @@
 
 Short windows are simulated under each hypothesis: wiring right, an encoder's sign wrong, the motor's sign wrong, or the
 encoders exchanged. The hypothesis that predicts the motion much better than all others is accepted; inaccurate
-parameters worsen all predictions alike.
+parameters worsen all predictions equally.
 """
 
 from __future__ import annotations
@@ -13,18 +13,29 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
+from scipy.signal import detrend
 
 from pendubot_identification.errors import ControlError
 from pendubot_identification.model.dynamics import Pair
 from pendubot_identification.model.rollout import advance
 from pendubot_identification.model.simulation import HANGING
 
-#: Length of a window [s], its simulation's steps, and how many steps later the next one begins.
-WINDOW, STEPS, STRIDE = 0.08, 8, 2
-#: A hypothesis is taken when every other has more than so many times its squared error, plus this [rad] squared.
-RATIO, FLOOR = 5.0, 0.0015
+
+@dataclass(frozen=True, slots=True)
+class SignCheckSettings:
+    """Windows of the simulations, and when a hypothesis is accepted."""
+
+    window: float = 0.08  #: Length of a window [s].
+    steps: int = 8  #: Simulation steps of a window.
+    stride: int = 2  #: The next window begins so many steps later.
+    ratio: float = 5.0  #: A hypothesis is accepted when every other has more than so many times its squared error ...
+    floor: float = 0.0015  #: ... plus the square of this [rad].
+
+
+SETTINGS = SignCheckSettings()
 
 #: The fault, none first; the true positions by the measured ones; the sign of the motor.
 _FAULTS: tuple[tuple[str, Callable[[Pair], Pair], float], ...] = (
@@ -35,20 +46,16 @@ _FAULTS: tuple[tuple[str, Callable[[Pair], Pair], float], ...] = (
     ('shoulder and elbow are exchanged', lambda q: (q[1] + HANGING[0], q[0] - HANGING[0]), 1.0),
 )
 
-#: Subtracts the straight line fitted to the values along a window.
-_LINE = np.column_stack([np.ones(STEPS + 1), np.arange(STEPS + 1)])
-_WITHOUT_LINE = np.eye(STEPS + 1) - _LINE @ np.linalg.pinv(_LINE)
-
 
 class SignCheck:
     """Watches the beginning of a motion until one hypothesis is clear; period and lag [s] are those of the loop."""
 
     def __init__(self, theta: tuple[float, ...], period: float, lag: float) -> None:
         self._theta = theta
-        self._every = max(1, round(WINDOW / STEPS / period))
+        self._every = max(1, round(SETTINGS.window / SETTINGS.steps / period))
         self._step = self._every * period
         self._late = round(lag / period)
-        self._size = STEPS * self._every + 1
+        self._size = SETTINGS.steps * self._every + 1
         self._positions: deque[Pair] = deque(maxlen=self._size)
         self._efforts: deque[float] = deque(maxlen=self._size + self._late)
         self._errors = [0.0] * len(_FAULTS)
@@ -67,17 +74,17 @@ class SignCheck:
         self._countdown -= 1
         if self._countdown > 0:
             return False
-        self._countdown = STRIDE * self._every
+        self._countdown = SETTINGS.stride * self._every
         n = self._every
-        applied, positions = list(self._efforts)[: STEPS * n], list(self._positions)[::n]
+        applied, positions = list(self._efforts)[: SETTINGS.steps * n], list(self._positions)[::n]
         torques = [sum(applied[k : k + n]) / n for k in range(0, len(applied), n)]
         for k, (_, place, motor) in enumerate(_FAULTS):
             self._errors[k] += self._error(list(map(place, positions)), [motor * torque for torque in torques])
         best, second = sorted(range(len(_FAULTS)), key=self._errors.__getitem__)[:2]
-        if self._errors[second] < RATIO * self._errors[best] + FLOOR**2:
+        if self._errors[second] < SETTINGS.ratio * self._errors[best] + SETTINGS.floor**2:
             return False
         if name := _FAULTS[best][0]:
-            raise ControlError(f'{name}: the rig moves as it would then; mend that, see docs/rig.md')
+            raise ControlError(f'{name}: the rig moves as it would then; correct that, see docs/rig.md')
         return True
 
     def _error(self, seen: list[Pair], torques: list[float]) -> float:
@@ -91,5 +98,4 @@ class SignCheck:
         for torque, (q1, q2) in zip(torques, seen[1:], strict=True):
             state = advance(self._theta, state, (torque, 0.0), self._step, math)
             errors.append((q1 - state[0], q2 - state[1]))
-        rest = np.array(errors)
-        return float((_WITHOUT_LINE @ rest).ravel() @ rest.ravel() / len(rest))
+        return float((detrend(np.array(errors), axis=0) ** 2).sum() / len(errors))

@@ -17,18 +17,26 @@ link 1 waits there, and the regulator takes over.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 from pendubot_identification.model.dynamics import GRAVITY, accelerations
 from pendubot_identification.model.parameters import Parameters
 
 from .estimator import RigState
 
-#: Accelerations of link 1 in units of w^2, where w = sqrt(P5 g / P2) is the frequency of link 2: the largest one that
-#: pumps, and the one per rad that draws link 1 upright, with its damping ratio. Found by random search: they swing up
-#: rigs of several proportions within 3 s from near hanging, also with link 2 identified 30 % wrong.
-PUMP, STIFFNESS, DAMPING = 0.8, 0.28, 0.82
-#: The pump is full while more than 1 / EAGERNESS of the energy is missing and link 2 swings faster than w / SHARPNESS.
-EAGERNESS, SHARPNESS = 1.4, 3.0
+
+@dataclass(frozen=True, slots=True)
+class SwingUpSettings:
+    """Results of a random search: they swing up rigs of several proportions within 3 s, also 30 % off."""
+
+    pump: float = 0.8  #: Largest acceleration of link 1 that adds energy, over w^2; w = sqrt(P5 g / P2) is of link 2.
+    stiffness: float = 0.28  #: Acceleration per rad that draws link 1 upright, over w^2 ...
+    damping: float = 0.82  #: ... and its damping ratio.
+    eagerness: float = 1.4  #: The acceleration is full while more than 1 / eagerness of the energy is missing ...
+    sharpness: float = 3.0  #: ... and link 2 swings faster than w / sharpness.
+
+
+SETTINGS = SwingUpSettings()
 
 
 def swing_up(p: Parameters, theta: tuple[float, ...], state: RigState, upright: float) -> float:
@@ -37,8 +45,12 @@ def swing_up(p: Parameters, theta: tuple[float, ...], state: RigState, upright: 
     inertia, top, v12 = p.P2 + p.J2, p.P5 * GRAVITY, v1 + v2
     w = math.sqrt(top / inertia)
     missing = 1 - math.sin(q1 + q2) - inertia * v12 * v12 / 2 / top
-    pump = PUMP * max(-1.0, min(1.0, EAGERNESS * missing)) * math.tanh(SHARPNESS * v12 * math.cos(q2) / w)
-    draw = STIFFNESS * (q1 - upright) + 2 * DAMPING * math.sqrt(STIFFNESS) * v1 / w
+    pump = (
+        SETTINGS.pump
+        * max(-1.0, min(1.0, SETTINGS.eagerness * missing))
+        * math.tanh(SETTINGS.sharpness * v12 * math.cos(q2) / w)
+    )
+    draw = SETTINGS.stiffness * (q1 - upright) + 2 * SETTINGS.damping * math.sqrt(SETTINGS.stiffness) * v1 / w
     wanted = -w * w * (pump + draw)
     # The shoulder's acceleration is linear in the torque.
     free, pushed = (accelerations(theta, q1, q2, v1, v2, torque, 0.0, math)[0] for torque in (0.0, 1.0))

@@ -27,29 +27,32 @@ from .excitation import PulseTrain
 
 Array = NDArray[np.float64]
 
-#: The information is summed over segments of this length [s], each with an initial state of its own: motions that are
-#: chaotic, or that the model describes only for a while, hold no more.
-SEGMENT = 2.0
-#: The steps of a simulated rig are finer by this factor than a design needs.
-COARSER = 4.0
-#: A design uses this fraction of the limits, because the parameters are only estimated.
-USED = 0.9
-#: The final design keeps the limits with DRAWS parameter vectors about the estimate, whose standard deviation is at
-#: least the fraction SPREAD of each parameter.
-DRAWS, SPREAD = 8, 0.03
-#: The number of best designs that are checked so.
-FINALISTS = 40
-#: A cost above the cost of every train within the limits.
-BEYOND = 1e6
-#: Population, generations and coordinates of the search by MDE; SEEDS seeds of the random torques are tried.
-POPULATION, GENERATIONS, SEEDS = 80, 30, 1000
+
+@dataclass(frozen=True, slots=True)
+class DesignSettings:
+    """The search for a pulse train, and the margins to the limits."""
+
+    #: Segments of the information [s], each with an own initial state: a chaotic motion holds no more.
+    segment: float = 2.0
+    coarser: float = 4.0  #: The simulation of a rig takes steps that are finer by this factor than a design needs.
+    used: float = 0.9  #: Fraction of the limits that a design uses, because the parameters are estimates.
+    draws: int = 8  #: The final design keeps the limits with so many parameter vectors about the estimate ...
+    spread: float = 0.03  #: ... whose standard deviation is at least this fraction of each parameter.
+    finalists: int = 40  #: Number of best designs that are checked so.
+    beyond: float = 1e6  #: A cost above that of every train within the limits.
+    population: int = 80  #: Of MDE.
+    generations: int = 30  #: Of MDE.
+    seeds: int = 1000  #: Number of seeds of the random torques.
+    longest_period: float = 5.0  #: Largest period [s].
+    longest_hold: float = 1.0  #: Largest hold [s].
+    narrowest: float = 0.02  #: Smallest width, a fraction of the period.
+    digits: int = 3  #: Significant digits of the numbers in the exciter's file.
+
+
+SETTINGS = DesignSettings()
 COORDINATES = ('period', 'width', 'amplitude_min', 'amplitude_max', 'hold', 'seed')
-#: Ranges that are searched: period [s] and hold [s] up to these, width from this.
-LONGEST_PERIOD, LONGEST_HOLD, NARROWEST = 5.0, 1.0, 0.02
 #: The identifiable parameters of a pendubot: all but k2, friction by the elbow's torque, which is zero.
 IDENTIFIABLE = NAMES.index('k2')
-#: Significant digits of the numbers in the exciter's file.
-DIGITS = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,7 +150,7 @@ def predict(
     states, speed, angle = _simulated(theta, tau, step)
     wanted = np.isfinite(speed + angle).all(axis=0)
     if limits is not None:
-        wanted &= limits.used(speed, angle) <= USED
+        wanted &= limits.used(speed, angle) <= SETTINGS.used
     errors, size = np.full((len(trains), len(theta)), np.inf), np.full(len(trains), -np.inf)
     if wanted.any():
         with np.errstate(all='ignore'):
@@ -166,7 +169,7 @@ def design(
     experiment: Experiment,
     *,
     uncertainty: Array | None = None,
-    generations: int = GENERATIONS,
+    generations: int = SETTINGS.generations,
     seed: int = 1,
     progress: Callable[[int, float], None] | None = None,
 ) -> Predicted:
@@ -174,7 +177,7 @@ def design(
 
     Args:
         parameters: of the rig, as far as they are known.
-        limits: of the rig. They are kept with margins, for rigs like this one: see :data:`USED`, :data:`DRAWS`.
+        limits: of the rig. They are kept with margins, also by similar rigs: see :class:`DesignSettings`.
         experiment: how it is recorded.
         uncertainty: standard errors of the parameters, shape (D,); None: 3 % of each.
         generations: of MDE.
@@ -191,15 +194,22 @@ def design(
         trains = [_train(u, limits, experiment.interval) for u in points[0]]
         candidates = predict(parameters, trains, experiment, limits)
         informative = [candidate for candidate in candidates if np.isfinite(candidate.log_information)]
-        found[:] = sorted(found + informative, key=lambda each: -each.log_information)[:FINALISTS]
+        found[:] = sorted(found + informative, key=lambda each: -each.log_information)[: SETTINGS.finalists]
         return np.array([[_cost(candidate, limits) for candidate in candidates]])
 
-    def tell(generation: int, _: float) -> None:
+    def report(generation: int, _: float) -> None:
         if progress is not None:
             progress(generation, found[0].log_information if found else math.nan)
 
     box = Bounds(np.zeros(len(COORDINATES)), np.ones(len(COORDINATES)), COORDINATES)
-    mde(costs, box, MDESettings(POPULATION, generations, per_component=False), runs=1, seed=seed, progress=tell)
+    mde(
+        costs,
+        box,
+        MDESettings(SETTINGS.population, generations, per_component=False),
+        runs=1,
+        seed=seed,
+        progress=report,
+    )
     if not found:
         raise ExcitationError(
             f'no pulses up to {limits.torque:g} N m were found that identify all parameters, stay below '
@@ -208,8 +218,10 @@ def design(
         )
     # The first that keeps the limits on all, or on most, of the rigs drawn about the estimate.
     theta = parameters.vector()
-    spread = np.maximum(np.zeros(1) if uncertainty is None else uncertainty[: len(theta)], SPREAD * np.abs(theta))
-    drawn = theta + spread * np.random.default_rng(1).standard_normal((DRAWS, len(theta)))
+    spread = np.maximum(
+        np.zeros(1) if uncertainty is None else uncertainty[: len(theta)], SETTINGS.spread * np.abs(theta)
+    )
+    drawn = theta + spread * np.random.default_rng(1).standard_normal((SETTINGS.draws, len(theta)))
     drawn = np.maximum(drawn, 0.2 * theta)
     drawn[:, 2] = np.clip(drawn[:, 2], -0.9 * (root := np.sqrt(drawn[:, 0] * drawn[:, 1])), 0.9 * root)
     tau, step = _torques(parameters, [each.train for each in found], experiment)
@@ -222,16 +234,16 @@ def _cost(candidate: Predicted, limits: Limits) -> float:
     if np.isfinite(candidate.log_information):
         return -candidate.log_information
     used = float(limits.used(candidate.speed, candidate.angle))
-    return BEYOND * (1 + used) if np.isfinite(used) else BEYOND**2
+    return SETTINGS.beyond * (1 + used) if np.isfinite(used) else SETTINGS.beyond**2
 
 
 def _train(u: Array, limits: Limits, interval: float) -> PulseTrain:
     """Return the train at a point of the search, its :data:`COORDINATES` all within 0 to 1."""
-    period = _between(20 * interval, max(LONGEST_PERIOD, 40 * interval), u[0])
+    period = _between(20 * interval, max(SETTINGS.longest_period, 40 * interval), u[0])
     low, high = (min(_rounded(limits.torque * max(a, 1e-3)), limits.torque) for a in u[2:4])
-    hold = _between(interval, max(LONGEST_HOLD, 2 * interval), u[4])
-    width = _between(NARROWEST, 1.0, u[1])
-    return PulseTrain(_rounded(period), _rounded(width), -low, high, _rounded(hold), int(u[5] * (SEEDS - 1)))
+    hold = _between(interval, max(SETTINGS.longest_hold, 2 * interval), u[4])
+    width = _between(SETTINGS.narrowest, 1.0, u[1])
+    return PulseTrain(_rounded(period), _rounded(width), -low, high, _rounded(hold), int(u[5] * (SETTINGS.seeds - 1)))
 
 
 def _torques(parameters: Parameters, trains: Sequence[PulseTrain], experiment: Experiment) -> tuple[Array, float]:
@@ -241,7 +253,7 @@ def _torques(parameters: Parameters, trains: Sequence[PulseTrain], experiment: E
     """
     interval, samples = experiment.interval, round(experiment.duration / experiment.interval)
     greatest = max(max(abs(train.amplitude_min), abs(train.amplitude_max)) for train in trains)
-    longest = COARSER * longest_step(parameters, greatest)
+    longest = SETTINGS.coarser * longest_step(parameters, greatest)
     together = max(1, int(longest / interval + 1e-9))
     parts = max(1, math.ceil(interval / longest - 1e-9))
     t = np.asarray(interval * np.arange(samples - samples % together), dtype=np.float64)
@@ -270,7 +282,7 @@ def _information(theta: Array, states: Array, tau: Array, step: float, experimen
     Initial states and the effort's delay are unknown, too, and condensed out.
     """
     steps, lanes = tau.shape[1:]
-    length = min(steps, round(SEGMENT / step))
+    length = min(steps, round(SETTINGS.segment / step))
     count = steps // length
     within = length * np.arange(count) + np.arange(length + 1)[:, None]
     cut = np.moveaxis(states[within], 1, 2).reshape(length + 1, 4, -1)
@@ -313,4 +325,4 @@ def _between(low: float, high: float, u: float) -> float:
 
 
 def _rounded(value: float) -> float:
-    return float(f'{value:.{DIGITS}g}')
+    return float(f'{value:.{SETTINGS.digits}g}')

@@ -5,7 +5,7 @@
 
 The motion determines P1 to P5, and these leave two of the links' seven numbers open. P3 / P5 is the length l1 of link
 1. Any mass m2 between P5^2 / P2 and P1 / l1^2 will do for link 2, and for link 1 any above (P4 - m2 l1)^2 /
-(P1 - m2 l1^2): then I1 and I2, of what P1 and P2 leave, are positive. All of these rigs move alike.
+(P1 - m2 l1^2): then I1 and I2, of what P1 and P2 leave, are positive. All of these rigs have the same motion.
 """
 
 from __future__ import annotations
@@ -88,7 +88,7 @@ def rig_of(parameters: Parameters, link_length: float | None = None) -> Rig:
         (
             chosen,
             f'm2 = {m2:.6g} kg was chosen, m1 = {m1:.6g} kg with it: with any m2 from {low:.4g} to {high:.4g} kg, and '
-            f'with this one any m1 above {least:.4g} kg, the rig moves alike',
+            f'with this one any m1 above {least:.4g} kg, the rig moves in the same way',
             f'link 2 is drawn {l2:.4g} m long; its motion does not depend on that',
         ),
     )

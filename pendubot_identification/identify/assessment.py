@@ -93,7 +93,7 @@ def require_excitation(training: Sequence[Trajectory], settings: Settings) -> No
     smoothing = SMOOTHING if settings.smoothing is None else settings.smoothing
     regressions = [energy_regression(motion, settings.sliding, smoothing) for motion in training]
     criterion = Quadratic.pool([Quadratic.reduce(r.phi, r.y) for r in regressions])
-    insensitive = criterion.undetermined(SETTINGS.insensitive) & ~settings.box('viscous').held
+    insensitive = criterion.undetermined(SETTINGS.insensitive) & ~settings.box('viscous').fixed
     if insensitive.any():
         joints = zip(('shoulder', 'elbow'), moved, strict=True)
         still = next((f' (the {joint} moved by only {m:.3g} rad)' for joint, m in joints if m < SETTINGS.still), '')
@@ -205,7 +205,7 @@ def _doubts(e: Estimate, settings: Settings) -> Iterator[str]:
     high_half = theta > bounds.lower + 0.5 * (bounds.upper - bounds.lower)
     # P1 or P2 at 0 is an error, and named there.
     failed = np.isin(names, ('P1', 'P2')) & (_nearest_bound(theta, bounds) <= 0)
-    for k in np.flatnonzero(~e.free & ~e.held & ~failed & (matters | high_half)):
+    for k in np.flatnonzero(~e.free & ~e.fixed & ~failed & (matters | high_half)):
         nearest = _nearest_bound(theta, bounds)[k]
         yield f'{NAMES[k]} lies on its bound {nearest:g} {UNITS[k]}: the data ask for a value beyond'
     if e.runs_at_minimum < len(e.J_runs):

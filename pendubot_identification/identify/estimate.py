@@ -72,7 +72,7 @@ class Estimate:
         criterion: ``energy``, ``weak`` or ``likelihood``.
         model: the name of one of :data:`.parameters.MODELS`.
         theta: the estimate, shape (D,).
-        free: which parameters lie on no bound, nor are held, shape (D,).
+        free: which parameters lie on no bound, nor are fixed, shape (D,).
         covariance: shape (D, D); NaN in the rows and columns of parameters on a bound.
         correlation: of the errors by the information matrix at theta, shape (D, D): which parameters the motion tells
             apart. (That of few recordings' differences has only as many directions as there are differences.) NaN in
@@ -95,7 +95,7 @@ class Estimate:
         prediction: of validation data.
         zeros: of the recordings' positions; None where the criterion does not tell them.
         exact: whether the residuals are those of the encoders alone.
-        held: which parameters were held at a value, shape (D,).
+        fixed: which parameters were fixed at a value, shape (D,).
         absent: the parameters that are not in the model of this rig; theta has them as 0.
         level: how far to trust it.
         warnings: why, in sentences for the user.
@@ -116,7 +116,7 @@ class Estimate:
     residuals: int
     condition_number: float
     converged: bool
-    held: NDArray[np.bool_]
+    fixed: NDArray[np.bool_]
     steps: tuple[str, ...] = ()
     unexplained: float = np.nan
     J_exact: float = np.nan
@@ -164,7 +164,7 @@ class Estimate:
     def not_covered(self) -> dict[str, str]:
         """By name, the parameters of which too little is known for the level to say anything of them, and why."""
         found = {}
-        for k in np.flatnonzero(self.present & ~self.held):
+        for k in np.flatnonzero(self.present & ~self.fixed):
             value, reach = abs(self.theta[k]), self.half_width[k]
             if not self.free[k]:
                 found[NAMES[k]] = 'on its bound'

@@ -89,7 +89,7 @@ def estimate_linear(
             f'J = {runs.value.min():.6e}, exact {J_exact:.6e}'
         )
     J, still = float(criterion(theta)), float(criterion(np.zeros_like(theta)))
-    free, sought = ~bounds.at_bound(theta, tolerance=1e-7), bounds.present & ~bounds.held
+    free, sought = ~bounds.at_bound(theta, tolerance=1e-7), bounds.present & ~bounds.fixed
     covariance, std_error, freedom, words = regression_covariance(made.residuals, theta, free)
     validation_quadratic = None if assess is None else assess.criterion
     return Estimate(
@@ -99,7 +99,7 @@ def estimate_linear(
         free=free,
         covariance=covariance,
         correlation=correlations(criterion.phi.T @ criterion.phi, free),
-        std_error=np.where(bounds.held, 0.0, np.where(bounds.present, std_error, np.nan)),
+        std_error=np.where(bounds.fixed, 0.0, np.where(bounds.present, std_error, np.nan)),
         freedom=freedom,
         uncertainty=words,
         effort=Effort(hold if name == 'weak' else 'zero', made.delay),
@@ -116,5 +116,5 @@ def estimate_linear(
         if validation_quadratic is None or runs is None
         else validation_quadratic(repaired(runs.x)),
         absent=bounds.absent,
-        held=bounds.held,
+        fixed=bounds.fixed,
     )

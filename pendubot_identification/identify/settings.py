@@ -87,8 +87,8 @@ class Settings:
         given, size = len(self.bounds.lower), MODELS['geared' if self.model == 'auto' else self.model]
         if given < size:
             raise ParameterError(f'bounds of {given} parameters were given; the model {self.model} has up to {size}')
-        if self.bounds.of(MODELS['viscous']).held.all():
-            raise ParameterError('all of P1 to b2 are held at a value; leave some of them to be estimated')
+        if self.bounds.of(MODELS['viscous']).fixed.all():
+            raise ParameterError('all of P1 to b2 are fixed at a value; leave some of them to be estimated')
         # Whatever is asked for, other models are tried on the way.
         object.__setattr__(self, 'bounds', self.bounds.completed())
         for criterion in self.criteria:

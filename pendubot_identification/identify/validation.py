@@ -91,7 +91,7 @@ def _estimate(answer: Composite) -> Estimate:
         free=free,
         covariance=covariance,
         correlation=correlations(information, free),
-        std_error=np.where(bounds.held, 0.0, np.where(bounds.present, std_error, math.nan)),
+        std_error=np.where(bounds.fixed, 0.0, np.where(bounds.present, std_error, math.nan)),
         freedom=freedom,
         uncertainty=words,
         effort=Effort(answer.data.hold, answer.delay, answer.delay_std_error),
@@ -103,5 +103,5 @@ def _estimate(answer: Composite) -> Estimate:
         zeros=recorded_zeros(answer.rough),
         exact=answer.exact,
         absent=bounds.absent,
-        held=bounds.held,
+        fixed=bounds.fixed,
     )

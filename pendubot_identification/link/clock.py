@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -26,34 +27,30 @@ SECOND = 1_000 * MS
 #: The board's counter of microseconds begins again here.
 WRAP = 1 << 32
 
-#: How far back delays are remembered [us].
-WINDOW_US = 60_000_000
-#: Of each such stretch of board time [us] only the smallest delay is remembered; of shorter ones at first.
-BUCKET_US = 500_000
-#: A larger slope [ns per us] is clamped: 10 %.
-MAX_SLOPE = 100.0
-#: No two crystals differ by more [ns per us]: 0.1 %.
-CRYSTALS = 1.0
-#: A slope is larger than this only if it is so by so many of its standard deviations.
-SURE = 3.0
-#: From fewer buckets than this no skew is computed.
-FEWEST = 4
-#: At first buckets are so many times shorter, to find the skew soon ...
-FINER = 4
-#: ... and when there are so many of them, each two become one.
-FULL = 16
-#: Standard deviation of the skew between two crystals before anything is known [ns per us]: 200 ppm.
-USUAL_SKEW = 0.2
-#: Standard deviation by which the skew changes in t microseconds, over sqrt(t) [ns per us]: 0.1 ppm in a second.
-WANDER = 1e-4 / 1e3
-#: The standard deviation of an edge's slope is so many times the points' mean height above it over the time they span.
-DOUBT = 2.0
-#: After so many samples in a row whose time cannot be true the clock has jumped.
-BELIEVED_AFTER = 3
-#: A time may be off its neighbours' by this [us], and by half the time between samples.
-TOLERANCE_US = 1000
-#: The mean height above the line is taken to be at least this [ns].
-FINEST = 5_000.0
+
+@dataclass(frozen=True, slots=True)
+class ClockSettings:
+    """How far back and how finely delays are compared, and what a crystal can do."""
+
+    window_us: int = 60_000_000  #: How far back delays are remembered [us].
+    bucket_us: int = 500_000  #: Only the smallest delay of each stretch of so much board time [us] is remembered.
+    finer: int = 4  #: At first, stretches are shorter by this factor, to find the skew soon ...
+    full: int = 16  #: ... and at this number of them, each two become one.
+    fewest: int = 4  #: From fewer stretches, no skew is computed.
+    max_slope: float = 100.0  #: A larger slope [ns per us] is clamped: 10 %.
+    crystals: float = 1.0  #: Largest difference of two crystals [ns per us]: 0.1 %. A slope is larger ...
+    significant: float = 3.0  #: ... only if it is so by this many of its standard deviations.
+    usual_skew: float = 0.2  #: Standard deviation of the skew before anything is known [ns per us]: 200 ppm.
+    #: Standard deviation of the change of the skew in t us, over sqrt(t): 0.1 ppm in a second.
+    wander: float = 1e-4 / 1e3
+    #: Standard deviation of the slope of an edge, over (mean height of the points above it / their time).
+    uncertainty: float = 2.0
+    finest: float = 5_000.0  #: Least mean height of the points above the line [ns].
+    accepted_after: int = 3  #: After so many impossible times in a row, the clock has jumped.
+    tolerance_us: int = 1000  #: A time may differ from its neighbours by this [us], and by half a sample period.
+
+
+SETTINGS = ClockSettings()
 
 
 class _Point(NamedTuple):
@@ -64,7 +61,7 @@ class _Point(NamedTuple):
 class BoardClock:
     """Maps a board's microsecond counter (u32, wrapping) to host time.
 
-    For each sample :meth:`observe` learns and returns its board time, :meth:`host_time` maps that to the host's clock,
+    For each sample :meth:`observe` returns its board time, :meth:`host_time` maps that to the host's clock,
     and :meth:`stamp` makes stamps strictly increase, whatever happens to the mapping.
 
     Attributes:
@@ -74,7 +71,7 @@ class BoardClock:
     """
 
     def __init__(self) -> None:
-        self._minima: deque[_Point] = deque(maxlen=WINDOW_US // BUCKET_US + 1)
+        self._minima: deque[_Point] = deque(maxlen=SETTINGS.window_us // SETTINGS.bucket_us + 1)
         self._last_stamp: int | None = None
         self.irregular = self.jumps = self.jump_us = 0
         self.restart()
@@ -82,7 +79,7 @@ class BoardClock:
     def restart(self) -> None:
         """Begin anew with the clock of a board that restarted; stamps go on increasing."""
         self._minima.clear()
-        self._span_us = BUCKET_US // FINER  # of the present buckets
+        self._span_us = SETTINGS.bucket_us // SETTINGS.finer  # of the present buckets
         self._origin_us: int | None = None
         self._board_us = 0
         self._jumped_us = 0  # by all jumps together
@@ -92,7 +89,7 @@ class BoardClock:
         self._arrival_ns = 0
         self._bucket_end = 0
         self._slope = 0.0  # ns of delay per us of board time; 1e-3 is 1 ppm
-        self._variance = USUAL_SKEW**2  # of the slope
+        self._variance = SETTINGS.usual_skew**2  # of the slope
         self._intercept = 0.0  # delay [ns] at the board's first sample, where the line is at its lowest
 
     @property
@@ -104,10 +101,10 @@ class BoardClock:
     def wrong_rate(self) -> float:
         """How much faster the host's clock runs, as a fraction, if that is more than crystals can differ; else 0."""
         slope, error = self._rate_error
-        return slope * 1e-3 if abs(slope) - SURE * error > CRYSTALS else 0.0
+        return slope * 1e-3 if abs(slope) - SETTINGS.significant * error > SETTINGS.crystals else 0.0
 
     def observe(self, t_us: int, arrival_ns: int, frames: int = 1) -> int:
-        """Learn from the arrival [ns, host] of a sample taken at ``t_us``; return its board time [us], not wrapped.
+        """Take the arrival [ns, host] of a sample taken at ``t_us``; return its board time [us], not wrapped.
 
         ``frames`` is how many frames later than the sample before it was sent.
         """
@@ -120,7 +117,7 @@ class BoardClock:
             predicted = self._board_us + self._step_us * frames
             if self._step_us and self._cannot_be(board_us, predicted, arrival_ns):
                 self._in_a_row += 1
-                if self._in_a_row <= BELIEVED_AFTER:
+                if self._in_a_row <= SETTINGS.accepted_after:
                     self.irregular += 1
                     self._board_us, self._arrival_ns = predicted, arrival_ns
                     return predicted
@@ -133,10 +130,10 @@ class BoardClock:
         delay_ns = arrival_ns - 1000 * board_us
         self._board_us, self._arrival_ns = board_us, arrival_ns
         if not self._minima or board_us >= self._bucket_end:
-            if len(self._minima) >= FULL and self._span_us < BUCKET_US:
+            if len(self._minima) >= SETTINGS.full and self._span_us < SETTINGS.bucket_us:
                 self._coarsen()
             self._bucket_end = board_us + self._span_us
-            while self._minima and self._minima[0].board_us < board_us - WINDOW_US:
+            while self._minima and self._minima[0].board_us < board_us - SETTINGS.window_us:
                 self._minima.popleft()
             point = _Point(board_us, delay_ns)
             self._refit(point)
@@ -147,8 +144,8 @@ class BoardClock:
         return board_us
 
     def _cannot_be(self, board_us: int, predicted: int, arrival_ns: int) -> bool:
-        """Tell whether a time is off its neighbours', and before the one before or after the sample's own arrival."""
-        tolerance = max(TOLERANCE_US, self._step_us // 2)
+        """Return whether a time is off its neighbours', and before the one before or after the sample's own arrival."""
+        tolerance = max(SETTINGS.tolerance_us, self._step_us // 2)
         if abs(board_us - predicted) <= tolerance:
             return False
         return board_us <= self._board_us or self.host_time(board_us) > arrival_ns + 1000 * tolerance
@@ -177,7 +174,7 @@ class BoardClock:
 
     def _refit(self, newest: _Point) -> None:
         """Fit the line again, once a bucket."""
-        if len(self._minima) >= FEWEST:
+        if len(self._minima) >= SETTINGS.fewest:
             self._follow(self._minima)
         self._intercept = min(self._below(*point) for point in (*self._minima, newest))
 
@@ -192,14 +189,14 @@ class BoardClock:
         slope = (right.delay_ns - left.delay_ns) / (right.board_us - left.board_us)
         above = sum(p.delay_ns - left.delay_ns - slope * (p.board_us - left.board_us) for p in minima)
         # The line goes through two of them.
-        error = DOUBT * max(above / (count - 2), FINEST) / seen_us
+        error = SETTINGS.uncertainty * max(above / (count - 2), SETTINGS.finest) / seen_us
         self._rate_error = slope, error
         # Most of the window was used in earlier updates: a bucket brings only its share of the information.
         noise = error**2 * seen_us / self._span_us
-        self._variance += WANDER**2 * self._span_us
+        self._variance += SETTINGS.wander**2 * self._span_us
         gain = self._variance / (self._variance + noise)
         self._variance *= 1 - gain
-        self._slope += gain * (max(-MAX_SLOPE, min(MAX_SLOPE, slope)) - self._slope)
+        self._slope += gain * (max(-SETTINGS.max_slope, min(SETTINGS.max_slope, slope)) - self._slope)
 
 
 def _lower_hull(points: deque[_Point]) -> list[_Point]:

@@ -82,7 +82,7 @@ class Counters:
     damaged: dict[str, int] = field(default_factory=dict)  #: Frames, by reason.
     unscaled: int = 0  #: Samples that came before HELLO.
     flagged: int = 0  #: Samples that would have needed too high a speed.
-    jumps: int = 0  #: New positions that were believed after several such samples.
+    jumps: int = 0  #: New positions that were accepted after several such samples.
     irregular_stamps: int = 0  #: Samples whose ``t_us`` could not be true and was replaced.
     clock_jumps: int = 0  #: How often the board's clock jumped and went on from there.
     late_samples: int = 0  #: Samples that the board took more than half a period late.
@@ -113,7 +113,7 @@ class Output:
         self._events: list[HostEvent] = []
         self._last: dict[str, int] = {}
 
-    def tell(self, event: HostEvent) -> None:
+    def emit(self, event: HostEvent) -> None:
         """Add an event."""
         self._events.append(event)
 
@@ -122,7 +122,7 @@ class Output:
         self._events.append(Report(level, text))
 
     def is_new(self, what: str, now: int) -> bool:
-        """Note that something recurring happened at ``now`` [ns]; tell whether it did not in the second before."""
+        """Note that something recurring happened at ``now`` [ns]; return whether it did not in the second before."""
         last, self._last[what] = self._last.get(what), now
         return last is None or now - last > SECOND
 

@@ -17,7 +17,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from pendubot_identification.level import Level
 
@@ -29,27 +29,26 @@ from .motor import DISOBEYED, REPEAT_INTERVAL, Motor, names
 from .protocol import FAULTS, VERSION, Damaged, Decoder, Hello, Limits, Mode, State, Status
 from .sequence import Sequence
 
-HELLO_INTERVAL = 200 * MS
-#: So many requests without an answer are reported.
-UNANSWERED = 5
-#: The link is lost when nothing valid came for the longer of so many sample periods and the configured time ...
-SILENT_PERIODS = 5
-#: ... of which the former count for at most so long [ns], or the watchdog's time, while armed.
-LONGEST_UNSEEN = 500 * MS
-#: Who polls so late [ns] was held up itself.
-HELD_UP = 50 * MS
-#: A board whose clock went back further than this, and did not wrap, has restarted.
-CLOCK_BACK_US = 10_000
-#: The board's clock and the host's differ by at most this part.
-FASTER = 1e-3
-#: The rig is at rest when both encoders stay within so many counts ...
-REST_COUNTS = 2
-#: ... for so long [us, board time].
-REST_US = 1_000_000
-#: HELLO's sampling period is compared with the mean of so many steps of the board's clock ...
-STEPS = 10
-#: ... and may differ by this part.
-PERIOD_TOLERANCE = 0.1
+
+@dataclass(frozen=True, slots=True)
+class HostSettings:
+    """When a board counts as silent, restarted or at rest."""
+
+    hello_interval: int = 200 * MS  #: Between requests for HELLO [ns].
+    unanswered: int = 5  #: This number of requests without an answer is reported.
+    silent_periods: int = 5  #: The link is lost after silence for so many sample periods and link_timeout ...
+    #: ... of which the former count at most this [ns], or the watchdog time, while armed.
+    longest_unseen: int = 500 * MS
+    held_up: int = 50 * MS  #: A program that polls so late [ns] was held up itself.
+    clock_back_us: int = 10_000  #: A board whose clock went back further [us] without a wrap has restarted.
+    clock_tolerance: float = 1e-3  #: Largest relative difference of the clocks of board and host.
+    rest_counts: int = 2  #: The rig is at rest while both encoders stay within so many counts ...
+    rest_us: int = 1_000_000  #: ... for this time [us of the board].
+    steps: int = 10  #: HELLO's period is compared with the mean of so many steps of the board's clock ...
+    period_tolerance: float = 0.1  #: ... and may differ by this fraction.
+
+
+SETTINGS = HostSettings()
 
 # As plain numbers, because a status comes a thousand times a second and IntFlag is slow.
 _DAMAGED_FRAME, _OVERRUN, _FAULTS = int(Status.DAMAGED_FRAME), int(Status.OVERRUN), int(FAULTS)
@@ -101,11 +100,13 @@ class Host:
         self._state_arrival = 0  # [ns]
         self._state_taken = 0  # host time at which the board took the last STATE [ns]
         self._board_us: int | None = None  # board time of the last STATE
-        self._steps: deque[int] = deque(maxlen=STEPS)  # of the board's clock between frames that follow each other [us]
+        self._steps: deque[int] = deque(
+            maxlen=SETTINGS.steps
+        )  # of the board's clock between frames that follow each other [us]
         self._other_version = 0
         self._limits: LimitMonitor | None = None
         self._zeros_confirmed = False
-        self._zeros_told = 0
+        self._zeros_sent = 0
         self._rest: tuple[int, int, int] | None = None  # counts near which the rig is, and since when [us, board time]
 
     # What can be asked at any time
@@ -224,7 +225,7 @@ class Host:
     def poll(self, now: int) -> list[HostEvent]:
         """Do what is due: requests, timeouts, repeated commands. To be called as soon as :meth:`next_poll` says."""
         # After this program itself was held up, what came meanwhile has to be read before the link counts as lost.
-        held_up = not self._held_up and self._last_poll is not None and now - self._last_poll > HELD_UP
+        held_up = not self._held_up and self._last_poll is not None and now - self._last_poll > SETTINGS.held_up
         self._last_poll, self._held_up = now, held_up
         if self._up and not held_up and now - self._last_valid > self._silence_ns:
             self._up, self._fell_silent = False, True
@@ -233,9 +234,9 @@ class Host:
             self._motor.stop('the link was lost', now)
             self._sequence.allow_gap()
             self._ask(now)
-        elif self._output.open and self._asking and now - self._last_request >= HELLO_INTERVAL:
-            if self._unanswered == UNANSWERED:
-                text = f'the board did not answer {UNANSWERED} requests; check port, baud and wiring'
+        elif self._output.open and self._asking and now - self._last_request >= SETTINGS.hello_interval:
+            if self._unanswered == SETTINGS.unanswered:
+                text = f'the board did not answer {SETTINGS.unanswered} requests; check port, baud and wiring'
                 self._output.report(Level.WARN, text)
             self._ask(now)
         self._motor.poll(now)
@@ -246,9 +247,9 @@ class Host:
     def arm(self, now: int) -> list[HostEvent]:
         """Begin to arm; :class:`Armed` or :class:`ArmingFailed` follows, here or within 0.5 s."""
         if not self._up or self.state is None:
-            self._output.tell(ArmingFailed(f'no board: {self.condition(now).text}'))
+            self._output.emit(ArmingFailed(f'no board: {self.condition(now).text}'))
         elif not self.armed and (obstacle := self._obstacle(now)):
-            self._output.tell(ArmingFailed(obstacle))
+            self._output.emit(ArmingFailed(obstacle))
         else:
             self._motor.arm(self.state, now)
         return self._output.take_events()
@@ -259,15 +260,15 @@ class Host:
             return False, 'no angle comes from the board; look at the bridge'
         q1, q2 = self._joints.q
         angles = f'q1 = {q1:.4f} rad, q2 = {q2:.4f} rad'
-        if self._board_us is None or self._rest is None or self._board_us - self._rest[2] < REST_US:
+        if self._board_us is None or self._rest is None or self._board_us - self._rest[2] < SETTINGS.rest_us:
             return False, f'the rig moves ({angles}); let both links hang at rest for a second, then call again'
         self._zeros_confirmed = True
-        self._tell_zeros(now)
+        self._send_zeros(now)
         return True, f'confirmed: {angles}; if that is wrong, restart the board while both links hang at rest'
 
-    def _tell_zeros(self, now: int) -> None:
+    def _send_zeros(self, now: int) -> None:
         """Have the board remember until it restarts that its zeros were confirmed, for other hosts too."""
-        self._zeros_told = now
+        self._zeros_sent = now
         if self.hello is not None:
             self._output.command(Mode.CONFIRM_ZEROS, 0, 0, self.hello.boot_id, now)
 
@@ -303,7 +304,7 @@ class Host:
         if not self._other_version:
             return ''
         return (
-            f'the board speaks version {self._other_version} of the protocol, and this bridge version {VERSION}: flash '
+            f'the board uses version {self._other_version} of the protocol, and this bridge version {VERSION}: flash '
             'the firmware that belongs to this bridge (docs/rig.md)'
         )
 
@@ -338,8 +339,8 @@ class Host:
         frames = 1 if self.state is None else max(1, (state.seq - self.state.seq) & 0xFFFF)
         applied = self.state.torque if self.state else 0
         self.state, self._state_arrival = state, now
-        if self._zeros_confirmed and not status & _ZEROED and now - self._zeros_told >= REPEAT_INTERVAL:
-            self._tell_zeros(now)
+        if self._zeros_confirmed and not status & _ZEROED and now - self._zeros_sent >= REPEAT_INTERVAL:
+            self._send_zeros(now)
         counters = self.counters
         if status:
             counters.board_damaged += bool(status & _DAMAGED_FRAME)
@@ -360,7 +361,7 @@ class Host:
             counters.published += 1
             q, qd = sample
             stamp_ns = self.clock.stamp(self._state_taken)
-            self._output.tell(Sample(stamp_ns, q, qd, state.torque / 1e6, state.current / 1e3))
+            self._output.emit(Sample(stamp_ns, q, qd, state.torque / 1e6, state.current / 1e3))
 
     def _board_time(self, t_us: int, now: int, frames: int) -> int:
         """Return a sample's board time [us]; report a clock that is wrong."""
@@ -381,7 +382,11 @@ class Host:
 
     def _note_rest(self, state: State, board_us: int) -> None:
         rest = self._rest
-        if rest is None or abs(state.enc1 - rest[0]) > REST_COUNTS or abs(state.enc2 - rest[1]) > REST_COUNTS:
+        if (
+            rest is None
+            or abs(state.enc1 - rest[0]) > SETTINGS.rest_counts
+            or abs(state.enc2 - rest[1]) > SETTINGS.rest_counts
+        ):
             self._rest = state.enc1, state.enc2, board_us
 
     def _rate_text(self) -> str:
@@ -398,7 +403,7 @@ class Host:
         assert self._limits is not None
         exceeded = self._limits.check(state, elapsed_us, applied)
         if exceeded and self.armed:
-            text = f'a limit is exceeded ({names(exceeded)}), and the board does not switch off; mend its firmware'
+            text = f'a limit is exceeded ({names(exceeded)}), and the board does not switch off; correct its firmware'
             self._output.report(Level.ERROR, text)
             self._motor.stop(text, now)
 
@@ -435,15 +440,15 @@ class Host:
     def _why_unusable(self, hello: Hello) -> str:
         """Return what in a HELLO makes no sense, and what to do; empty where all does."""
         if 0 in self._counts_per_turn(hello):
-            return 'the board says 0 counts per turn; set counts_per_turn, or mend its firmware'
+            return 'the board says 0 counts per turn; set counts_per_turn, or correct its firmware'
         if hello.torque_limit < 0:
-            return f'the board says a torque limit of {hello.torque_limit / 1e6:g} N m; mend its firmware'
+            return f'the board says a torque limit of {hello.torque_limit / 1e6:g} N m; correct its firmware'
         return ''
 
     @property
     def _period_us(self) -> float:
         """The mean time between the last samples by the board's clock [us]; 0 while there were too few."""
-        return sum(self._steps) / STEPS if len(self._steps) == STEPS else 0.0
+        return sum(self._steps) / SETTINGS.steps if len(self._steps) == SETTINGS.steps else 0.0
 
     def _contradiction(self) -> str:
         """Return how HELLO's sampling period contradicts the samples; empty where it does not."""
@@ -451,30 +456,30 @@ class Host:
         if self.hello is None or not measured:
             return ''
         period = self.hello.sample_period_us
-        if abs(period - measured) <= PERIOD_TOLERANCE * measured:
+        if abs(period - measured) <= SETTINGS.period_tolerance * measured:
             return ''
         return (
             f'the board says a sample every {period / 1000:g} ms, and its samples are {measured / 1000:g} ms apart; '
-            'mend its firmware'
+            'correct its firmware'
         )
 
     def _is_later(self, frame: State | Hello) -> bool:
-        """Tell whether the board's clock went on since the last STATE; it may have wrapped."""
+        """Return whether the board's clock went on since the last STATE; it may have wrapped."""
         return self.state is not None and 0 < (frame.t_us - self.state.t_us) % WRAP < WRAP // 2
 
     def _has_restarted(self, frame: State | Hello, now: int) -> bool:
-        """Tell whether the clock went back, and did not wrap, in a frame that does not follow the one before."""
+        """Return whether the clock went back, and did not wrap, in a frame that does not follow the one before."""
         if self.state is None or self._sequence.follows(frame.seq):
             return False
-        if self.state.t_us - frame.t_us <= CLOCK_BACK_US:
+        if self.state.t_us - frame.t_us <= SETTINGS.clock_back_us:
             return False
         # A clock that wrapped has gone on by no more than the time since the last STATE was taken (not: read).
-        elapsed_us = (now - self._state_taken) * 1e-3 * (1 + FASTER)
-        return (frame.t_us - self.state.t_us) % WRAP > elapsed_us + CLOCK_BACK_US
+        elapsed_us = (now - self._state_taken) * 1e-3 * (1 + SETTINGS.clock_tolerance)
+        return (frame.t_us - self.state.t_us) % WRAP > elapsed_us + SETTINGS.clock_back_us
 
-    def _restarted(self, evidence: str, now: int) -> None:
+    def _restarted(self, reason: str, now: int) -> None:
         self.counters.restarts += 1
-        self._output.report(Level.WARN, f'the board restarted: {evidence}')
+        self._output.report(Level.WARN, f'the board restarted: {reason}')
         self._motor.stop('the board restarted', now)
         self._motor.restarted()
         self._zeros_confirmed = False
@@ -497,9 +502,9 @@ class Host:
     def _silence_ns(self) -> int:
         # The period that the samples show; what HELLO says of it must not keep a motor on that nobody sees.
         period_us = self._period_us or (self.hello.sample_period_us if self.hello else 0)
-        periods = round(SILENT_PERIODS * period_us * 1000)
+        periods = round(SETTINGS.silent_periods * period_us * 1000)
         if self.armed:
-            periods = min(periods, max(self._motor.watchdog_ns, LONGEST_UNSEEN))
+            periods = min(periods, max(self._motor.watchdog_ns, SETTINGS.longest_unseen))
         return max(round(self.config.link_timeout * SECOND), periods)
 
     def _ask(self, now: int) -> None:

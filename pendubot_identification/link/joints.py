@@ -16,8 +16,8 @@ from .events import HostConfig, Output
 #: Velocity is the difference to the oldest sample of this last stretch of board time [us], or to the one before
 #: where samples are further apart: a noise of one count in 10 ms, a lag of 5 ms.
 VELOCITY_WINDOW_US = 10_000
-#: After so many implausible samples in a row the new position is believed.
-BELIEVED_AFTER = 5
+#: After so many implausible samples in a row the new position is accepted.
+ACCEPTED_AFTER = 5
 
 
 class Joints:
@@ -29,10 +29,10 @@ class Joints:
         self.restart()
 
     def restart(self) -> None:
-        """Begin anew: the next sample is believed wherever it is."""
+        """Begin anew: the next sample is accepted wherever it is."""
         self._history: deque[tuple[int, Pair]] = deque()
         self.q: Pair | None = None
-        self._in_doubt = 0
+        self._flagged = 0
 
     def update(
         self, board_us: int, counts: tuple[int, int], counts_per_turn: tuple[int, int], now: int
@@ -50,9 +50,9 @@ class Joints:
             before_us, before = history[-1]
             reach = self._config.max_speed * (board_us - before_us) * 1e-6
             if abs(q1 - before[0]) > reach or abs(q2 - before[1]) > reach:
-                self._doubt(board_us, (q1, q2), now)
+                self._flag(board_us, (q1, q2), now)
                 return None
-        self._in_doubt = 0
+        self._flagged = 0
         while len(history) > 1 and history[0][0] < board_us - VELOCITY_WINDOW_US:
             history.popleft()
         qd = (0.0, 0.0)
@@ -64,10 +64,10 @@ class Joints:
         history.append((board_us, self.q))
         return (q1, q2), qd
 
-    def _doubt(self, board_us: int, q: Pair, now: int) -> None:
+    def _flag(self, board_us: int, q: Pair, now: int) -> None:
         self._output.counters.flagged += 1
-        self._in_doubt += 1
-        if self._in_doubt < BELIEVED_AFTER:
+        self._flagged += 1
+        if self._flagged < ACCEPTED_AFTER:
             return
         self._output.counters.jumps += 1
         self.restart()
@@ -75,6 +75,6 @@ class Joints:
         if self._output.is_new('jump', now):
             self._output.report(
                 Level.WARN,
-                f'{BELIEVED_AFTER} samples in a row would have needed more than {self._config.max_speed:g} rad/s: the '
-                'new place is believed; check the encoders',
+                f'{ACCEPTED_AFTER} samples in a row would have needed more than {self._config.max_speed:g} rad/s: the '
+                'new place is accepted; check the encoders',
             )

@@ -81,13 +81,13 @@ class Motor:
         self._last_foreign = -SECOND
         self._torque = 0
         self._effort_not_finite = False
-        self._faults_told = 0
+        self._faults_reported = 0
         self._last_effort = 0
         self._last_sent = 0
         self._last_torque_sent = -SECOND
 
     def contested(self, now: int) -> bool:
-        """Tell whether another program sent commands to the board in the last second."""
+        """Return whether another program sent commands to the board in the last second."""
         return now - self._last_foreign < SECOND
 
     @property
@@ -110,7 +110,7 @@ class Motor:
     def arm(self, state: State, now: int) -> None:
         """Begin to arm a board that is heard; ``state`` is its last one."""
         if self.armed:
-            self._output.tell(Armed())
+            self._output.emit(Armed())
         elif self._phase is _Phase.DISARMED:
             self._phase = _Phase.ARMING
             self.lost = ''
@@ -127,7 +127,7 @@ class Motor:
         self._torque = 0
         self.effort_stopped = False
         if phase is _Phase.ARMING:
-            self._output.tell(ArmingFailed(reason))
+            self._output.emit(ArmingFailed(reason))
         elif phase is _Phase.ARMED and not wanted:
             self.lost = reason
             self._output.report(Level.WARN, f'disarmed: {reason}; arm again when it is safe')
@@ -250,7 +250,7 @@ class Motor:
         elif status & _ARMED and own and state.lock == self._lock:
             self._phase = _Phase.ARMED
             self._last_effort = now
-            self._output.tell(Armed())
+            self._output.emit(Armed())
         elif self._lock is None:
             self._request(state.lock, now)
             self._arm_seq = self._output.seq
@@ -308,13 +308,13 @@ class Motor:
     def _report_faults(self, risen: int, now: int) -> None:
         # Some faults come and go, such as a supply that sags whenever the motor pulls.
         if self._output.is_new('fault', now):
-            self._faults_told = 0
-        if untold := risen & ~self._faults_told:
-            self._faults_told |= untold
-            self._output.report(Level.ERROR, f'the board reports a fault: {names(untold)}')
+            self._faults_reported = 0
+        if unreported := risen & ~self._faults_reported:
+            self._faults_reported |= unreported
+            self._output.report(Level.ERROR, f'the board reports a fault: {names(unreported)}')
 
     def _is_own(self, seq: int) -> bool:
-        """Tell whether a frame was sent since the last disarming began; of a long time, in its last half minute."""
+        """Return whether a frame was sent since the last disarming began; of a long time, in its last half minute."""
         return (self._output.seq - seq) % _SEQS < min(self._output.frames - self._frames_before, _SEQS // 2)
 
     def _is_before_arming(self, seq: int) -> bool:

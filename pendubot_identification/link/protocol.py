@@ -168,7 +168,7 @@ class Damaged:
     """Bytes that were dropped: the reason (``overlong``, ``cobs``, ``length``, ``crc``, ``version``, ``type``).
 
     ``overlong`` comes once, as soon as there are more bytes than in any frame; they end at the next 0x00. ``version``
-    is that of a whole frame of another version of the protocol, else 0.
+    is that of a complete frame of another version of the protocol, else 0.
     """
 
     reason: str

@@ -37,7 +37,7 @@ class PtyServer:
         board: the board.
         link: where to put a symbolic link to the pty, so that a host finds it under a name that stays.
         trace: where to write a CSV file of every sample as the board took it (t_us, counts, micro-N m, status).
-        tell: called with ``cable out`` as it goes, and ``cable in`` once it is back.
+        report: called with ``cable out`` as it goes, and ``cable in`` once it is back.
         patient: the board's time stands still while this process is kept waiting and, as long as the board is armed,
             while the host is there and says nothing: on a computer that pauses no rig runs on without its controller.
 
@@ -51,13 +51,13 @@ class PtyServer:
         board: VirtualBoard,
         link: Path | None = None,
         trace: Path | None = None,
-        tell: Callable[[str], None] = lambda _: None,
+        report: Callable[[str], None] = lambda _: None,
         patient: bool = False,
     ) -> None:
         self._board = board
         self._patient = patient
         self._heard = 0
-        self._tell = tell
+        self._report = report
         self._link = link
         self._master: int | None = None
         self._slave_path = ''
@@ -108,12 +108,12 @@ class PtyServer:
                 self._write_trace()
                 if self._master is None and self._plugged_in:
                     self._plug()
-                    self._tell('cable in')
+                    self._report('cable in')
                 if self._plugged_in:
                     self._send(data)
                 elif self._master is not None:
                     self._send(data[: len(data) // 2])
-                    self._tell('cable out')
+                    self._report('cable out')
                     self._unplug()
                 # Only now: what it takes to compute the motion delays no sample.
                 self._board.move()
@@ -129,7 +129,7 @@ class PtyServer:
                 os.close(descriptor)
         tty.setraw(slave)
         self._slave_path = os.ttyname(slave)
-        # Closed here, so that the kernel tells whether a host is there, and keeps nothing while none is.
+        # Closed here, so that the kernel shows whether a host is there, and keeps nothing while none is.
         os.close(slave)
         os.set_blocking(self._master, False)
         self._writer = FrameWriter(self._master)

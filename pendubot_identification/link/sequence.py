@@ -35,7 +35,7 @@ class Sequence:
         self._lost_in_gap = 0
 
     def follows(self, seq: int) -> bool:
-        """Tell whether this is the next number, or the first."""
+        """Return whether this is the next number, or the first."""
         return self._last is None or seq == (self._last + 1) & 0xFFFF
 
     def accept(self, seq: int, later: bool) -> bool:

@@ -74,15 +74,15 @@ class SerialPort:
             self._thread.join(2.0)
 
     def _run(self) -> None:
-        told = ''
+        reported = ''
         while not self._stopping.is_set():
             try:
                 device = open_port(self._port, self._baud)
             except Exception as error:
                 trouble = _TROUBLES.get(getattr(error, 'errno', None) or 0, str(error) or type(error).__name__)
                 # Only for new trouble: to find who holds a busy port takes a while.
-                if trouble != told:
-                    told = trouble
+                if trouble != reported:
+                    reported = trouble
                     self._on_closed(_sentence(self._port, trouble))
                 self._stopping.wait(RETRY)
                 continue
@@ -96,7 +96,7 @@ class SerialPort:
             if not self._stopping.is_set():
                 self._on_closed(f'the port {self._port} was lost ({reason}); it is opened again when it returns')
                 # That it is missing now is not reported too.
-                told = _MISSING
+                reported = _MISSING
                 self._stopping.wait(RETRY)
 
     def _read(self, device: serial.SerialBase) -> str:
@@ -142,8 +142,8 @@ def open_port(port: str, baud: int) -> serial.SerialBase:
 
 
 def _leads_elsewhere(port: str, device: serial.SerialBase) -> bool:
-    """Tell whether a port's path, such as a link that udev made, leads to another device than the one that is open."""
-    # Unplugged, it leads nowhere: reading the device soon fails, too.
+    """Return whether a port's path, such as a link of udev, leads to another device than the one that is open."""
+    # Unplugged, it is a dangling link: reading the device soon fails, too.
     with contextlib.suppress(FileNotFoundError):
         return isinstance(device, serial.Serial) and os.stat(port).st_rdev != os.fstat(device.fd).st_rdev
     return False

@@ -153,7 +153,7 @@ PRESETS = {'paper': PAPER, 'balance': BALANCE}
 class Bounds:
     """A box of parameter vectors: ``lower`` and ``upper``, each of shape (D,).
 
-    Equal ones hold a parameter at that value. Friction under load that is held at 0 is not in the model: that of a
+    Equal ones fix a parameter at that value. Friction under load that is fixed at 0 is not in the model: that of a
     joint which has no motor.
 
     Raises:
@@ -203,7 +203,7 @@ class Bounds:
         return np.asarray((self.lower != 0) | (self.upper != 0) | ~np.isin(self.names, UNDER_LOAD))
 
     @property
-    def held(self) -> NDArray[np.bool_]:
+    def fixed(self) -> NDArray[np.bool_]:
         """Which of these stay at a value, shape (D,)."""
         return np.asarray(self.present & (self.lower == self.upper))
 
@@ -233,7 +233,7 @@ class Bounds:
         return Bounds(self.lower, np.where(default, factor * upper, self.upper), self.names)
 
     def at_bound(self, theta: Sequence[float] | Vector, tolerance: float = 1e-9) -> NDArray[np.bool_]:
-        """Tell, per component, whether theta lies on a bound (within ``tolerance`` of the interval's width)."""
+        """Return, per component, whether theta lies on a bound (within ``tolerance`` of the interval's width)."""
         margin = tolerance * (self.upper - self.lower)
         values = np.asarray(theta, dtype=float)
         return np.asarray((values <= self.lower + margin) | (values >= self.upper - margin))

@@ -83,9 +83,9 @@ INLINE void accelerate_sensitivity(const Theta *theta, vec q1, vec q2, vec v1, v
     vec slope1 = p[5], slope2 = p[6], one[LARGEST_MODEL] = {}, two[LARGEST_MODEL] = {};
     if (theta->size >= 9) {
         if (theta->size >= 14) {
-            double bend = 2.0 / (STRIBECK_SPEED * STRIBECK_SPEED);
-            slope1 -= p[10] * at.stribeck[0] * at.sign[0] * v1 * bend;
-            slope2 -= p[11] * at.stribeck[1] * at.sign[1] * v2 * bend;
+            double curvature = 2.0 / (STRIBECK_SPEED * STRIBECK_SPEED);
+            slope1 -= p[10] * at.stribeck[0] * at.sign[0] * v1 * curvature;
+            slope2 -= p[11] * at.stribeck[1] * at.sign[1] * v2 * curvature;
             one[10] = -(at.stribeck[0] * at.sign[0]), two[11] = -(at.stribeck[1] * at.sign[1]);
             one[12] = -(magnitude(t1) * at.sign[0]), two[13] = -(magnitude(t2) * at.sign[1]);
         }

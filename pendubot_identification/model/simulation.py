@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,12 +24,17 @@ Array = NDArray[np.float64]
 #: Positions [rad] when hanging.
 HANGING: Pair = (-math.pi / 2, 0.0)
 
-#: Longest Runge-Kutta step [s]; at the speeds of a bench-top rig its error stays far below one encoder count.
-MAX_STEP = 1e-3
-#: A step is at most this over the highest frequency [rad/s] at which the rig can swing ...
-STEP_OF_SWING = 0.03
-#: ... and this over the highest rate [1/s] at which friction can brake it.
-STEP_OF_DECAY = 0.25
+
+@dataclass(frozen=True, slots=True)
+class StepSettings:
+    """The Runge-Kutta step: its error stays far below one encoder count."""
+
+    longest: float = 1e-3  #: Longest step [s].
+    of_swing: float = 0.03  #: Longest step, over the period of the highest frequency [rad/s] of the rig.
+    of_decay: float = 0.25  #: Longest step, over the time constant of the highest rate [1/s] of friction.
+
+
+SETTINGS = StepSettings()
 
 
 class Plant:
@@ -111,11 +117,11 @@ def _step_rates(p: Parameters) -> tuple[float, float, Pair]:
     m11, m22 = p.P1 + p.P2 + 2 * abs(p.P3), p.P2 + p.J2
     determinant = p.P1 * p.P2 - p.P3**2 + p.J2 * (p.P1 + p.P2 - 2 * abs(p.P3))
     swing = math.sqrt(GRAVITY * (abs(p.P4) + 2 * abs(p.P5)) * (m11 + m22) / determinant)
-    shoulder, elbow = m22 / determinant / STEP_OF_DECAY, m11 / determinant / STEP_OF_DECAY
+    shoulder, elbow = m22 / determinant / SETTINGS.of_decay, m11 / determinant / SETTINGS.of_decay
     # Dry friction is steepest at rest.
     slopes = p.b1 + (p.Fc1 + p.Fs1) / SIGN_WIDTH, p.b2 + (p.Fc2 + p.Fs2) / SIGN_WIDTH
     return (
-        max(1 / MAX_STEP, swing / STEP_OF_SWING),
+        max(1 / SETTINGS.longest, swing / SETTINGS.of_swing),
         shoulder * slopes[0] + elbow * slopes[1],
         (shoulder * p.k1 / SIGN_WIDTH, elbow * p.k2 / SIGN_WIDTH),
     )

@@ -19,7 +19,7 @@ from pendubot_identification.level import NORMAL_95, Level
 from pendubot_identification.model.parameters import MODELS
 from pendubot_identification.recordings.joint_states import JointDecoder
 from pendubot_identification.recordings.mcap_file import Messages
-from pendubot_identification.results.track_file import effort_taken, parameters, start_of
+from pendubot_identification.results.track_file import effort_timing, parameters, start_of
 from pendubot_identification.setting import Setting
 from pendubot_identification.tracking import tracker as tracking
 from pendubot_identification.tracking.events import Disturbance, Event, Lost, State
@@ -170,7 +170,7 @@ class Tracker(SettingsNode):
         values = parameter_values({name: asdict(entry) for name, entry in parameters(state).items()})
         segment_settings = self._tracker.segment_settings
         if segment_settings is not None:
-            values |= flat('effort', asdict(effort_taken(state, segment_settings)))
+            values |= flat('effort', asdict(effort_timing(state, segment_settings)))
             values['model'] = segment_settings.model
         return values | {'criterion': 'weak, tracked', 'last_change': self._last_change}
 

@@ -143,7 +143,7 @@ def _claims(outcomes: Sequence[Outcome], runs: int) -> Table:
     for count, order in ((runs, 'order as in the paper?'), (many, 'order again')):
         averages = [(mde.result.value[:count].mean(), o.result.value[:count].mean()) for mde, o in pairs]
         columns[f'{count} runs'] = [theirs / ours for ours, theirs in averages]
-        columns[order] = [_agreement(ratio, *both) for ratio, both in zip(paper, averages, strict=True)]
+        columns[order] = [_order_agrees(ratio, *both) for ratio, both in zip(paper, averages, strict=True)]
     columns[f'MDE reached, of {many}'] = [_reached(mde.result.value) for mde, _ in pairs]
     columns['the other'] = [_reached(o.result.value) for _, o in pairs]
     columns |= _against(pairs)
@@ -155,7 +155,7 @@ def _claims(outcomes: Sequence[Outcome], runs: int) -> Table:
     return Table('table4_order', 'Table 4: is MDE ahead?', columns, notes)
 
 
-def _agreement(paper: float, mde: float, other: float) -> str:
+def _order_agrees(paper: float, mde: float, other: float) -> str:
     if max(mde, other) <= TARGET:
         return 'both reach the target'
     return 'yes' if (paper >= 1) == (other >= mde) else 'no'

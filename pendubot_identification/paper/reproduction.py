@@ -105,7 +105,7 @@ class Reproduction:
             'median of the best error so far, 10th to 90th percentile shaded, of all runs; a mark where the last run '
             'ends'
         )
-        over = f'Figure 1 over function values, which cost alike whoever asks for them: {what}'
+        over = f'Figure 1 over function values, whose cost is the same for all: {what}'
         self._add_figure('figure1', f'Figure 1: {what}', paper_figures.convergence, outcomes)
         self._add_figure('figure1_evaluations', over, paper_figures.convergence, outcomes, 'function values')
 
@@ -194,11 +194,11 @@ class Reproduction:
         settings = Settings(('energy',), 'viscous', 'mde', spread=0.0, runs=self._runs, seed=self._seed)
         with self._progress('identification') as bar:
 
-            def tell(what: str, done: int, of: int, best: float) -> None:
+            def report(what: str, done: int, of: int, best: float) -> None:
                 bar.total = of or None
                 bar.update(done - bar.n)
 
-            best = identify(data.training, data.validation, settings, tell).best
+            best = identify(data.training, data.validation, settings, report).best
         assert best.runs is not None  # MDE was asked for
         mde, _ = settings.search('energy', 'viscous')
         return {
@@ -228,7 +228,7 @@ class Reproduction:
         self._raw.append(name)
 
     def _wants(self, name: str) -> bool:
-        """Tell whether a table or figure belongs to a wanted part, such as figure1_evaluations to figure1."""
+        """Return whether a table or figure belongs to a wanted part, such as figure1_evaluations to figure1."""
         return name.partition('_')[0] in self._wanted
 
     def _add_tables(self, *tables: Table) -> None:

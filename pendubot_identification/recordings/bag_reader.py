@@ -41,7 +41,7 @@ class ReadSettings:
     late_end: float = 0.1  #: A window may end so long after the last sample without a warning [s]: users round.
 
     def exclude(self, samples: int, duration: float) -> bool:
-        """Tell whether so many samples over so many seconds [s] are too long."""
+        """Return whether so many samples over so many seconds [s] are too long."""
         return duration > (self.longest if samples <= self.many else self.longest_of_many)
 
 
@@ -213,7 +213,7 @@ def joint_samples(
             yield elapsed_ns[wanted], values[wanted]
     covered = earliest <= low and (latest >= high or until_ns > reader.last_ns)
     if margin_ns < FOREVER_NS and not covered:
-        raise OtherClockError(f'{window}: its stamps are of another clock than its log times; follow the whole bag')
+        raise OtherClockError(f'{window}: its stamps are of another clock than its log times; track the complete bag')
 
 
 Reader = BagReader | TableReader

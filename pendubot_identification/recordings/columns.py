@@ -52,7 +52,7 @@ def option_of(unit: str) -> tuple[str, str] | None:
 
 
 def is_unit(word: str) -> bool:
-    """Tell whether a word is a unit that is known."""
+    """Return whether a word is a unit that is known."""
     return option_of(word) is not None or word in CURRENT_UNITS
 
 
@@ -63,7 +63,7 @@ def quantity_of(column: str) -> str:
 
 
 def is_current(column: str, unit: str = '') -> bool:
-    """Tell whether a column holds a motor current, by its name or unit."""
+    """Return whether a column holds a motor current, by its name or unit."""
     name, own = split(column)
     plain = re.sub(r'[\s_\-.]', '', name.lower())
     return (unit or own) in CURRENT_UNITS or _CURRENT.fullmatch(plain) is not None

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Divides recordings into training and validation, for command line and identifier alike."""
+"""Divides recordings into training and validation, for the command line and the identifier."""
 
 from __future__ import annotations
 

@@ -18,7 +18,7 @@ _folders: list[TemporaryDirectory[str]] = []
 
 
 def is_other(path: Path) -> bool:
-    """Tell whether a path is a bag of ROS 1, or a bag or file of ROS 2 with storage sqlite3."""
+    """Return whether a path is a bag of ROS 1, or a bag or file of ROS 2 with storage sqlite3."""
     try:
         if path.is_dir():
             return any(path.glob('*.db3')) and not any(path.glob('*.mcap*'))

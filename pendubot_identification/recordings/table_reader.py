@@ -9,7 +9,7 @@ import hashlib
 import math
 import re
 import shlex
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from datetime import datetime, timezone
 from functools import cached_property
 from pathlib import Path
@@ -26,13 +26,19 @@ from pendubot_identification.trajectories.trajectory import Trajectory
 from .columns import is_current, option_of, quantity_of, split
 from .tables import Table, read_table
 
-#: Longest interval of samples [s], above which the unit of time is wrong, and the usual interval [s].
-LONGEST_INTERVAL, USUAL_INTERVAL = 0.1, 0.005
+
+@dataclass(frozen=True, slots=True)
+class TableSettings:
+    """Thresholds for the times of a file."""
+
+    longest_interval: float = 0.1  #: Above this interval of samples [s], the unit of time is wrong ...
+    usual_interval: float = 0.005  #: ... and the unit that is nearest to this one [s] is proposed.
+    since_1970: float = 1e8  #: A later first time [s] counts from 1970.
+    most_repeated: float = 0.05  #: With a larger fraction of repeated times, the times have too few digits.
+
+
+SETTINGS = TableSettings()
 DECIMAL_COMMA = re.compile(r'\s*[-+]?\d*,\d+([eE][-+]?\d+)?\s*')
-#: A first time [s] above which times count from 1970.
-SINCE_1970 = 1e8
-#: A larger fraction of rows with repeated times means that the times have too few digits.
-MOST_REPEATED = 0.05
 
 
 class TableReader:
@@ -162,10 +168,10 @@ class TableReader:
         if conversion.torque_constant:
             values['tau1'] = values['tau1'] * self._amperes(self.taken['tau1'])
         t = values['t'] * conversion.seconds
-        if t[0] > SINCE_1970:
+        if t[0] > SETTINGS.since_1970:
             t = np.round(t - t[0], 6)  # a float has no more digits of such a time
         rows, repeated = np.flatnonzero(complete), np.append(False, np.diff(t) == 0)
-        if 0 < repeated.sum() <= MOST_REPEATED * len(t):
+        if 0 < repeated.sum() <= SETTINGS.most_repeated * len(t):
             self.note = f'{self.path}: {repeated.sum()} of {len(t)} rows repeat the time before; they were left out'
             rows, t = rows[~repeated], t[~repeated]
             values = {name: numbers[~repeated] for name, numbers in values.items()}
@@ -181,10 +187,10 @@ class TableReader:
         q, tau = (np.column_stack([values[a], values.get(b, zeros)]) for a, b in (('q1', 'q2'), ('tau1', 'tau2')))
         qd = np.column_stack([values[name] for name in OPTIONAL[1:]]) if {'dq1', 'dq2'} <= values.keys() else None
         motion = conversion.motion(t - t[0], q, tau, qd, str(self.path))
-        if len(t) > 1 and motion.interval > LONGEST_INTERVAL * (1 + 1e-6):
+        if len(t) > 1 and motion.interval > SETTINGS.longest_interval * (1 + 1e-6):
             apart = f'{self.path}: its rows are {motion.interval:g} s apart, which no recording of a pendubot is'
             units = {unit: motion.interval / conversion.seconds * size for unit, size in TIME_UNITS.items()}
-            unit = min(units, key=lambda each: abs(math.log(units[each] / USUAL_INTERVAL)))
+            unit = min(units, key=lambda each: abs(math.log(units[each] / SETTINGS.usual_interval)))
             if unit == conversion.time_unit:
                 raise TableError(f'{apart}; record at a higher rate')
             raise TableError(f'{apart}; its times may be in {unit}: add --time-unit {unit}', time_unit=unit)

@@ -63,7 +63,7 @@ def read_table(path: Path, conversion: Conversion) -> Table:
 
 
 def is_table(path: Path) -> bool:
-    """Tell whether a path names a file with columns by its ending; any folder is a bag."""
+    """Return whether a path names a file with columns by its ending; any folder is a bag."""
     return path.suffix.lower() in FORMATS and not path.is_dir()
 
 

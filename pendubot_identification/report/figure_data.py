@@ -22,7 +22,7 @@ from pendubot_identification.identify.settings import Settings
 from pendubot_identification.level import NORMAL_95
 from pendubot_identification.model.parameters import NAMES
 from pendubot_identification.results.provenance import Answer
-from pendubot_identification.results.result import EffectFound
+from pendubot_identification.results.result import ReportedEffect
 from pendubot_identification.trajectories.motion import Motion
 
 Array = NDArray[np.float64]
@@ -148,7 +148,7 @@ def unexplained_torque(motions: Sequence[Motion], answer: Answer) -> Unexplained
     )
 
 
-def known_effects(motions: Sequence[Motion], delay: float, listed: Sequence[EffectFound]) -> list[FoundEffect]:
+def known_effects(motions: Sequence[Motion], delay: float, listed: Sequence[ReportedEffect]) -> list[FoundEffect]:
     """Return the accepted effects of a result, from the catalogue of its motions."""
     known = {(effect.name, effect.where): effect for effect in catalogue(motions, delay)}
     return [

@@ -131,7 +131,7 @@ def rounding(entries: Iterable[Parameter]) -> str:
 
 
 def _doubt(entry: Parameter) -> str:
-    if entry.held:
+    if entry.fixed:
         return 'fixed'
     if entry.on_bound:
         return 'on its bound'

@@ -40,7 +40,7 @@ def assemble_result(found: Identification, sources: Sequence[Source]) -> tree.Re
         not_covered=best.not_covered,
         faults=_faults(found),
         uncorrected=None if found.uncorrected is None else _uncorrected(found.uncorrected),
-        effects=[_entry(tree.EffectFound, effect) for effect in found.effects],
+        effects=[_entry(tree.ReportedEffect, effect) for effect in found.effects],
         unmodelled=known(found.unmodelled),
         advice=list(best.advice),
         criterion=best.criterion,
@@ -53,7 +53,7 @@ def assemble_result(found: Identification, sources: Sequence[Source]) -> tree.Re
         covariance=known(best.covariance[np.ix_(best.present, best.present)]),
         covariance_rank=best.covariance_rank,
         made_by=_entry(
-            tree.MadeBy,
+            tree.Provenance,
             settings,
             version=__version__,
             sliding_window=settings.sliding,
@@ -72,8 +72,8 @@ def _entry(kind: type[T], source: object, **others: Any) -> T:
     return kind(**{name: known(getattr(source, name)) for name in names}, **others)
 
 
-def _faults(found: Identification) -> list[tree.FaultFound]:
-    return [_entry(tree.FaultFound, fault, put_right=known(fault.corrected)) for fault in found.faults]
+def _faults(found: Identification) -> list[tree.DataFault]:
+    return [_entry(tree.DataFault, fault, corrected=known(fault.corrected)) for fault in found.faults]
 
 
 def _uncorrected(found: Identification) -> tree.Uncorrected:
@@ -100,7 +100,7 @@ def _answer(e: Estimate, found: Identification) -> tree.CriterionAnswer:
         tree.CriterionAnswer,
         e,
         parameters={NAMES[k]: _parameter(e, k) for k in np.flatnonzero(e.present).tolist()},
-        effort=tree.EffortTaken(
+        effort=tree.EffortTiming(
             hold=effort.hold,
             delay=known(effort.delay),
             delay_std_error=known(effort.std_error),
@@ -131,7 +131,7 @@ def predicted(prediction: Prediction, kind: type[T], **others: Any) -> T:
 
 
 def _parameter(e: Estimate, k: int) -> tree.Parameter:
-    held = bool(e.held[k])
+    fixed = bool(e.fixed[k])
     low, high = known(e.intervals[k])
     return tree.Parameter(
         value=float(e.theta[k]),
@@ -139,18 +139,18 @@ def _parameter(e: Estimate, k: int) -> tree.Parameter:
         degrees_of_freedom=known(np.broadcast_to(e.freedom, e.theta.shape)[k]),
         interval=(low, high),
         unit=UNITS[k],
-        on_bound=not (e.free[k] or held),
-        determined=None if held else bool(e.determined[k]),
-        held=held,
+        on_bound=not (e.free[k] or fixed),
+        determined=None if fixed else bool(e.determined[k]),
+        fixed=fixed,
     )
 
 
-def _zeros(e: Estimate) -> list[tree.ZeroFound]:
+def _zeros(e: Estimate) -> list[tree.ZeroError]:
     if e.zeros is None:
         return []
     angles, errors = (known(np.degrees(values)) for values in (e.zeros.angles, e.zeros.std_error))
     columns = zip(e.zeros.recordings, *angles, *errors, strict=True)
     return [
-        tree.ZeroFound(recording=name, q1=q1, q1_std_error=q1_error, q2=q2, q2_std_error=q2_error)
+        tree.ZeroError(recording=name, q1=q1, q1_std_error=q1_error, q2=q2, q2_std_error=q2_error)
         for name, q1, q2, q1_error, q2_error in columns
     ]

@@ -22,13 +22,6 @@ from .result_file import read_parameters
 
 #: Options with another name in Python.
 RENAMED = {'joints': 'joint_names', 'force': 'overwrite=True'}
-#: From a text to a value, by the type of an option's default.
-CONVERTERS: Mapping[type, Any] = {
-    bool: lambda text: {'true': True, 'false': False}[text.lower()],
-    int: int,
-    float: float,
-    str: str,
-}
 
 
 def settings_of(options: Mapping[str, Any], bounds: Bounds | None = None) -> Settings:
@@ -126,7 +119,4 @@ def _value(option: Setting, value: Any) -> Any:
         return interval_of('delay', value, '0:0.02')
     if option is START:
         return value if isinstance(value, Parameters) else read_parameters(Path(value))
-    try:
-        return CONVERTERS[type(option.default)](str(value))
-    except (KeyError, ValueError):
-        raise option.refusal(value) from None
+    return option.parse(value)

@@ -98,7 +98,7 @@ class Parameter:
         std_error: standard error, with ``degrees_of_freedom``, which are None for a normal distribution.
         interval: the 95 % interval.
         on_bound: whether the estimate lies on a bound of its search interval.
-        determined: whether the motion determines it; None for a parameter that was ``held`` at its value.
+        determined: whether the motion determines it; None for a parameter that was ``fixed`` at its value.
     """
 
     value: Finite
@@ -108,7 +108,7 @@ class Parameter:
     unit: str = ''
     on_bound: bool | None = None
     determined: bool | None = None
-    held: bool = False
+    fixed: bool = False
 
     @property
     def quantile(self) -> float:
@@ -118,20 +118,20 @@ class Parameter:
 
 
 @dataclass(frozen=True, kw_only=True)
-class FaultFound:
+class DataFault:
     """A convention that the recordings break, see :class:`.conventions.Fault`."""
 
     name: str
     found: str
     remedy: str
     unexplained: Number = None
-    put_right: Number = None
+    corrected: Number = None
     options: list[str] = field(default_factory=list)
 
 
 @dataclass(frozen=True, kw_only=True)
-class EffectFound:
-    """An unmodelled effect, see :class:`.effects.FoundEffect`."""
+class ReportedEffect:
+    """An unmodelled effect, see :class:`.catalogue.FoundEffect`."""
 
     name: str
     where: str
@@ -143,7 +143,7 @@ class EffectFound:
 
 
 @dataclass(frozen=True, kw_only=True)
-class EffortTaken:
+class EffortTiming:
     """Hold and delay [s] of the effort; ``linear_lag`` is the delay for linear interpolation between samples."""
 
     hold: str = 'zero'
@@ -154,7 +154,7 @@ class EffortTaken:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ZeroFound:
+class ZeroError:
     """The errors of a recording's zeros: recorded minus true angles."""
 
     recording: str
@@ -202,7 +202,7 @@ class Uncorrected:
     """The result of the same recordings before the first correction was applied."""
 
     level: LevelByName
-    faults: list[FaultFound]
+    faults: list[DataFault]
     parameters: dict[str, Parameter]
     prediction: SelectedPrediction
 
@@ -244,12 +244,12 @@ class CriterionAnswer:
     level: LevelByName
     warnings: list[str]
     consequences: list[str] = field(default_factory=list)
-    effort: EffortTaken
+    effort: EffortTiming
     J: CriterionValue
     prediction: Predicted
     condition_number: Number
     unexplained: Number
-    zeros: list[ZeroFound]
+    zeros: list[ZeroError]
     exact: bool
     converged: bool
     steps: list[str]
@@ -267,7 +267,7 @@ class Software:
 
 
 @dataclass(frozen=True, kw_only=True)
-class MadeBy(Software):
+class Provenance(Software):
     """The settings of an identification, see :class:`.settings.Settings`.
 
     ``applied``: options for reading the recordings that the program chose itself.
@@ -309,8 +309,8 @@ class PartialResult:
     warnings: list[str] = field(default_factory=list)
     criterion: str | None = None
     model: str | None = None
-    effort: EffortTaken = field(default_factory=EffortTaken)
-    effects: list[EffectFound] = field(default_factory=list)
+    effort: EffortTiming = field(default_factory=EffortTiming)
+    effects: list[ReportedEffect] = field(default_factory=list)
     made_by: Software = field(default_factory=Software)
     bags: list[Source] = field(default_factory=list)
 
@@ -343,16 +343,16 @@ class Result(PartialResult):
     warnings: list[str] = field()
     criterion: str = field()
     model: str = field()
-    effort: EffortTaken = field()
-    made_by: MadeBy = field()
+    effort: EffortTiming = field()
+    made_by: Provenance = field()
     bags: list[Source] = field()
     consequences: list[str] = field(default_factory=list)
-    faults: list[FaultFound] = field(default_factory=list)
+    faults: list[DataFault] = field(default_factory=list)
     uncorrected: Uncorrected | None = None
     unmodelled: list[Number] | None = None
     advice: list[str] = field(default_factory=list)
     not_in_model: list[str] = field(default_factory=list)
-    zeros: list[ZeroFound]
+    zeros: list[ZeroError]
     smoothing: Finite
     J: CriterionValue
     prediction: SelectedPrediction

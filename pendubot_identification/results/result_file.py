@@ -22,8 +22,8 @@ T = TypeVar('T')
 
 REQUIRED = NAMES[: MODELS['viscous']]
 EXPECTED = 'name a file that pendubot identify wrote'
-#: A key in the first files of this schema, and its present name.
-EARLIER = ('standing_still:', 'persistence:')
+#: Keys in the first files of this schema, and their present names.
+EARLIER = {'standing_still:': 'persistence:', 'held:': 'fixed:', 'put_right:': 'corrected:'}
 
 
 def write_result(path: Path, result: PartialResult, *, overwrite: bool = False) -> None:

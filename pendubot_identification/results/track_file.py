@@ -22,7 +22,7 @@ from pendubot_identification.tracking.events import Change, Event, Start, State
 from pendubot_identification.tracking.tracker import Tracker
 from pendubot_identification.trajectories.trajectory import Trajectory
 
-from .result import EffortTaken, Parameter, Tracked, TrackedResult, known
+from .result import EffortTiming, Parameter, Tracked, TrackedResult, known
 from .result_file import read_result
 
 #: Largest number of states in a track; of more, every other one is dropped.
@@ -81,7 +81,7 @@ def start_of(path: Path | None, model: str | None = None) -> Start:
     level = Level.WARN if result.level is None else result.level
     warnings = [f'of {path}, with which it began: {warning}' for warning in result.warnings]
     if result.level is None:
-        warnings.append(f'{path}, with which it began, was never judged')
+        warnings.append(f'{path}, with which it began, was never assessed')
     return Start(
         model=named,
         theta=result.theta.vector(named)[:size],
@@ -108,7 +108,7 @@ def tracked_result(tracker: Tracker, track: Track, bags: Sequence[str]) -> Track
         warnings=list(state.warnings),
         criterion='weak, tracked',
         model=tracker.segment_settings.model,
-        effort=effort_taken(state, tracker.segment_settings),
+        effort=effort_timing(state, tracker.segment_settings),
         tracked=Tracked(
             bags=list(bags),
             until=known(state.t),
@@ -142,8 +142,8 @@ def parameters(state: State) -> dict[str, Parameter]:
     }
 
 
-def effort_taken(state: State, segment_settings: SegmentSettings) -> EffortTaken:
+def effort_timing(state: State, segment_settings: SegmentSettings) -> EffortTiming:
     """Return hold and delay of the effort."""
-    return EffortTaken(
+    return EffortTiming(
         hold=segment_settings.hold, delay=known(state.delay), delay_std_error=known(state.delay_std_error)
     )

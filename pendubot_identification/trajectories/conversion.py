@@ -116,15 +116,8 @@ class Conversion:
                 value = {each: _amount(each, text) for each, text in value.items()}
             elif name == 'negate':
                 value = tuple(_words(value))
-            elif isinstance(known[name].default, bool):
-                if str(value).lower() not in ('true', 'false'):
-                    raise known[name].refusal(value)
-                value = str(value).lower() == 'true'
-            elif isinstance(known[name].default, (int, float)):
-                try:
-                    value = type(known[name].default)(value)
-                except (TypeError, ValueError):
-                    raise known[name].refusal(value) from None
+            elif isinstance(known[name].default, (bool, int, float)):
+                value = known[name].parse(value)
             chosen[name] = value
         return cls(**chosen)
 

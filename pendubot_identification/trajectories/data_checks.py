@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,12 +16,19 @@ from .trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
-#: Fraction of missing samples that causes a warning: the torque meanwhile is unknown.
-MISSING = 0.02
-#: Fraction of the samples with effort at its greatest value that causes a warning.
-SATURATED = 0.2
-#: Angles are cut off if the extreme position lasts for so many samples, so often, after a jump of so many steps.
-STANDS, TIMES, ABRUPT = 3, 3, 4.0
+
+@dataclass(frozen=True, slots=True)
+class CheckSettings:
+    """Thresholds of the warnings."""
+
+    missing: float = 0.02  #: Fraction of missing samples: the torque meanwhile is unknown.
+    saturated: float = 0.2  #: Fraction of the samples with effort at its greatest value.
+    stands: int = 3  #: Angles are cut off if the extreme position lasts for so many samples ...
+    times: int = 3  #: ... so often ...
+    abrupt: float = 4.0  #: ... after a jump of so many encoder steps.
+
+
+SETTINGS = CheckSettings()
 
 
 def data_checks(recordings: Sequence[Trajectory]) -> list[str]:
@@ -31,7 +39,7 @@ def data_checks(recordings: Sequence[Trajectory]) -> list[str]:
 
 def _missing(motion: Trajectory) -> list[str]:
     lost = motion.lost
-    if lost <= MISSING * len(motion):
+    if lost <= SETTINGS.missing * len(motion):
         return []
     return [
         f'{motion.name}: about {lost} of {len(motion) + lost} samples are missing; the torque meanwhile is unknown '
@@ -58,7 +66,7 @@ def _saturated(motion: Trajectory) -> list[str]:
         size = np.abs(tau)
         greatest, some = float(size.max()), size > 1e-9
         fraction = float((size[some] > greatest * (1 - 1e-6)).mean()) if some.any() else 0.0
-        if fraction > SATURATED and some.sum() > 10 and np.unique(tau[some]).size > 2:
+        if fraction > SETTINGS.saturated and some.sum() > 10 and np.unique(tau[some]).size > 2:
             found.append(
                 f'{motion.name}: the effort of the {joint} is at its maximum of {greatest:.4g} N m in '
                 f'{100 * fraction:.0f} % of the samples with effort; if that is a limit of the motor or of the record, '
@@ -72,9 +80,9 @@ def _clipped(motion: Trajectory) -> list[str]:
     for joint, q, step in zip(('shoulder', 'elbow'), motion.q.T, encoder_step(motion.q), strict=True):
         for word, extreme in (('greatest', q.max()), ('least', q.min())):
             edges = np.flatnonzero(np.diff(np.concatenate([[False], q == extreme, [False]]).astype(int)))
-            runs = [(a, b) for a, b in edges.reshape(-1, 2) if a > 0 and b - a >= STANDS]
-            abrupt = [a for a, b in runs if abs(q[a] - q[a - 1]) > ABRUPT * max(step, 1e-6)]
-            if len(abrupt) >= TIMES:
+            runs = [(a, b) for a, b in edges.reshape(-1, 2) if a > 0 and b - a >= SETTINGS.stands]
+            abrupt = [a for a, b in runs if abs(q[a] - q[a - 1]) > SETTINGS.abrupt * max(step, 1e-6)]
+            if len(abrupt) >= SETTINGS.times:
                 found.append(
                     f'{motion.name}: the {joint} stops abruptly at its {word} position of {extreme:.4g} rad '
                     f'{len(abrupt)} times; are its angles cut off there, or does it hit a stop? choose a window '

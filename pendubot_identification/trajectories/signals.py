@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,20 +19,27 @@ from .trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
-#: Stamps within this fraction of the interval from a uniform grid are moved onto it.
-JITTER = 0.1
-#: A gap longer than this [s] and than five intervals is not interpolated: the motion in it is unknown.
+
+@dataclass(frozen=True, slots=True)
+class SignalSettings:
+    """Sampling grids, smoothing, and the test for inconsistent timestamps."""
+
+    jitter: float = 0.1  #: Stamps within this fraction of the interval from a uniform grid are moved onto it.
+    #: Smoothing windows [s]; below five samples: differences.
+    windows: tuple[float, ...] = (0.02, 0.03, 0.04, 0.05, 0.06, 0.08, 0.1)
+    degree: int = 3  #: Of the polynomials of the Savitzky-Golay filter.
+    #: Timestamps are inconsistent if even ones make the motion smoother by more than this factor.
+    rougher: float = 1.1
+    stretch: int = 7  #: Roughness is computed over stretches of so many samples ...
+    fewest: int = 50  #: ... of which there are at least so many.
+
+
+SETTINGS = SignalSettings()
+#: A longer gap [s], also of more than five intervals, is not interpolated: the motion in it is unknown.
 LONGEST_GAP = 0.1
 #: The default differentiator's window [s], the span of the paper's central differences at 100 Hz. At higher rates, a
 #: polynomial over this span averages the quantization of the encoders.
 SMOOTHING = 0.02
-#: Smoothing windows to choose from [s]; below five samples, central differences are used.
-WINDOWS = (0.02, 0.03, 0.04, 0.05, 0.06, 0.08, 0.1)
-#: Polynomial degree of the Savitzky-Golay filter.
-DEGREE = 3
-#: Stamps are inconsistent if the motion by them is rougher than by even ones by more than this factor. Roughness is
-#: computed over stretches of this many samples; the last is the fewest stretches.
-ROUGHER, STRETCH, FEWEST = 1.1, 7, 50
 
 
 def resample(trajectory: Trajectory) -> Trajectory:
@@ -58,7 +65,7 @@ def resample(trajectory: Trajectory) -> Trajectory:
             f'{step:.4g} s is the usual interval; choose a window on one side of the gap'
         )
     even = np.linspace(t[0], t[-1], len(t))
-    if np.abs(even - t).max() < JITTER * step:
+    if np.abs(even - t).max() < SETTINGS.jitter * step:
         return replace(trajectory, t=even)
     grid = t[0] + step * np.arange(int((t[-1] - t[0]) / step + 1e-6) + 1)
     qd = None if trajectory.qd is None else CubicSpline(t, trajectory.qd)(grid)
@@ -82,8 +89,8 @@ def evenly_stamped(trajectory: Trajectory) -> Trajectory:
 
 
 def has_timestamp_jitter(trajectory: Trajectory) -> bool:
-    """Tell whether the motion is significantly smoother by even stamps than by its own."""
-    if len(trajectory) < FEWEST * STRETCH:
+    """Return whether the motion is significantly smoother by even stamps than by its own."""
+    if len(trajectory) < SETTINGS.fewest * SETTINGS.stretch:
         return False
     with np.errstate(over='ignore'):
         own, lasts = _roughness(trajectory.t, trajectory.q)
@@ -91,16 +98,18 @@ def has_timestamp_jitter(trajectory: Trajectory) -> bool:
     # Skip rest and missing samples.
     moving = (own > 0) & (even > 0) & (lasts < 1.5 * np.median(lasts))
     own, even = own[moving], even[moving]
-    return bool(own.sum() > ROUGHER * even.sum() and np.median(own / even) > 1)
+    return bool(own.sum() > SETTINGS.rougher * even.sum() and np.median(own / even) > 1)
 
 
 def _roughness(t: Array, q: Array) -> tuple[Array, Array]:
     """Return the residuals of cubic polynomials over stretches, as sums of squares [rad^2], and their durations."""
-    count = len(t) // STRETCH
-    times = t[: count * STRETCH].reshape(count, STRETCH)
+    count = len(t) // SETTINGS.stretch
+    times = t[: count * SETTINGS.stretch].reshape(count, SETTINGS.stretch)
     lasts = np.ptp(times, axis=1)
-    basis, _ = np.linalg.qr(((times - times[:, :1]) / lasts[:, None] - 0.5)[:, :, None] ** np.arange(DEGREE + 1))
-    parts = q[: count * STRETCH].reshape(count, STRETCH, 2)
+    basis, _ = np.linalg.qr(
+        ((times - times[:, :1]) / lasts[:, None] - 0.5)[:, :, None] ** np.arange(SETTINGS.degree + 1)
+    )
+    parts = q[: count * SETTINGS.stretch].reshape(count, SETTINGS.stretch, 2)
     return ((parts - basis @ (basis.transpose(0, 2, 1) @ parts)) ** 2).sum(axis=(1, 2)), lasts
 
 
@@ -109,7 +118,7 @@ def held(t: Array, at: Array) -> NDArray[np.intp]:
 
     A time within the tolerance of jitter before a sample belongs to that sample.
     """
-    tolerance = JITTER * float(np.median(np.diff(t)))
+    tolerance = SETTINGS.jitter * float(np.median(np.diff(t)))
     return np.maximum(np.searchsorted(t, at + tolerance, side='right') - 1, 0)
 
 
@@ -125,15 +134,15 @@ def differentiate(q: Array, interval: float, window: float) -> tuple[Array, Arra
     """
     # The first rounding removes the last bits of the interval.
     length = 2 * round(round(min(window / interval, 2 * len(q)) / 2, 6)) + 1
-    if length <= DEGREE + 1:
+    if length <= SETTINGS.degree + 1:
         return q, np.gradient(q, interval, axis=0)
     if len(q) < length:
         raise TrajectoryError(
             f'{len(q)} samples, {interval * len(q):g} s, are fewer than the smoothing window of {window:g} s holds; '
             'choose a shorter one'
         )
-    rates = savgol_filter(q, length, DEGREE, deriv=1, delta=interval, axis=0)
-    return savgol_filter(q, length, DEGREE, axis=0), rates
+    rates = savgol_filter(q, length, SETTINGS.degree, deriv=1, delta=interval, axis=0)
+    return savgol_filter(q, length, SETTINGS.degree, axis=0), rates
 
 
 def encoder_step(q: Array) -> Array:
@@ -165,12 +174,12 @@ def choose_smoothing(trajectories: Sequence[Trajectory]) -> float:
     Raises:
         TrajectoryError: samples too far apart, a gap, or fewer samples than the narrowest window holds.
     """
-    chosen = WINDOWS[-1]
+    chosen = SETTINGS.windows[-1]
     for trajectory in trajectories:
         even = resample(trajectory)
-        windows = [w for w in WINDOWS if w < len(even) * even.interval / 2] or [WINDOWS[0]]
+        windows = [w for w in SETTINGS.windows if w < len(even) * even.interval / 2] or [SETTINGS.windows[0]]
         removed = [np.std(differentiate(even.q, even.interval, w)[0] - even.q, axis=0) for w in windows]
         noise = np.maximum(encoder_step(trajectory.q) / np.sqrt(12), removed[0])
         fitting = [w for w, r in zip(windows, removed, strict=True) if (r <= 1.5 * np.maximum(noise, 1e-9)).all()]
-        chosen = min(chosen, fitting[-1] if fitting else WINDOWS[0])
+        chosen = min(chosen, fitting[-1] if fitting else SETTINGS.windows[0])
     return chosen

@@ -95,7 +95,7 @@ def test_a_missing_result_is_named_before_a_missing_format(refused):
 def test_what_was_chosen_and_left_out_is_said_beside_the_file_and_in_it(by_hand, run, name, armature):
     given = by_hand(Fc1=0.01, J2=0.001, k1=0.1)
     _, out, err = run('export', given, '--format', name, '--link-length', '0.16')
-    for said in ('link 1 is 0.16 m long, as given', 'the rig moves alike', 'Fc tanh(v / 0.05)', 'k1 = 0.1'):
+    for said in ('link 1 is 0.16 m long, as given', 'the rig moves in the same way', 'Fc tanh(v / 0.05)', 'k1 = 0.1'):
         assert said in err
     assert ('J2 = 0.001' in err) is not armature
     assert all(line in out for line in err.splitlines())

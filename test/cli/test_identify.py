@@ -85,9 +85,9 @@ def test_a_parameter_is_held_at_a_value_and_the_others_are_the_best_beside_it(ru
     held = identified('--optimizer', optimizer, '--fix', f'P3={best["P3"]!r}', '--fix', f'b2={best["b2"]!r}')
     tolerance = {'energy': 1e-4, 'weak': 0.05, 'likelihood': 1e-3}[criterion]
     for name, entry in held['parameters'].items():
-        assert entry['held'] == (name in ('P3', 'b2'))
-        assert entry['value'] == pytest.approx(best[name], rel=1e-12 if entry['held'] else tolerance)
-        assert (entry['std_error'] == 0, entry['on_bound']) == (entry['held'], False)
+        assert entry['fixed'] == (name in ('P3', 'b2'))
+        assert entry['value'] == pytest.approx(best[name], rel=1e-12 if entry['fixed'] else tolerance)
+        assert (entry['std_error'] == 0, entry['on_bound']) == (entry['fixed'], False)
     elsewhere = identified('--optimizer', optimizer, '--bounds', 'b2=2e-4:2e-4')
     assert elsewhere['parameters']['b2']['value'] == 2e-4
     assert criterion != 'energy' or elsewhere['J']['training'] > free['J']['training']

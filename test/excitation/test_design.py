@@ -45,7 +45,7 @@ def expected_errors(parameters, train, experiment):
     return np.sqrt(np.diag(np.linalg.inv(jacobian.T @ jacobian)))[5:] * np.abs(theta)
 
 
-@pytest.mark.parametrize('interval', [0.01, 0.001])
+@pytest.mark.parametrize('interval', [0.01, 0.004])
 def test_predicts_the_standard_errors_that_simulated_differences_give(interval):
     experiment = Experiment(duration=2.0, interval=interval)
     train = PulseTrain(period=0.5, width=0.2, amplitude_min=-0.6, amplitude_max=0.6, hold=0.05, seed=3)

@@ -12,7 +12,7 @@ import pytest
 
 from benchmarks.faults.ownership import commands, samples, stranger
 from benchmarks.faults.wire import Tap
-from pendubot_identification.link.protocol import Arm, Command, Hello, HelloRequest, State, Status, encode
+from pendubot_identification.link.protocol import State, Status
 from pendubot_identification.model.parameters import PAPER
 from pendubot_identification.model.simulation import Plant
 from test.rig import PATIENT
@@ -110,73 +110,3 @@ def test_a_foreign_program_moves_nothing_and_is_seen(emulator, rig, tmp_path):
                 r.until(lambda: r.diagnosed(1, 'another program sends commands'), 20)
             given = {sample[6] for sample in r.samples[begun:]}
             assert given <= ({0.0, 0.1} if state == 'armed' else {0.0}), state
-
-
-@pytest.mark.ros
-def test_the_firmware_stops_a_rig_that_runs_away(emulator, rig):
-    """0.6 N m for as long as the board gives it: its limits are 100 rad/s, 60 and 300 rad."""
-    r = rig()
-    r.port = emulator.port
-    r.start_bridge(*PATIENT)
-    r.until_samples(20)
-    assert r.call('arm').success
-    r.samples.clear()
-    r.drive_until(0.6, lambda: r.diagnosed(2, 'the board reports a fault: '))
-    samples(r, 300, 0.6)
-    q, torque = np.array([sample[2:4] for sample in r.samples]), np.array([sample[6] for sample in r.samples])
-    assert not torque[-300:].any()
-    stamps = np.array([sample[1] for sample in r.samples])
-    speed = (np.abs(np.diff(q, axis=0)).max(axis=1) / np.diff(stamps) * 1e9)[torque[1:] != 0]
-    # Three samples in a row may be faster.
-    assert np.sort(speed)[-4] <= 100 + 2 * COUNT * 1000
-    assert (np.abs(q[torque != 0] - [-np.pi / 2, 0]).max(axis=0) <= [60.1, 300.1]).all()
-
-
-@pytest.mark.ros
-def test_a_fault_of_the_processor_disarms_until_told_and_its_samples_go_on(emulator, rig):
-    r = rig()
-    r.port = emulator.port
-    bridge = r.start_bridge(*PATIENT, 'confirm_zeros:=true')
-    r.until_samples(1100)
-    assert not r.call('arm').success
-    assert r.call('confirm_zeros').success
-    assert r.call('arm').success
-    r.drive_until(0.1, lambda: r.samples[-1][6] == 0.1)
-    with emulator.debugger() as ask:
-        assert ask('Pf=00000060') == 'OK'
-    bridge.wait_for('the board restarted')
-    heard = len(r.samples)
-
-    def torques():
-        return [sample[6] for sample in r.samples[heard:]]
-
-    r.drive_until(0.1, lambda: torques().count(0.0) > 200)
-    assert not any(torques()[torques().index(0.0) :])
-
-    def refused_for_its_angles():
-        answer = r.call('arm')
-        assert not answer.success
-        return 'confirm_zeros' in answer.message  # of a board that is slow to start another reason comes first
-
-    r.until(refused_for_its_angles, 60)
-    r.until(lambda: r.call('confirm_zeros').success, 60)
-    assert r.call('arm').success
-    r.drive_until(0.1, lambda: r.samples[-1][6] == 0.1)
-
-
-def test_the_boards_own_clock_decides_when_it_trips(emulator):
-    line = Line(emulator.port)
-    line.events(10, lambda e: isinstance(e, State))  # it has started, and hears
-    line.write(encode(HelloRequest(1, 0)))
-    hello = line.events(10, lambda e: isinstance(e, Hello))[-1]
-    assert (hello.cpr1, hello.sample_period_us) == (4000, 1000)
-    line.write(encode(Arm(2, 0, hello.boot_id, 9, 1, 100)) + encode(Command(3, 0, 1, 100, 300_000, session=9)))
-    events = line.events(10, lambda e: isinstance(e, State) and e.status & Status.WATCHDOG)
-    states = [e for e in events if isinstance(e, State)]
-    line.close()
-    armed = [s.t_us for s in states if s.torque]
-    # The ARM may have come a sample before the COMMAND.
-    assert [s.torque for s in states if s.status & Status.ARMED and s.cmd_seq == 3] == [300_000] * len(armed)
-    assert armed[-1] - armed[0] == 99_000
-    assert states[-1].t_us - armed[-1] == 1000
-    assert np.all(np.diff([s.t_us for s in states]) == 1000)

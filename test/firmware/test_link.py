@@ -3,7 +3,6 @@
 
 """The board's side of the protocol in C, under sanitizers: example frames, Python's board, damage, and each rule."""
 
-import math
 import os
 import random
 import re
@@ -228,39 +227,6 @@ def test_the_same_bytes_at_the_same_times_give_the_frames_of_pythons_board(probe
         assert c == python
 
 
-def test_a_long_motion_under_random_limits_gives_the_frames_of_pythons_board(probe):
-    """A host that holds the motor armed as well as it can, for as long as heat, travel and speed need."""
-    rng, seen = random.Random(1), 0
-    for _ in range(40):
-
-        def arm(boot_id, lock):
-            return encode(Arm(1, 0, boot_id, SESSION, lock, 500))
-
-        torques = [rng.randrange(-2_000_000, 2_000_000) for _ in range(5)]
-        limits = Limits(
-            rng.choice([5000, 200_000]),
-            rng.choice([20_000, 100_000]),
-            rng.choice([3000, 60_000]),
-            rng.choice([6000, 300_000]),
-            rng.choice([100_000, 500_000]),
-            rng.choice([50, 200]),
-            rng.choice([2000, 15_000]),
-            rng.choice([50, 500]),
-            3000,
-        )
-        faults = Faults(stuck_at=rng.choice([0.5, math.inf]))
-        steps = []
-        for k in range(150):
-            disarm = [encode(Command(2, 0, 0, 0, 0)), lambda boot_id, lock: arm(boot_id, lock + 1)]
-            command = encode(Command(3, 0, 1, 500, torques[k // 30], session=SESSION))
-            steps.append((rng.choice([0, 0, 7000]), [*(disarm if k % 30 == 29 else [arm]), command]))
-        for python, c in pairs_of_frames(probe, steps, BoardSettings(limits=limits), faults):
-            assert c == python
-            seen |= next(e.status for e in Decoder().feed(c) if isinstance(e, State))
-    expected = Status.ARMED | Status.SLEW | Status.SPEED | Status.TRAVEL | Status.STALL | Status.OVERLOAD | Status.LATE
-    assert Status(seen) & expected == expected
-
-
 def damaged(rng):
     """Bytes that a host did not send: frames that were altered, cut or joined, right frames of wrong bodies, noise."""
     kind = rng.randrange(8)
@@ -345,21 +311,6 @@ def test_confirmed_zeros_are_remembered_until_a_restart_and_change_nothing_else(
     assert not Bench(probe, boot_id=8).step().status
 
 
-@pytest.mark.parametrize('wrong', [{'boot_id': 2}, {'lock': 0}, {'lock': 2}, {'session': 0}])
-def test_an_arm_that_does_not_fit_is_refused_and_one_that_fits_arms(probe, wrong):
-    bench = Bench(probe)
-    bench.send(1, 500_000)
-    bench.arm(**wrong)
-    state = bench.step()
-    assert (state.status, state.torque, state.cmd_seq, state.refused) == (Status.REFUSED, 0, 0, 2)
-    bench.arm()
-    bench.send(1, 500_000)
-    state = bench.step()
-    assert (state.status, state.torque, state.cmd_seq) == (Status.ARMED, 500_000, 4)
-    bench.arm()
-    assert (bench.step().refused, bench.step().lock) == (2, 1)
-
-
 def test_another_session_is_refused_and_anybody_disarms(probe):
     bench = Bench(probe).armed()
     bench.send(1, 100_000)
@@ -376,15 +327,6 @@ def test_another_session_is_refused_and_anybody_disarms(probe):
     assert (state.status, state.torque, state.refused) == (0, 0, 2)
     bench.arm(lock=before)
     assert bench.step().status == Status.REFUSED
-
-
-def test_a_mode_0_makes_every_arm_before_it_stale_also_where_nothing_was_armed(probe):
-    bench = Bench(probe)
-    bench.send(0)
-    bench.arm(lock=1)
-    state = bench.step()
-    assert (state.status, state.lock) == (Status.REFUSED, 2)
-    bench.armed()
 
 
 def test_lock_and_refused_wrap(probe):
@@ -411,23 +353,6 @@ def test_a_late_command_finds_it_disarmed_also_across_the_wrap_of_its_clock(prob
     bench.send(0)
     assert bench.step().status == 0
     bench.armed()
-
-
-def test_a_watchdog_of_0_trips_at_once_and_a_long_one_is_clamped(probe):
-    bench = Bench(probe).armed()
-    bench.send(1, 100_000, watchdog_ms=0)
-    state = bench.step()
-    assert (state.status, state.torque) == (Status.WATCHDOG, 0)
-    bench.armed()
-    bench.send(1, 100_000, watchdog_ms=65535)
-    assert bench.step(50).status == Status.ARMED
-    assert bench.step().status == Status.WATCHDOG
-
-
-def test_an_arm_holds_for_its_time_without_any_command(probe):
-    bench = Bench(probe)
-    bench.arm(watchdog_ms=30)
-    assert [bench.step().status for _ in range(4)] == [Status.ARMED] * 3 + [Status.WATCHDOG]
 
 
 @pytest.mark.parametrize(('wanted', 'given'), [(-(2**31), -250_000), (2**31 - 1, 250_000), (250_001, 250_000)])

@@ -32,16 +32,6 @@ def test_the_template_compiles_links_and_runs(objects, tmp_path, language):
     assert subprocess.run([board], timeout=10).returncode == 0
 
 
-def test_a_port_has_nine_functions_and_the_template_supplies_each_with_a_comment():
-    header, template = (FIRMWARE / 'board.h').read_text(), (TEMPLATE / 'board.c').read_text()
-    names = {name for name in header.replace('(', ' ').replace('*', ' ').split() if name.startswith('board_')}
-    names = {name for name in names if f'{name}(' in header}
-    assert len(names) == 9
-    for name in names:
-        before = template[: template.index(f'{name}(')].rsplit('\n\n', 1)[-1]
-        assert before.startswith('/* Replace'), name
-
-
 class Sketch:
     """The sketch with 24 V and the emergency stop closed, and a host at its line."""
 

@@ -4,7 +4,6 @@
 """The URDF, read by ROS's own parser for Python, and its kinematics against the convention of q1 and q2."""
 
 import math
-from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -66,32 +65,7 @@ def test_moves_as_the_angles_are_defined(l1, l2, q1, q2):
     np.testing.assert_allclose(place(robot, 'tip', positions), tip, atol=1e-7 * scale)
 
 
-@given(lengths, lengths)
-def test_links_are_drawn_from_joint_to_joint_and_pass_each_other(l1, l2):
-    robot = parsed(l1, l2)
-    first, second = (robot.link_map[name].visual for name in ('link_1', 'link_2'))
-    for visual, length in ((first, l1), (second, l2)):
-        assert visual.geometry.length == pytest.approx(length)
-        assert visual.origin.xyz[0] == pytest.approx(length / 2)
-    assert abs(second.origin.xyz[1]) > first.geometry.radius + second.geometry.radius
-
-
 @pytest.mark.parametrize('lengths', [(0.0, 1.0), (1.0, -1.0), (math.nan, 1.0), (1.0, math.inf)])
 def test_refuses_a_length_that_is_none(lengths):
     with pytest.raises(ParameterError, match='a number above 0 is expected'):
         drawn(*lengths)
-
-
-def test_rviz_and_plotjuggler_show_what_the_bridge_publishes():
-    rviz = yaml.safe_load((ROOT / 'config' / 'pendubot.rviz').read_text())['Visualization Manager']
-    assert rviz['Global Options']['Fixed Frame'] == parsed().get_root()
-    (model,) = [d for d in rviz['Displays'] if d['Class'] == 'rviz_default_plugins/RobotModel']
-    assert model['Enabled']
-    assert model['Description Topic']['Value'] == '/robot_description'
-
-    layout = ElementTree.parse(ROOT / 'config' / 'plotjuggler.xml').getroot()
-    curves = {curve.get('name') for curve in layout.iter('curve')}
-    fields = {f'/joint_states/{joint}/{field}' for joint in ('shoulder', 'elbow') for field in ('position', 'velocity')}
-    assert curves == fields | {'/joint_states/shoulder/effort', '/pendubot/effort_command/data'}
-    topics = {topic.get('name') for topic in layout.iter('topic')}
-    assert all(any(curve.startswith(topic) for topic in topics) for curve in curves)

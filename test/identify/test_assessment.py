@@ -32,7 +32,7 @@ GOOD = Estimate(
     residuals=100,
     condition_number=10.0,
     converged=True,
-    held=np.zeros(7, dtype=bool),
+    fixed=np.zeros(7, dtype=bool),
     unexplained=0.01,
     J_exact=1e-6,
     prediction=Prediction(np.ones((len(HORIZONS), 4)), 2 * np.ones((len(HORIZONS), 4)), np.full(len(HORIZONS), 9)),

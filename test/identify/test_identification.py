@@ -113,13 +113,6 @@ def test_the_papers_settings_reach_the_exact_minimum_in_every_run():
     assert result.validation == 'on data that was not used for estimation'
 
 
-def test_of_mde_what_is_chosen_counts_and_the_rest_is_what_suits_each_criterion():
-    how = Settings(optimizer='mde', population=60)
-    assert {how.search(name, 'viscous')[0].generations for name in ('energy', 'weak')} == {4000}
-    assert {how.search(name, 'viscous')[0].population for name in ('energy', 'weak')} == {60}
-    assert [Settings().search('energy', model)[0].per_component for model in ('viscous', 'rotor')] == [True, False]
-
-
 def test_a_box_of_the_models_own_parameters_is_enough():
     whole = default_bounds().replaced('P1', 0.0, 0.5)
     found, same = (identify([recording(300)], [], replace(WEAK, bounds=b)) for b in (whole.of(7), whole))

@@ -73,15 +73,6 @@ def test_errors_are_those_of_an_integration_by_other_means():
     np.testing.assert_allclose(prediction.persistence[row], np.sqrt(np.mean(np.square(still))), rtol=1e-4)
 
 
-def test_persistence_is_the_change_of_the_states_themselves():
-    t = np.arange(300) * 0.01
-    q = np.column_stack([0.3 * t, -2 * t])
-    motion = Motion.prepare(Trajectory(t, q, np.zeros_like(q)), 0.0)
-    prediction = predict([motion], PAPER.vector(), 0.0, SCALE)
-    for horizon, still in zip(HORIZONS, prediction.still, strict=True):
-        np.testing.assert_allclose(still, np.array([0.3 * horizon, 2 * horizon, 0, 0]) / SCALE, rtol=0.05, atol=1e-9)
-
-
 @pytest.mark.parametrize('duration', [0.07, 0.3, 0.8])
 def test_horizons_longer_than_the_motion_are_not_known(duration):
     with warnings.catch_warnings():
@@ -133,23 +124,6 @@ def test_pooled_predictions_are_the_prediction_of_all_together(seed, durations):
     np.testing.assert_allclose(pooled.still, together.still)
     again = Prediction.pool([pooled, Prediction.none()])
     np.testing.assert_allclose(again.errors, pooled.errors)
-
-
-@pytest.mark.parametrize(('known', 'expected'), [(4, [0.1, 0.2, 0.4]), (1, [0.1]), (0, [np.nan])])
-def test_the_loss_is_the_mean_logarithm_up_to_half_a_second(known, expected):
-    errors = np.repeat([[0.1], [0.2], [0.4], [50.0]], 4, axis=1)
-    errors[known:] = np.nan
-    loss = Prediction(errors, errors, np.full(COUNT, 10)).loss
-    np.testing.assert_allclose(loss, np.log(expected).mean())
-
-
-def test_the_scale_is_the_deviation_of_all_motions_together():
-    motions = [exact_motion(vector('viscous'), n, seed=n) for n in (300, 900)]
-    states = np.concatenate([m.smoothed(m.recorded.t) for m in motions])
-    np.testing.assert_allclose(state_scale(motions), states.std(axis=0), rtol=0.02)
-    t = np.arange(100) * 0.01
-    at_rest = Motion.prepare(Trajectory(t, np.zeros((100, 2)), np.zeros((100, 2))), 0.0)
-    assert (state_scale([at_rest]) > 0).all()
 
 
 def still(samples, start, name):

@@ -104,22 +104,6 @@ def test_the_torque_is_held_from_its_sample_until_the_next_and_moves_the_plant()
     assert bench.step().enc1 == round((reference.q[0] + math.pi / 2) * 4000 / (2 * math.pi)) != 0
 
 
-def test_a_fault_switches_off_and_keeps_the_board_from_being_armed_while_it_lasts():
-    bench = Bench(faults=Faults(over_current_at=0.06)).armed()
-    bench.send(1, 100_000, watchdog_ms=500)
-    assert bench.step(4).torque == 100_000
-    state = bench.step()
-    assert (state.status, state.torque) == (Status.OVER_CURRENT, 0)
-    bench.arm()
-    assert bench.step().status == Status.OVER_CURRENT | Status.REFUSED
-    assert bench.step(20).status == Status.OVER_CURRENT, 'shown until a mode 0'
-    for _ in range(5):
-        bench.send(1, 100_000)
-        assert bench.step().torque == 0
-    bench.arm()
-    assert bench.step().status == Status.ARMED
-
-
 def test_a_restart_begins_everything_anew_but_the_motion_and_ends_an_emergency_stop():
     faults = Faults(emergency_stop_at=0.05, reset_at=0.5)
     bench = Bench(faults=faults, plant=Plant(PAPER, q=(-1.0, 0.3))).armed()

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from pendubot_identification.errors import TrajectoryError
 from pendubot_identification.trajectories.signals import (
-    WINDOWS,
+    SETTINGS,
     choose_smoothing,
     differentiate,
     encoder_step,
@@ -86,7 +86,7 @@ def test_the_chosen_smoothing_keeps_the_motion_and_removes_noise(rate, counts, s
     t, q, qd = swing(4, rate, seed)
     q = q if counts is None else read(q, counts)
     window = choose_smoothing([Trajectory(t, q, np.zeros_like(q))])
-    assert window in WINDOWS
+    assert window in SETTINGS.windows
     inner = slice(rate // 5, -rate // 5)
     chosen, rough = (np.std((differentiate(q, 1 / rate, w)[1] - qd)[inner], axis=0) for w in (window, 0.0))
     assert (chosen < 1.05 * rough + 0.01).all()
