@@ -24,7 +24,7 @@ from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
-from pendubot_identification.errors import ControlError
+from pendubot_identification.errors import ControlError, sentence
 from pendubot_identification.level import NORMAL_95, Level
 from pendubot_identification.recordings.joint_states import JOINT_NAMES
 
@@ -68,7 +68,7 @@ class Watcher(Node):
 
     def line(self) -> dict[str, Any]:
         """Return the present state of the rig."""
-        found: dict[str, Any] = {'parameters': self._parameters(), 'level': '', 'message': self._problem}
+        found: dict[str, Any] = {'parameters': self._named(), 'level': '', 'message': self._problem}
         if self._status is not None:
             found |= {'level': Level(self._status.level[0]).name, 'message': self._problem or self._status.message}
         if self._sample is not None and time.monotonic() - self._arrivals[-1] < STALE:
@@ -79,10 +79,15 @@ class Watcher(Node):
                 found |= {'t': t, 'q': q, 'effort': effort, 'rate': rate}
         return found
 
-    def _parameters(self) -> list[dict[str, Any]]:
+    def _named(self) -> list[dict[str, Any]]:
         said = {pair.key: pair.value for pair in self._status.values} if self._status is not None else {}
         return [
-            {'name': name, 'value': value, 'half': _half(said.get(f'{name}.std_error')), 'unit': said.get(f'{name}.unit')}
+            {
+                'name': name,
+                'value': value,
+                'half': _half(said.get(f'{name}.std_error')),
+                'unit': said.get(f'{name}.unit'),
+            }
             for name, value in self._theta.items()
             if math.isfinite(value)
         ]
@@ -114,6 +119,9 @@ def main() -> int:
                 print(json.dumps(node.line()), flush=True)
     except BrokenPipeError:
         pass
+    except Exception as error:
+        print(json.dumps({'problem': {'sentence': sentence(error)}}), flush=True)
+        return 1
     finally:
         rclpy.try_shutdown()
     return 0

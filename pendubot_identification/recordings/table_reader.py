@@ -75,11 +75,7 @@ class TableReader:
         words, found = given.words(), dict[str, tuple[str, str]]()
         words.pop('columns', None)
         for quantity, column in replace(given, columns=columns).names.items():
-            if (
-                column not in names
-                or quantity not in (*REQUIRED, 'tau2')
-                or not (read := option_of(self.unit(column)))
-            ):
+            if column not in names or quantity not in (*REQUIRED, 'tau2') or not (read := option_of(self.unit(column))):
                 continue
             option, value = read
             other, before = found.setdefault(option, (column, value))

@@ -81,7 +81,7 @@ class Studio:
         self.token, self.hosts = secrets.token_urlsafe(24), set[str]()
         self._given, self._debug = given, debug
         self._sessions: dict[str, Session] = {}
-        self._spare: asyncio.subprocess.Process | None = None
+        self._spare: asyncio.Task[asyncio.subprocess.Process] | None = None
         self._root = Path(tempfile.mkdtemp(prefix='pendubot-studio-'))
 
     def application(self) -> web.Application:
@@ -96,6 +96,7 @@ class Studio:
                 web.post(f'{at}/sessions', self._open),
                 web.post(f'{session}/end', self._end),
                 web.put(f'{session}/files/{{name:.+}}', self._receive),
+                web.post(f'{session}/command', self._say_command),
                 web.post(f'{session}/{{task:describe|check|identify}}', self._do),
                 web.get(f'{session}/output/{{name}}', self._output),
                 web.get(f'{at}/live', self._live),
@@ -106,7 +107,7 @@ class Studio:
     async def close(self) -> None:
         """End the spare program and delete all files."""
         if self._spare is not None:
-            await _ended(self._spare)
+            await _ended(await self._spare)
         shutil.rmtree(self._root, ignore_errors=True)
 
     @web.middleware
@@ -157,49 +158,56 @@ class Studio:
         session, name = self._session(request), request.match_info['name']
         place = session.place(name)
         place.parent.mkdir(exist_ok=True)
-        partial = place.with_name(f'.{secrets.token_hex(8)}')
+        partial, size = place.with_name(f'.{secrets.token_hex(8)}'), 0
         try:
             with partial.open('wb') as file:
                 async for block in request.content.iter_chunked(1 << 20):
-                    session.size += len(block)
-                    if session.size > LARGEST:
+                    size += len(block)
+                    if session.size + size > LARGEST:
                         raise PendubotError(f'{name}: all files are larger than {LARGEST >> 30} GB; give parts of them')
                     file.write(block)
             partial.replace(place)
         finally:
-            session.size -= partial.stat().st_size if partial.exists() else 0
             partial.unlink(missing_ok=True)
+        session.size += size
         recording = name.partition('/')[0]
         session.recordings[recording] = recording
         return web.json_response({'name': recording})
 
+    async def _say_command(self, request: web.Request) -> web.Response:
+        """Answer with the command line that identifies the same."""
+        return web.Response(text=shlex.join(_command(_job(self._session(request), await request.json()))))
+
     async def _do(self, request: web.Request) -> web.StreamResponse:
         """Do a task in a process of its own, which ends with the request."""
-        session, task, asked = self._session(request), request.match_info['task'], await request.json()
-        job = {'task': task, 'folder': str(session.folder), **_job(session, asked)}
-        command = shlex.join(_command(job))
+        session = self._session(request)
+        task = {'task': request.match_info['task'], 'folder': str(session.folder)}
+        job = task | _job(session, await request.json())
         async with self._worker() as process:
             assert process.stdin is not None
             process.stdin.write(json.dumps(job).encode())
             process.stdin.close()
-            return await _relay(request, process, {'command': command})
+            return await _relay(request, process)
 
     @asynccontextmanager
     async def _worker(self) -> AsyncIterator[asyncio.subprocess.Process]:
-        """Yield a program that waits for a job; the next one already starts, because imports take a second."""
-        process = self._spare or await self._started('pendubot_identification.studio.worker')
-        self._spare = None
+        """Yield a program that waits for a job."""
+        process = await self.prepare()
         try:
-            self._spare = await self._started('pendubot_identification.studio.worker')
             yield process
         finally:
             await _ended(process)
+
+    def prepare(self) -> Awaitable[asyncio.subprocess.Process]:
+        """Start the next worker, because its imports take a second, and return the one before it."""
+        before, self._spare = self._spare, asyncio.create_task(self._started('pendubot_identification.studio.worker'))
+        return before or self._spare
 
     async def _live(self, request: web.Request) -> web.StreamResponse:
         """Relay what the watcher sees, until the page closes."""
         process = await self._started('pendubot_identification.nodes.watcher')
         try:
-            return await _relay(request, process, {})
+            return await _relay(request, process)
         finally:
             with suppress(ProcessLookupError):
                 process.terminate()  # lets it leave the ROS network
@@ -223,19 +231,16 @@ class Studio:
         return web.FileResponse(folder / name, headers={**HEADERS, 'Content-Security-Policy': OUTPUT_POLICY})
 
 
-async def _relay(
-    request: web.Request, process: asyncio.subprocess.Process, first: Mapping[str, Any]
-) -> web.StreamResponse:
-    """Send a first event, and each line of a program as it comes; if it ends without its last one, say so."""
+async def _relay(request: web.Request, process: asyncio.subprocess.Process) -> web.StreamResponse:
+    """Send each line of a program as it comes; if it ends without its last one, say so."""
     response = web.StreamResponse(headers={**HEADERS, 'Content-Type': 'application/x-ndjson'})
     await response.prepare(request)
-    await response.write(json.dumps(first).encode() + b'\n')
     line = b''
     assert process.stdout is not None
     async for line in process.stdout:
         await response.write(line)
+    status = await process.wait()
     if not line.startswith((b'{"done"', b'{"problem"')):
-        status = await process.wait()
         why = f'signal {-status}, as for lack of memory' if status < 0 else f'status {status}'
         said = f'the program of this task ended with {why}; give a shorter recording, or see pendubot studio --debug'
         await response.write(json.dumps({'problem': {'sentence': said, 'remedy': {}, 'window': ''}}).encode() + b'\n')
@@ -320,6 +325,7 @@ async def serve(files: Sequence[str], port: int, *, live: bool, browser: bool, d
             await web.TCPSite(runner, '127.0.0.1', port).start()
         except OSError as error:
             raise PendubotError(f'port {port} cannot be opened ({error.strerror}); leave out --port') from error
+        studio.prepare()
         port = runner.addresses[0][1]
         studio.hosts |= {f'127.0.0.1:{port}', f'localhost:{port}'}
         address = f'http://127.0.0.1:{port}/{studio.token}/' + ('#live' if live else '')

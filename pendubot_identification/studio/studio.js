@@ -14,10 +14,11 @@ function element(made, attributes, children) {
     else if (name in made && typeof value === 'boolean') made[name] = value;
     else if (value !== false && value != null) made.setAttribute(name, value);
   }
-  made.append(...children.flat(3).filter((child) => child != null && child !== false && child !== ''));
+  made.append(...children.flat(4).filter((child) => child != null && child !== false && child !== ''));
   return made;
 }
 const h = (tag, attributes, ...children) => element(document.createElement(tag), attributes, children);
+const fill = (selector, ...children) => { $(selector).replaceChildren(); element($(selector), {}, children); };
 const s = (tag, attributes, ...children) => element(document.createElementNS('http://www.w3.org/2000/svg', tag), attributes, children);
 const button = (text, onclick, attributes) => h('button', { type: 'button', onclick, ...attributes }, text);
 const select = (label, value, choices, onchange) => {
@@ -27,16 +28,19 @@ const select = (label, value, choices, onchange) => {
 const number = (value, digits = 4) => Number(value).toPrecision(digits).replace(/e\+?(-?)(\d+)/, ' × 10^$1$2').replace('-', '−');
 
 /* ---- the rig: a picture of angles q1 from the horizontal and q2 relative to link 1 ---- */
-function rig(q1, q2, ...more) {
-  const [x, y] = [28 * Math.cos(q1), -28 * Math.sin(q1)], [u, v] = [x + 24 * Math.cos(q1 + q2), y - 24 * Math.sin(q1 + q2)];
-  return s('svg', { class: 'rig', viewBox: '-60 -60 120 120', 'aria-hidden': 'true' },
-    s('path', { class: 'base', d: 'M-14 8 L0 0 L14 8 M-20 8 H20' }), more, s('path', { class: 'link', d: `M0 0 L${x} ${y} L${u} ${v}` }),
-    s('circle', { r: 4 }), s('circle', { cx: x, cy: y, r: 3.5 }));
+function rig(q1, q2, box = '-60 -60 120 120', ...more) {
+  const [x, y] = [28 * Math.cos(q1), -28 * Math.sin(q1)];
+  const [u, v] = [x + 24 * Math.cos(q1 + q2), y - 24 * Math.sin(q1 + q2)];
+  return s('svg', { class: 'rig', viewBox: box, 'aria-hidden': 'true' },
+    s('path', { class: 'base', d: 'M-5 2 L-9 9 H9 L5 2' }), more,
+    s('path', { class: 'link', d: `M0 0 L${x} ${y} L${u} ${v}` }), s('circle', { r: 4 }), s('circle', { cx: x, cy: y, r: 3.5 }),
+    s('circle', { class: 'tip', cx: u, cy: v, r: 2.5 }));
 }
-function arc(x, y, radius, from, to, reference) {
-  const at = (angle, r) => `${x + r * Math.cos(angle)} ${y - r * Math.sin(angle)}`;
-  return [s('path', { class: 'dash', d: `M${x} ${y} L${at(reference ?? from, radius + 12)}` }),
-    s('path', { class: 'arc', d: `M${at(from, radius)} A${radius} ${radius} 0 0 ${to > from ? 0 : 1} ${at(to, radius)}` })];
+/* An angle about (x, y): a dashed line where it is zero, and an arc to where it is now. */
+function angle(x, y, radius, zero, now, dash = radius + 12) {
+  const at = (phi, r) => `${x + r * Math.cos(phi)} ${y - r * Math.sin(phi)}`;
+  return [s('path', { class: 'dash', d: `M${x} ${y} L${at(zero, dash)}` }),
+    s('path', { class: 'arc', d: `M${at(zero, radius)} A${radius} ${radius} 0 0 ${now > zero ? 0 : 1} ${at(now, radius)}` })];
 }
 
 /* ---- tasks: a request is answered by JSON lines; to abort it ends its program ---- */
@@ -64,8 +68,7 @@ async function task(name, job, onProgress = () => {}) {
   let found, failed;
   try {
     await follow(`sessions/${about.session}/${name}`, job, own.signal, (event) => {
-      if (event.command) state.command = event.command;
-      else if ('done' in event && !('progress' in event)) found = event.done;
+      if ('done' in event && !('progress' in event)) found = event.done;
       else if (event.problem) failed = event.problem;
       else onProgress(event);
     });
@@ -84,13 +87,14 @@ const joined = (pairs) => Object.entries(pairs).filter(([, value]) => value).map
 const given = (name) => state.options[name] ?? (state.described ?? state.stale)?.options[name] ?? String(about.settings[name].default);
 function choose(name, value) {
   if (value === '' || value === String(about.settings[name].default)) delete state.options[name]; else state.options[name] = String(value);
-  changed(CONVERSION.includes(name));
+  changed(CONVERSION.includes(name) ? 'reading' : 'fit');
 }
 /* Forgets what depends on a choice; what was read is drawn until it is read again. */
-function changed(reading = true) {
+function changed(what = 'reading') {
   cancel();
-  if (reading) state.described = null;
-  state.checks = state.result = null;
+  if (what === 'reading') state.described = null;
+  if (what !== 'fit') state.checks = null;
+  state.result = null;
   draw();
 }
 function cancel() { running?.abort(); running = null; }
@@ -130,7 +134,16 @@ function actions(next, text, ...more) {
 }
 function command(text) {
   const copy = button('Copy', async () => { await navigator.clipboard.writeText(text); copy.textContent = 'Copied'; });
-  return h('div', { class: 'command' }, h('code', {}, text), copy);
+  const lines = text.split('\n').map((line) => h('div', {}, line.split(/ (?=--)/).map((word) => [h('span', {}, word), ' '])));
+  return h('div', { class: 'command' }, h('code', {}, lines), copy);
+}
+/* The command line of the present choices, which the server composes. */
+function shell() {
+  const place = h('div', {});
+  if (state.command) place.append(command(state.command));
+  fetch(`sessions/${about.session}/command`, { method: 'POST', body: JSON.stringify(job()) }).then((answer) => answer.ok && answer.text())
+    .then((text) => { if (text) { state.command = text; place.replaceChildren(command(text)); } }, () => {});
+  return place;
 }
 function path(values, low, high, width = 100, height = 30) {
   const scale = high > low ? height / (high - low) : 0;
@@ -174,14 +187,14 @@ function recordings() {
   const files = input(false), folder = input(true);
   const drop = h('div', { class: 'drop', ondragover: (event) => { event.preventDefault(); drop.classList.add('over'); },
     ondragleave: () => drop.classList.remove('over'), ondrop: (event) => { event.preventDefault(); drop.classList.remove('over'); dropped(event.dataTransfer.items); } },
-    rig(-2.2, 0.9), h('strong', {}, 'Drop recordings here'), h('small', {}, 'A bag (its folder or .mcap), or .csv, .mat, .xlsx, .parquet, .npz'), files, folder,
+    rig(-2.2, 1.1, '-46 -8 60 62'), h('strong', {}, 'Drop recordings here'), h('small', {}, 'A bag (its folder or .mcap), or .csv, .mat, .xlsx, .parquet, .npz'), files, folder,
     h('div', { class: 'row' }, button('Choose files', () => files.click()), button('Choose a bag’s folder', () => folder.click()),
       button('Try the sample recording', () => { add('paper_experiment'); changed(); }, { class: 'plain' })));
   const roles = [['estimate', 'estimates'], ['validate', 'only validates']];
   const list = state.files.map((file, k) => {
     const end = (name, label) => h('input', { type: 'number', min: 0, step: 'any', value: file[name], placeholder: label, 'aria-label': `${label} of ${file.name} in seconds`,
       onchange: (event) => { file[name] = event.target.value; changed(); } });
-    return h('li', {}, h('strong', {}, file.name), select(`role of ${file.name}`, file.role, roles, (role) => { file.role = role; changed(false); }),
+    return h('li', {}, h('strong', {}, file.name), select(`role of ${file.name}`, file.role, roles, (role) => { file.role = role; changed('roles'); }),
       h('span', { class: 'row' }, end('start', 'start'), '–', end('end', 'end'), h('small', {}, 's')),
       button('Remove', () => { state.files.splice(k, 1); state.shown = 0; changed(); }, { class: 'plain', 'aria-label': `remove ${file.name}` }));
   });
@@ -191,6 +204,7 @@ function recordings() {
 }
 
 /* ---- 2: columns ---- */
+const BOX = '-16 -8 62 60';
 const ROWS = [['t', 'Time'], ['q1', 'Shoulder angle'], ['q2', 'Elbow angle'], ['tau1', 'Shoulder torque'], ['tau2', 'Elbow torque'], ['dq1', 'Shoulder speed'], ['dq2', 'Elbow speed']];
 function unit(name) {
   const list = (setting) => about.settings[setting].choices.map((choice) => [choice, choice.replace('us', 'µs').replace('Nm', 'N m').replace('Ncm', 'N cm').replace('kgfcm', 'kgf cm').replace('ozfin', 'ozf in')]);
@@ -208,10 +222,12 @@ function mapping(found) {
   const table = found.columns.length > 0;
   const columns = (name) => select(`column of ${name}`, found.taken[name] ?? '', [['', '–'], ...found.columns.map((column) => [column, column])],
     (value) => choose('columns', joined({ ...parsed(state.options.columns), [name]: value })));
-  const rows = ROWS.filter(([name]) => table || !'td'.includes(name[0]) || name === 'tau1').map(([name, label]) => h('tr', {},
-    h('th', { scope: 'row' }, label, h('small', {}, name)), table && h('td', { class: 'wide' }, columns(name)),
+  const needed = ['t', 'q1', 'q2', 'tau1'], shown = (name) => needed.includes(name) || found.taken[name] || state.all;
+  const rows = ROWS.filter(([name]) => (table ? shown(name) : needed.includes(name) && name !== 't')).map(([name, label]) => h('tr', {},
+    h('th', { scope: 'row' }, label, h('small', {}, name)), table && h('td', { class: needed.includes(name) && !found.taken[name] ? 'wide missing' : 'wide' }, columns(name)),
     h('td', {}, table || name !== 't' ? unit(name) : ''), h('td', {}, /^(q|tau)/.test(name) ? sign(name) : ''), h('td', {}, name === 't' ? '' : spark(found.preview?.[name]))));
-  return h('table', { class: 'columns' }, h('thead', {}, h('tr', {}, ['Quantity', table && 'Column', 'Unit', 'Sign', 'As it is taken, in rad and N m'].filter(Boolean).map((text) => h('th', { scope: 'col' }, text)))), h('tbody', {}, rows));
+  const all = table && !state.all && button('Elbow torque and speeds were recorded, too', () => { state.all = true; draw(); }, { class: 'plain' });
+  return [h('table', { class: 'columns' }, h('thead', {}, h('tr', {}, ['Quantity', table && 'Column', 'Unit', 'Sign', 'As it is taken, in rad and N m'].filter(Boolean).map((text) => h('th', { scope: 'col' }, text)))), h('tbody', {}, rows)), all];
 }
 function convention(name, legend, choices) {
   return h('fieldset', { class: 'choices' }, h('legend', {}, legend), choices.map(([value, text, help, picture]) => h('label', { class: 'choice' },
@@ -233,8 +249,12 @@ function columns() {
   const hanging = -Math.PI / 2, file = ['decimal', 'skip_rows', 'sheet', 'encoding', 'skip_missing'];
   return [top, found?.problem && refusal(found.problem), found?.taken_as && note('OK', h('span', {}, 'Taken from the file itself: ', h('code', {}, found.taken_as))),
     (found?.survey?.guesses ?? []).map((guess) => note('WARN', guess)), !found && h('p', { class: 'busy' }, 'reading'), bag, (old.columns.length > 0 || old.topics.length > 0) && mapping(old),
-    convention('zero', 'Where is the shoulder angle zero?', [['horizontal', 'Horizontal', 'hanging is −90°', rig(-0.9, 0.5, arc(0, 0, 16, 0, -0.9))], ['hanging', 'Hanging', 'hanging is 0°', rig(-0.9, 0.5, arc(0, 0, 16, hanging, -0.9))]]),
-    convention('elbow', 'What is the elbow angle?', [['relative', 'Relative', 'from the line of link 1', rig(-1.2, 1.1, arc(10.1, 26.1, 14, -1.2, -0.1))], ['absolute', 'Absolute', 'from the zero of the shoulder', rig(-1.2, 1.1, arc(10.1, 26.1, 14, hanging, -0.1))]]),
+    convention('zero', 'Where is the shoulder angle zero?', [
+      ['horizontal', 'Horizontal', 'at rest it is −90°', rig(-0.9, -0.4, BOX, angle(0, 0, 19, 0, -0.9))],
+      ['hanging', 'Hanging', 'at rest it is 0°', rig(-0.9, -0.4, BOX, angle(0, 0, 19, hanging, -0.9))]]),
+    convention('elbow', 'What is the elbow angle?', [
+      ['relative', 'Relative', 'from the line of link 1', rig(-1.2, 1, BOX, angle(10.1, 26.1, 15, -1.2, -0.2, 24))],
+      ['absolute', 'Absolute', 'from the zero of the shoulder', rig(-1.2, 1, BOX, angle(10.1, 26.1, 15, hanging, -0.2, 24))]]),
     more('Motor current, wrapped angles, offsets, exchanged joints, text and sheets',
       h('div', { class: 'fields' }, ['torque_constant', 'gear', 'unwrap', 'swap', 'offset', ...(old.columns.length || !old.topics.length ? file : [])].map(field))),
     actions(found && !found.problem, 'Continue')];
@@ -266,7 +286,7 @@ function method() {
     h('fieldset', { class: 'choices' }, h('legend', {}, 'Criterion'), cards.map((card) => choice('criterion', ...card))),
     h('fieldset', { class: 'choices' }, h('legend', {}, 'Model'), Object.entries(models).map(([value, help]) => choice('model', value, value, help))),
     more('Hold, delay, length of link 1, seed', h('div', { class: 'fields' }, rest.map(field))),
-    actions(passed(), 'Continue')];
+    h('h3', {}, 'The same in a terminal'), shell(), actions(passed(), 'Continue')];
 }
 
 /* ---- 5: fit ---- */
@@ -287,7 +307,7 @@ async function fit() {
 }
 function fitting() {
   const now = state.fitting;
-  if (!now) return [heading('Ready', 'The fit runs in a program of its own. It can be stopped at any time.'), state.error?.stopped && note('WARN', 'Stopped. Nothing was kept.'),
+  if (!now) return [heading('Ready', 'The fit runs in a program of its own. It can be stopped at any time.'), shell(), state.error?.stopped && note('WARN', 'Stopped. Nothing was kept.'),
     state.error?.sentence && refusal(state.error), actions(passed() && fit, state.result ? 'Fit again' : 'Start')];
   return [heading('Fitting', 'This page shows the result as soon as it is there.'), h('div', { class: 'card' }, h('div', { class: 'row' }, h('strong', { class: 'busy', id: 'activity' }, now.progress ?? 'starting'),
     h('span', { class: 'quiet', id: 'elapsed' }, ''), now.best != null && h('span', { class: 'quiet' }, `J = ${number(now.best, 5)}`)),
@@ -296,20 +316,20 @@ function fitting() {
 }
 
 /* ---- 6: result ---- */
+const FILES = { 'report.html': 'the page', 'result.yaml': 'every number', 'pendubot.xml': 'MuJoCo', 'pendubot.urdf': 'RViz, Gazebo, Drake',
+  'pendubot.yaml': 'a ROS node', 'pendubot.m': 'MATLAB', 'pendubot.h': 'C', 'pendubot.py': 'Python' };
 function result() {
-  const { level, warnings, parameters, page, files, missing } = state.result, at = `sessions/${about.session}/output/`;
-  const rows = parameters.map(({ name, value, interval: [low, high], unit: measure, meaning }) => h('tr', {}, h('th', { scope: 'row' }, name), h('td', {}, number(value, 5)),
-    h('td', {}, low == null ? '–' : `${number(low)} to ${number(high)}`), h('td', { class: 'text' }, measure), h('td', { class: 'text' }, meaning)));
-  const sentences = { OK: 'The intervals hold, given the torque scale, the clock and g.', WARN: 'Use it with care.', ERROR: 'Do not use these parameters.' };
-  const shown = warnings.slice(0, 3), others = warnings.slice(3);
-  return [heading('The rig', 'Its parameters with 95 % intervals.'), note(level, h('strong', {}, `${level}. ${sentences[level]}`), shown.map((text) => h('p', {}, text)),
-    others.length > 0 && h('details', {}, h('summary', {}, `${others.length} more`), others.map((text) => h('p', {}, text)))),
-  h('div', { class: 'scroll' }, h('table', { class: 'numbers' }, h('thead', {}, h('tr', {}, ['', 'estimate', '95 % interval'].map((text) => h('th', { scope: 'col' }, text)), h('th', { scope: 'col', class: 'text' }, 'unit'), h('th', { class: 'text', scope: 'col' }, 'meaning'))), h('tbody', {}, rows))),
-  h('h3', {}, 'Take it along'), h('div', { class: 'row' }, files.map((name) => h('a', { class: 'button', href: at + name, download: name }, name))),
+  const { level, files, missing } = state.result, at = `sessions/${about.session}/output/`;
+  const links = Object.keys(FILES).filter((name) => files.includes(name)).map((name) =>
+    h('a', { class: 'button', href: at + name, download: name }, name, h('small', {}, FILES[name])));
+  return [h('h2', {}, 'The parameters of the rig'),
+    level === 'WARN' && note(level, 'Use them with care: the page says why.'), level === 'ERROR' && note(level, 'Do not use them: the page says why.'),
+  h('iframe', { src: `${at}report.html`, title: 'page of the result', sandbox: 'allow-scripts allow-downloads allow-modals' }),
+  h('p', {}, h('a', { href: `${at}report.html`, target: '_blank', rel: 'noopener' }, 'Open the page in its own tab')),
+  h('h3', {}, 'Take it along'), h('div', { class: 'take' }, links),
   Object.entries(missing).map(([name, sentence]) => h('p', {}, h('small', {}, `${name}: ${sentence}`))),
-  h('h3', {}, 'The same in a terminal'), h('p', {}, h('small', {}, 'In the folder of the recordings:')), command(state.command), command('pendubot export report/result.yaml --output pendubot.urdf'),
-  h('h3', {}, 'The page'), h('iframe', { src: at + page, title: 'page of the result', sandbox: 'allow-scripts allow-downloads allow-modals' }),
-  actions(null, null, h('a', { class: 'button', href: at + page, target: '_blank', rel: 'noopener' }, 'Open the page in its own tab'), button('Another recording', () => location.reload()))];
+  h('h3', {}, 'The same in a terminal'), command(`${state.command}\npendubot export report/result.yaml --output pendubot.urdf`),
+  actions(null, null, button('Another recording', () => location.reload()))];
 }
 
 /* ---- the frame ---- */
@@ -321,7 +341,7 @@ function draw() {
   $('#rail').replaceChildren(...STEPS.map((name, k) => h('li', { class: reachable(k + 1) && k < state.step ? 'done' : '' },
     button([h('b', {}, reachable(k + 1) && k < state.step ? '✓' : String(k + 1)), h('span', {}, name)], () => go(k), { disabled: !reachable(k), 'aria-current': k === state.step ? 'step' : null, 'aria-label': `step ${k + 1}: ${name}` }))));
   const elapsed = $('#elapsed')?.textContent;
-  $('#step').replaceChildren(...DRAW[state.step]().flat(4).filter(Boolean));
+  fill('#step', DRAW[state.step]());
   if (elapsed && $('#elapsed')) $('#elapsed').textContent = elapsed;
   if (held) document.querySelector(`[aria-label="${CSS.escape(held)}"]`)?.focus({ preventScroll: true });
 }
@@ -336,14 +356,22 @@ async function live() {
     const trace = (names) => { const all = names.flatMap((name) => traces[name]), low = Math.min(...all), high = Math.max(...all);
       return s('svg', { class: 'trace', viewBox: '0 0 100 30', preserveAspectRatio: 'none', 'aria-hidden': 'true' }, names.map((name) => s('path', { class: name, d: path(traces[name], low, high > low ? high : low + 1, 100 * traces[name].length / HISTORY) }))); };
     const figure = (label, value, measure) => h('div', {}, h('dt', {}, label), h('dd', {}, value, ' ', h('small', {}, measure)));
-    const torque = here && Math.abs(now.effort) > 1e-6 && s('path', { class: 'arc', d: `M${9 * Math.sign(now.effort)} -12 A15 15 0 0 ${now.effort > 0 ? 0 : 1} ${-9 * Math.sign(now.effort)} -12`, 'stroke-width': 1 + Math.min(4, 4 * Math.abs(now.effort)) });
-    $('#live').replaceChildren(h('h2', {}, 'The running rig'), h('p', { class: 'lead' }, here ? 'As it is published now. This page only listens.' : 'No joint states are published. Start the bridge.'),
-      level && note(level, h('strong', {}, level), h('p', {}, message)), !level && message && note('ERROR', message),
-      h('div', { class: 'watch' }, h('div', { class: 'card' }, rig(...(here ? now.q : [-Math.PI / 2, 0]), torque, s('path', { class: 'dash', d: 'M52 -52 v18 m-3 -5 l3 5 l3 -5' }), s('text', { x: 46, y: -42 }, 'g'))),
-        h('div', {}, here && h('div', { class: 'card' }, h('dl', { class: 'figures' }, figure('q1', number(now.q[0], 3), 'rad'), figure('q2', number(now.q[1], 3), 'rad'), figure('effort', number(now.effort, 3), 'N m'), figure('samples', now.rate.toFixed(0), 'Hz')),
-          trace(['q1', 'q2']), trace(['tau']), h('span', { class: 'key q1' }, 'q1'), h('span', { class: 'key q2' }, 'q2'), h('span', { class: 'key tau' }, 'effort')),
-        h('div', { class: 'card' }, parameters.length ? h('table', { class: 'numbers' }, h('thead', {}, h('tr', {}, ['', 'value', '95 % interval', 'unit'].map((text) => h('th', { scope: 'col' }, text)))), h('tbody', {}, parameters.map(({ name, value, half, unit: measure }) =>
-          h('tr', {}, h('th', { scope: 'row' }, name), h('td', {}, number(value)), h('td', {}, half == null ? '–' : `± ${number(half, 2)}`), h('td', { class: 'text' }, measure ?? ''))))) : h('p', { class: 'quiet' }, 'No parameters are published. Start the identifier or the tracker.')))));
+    const size = here ? Math.sign(now.effort) : 0;
+    const torque = size !== 0 && s('path', { class: 'arc', d: `M${13 * size} -9 A16 16 0 0 ${size > 0 ? 0 : 1} ${-13 * size} -9 m${-1.5 * size} -5 l${1.5 * size} 5 l${5 * size} -2` });
+    const gravity = s('path', { class: 'thin', d: 'M50 -52 V-36 m-3 -5 l3 5 l3 -5' });
+    const rows = parameters.map(({ name, value, half, unit: measure }) => h('tr', {}, h('th', { scope: 'row' }, name), h('td', {}, number(value)),
+      h('td', {}, half == null ? '–' : `± ${number(half, 2)}`), h('td', { class: 'text' }, (measure ?? '').replace('^2', '²')),
+      h('td', {}, half != null && h('meter', { min: 0, max: 1, value: Math.min(1, Math.abs(half / value)), 'aria-label': `half-width of ${name} in parts of it` }))));
+    const head = ['', 'value', '95 % interval', 'unit', '± of value'].map((text) => h('th', { scope: 'col', class: text === 'unit' ? 'text' : null }, text));
+    const lead = here ? 'As it is published now. This page only listens.' : 'No joint states are published. Start the bridge.';
+    fill('#live', h('h2', {}, 'The running rig'), h('p', { class: 'lead' }, lead),
+      level && note(level, h('strong', {}, level), message && ` ${message}`), !level && message && note('ERROR', message),
+      h('div', { class: 'watch' }, h('div', { class: 'card' }, rig(...(here ? now.q : [-Math.PI / 2, 0]), '-58 -58 116 116', torque, gravity, s('text', { x: 40, y: -41 }, 'g'))),
+        here && h('div', { class: 'card' }, h('dl', { class: 'figures' }, figure('q1', number(now.q[0], 3), 'rad'), figure('q2', number(now.q[1], 3), 'rad'),
+          figure('effort', number(now.effort, 3), 'N m'), figure('samples', now.rate.toFixed(0), 'Hz')), trace(['q1', 'q2']), trace(['tau']),
+        [['q1', 'q1'], ['q2', 'q2'], ['tau', 'effort']].map(([name, text]) => h('span', { class: `key ${name}` }, text)))),
+      h('div', { class: 'card' }, rows.length ? h('table', { class: 'numbers' }, h('thead', {}, h('tr', {}, head)), h('tbody', {}, rows))
+        : h('p', { class: 'quiet' }, 'No parameters are published. Start the identifier or the tracker.')));
   };
   $('#live').replaceChildren(h('p', { class: 'busy' }, 'listening'));
   try {

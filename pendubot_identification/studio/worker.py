@@ -61,19 +61,15 @@ def identify(job: Mapping[str, Any], say: Say) -> dict[str, Any]:
     found = api.identify(*job['bags'], validate=job['validate'], progress=progress, **_reading(job))
     say({'progress': 'drawing the page', 'done': 0, 'of': 0, 'best': None})
     folder = Path(job['folder']) / 'output'
-    page = found.report(folder, overwrite=True)
+    found.report(folder, overwrite=True)
     missing = {}
     for name in EXPORTS:
         try:
             found.export(folder / name, overwrite=True)
         except PendubotError as error:
             missing[name] = sentence(error)
-    rows = [
-        {'name': name, 'value': p.value, 'interval': p.interval, 'unit': p.unit, 'meaning': api.MEANINGS[name][1]}
-        for name, p in found.result.parameters.items()
-    ]
-    says = {'level': found.level.name, 'warnings': list(found.result.warnings), 'parameters': rows}
-    return {**says, 'page': page.name, 'files': sorted(each.name for each in folder.iterdir()), 'missing': missing}
+    files = sorted(each.name for each in folder.iterdir())
+    return {'level': found.level.name, 'warnings': list(found.result.warnings), 'files': files, 'missing': missing}
 
 
 def _reading(job: Mapping[str, Any]) -> dict[str, Any]:
