@@ -473,9 +473,10 @@ def _demo(parser: Any) -> None:
 
 
 def _studio(parser: Any) -> None:
-    """Open a page in the browser that leads from recordings to parameters. Drop files, correct columns and units by menus,
-    see the checks of stamps, gaps, limits, conventions and excitation, start the fit, stop it, and take page, result,
-    exports and the command line that does the same. Where ROS is, the page also shows the running rig, read-only.
+    """Open a page in the browser that leads from recordings to parameters. Drop files, correct columns and units by
+    menus, see the checks of stamps, gaps, limits, conventions and excitation, start the fit, stop it, and take page,
+    result, exports and the command line that does the same. Where ROS is, the page also shows the running rig,
+    read-only.
 
     Only browsers on this computer that know the token in the address are answered, and nothing comes from a network.
     Files stay in a private folder, which is deleted with the page or with the studio.

@@ -192,16 +192,18 @@ class Studio:
     @asynccontextmanager
     async def _worker(self) -> AsyncIterator[asyncio.subprocess.Process]:
         """Yield a program that waits for a job."""
-        process = await self.prepare()
+        assert self._spare is not None
+        spare = self._spare
+        self.prepare()
+        process = await spare
         try:
             yield process
         finally:
             await _ended(process)
 
-    def prepare(self) -> Awaitable[asyncio.subprocess.Process]:
-        """Start the next worker, because its imports take a second, and return the one before it."""
-        before, self._spare = self._spare, asyncio.create_task(self._started('pendubot_identification.studio.worker'))
-        return before or self._spare
+    def prepare(self) -> None:
+        """Start the next worker before it is needed, because its imports take a second."""
+        self._spare = asyncio.create_task(self._started('pendubot_identification.studio.worker'))
 
     async def _live(self, request: web.Request) -> web.StreamResponse:
         """Relay what the watcher sees, until the page closes."""
