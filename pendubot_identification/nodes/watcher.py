@@ -19,6 +19,7 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from rclpy.qos import qos_profile_sensor_data
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
@@ -39,8 +40,9 @@ class Watcher(Node):
     """Subscribes to the topics of a rig; it has no publisher and no service of its own, and calls none."""
 
     def __init__(self) -> None:
-        super().__init__('watcher', enable_rosout=False, start_parameter_services=False)
-        # Of a node without parameters, it would never be used.
+        silent = [Parameter('start_type_description_service', value=False)]
+        super().__init__('watcher', enable_rosout=False, start_parameter_services=False, parameter_overrides=silent)
+        # Its parameters never change.
         self.destroy_publisher(self._parameter_event_publisher)
         self._sample: tuple[float, tuple[float, float], float] | None = None
         self._arrivals = deque[float](maxlen=50)

@@ -260,7 +260,7 @@ def _described(setting: Setting) -> dict[str, Any]:
     default = setting.default if not isinstance(setting.default, tuple) else ':'.join(map(str, setting.default))
     kind = type(setting.default).__name__
     about = {'default': default, 'kind': kind, 'choices': setting.choices, 'help': setting.help()}
-    return {**about, 'optional': setting.optional}
+    return {**about, 'optional': setting.optional, 'reading': setting in CONVERSION}
 
 
 def _job(session: Session, asked: Mapping[str, Any]) -> dict[str, Any]:

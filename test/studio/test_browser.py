@@ -57,15 +57,15 @@ def opened(browser, studio):
     """Opens the studio; at the end nothing may have been said on the console, or asked of anyone else."""
     contexts, said = [], []
 
-    def opened(address=None, **how):
+    def opened(program=studio, view='', **how):
         contexts.append(browser.new_context(**{'viewport': {'width': 1440, 'height': 900}} | how))
         page = contexts[-1].new_page()
         page.set_default_timeout(LONG)
         page.on('console', lambda message: said.append(message.text))
         page.on('pageerror', lambda error: said.append(str(error)))
-        ours = ('data:', 'blob:', f'http://127.0.0.1:{studio.port}/')
+        ours = ('data:', 'blob:', f'http://127.0.0.1:{program.port}/')
         page.on('request', lambda r: None if r.url.startswith(ours) else said.append(r.url))
-        page.goto(address or studio.address)
+        page.goto(program.address + view)
         return page
 
     yield opened
@@ -134,24 +134,31 @@ def sample(page):
         expect(page.get_by_role('heading', name=step)).to_be_visible()
 
 
-def test_a_fit_is_stopped_in_its_midst_and_its_program_with_it(opened, studio):
-    page = opened()
+@pytest.fixture
+def slow():
+    """Without the compiled kernel, a fit takes minutes."""
+    with Studio(env={'PENDUBOT_KERNEL': 'off'}) as program:
+        yield program
+
+
+def test_a_fit_is_stopped_in_its_midst_and_its_program_with_it(opened, slow):
+    page = opened(slow)
     sample(page)
     page.get_by_text('by differential evolution').click()
     page.get_by_text('Hold, delay, length of link 1, seed').click()
     page.get_by_label('spread').fill('0')
     click(page, 'Continue')
-    (worker,) = studio.workers()
+    (worker,) = slow.workers()
     click(page, 'Start')
-    expect(page.locator('#activity')).to_contain_text('energy')
-    assert worker in studio.workers()
+    expect(page.locator('#fitting strong')).to_contain_text('energy')
+    assert worker in slow.workers()
     click(page, 'Stop')
     expect(page.get_by_text('Stopped. Nothing was kept.')).to_be_visible()
-    while worker in studio.workers():
+    while worker in slow.workers():
         page.wait_for_timeout(10)
     expect(page.get_by_role('button', name='step 6: Result')).to_be_disabled()
     click(page, 'Start')
-    expect(page.locator('#activity')).to_contain_text('energy')
+    expect(page.locator('#fitting strong')).to_contain_text('energy')
     click(page, 'Stop')
 
 
@@ -193,14 +200,14 @@ def test_units_of_a_header_are_taken_and_named(opened):
 
 
 @pytest.mark.ros
-def test_the_running_rig_moves_in_the_page(opened, studio):
+def test_the_running_rig_moves_in_the_page(opened):
     with Program.of_file(Path(__file__).with_name('publisher.py')):
-        page = opened(f'{studio.address}#live')
+        page = opened(view='#live')
         expect(page.locator('dl')).to_contain_text('0.500')
         expect(page.get_by_text('b2 is poorly determined')).to_be_visible()
         expect(page.locator('tbody tr')).to_have_count(7)
         expect(page.locator('tbody tr').first).to_contain_text('± 0.000020')
-        link = page.locator('.link')
+        link = page.locator('#live .link')
         before = link.get_attribute('d')
         expect(link).not_to_have_attribute('d', before)
         assert page.locator('#live button').count() == 0, 'nothing can be commanded'
