@@ -271,7 +271,7 @@ function method() {
 async function fit() {
   const began = performance.now(), stages = [], show = (event) => {
     const { progress: before } = state.fitting;
-    if (before && before !== event.progress && !stages.includes(before)) stages.push(before);
+    if (before && event.progress && before !== event.progress && !stages.includes(before)) stages.push(before);
     Object.assign(state.fitting, event, { seconds: Math.round((performance.now() - began) / 1000) });
     if ($('#fitting')) $('#fitting').innerHTML = progress().text;
   };

@@ -5,6 +5,7 @@
 
 import math
 import time
+from contextlib import suppress
 
 import numpy as np
 import rclpy
@@ -32,10 +33,8 @@ def main():
         joints.publish(message)
 
     node.create_timer(0.005, sample)
-    try:
+    with suppress(KeyboardInterrupt, ExternalShutdownException):
         rclpy.spin(node)
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass
 
 
 if __name__ == '__main__':

@@ -3,9 +3,7 @@
 
 """The studio in a real browser, by mouse alone: from a dropped file to a result; stop; the running rig; a telephone."""
 
-import json
 import shlex
-import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -15,12 +13,13 @@ import pytest
 import yaml
 
 from pendubot_identification.model.parameters import PAPER
+from pendubot_identification.model.simulation import HANGING
 from pendubot_identification.recordings.bag_reader import read_trajectory
 from test.conftest import ROOT
 from test.processes import Program
+from test.report.test_browser import BRIGHTNESS, CHROMIUM
 from test.studio.client import Studio, csv
 
-CHROMIUM = shutil.which('chromium') or shutil.which('chromium-browser') or shutil.which('google-chrome')
 try:
     from playwright.sync_api import expect, sync_playwright
 except ImportError:
@@ -31,8 +30,11 @@ pytestmark = [
     pytest.mark.skipif(sync_playwright is None, reason='no playwright: pip install playwright'),
 ]
 #: As a hand lets go of a file above the page.
-DROP = """({name, text}) => { const dropped = new DataTransfer(); dropped.items.add(new File([text], name));
-  document.querySelector('.drop').dispatchEvent(new DragEvent('drop', {dataTransfer: dropped, bubbles: true, cancelable: true})) }"""
+DROP = """({name, text}) => {
+  const dataTransfer = new DataTransfer();
+  dataTransfer.items.add(new File([text], name));
+  document.querySelector('.drop').dispatchEvent(new DragEvent('drop', {dataTransfer, bubbles: true, cancelable: true}));
+}"""
 #: A task may wait for others on a busy machine [ms].
 LONG = 60_000
 
@@ -85,7 +87,7 @@ def choose(page, label, value):
 def test_a_german_csv_in_degrees_from_hanging_becomes_a_result_by_mouse_alone(opened, tmp_path):
     motion = read_trajectory(ROOT / 'bags' / 'paper_experiment').trajectory
     names = 'Messzeit', 'Phi A', 'Phi B', 'Antrieb'
-    text = csv(motion, ';', ',', names, lambda q: np.degrees(q + (np.pi / 2, 0)))
+    text = csv(motion, ';', ',', names, lambda q: np.degrees(q - HANGING))
     page = opened()
     page.get_by_text('Drop recordings here').wait_for()
     page.evaluate(DROP, {'name': 'Messung.csv', 'text': text})
@@ -141,7 +143,7 @@ def slow():
         yield program
 
 
-def test_a_fit_is_stopped_in_its_midst_and_its_program_with_it(opened, slow):
+def test_a_fit_is_stopped_in_its_midst_and_its_program_with_it(slow, opened):
     page = opened(slow)
     sample(page)
     page.get_by_text('by differential evolution').click()
@@ -181,10 +183,7 @@ def test_every_step_fits_a_telephone(opened):
 def test_ink_stands_out_from_paper(opened, scheme):
     page = opened(color_scheme=scheme)
     page.get_by_text('Drop recordings here').wait_for()
-    ink, paper = json.loads(
-        page.evaluate("""JSON.stringify(['color', 'backgroundColor'].map((what) =>
-          getComputedStyle(document.body)[what].match(/\\d+/g).slice(0, 3).reduce((sum, x) => sum + Number(x) / 3, 0)))""")
-    )
+    ink, paper = (page.evaluate(BRIGHTNESS, ['body', what]) for what in ('color', 'backgroundColor'))
     assert (ink < 60 and paper > 230) if scheme == 'light' else (ink > 210 and paper < 40)
 
 

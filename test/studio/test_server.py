@@ -5,7 +5,6 @@
 
 import gzip
 import json
-import os
 import shlex
 import stat
 import subprocess
@@ -174,10 +173,10 @@ def bomb_gz(path):
 
 
 def bomb_zip(path):
-    with zipfile.ZipFile(path, 'w', zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
-        with archive.open('xl/worksheets/sheet1.xml', 'w', force_zip64=True) as file:
-            for _ in range(600):
-                file.write(bytes(1 << 20))
+    archive = zipfile.ZipFile(path, 'w', zipfile.ZIP_DEFLATED, compresslevel=1)
+    with archive, archive.open('xl/worksheets/sheet1.xml', 'w', force_zip64=True) as file:
+        for _ in range(600):
+            file.write(bytes(1 << 20))
 
 
 @pytest.mark.parametrize(('name', 'make'), [('a.csv.gz', bomb_gz), ('a.xlsx', bomb_zip), ('a.npz', bomb_zip)])
