@@ -64,7 +64,7 @@ def _of_samples(motions: Sequence[Trajectory]) -> Iterator[Finding]:
     some = f'{gaps} gaps, so short that the motion is known there' if gaps else 'none'
     torque, speed = (max(float(np.abs(x).max()) for x in each) for each in ([m.tau for m in motions], _speeds(motions)))
     fine = {
-        'stamps': f'a sample every {1e3 * period:.4g} ms; 99 % of them within {1e3 * jitter:.3g} ms of that',
+        'stamps': f'a sample every {1e3 * period:.4g} ms; 99 % of them within {max(1e3 * jitter, 1e-3):.3g} ms of that',
         'gaps': f'{some}; the longest interval is {longest:.4g} ms',
         'limits': f'torques up to {torque:.3g} N m and speeds up to {speed:.3g} rad/s, not cut off',
     }

@@ -18,9 +18,9 @@ import signal
 import sys
 import tempfile
 import webbrowser
-from collections.abc import AsyncIterator, Awaitable, Callable, Mapping, Sequence
-from contextlib import asynccontextmanager, suppress
-from dataclasses import dataclass, field
+from collections.abc import Awaitable, Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -53,11 +53,19 @@ HEADERS = {'X-Content-Type-Options': 'nosniff', 'Referrer-Policy': 'no-referrer'
 
 @dataclass
 class Session:
-    """The files of one page: the place of each recording by its name, relative to ``folder / 'files'``."""
+    """The files of one page.
+
+    Attributes:
+        folder: private; received files are in ``files``, those of the result in ``output``.
+        given: the places of recordings that were given in the terminal, by their names.
+        recordings: the places of all recordings, relative to ``files``.
+        size: of the files that were received [bytes].
+    """
 
     folder: Path
-    recordings: dict[str, str] = field(default_factory=dict)
-    size: int = 0  #: of the files that were received [bytes].
+    given: Mapping[str, str]
+    recordings: dict[str, str]
+    size: int = 0
 
     def place(self, name: str) -> Path:
         """Return where a received file is kept; a bag's folder may hold it.
@@ -69,15 +77,15 @@ class Session:
         sound = all(p.isprintable() and 0 < len(p) < LONGEST_NAME and p[0] not in '.-' and '\\' not in p for p in parts)
         if not sound or len(parts) > 2:
             raise PendubotError(f'{name!r} is no name of a recording; rename the file, without a leading dot or hyphen')
-        if self.recordings.get(parts[0], parts[0]) != parts[0]:
-            raise PendubotError(f'there is a recording {parts[0]} already; rename one of the two')
+        if parts[0] in self.given:
+            raise PendubotError(f'a recording {parts[0]} was given in the terminal; rename one of the two')
         return self.folder / 'files' / name
 
 
 class Studio:
     """The sessions, and the programs that do their tasks."""
 
-    def __init__(self, given: Mapping[str, str], debug: bool) -> None:
+    def __init__(self, given: dict[str, str], debug: bool) -> None:
         self.token, self.hosts = secrets.token_urlsafe(24), set[str]()
         self._given, self._debug = given, debug
         self._sessions: dict[str, Session] = {}
@@ -134,11 +142,10 @@ class Studio:
         if len(self._sessions) >= SESSIONS:
             raise PendubotError(f'{SESSIONS} pages are open already, which is the limit; close one of them')
         name = secrets.token_urlsafe(12)
-        self._sessions[name] = session = Session(self._root / name, dict(self._given))
-        (session.folder / 'files').mkdir(parents=True)
+        recordings = {'paper_experiment': str(resource('bags/paper_experiment'))} | self._given
+        self._sessions[name] = Session(self._root / name, self._given, recordings)
+        (self._root / name / 'files').mkdir(parents=True)
         about = {name: _described(setting) for name, setting in SETTINGS.items()}
-        sample = str(resource('bags/paper_experiment'))
-        session.recordings['paper_experiment'] = session.recordings.get('paper_experiment', sample)
         known = {'session': name, 'given': list(self._given), 'settings': about, 'live': find_spec('rclpy') is not None}
         return web.json_response(known, headers=HEADERS)
 
@@ -183,27 +190,21 @@ class Studio:
         session = self._session(request)
         task = {'task': request.match_info['task'], 'folder': str(session.folder)}
         job = task | _job(session, await request.json())
-        async with self._worker() as process:
+        spare = self._spare or self.prepare()
+        self.prepare()
+        process = await spare
+        try:
             assert process.stdin is not None
             process.stdin.write(json.dumps(job).encode())
             process.stdin.close()
             return await _relay(request, process)
-
-    @asynccontextmanager
-    async def _worker(self) -> AsyncIterator[asyncio.subprocess.Process]:
-        """Yield a program that waits for a job."""
-        assert self._spare is not None
-        spare = self._spare
-        self.prepare()
-        process = await spare
-        try:
-            yield process
         finally:
             await _ended(process)
 
-    def prepare(self) -> None:
+    def prepare(self) -> asyncio.Task[asyncio.subprocess.Process]:
         """Start the next worker before it is needed, because its imports take a second."""
         self._spare = asyncio.create_task(self._started('pendubot_identification.studio.worker'))
+        return self._spare
 
     async def _live(self, request: web.Request) -> web.StreamResponse:
         """Relay what the watcher sees, until the page closes."""

@@ -127,7 +127,7 @@ function choose(name, value) {
   changed(about.settings[name].reading ? 'reading' : 'fit');
 }
 function field(name) {
-  const { kind, choices, help, optional } = about.settings[name], value = given(name), label = name.replaceAll('_', ' ');
+  const { kind, choices, help, optional } = about.settings[name], value = given(name), label = name[0].toUpperCase() + name.slice(1).replaceAll('_', ' ');
   const type = kind === 'int' || kind === 'float' ? 'number' : 'text', shown = optional && value === usual(name) ? '' : value;
   if (kind === 'bool') return html`<label class="field"><span class="row"><input type="checkbox" data-set="option:${name}"
     ${value === 'true' && 'checked'}>${label}</span><small>${help}</small></label>`;
@@ -327,7 +327,7 @@ function watched({ q, effort = 0, rate, parameters, level, message }, traces) {
   };
   const figure = (name, value, measure) => html`<div><dt>${name}</dt><dd>${value} <small>${measure}</small></dd></div>`;
   const side = Math.sign(effort), torque = side !== 0 && html`<path class="arc" d="M${13 * side} -9 A16 16 0 0 ${side > 0 ? 0 : 1}
-    ${-13 * side} -9 m${-1.5 * side} -5 l${1.5 * side} 5 l${5 * side} -2"/>`;
+    ${-13 * side} -9 m0 -6 v6 l${5.6 * side} -2.1"/>`;
   const gravity = html`<path class="thin" d="M50 -52 V-36 m-3 -5 l3 5 l3 -5"/><text x="40" y="-41">g</text>`;
   const rows = parameters.map(({ name, value, half, unit: measure }) => html`<tr><th scope="row">${name}</th><td>${number(value)}</td>
     <td>${half == null ? '–' : `± ${number(half, 2)}`}</td><td class="text">${(measure ?? '').replace('^2', '²')}</td>

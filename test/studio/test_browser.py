@@ -148,7 +148,7 @@ def test_a_fit_is_stopped_in_its_midst_and_its_program_with_it(slow, opened):
     sample(page)
     page.get_by_text('by differential evolution').click()
     page.get_by_text('Hold, delay, length of link 1, seed').click()
-    page.get_by_label('spread').fill('0')
+    page.get_by_label('Spread', exact=True).fill('0')
     click(page, 'Continue')
     (worker,) = slow.workers()
     click(page, 'Start')
