@@ -3,7 +3,8 @@
    data-do and data-set what a click or a choice does. */
 'use strict';
 const STEPS = ['Recordings', 'Columns', 'Checks', 'Method', 'Fit', 'Result'];
-const state = { step: 0, files: [], options: {}, topic: '/joint_states', joints: ['shoulder', 'elbow'], shown: 0, open: {} };
+const state = { step: 0, files: [], options: {}, topic: '/joint_states', joints: ['shoulder', 'elbow'], shown: 0,
+  open: {} };
 let about, running = null, pressed = false;
 
 /* ---- HTML: every value is escaped unless it is HTML already ---- */
@@ -14,13 +15,15 @@ function plain(value) {
   if (Array.isArray(value)) return value.map(plain).join('');
   return value == null || value === false ? '' : String(value).replace(/[&<>"']/g, (sign) => SIGNS[sign]);
 }
-const html = (parts, ...values) => new Html(parts.map((part, k) => part + (k < values.length ? plain(values[k]) : '')).join(''));
+const html = (parts, ...values) => new Html(parts.map((part, k) =>
+  part + (k < values.length ? plain(values[k]) : '')).join(''));
 const $ = (selector) => document.querySelector(selector);
 const number = (value, digits = 4) =>
   Number(value).toPrecision(digits).replace(/e\+?(-?)(\d+)/, ' × 10^$1$2').replace('-', '−');
 const button = (act, text, kind = '', disabled = false) =>
   html`<button type="button" data-do="${act}" class="${kind}" ${disabled && 'disabled'}>${text}</button>`;
-const select = (set, label, value, choices) => html`<select data-set="${set}" aria-label="${label}">${choices.map(([key, text]) =>
+const select = (set, label, value, choices) => html`<select data-set="${set}" aria-label="${label}">
+  ${choices.map(([key, text]) =>
   html`<option value="${key}" ${key === String(value) && 'selected'}>${text}</option>`)}</select>`;
 const heading = (title, lead) => html`<h2>${title}</h2><p class="lead">${lead}</p>`;
 const busy = (text) => html`<p class="busy">${text}</p>`;
@@ -38,11 +41,13 @@ const spelled = (options) => Object.entries(options).map(([name, value]) =>
   `--${name.replaceAll('_', '-')}${value === 'true' ? '' : ` ${value}`}`).join(' ');
 function refusal({ sentence, remedy = {}, window = '' }) {
   const [start, end] = window.split(':');
-  return note('ERROR', sentence, html`<div class="row">${Object.keys(remedy).length > 0 && offer(`Apply ${spelled(remedy)}`, { remedy })}
+  return note('ERROR', sentence, html`<div class="row">${Object.keys(remedy).length > 0 &&
+    offer(`Apply ${spelled(remedy)}`, { remedy })}
     ${window && offer(`Take the window from ${start || 0} to ${end} s`, { start, end })}</div>`);
 }
 function command(text) {
-  const lines = text.split('\n').map((line) => html`<div>${line.split(/ (?=--)/).map((word) => html`<span>${word}</span> `)}</div>`);
+  const lines = text.split('\n').map((line) => html`<div>
+    ${line.split(/ (?=--)/).map((word) => html`<span>${word}</span> `)}</div>`);
   return html`<div class="command"><code>${lines}</code>${button('copy', 'Copy')}</div>`;
 }
 
@@ -61,12 +66,14 @@ function angle(x, y, radius, zero, now) {  // a dashed line where it is zero, an
 }
 function line(values, low, high, width = 100) {
   const scale = high > low ? 30 / (high - low) : 0, step = width / Math.max(1, values.length - 1);
-  return values.map((value, k) => `${k ? 'L' : 'M'}${(k * step).toFixed(2)} ${(30 - (value - low) * scale).toFixed(2)}`).join('');
+  const point = (value, k) => `${(k * step).toFixed(2)} ${(30 - (value - low) * scale).toFixed(2)}`;
+  return `M${values.map(point).join('L')}`;
 }
 function spark(values) {
   if (!values) return '';
   const low = Math.min(...values), high = Math.max(...values);
-  return html`<svg class="spark" viewBox="0 0 100 30" preserveAspectRatio="none" aria-hidden="true"><path d="${line(values, low, high)}"/></svg>
+  return html`<svg class="spark" viewBox="0 0 100 30" preserveAspectRatio="none" aria-hidden="true">
+    <path d="${line(values, low, high)}"/></svg>
     <small>${number(low, 3)} to ${number(high, 3)}</small>`;
 }
 
@@ -86,8 +93,10 @@ async function follow(url, how, onEvent) {
   } catch (error) { throw error.name === 'AbortError' || error.sentence ? error : SILENT; }
 }
 function job(files = state.files) {
-  const part = (role) => files.filter((file) => file.role === role).map(({ name, start, end }) => ({ name, start, end }));
-  return JSON.stringify({ bags: part('estimate'), validate: part('validate'), options: state.options, topic: state.topic,
+  const part = (role) => files.filter((file) => file.role === role).map(({ name, start, end }) =>
+    ({ name, start, end }));
+  return JSON.stringify({ bags: part('estimate'), validate: part('validate'), options: state.options,
+    topic: state.topic,
     joints: state.joints.join(',') });
 }
 function cancel() { running?.abort(); running = null; }
@@ -127,19 +136,27 @@ function choose(name, value) {
   changed(about.settings[name].reading ? 'reading' : 'fit');
 }
 function field(name) {
-  const { kind, choices, help, optional } = about.settings[name], value = given(name), label = name[0].toUpperCase() + name.slice(1).replaceAll('_', ' ');
-  const type = kind === 'int' || kind === 'float' ? 'number' : 'text', shown = optional && value === usual(name) ? '' : value;
-  if (kind === 'bool') return html`<label class="field"><span class="row"><input type="checkbox" data-set="option:${name}"
+  const { kind, choices, help, optional } = about.settings[name], value = given(name),
+    label = name[0].toUpperCase() + name.slice(1).replaceAll('_', ' ');
+  const type = kind === 'int' || kind === 'float' ? 'number' : 'text', shown = optional && value === usual(name) ? ''
+    : value;
+  if (kind === 'bool') return html`<label class="field"><span class="row">
+    <input type="checkbox" data-set="option:${name}"
     ${value === 'true' && 'checked'}>${label}</span><small>${help}</small></label>`;
-  return html`<label class="field"><span>${label}</span>${choices.length ? select(`option:${name}`, label, value, choices.map((each) => [each, each]))
-    : html`<input type="${type}" step="any" aria-label="${label}" data-set="option:${name}" value="${shown}">`}<small>${help}</small></label>`;
+  return html`<label class="field"><span>${label}</span>
+    ${choices.length ? select(`option:${name}`, label, value, choices.map((each) => [each, each]))
+    : html`<input type="${type}" step="any" aria-label="${label}" data-set="option:${name}" value="${shown}">`}<small>
+      ${help}</small></label>`;
 }
-const choices = (name, legend, list) => html`<fieldset class="choices"><legend>${legend}</legend>${list.map(([value, text, help, picture]) =>
+const choices = (name, legend, list) => html`<fieldset class="choices"><legend>${legend}</legend>
+  ${list.map(([value, text, help, picture]) =>
   html`<label class="choice"><input type="radio" name="${name}" value="${value}" data-set="option:${name}"
-    ${(given(name) || list[0][0]) === value && 'checked'}>${picture}<span>${text}<small>${help}</small></span></label>`)}</fieldset>`;
+    ${(given(name) || list[0][0]) === value && 'checked'}>${picture}<span>${text}<small>
+      ${help}</small></span></label>`)}</fieldset>`;
 
 /* ---- 1: recordings ---- */
-function add(name) { if (!state.files.some((file) => file.name === name)) state.files.push({ name, role: 'estimate', start: '', end: '' }); }
+function add(name) { if (!state.files.some((file) => file.name === name)) state.files.push({ name, role: 'estimate',
+  start: '', end: '' }); }
 async function receive(entries) {
   state.problem = null;
   for (const { file, name } of entries) {
@@ -152,24 +169,32 @@ async function receive(entries) {
 }
 async function dropped(items) {
   const found = [], walk = async (entry, folder) => {
-    if (entry.isFile) found.push({ file: await new Promise((take, refuse) => entry.file(take, refuse)), name: folder + entry.name });
+    if (entry.isFile) found.push({ file: await new Promise((take, refuse) => entry.file(take, refuse)),
+      name: folder + entry.name });
     else {
       const reader = entry.createReader(), list = () => new Promise((take, refuse) => reader.readEntries(take, refuse));
-      for (let some; (some = await list()).length;) for (const each of some) await walk(each, `${folder}${entry.name}/`);
+      for (let some; (some = await list()).length;) for (const each of some) await walk(each,
+        `${folder}${entry.name}/`);
     }
   };
   // The items are gone after the first wait.
-  const taken = [...items].filter((item) => item.kind === 'file').map((item) => [item.webkitGetAsEntry(), item.getAsFile()]);
-  for (const [entry, file] of taken) if (entry) await walk(entry, ''); else if (file) found.push({ file, name: file.name });
+  const taken = [...items].filter((item) => item.kind === 'file').map((item) =>
+    [item.webkitGetAsEntry(), item.getAsFile()]);
+  for (const [entry, file] of taken) if (entry) await walk(entry, '');
+    else if (file) found.push({ file, name: file.name });
   await receive(found);
 }
 function recordings() {
-  const window = (file, k, key) => html`<input type="number" min="0" step="any" value="${file[key]}" placeholder="${key}"
+  const window = (file, k, key) => html`<input type="number" min="0" step="any" value="${file[key]}"
+    placeholder="${key}"
     aria-label="${key} of ${file.name} in seconds" data-set="${key}:${k}">`;
   const list = state.files.map((file, k) => html`<li><strong>${file.name}</strong>
-    ${select(`role:${k}`, `role of ${file.name}`, file.role, [['estimate', 'estimates'], ['validate', 'only validates']])}
-    <span class="row">${window(file, k, 'start')} – ${window(file, k, 'end')} <small>s</small></span>${button(`remove:${k}`, 'Remove', 'plain')}</li>`);
-  return html`${heading('What was recorded?', 'Motion of both joints and the torque of the motor. Files stay on this computer.')}
+    ${select(`role:${k}`, `role of ${file.name}`, file.role,
+      [['estimate', 'estimates'], ['validate', 'only validates']])}
+    <span class="row">${window(file, k, 'start')} – ${window(file, k, 'end')} <small>s</small></span>
+      ${button(`remove:${k}`, 'Remove', 'plain')}</li>`);
+  const lead = 'Motion of both joints and the torque of the motor. Files stay on this computer.';
+  return html`${heading('What was recorded?', lead)}
     ${state.problem && refusal(state.problem)}
     <div class="drop">${rig(-2.2, 1.1, '-46 -8 60 62')}<strong>Drop recordings here</strong>
       <small>A bag (its folder or .mcap), or .csv, .mat, .xlsx, .parquet, .npz</small>
@@ -177,8 +202,8 @@ function recordings() {
       <div class="row">${button('pick:files', 'Choose files')}${button('pick:folder', 'Choose a bag’s folder')}
         ${button('sample', 'Try the sample recording', 'plain')}</div></div>
     <ul class="files">${list}</ul>
-    ${list.length > 0 && html`<p><small>Without a window, the first half of one recording estimates and the second validates; several
-      all estimate.</small></p>`}${actions(state.files.some((file) => file.role === 'estimate'))}`;
+    ${list.length > 0 && html`<p><small>Without a window, the first half of one recording estimates and the second
+      validates; several all estimate.</small></p>`}${actions(state.files.some((file) => file.role === 'estimate'))}`;
 }
 
 /* ---- 2: columns ---- */
@@ -186,30 +211,39 @@ const NEEDED = { t: 'Time', q1: 'Shoulder angle', q2: 'Elbow angle', tau1: 'Shou
 const ROWS = { ...NEEDED, tau2: 'Elbow torque', dq1: 'Shoulder speed', dq2: 'Elbow speed' };
 const UNITS = { us: 'µs', Nm: 'N m', mNm: 'mN m', Ncm: 'N cm', kgfcm: 'kgf cm', ozfin: 'ozf in' };
 const negated = () => given('negate').split(',').filter(Boolean);
-const named = () => Object.fromEntries((state.options.columns ?? '').split(',').filter(Boolean).map((pair) => pair.split(/=(.*)/)));
+const named = () => Object.fromEntries((state.options.columns ?? '').split(',').filter(Boolean).map((pair) =>
+  pair.split(/=(.*)/)));
 function unit(name) {
   if (name[0] === 'd') return given('degrees') === 'true' ? 'deg/s' : 'rad/s';
-  if (name[0] === 'q') return select('option:degrees', `unit of ${name}`, given('degrees').toLowerCase(), [['false', 'rad'], ['true', 'degrees']]);
+  if (name[0] === 'q') return select('option:degrees', `unit of ${name}`, given('degrees').toLowerCase(),
+    [['false', 'rad'], ['true', 'degrees']]);
   const option = name === 't' ? 'time_unit' : 'torque_unit';
-  return select(`option:${option}`, `unit of ${name}`, given(option), about.settings[option].choices.map((each) => [each, UNITS[each] ?? each]));
+  return select(`option:${option}`, `unit of ${name}`, given(option),
+    about.settings[option].choices.map((each) => [each, UNITS[each] ?? each]));
 }
 function row(found, name) {
   const table = found.columns.length > 0, column = found.taken[name] ?? '';
-  const columns = table && html`<td class="wide ${name in NEEDED && !column && 'missing'}">${select(`column:${name}`, `column of ${name}`, column,
+  const columns = table && html`<td class="wide ${name in NEEDED && !column && 'missing'}">
+    ${select(`column:${name}`, `column of ${name}`, column,
     ['', ...found.columns].map((each) => [each, each || '–']))}</td>`;
-  const sign = /^(q|tau)/.test(name) && select(`sign:${name}`, `sign of ${name}`, negated().includes(name), [['false', '+'], ['true', '− reversed']]);
-  return html`<tr><th scope="row">${ROWS[name]}<small>${name}</small></th>${columns}<td>${unit(name)}</td><td>${sign}</td>
+  const sign = /^(q|tau)/.test(name) && select(`sign:${name}`, `sign of ${name}`, negated().includes(name),
+    [['false', '+'], ['true', '− reversed']]);
+  return html`<tr><th scope="row">${ROWS[name]}<small>${name}</small></th>${columns}<td>${unit(name)}</td>
+    <td>${sign}</td>
     <td>${name !== 't' && spark(found.preview?.[name])}</td></tr>`;
 }
 function bag(found) {
   const joints = found.joints.map((name) => [name, name]);
-  return html`<h3>Topic and joints</h3><div class="row">${select('topic', 'topic', state.topic, found.topics.map((each) => [each, each]))}
-    ${['shoulder', 'elbow'].map((joint, k) => html`<label class="row">${joint}${select(`joint:${k}`, joint, state.joints[k], joints)}</label>`)}</div>`;
+  return html`<h3>Topic and joints</h3><div class="row">
+    ${select('topic', 'topic', state.topic, found.topics.map((each) => [each, each]))}
+    ${['shoulder', 'elbow'].map((joint, k) => html`<label class="row">${joint}
+      ${select(`joint:${k}`, joint, state.joints[k], joints)}</label>`)}</div>`;
 }
 const BOX = '-16 -8 62 60', DOWN = -Math.PI / 2;
 const ZERO = [['horizontal', 'Horizontal', 'at rest it is −90°', rig(-0.9, -0.4, BOX, angle(0, 0, 19, 0, -0.9))],
   ['hanging', 'Hanging', 'at rest it is 0°', rig(-0.9, -0.4, BOX, angle(0, 0, 19, DOWN, -0.9))]];
-const ELBOW = [['relative', 'Relative', 'from the line of link 1', rig(-1.2, 1, BOX, angle(10.1, 26.1, 14, -1.2, -0.2))],
+const ELBOW = [['relative', 'Relative', 'from the line of link 1',
+  rig(-1.2, 1, BOX, angle(10.1, 26.1, 14, -1.2, -0.2))],
   ['absolute', 'Absolute', 'from the zero of the shoulder', rig(-1.2, 1, BOX, angle(10.1, 26.1, 14, DOWN, -0.2))]];
 function columns() {
   const found = state.described, shown = found ?? state.before;
@@ -217,42 +251,58 @@ function columns() {
     state.described = state.before = value ?? { columns: [], taken: {}, topics: [], joints: [], options: {}, problem };
   });
   const table = shown?.columns.length > 0, names = table ? Object.keys(ROWS) : ['q1', 'q2', 'tau1'];
-  const rows = names.filter((name) => name in NEEDED || shown?.taken[name] || state.all).map((name) => shown && row(shown, name));
+  const rows = names.filter((name) => name in NEEDED || shown?.taken[name] || state.all).map((name) => shown &&
+    row(shown, name));
   const head = ['Quantity', ...(table ? ['Column'] : []), 'Unit', 'Sign', 'As it is taken, in rad and N m'];
-  const rest = ['torque_constant', 'gear', 'unwrap', 'swap', 'offset', 'skip_missing', ...(shown?.topics.length ? [] : ['decimal', 'skip_rows', 'sheet', 'encoding'])];
-  return html`${heading('How is it written?', 'Check that each quantity is the right column, in the right unit and sense. All recordings are read alike.')}
+  const rest = ['torque_constant', 'gear', 'unwrap', 'swap', 'offset', 'skip_missing',
+    ...(shown?.topics.length ? [] : ['decimal', 'skip_rows', 'sheet', 'encoding'])];
+  const lead = 'Check that each quantity is the right column, in the right unit and sense. All recordings are read alike.';
+  return html`${heading('How is it written?', lead)}
     ${state.files.length > 1 && html`<div class="tabs">${state.files.map((file, k) =>
-      html`<button type="button" data-do="show:${k}" aria-pressed="${k === state.shown}">${file.name}</button>`)}</div>`}
+      html`<button type="button" data-do="show:${k}" aria-pressed="${k === state.shown}">
+        ${file.name}</button>`)}</div>`}
     ${found ? '' : busy('reading')}${found?.problem && refusal(found.problem)}
     ${found?.taken_as && note('OK', html`Taken from the file itself: <code>${found.taken_as}</code>`)}
     ${found?.survey?.guesses.map((guess) => note('WARN', guess))}${shown?.topics.length > 0 && bag(shown)}
-    ${(table || shown?.topics.length > 0) && html`<table class="columns"><thead><tr>${head.map((text) => html`<th scope="col">${text}</th>`)}</tr></thead>
-      <tbody>${rows}</tbody></table>`}${table && !state.all && button('all', 'Elbow torque and speeds were recorded, too', 'plain')}
+    ${(table || shown?.topics.length > 0) && html`<table class="columns"><thead><tr>
+      ${head.map((text) => html`<th scope="col">${text}</th>`)}</tr></thead>
+      <tbody>${rows}</tbody></table>`}${table && !state.all &&
+        button('all', 'Elbow torque and speeds were recorded, too', 'plain')}
     ${choices('zero', 'Where is the shoulder angle zero?', ZERO)}${choices('elbow', 'What is the elbow angle?', ELBOW)}
-    ${more('Motor current, wrapped angles, offsets, exchanged joints, text and sheets', html`<div class="fields">${rest.map(field)}</div>`)}
+    ${more('Motor current, wrapped angles, offsets, exchanged joints, text and sheets',
+      html`<div class="fields">${rest.map(field)}</div>`)}
     ${actions(found && !found.problem)}`;
 }
 
 /* ---- 3: checks ---- */
-const CHECKS = { reading: 'Samples', stamps: 'Time stamps', gaps: 'Gaps', limits: 'Limits', conventions: 'Conventions', excitation: 'Excitation' };
+const CHECKS = { reading: 'Samples', stamps: 'Time stamps', gaps: 'Gaps', limits: 'Limits', conventions: 'Conventions',
+  excitation: 'Excitation' };
 const MARKS = { OK: ['✓', 'good'], WARN: ['!', 'warning'], ERROR: ['✕', 'error'] };
-const passed = () => Boolean(state.checks) && !state.checks.some(({ level, check }) => level === 'ERROR' && check !== 'conventions');
+const passed = () => Boolean(state.checks) && !state.checks.some(({ level, check }) => level === 'ERROR' &&
+  check !== 'conventions');
 function checks() {
-  if (!state.checks) need('check', state.files, (value, error) => { state.checks = value ?? [{ check: 'reading', level: 'ERROR', remedy: {}, ...error }]; });
-  const order = Object.keys(CHECKS), sorted = [...(state.checks ?? [])].sort((a, b) => order.indexOf(a.check) - order.indexOf(b.check));
+  if (!state.checks) need('check', state.files, (value, error) =>
+    { state.checks = value ?? [{ check: 'reading', level: 'ERROR', remedy: {}, ...error }]; });
+  const order = Object.keys(CHECKS), sorted = [...(state.checks ?? [])].sort((a, b) =>
+    order.indexOf(a.check) - order.indexOf(b.check));
   const list = sorted.map(({ check, level, sentence, remedy }) => html`<li><span class="dot ${level}" role="img"
     aria-label="${MARKS[level][1]}">${MARKS[level][0]}</span><strong>${CHECKS[check]}</strong><div><p>${sentence}</p>
-    ${Object.keys(remedy).length > 0 && offer(`Apply ${spelled(remedy)}`, { remedy, whole: check === 'conventions' })}</div></li>`);
+    ${Object.keys(remedy).length > 0 && offer(`Apply ${spelled(remedy)}`,
+      { remedy, whole: check === 'conventions' })}</div></li>`);
   return html`${heading('Is it good enough?', 'Everything that can be checked before a fit.')}
-    ${state.checks ? html`<ul class="checks">${list}</ul>` : busy('checking stamps, gaps, limits, conventions and excitation')}
+    ${state.checks ? html`<ul class="checks">${list}</ul>`
+      : busy('checking stamps, gaps, limits, conventions and excitation')}
     ${actions(passed(), 'Continue', 'go:3', button('go:1', 'Mend the columns'))}`;
 }
 
 /* ---- 4: method ---- */
-const CRITERIA = [['likelihood', 'Likelihood', 'the best parameters; seconds to a minute'], ['weak', 'Weak form', 'nearly as good, at once'],
+const CRITERIA = [['likelihood', 'Likelihood', 'the best parameters; seconds to a minute'],
+  ['weak', 'Weak form', 'nearly as good, at once'],
   ['energy', 'Energy', 'the paper’s, by differential evolution']];
-const MODELS = [['auto', 'Auto', 'the smallest that is exact, or else the largest'], ['viscous', 'Viscous', 'the paper’s seven parameters'],
-  ['coulomb', 'Coulomb', 'and dry friction'], ['rotor', 'Rotor', 'and a rotor at the elbow'], ['geared', 'Geared', 'and friction of gears']];
+const MODELS = [['auto', 'Auto', 'the smallest that is exact, or else the largest'],
+  ['viscous', 'Viscous', 'the paper’s seven parameters'],
+  ['coulomb', 'Coulomb', 'and dry friction'], ['rotor', 'Rotor', 'and a rotor at the elbow'],
+    ['geared', 'Geared', 'and friction of gears']];
 /* The command line of the present choices, which the server composes. */
 async function compose() {
   const answer = await fetch(at('command'), { method: 'POST', body: job() }).catch(() => null);
@@ -262,8 +312,10 @@ async function compose() {
 function method() {
   compose();
   const rest = ['hold', 'delay', 'link_length', 'sliding', 'optimizer', 'seed', 'spread', 'apply_remedies'];
-  return html`${heading('How is it fitted?', 'The defaults suit nearly every rig.')}${choices('criterion', 'Criterion', CRITERIA)}
-    ${choices('model', 'Model', MODELS)}${more('Hold, delay, length of link 1, seed', html`<div class="fields">${rest.map(field)}</div>`)}
+  return html`${heading('How is it fitted?', 'The defaults suit nearly every rig.')}
+    ${choices('criterion', 'Criterion', CRITERIA)}
+    ${choices('model', 'Model', MODELS)}${more('Hold, delay, length of link 1, seed',
+      html`<div class="fields">${rest.map(field)}</div>`)}
     <h3>The same in a terminal</h3>${state.command && command(state.command)}${actions(passed())}`;
 }
 
@@ -285,7 +337,8 @@ async function fit() {
 }
 function progress() {
   const { progress: now, done, of, best, seconds, stages } = state.fitting;
-  return html`<div class="row"><strong class="busy">${now ?? 'starting'}</strong><span class="quiet">${seconds ?? 0} s</span>
+  return html`<div class="row"><strong class="busy">${now ?? 'starting'}</strong><span class="quiet">
+    ${seconds ?? 0} s</span>
     ${best != null && html`<span class="quiet">J = ${number(best, 5)}</span>`}</div>
     <progress aria-label="progress of this stage" max="${of || 1}" ${of > 0 && html`value="${done}"`}></progress>
     <ul class="stages">${stages.slice(-6).map((stage) => html`<li>${stage}</li>`)}</ul>`;
@@ -300,7 +353,8 @@ function fitting() {
 }
 
 /* ---- 6: result ---- */
-const FILES = { 'report.html': 'the page', 'result.yaml': 'every number', 'pendubot.xml': 'MuJoCo', 'pendubot.urdf': 'RViz, Gazebo, Drake',
+const FILES = { 'report.html': 'the page', 'result.yaml': 'every number', 'pendubot.xml': 'MuJoCo',
+  'pendubot.urdf': 'RViz, Gazebo, Drake',
   'pendubot.yaml': 'a ROS node', 'pendubot.m': 'MATLAB', 'pendubot.h': 'C', 'pendubot.py': 'Python' };
 const SAID = { WARN: 'Use them with care: the page says why.', ERROR: 'Do not use them: the page says why.' };
 function result() {
@@ -312,7 +366,8 @@ function result() {
     <p><a href="${page}" target="_blank" rel="noopener">Open the page in its own tab</a></p>
     <h3>Take it along</h3><div class="take">${links}</div>
     ${Object.entries(missing).map(([name, sentence]) => html`<p><small>${name}: ${sentence}</small></p>`)}
-    <h3>The same in a terminal</h3>${command(`${state.command}\npendubot export report/result.yaml --output pendubot.urdf`)}
+    <h3>The same in a terminal</h3>
+    ${command(`${state.command}\npendubot export report/result.yaml --output pendubot.urdf`)}
     ${actions(true, 'Another recording', 'again')}`;
 }
 
@@ -326,19 +381,26 @@ function watched({ q, effort = 0, rate, parameters, level, message }, traces) {
       html`<path class="trace${k}" d="${line(traces[k], low, high, 100 * traces[k].length / HISTORY)}"/>`)}</svg>`;
   };
   const figure = (name, value, measure) => html`<div><dt>${name}</dt><dd>${value} <small>${measure}</small></dd></div>`;
-  const side = Math.sign(effort), torque = side !== 0 && html`<path class="arc" d="M${13 * side} -9 A16 16 0 0 ${side > 0 ? 0 : 1}
+  const side = Math.sign(effort), torque = side !== 0 &&
+    html`<path class="arc" d="M${13 * side} -9 A16 16 0 0 ${side > 0 ? 0 : 1}
     ${-13 * side} -9 m0 -6 v6 l${5.6 * side} -2.1"/>`;
   const gravity = html`<path class="thin" d="M50 -52 V-36 m-3 -5 l3 5 l3 -5"/><text x="40" y="-41">g</text>`;
-  const rows = parameters.map(({ name, value, half, unit: measure }) => html`<tr><th scope="row">${name}</th><td>${number(value)}</td>
+  const rows = parameters.map(({ name, value, half, unit: measure }) =>
+    html`<tr><th scope="row">${name}</th><td>${number(value)}</td>
     <td>${half == null ? '–' : `± ${number(half, 2)}`}</td><td class="text">${(measure ?? '').replace('^2', '²')}</td>
-    <td>${half != null && html`<meter min="0" max="1" value="${Math.min(1, Math.abs(half / value))}" aria-label="± of ${name}"></meter>`}</td></tr>`);
-  return html`${heading('The running rig', q ? 'As it is published now. This page only listens.' : 'No joint states are published. Start the bridge.')}
+    <td>${half != null && html`<meter min="0" max="1" value="${Math.min(1, Math.abs(half / value))}"
+      aria-label="± of ${name}"></meter>`}</td></tr>`);
+  return html`${heading('The running rig', q ? 'As it is published now. This page only listens.'
+    : 'No joint states are published. Start the bridge.')}
     ${level ? note(level, html`<strong>${level}</strong> ${message}`) : message && note('ERROR', message)}
     <div class="watch"><div class="card">${rig(...(q ?? [DOWN, 0]), '-58 -58 116 116', torque, gravity)}</div>
-      ${q && html`<div class="card"><dl class="figures">${figure('q1', number(q[0], 3), 'rad')}${figure('q2', number(q[1], 3), 'rad')}
-        ${figure('effort', number(effort, 3), 'N m')}${figure('samples', rate.toFixed(0), 'Hz')}</dl>${trace(0, 1)}${trace(2)}
+      ${q && html`<div class="card"><dl class="figures">${figure('q1', number(q[0], 3), 'rad')}
+        ${figure('q2', number(q[1], 3), 'rad')}
+        ${figure('effort', number(effort, 3), 'N m')}${figure('samples', rate.toFixed(0), 'Hz')}</dl>${trace(0, 1)}
+          ${trace(2)}
         ${['q1', 'q2', 'effort'].map((name, k) => html`<span class="key trace${k}">${name}</span>`)}</div>`}</div>
-    <div class="card">${rows.length ? html`<table class="numbers"><thead><tr><th></th><th scope="col">value</th><th scope="col">95 % interval</th>
+    <div class="card">${rows.length ? html`<table class="numbers"><thead><tr><th></th><th scope="col">value</th>
+      <th scope="col">95 % interval</th>
       <th scope="col" class="text">unit</th><th scope="col">± of value</th></tr></thead><tbody>${rows}</tbody></table>`
       : html`<p class="quiet">No parameters are published. Start the identifier or the tracker.</p>`}</div>`;
 }
@@ -347,24 +409,30 @@ async function watch() {
   watch.own = new AbortController();
   show(busy('listening'));
   try {
-    await follow('live', { signal: watch.own.signal }, (event) => { if (event.problem) throw event.problem; show(watched(event, traces)); });
+    await follow('live', { signal: watch.own.signal }, (event) =>
+      { if (event.problem) throw event.problem; show(watched(event, traces)); });
   } catch (error) { if (error.name !== 'AbortError') show(refusal(error)); }
 }
 
 /* ---- the frame ---- */
 const DRAW = [recordings, columns, checks, method, fitting, result];
-const ready = (k) => [true, state.files.some((file) => file.role === 'estimate'), state.checks || (state.described && !state.described.problem),
+const ready = (k) => [true, state.files.some((file) => file.role === 'estimate'), state.checks ||
+  (state.described && !state.described.problem),
   passed(), passed(), state.result][k];
-function go(k) { if (!state.fitting) cancel(); state.step = k; draw(); scrollTo(0, 0); $('#step').focus({ preventScroll: true }); }
+function go(k) { if (!state.fitting) cancel(); state.step = k; draw(); scrollTo(0, 0);
+  $('#step').focus({ preventScroll: true }); }
 function draw() {
   if (pressed) { pressed = 'later'; return; }  // what is pressed must still be there when it is released
   const { set, do: act } = document.activeElement?.dataset ?? {};
   state.offers = [];
-  $('#rail').innerHTML = STEPS.map((name, k) => html`<li class="${k < state.step && ready(k + 1) && 'done'}"><button type="button" data-do="go:${k}"
-    aria-label="step ${k + 1}: ${name}" ${k === state.step && html`aria-current="step"`} ${!ready(k) && 'disabled'}><b>${k < state.step && ready(k + 1) ? '✓' : k + 1}</b>
+  $('#rail').innerHTML = STEPS.map((name, k) => html`<li class="${k < state.step && ready(k + 1) && 'done'}">
+    <button type="button" data-do="go:${k}"
+    aria-label="step ${k + 1}: ${name}" ${k === state.step && html`aria-current="step"`} ${!ready(k) && 'disabled'}><b>
+      ${k < state.step && ready(k + 1) ? '✓' : k + 1}</b>
     <span>${name}</span></button></li>`.text).join('');
   $('#step').innerHTML = DRAW[state.step]().text;
-  if (set || act) document.querySelector(set ? `[data-set="${set}"]` : `[data-do="${act}"]`)?.focus({ preventScroll: true });
+  if (set || act) document.querySelector(set ? `[data-set="${set}"]`
+    : `[data-do="${act}"]`)?.focus({ preventScroll: true });
 }
 function view(name) {
   watch.own?.abort();
@@ -375,21 +443,30 @@ function view(name) {
   if (name === 'live') watch();
 }
 function apply({ remedy, whole, ...window }) {
-  if (whole) for (const name of Object.keys(state.options)) if (about.settings[name].reading) delete state.options[name];
+  const replaced = whole ? Object.keys(state.options).filter((name) => about.settings[name].reading) : [];
+  for (const name of replaced) delete state.options[name];
   Object.assign(state.options, remedy);
   if (!remedy) Object.assign(state.files[state.shown], window);
   changed();
 }
-const ACTS = { go: (k) => go(Number(k)), view, start: fit, stop: cancel, again: () => location.reload(), pick: (id) => $(`#${id}`).click(),
-  sample: () => { add('paper_experiment'); changed(); }, remove: (k) => { state.files.splice(k, 1); state.shown = 0; changed(); },
-  show: (k) => { state.shown = Number(k); state.described = null; cancel(); draw(); }, all: () => { state.all = true; draw(); },
-  apply: (k) => apply(state.offers[k]), copy: (_, pressedOne) => navigator.clipboard.writeText(pressedOne.previousElementSibling.innerText)
+const ACTS = { go: (k) => go(Number(k)), view, start: fit, stop: cancel, again: () => location.reload(),
+  pick: (id) => $(`#${id}`).click(),
+  sample: () => { add('paper_experiment'); changed(); },
+    remove: (k) => { state.files.splice(k, 1); state.shown = 0; changed(); },
+  show: (k) => { state.shown = Number(k); state.described = null; cancel(); draw(); },
+    all: () => { state.all = true; draw(); },
+  apply: (k) => apply(state.offers[k]), copy: (_, pressedOne) =>
+    navigator.clipboard.writeText(pressedOne.previousElementSibling.innerText)
     .then(() => { pressedOne.textContent = 'Copied'; }) };
-const SETS = { option: choose, topic: (_, value) => { state.topic = value; changed(); }, joint: (k, value) => { state.joints[k] = value; changed(); },
-  role: (k, value) => { state.files[k].role = value; changed('roles'); }, start: (k, value) => { state.files[k].start = value; changed(); },
+const SETS = { option: choose, topic: (_, value) => { state.topic = value; changed(); },
+  joint: (k, value) => { state.joints[k] = value; changed(); },
+  role: (k, value) => { state.files[k].role = value; changed('roles'); },
+    start: (k, value) => { state.files[k].start = value; changed(); },
   end: (k, value) => { state.files[k].end = value; changed(); },
-  column: (name, value) => choose('columns', Object.entries({ ...named(), [name]: value }).filter(([, each]) => each).map((pair) => pair.join('=')).join(',')),
-  sign: (name, value) => choose('negate', Object.keys(ROWS).filter((each) => (each === name ? value === 'true' : negated().includes(each))).join(',')) };
+  column: (name, value) => choose('columns', Object.entries({ ...named(), [name]: value }).filter(([, each]) =>
+    each).map((pair) => pair.join('=')).join(',')),
+  sign: (name, value) => choose('negate', Object.keys(ROWS).filter((each) =>
+    (each === name ? value === 'true' : negated().includes(each))).join(',')) };
 function listen() {
   addEventListener('click', ({ target }) => {
     const found = target.closest('[data-do]:enabled'), [act, value] = found?.dataset.do.split(':') ?? [];
@@ -398,9 +475,11 @@ function listen() {
   addEventListener('change', ({ target }) => {
     const [what, name] = target.dataset.set?.split(':') ?? [];
     if (what) SETS[what](name, target.type === 'checkbox' ? String(target.checked) : target.value.trim());
-    else if (target.files) receive([...target.files].map((file) => ({ file, name: file.webkitRelativePath || file.name })));
+    else if (target.files) receive([...target.files].map((file) =>
+      ({ file, name: file.webkitRelativePath || file.name })));
   });
-  addEventListener('toggle', ({ target }) => { if (target.dataset?.open) state.open[target.dataset.open] = target.open; }, true);
+  addEventListener('toggle', ({ target }) => { if (target.dataset?.open) state.open[target.dataset.open] = target.open;
+    }, true);
   addEventListener('pointerdown', () => { pressed = true; }, true);
   for (const name of ['pointerup', 'pointercancel']) addEventListener(name, () => setTimeout(() => {
     const later = pressed === 'later';
