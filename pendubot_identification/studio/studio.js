@@ -256,7 +256,7 @@ function columns() {
   const head = ['Quantity', ...(table ? ['Column'] : []), 'Unit', 'Sign', 'As it is taken, in rad and N m'];
   const rest = ['torque_constant', 'gear', 'unwrap', 'swap', 'offset', 'skip_missing',
     ...(shown?.topics.length ? [] : ['decimal', 'skip_rows', 'sheet', 'encoding'])];
-  const lead = 'Check that each quantity is the right column, in the right unit and sense. All recordings are read alike.';
+  const lead = 'Check that each quantity is the right column, in the right unit and sense. Recordings are read alike.';
   return html`${heading('How is it written?', lead)}
     ${state.files.length > 1 && html`<div class="tabs">${state.files.map((file, k) =>
       html`<button type="button" data-do="show:${k}" aria-pressed="${k === state.shown}">
@@ -387,7 +387,8 @@ function watched({ q, effort = 0, rate, parameters, level, message }, traces) {
   const gravity = html`<path class="thin" d="M50 -52 V-36 m-3 -5 l3 5 l3 -5"/><text x="40" y="-41">g</text>`;
   const rows = parameters.map(({ name, value, half, unit: measure }) =>
     html`<tr><th scope="row">${name}</th><td>${number(value)}</td>
-    <td>${half == null ? '–' : `± ${number(half, 2)}`}</td><td class="text">${(measure ?? '').replace('^2', '²')}</td>
+    <td>${half == null ? '–' : `± ${number(half, 2)}`}</td>
+    <td class="text">${(measure ?? '').replace('^2', '²')}</td>
     <td>${half != null && html`<meter min="0" max="1" value="${Math.min(1, Math.abs(half / value))}"
       aria-label="± of ${name}"></meter>`}</td></tr>`);
   return html`${heading('The running rig', q ? 'As it is published now. This page only listens.'
