@@ -33,7 +33,9 @@ setup(
     name=NAME,
     version='1.0.0',
     packages=find_packages(include=[NAME, f'{NAME}.*']),
-    package_data={NAME: ['py.typed', '__init__.pyi', 'report/page.*', 'report/*.jinja', 'report/uplot/*']},
+    package_data={
+        NAME: ['py.typed', '__init__.pyi', 'report/page.*', 'report/*.jinja', 'report/uplot/*', 'studio/studio.*'],
+    },
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (SHARE, ['package.xml']),
@@ -61,6 +63,8 @@ setup(
         'ros': ['ros-rclpy[fastrtps]==7.1.6', 'ros-jazzy-rclpy', 'ros-jazzy-common-interfaces'],
         # MATLAB 7.3, Excel and Parquet; all else needs no more.
         'files': ['h5py', 'openpyxl', 'pandas', 'pyarrow'],
+        # pendubot studio.
+        'studio': ['aiohttp>=3.9'],
         # Of the shell: pendubot completion.
         'completion': ['shtab'],
         # The HTML of docs/.
@@ -70,6 +74,7 @@ setup(
         # What else benchmarks.exports compares exported rigs with, and an example needs; 1 GB.
         'engines': ['casadi', 'drake', 'pin'],
         'test': [
+            'aiohttp',
             'axe-playwright-python',
             'colcon-common-extensions',
             'h5py',

@@ -26,6 +26,7 @@ from numpy.typing import ArrayLike, NDArray
 from .errors import ParameterError, PendubotError
 from .files import OutputFolder, write_atomically
 from .formats.export import MEANINGS, export, format_of
+from .identify.estimate import Progress
 from .identify.options import OPTIONS
 from .level import Level
 from .model import dynamics, simulation
@@ -33,9 +34,11 @@ from .model.parameters import SPECIFICATIONS, Parameters
 from .model.simulation import HANGING
 from .recordings.bag_reader import BagWindow, RecordedTrajectory, read_trajectory
 from .recordings.datasets import Datasets, divided, load_datasets, require_files
+from .recordings.inspection import Inspection, inspect_recording
 from .recordings.table_reader import TableReader
 from .recordings.tables import Table
 from .results import comparison
+from .results.checks import Finding, check_recordings
 from .results.options import as_arguments
 from .results.provenance import IN_MEMORY
 from .results.provenance import recordings as read_recordings
@@ -167,6 +170,7 @@ def identify(  # noqa: D417
     generations: int | None = None,
     per_vector: bool = False,
     apply_remedies: bool = False,
+    progress: Progress | None = None,
     topic: str = '/joint_states',
     joint_names: Sequence[str] = ('shoulder', 'elbow'),
     columns: Mapping[str, str] | None = None,
@@ -217,6 +221,7 @@ def identify(  # noqa: D417
         generations: of a run; None: 4000.
         per_vector: draw MDE's operator once per vector.
         apply_remedies: correct how the recordings are read as the faults found in them require.
+        progress: called with the activity, how much of it is done, of how much (0: not known), and the best J.
 
     Raises:
         FileNotFoundError: there is no such recording (also a PendubotError).
@@ -241,8 +246,49 @@ def identify(  # noqa: D417
     def load(conversion: Conversion) -> Datasets:
         return _load(given, validate, topic, joint_names, conversion)
 
-    found, data = identify_recordings(load, settings, apply_remedies=apply_remedies)
+    found, data = identify_recordings(load, settings, progress, apply_remedies=apply_remedies)
     return Identified(assemble_result(found, data.sources), (data.training, data.validation))
+
+
+def describe(
+    source: File,
+    *,
+    topic: str = '/joint_states',
+    joint_names: Sequence[str] = ('shoulder', 'elbow'),
+    **conversion: object,
+) -> Inspection:
+    """Return how a recording is read, by the options of :func:`read`, and why not if it cannot be read.
+
+    Sentences name the options of the command line.
+
+    Raises:
+        PendubotError: an option is invalid.
+    """
+    window, given = BagWindow.parse(str(source)), Conversion.of(conversion)
+    require_files(given, [window.path])
+    return inspect_recording(window, given, topic, joint_names)
+
+
+def check(
+    *recordings: File,
+    validate: Sequence[File] = (),
+    topic: str = '/joint_states',
+    joint_names: Sequence[str] = ('shoulder', 'elbow'),
+    **options: object,
+) -> list[Finding]:
+    """Return what the checks of recordings find, by the options of :func:`identify`, before anything is fitted.
+
+    Sentences name the options of the command line.
+
+    Raises:
+        PendubotError: an option is invalid.
+    """
+    from .results.options import settings_of
+
+    def load(conversion: Conversion) -> Datasets:
+        return _load(recordings, validate, topic, joint_names, conversion)
+
+    return check_recordings(load, settings_of(options))
 
 
 def _options(arguments: Mapping[str, object], options: Sequence[Setting]) -> dict[str, object]:

@@ -14,11 +14,12 @@ class PendubotError(Exception):
 
     Attributes:
         remedy: options of reading data that correct it, by name, where the program knows them.
+        for_shell: the sentence with options as on the command line; the text may name arguments of Python.
     """
 
     def __init__(self, text: str = '', **remedy: str) -> None:
         super().__init__(text)
-        self.remedy = remedy
+        self.remedy, self.for_shell = remedy, text
 
 
 class ParameterError(PendubotError):
@@ -92,7 +93,7 @@ def wrong_usage() -> Iterator[None]:
 def sentence(error: Exception) -> str:
     """Return the sentence about an error for a user."""
     if isinstance(error, PendubotError):
-        return str(error)
+        return error.for_shell or str(error)
     if isinstance(error, OSError):
         return f'the system refused: {error}; correct that and try again'
     if isinstance(error, MemoryError):

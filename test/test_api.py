@@ -28,7 +28,9 @@ from pendubot_identification import (
     PendubotError,
     Trajectory,
     api,
+    check,
     compare,
+    describe,
     identify,
     read,
     simulate,
@@ -251,6 +253,41 @@ def test_a_signature_has_every_option_with_its_default_and_choices(function, opt
         default = shown[option.name].default
         assert default in (None, (), 'likelihood') if option.optional else default == option.default
         assert choices_of(hints[option.name]) >= {*option.choices}
+
+
+def test_checks_before_a_fit_name_what_corrects_a_recording(tmp_path):
+    motion = read(SAMPLE)
+    q = motion.q - HANGING
+    rows = zip(motion.t, *q.T, motion.tau[:, 0], strict=True)
+    file = tmp_path / 'run.csv'
+    file.write_text('\n'.join(['Zeit,a,b,tau1', *(','.join(map(repr, map(float, row))) for row in rows)]))
+    found = describe(file)
+    assert found.columns == ['Zeit', 'a', 'b', 'tau1']
+    assert found.taken == {'t': 'Zeit', 'tau1': 'tau1'}
+    assert found.motion is None
+    assert "has no column 'q1' for q1" in str(found.problem)
+    named = {'columns': 'q1=a,q2=b'}
+    found = describe(file, **named)
+    assert found.problem is None
+    np.testing.assert_allclose(found.motion.q, q)
+    (wrong,) = (each for each in check(file, **named) if each.level > Level.OK)
+    assert (wrong.check, wrong.level) == ('conventions', Level.ERROR)
+    assert '--zero hanging' in wrong.sentence
+    assert [each.level for each in check(file, **wrong.remedy)] == [Level.OK] * 6
+    short = check(f'{SAMPLE}@0:0.3')
+    assert [each.check for each in short] == ['reading']
+    still = tmp_path / 'still.csv'
+    still.write_text('\n'.join(['t,q1,q2,tau1', *(f'{k / 100},-1.57,0,0' for k in range(300))]))
+    assert check(still)[-1].check == 'excitation'
+    assert check(still)[-1].level is Level.ERROR
+    with pytest.raises(PendubotError, match='there is no option'):
+        check(file, nonsense=1)
+
+
+def test_progress_is_reported():
+    seen = []
+    identify(SAMPLE, **FAST, progress=lambda what, done, of, best: seen.append(what))
+    assert {'preparing', 'checking signs, zeros and stamps'} <= {*seen}
 
 
 @pytest.mark.parametrize(

@@ -26,8 +26,8 @@ PAGES = [
 #: Pages whose links are checked, too.
 BESIDE = [ROOT / 'firmware' / 'README.md', ROOT / 'test' / 'SAFETY.md']
 PACKAGE = 'pendubot_identification'
-#: Those of the subcommands that need ROS, or half a minute.
-LIVE = {'demo'}
+#: Those of the subcommands that need ROS, or a browser.
+LIVE = {'demo', 'studio'}
 #: What would take half a minute is done in little.
 QUICK = {'--design': ('--generations', '1', '--duration', '4'), 'reproduce': ('--only', 'table7', '--runs', '2')}
 #: Topics and services that users of the design rely on.

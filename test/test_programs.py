@@ -45,6 +45,12 @@ def test_a_node_without_ros_says_so_in_a_sentence(program, missing):
     assert "pip install '.[ros]'" in sentence
 
 
+def test_the_studio_without_its_server_says_what_to_install():
+    ended = run('aiohttp', 'pendubot', 'studio')
+    assert ended.returncode == 1
+    assert ended.stderr == ('pendubot: aiohttp cannot be imported, and the studio needs aiohttp: pip install aiohttp\n')
+
+
 def test_what_is_wrong_with_the_package_itself_is_not_blamed_on_ros():
     missing = 'pendubot_identification.nodes.runtime'
     said = run(missing, 'bridge').stderr

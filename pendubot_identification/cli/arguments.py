@@ -52,6 +52,7 @@ def parser() -> argparse.ArgumentParser:
         'info': (_info, 'describe the content of a recording'),
         'repair': (_repair, 'write a closed copy of an unclosed, truncated or damaged bag'),
         'reproduce': (_reproduce, "reproduce the paper's tables and figures"),
+        'studio': (_studio, 'the guided way: drop files into a page, and see the running rig'),
         'demo': (_demo, 'the complete chain on a virtual rig (needs ROS)'),
         'completion': (_completion, 'make a shell complete all this'),
         'help': (_help, 'describe pendubot or a subcommand'),
@@ -469,6 +470,26 @@ def _demo(parser: Any) -> None:
     then = parser.add_mutually_exclusive_group()
     _switch(then, '--track', 'instead: track another virtual rig while it gets a payload, and balance it by that')
     _switch(then, '--balance', 'instead: identify another virtual rig, swing it up, balance it, and draw that')
+
+
+def _studio(parser: Any) -> None:
+    """Open a page in the browser that leads from recordings to parameters. Drop files, correct columns and units by
+    menus, see the checks of stamps, gaps, limits, conventions and excitation, start the fit, stop it, and take page,
+    result, exports and the command line that does the same. Where ROS is, the page also shows the running rig,
+    read-only.
+
+    Only browsers on this computer that know the token in the address are answered, and nothing comes from a network.
+    Files stay in a private folder, which is deleted with the page or with the studio.
+
+    Examples:
+      pendubot studio                     opens the page, and drops follow
+      pendubot studio swing run.csv       with recordings
+      pendubot studio --live              shows the running rig first
+    """
+    parser.add_argument('files', nargs='*', metavar='BAG', help='recordings to begin with')
+    _switch(parser, '--live', 'show the running rig first (needs ROS)')
+    _number(parser, '--port', 0, 'PORT', 'of the address; 0: any free one')
+    _switch(parser, '--no-browser', 'only print the address')
 
 
 def _completion(parser: Any) -> None:

@@ -63,6 +63,18 @@ def identify(
     return _assess(_validate(questioned, report))
 
 
+def check(
+    training: Sequence[Trajectory], validation: Sequence[Trajectory] = (), settings: Settings | None = None
+) -> tuple[Fault, ...]:
+    """Return the faults of the recordings' conventions, as :func:`identify` does before it fits.
+
+    Raises:
+        TrajectoryError, ExcitationError: as :func:`identify`.
+    """
+    prepared = _prepare(training, validation, settings or Settings(), (), lambda what, done, of, best: None)
+    return _faults(prepared, prepared.data.motions)
+
+
 def _prepare(
     training: Sequence[Trajectory],
     validation: Sequence[Trajectory],

@@ -81,11 +81,7 @@ class TableReader:
         words, found = given.words(), dict[str, tuple[str, str]]()
         words.pop('columns', None)
         for quantity, column in replace(given, columns=columns).names.items():
-            if (
-                column not in names
-                or quantity not in (*REQUIRED, 'tau2')
-                or not (read := option_of(self._unit(column)))
-            ):
+            if column not in names or quantity not in (*REQUIRED, 'tau2') or not (read := option_of(self.unit(column))):
                 continue
             option, value = read
             other, before = found.setdefault(option, (column, value))
@@ -100,14 +96,14 @@ class TableReader:
         before, now = self.given.words(), self.conversion.words()
         return ' '.join(options({name: now[name] for name in now if now[name] != before.get(name)}))
 
-    def _unit(self, column: str) -> str:
+    def unit(self, column: str) -> str:
         """Return the unit of a column, from its name or from a row of units."""
         _, unit = split(column)
         return unit or (self.table.units[self.table.names.index(column)] if self.table.units else '')
 
     def _amperes(self, column: str) -> float:
         """Return the unit of a current [A]."""
-        return 1e-3 if self._unit(column) == 'mA' else 1.0
+        return 1e-3 if self.unit(column) == 'mA' else 1.0
 
     @cached_property
     def taken(self) -> dict[str, str]:
@@ -123,7 +119,7 @@ class TableReader:
             raise TableError(f'{self.path} has {names.count(column)} columns {column!r}; rename all but one of them')
         if missing := [name for name in (*REQUIRED, *conversion.columns) if name not in taken]:
             raise self._missing(missing)
-        if is_current(taken['tau1'], self._unit(taken['tau1'])) and not conversion.torque_constant:
+        if is_current(taken['tau1'], self.unit(taken['tau1'])) and not conversion.torque_constant:
             raise TableError(
                 f'{self.path}: the column {taken["tau1"]!r} seems to hold a motor current, and a torque is expected: '
                 "give the motor's constant with --torque-constant K [N m/A], and --gear N where a gear follows, or "
@@ -140,7 +136,7 @@ class TableReader:
             likely = dict(zip(REQUIRED, names, strict=True))
         current = ''
         if likely.get('tau1') == '':
-            current = likely['tau1'] = _only([c for c in names if is_current(c, self._unit(c))])
+            current = likely['tau1'] = _only([c for c in names if is_current(c, self.unit(c))])
         named = {**self.conversion.columns, **{name: column or 'NAME' for name, column in likely.items()}}
         columns = ','.join(f'{name}={column}' for name, column in named.items())
         known = all(likely.values()) and not current

@@ -15,7 +15,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
-from zipfile import BadZipFile
+from zipfile import BadZipFile, ZipFile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +28,10 @@ from .columns import is_unit
 
 #: Every version of MATLAB can do this.
 WRITETABLE = "in MATLAB, writetable(table(t, q1, q2, tau1), 'run.csv') makes a text file of it"
+
+
+#: The largest content that is unpacked from a compressed file [bytes]: a tenth of it holds every recording.
+LARGEST = 1 << 29
 
 
 class Table(NamedTuple):
@@ -72,9 +76,11 @@ def _decoded(path: Path, encoding: str) -> str:
     data = path.read_bytes()
     if path.suffix.lower() == '.gz':
         try:
-            data = gzip.decompress(data)
+            with gzip.open(path) as unpacked:
+                data = unpacked.read(LARGEST + 1)
         except (OSError, EOFError, zlib.error) as error:
             raise TableError(f'{path} is no complete gzip file ({error}); copy it again') from error
+        _refuse_large(path, len(data))
     if not encoding:
         utf16 = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
         encoding = 'utf-16' if utf16 else 'utf-16-le' if b'\0' in data[1:200:2] else 'utf-8-sig'
@@ -137,6 +143,19 @@ def _text(path: Path, conversion: Conversion) -> Table:
     return Table(names, list(zip(*rows, strict=True)) or [()] * len(names), 'line', numbers, units)
 
 
+def _refuse_large(path: Path, size: int) -> None:
+    if size > LARGEST:
+        raise TableError(
+            f'{path} unpacks to more than {LARGEST >> 20} MB, which no recording of a pendubot does; is it another '
+            'file? export the recording alone'
+        )
+
+
+def _refuse_large_zip(path: Path) -> None:
+    with ZipFile(path) as archive:
+        _refuse_large(path, sum(member.file_size for member in archive.infolist()))
+
+
 def _is_number(text: str) -> bool:
     return re.fullmatch(r'[-+]?(\d+([.,]\d*)?|[.,]\d+)([eE][-+]?\d+)?', text) is not None
 
@@ -173,6 +192,7 @@ def _excel(path: Path, conversion: Conversion) -> Table:
     import pandas
 
     try:
+        _refuse_large_zip(path)
         with pandas.ExcelFile(path, engine='openpyxl') as book:
             sheets = book.sheet_names
             sheet = conversion.sheet or sheets[0]
@@ -208,6 +228,7 @@ def _excel(path: Path, conversion: Conversion) -> Table:
 
 def _numpy(path: Path, _: Conversion) -> Table:
     try:
+        _refuse_large_zip(path)
         with np.load(path) as found:
             return _of_variables(dict(found))
     except (ValueError, BadZipFile, EOFError) as error:

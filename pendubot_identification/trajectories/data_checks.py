@@ -33,7 +33,7 @@ SETTINGS = CheckSettings()
 
 def data_checks(recordings: Sequence[Trajectory]) -> list[str]:
     """Return warnings of missing samples, inconsistent timestamps, efforts at a limit and angles that are cut off."""
-    checks = _missing, _jitter, _saturated, _clipped
+    checks = [check for some in CHECKS.values() for check in some]
     return [text for recording in recordings for check in checks for text in check(recording)]
 
 
@@ -89,3 +89,7 @@ def _clipped(motion: Trajectory) -> list[str]:
                     'without these times'
                 )
     return found
+
+
+#: By what they are of.
+CHECKS = {'gaps': (_missing,), 'stamps': (_jitter,), 'limits': (_saturated, _clipped)}

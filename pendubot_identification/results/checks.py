@@ -1,0 +1,100 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The checks of recordings before anything is fitted: stamps, gaps, limits, conventions and excitation."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from pendubot_identification.errors import ExcitationError, PendubotError
+from pendubot_identification.identify.pipeline import check
+from pendubot_identification.identify.settings import Settings
+from pendubot_identification.level import Level
+from pendubot_identification.recordings.datasets import Datasets
+from pendubot_identification.recordings.survey import regularity
+from pendubot_identification.trajectories.conversion import Conversion
+from pendubot_identification.trajectories.data_checks import CHECKS
+from pendubot_identification.trajectories.trajectory import Trajectory
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What a check found.
+
+    Attributes:
+        check: ``reading``, ``stamps``, ``gaps``, ``limits``, ``conventions`` or ``excitation``.
+        level: OK, or how severe the finding is.
+        sentence: for the user.
+        remedy: the options of reading that correct it, as texts by name; empty where none do.
+    """
+
+    check: str
+    level: Level
+    sentence: str
+    remedy: Mapping[str, str] = field(default_factory=dict)
+
+
+def check_recordings(load: Callable[[Conversion], Datasets], settings: Settings) -> list[Finding]:
+    """Return at least one finding of each check, in the order in which they are made."""
+    try:
+        data = load(settings.reading)
+    except PendubotError as error:
+        return [_refusal('reading', error)]
+    motions = [*data.training, *data.validation]
+    notes = [Finding('reading', Level.WARN, note) for note in data.notes]
+    return [*(notes or [_reading(data)]), *_of_samples(motions), *_of_motion(data, settings)]
+
+
+def _reading(data: Datasets) -> Finding:
+    samples = [sum(map(len, part)) for part in (data.training, data.validation)]
+    judged = f'{samples[1]} validate' if samples[1] else 'each part is predicted from the others'
+    return Finding('reading', Level.OK, f'{samples[0]} samples estimate, {judged}')
+
+
+def _of_samples(motions: Sequence[Trajectory]) -> Iterator[Finding]:
+    """Yield what stamps, gaps and limits of recordings are like."""
+    measured = [regularity(np.rint(motion.t * 1e9).astype(np.int64)) for motion in motions]
+    period, jitter = (max(each[name] or 0.0 for each in measured) for name in ('period', 'jitter'))
+    gaps = sum(each['gaps'] for each in measured)
+    longest = 1e3 * max(each['longest'] for each in measured)
+    some = f'{gaps} gaps, so short that the motion is known there' if gaps else 'none'
+    torque, speed = (max(float(np.abs(x).max()) for x in each) for each in ([m.tau for m in motions], _speeds(motions)))
+    fine = {
+        'stamps': f'a sample every {1e3 * period:.4g} ms; 99 % of them within {max(1e3 * jitter, 1e-3):.3g} ms of that',
+        'gaps': f'{some}; the longest interval is {longest:.4g} ms',
+        'limits': f'torques up to {torque:.3g} N m and speeds up to {speed:.3g} rad/s, not cut off',
+    }
+    for name, checks in CHECKS.items():
+        said = [sentence for motion in motions for each in checks for sentence in each(motion)]
+        yield from (Finding(name, Level.WARN, sentence) for sentence in said)
+        if not said:
+            yield Finding(name, Level.OK, fine[name])
+
+
+def _speeds(motions: Sequence[Trajectory]) -> list[np.ndarray[tuple[int, ...], np.dtype[np.float64]]]:
+    return [np.diff(motion.q, axis=0) / np.diff(motion.t)[:, None] for motion in motions]
+
+
+def _of_motion(data: Datasets, settings: Settings) -> Iterator[Finding]:
+    """Yield whether conventions are right, and whether the motion determines the parameters."""
+    try:
+        faults = check(data.training, data.validation, settings)
+    except PendubotError as error:
+        yield _refusal('excitation' if isinstance(error, ExcitationError) else 'gaps', error)
+        return
+    for fault in faults:
+        corrected = fault.corrected_conversion
+        yield Finding('conventions', fault.level, fault.sentence, corrected.words() if corrected else {})
+    if not faults:
+        yield Finding('conventions', Level.OK, 'signs, order, zeros and units fit the equations of motion')
+    moved = np.max([np.ptp(motion.q, axis=0) for motion in data.training], axis=0)
+    text = f'the joints move over {moved[0]:.3g} and {moved[1]:.3g} rad, and all parameters are identifiable'
+    yield Finding('excitation', Level.OK, text)
+
+
+def _refusal(name: str, error: PendubotError) -> Finding:
+    return Finding(name, Level.ERROR, str(error), error.remedy)

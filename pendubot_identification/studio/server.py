@@ -1,0 +1,341 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The server of the studio, for browsers on this computer that know its token.
+
+A session is a private folder for the files that a page receives; it is deleted with the page or with the server.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import secrets
+import shlex
+import shutil
+import signal
+import sys
+import tempfile
+import webbrowser
+from collections.abc import Awaitable, Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from aiohttp import web
+
+from pendubot_identification.errors import MissingFileError, PendubotError, UsageError
+from pendubot_identification.identify.options import APPLY_REMEDIES, EXPERT, OPTIONS, START
+from pendubot_identification.resources import resource
+from pendubot_identification.setting import Setting
+from pendubot_identification.trajectories.conventions import CONVERSION
+
+HERE = Path(__file__).parent
+#: As the command line has them by default.
+TOPIC, JOINTS = '/joint_states', 'shoulder,elbow'
+#: Largest size of all files of a session [bytes], most sessions at once, and the longest name of a file.
+LARGEST, SESSIONS, LONGEST_NAME = 2 << 30, 16, 200
+#: Longest line of a task [bytes].
+LINE = 1 << 24
+#: The options of the page, without those of files of settings.
+SETTINGS = {s.name: s for s in (*OPTIONS, APPLY_REMEDIES, *CONVERSION) if s not in (START, *EXPERT)}
+#: Nothing comes from a network. A page of a result may run its own scripts, but not call the studio.
+POLICY = "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; img-src data:; frame-src 'self'"
+OUTPUT_POLICY = (
+    "sandbox allow-scripts allow-downloads allow-modals; default-src 'none'; script-src 'unsafe-inline'; "
+    "style-src 'unsafe-inline'; img-src data: blob:; font-src data:"
+)
+HEADERS = {'X-Content-Type-Options': 'nosniff', 'Referrer-Policy': 'no-referrer', 'Cache-Control': 'no-store'}
+
+
+@dataclass
+class Session:
+    """The files of one page.
+
+    Attributes:
+        folder: private; received files are in ``files``, those of the result in ``output``.
+        given: the places of recordings that were given in the terminal, by their names.
+        recordings: the places of all recordings, relative to ``files``.
+        size: of the files that were received [bytes].
+    """
+
+    folder: Path
+    given: Mapping[str, str]
+    recordings: dict[str, str]
+    size: int = 0
+
+    def place(self, name: str) -> Path:
+        """Return where a received file is kept; a bag's folder may hold it.
+
+        Raises:
+            PendubotError: the name is none of a file, or is taken by a recording that was not received.
+        """
+        parts = name.split('/')
+        sound = all(p.isprintable() and 0 < len(p) < LONGEST_NAME and p[0] not in '.-' and '\\' not in p for p in parts)
+        if not sound or len(parts) > 2:
+            raise PendubotError(f'{name!r} is no name of a recording; rename the file, without a leading dot or hyphen')
+        if parts[0] in self.given:
+            raise PendubotError(f'a recording {parts[0]} was given in the terminal; rename one of the two')
+        return self.folder / 'files' / name
+
+
+class Studio:
+    """The sessions, and the programs that do their tasks."""
+
+    def __init__(self, given: dict[str, str], debug: bool) -> None:
+        self.token, self.hosts = secrets.token_urlsafe(24), set[str]()
+        self._given, self._debug = given, debug
+        self._sessions: dict[str, Session] = {}
+        self._spare: asyncio.Task[asyncio.subprocess.Process] | None = None
+        self._root = Path(tempfile.mkdtemp(prefix='pendubot-studio-'))
+
+    def application(self) -> web.Application:
+        """Return the application with all routes below the token."""
+        app = web.Application(middlewares=[self._guard])
+        at = f'/{self.token}'
+        page = [web.get(f'{at}/{name}', self._static) for name in ('', 'studio.css', 'studio.js')]
+        session = f'{at}/sessions/{{session}}'
+        app.add_routes(
+            [
+                *page,
+                web.post(f'{at}/sessions', self._open),
+                web.post(f'{session}/end', self._end),
+                web.put(f'{session}/files/{{name:.+}}', self._receive),
+                web.post(f'{session}/command', self._say_command),
+                web.post(f'{session}/{{task:describe|check|identify}}', self._do),
+                web.get(f'{session}/output/{{name}}', self._output),
+                web.get(f'{at}/live', self._live),
+            ]
+        )
+        return app
+
+    async def close(self) -> None:
+        """End the spare program and delete all files."""
+        if self._spare is not None:
+            await _ended(await self._spare)
+        shutil.rmtree(self._root, ignore_errors=True)
+
+    @web.middleware
+    async def _guard(
+        self, request: web.Request, handler: Callable[[web.Request], Awaitable[web.StreamResponse]]
+    ) -> web.StreamResponse:
+        """Refuse other hosts, which a rebound name would give, and requests without the token; explain errors."""
+        token = request.path.split('/')[1]
+        if request.host not in self.hosts or not secrets.compare_digest(token.encode(), self.token.encode()):
+            return web.Response(status=403, text='this address has no token of the studio; take that of its terminal')
+        try:
+            return await handler(request)
+        except PendubotError as error:
+            return web.Response(status=400, text=str(error))
+        except OSError as error:
+            return web.Response(status=507, text=f'the system refused: {error.strerror or error}; mend that and retry')
+
+    async def _static(self, request: web.Request) -> web.StreamResponse:
+        name = request.path.rpartition('/')[2] or 'studio.html'
+        return web.FileResponse(HERE / name, headers={**HEADERS, 'Content-Security-Policy': POLICY})
+
+    async def _open(self, _: web.Request) -> web.Response:
+        """Open a session; answer with what the page needs to know."""
+        if len(self._sessions) >= SESSIONS:
+            raise PendubotError(f'{SESSIONS} pages are open already, which is the limit; close one of them')
+        name = secrets.token_urlsafe(12)
+        recordings = {'paper_experiment': str(resource('bags/paper_experiment'))} | self._given
+        self._sessions[name] = Session(self._root / name, self._given, recordings)
+        (self._root / name / 'files').mkdir(parents=True)
+        about = {name: _described(setting) for name, setting in SETTINGS.items()}
+        known = {'session': name, 'given': list(self._given), 'settings': about, 'live': find_spec('rclpy') is not None}
+        return web.json_response(known, headers=HEADERS)
+
+    async def _end(self, request: web.Request) -> web.Response:
+        session = self._sessions.pop(request.match_info['session'], None)
+        if session is not None:
+            await asyncio.to_thread(shutil.rmtree, session.folder, ignore_errors=True)
+        return web.Response()
+
+    def _session(self, request: web.Request) -> Session:
+        if (session := self._sessions.get(request.match_info['session'])) is None:
+            raise PendubotError('this page is closed already; load it again')
+        return session
+
+    async def _receive(self, request: web.Request) -> web.Response:
+        """Receive a file, never more than the limit."""
+        session, name = self._session(request), request.match_info['name']
+        place = session.place(name)
+        place.parent.mkdir(exist_ok=True)
+        partial, size = place.with_name(f'.{secrets.token_hex(8)}'), 0
+        try:
+            with partial.open('wb') as file:
+                async for block in request.content.iter_chunked(1 << 20):
+                    size += len(block)
+                    if session.size + size > LARGEST:
+                        raise PendubotError(f'{name}: all files are larger than {LARGEST >> 30} GB; give parts of them')
+                    file.write(block)
+            partial.replace(place)
+        finally:
+            partial.unlink(missing_ok=True)
+        session.size += size
+        recording = name.partition('/')[0]
+        session.recordings[recording] = recording
+        return web.json_response({'name': recording})
+
+    async def _say_command(self, request: web.Request) -> web.Response:
+        """Answer with the command line that identifies the same."""
+        return web.Response(text=shlex.join(_command(_job(self._session(request), await request.json()))))
+
+    async def _do(self, request: web.Request) -> web.StreamResponse:
+        """Do a task in a process of its own, which ends with the request."""
+        session = self._session(request)
+        task = {'task': request.match_info['task'], 'folder': str(session.folder)}
+        job = task | _job(session, await request.json())
+        spare = self._spare or self.prepare()
+        self.prepare()
+        process = await spare
+        try:
+            assert process.stdin is not None
+            process.stdin.write(json.dumps(job).encode())
+            process.stdin.close()
+            return await _relay(request, process)
+        finally:
+            await _ended(process)
+
+    def prepare(self) -> asyncio.Task[asyncio.subprocess.Process]:
+        """Start the next worker before it is needed, because its imports take a second."""
+        self._spare = asyncio.create_task(self._started('pendubot_identification.studio.worker'))
+        return self._spare
+
+    async def _live(self, request: web.Request) -> web.StreamResponse:
+        """Relay what the watcher sees, until the page closes."""
+        process = await self._started('pendubot_identification.nodes.watcher')
+        try:
+            return await _relay(request, process)
+        finally:
+            with suppress(ProcessLookupError):
+                process.terminate()  # lets it leave the ROS network
+            with suppress(asyncio.TimeoutError):
+                await asyncio.wait_for(process.wait(), 2.0)
+            await _ended(process)
+
+    async def _started(self, module: str) -> asyncio.subprocess.Process:
+        quiet = None if self._debug else asyncio.subprocess.DEVNULL
+        pipe = asyncio.subprocess.PIPE
+        env = {**os.environ, 'OPENBLAS_NUM_THREADS': '1'}
+        words = sys.executable, '-m', module
+        return await asyncio.create_subprocess_exec(*words, stdin=pipe, stdout=pipe, stderr=quiet, limit=LINE, env=env)
+
+    async def _output(self, request: web.Request) -> web.StreamResponse:
+        """Send a file of a result."""
+        folder = self._session(request).folder / 'output'
+        name = request.match_info['name']
+        if not folder.is_dir() or name not in os.listdir(folder):
+            raise PendubotError(f'there is no file {name}; identify first')
+        return web.FileResponse(folder / name, headers={**HEADERS, 'Content-Security-Policy': OUTPUT_POLICY})
+
+
+async def _relay(request: web.Request, process: asyncio.subprocess.Process) -> web.StreamResponse:
+    """Send each line of a program as it comes; if it ends without its last one, say so."""
+    response = web.StreamResponse(headers={**HEADERS, 'Content-Type': 'application/x-ndjson'})
+    await response.prepare(request)
+    line = b''
+    assert process.stdout is not None
+    async for line in process.stdout:
+        await response.write(line)
+    status = await process.wait()
+    if not line.startswith((b'{"done"', b'{"problem"')):
+        why = f'signal {-status}, as for lack of memory' if status < 0 else f'status {status}'
+        said = f'the program of this task ended with {why}; give a shorter recording, or see pendubot studio --debug'
+        await response.write(json.dumps({'problem': {'sentence': said, 'remedy': {}, 'window': ''}}).encode() + b'\n')
+    return response
+
+
+async def _ended(process: asyncio.subprocess.Process) -> None:
+    if process.returncode is None:
+        with suppress(ProcessLookupError):
+            process.kill()
+    await asyncio.shield(process.wait())
+
+
+def _described(setting: Setting) -> dict[str, Any]:
+    default = setting.default if not isinstance(setting.default, tuple) else ':'.join(map(str, setting.default))
+    kind = type(setting.default).__name__
+    about = {'default': default, 'kind': kind, 'choices': setting.choices, 'help': setting.help()}
+    return {**about, 'optional': setting.optional, 'reading': setting in CONVERSION}
+
+
+def _job(session: Session, asked: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what is asked for, with the places of recordings.
+
+    Raises:
+        PendubotError: there is no such recording or option.
+    """
+
+    def window(given: Mapping[str, Any]) -> str:
+        name, start, end = (str(given.get(key) or '').strip() for key in ('name', 'start', 'end'))
+        if name not in session.recordings:
+            raise PendubotError(f'there is no recording {name}; give it again')
+        return session.recordings[name] + (f'@{start}:{end}' if start or end else '')
+
+    bags, validate = ([window(each) for each in asked.get(key, [])] for key in ('bags', 'validate'))
+    options = {str(name): str(value) for name, value in asked.get('options', {}).items()}
+    if unknown := options.keys() - SETTINGS.keys():
+        raise PendubotError(f'there is no option {min(unknown)!r} in the studio; use the command line')
+    topic, joints = str(asked.get('topic') or TOPIC), str(asked.get('joints') or JOINTS)
+    return {'bags': bags, 'validate': validate, 'options': options, 'topic': topic, 'joints': joints}
+
+
+def _command(job: Mapping[str, Any]) -> list[str]:
+    """Return the command line that does the same."""
+    given = {name.replace('_', '-'): value for name, value in job['options'].items()}
+    given |= {name: job[name] for name, usual in (('topic', TOPIC), ('joints', JOINTS)) if job[name] != usual}
+    flags = [f'--{name}' if value == 'true' else f'--{name}={value}' for name, value in given.items()]
+    validate = ['--validate', *job['validate']] if job['validate'] else []
+    return ['pendubot', 'identify', *job['bags'], *validate, *flags, '--report', 'report']
+
+
+def given_recordings(texts: Sequence[str]) -> dict[str, str]:
+    """Return the absolute places of recordings, by their names.
+
+    Raises:
+        PendubotError: there is none, or two have the same name.
+    """
+    found: dict[str, str] = {}
+    for text in texts:
+        path = Path(text).absolute()
+        if not path.exists():
+            raise MissingFileError(f'there is no recording {text}; check its name and folder')
+        if found.setdefault(path.name, str(path)) != str(path):
+            raise UsageError(f'two recordings have the name {path.name}; rename one of them')
+    return found
+
+
+async def serve(files: Sequence[str], port: int, *, live: bool, browser: bool, debug: bool) -> None:
+    """Serve the studio on 127.0.0.1 until a signal.
+
+    Raises:
+        PendubotError: a recording is missing, the port is taken, or there is no ROS for ``live``.
+    """
+    if live and find_spec('rclpy') is None:
+        raise PendubotError('--live needs ROS 2: source your ROS workspace, or leave it out')
+    studio, ended = Studio(given_recordings(files), debug), asyncio.Event()
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        asyncio.get_running_loop().add_signal_handler(number, ended.set)
+    runner = web.AppRunner(studio.application(), handler_cancellation=True, access_log=None, shutdown_timeout=1.0)
+    try:
+        await runner.setup()
+        try:
+            await web.TCPSite(runner, '127.0.0.1', port).start()
+        except OSError as error:
+            raise PendubotError(f'port {port} cannot be opened ({error.strerror}); leave out --port') from error
+        studio.prepare()
+        port = runner.addresses[0][1]
+        studio.hosts |= {f'127.0.0.1:{port}', f'localhost:{port}'}
+        address = f'http://127.0.0.1:{port}/{studio.token}/' + ('#live' if live else '')
+        print(f'studio: {address}\nCtrl-C ends it and deletes its files', flush=True)
+        if browser:
+            await asyncio.to_thread(webbrowser.open, address)
+        await ended.wait()
+    finally:
+        await runner.cleanup()
+        await studio.close()

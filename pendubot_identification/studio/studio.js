@@ -1,0 +1,508 @@
+/* Copyright 2026 The pendubot_identification authors. SPDX-License-Identifier: Apache-2.0 */
+/* The page of the studio: `state` has all that is known, each step is drawn from it as HTML, and the elements name in
+   data-do and data-set what a click or a choice does. */
+'use strict';
+const STEPS = ['Recordings', 'Columns', 'Checks', 'Method', 'Fit', 'Result'];
+const state = { step: 0, files: [], options: {}, topic: '/joint_states', joints: ['shoulder', 'elbow'], shown: 0,
+  open: {} };
+let about, running = null, pressed = false;
+
+/* ---- HTML: every value is escaped unless it is HTML already ---- */
+class Html { constructor(text) { this.text = text; } }
+const SIGNS = { '&': '&amp;', '<': '&lt;', '>': '&gt;', '"': '&quot;', "'": '&#39;' };
+function plain(value) {
+  if (value instanceof Html) return value.text;
+  if (Array.isArray(value)) return value.map(plain).join('');
+  return value == null || value === false ? '' : String(value).replace(/[&<>"']/g, (sign) => SIGNS[sign]);
+}
+const html = (parts, ...values) => new Html(parts.map((part, k) =>
+  part + (k < values.length ? plain(values[k]) : '')).join(''));
+const $ = (selector) => document.querySelector(selector);
+const number = (value, digits = 4) =>
+  Number(value).toPrecision(digits).replace(/e\+?(-?)(\d+)/, ' × 10^$1$2').replace('-', '−');
+const button = (act, text, kind = '', disabled = false) =>
+  html`<button type="button" data-do="${act}" class="${kind}" ${disabled && 'disabled'}>${text}</button>`;
+const select = (set, label, value, choices) => html`<select data-set="${set}" aria-label="${label}">
+  ${choices.map(([key, text]) =>
+  html`<option value="${key}" ${key === String(value) && 'selected'}>${text}</option>`)}</select>`;
+const heading = (title, lead) => html`<h2>${title}</h2><p class="lead">${lead}</p>`;
+const busy = (text) => html`<p class="busy">${text}</p>`;
+const note = (level, text, ...kids) =>
+  html`<div class="note ${level}" role="${level === 'ERROR' ? 'alert' : 'note'}"><p>${text}</p>${kids}</div>`;
+const more = (summary, kids) =>
+  html`<details data-open="${summary}" ${state.open[summary] && 'open'}><summary>${summary}</summary>${kids}</details>`;
+function actions(ready, text = 'Continue', act = `go:${state.step + 1}`, ...kids) {
+  return html`<div class="actions">${state.step > 0 && button(`go:${state.step - 1}`, 'Back')}${kids}
+    ${text && button(act, text, 'primary', !ready)}</div>`;
+}
+/* A button that applies options, or a window; what it applies is kept until the next drawing. */
+const offer = (text, applied) => button(`apply:${state.offers.push(applied) - 1}`, text);
+const spelled = (options) => Object.entries(options).map(([name, value]) =>
+  `--${name.replaceAll('_', '-')}${value === 'true' ? '' : ` ${value}`}`).join(' ');
+function refusal({ sentence, remedy = {}, window = '' }) {
+  const [start, end] = window.split(':');
+  return note('ERROR', sentence, html`<div class="row">${Object.keys(remedy).length > 0 &&
+    offer(`Apply ${spelled(remedy)}`, { remedy })}
+    ${window && offer(`Take the window from ${start || 0} to ${end} s`, { start, end })}</div>`);
+}
+function command(text) {
+  const lines = text.split('\n').map((line) => html`<div>
+    ${line.split(/ (?=--)/).map((word) => html`<span>${word}</span> `)}</div>`);
+  return html`<div class="command"><code>${lines}</code>${button('copy', 'Copy')}</div>`;
+}
+
+/* ---- pictures ---- */
+function rig(q1, q2, box, ...kids) {  // q1 from the horizontal, q2 from the line of link 1
+  const [x, y] = [28 * Math.cos(q1), -28 * Math.sin(q1)];
+  const [u, v] = [x + 24 * Math.cos(q1 + q2), y - 24 * Math.sin(q1 + q2)];
+  return html`<svg class="rig" viewBox="${box}" aria-hidden="true"><path class="base" d="M-5 2 L-9 9 H9 L5 2"/>${kids}
+    <path class="link" d="M0 0 L${x} ${y} L${u} ${v}"/><circle r="4"/><circle cx="${x}" cy="${y}" r="3.5"/>
+    <circle class="tip" cx="${u}" cy="${v}" r="2.5"/></svg>`;
+}
+function angle(x, y, radius, zero, now) {  // a dashed line where it is zero, and an arc to where it is now
+  const at = (phi, r) => `${x + r * Math.cos(phi)} ${y - r * Math.sin(phi)}`;
+  return html`<path class="dash" d="M${x} ${y} L${at(zero, radius + 10)}"/>
+    <path class="arc" d="M${at(zero, radius)} A${radius} ${radius} 0 0 ${now > zero ? 0 : 1} ${at(now, radius)}"/>`;
+}
+function line(values, low, high, width = 100) {
+  const scale = high > low ? 30 / (high - low) : 0, step = width / Math.max(1, values.length - 1);
+  const point = (value, k) => `${(k * step).toFixed(2)} ${(30 - (value - low) * scale).toFixed(2)}`;
+  return `M${values.map(point).join('L')}`;
+}
+function spark(values) {
+  if (!values) return '';
+  const low = Math.min(...values), high = Math.max(...values);
+  return html`<svg class="spark" viewBox="0 0 100 30" preserveAspectRatio="none" aria-hidden="true">
+    <path d="${line(values, low, high)}"/></svg>
+    <small>${number(low, 3)} to ${number(high, 3)}</small>`;
+}
+
+/* ---- tasks: a request is answered by JSON lines; to abort it ends its program ---- */
+const SILENT = { sentence: 'the studio does not answer; is it still running in its terminal?' };
+const at = (path) => `sessions/${about.session}/${path}`;
+async function follow(url, how, onEvent) {
+  try {
+    const answer = await fetch(url, how);
+    if (!answer.ok) throw { sentence: await answer.text() };
+    const reader = answer.body.pipeThrough(new TextDecoderStream()).getReader();
+    for (let rest = '', chunk; !(chunk = await reader.read()).done;) {
+      const lines = (rest + chunk.value).split('\n');
+      rest = lines.pop();
+      for (const each of lines) onEvent(JSON.parse(each));
+    }
+  } catch (error) { throw error.name === 'AbortError' || error.sentence ? error : SILENT; }
+}
+function job(files = state.files) {
+  const part = (role) => files.filter((file) => file.role === role).map(({ name, start, end }) =>
+    ({ name, start, end }));
+  return JSON.stringify({ bags: part('estimate'), validate: part('validate'), options: state.options,
+    topic: state.topic,
+    joints: state.joints.join(',') });
+}
+function cancel() { running?.abort(); running = null; }
+async function task(name, files, onProgress) {
+  cancel();
+  const own = running = new AbortController();
+  let last = SILENT;
+  try {
+    await follow(at(name), { method: 'POST', body: job(files), signal: own.signal }, (event) => {
+      last = event;
+      if ('progress' in event) onProgress(event);
+    });
+  } finally { if (running === own) running = null; }
+  if (!('done' in last)) throw last.problem ?? SILENT;
+  return last.done;
+}
+/* Does a task whose answer is not known yet, and draws the step again. */
+async function need(name, files, take) {
+  if (running) return;
+  try { take(await task(name, files)); } catch (error) { if (error.name === 'AbortError') return; take(null, error); }
+  draw();
+}
+
+/* ---- options ---- */
+const usual = (name) => String(about.settings[name].default);
+const given = (name) => state.options[name] ?? (state.described ?? state.before)?.options[name] ?? usual(name);
+/* Forgets what depends on a choice; what was read before is drawn until it is read again. */
+function changed(what = 'reading') {
+  cancel();
+  if (what === 'reading') state.described = null;
+  if (what !== 'fit') state.checks = null;
+  state.result = state.refused = null;
+  draw();
+}
+function choose(name, value) {
+  if (value === '' || value === usual(name)) delete state.options[name]; else state.options[name] = value;
+  changed(about.settings[name].reading ? 'reading' : 'fit');
+}
+function field(name) {
+  const { kind, choices, help, optional } = about.settings[name], value = given(name),
+    label = name[0].toUpperCase() + name.slice(1).replaceAll('_', ' ');
+  const type = kind === 'int' || kind === 'float' ? 'number' : 'text', shown = optional && value === usual(name) ? ''
+    : value;
+  if (kind === 'bool') return html`<label class="field"><span class="row">
+    <input type="checkbox" data-set="option:${name}"
+    ${value === 'true' && 'checked'}>${label}</span><small>${help}</small></label>`;
+  return html`<label class="field"><span>${label}</span>
+    ${choices.length ? select(`option:${name}`, label, value, choices.map((each) => [each, each]))
+    : html`<input type="${type}" step="any" aria-label="${label}" data-set="option:${name}" value="${shown}">`}<small>
+      ${help}</small></label>`;
+}
+const choices = (name, legend, list) => html`<fieldset class="choices"><legend>${legend}</legend>
+  ${list.map(([value, text, help, picture]) =>
+  html`<label class="choice"><input type="radio" name="${name}" value="${value}" data-set="option:${name}"
+    ${(given(name) || list[0][0]) === value && 'checked'}>${picture}<span>${text}<small>
+      ${help}</small></span></label>`)}</fieldset>`;
+
+/* ---- 1: recordings ---- */
+function add(name) { if (!state.files.some((file) => file.name === name)) state.files.push({ name, role: 'estimate',
+  start: '', end: '' }); }
+async function receive(entries) {
+  state.problem = null;
+  for (const { file, name } of entries) {
+    const path = name.split('/').map(encodeURIComponent).join('/');
+    const answer = await fetch(at(`files/${path}`), { method: 'PUT', body: file }).catch(() => null);
+    if (answer?.ok) add((await answer.json()).name);
+    else state.problem = answer ? { sentence: await answer.text() } : SILENT;
+  }
+  changed();
+}
+async function dropped(items) {
+  const found = [], walk = async (entry, folder) => {
+    if (entry.isFile) found.push({ file: await new Promise((take, refuse) => entry.file(take, refuse)),
+      name: folder + entry.name });
+    else {
+      const reader = entry.createReader(), list = () => new Promise((take, refuse) => reader.readEntries(take, refuse));
+      for (let some; (some = await list()).length;) for (const each of some) await walk(each,
+        `${folder}${entry.name}/`);
+    }
+  };
+  // The items are gone after the first wait.
+  const taken = [...items].filter((item) => item.kind === 'file').map((item) =>
+    [item.webkitGetAsEntry(), item.getAsFile()]);
+  for (const [entry, file] of taken) if (entry) await walk(entry, '');
+    else if (file) found.push({ file, name: file.name });
+  await receive(found);
+}
+function recordings() {
+  const window = (file, k, key) => html`<input type="number" min="0" step="any" value="${file[key]}"
+    placeholder="${key}"
+    aria-label="${key} of ${file.name} in seconds" data-set="${key}:${k}">`;
+  const list = state.files.map((file, k) => html`<li><strong>${file.name}</strong>
+    ${select(`role:${k}`, `role of ${file.name}`, file.role,
+      [['estimate', 'estimates'], ['validate', 'only validates']])}
+    <span class="row">${window(file, k, 'start')} – ${window(file, k, 'end')} <small>s</small></span>
+      ${button(`remove:${k}`, 'Remove', 'plain')}</li>`);
+  const lead = 'Motion of both joints and the torque of the motor. Files stay on this computer.';
+  return html`${heading('What was recorded?', lead)}
+    ${state.problem && refusal(state.problem)}
+    <div class="drop">${rig(-2.2, 1.1, '-46 -8 60 62')}<strong>Drop recordings here</strong>
+      <small>A bag (its folder or .mcap), or .csv, .mat, .xlsx, .parquet, .npz</small>
+      <input type="file" id="files" multiple hidden><input type="file" id="folder" webkitdirectory hidden>
+      <div class="row">${button('pick:files', 'Choose files')}${button('pick:folder', 'Choose a bag’s folder')}
+        ${button('sample', 'Try the sample recording', 'plain')}</div></div>
+    <ul class="files">${list}</ul>
+    ${list.length > 0 && html`<p><small>Without a window, the first half of one recording estimates and the second
+      validates; several all estimate.</small></p>`}${actions(state.files.some((file) => file.role === 'estimate'))}`;
+}
+
+/* ---- 2: columns ---- */
+const NEEDED = { t: 'Time', q1: 'Shoulder angle', q2: 'Elbow angle', tau1: 'Shoulder torque' };
+const ROWS = { ...NEEDED, tau2: 'Elbow torque', dq1: 'Shoulder speed', dq2: 'Elbow speed' };
+const UNITS = { us: 'µs', Nm: 'N m', mNm: 'mN m', Ncm: 'N cm', kgfcm: 'kgf cm', ozfin: 'ozf in' };
+const negated = () => given('negate').split(',').filter(Boolean);
+const named = () => Object.fromEntries((state.options.columns ?? '').split(',').filter(Boolean).map((pair) =>
+  pair.split(/=(.*)/)));
+function unit(name) {
+  if (name[0] === 'd') return given('degrees') === 'true' ? 'deg/s' : 'rad/s';
+  if (name[0] === 'q') return select('option:degrees', `unit of ${name}`, given('degrees').toLowerCase(),
+    [['false', 'rad'], ['true', 'degrees']]);
+  const option = name === 't' ? 'time_unit' : 'torque_unit';
+  return select(`option:${option}`, `unit of ${name}`, given(option),
+    about.settings[option].choices.map((each) => [each, UNITS[each] ?? each]));
+}
+function row(found, name) {
+  const table = found.columns.length > 0, column = found.taken[name] ?? '';
+  const columns = table && html`<td class="wide ${name in NEEDED && !column && 'missing'}">
+    ${select(`column:${name}`, `column of ${name}`, column,
+    ['', ...found.columns].map((each) => [each, each || '–']))}</td>`;
+  const sign = /^(q|tau)/.test(name) && select(`sign:${name}`, `sign of ${name}`, negated().includes(name),
+    [['false', '+'], ['true', '− reversed']]);
+  return html`<tr><th scope="row">${ROWS[name]}<small>${name}</small></th>${columns}<td>${unit(name)}</td>
+    <td>${sign}</td>
+    <td>${name !== 't' && spark(found.preview?.[name])}</td></tr>`;
+}
+function bag(found) {
+  const joints = found.joints.map((name) => [name, name]);
+  return html`<h3>Topic and joints</h3><div class="row">
+    ${select('topic', 'topic', state.topic, found.topics.map((each) => [each, each]))}
+    ${['shoulder', 'elbow'].map((joint, k) => html`<label class="row">${joint}
+      ${select(`joint:${k}`, joint, state.joints[k], joints)}</label>`)}</div>`;
+}
+const BOX = '-16 -8 62 60', DOWN = -Math.PI / 2;
+const ZERO = [['horizontal', 'Horizontal', 'at rest it is −90°', rig(-0.9, -0.4, BOX, angle(0, 0, 19, 0, -0.9))],
+  ['hanging', 'Hanging', 'at rest it is 0°', rig(-0.9, -0.4, BOX, angle(0, 0, 19, DOWN, -0.9))]];
+const ELBOW = [['relative', 'Relative', 'from the line of link 1',
+  rig(-1.2, 1, BOX, angle(10.1, 26.1, 14, -1.2, -0.2))],
+  ['absolute', 'Absolute', 'from the zero of the shoulder', rig(-1.2, 1, BOX, angle(10.1, 26.1, 14, DOWN, -0.2))]];
+function columns() {
+  const found = state.described, shown = found ?? state.before;
+  if (!found) need('describe', [{ ...state.files[state.shown], role: 'estimate' }], (value, problem) => {
+    state.described = state.before = value ?? { columns: [], taken: {}, topics: [], joints: [], options: {}, problem };
+  });
+  const table = shown?.columns.length > 0, names = table ? Object.keys(ROWS) : ['q1', 'q2', 'tau1'];
+  const rows = names.filter((name) => name in NEEDED || shown?.taken[name] || state.all).map((name) => shown &&
+    row(shown, name));
+  const head = ['Quantity', ...(table ? ['Column'] : []), 'Unit', 'Sign', 'As it is taken, in rad and N m'];
+  const rest = ['torque_constant', 'gear', 'unwrap', 'swap', 'offset', 'skip_missing',
+    ...(shown?.topics.length ? [] : ['decimal', 'skip_rows', 'sheet', 'encoding'])];
+  const lead = 'Check that each quantity is the right column, in the right unit and sense. Recordings are read alike.';
+  return html`${heading('How is it written?', lead)}
+    ${state.files.length > 1 && html`<div class="tabs">${state.files.map((file, k) =>
+      html`<button type="button" data-do="show:${k}" aria-pressed="${k === state.shown}">
+        ${file.name}</button>`)}</div>`}
+    ${found ? '' : busy('reading')}${found?.problem && refusal(found.problem)}
+    ${found?.taken_as && note('OK', html`Taken from the file itself: <code>${found.taken_as}</code>`)}
+    ${found?.survey?.guesses.map((guess) => note('WARN', guess))}${shown?.topics.length > 0 && bag(shown)}
+    ${(table || shown?.topics.length > 0) && html`<table class="columns"><thead><tr>
+      ${head.map((text) => html`<th scope="col">${text}</th>`)}</tr></thead>
+      <tbody>${rows}</tbody></table>`}${table && !state.all &&
+        button('all', 'Elbow torque and speeds were recorded, too', 'plain')}
+    ${choices('zero', 'Where is the shoulder angle zero?', ZERO)}${choices('elbow', 'What is the elbow angle?', ELBOW)}
+    ${more('Motor current, wrapped angles, offsets, exchanged joints, text and sheets',
+      html`<div class="fields">${rest.map(field)}</div>`)}
+    ${actions(found && !found.problem)}`;
+}
+
+/* ---- 3: checks ---- */
+const CHECKS = { reading: 'Samples', stamps: 'Time stamps', gaps: 'Gaps', limits: 'Limits', conventions: 'Conventions',
+  excitation: 'Excitation' };
+const MARKS = { OK: ['✓', 'good'], WARN: ['!', 'warning'], ERROR: ['✕', 'error'] };
+const passed = () => Boolean(state.checks) && !state.checks.some(({ level, check }) => level === 'ERROR' &&
+  check !== 'conventions');
+function checks() {
+  if (!state.checks) need('check', state.files, (value, error) =>
+    { state.checks = value ?? [{ check: 'reading', level: 'ERROR', remedy: {}, ...error }]; });
+  const order = Object.keys(CHECKS), sorted = [...(state.checks ?? [])].sort((a, b) =>
+    order.indexOf(a.check) - order.indexOf(b.check));
+  const list = sorted.map(({ check, level, sentence, remedy }) => html`<li><span class="dot ${level}" role="img"
+    aria-label="${MARKS[level][1]}">${MARKS[level][0]}</span><strong>${CHECKS[check]}</strong><div><p>${sentence}</p>
+    ${Object.keys(remedy).length > 0 && offer(`Apply ${spelled(remedy)}`,
+      { remedy, whole: check === 'conventions' })}</div></li>`);
+  return html`${heading('Is it good enough?', 'Everything that can be checked before a fit.')}
+    ${state.checks ? html`<ul class="checks">${list}</ul>`
+      : busy('checking stamps, gaps, limits, conventions and excitation')}
+    ${actions(passed(), 'Continue', 'go:3', button('go:1', 'Mend the columns'))}`;
+}
+
+/* ---- 4: method ---- */
+const CRITERIA = [['likelihood', 'Likelihood', 'the best parameters; seconds to a minute'],
+  ['weak', 'Weak form', 'nearly as good, at once'],
+  ['energy', 'Energy', 'the paper’s, by differential evolution']];
+const MODELS = [['auto', 'Auto', 'the smallest that is exact, or else the largest'],
+  ['viscous', 'Viscous', 'the paper’s seven parameters'],
+  ['coulomb', 'Coulomb', 'and dry friction'], ['rotor', 'Rotor', 'and a rotor at the elbow'],
+    ['geared', 'Geared', 'and friction of gears']];
+/* The command line of the present choices, which the server composes. */
+async function compose() {
+  const answer = await fetch(at('command'), { method: 'POST', body: job() }).catch(() => null);
+  const text = answer?.ok ? await answer.text() : '';
+  if (text && text !== state.command) { state.command = text; draw(); }
+}
+function method() {
+  compose();
+  const rest = ['hold', 'delay', 'link_length', 'sliding', 'optimizer', 'seed', 'spread', 'apply_remedies'];
+  return html`${heading('How is it fitted?', 'The defaults suit nearly every rig.')}
+    ${choices('criterion', 'Criterion', CRITERIA)}
+    ${choices('model', 'Model', MODELS)}${more('Hold, delay, length of link 1, seed',
+      html`<div class="fields">${rest.map(field)}</div>`)}
+    <h3>The same in a terminal</h3>${state.command && command(state.command)}${actions(passed())}`;
+}
+
+/* ---- 5: fit ---- */
+async function fit() {
+  const began = performance.now(), stages = [], show = (event) => {
+    const { progress: before } = state.fitting;
+    if (before && event.progress && before !== event.progress && !stages.includes(before)) stages.push(before);
+    Object.assign(state.fitting, event, { seconds: Math.round((performance.now() - began) / 1000) });
+    if ($('#fitting')) $('#fitting').innerHTML = progress().text;
+  };
+  Object.assign(state, { result: null, refused: null, fitting: { stages } });
+  const clock = setInterval(() => show({}), 500), work = task('identify', state.files, show);
+  draw();
+  try { state.result = await work; } catch (error) { state.refused = error; }
+  clearInterval(clock);
+  state.fitting = null;
+  if (state.result && state.step === 4) go(5); else draw();
+}
+function progress() {
+  const { progress: now, done, of, best, seconds, stages } = state.fitting;
+  return html`<div class="row"><strong class="busy">${now ?? 'starting'}</strong><span class="quiet">
+    ${seconds ?? 0} s</span>
+    ${best != null && html`<span class="quiet">J = ${number(best, 5)}</span>`}</div>
+    <progress aria-label="progress of this stage" max="${of || 1}" ${of > 0 && html`value="${done}"`}></progress>
+    <ul class="stages">${stages.slice(-6).map((stage) => html`<li>${stage}</li>`)}</ul>`;
+}
+function fitting() {
+  if (state.fitting) return html`${heading('Fitting', 'This page shows the result as soon as it is there.')}
+    <div class="card" id="fitting">${progress()}</div><div class="actions">${button('stop', 'Stop')}</div>`;
+  compose();
+  return html`${heading('Ready', 'The fit runs in a program of its own. It can be stopped at any time.')}
+    ${state.refused && (state.refused.sentence ? refusal(state.refused) : note('WARN', 'Stopped. Nothing was kept.'))}
+    ${state.command && command(state.command)}${actions(passed(), state.result ? 'Fit again' : 'Start', 'start')}`;
+}
+
+/* ---- 6: result ---- */
+const FILES = { 'report.html': 'the page', 'result.yaml': 'every number', 'pendubot.xml': 'MuJoCo',
+  'pendubot.urdf': 'RViz, Gazebo, Drake',
+  'pendubot.yaml': 'a ROS node', 'pendubot.m': 'MATLAB', 'pendubot.h': 'C', 'pendubot.py': 'Python' };
+const SAID = { WARN: 'Use them with care: the page says why.', ERROR: 'Do not use them: the page says why.' };
+function result() {
+  const { level, files, missing } = state.result, page = at('output/report.html');
+  const links = Object.keys(FILES).filter((name) => files.includes(name)).map((name) =>
+    html`<a class="button" href="${at(`output/${name}`)}" download="${name}">${name}<small>${FILES[name]}</small></a>`);
+  return html`<h2>The parameters of the rig</h2>${SAID[level] && note(level, SAID[level])}
+    <iframe src="${page}" title="page of the result" sandbox="allow-scripts allow-downloads allow-modals"></iframe>
+    <p><a href="${page}" target="_blank" rel="noopener">Open the page in its own tab</a></p>
+    <h3>Take it along</h3><div class="take">${links}</div>
+    ${Object.entries(missing).map(([name, sentence]) => html`<p><small>${name}: ${sentence}</small></p>`)}
+    <h3>The same in a terminal</h3>
+    ${command(`${state.command}\npendubot export report/result.yaml --output pendubot.urdf`)}
+    ${actions(true, 'Another recording', 'again')}`;
+}
+
+/* ---- the running rig ---- */
+const HISTORY = 200;
+function watched({ q, effort = 0, rate, parameters, level, message }, traces) {
+  if (q) [...q, effort].forEach((value, k) => { if (traces[k].push(value) > HISTORY) traces[k].shift(); });
+  const trace = (...names) => {
+    const all = names.flatMap((k) => traces[k]), low = Math.min(...all), high = Math.max(...all, low + 1e-3);
+    return html`<svg class="trace" viewBox="0 0 100 30" preserveAspectRatio="none" aria-hidden="true">${names.map((k) =>
+      html`<path class="trace${k}" d="${line(traces[k], low, high, 100 * traces[k].length / HISTORY)}"/>`)}</svg>`;
+  };
+  const figure = (name, value, measure) => html`<div><dt>${name}</dt><dd>${value} <small>${measure}</small></dd></div>`;
+  const side = Math.sign(effort), torque = side !== 0 &&
+    html`<path class="arc" d="M${13 * side} -9 A16 16 0 0 ${side > 0 ? 0 : 1}
+    ${-13 * side} -9 m0 -6 v6 l${5.6 * side} -2.1"/>`;
+  const gravity = html`<path class="thin" d="M50 -52 V-36 m-3 -5 l3 5 l3 -5"/><text x="40" y="-41">g</text>`;
+  const rows = parameters.map(({ name, value, half, unit: measure }) =>
+    html`<tr><th scope="row">${name}</th><td>${number(value)}</td>
+    <td>${half == null ? '–' : `± ${number(half, 2)}`}</td>
+    <td class="text">${(measure ?? '').replace('^2', '²')}</td>
+    <td>${half != null && html`<meter min="0" max="1" value="${Math.min(1, Math.abs(half / value))}"
+      aria-label="± of ${name}"></meter>`}</td></tr>`);
+  return html`${heading('The running rig', q ? 'As it is published now. This page only listens.'
+    : 'No joint states are published. Start the bridge.')}
+    ${level ? note(level, html`<strong>${level}</strong> ${message}`) : message && note('ERROR', message)}
+    <div class="watch"><div class="card">${rig(...(q ?? [DOWN, 0]), '-58 -58 116 116', torque, gravity)}</div>
+      ${q && html`<div class="card"><dl class="figures">${figure('q1', number(q[0], 3), 'rad')}
+        ${figure('q2', number(q[1], 3), 'rad')}
+        ${figure('effort', number(effort, 3), 'N m')}${figure('samples', rate.toFixed(0), 'Hz')}</dl>${trace(0, 1)}
+          ${trace(2)}
+        ${['q1', 'q2', 'effort'].map((name, k) => html`<span class="key trace${k}">${name}</span>`)}</div>`}</div>
+    <div class="card">${rows.length ? html`<table class="numbers"><thead><tr><th></th><th scope="col">value</th>
+      <th scope="col">95 % interval</th>
+      <th scope="col" class="text">unit</th><th scope="col">± of value</th></tr></thead><tbody>${rows}</tbody></table>`
+      : html`<p class="quiet">No parameters are published. Start the identifier or the tracker.</p>`}</div>`;
+}
+async function watch() {
+  const traces = [[], [], []], show = (content) => { $('#live').innerHTML = content.text; };
+  watch.own = new AbortController();
+  show(busy('listening'));
+  try {
+    await follow('live', { signal: watch.own.signal }, (event) =>
+      { if (event.problem) throw event.problem; show(watched(event, traces)); });
+  } catch (error) { if (error.name !== 'AbortError') show(refusal(error)); }
+}
+
+/* ---- the frame ---- */
+const DRAW = [recordings, columns, checks, method, fitting, result];
+const ready = (k) => [true, state.files.some((file) => file.role === 'estimate'), state.checks ||
+  (state.described && !state.described.problem),
+  passed(), passed(), state.result][k];
+function go(k) { if (!state.fitting) cancel(); state.step = k; draw(); scrollTo(0, 0);
+  $('#step').focus({ preventScroll: true }); }
+function draw() {
+  if (pressed) { pressed = 'later'; return; }  // what is pressed must still be there when it is released
+  const { set, do: act } = document.activeElement?.dataset ?? {};
+  state.offers = [];
+  $('#rail').innerHTML = STEPS.map((name, k) => html`<li class="${k < state.step && ready(k + 1) && 'done'}">
+    <button type="button" data-do="go:${k}"
+    aria-label="step ${k + 1}: ${name}" ${k === state.step && html`aria-current="step"`} ${!ready(k) && 'disabled'}><b>
+      ${k < state.step && ready(k + 1) ? '✓' : k + 1}</b>
+    <span>${name}</span></button></li>`.text).join('');
+  $('#step').innerHTML = DRAW[state.step]().text;
+  if (set || act) document.querySelector(set ? `[data-set="${set}"]`
+    : `[data-do="${act}"]`)?.focus({ preventScroll: true });
+}
+function view(name) {
+  watch.own?.abort();
+  for (const each of ['steps', 'live']) {
+    $(`#${each}`).hidden = each !== name;
+    $(`[data-do="view:${each}"]`).setAttribute('aria-pressed', String(each === name));
+  }
+  if (name === 'live') watch();
+}
+function apply({ remedy, whole, ...window }) {
+  const replaced = whole ? Object.keys(state.options).filter((name) => about.settings[name].reading) : [];
+  for (const name of replaced) delete state.options[name];
+  Object.assign(state.options, remedy);
+  if (!remedy) Object.assign(state.files[state.shown], window);
+  changed();
+}
+const ACTS = { go: (k) => go(Number(k)), view, start: fit, stop: cancel, again: () => location.reload(),
+  pick: (id) => $(`#${id}`).click(),
+  sample: () => { add('paper_experiment'); changed(); },
+    remove: (k) => { state.files.splice(k, 1); state.shown = 0; changed(); },
+  show: (k) => { state.shown = Number(k); state.described = null; cancel(); draw(); },
+    all: () => { state.all = true; draw(); },
+  apply: (k) => apply(state.offers[k]), copy: (_, pressedOne) =>
+    navigator.clipboard.writeText(pressedOne.previousElementSibling.innerText)
+    .then(() => { pressedOne.textContent = 'Copied'; }) };
+const SETS = { option: choose, topic: (_, value) => { state.topic = value; changed(); },
+  joint: (k, value) => { state.joints[k] = value; changed(); },
+  role: (k, value) => { state.files[k].role = value; changed('roles'); },
+    start: (k, value) => { state.files[k].start = value; changed(); },
+  end: (k, value) => { state.files[k].end = value; changed(); },
+  column: (name, value) => choose('columns', Object.entries({ ...named(), [name]: value }).filter(([, each]) =>
+    each).map((pair) => pair.join('=')).join(',')),
+  sign: (name, value) => choose('negate', Object.keys(ROWS).filter((each) =>
+    (each === name ? value === 'true' : negated().includes(each))).join(',')) };
+function listen() {
+  addEventListener('click', ({ target }) => {
+    const found = target.closest('[data-do]:enabled'), [act, value] = found?.dataset.do.split(':') ?? [];
+    if (act) ACTS[act](value, found);
+  });
+  addEventListener('change', ({ target }) => {
+    const [what, name] = target.dataset.set?.split(':') ?? [];
+    if (what) SETS[what](name, target.type === 'checkbox' ? String(target.checked) : target.value.trim());
+    else if (target.files) receive([...target.files].map((file) =>
+      ({ file, name: file.webkitRelativePath || file.name })));
+  });
+  addEventListener('toggle', ({ target }) => { if (target.dataset?.open) state.open[target.dataset.open] = target.open;
+    }, true);
+  addEventListener('pointerdown', () => { pressed = true; }, true);
+  for (const name of ['pointerup', 'pointercancel']) addEventListener(name, () => setTimeout(() => {
+    const later = pressed === 'later';
+    pressed = false;
+    if (later) draw();
+  }), true);
+  for (const name of ['dragover', 'dragleave', 'drop']) addEventListener(name, (event) => {
+    event.preventDefault();
+    $('.drop')?.classList.toggle('over', name === 'dragover');
+    if (name === 'drop' && state.step === 0) dropped(event.dataTransfer.items);
+  });
+  addEventListener('pagehide', () => navigator.sendBeacon(at('end')));
+  addEventListener('pageshow', (event) => { if (event.persisted) location.reload(); });
+}
+async function start() {
+  const answer = await fetch('sessions', { method: 'POST' });
+  if (!answer.ok) { $('#step').innerHTML = note('ERROR', await answer.text()).text; return; }
+  about = await answer.json();
+  about.given.forEach(add);
+  $('[data-do="view:live"]').hidden = !about.live;
+  listen();
+  draw();
+  if (location.hash === '#live' && about.live) view('live');
+}
+start();

@@ -1,0 +1,112 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""One task of the studio in a process of its own: a job as JSON on stdin, events as JSON lines on stdout.
+
+The last event has ``done``, or ``problem``: a sentence, and the options that correct it.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import sys
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from pendubot_identification import api
+from pendubot_identification.errors import PendubotError, sentence
+
+#: Points of a preview.
+POINTS = 300
+#: Shortest time between two reports of progress [s].
+INTERVAL = 0.1
+#: The files for other programs.
+EXPORTS = [f'pendubot.{suffix}' for suffix in ('xml', 'urdf', 'yaml', 'm', 'h', 'py')]
+Say = Callable[[Mapping[str, Any]], None]
+
+
+def describe(job: Mapping[str, Any], say: Say) -> dict[str, Any]:
+    """Return how a recording is read."""
+    found = api.describe(job['bags'][0], **_reading(job))
+    shown = {name: getattr(found, name) for name in ('columns', 'units', 'taken', 'topics', 'joints', 'options')}
+    shown |= {'taken_as': found.taken_as, 'survey': found.survey, 'problem': _problem(found.problem), 'preview': None}
+    if (motion := found.motion) is not None:
+        step = max(1, len(motion) // POINTS)
+        columns = {'t': motion.t, 'q1': motion.q[:, 0], 'q2': motion.q[:, 1], 'tau1': motion.tau[:, 0]}
+        columns |= {'tau2': motion.tau[:, 1]} if motion.tau[:, 1].any() else {}
+        shown['preview'] = {name: [float(f'{x:.5g}') for x in values[::step]] for name, values in columns.items()}
+    return shown
+
+
+def check(job: Mapping[str, Any], say: Say) -> list[dict[str, Any]]:
+    """Return the findings of the checks."""
+    found = api.check(*job['bags'], validate=job['validate'], **_reading(job))
+    return [{'check': f.check, 'level': f.level.name, 'sentence': f.sentence, 'remedy': f.remedy} for f in found]
+
+
+def identify(job: Mapping[str, Any], say: Say) -> dict[str, Any]:
+    """Identify, and write the page, the result and files for other programs into the folder ``output``."""
+    last, step = 0.0, ''
+
+    def progress(what: str, done: int, of: int, best: float) -> None:
+        nonlocal last, step
+        if what != step or time.monotonic() - last >= INTERVAL:
+            last, step = time.monotonic(), what
+            say({'progress': what, 'done': done, 'of': of, 'best': best if best == best else None})
+
+    found = api.identify(*job['bags'], validate=job['validate'], progress=progress, **_reading(job))
+    say({'progress': 'drawing the page', 'done': 0, 'of': 0, 'best': None})
+    folder = Path(job['folder']) / 'output'
+    found.report(folder, overwrite=True)
+    missing = {}
+    for name in EXPORTS:
+        try:
+            found.export(folder / name, overwrite=True)
+        except PendubotError as error:
+            missing[name] = sentence(error)
+    files = sorted(each.name for each in folder.iterdir())
+    return {'level': found.level.name, 'warnings': list(found.result.warnings), 'files': files, 'missing': missing}
+
+
+def _reading(job: Mapping[str, Any]) -> dict[str, Any]:
+    joints = [name.strip() for name in job['joints'].split(',')]
+    return {'topic': job['topic'], 'joint_names': joints, **job['options']}
+
+
+def _problem(error: Exception | None) -> dict[str, Any] | None:
+    if error is None:
+        return None
+    window = getattr(error, 'first', '').rpartition('@')[2]  # of a recording that is too long
+    return {'sentence': sentence(error), 'remedy': getattr(error, 'remedy', {}), 'window': window}
+
+
+def main() -> int:
+    """Do the job on stdin; return the exit status."""
+    # A file that unpacks to more than fits is refused with a sentence, and the computer stays usable.
+    limit = max(4 << 30, os.sysconf('SC_PHYS_PAGES') * os.sysconf('SC_PAGE_SIZE') // 2)
+    resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
+    events, sys.stdout = sys.stdout, sys.stderr
+
+    def say(event: Mapping[str, Any]) -> None:
+        print(json.dumps(event), file=events, flush=True)
+
+    tasks: dict[str, Callable[[Mapping[str, Any], Say], Any]]
+    tasks = {'describe': describe, 'check': check, 'identify': identify}
+    if not (text := sys.stdin.read()):
+        return 0  # the studio ended before there was a job
+    job = json.loads(text)
+    try:
+        os.chdir(Path(job['folder']) / 'files')
+        say({'done': tasks[job['task']](job, say)})
+    except Exception as error:
+        say({'problem': _problem(error)})
+        return 1
+    return 0
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())

@@ -1,0 +1,73 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The studio in a process of its own, and a page's requests without a browser."""
+
+import json
+from http.client import HTTPConnection
+from urllib.parse import quote, urlsplit
+
+import pytest
+
+from test.processes import Program
+
+pytest.importorskip('aiohttp')
+
+
+class Studio(Program):
+    """The program, with its address."""
+
+    def __init__(self, *files, program=('pendubot', 'studio', '--no-browser'), **how):
+        super().__init__(*program, *files, **how)
+        self.find()
+
+    def find(self):
+        self.address = self.wait_for('studio: ').split()[1]
+        self.port, self.root = urlsplit(self.address).port, urlsplit(self.address).path
+
+    def request(self, method, path, body=None, headers=None, root=None, host='127.0.0.1'):
+        connection = HTTPConnection(host, self.port, timeout=120)
+        connection.request(method, (self.root if root is None else root) + path, body, headers or {})
+        return connection.getresponse()
+
+    def open(self):
+        return Page(self)
+
+    def workers(self):
+        """The processes of its tasks."""
+        with open(f'/proc/{self.process.pid}/task/{self.process.pid}/children') as file:
+            return {*map(int, file.read().split())}
+
+
+class Page:
+    """A session, as a page has one."""
+
+    def __init__(self, studio):
+        self.studio = studio
+        self.about = json.loads(studio.request('POST', 'sessions').read())
+        self.path = f'sessions/{self.about["session"]}/'
+
+    def give(self, name, content):
+        answer = self.studio.request('PUT', f'{self.path}files/{quote(name)}', content)
+        return answer.status, answer.read().decode()
+
+    def post(self, what, *names, validate=(), windows=None, **options):
+        """Send a job; return the response, whose lines come as they are said."""
+        bags, judges = ([{'name': name, **(windows or {})} for name in part] for part in (names, validate))
+        body = json.dumps({'bags': bags, 'validate': judges, 'options': options})
+        return self.studio.request('POST', self.path + what, body)
+
+    def do(self, what, *names, **how):
+        """Return the last event of a task."""
+        return json.loads(self.post(what, *names, **how).read().splitlines()[-1])
+
+    def output(self, name):
+        answer = self.studio.request('GET', f'{self.path}output/{name}')
+        return answer.read().decode() if answer.status == 200 else None
+
+
+def csv(motion, separator=',', decimal='.', names=('t', 'q1', 'q2', 'tau1'), convert=lambda q: q):
+    """A motion as a text with columns."""
+    columns = zip(motion.t, *convert(motion.q).T, motion.tau[:, 0], strict=True)
+    rows = [separator.join(f'{value:.12g}'.replace('.', decimal) for value in row) for row in columns]
+    return '\n'.join([separator.join(names), *rows])

@@ -1,0 +1,41 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""A running rig that is not there: joint states at 200 Hz and the parameters of a tracker, until a signal."""
+
+import math
+import time
+from contextlib import suppress
+
+import numpy as np
+import rclpy
+from rclpy.executors import ExternalShutdownException
+from sensor_msgs.msg import JointState
+
+from pendubot_identification.level import Level
+from pendubot_identification.nodes.messages import Identification
+
+
+def main():
+    rclpy.init()
+    node = rclpy.create_node('rig')
+    joints, theta = node.create_publisher(JointState, '/joint_states', 100), np.linspace(0.001, 0.007, 7)
+    names = ('P1', 'P2', 'P3', 'P4', 'P5', 'b1', 'b2')
+    values = {f'{name}.std_error': value / 100 for name, value in zip(names, theta, strict=True)}
+    values |= {f'{name}.unit': 'kg m^2' for name in names[:3]}
+    Identification(node).publish(Level.WARN, 'b2 is poorly determined', values, theta)
+
+    def sample():
+        t = time.monotonic()
+        # As joint_state_broadcaster orders them.
+        message = JointState(name=['elbow', 'shoulder'], position=[0.5, math.sin(t)], effort=[0.0, 0.25])
+        message.header.stamp = node.get_clock().now().to_msg()
+        joints.publish(message)
+
+    node.create_timer(0.005, sample)
+    with suppress(KeyboardInterrupt, ExternalShutdownException):
+        rclpy.spin(node)
+
+
+if __name__ == '__main__':
+    main()

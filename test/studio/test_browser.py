@@ -1,0 +1,212 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The studio in a real browser, by mouse alone: from a dropped file to a result; stop; the running rig; a telephone."""
+
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from pendubot_identification.model.parameters import PAPER
+from pendubot_identification.model.simulation import HANGING
+from pendubot_identification.recordings.bag_reader import read_trajectory
+from test.conftest import ROOT
+from test.processes import Program
+from test.report.test_browser import BRIGHTNESS, CHROMIUM
+from test.studio.client import Studio, csv
+
+try:
+    from playwright.sync_api import expect, sync_playwright
+except ImportError:
+    sync_playwright = None
+
+pytestmark = [
+    pytest.mark.skipif(CHROMIUM is None, reason='no Chromium: apt-get install chromium'),
+    pytest.mark.skipif(sync_playwright is None, reason='no playwright: pip install playwright'),
+]
+#: As a hand lets go of a file above the page.
+DROP = """({name, text}) => {
+  const dataTransfer = new DataTransfer();
+  dataTransfer.items.add(new File([text], name));
+  document.querySelector('.drop').dispatchEvent(new DragEvent('drop', {dataTransfer, bubbles: true, cancelable: true}));
+}"""
+#: A task may wait for others on a busy machine [ms].
+LONG = 60_000
+
+
+@pytest.fixture(scope='module')
+def browser():
+    expect.set_options(timeout=LONG)
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=['--no-sandbox'])
+        yield browser
+        browser.close()
+
+
+@pytest.fixture(scope='module')
+def studio():
+    with Studio() as program:
+        yield program
+
+
+@pytest.fixture
+def opened(browser, studio):
+    """Opens the studio; at the end nothing may have been said on the console, or asked of anyone else."""
+    contexts, said = [], []
+
+    def opened(program=studio, view='', **how):
+        contexts.append(browser.new_context(**{'viewport': {'width': 1440, 'height': 900}} | how))
+        page = contexts[-1].new_page()
+        page.set_default_timeout(LONG)
+        page.on('console', lambda message: said.append(message.text))
+        page.on('pageerror', lambda error: said.append(str(error)))
+        ours = ('data:', 'blob:', f'http://127.0.0.1:{program.port}/')
+        page.on('request', lambda r: None if r.url.startswith(ours) else said.append(r.url))
+        page.goto(program.address + view)
+        return page
+
+    yield opened
+    for context in contexts:
+        context.close()
+    assert said == []
+
+
+def click(page, name):
+    page.get_by_role('button', name=name, exact=True).click()
+
+
+def choose(page, label, value):
+    page.get_by_label(label, exact=True).select_option(value)
+
+
+def test_a_german_csv_in_degrees_from_hanging_becomes_a_result_by_mouse_alone(opened, tmp_path):
+    motion = read_trajectory(ROOT / 'bags' / 'paper_experiment').trajectory
+    names = 'Messzeit', 'Phi A', 'Phi B', 'Antrieb'
+    text = csv(motion, ';', ',', names, lambda q: np.degrees(q - HANGING))
+    page = opened()
+    page.get_by_text('Drop recordings here').wait_for()
+    page.evaluate(DROP, {'name': 'Messung.csv', 'text': text})
+    expect(page.get_by_text('Messung.csv')).to_be_visible()
+    click(page, 'Continue')
+    expect(page.get_by_role('alert')).to_contain_text("Messung.csv has no column 't' for t")
+    expect(page.get_by_role('button', name='Continue')).to_be_disabled()
+    for quantity, column in zip(('t', 'q1', 'q2', 'tau1'), names, strict=True):
+        choose(page, f'column of {quantity}', column)
+    click(page, 'Apply --decimal comma')
+    expect(page.get_by_role('note').first).to_contain_text('look like degrees: --degrees?')
+    choose(page, 'unit of q1', 'degrees')
+    expect(page.locator('.spark').first).to_be_visible()
+    click(page, 'Continue')
+    conventions = page.locator('.checks li', has_text='Conventions')
+    expect(conventions).to_contain_text('--zero hanging')
+    click(page, 'Mend the columns')
+    page.get_by_text('at rest it is 0°').click()
+    click(page, 'Continue')
+    expect(page.locator('.checks [aria-label=good]')).to_have_count(6)
+    click(page, 'Continue')
+    page.get_by_text('Weak form').click()
+    expect(page.locator('.command')).to_contain_text('--criterion=weak')
+    click(page, 'Continue')
+    click(page, 'Start')
+    frame = page.frame_locator('iframe')
+    expect(frame.locator('h1')).to_be_visible()
+    with page.expect_download() as download:
+        page.get_by_role('link', name='result.yaml').click()
+    found = yaml.safe_load(Path(download.value.path()).read_text())['parameters']
+    for name in ('P1', 'P2', 'P4', 'P5', 'b1'):
+        assert found[name]['value'] == pytest.approx(getattr(PAPER, name), rel=0.01)
+    (tmp_path / 'Messung.csv').write_text(text)
+    words = shlex.split(page.locator('.command code div').first.inner_text())
+    subprocess.run([sys.executable, '-m', 'pendubot_identification.cli.main', *words[1:]], cwd=tmp_path, check=True)
+    again = yaml.safe_load((tmp_path / 'report' / 'result.yaml').read_text())['parameters']
+    assert {name: each['value'] for name, each in again.items()} == {
+        name: each['value'] for name, each in found.items()
+    }
+
+
+def sample(page):
+    click(page, 'Try the sample recording')
+    for step in ('How is it written?', 'Is it good enough?', 'How is it fitted?'):
+        click(page, 'Continue')
+        expect(page.get_by_role('heading', name=step)).to_be_visible()
+
+
+@pytest.fixture
+def slow():
+    """Without the compiled kernel, a fit takes minutes."""
+    with Studio(env={'PENDUBOT_KERNEL': 'off'}) as program:
+        yield program
+
+
+def test_a_fit_is_stopped_in_its_midst_and_its_program_with_it(slow, opened):
+    page = opened(slow)
+    sample(page)
+    page.get_by_text('by differential evolution').click()
+    page.get_by_text('Hold, delay, length of link 1, seed').click()
+    page.get_by_label('Spread', exact=True).fill('0')
+    click(page, 'Continue')
+    (worker,) = slow.workers()
+    click(page, 'Start')
+    expect(page.locator('#fitting strong')).to_contain_text('energy')
+    assert worker in slow.workers()
+    click(page, 'Stop')
+    expect(page.get_by_text('Stopped. Nothing was kept.')).to_be_visible()
+    while worker in slow.workers():
+        page.wait_for_timeout(10)
+    expect(page.get_by_role('button', name='step 6: Result')).to_be_disabled()
+    click(page, 'Start')
+    expect(page.locator('#fitting strong')).to_contain_text('energy')
+    click(page, 'Stop')
+
+
+def test_every_step_fits_a_telephone(opened):
+    page = opened(viewport={'width': 360, 'height': 740})
+    click(page, 'Try the sample recording')
+
+    def fits():
+        assert page.evaluate('document.documentElement.scrollWidth') == 360
+
+    for step in ('How is it written?', 'Is it good enough?', 'How is it fitted?', 'Ready'):
+        fits()
+        click(page, 'Continue')
+        expect(page.get_by_role('heading', name=step)).to_be_visible()
+        expect(page.locator('.busy')).to_have_count(0)
+    fits()
+
+
+@pytest.mark.parametrize('scheme', ['light', 'dark'])
+def test_ink_stands_out_from_paper(opened, scheme):
+    page = opened(color_scheme=scheme)
+    page.get_by_text('Drop recordings here').wait_for()
+    ink, paper = (page.evaluate(BRIGHTNESS, ['body', what]) for what in ('color', 'backgroundColor'))
+    assert (ink < 60 and paper > 230) if scheme == 'light' else (ink > 210 and paper < 40)
+
+
+def test_units_of_a_header_are_taken_and_named(opened):
+    motion = read_trajectory(ROOT / 'bags' / 'paper_experiment').trajectory
+    page = opened()
+    page.get_by_text('Drop recordings here').wait_for()
+    text = csv(motion, names=('t', 'q1 [deg]', 'q2 [deg]', 'tau1'), convert=np.degrees)
+    page.evaluate(DROP, {'name': 'run.csv', 'text': text})
+    click(page, 'Continue')
+    expect(page.get_by_text('Taken from the file itself:')).to_contain_text('--degrees')
+    expect(page.get_by_label('unit of q1', exact=True)).to_have_value('true')
+
+
+@pytest.mark.ros
+def test_the_running_rig_moves_in_the_page(opened):
+    with Program.of_file(Path(__file__).with_name('publisher.py')):
+        page = opened(view='#live')
+        expect(page.locator('dl')).to_contain_text('0.500')
+        expect(page.get_by_text('b2 is poorly determined')).to_be_visible()
+        expect(page.locator('tbody tr')).to_have_count(7)
+        expect(page.locator('tbody tr').first).to_contain_text('± 0.000020')
+        link = page.locator('#live .link')
+        before = link.get_attribute('d')
+        expect(link).not_to_have_attribute('d', before)
+        assert page.locator('#live button').count() == 0, 'nothing can be commanded'

@@ -1,0 +1,278 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The studio as a server: who is answered, what is kept, several pages at once, files that are too large or a trap."""
+
+import gzip
+import json
+import shlex
+import stat
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from pendubot_identification.model.parameters import BALANCE, PAPER
+from pendubot_identification.model.simulation import HANGING, simulate
+from pendubot_identification.recordings.bag_reader import read_trajectory
+from test.conftest import ROOT
+from test.processes import Program, run_program, spin_until
+from test.studio.client import Studio, csv
+
+SAMPLE = ROOT / 'bags' / 'paper_experiment'
+QUICK = {'criterion': 'weak', 'model': 'viscous'}
+
+
+@pytest.fixture(scope='module')
+def motion():
+    return read_trajectory(SAMPLE).trajectory
+
+
+@pytest.fixture(scope='module')
+def studio(tmp_path_factory):
+    folder = tmp_path_factory.mktemp('temporary')
+    with Studio(env={'TMPDIR': str(folder)}) as program:
+        program.folder = folder
+        yield program
+
+
+@pytest.fixture
+def page(studio):
+    page = studio.open()
+    yield page
+    studio.request('POST', f'{page.path}end').read()
+
+
+def test_only_who_knows_the_token_is_answered_by_this_name_and_on_this_address(studio):
+    assert studio.request('GET', '').status == 200
+    for root in ('/', '/x/', studio.root[:-2] + '/', studio.root.upper()):
+        for method, path in (('GET', ''), ('POST', 'sessions'), ('GET', 'live'), ('PUT', 'sessions/x/files/y')):
+            assert studio.request(method, path, root=root).status == 403
+    for host in ('evil.example', f'evil.example:{studio.port}', '127.0.0.1'):
+        assert studio.request('GET', '', headers={'Host': host}).status == 403
+    assert studio.request('GET', '', headers={'Host': f'localhost:{studio.port}'}).status == 200
+    with pytest.raises(ConnectionRefusedError):
+        studio.request('GET', '', host='127.0.0.2')
+
+
+def test_a_page_may_ask_for_nothing_from_elsewhere_and_that_of_a_result_may_not_call_the_studio(studio, page):
+    policy = studio.request('GET', '').getheader('Content-Security-Policy')
+    assert policy.startswith("default-src 'none'")
+    assert 'http' not in policy
+    assert 'done' in page.do('identify', 'paper_experiment', **QUICK)
+    answer = studio.request('GET', f'{page.path}output/report.html')
+    assert answer.getheader('Content-Security-Policy').startswith('sandbox allow-scripts')
+    assert 'same-origin' not in answer.getheader('Content-Security-Policy')
+
+
+@pytest.mark.parametrize('name', ['../up.csv', '.hidden', '-rf', 'a/b/c.csv', 'a\\b', 'a/..', 'x' * 300, 'a\nb'])
+def test_a_name_that_leads_elsewhere_is_refused(page, name):
+    status, said = page.give(name, b'x')
+    assert status in (400, 403, 404)
+    assert status == 404 or 'rename' in said or 'token' in said
+
+
+def test_files_are_private_and_are_deleted_with_their_page_and_with_the_program(motion, tmp_path):
+    with Studio(env={'TMPDIR': str(tmp_path)}) as program:
+        pages = program.open(), program.open()
+        for each in pages:
+            assert each.give('run.csv', csv(motion))[0] == 200
+        (root,) = tmp_path.iterdir()
+        assert stat.S_IMODE(root.stat().st_mode) == 0o700
+        assert len([*root.rglob('run.csv')]) == 2
+        program.request('POST', f'{pages[0].path}end').read()
+        assert len([*root.rglob('run.csv')]) == 1
+        assert pages[0].post('check', 'run.csv').status == 400
+        assert program.stop() == 0
+        assert [*tmp_path.iterdir()] == []
+    assert 'Traceback' not in program.output
+
+
+def test_the_command_gives_the_same_result(page, motion, tmp_path):
+    """And the files for other programs are those of pendubot export."""
+    columns = {'columns': 't=Zeit [ms],q1=a', 'time_unit': 'ms', 'negate': 'q2', 'delay': '-0.01:0.02', **QUICK}
+    text = csv(motion, names=('Zeit [ms]', 'a', 'q2', 'tau1'), convert=lambda q: q * (1, -1))
+    rows = text.splitlines()
+    text = '\n'.join(
+        [rows[0], *(f'{1e3 * float(t):.9g},{rest}' for t, rest in (row.split(',', 1) for row in rows[1:]))]
+    )
+    page.give('run 1.csv', text)
+    done = page.do('identify', 'run 1.csv', **columns)['done']
+    assert done['missing'] == {}
+    (tmp_path / 'run 1.csv').write_text(text)
+    words = shlex.split(page.post('command', 'run 1.csv', **columns).read().decode())
+    subprocess.run([sys.executable, '-m', 'pendubot_identification.cli.main', *words[1:]], cwd=tmp_path, check=True)
+    by_shell = (tmp_path / 'report' / 'result.yaml').read_text()
+    assert page.output('result.yaml') == by_shell
+    run_program('pendubot', 'export', tmp_path / 'report' / 'result.yaml', '--output', tmp_path / 'rig.urdf')
+    assert page.output('pendubot.urdf') == (tmp_path / 'rig.urdf').read_text()
+
+
+def test_two_pages_work_at_once_and_do_not_hear_of_each_other(studio, motion):
+    t = np.arange(0, 18, 0.005)
+    tau = np.column_stack([0.6 * np.sign(np.sin(9 * t)) * (np.sin(2.3 * t) > 0), np.zeros_like(t)])
+    motions, pages = (motion, simulate(BALANCE, t, tau, HANGING)), (studio.open(), studio.open())
+    for page, each in zip(pages, motions, strict=True):
+        assert page.give('run.csv', csv(each))[0] == 200
+    answers = [page.post('identify', 'run.csv', **QUICK) for page in pages]
+    first = [json.loads(answer.readline()) for answer in answers]
+    assert all('progress' in event for event in first), 'both work before either is awaited'
+    for page, answer, true in zip(pages, answers, (PAPER, BALANCE), strict=True):
+        assert 'done' in json.loads(answer.read().splitlines()[-1])
+        found = yaml.safe_load(page.output('result.yaml'))['parameters']
+        assert found['P4']['value'] == pytest.approx(true.P4, rel=0.02)
+
+
+def test_a_request_that_ends_ends_its_program(motion):
+    """Without the compiled kernel, this would take minutes."""
+    with Studio(env={'PENDUBOT_KERNEL': 'off'}) as program:
+        page = program.open()
+        page.give('run.csv', csv(motion))
+        (worker,) = program.workers()
+        answer = page.post('identify', 'run.csv', criterion='energy', spread='0')
+        assert 'progress' in json.loads(answer.readline())
+        assert worker in program.workers()
+        answer.close()
+        while worker in program.workers():
+            page.post('command', 'run.csv').read()
+        assert page.output('result.yaml') is None
+
+
+SENTENCES = {
+    'empty.csv': b'',
+    'text.csv': b'a,b\nx,y\n',
+    'german.csv': b'Zeit;q1;q2;tau1\n' + b''.join(b'0,%02d;0,1;0,2;0,3\n' % k for k in range(99)),
+    'broken.mat': b'MATLAB',
+    'broken.xlsx': b'PK',
+    'cut.csv.gz': gzip.compress(b't,q1,q2,tau1\n' * 99)[:40],
+    'broken.mcap': b'\x89MCAP0\r\n' + bytes(99),
+    'picture.png': b'\x89PNG',
+}
+
+
+@pytest.mark.parametrize('name', SENTENCES)
+def test_a_bad_file_gets_the_sentence_of_the_shell(page, tmp_path, name, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path(name).write_bytes(SENTENCES[name])
+    said = run_program('pendubot', 'identify', name).stderr.strip()
+    page.give(name, SENTENCES[name])
+    described, (checked,) = page.do('describe', name)['done']['problem'], page.do('check', name)['done']
+    assert said == f'pendubot: {described["sentence"]}' == f'pendubot: {checked["sentence"]}'
+    if name == 'german.csv':
+        assert described['remedy'] == {'decimal': 'comma'}
+
+
+def bomb_gz(path):
+    with gzip.open(path, 'wb', compresslevel=1) as file:
+        for _ in range(600):
+            file.write(bytes(1 << 20))
+
+
+def bomb_zip(path):
+    archive = zipfile.ZipFile(path, 'w', zipfile.ZIP_DEFLATED, compresslevel=1)
+    with archive, archive.open('xl/worksheets/sheet1.xml', 'w', force_zip64=True) as file:
+        for _ in range(600):
+            file.write(bytes(1 << 20))
+
+
+@pytest.mark.parametrize(('name', 'make'), [('a.csv.gz', bomb_gz), ('a.xlsx', bomb_zip), ('a.npz', bomb_zip)])
+def test_a_bomb_is_refused_with_a_sentence_here_and_in_the_shell(page, tmp_path, name, make, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    make(Path(name))
+    assert Path(name).stat().st_size < 10 << 20
+    assert page.give(name, Path(name).read_bytes())[0] == 200
+    said = page.do('describe', name)['done']['problem']['sentence']
+    assert said.startswith(f'{name} unpacks to more than 512 MB')
+    assert run_program('pendubot', 'identify', name).stderr == f'pendubot: {said}\n'
+
+
+def test_a_file_of_160_mb_is_received_and_a_window_of_it_is_identified(page, motion):
+    """A long recording of 1 kHz with a long remark in every row."""
+    t = np.arange(0, 250, 0.001)
+    q, tau = (np.column_stack([np.interp(t % 18, motion.t, x) for x in values.T]) for values in (motion.q, motion.tau))
+    remark = 'x' * 610
+    rows = [f'{a:.3f},{b:.7f},{c:.7f},{d:.5f},{remark}' for a, (b, c), d in zip(t, q, tau[:, 0], strict=True)]
+    content = '\n'.join(['t,q1,q2,tau1,remark', *rows]).encode()
+    assert len(content) > 160e6
+    assert page.give('day.csv', content)[0] == 200
+    found = page.do('describe', 'day.csv')['done']
+    assert 'take windows of it' in found['problem']['sentence']
+    assert found['problem']['window'] == ':60'
+    assert found['taken'] == {name: name for name in ('t', 'q1', 'q2', 'tau1')}
+    window = {'start': '0', 'end': '17'}
+    checks = page.do('check', 'day.csv', windows=window)['done']
+    assert not [each for each in checks if each['level'] == 'ERROR' and each['check'] == 'reading'], checks
+
+
+LIMITED = """
+import sys
+from pendubot_identification.cli.main import main
+from pendubot_identification.studio import server
+server.LARGEST = 1000
+sys.exit(main(['studio', '--no-browser']))
+"""
+
+
+def test_more_than_the_limit_is_not_kept(tmp_path):
+    (tmp_path / 'limited.py').write_text(LIMITED)
+    program = Studio.__new__(Studio)
+    program._start('studio', [str(tmp_path / 'limited.py')], {'TMPDIR': str(tmp_path)})
+    with program:
+        program.find()
+        page = program.open()
+        assert page.give('a.csv', b'x' * 900)[0] == 200
+        status, said = page.give('b.csv', b'x' * 200)
+        assert status == 400
+        assert 'all files are larger than' in said
+        (root,) = (each for each in tmp_path.iterdir() if each.is_dir())
+        assert [each.name for each in root.rglob('*') if each.is_file()] == ['a.csv']
+
+
+def test_recordings_may_be_given_in_the_terminal(tmp_path):
+    missing = run_program('pendubot', 'studio', tmp_path / 'none.csv', '--no-browser')
+    assert missing.returncode == 1
+    assert missing.stderr == f'pendubot: there is no recording {tmp_path / "none.csv"}; check its name and folder\n'
+    with Studio(SAMPLE) as program:
+        page = program.open()
+        assert page.about['given'] == ['paper_experiment']
+        assert page.do('describe', 'paper_experiment')['done']['joints'] == ['shoulder', 'elbow']
+        assert str(SAMPLE) in page.post('command', 'paper_experiment').read().decode()
+
+
+def test_an_option_or_a_recording_that_there_is_not_is_refused(page):
+    for wrong in ({'start': '/etc/passwd'}, {'nonsense': '1'}):
+        answer = page.post('check', 'paper_experiment', **wrong)
+        assert answer.status == 400
+        assert 'there is no option' in answer.read().decode()
+    assert page.post('check', '/etc/passwd').status == 400
+    assert 'is expected' in page.do('check', 'paper_experiment', gear='x')['problem']['sentence']
+
+
+@pytest.mark.ros
+def test_the_running_rig_is_relayed_by_a_program_that_only_listens(studio, ros):
+    with Program.of_file(Path(__file__).with_name('publisher.py')):
+        answer = studio.request('GET', 'live')
+        while 'q' not in (line := json.loads(answer.readline())) or not line['parameters']:
+            pass
+        assert line['q'][1] == 0.5
+        assert abs(line['q'][0]) <= 1
+        assert line['effort'] == 0.25
+        assert (line['level'], line['message']) == ('WARN', 'b2 is poorly determined')
+        assert [each['name'] for each in line['parameters']] == ['P1', 'P2', 'P3', 'P4', 'P5', 'b1', 'b2']
+        assert line['parameters'][0] == pytest.approx({'name': 'P1', 'value': 0.001, 'half': 1.96e-5, 'unit': 'kg m^2'})
+        node = ros.create_node('looker')
+        try:
+            watcher = 'watcher', '/'
+            assert spin_until(node, lambda: watcher in node.get_node_names_and_namespaces())
+            assert spin_until(node, lambda: len(node.get_subscriber_names_and_types_by_node(*watcher)) >= 3)
+            assert node.get_publisher_names_and_types_by_node(*watcher) == []
+            assert node.get_service_names_and_types_by_node(*watcher) == []
+            assert node.get_client_names_and_types_by_node(*watcher) == []
+            answer.close()
+            assert spin_until(node, lambda: watcher not in node.get_node_names_and_namespaces(), 30)
+        finally:
+            node.destroy_node()
