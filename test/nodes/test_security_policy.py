@@ -21,6 +21,14 @@ LOOK = {
     'reply': 'get_service_names_and_types_by_node',
     'request': 'get_client_names_and_types_by_node',
 }
+#: The topics and services of an action, by what a node does with it.
+ACTIONS = {
+    'execute': {
+        'publish': ('/_action/feedback', '/_action/status'),
+        'reply': ('/_action/send_goal', '/_action/get_result', '/_action/cancel_goal'),
+    },
+    'call': {},
+}
 
 
 def policy():
@@ -35,7 +43,9 @@ def policy():
             ((kind, qualifier),) = rules.attrib.items()
             assert qualifier == 'ALLOW'
             names = {'/' + entry.text.replace('~', node).removeprefix('/') for entry in rules}
-            allowed.setdefault((profile.get('node'), kind), set()).update(names)
+            for each, parts in ACTIONS.get(kind, {kind: ('',)}).items():
+                made = {name + part for name in names for part in parts}
+                allowed.setdefault((profile.get('node'), each), set()).update(made)
     return allowed
 
 
