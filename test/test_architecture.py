@@ -29,6 +29,7 @@ NO_ROSDEP = {
     'openpyxl',
     'pandas',
     'pandas-stubs',
+    'pendubot_interfaces',
     'pinocchio',
     'playwright',
     'pyarrow',
@@ -36,7 +37,7 @@ NO_ROSDEP = {
     'swarmops',
 }
 #: Imported where it is installed; who asks for it elsewhere is told how to install it.
-OPTIONAL = {'h5py', 'openpyxl', 'pandas', 'pyarrow', 'shtab'}
+OPTIONAL = {'h5py', 'openpyxl', 'pandas', 'pendubot_interfaces', 'pyarrow', 'shtab'}
 #: What mcap brings along under its key.
 BROUGHT = {'lz4', 'zstandard'}
 

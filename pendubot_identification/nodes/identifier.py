@@ -30,13 +30,13 @@ from pendubot_identification.level import Level
 from pendubot_identification.model.parameters import MODELS, NAMES, Bounds, default_bounds
 from pendubot_identification.recordings.bag_reader import BagWindow
 from pendubot_identification.report.tables import headline, summary
+from pendubot_identification.results.computation import Computation, Request
 from pendubot_identification.results.options import settings_of
 from pendubot_identification.results.result import Result, plain
 from pendubot_identification.results.result_file import result_text
 from pendubot_identification.setting import Setting
 from pendubot_identification.trajectories.conventions import CONVERSION
 
-from .computation import Computation, Request
 from .messages import LATCHED, Identification, Status, flat, parameter_values
 from .runtime import AUTOSTART, JOINTS, ManagedNode, explained, run
 from .topics import check_names

@@ -3,6 +3,7 @@
 
 """The identifier's action in real processes: feedback, result, cancellation, and failures."""
 
+import importlib
 import os
 from pathlib import Path
 
@@ -18,7 +19,8 @@ from test.nodes.observer import Observer
 from test.processes import Program, parameters
 
 pytestmark = pytest.mark.ros
-Identify = pytest.importorskip('pendubot_interfaces.action', reason='make .venv/.interfaces builds it').Identify
+pytest.importorskip('pendubot_interfaces', reason='colcon, or make .venv/.interfaces, builds it')
+Identify = importlib.import_module('pendubot_interfaces.action').Identify
 FAST = {'criterion': 'energy', 'model': 'viscous', 'optimizer': 'lsq', 'hold': 'zero'}
 #: Takes minutes, in one stage of many generations.
 LONG = {'criterion': 'energy', 'model': 'viscous', 'hold': 'zero', 'generations': 10_000_000, 'spread': 0.0}
