@@ -199,7 +199,7 @@ def _node(program: Program, texts: Mapping[str, str], environment: dict[str, str
     }
     if os.environ.get('ROS_SECURITY_KEYSTORE') and (program.package == NAME or program.name in VIEWERS):
         enclave = 'viewer' if program.name in VIEWERS else program.name
-        node['ros_arguments'] = ('--enclave', f'/pendubot/{enclave}')
+        node['ros_arguments'] = ['--enclave', f'/pendubot/{enclave}']
     if program.package == NAME:
         # It ends with launch, whatever ends that.
         ending = {**environment, LAUNCH: str(os.getpid())}

@@ -148,7 +148,7 @@ class Identifier(ManagedNode):
             goal.canceled()
         else:
             goal.abort()
-        return Identify.Result(level=bytes([level]), message=text)
+        return Identify.Result(level=int(level), message=text)
 
     def _on_cancel(self, goal: ServerGoalHandle) -> CancelResponse:
         if goal is self._goal:

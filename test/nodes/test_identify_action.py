@@ -75,7 +75,7 @@ def test_a_goal_is_identified_with_feedback_and_its_failures_have_reasons(ros, b
         assert stages == ['preparing', 'checking signs, zeros and stamps']
         assert not [f for f in goals.feedback if not (0 <= f.fraction <= 1 or f.fraction != f.fraction)]
         goals.until(lambda: goals.params and goals.quality and descriptions)
-        assert (result.level, result.message) == (goals.quality[-1].level, goals.quality[-1].message)
+        assert (bytes([result.level]), result.message) == (goals.quality[-1].level, goals.quality[-1].message)
         assert descriptions[-1].data.startswith('<?xml')
         assert '<robot name="pendubot">' in descriptions[-1].data
         for named, sentence in ((('/nowhere',), 'there is no bag /nowhere'), ((), 'no bags are named')):
