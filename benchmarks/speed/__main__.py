@@ -15,7 +15,7 @@ from pathlib import Path
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')  # before numpy, as the command does
 os.environ.pop('PYTHONDONTWRITEBYTECODE', None)  # what is installed has been compiled
 
-from benchmarks.speed import bags, growth, measure, motions, optimisers
+from benchmarks.speed import bags, commands, growth, measure, motions, optimisers
 from pendubot_identification import kernel
 from test.conftest import ROOT
 
@@ -25,6 +25,7 @@ PARTS = {
     'simulation': motions.evaluation,
     'growth': lambda: growth.figure(FIGURE),
     'hour': bags.hour,
+    'commands': commands.latency,
 }
 
 
