@@ -80,11 +80,12 @@ class Computation:
         Raises:
             PendubotError: the identification failed or was stopped.
         """
-        command = [sys.executable, '-m', __name__, *(['--debug'] if '--debug' in sys.argv else [])]
-        environment = os.environ | {'PYTHONPATH': os.pathsep.join(filter(None, sys.path))}
+        # The same modules as here, whatever the current folder holds.
+        code = f'import sys; sys.path[:] = {sys.path!r}; from {__name__} import main; main()'
+        command = [sys.executable, '-c', code, *(['--debug'] if '--debug' in sys.argv else [])]
         # In a session of its own, so that a Ctrl-C in the terminal reaches the node alone.
         with subprocess.Popen(
-            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=environment, start_new_session=True
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True
         ) as process:
             self._process = process
             assert process.stdin is not None
@@ -123,7 +124,3 @@ def main() -> None:
         if '--debug' in sys.argv:
             traceback.print_exception(error)
         send(sentence(error))
-
-
-if __name__ == '__main__':
-    main()

@@ -5,6 +5,7 @@
 
 import importlib
 import os
+import select
 from pathlib import Path
 
 import pytest
@@ -40,7 +41,7 @@ class Goals(Observer):
         super().__init__(ros)
         self.client = ActionClient(self.node, Identify, '/identifier/identify')
         self.feedback = []
-        self.until(self.client.server_is_ready)
+        self.until(self.client.server_is_ready, 60.0)
 
     def waited(self, future, timeout=60.0):
         self.until(future.done, timeout)
@@ -88,7 +89,7 @@ def test_a_goal_is_identified_with_feedback_and_its_failures_have_reasons(ros, b
 def test_a_goal_is_canceled_at_once_and_the_next_one_is_taken(ros, bag):
     with Program('identifier', *parameters(**LONG)) as program, Goals(ros) as goals:
         handle = goals.send(bag)
-        goals.until(lambda: any(f.stage == 'energy: MDE' and f.fraction >= 0 for f in goals.feedback))
+        goals.until(lambda: any(f.stage == 'energy: MDE' and f.fraction >= 0 for f in goals.feedback), 60.0)
         (child,) = children(program)
         status, result = goals.result(bag)
         assert (status, 'under way' in result.message) == (GoalStatus.STATUS_ABORTED, True)
@@ -108,7 +109,7 @@ def test_a_goal_is_canceled_at_once_and_the_next_one_is_taken(ros, bag):
 def test_a_computation_that_the_system_ends_is_a_failure_and_the_node_lives(ros, bag):
     with Program('identifier', *parameters(**LONG)) as program, Goals(ros) as goals:
         answer = goals.send(bag).get_result_async()
-        goals.until(lambda: any(f.stage == 'energy: MDE' for f in goals.feedback))
+        goals.until(lambda: any(f.stage == 'energy: MDE' for f in goals.feedback), 60.0)
         (child,) = children(program)
         os.kill(child, 9)
         answer = goals.waited(answer)
@@ -116,3 +117,14 @@ def test_a_computation_that_the_system_ends_is_a_failure_and_the_node_lives(ros,
         assert answer.result.message.startswith('the process of the identification ended with status -9')
         assert not goals.call(Trigger, '/identifier/identify').success
         assert program.stop() == 0
+
+
+def test_nothing_computes_on_after_the_node_was_killed(ros, bag):
+    with Program('identifier', *parameters(**LONG)) as program, Goals(ros) as goals:
+        goals.send(bag)
+        goals.until(lambda: any(f.stage == 'energy: MDE' for f in goals.feedback), 60.0)
+        (child,) = children(program)
+        end = os.pidfd_open(child)
+        program.kill()
+        assert select.select([end], [], [], 60.0)[0]
+        os.close(end)
